@@ -1,0 +1,1 @@
+"""THE WIRE: commands to bytes and back; imports nothing of ours."""

@@ -1,0 +1,76 @@
+"""What the firmware received and applied, as values and as JSON."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Any
+
+
+class Cause(StrEnum):
+    """Why the drive changed."""
+
+    SET = "set"
+    LEASE_EXPIRED = "lease expired"
+    NEW_SESSION = "new session"
+    STOP = "stop"
+    SILENT_HOST = "silent host"
+    EMERGENCY_STOP = "emergency stop"
+
+
+class Outcome(StrEnum):
+    """What became of a received frame."""
+
+    ACCEPTED = "accepted"
+    STALE = "stale"
+    REFUSED = "refused"
+
+
+@dataclass(frozen=True)
+class ChannelTarget:
+    """One actuator from an event on: `phase_rad` is the phase at the event's own time, None where it runs on."""
+
+    frequency_hz: float
+    amplitude: float
+    phase_rad: float | None
+
+
+@dataclass(frozen=True)
+class DriveEvent:
+    """A change of the drive, limits applied; amplitudes are fractions of full scale, slew is full scale a second."""
+
+    device_time_us: int
+    cause: Cause
+    sequence: int | None
+    slew_per_s: float
+    channels: tuple[ChannelTarget, ...]
+
+
+@dataclass(frozen=True)
+class ReceivedFrame:
+    """A frame with a valid checksum, when it came and what became of it; a SET accepted is applied at that time."""
+
+    device_time_us: int
+    message: str
+    sequence: int
+    outcome: Outcome
+
+
+def encode_events(events: Sequence[DriveEvent | ReceivedFrame]) -> list[dict[str, Any]]:
+    """Events as JSON objects."""
+    return [asdict(event) for event in events]
+
+
+def decode_drive_event(item: Mapping[str, Any]) -> DriveEvent:
+    """The event of a JSON object; raises KeyError, TypeError or ValueError for anything else."""
+    return DriveEvent(
+        device_time_us=item["device_time_us"],
+        cause=Cause(item["cause"]),
+        sequence=item["sequence"],
+        slew_per_s=item["slew_per_s"],
+        channels=tuple(ChannelTarget(**channel) for channel in item["channels"]),
+    )
+
+
+def decode_received_frame(item: Mapping[str, Any]) -> ReceivedFrame:
+    """The received frame of a JSON object; raises KeyError, TypeError or ValueError for anything else."""
+    return ReceivedFrame(item["device_time_us"], item["message"], item["sequence"], Outcome(item["outcome"]))

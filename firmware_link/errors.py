@@ -1,0 +1,9 @@
+"""What can go wrong between host and device, by whose fault."""
+
+
+class LinkError(Exception):
+    """The device, its port or its firmware does not do what the link needs; the text says the remedy."""
+
+
+class MessageError(LinkError):
+    """A value that its message cannot carry, or bytes that are not a message."""

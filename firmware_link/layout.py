@@ -1,0 +1,136 @@
+"""A class of annotated integers to its bytes and back: the machinery under `messages`."""
+
+import enum
+import struct
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, NamedTuple, get_args, get_type_hints
+
+from firmware_link.errors import MessageError
+
+_CODES = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q"}
+
+
+class Sender(enum.StrEnum):
+    """Who may send a message."""
+
+    HOST = "host"
+    DEVICE = "device"
+    BOTH = "both"
+
+
+class Word(NamedTuple):
+    """One integer on the wire: its kind, and the unit or scale that its name does not say."""
+
+    kind: str
+    unit: str = ""
+
+
+class PerActuator(NamedTuple):
+    """The last field of a message, repeated for each actuator: the named words of one of them."""
+
+    words: tuple[tuple[str, Word], ...]
+
+
+@dataclass(frozen=True)
+class Message:
+    """A value that travels as one frame; its fields are annotated with `Word` and, the last one, `PerActuator`."""
+
+    wire_name: ClassVar[str]
+    type_byte: ClassVar[int]
+    sender: ClassVar[Sender]
+    purpose: ClassVar[str]
+    has_fixed_seed: ClassVar[bool] = False
+
+
+class Layout:
+    """How the messages of one class lie in their bodies: `type u8, sequence u8, fields`, little-endian."""
+
+    def __init__(self, message: type[Message]) -> None:
+        hints = get_type_hints(message, include_extras=True)
+        self.message = message
+        self.words: list[tuple[str, Word]] = []
+        self.converters: list[Callable[[int], int]] = []
+        self.repeated: tuple[str, PerActuator] | None = None
+        self.repeated_is_raw = False
+        for field in fields(message):
+            kind, mark = get_args(hints[field.name])
+            if isinstance(mark, PerActuator):
+                self.repeated, self.repeated_is_raw = (field.name, mark), kind is bytes
+            else:
+                self.words.append((field.name, mark))
+                self.converters.append(kind)
+        self._fixed = struct.Struct("<BB" + _codes(self.words))
+        self._repeated_codes = _codes(self.repeated[1].words) if self.repeated else ""
+        self._repeated_size = struct.calcsize(f"<{self._repeated_codes}")
+        self.definition = self._compute_definition()
+        self.seed = 0 if message.has_fixed_seed else zlib.crc32(self.definition.encode("ascii"))
+
+    def length(self, number_of_actuators: int) -> int:
+        """Bytes of a body, type and sequence included."""
+        return self._fixed.size + self._repeated_size * number_of_actuators
+
+    def encode(self, message: Message, sequence: int) -> bytes:
+        """Body of a message; raises MessageError for a value that does not fit its word."""
+        try:
+            words = [getattr(message, name) for name, _ in self.words]
+            return self._fixed.pack(self.message.type_byte, sequence, *words) + self._encode_repeated(message)
+        except struct.error as error:
+            raise MessageError(f"{message} with sequence {sequence} does not fit its words: {error}") from error
+
+    def decode(self, body: bytes) -> Message:
+        """The message of a body of valid length; raises MessageError for a value that its meaning does not know."""
+        _, _, *words = self._fixed.unpack_from(body)
+        try:
+            values: list[Any] = [convert(word) for convert, word in zip(self.converters, words, strict=True)]
+        except ValueError as error:
+            raise MessageError(f"{self.message.wire_name}: {error}") from error
+        if self.repeated:
+            values.append(self._decode_repeated(body[self._fixed.size :]))
+        return self.message(*values)
+
+    def field_texts(self) -> list[str]:
+        """Every field as `name kind unit`, the repeated words in brackets, in wire order."""
+        texts = [
+            _word_text(name, word) + _members_text(kind)
+            for (name, word), kind in zip(self.words, self.converters, strict=True)
+        ]
+        if self.repeated:
+            texts.append(f"[{', '.join(_word_text(name, word) for name, word in self.repeated[1].words)}]")
+        return texts
+
+    def _compute_definition(self) -> str:
+        name = f"{self.message.wire_name} {self.message.type_byte:#04x} {self.message.sender}"
+        return f"{name}: {', '.join(self.field_texts())}"
+
+    def _encode_repeated(self, message: Message) -> bytes:
+        if self.repeated is None:
+            return b""
+        values = getattr(message, self.repeated[0])
+        if not self.repeated_is_raw:
+            return struct.pack(f"<{len(values)}{self._repeated_codes}", *values)
+        if len(values) % self._repeated_size:
+            raise MessageError(
+                f"{self.repeated[0]} has {len(values)} bytes; expected {self._repeated_size} an actuator"
+            )
+        return bytes(values)
+
+    def _decode_repeated(self, data: bytes) -> bytes | tuple[int, ...]:
+        if self.repeated_is_raw:
+            return data
+        return struct.unpack(f"<{len(data) // self._repeated_size}{self._repeated_codes}", data)
+
+
+def _codes(words: list[tuple[str, Word]] | tuple[tuple[str, Word], ...]) -> str:
+    return "".join(_CODES[word.kind] for _, word in words)
+
+
+def _word_text(name: str, word: Word) -> str:
+    return " ".join(part for part in (name, *word) if part)
+
+
+def _members_text(kind: object) -> str:
+    if not (isinstance(kind, type) and issubclass(kind, enum.Enum)):
+        return ""
+    return " {" + " ".join(f"{member.name}={member.value}" for member in kind) + "}"

@@ -1,0 +1,128 @@
+"""A serial port by name to a descriptor that never blocks."""
+
+import os
+import termios
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import serial
+from serial.tools import list_ports
+
+from firmware_link.errors import LinkError
+
+READ_SIZE = 4096
+_BY_ID = Path("/dev/serial/by-id")
+
+
+class LowLatency(Enum):
+    """Outcome of asking the driver not to collect bytes (FTDI: 16 ms by default, 1 ms with it)."""
+
+    SET = "set"
+    UNSUPPORTED = "unsupported by this port"
+
+
+@dataclass(frozen=True)
+class PortDescription:
+    """One port of this machine; `stable_id` is its by-id path, else its USB serial number, else its path."""
+
+    path: str
+    stable_id: str
+    description: str
+
+
+def find_ports() -> tuple[PortDescription, ...]:
+    """Every serial port of this machine, in the order of its path."""
+    by_id = {str(link.resolve()): str(link) for link in sorted(_BY_ID.iterdir())} if _BY_ID.is_dir() else {}
+    return tuple(
+        PortDescription(port.device, by_id.get(port.device) or port.serial_number or port.device, port.description)
+        for port in sorted(list_ports.comports(), key=lambda port: port.device)
+    )
+
+
+def path_of(name: str) -> str:
+    """Path of a port given by its path or stable id; raises LinkError for a name that is neither."""
+    for port in find_ports():
+        if name in (port.stable_id, port.path):
+            return port.path
+    if Path(name).exists():
+        return name
+    raise LinkError(f"no serial port {name!r}: plug the device in, or choose one that `tactable list` shows")
+
+
+class SerialPort:
+    """An open port: reads and writes what is possible at once; any failure is a LinkError, as after an unplug."""
+
+    def __init__(self, name: str, bit_rate_hz: int = 115_200) -> None:
+        self.path = path_of(name)
+        try:
+            # pyserial only finds, opens and configures: its own write() spins on a full line (LINK.md).
+            self._serial = serial.Serial(self.path, bit_rate_hz, timeout=0, exclusive=True)
+        except (OSError, ValueError, termios.error) as error:
+            raise LinkError(f"cannot open {self.path} at {bit_rate_hz} bit/s: {error}") from error
+        try:
+            self.low_latency = _set_low_latency(self._serial)
+            self._descriptor: int = self._serial.fileno()
+            os.set_blocking(self._descriptor, False)
+            _report_hang_up(self._descriptor)
+        except (OSError, termios.error) as error:
+            self._serial.close()
+            raise LinkError(f"cannot configure {self.path}: {error}") from error
+
+    def fileno(self) -> int:
+        """The descriptor, to poll."""
+        return self._descriptor
+
+    def read(self) -> bytes:
+        """What has come, perhaps nothing; raises LinkError when the port is gone."""
+        try:
+            data = os.read(self._descriptor, READ_SIZE)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._gone(error) from error
+        if not data:
+            raise self._gone("hung up")
+        return data
+
+    def write(self, data: bytes) -> int:
+        """Number of bytes taken, perhaps none; raises LinkError when the port is gone."""
+        try:
+            return os.write(self._descriptor, data)
+        except BlockingIOError:
+            return 0
+        except OSError as error:
+            raise self._gone(error) from error
+
+    def close(self) -> None:
+        """Give the port back; a second close does nothing."""
+        self._serial.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _gone(self, reason: object) -> LinkError:
+        return LinkError(f"{self.path} is gone ({reason}): plug the device in and connect again")
+
+
+def _set_low_latency(port: serial.Serial) -> LowLatency:
+    try:
+        port.set_low_latency_mode(True)
+    except (OSError, ValueError, NotImplementedError):
+        return LowLatency.UNSUPPORTED
+    return LowLatency.SET
+
+
+def _report_hang_up(descriptor: int) -> None:
+    """Make an empty read mean a hang-up: with pyserial's VMIN = 0 it also means that nothing has come."""
+    attributes = termios.tcgetattr(descriptor)
+    attributes[6][termios.VMIN] = 1
+    attributes[6][termios.VTIME] = 0
+    termios.tcsetattr(descriptor, termios.TCSANOW, attributes)

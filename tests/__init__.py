@@ -1,0 +1,1 @@
+"""Tests: laws, properties and recordings; they mirror the modules."""
