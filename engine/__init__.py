@@ -1,0 +1,1 @@
+"""ON-LINE: touch in, command out."""

@@ -1,0 +1,1 @@
+"""Where touches come from: the only modules that read reports."""
