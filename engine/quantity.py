@@ -1,0 +1,98 @@
+"""A number with its unit, written as text, to an SI float."""
+
+import math
+import re
+from functools import cache
+
+import pint
+
+# Only what describes a bar. The full default registry costs half a second and knows 'barn' and 'hogshead'.
+_UNITS = (
+    "giga- = 1e9 = G-",
+    "mega- = 1e6 = M-",
+    "kilo- = 1e3 = k-",
+    "centi- = 1e-2 = c-",
+    "milli- = 1e-3 = m-",
+    "micro- = 1e-6 = µ- = μ- = u-",
+    "nano- = 1e-9 = n-",
+    "meter = [length] = m = metre",
+    "second = [time] = s",
+    "gram = [mass] = g",
+    "radian = [] = rad",
+    "degree = 0.017453292519943295 * radian = deg",
+    "percent = 0.01 = %",
+    "inch = 0.0254 * meter = in",
+    "hertz = 1 / second = Hz",
+    "newton = 1000 * gram * meter / second ** 2 = N",
+    "pascal = newton / meter ** 2 = Pa",
+    "standard_gravity = 9.80665 * meter / second ** 2 = g_0",
+)
+_NAMES = {
+    "m": "a length",
+    "kg": "a mass",
+    "s": "a time",
+    "Hz": "a frequency",
+    "N": "a force",
+    "N/m": "a stiffness",
+    "N*s/m": "a damping",
+    "Pa": "a pressure",
+    "kg/m^3": "a density",
+    "m/s^2": "an acceleration",
+    "m/s": "a speed",
+    "": "a plain number",
+}
+_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
+# Factors joined by * · or /, one-digit exponents: pint would evaluate '5 ** 9 ** 9' for minutes.
+_FACTOR = r"[A-Za-zµμ%][A-Za-zµμ%_0]*(?:\^-?\d)?"
+_TEXT = re.compile(rf"({_NUMBER}) ?((?:1/)?{_FACTOR}(?:[*·/]{_FACTOR})*)?")
+_LONGEST_TEXT = 64
+
+
+class QuantityError(ValueError):
+    """The text is not a finite number with a known unit of the wanted kind; the message is a clause."""
+
+
+@cache
+def _registry() -> pint.UnitRegistry[float]:
+    registry: pint.UnitRegistry[float] = pint.UnitRegistry(None)
+    for definition in _UNITS:
+        registry.define(definition)
+    return registry
+
+
+@cache
+def _unit(text: str) -> tuple[float, pint.util.UnitsContainer]:
+    """Scale to SI (grams included) and dimension of a unit such as 'kN/m'."""
+    quantity = _registry().Quantity(1.0, text.replace("·", "*")).to_base_units()
+    return float(quantity.magnitude), quantity.dimensionality
+
+
+def _kind(dimension: pint.util.UnitsContainer) -> str:
+    return next((name for unit, name in _NAMES.items() if _unit(unit)[1] == dimension), f"a quantity of {dimension}")
+
+
+def read_quantity(text: object, unit: str) -> float:
+    """The value of `text` ("18.9 kN/m") in `unit` ("N/m"; "" for a fraction, written "16 %").
+
+    Raises QuantityError with a clause that says what the text is and what was expected.
+    """
+    expected = f"expected {_NAMES.get(unit, 'a quantity')} such as '1 {unit or '%'}'"
+    if not isinstance(text, str):
+        raise QuantityError(f"{text!r} has no unit; {expected}")
+    match = _TEXT.fullmatch(text.strip()) if len(text) <= _LONGEST_TEXT else None
+    if match is None:
+        raise QuantityError(f"{text!r} is not a number with a unit; {expected}")
+    number, written = match.groups()
+    if written is None:
+        raise QuantityError(f"{text!r} has no unit; {expected}")
+    try:
+        scale, dimension = _unit(written)
+    except Exception as error:  # pint raises many unrelated types on malformed units
+        raise QuantityError(f"{text!r} has a unit that is not known ({written}); {expected}") from error
+    wanted_scale, wanted_dimension = _unit(unit)
+    if dimension != wanted_dimension:
+        raise QuantityError(f"{text!r} is {_kind(dimension)}; {expected}")
+    value = float(number) * (scale / wanted_scale)
+    if not math.isfinite(value):
+        raise QuantityError(f"{text!r} is not finite; {expected}")
+    return value
