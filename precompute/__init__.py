@@ -1,0 +1,1 @@
+"""OFF-LINE: device in, table out."""

@@ -1,0 +1,70 @@
+"""Kernel: the dynamic stiffness K + j omega C - omega^2 M, solved inside its band at every frequency in parallel."""
+
+import numpy as np
+from numba import njit, prange, types
+
+from precompute.assembly import BANDWIDTH
+
+_KV = 2 * BANDWIDTH  # super-diagonals, with the fill-in of pivoting
+_ROWS = BANDWIDTH + _KV + 1
+_BAND = types.Array(types.float64, 2, "C", readonly=True)
+_VECTOR = types.Array(types.float64, 1, "C", readonly=True)
+_INDEX = types.Array(types.int64, 1, "C", readonly=True)
+_OUT = types.Array(types.complex128, 3, "C")
+
+
+@njit(cache=True)
+def _eliminate(lu, right):  # type: ignore[no-untyped-def]  # numba
+    """Gaussian elimination with partial pivoting inside the band, then back substitution; in place."""
+    size = lu.shape[0]
+    count = right.shape[0]
+    reach = 0
+    for j in range(size):
+        last = min(BANDWIDTH, size - 1 - j)
+        pivot = 0
+        for i in range(1, last + 1):
+            if abs(lu[j, _KV + i]) > abs(lu[j, _KV + pivot]):
+                pivot = i
+        reach = max(reach, min(j + BANDWIDTH + pivot, size - 1))
+        if pivot > 0:
+            for column in range(j, reach + 1):
+                upper, lower = _KV + j - column, _KV + j + pivot - column
+                lu[column, upper], lu[column, lower] = lu[column, lower], lu[column, upper]
+            for a in range(count):
+                right[a, j], right[a, j + pivot] = right[a, j + pivot], right[a, j]
+        for i in range(1, last + 1):
+            factor = lu[j, _KV + i] / lu[j, _KV]
+            for column in range(j + 1, reach + 1):
+                lu[column, _KV + j + i - column] -= factor * lu[column, _KV + j - column]
+            for a in range(count):
+                right[a, j + i] -= factor * right[a, j]
+    for j in range(size - 1, -1, -1):
+        for a in range(count):
+            right[a, j] /= lu[j, _KV]
+            for row in range(max(0, j - _KV), j):
+                right[a, row] -= lu[j, _KV + row - j] * right[a, j]
+
+
+@njit(
+    types.void(_BAND, _BAND, _BAND, _VECTOR, _INDEX, _VECTOR, _VECTOR, _OUT),
+    cache=True,
+    parallel=True,
+)
+def solve_banded(K, C, M, omega, dof, spring, damper, out):  # type: ignore[no-untyped-def]  # numba
+    """Fill out (frequency, actuator, degree of freedom); K, C, M upper bands, loads spring + j omega damper."""
+    size = K.shape[1]
+    for f in prange(omega.shape[0]):
+        w = omega[f]
+        lu = np.zeros((size, _ROWS), dtype=np.complex128)  # lu[column, _KV + row - column]
+        for column in range(size):
+            for k in range(min(column, BANDWIDTH) + 1):
+                row = column - k
+                value = complex(
+                    K[BANDWIDTH - k, column] - w * w * M[BANDWIDTH - k, column], w * C[BANDWIDTH - k, column]
+                )
+                lu[column, _KV - k] = value
+                lu[row, _KV + k] = value
+        right = out[f]
+        for a in range(dof.shape[0]):
+            right[a, dof[a]] = complex(spring[a], w * damper[a])
+        _eliminate(lu, right)
