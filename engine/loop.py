@@ -1,0 +1,303 @@
+"""Reports to commands: one thread that waits once for touches, the link and time."""
+
+import select
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from engine.digitizer import RELEASE_AFTER_NS, Digitizer, TouchFrame
+from engine.latency import LatencyRecorder, Stamps
+from engine.renderer import Renderer
+from engine.sources import Source
+from engine.zones import ZoneTracker
+from firmware_link.errors import LinkError
+from firmware_link.link_values import Armed, Capabilities, Event, FaultReceived, Greeted, LinkState
+from firmware_link.session import Session
+
+NS_PER_S = 1_000_000_000
+# The ring of hidraw holds 63 reports: after a stall all are taken before anything is sent, and the link never waits
+# for more.
+REPORTS_PER_PASS = 64
+# A line that takes nothing is looked after this often, so that the patience of the link still ends.
+BLOCKED_LINE_NS = 5_000_000
+# The link fills a drive up with silence.
+_SILENCE = b""
+
+
+class Clock(Protocol):
+    """Time, and waiting for it: the system's, or a test's own."""
+
+    def now_ns(self) -> int:
+        """Monotonic; the session must be given the same."""
+
+    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> None:
+        """Return when a descriptor can be read or written, or at `until_ns`; earlier does no harm."""
+
+
+class SystemClock:
+    """The monotonic clock; waits in the system."""
+
+    def now_ns(self) -> int:
+        """Monotonic time."""
+        return time.monotonic_ns()
+
+    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> None:
+        """Wait with `select`, which counts in us: `poll` rounds up to whole ms, half a ms late for a playback."""
+        timeout_s = None if until_ns is None else max(0, until_ns - time.monotonic_ns()) / NS_PER_S
+        select.select(readable, writable, (), timeout_s)
+
+
+class StopRequest(Protocol):
+    """What ends a run; `threading.Event` has it. The loop looks at each wake-up, at most 80 ms apart."""
+
+    def is_set(self) -> bool:
+        """Whether to end."""
+
+
+class StateChange(NamedTuple):
+    """One line of the trace: the zones took a new state, and what was sent for it."""
+
+    time_ns: int
+    """Clock time at which the state was known."""
+    report_index: int | None
+    """The report that completed the frame; None for a release by the watchdog or at the end of the run."""
+    state: int
+    drive_sequence: int | None
+    """Sequence of the SET; None where a newer state replaced this one unsent, or the link was not ready."""
+    finger_positions_m: tuple[float, ...]
+
+
+@dataclass
+class LoopCounters:
+    """What the loop did. A command is a drive that was sent, renewals not counted."""
+
+    reports: int = 0
+    frames: int = 0
+    state_changes: int = 0
+    commands: int = 0
+    reconnects: int = 0
+
+
+@dataclass(slots=True)
+class _Pending:
+    """A state change until its command is written; stamps up to COMMAND where a report caused it."""
+
+    time_ns: int
+    report_index: int | None
+    state: int
+    finger_positions_m: tuple[float, ...]
+    sent_before: int
+    stamps: tuple[int, int, int, int, int] | None = None
+
+
+def connect(session: Session, clock: Clock) -> Capabilities:
+    """Greet, compare clocks and arm: what the renderer needs to know of the device.
+
+    The device disarms when the loop does not run within 250 ms. Raises LinkError when there is no fitting device.
+    """
+    session.connect()
+    while session.link.state is not LinkState.READY:
+        _wait_for_link(session, clock)
+        session.exchange()
+    assert session.link.capabilities is not None  # a link that is READY was greeted
+    return session.link.capabilities
+
+
+class Loop:
+    """Runs touches of one source to one link that `connect` made ready; clock, source and session are the caller's.
+
+    `trace` gets a line for each state change, in order. `latency` gets the stamps of each command that a report caused.
+    With `reconnect` a device that stopped itself is greeted and armed again, and the state of the moment sent anew;
+    without, that is a LinkError.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        digitizer: Digitizer,
+        tracker: ZoneTracker,
+        renderer: Renderer,
+        session: Session,
+        clock: Clock,
+        *,
+        reconnect: bool = False,
+        trace: list[StateChange] | None = None,
+        latency: LatencyRecorder | None = None,
+    ) -> None:
+        self.counters = LoopCounters()
+        self._source = source
+        self._digitizer = digitizer
+        self._tracker = tracker
+        self._renderer = renderer
+        self._session = session
+        self._link = session.link
+        self._clock = clock
+        self._reconnect = reconnect
+        self._trace = trace
+        self._latency = latency
+        self._state = 0
+        self._release_ns: int | None = None  # when the watchdog acts, on the source's axis; None with no contact
+        self._pending: _Pending | None = None
+        port, touch = (session.port.fileno(),), source.fileno()
+        self._port = port
+        self._port_and_touch = port if touch is None else (*port, touch)
+
+    def run(self, stop: StopRequest | None = None) -> None:
+        """Until the source has ended and every contact is released, or `stop` is set; then silence and a STOP.
+
+        Raises LinkError when the port or the device fails; counters and trace are final then too.
+        """
+        try:
+            while not self._is_over(stop):
+                self._wait()
+                self._read_touches()
+                self._move_bytes()
+            self._silence()
+            self._stop()
+        except LinkError:
+            self._link.disconnect()
+            raise
+        finally:
+            self._settle()
+
+    def _is_over(self, stop: StopRequest | None) -> bool:
+        return (self._source.ended and self._release_ns is None) or (stop is not None and stop.is_set())
+
+    def _wait(self) -> None:
+        source, session = self._source, self._session
+        deadlines_ns = [_link_deadline_ns(session, self._clock), source.next_time_ns()]
+        if self._release_ns is not None:
+            deadlines_ns.append(source.clock_time_ns(self._release_ns))
+        self._clock.wait(
+            min((deadline_ns for deadline_ns in deadlines_ns if deadline_ns is not None), default=None),
+            self._port if source.ended else self._port_and_touch,
+            self._port if session.wants_to_write() else (),
+        )
+
+    def _read_touches(self) -> None:
+        """Every report that is there, in order; the watchdog only acts on a source that has no more."""
+        source, now_ns = self._source, self._clock.now_ns()
+        for _ in range(REPORTS_PER_PASS):
+            report = source.read(now_ns)
+            if report is None:
+                break
+            self._take_report(report)
+        else:
+            return
+        self._expire(source.source_time_ns(now_ns))
+
+    def _take_report(self, report: bytes) -> None:
+        read_ns, report_time_ns = self._clock.now_ns(), self._source.report_time_ns
+        self.counters.reports += 1
+        # After a stall, or in a playback that does not wait, the pause may be seen only now.
+        self._expire(report_time_ns)
+        frame = self._digitizer.decode_report(report, report_time_ns)
+        if frame is None:
+            return
+        frame_ns = self._clock.now_ns()
+        self.counters.frames += 1
+        if self._take_frame(frame):
+            state_ns = self._clock.now_ns()
+            pending = self._command(self._source.report_index, state_ns)
+            available_ns = self._source.clock_time_ns(report_time_ns)
+            pending.stamps = (available_ns, read_ns, frame_ns, state_ns, self._clock.now_ns())
+
+    def _expire(self, source_time_ns: int) -> None:
+        frame = self._digitizer.expire(source_time_ns)
+        if frame is not None and self._take_frame(frame):
+            self._command(None, self._clock.now_ns())
+
+    def _take_frame(self, frame: TouchFrame) -> bool:
+        """Whether the frame brings a new state."""
+        self._release_ns = frame.time_ns + RELEASE_AFTER_NS if frame.contacts else None
+        state = self._tracker.track(frame)
+        if state == self._state:
+            return False
+        self._state = state
+        return True
+
+    def _command(self, report_index: int | None, now_ns: int) -> _Pending:
+        """Hand the drive of a new state to the link, in place of one that is not sent yet."""
+        self._settle()
+        self.counters.state_changes += 1
+        sent_before = self._link.counters.sent
+        self._set_drive()
+        positions_m = self._tracker.finger_positions_m
+        pending = self._pending = _Pending(now_ns, report_index, self._state, positions_m, sent_before)
+        return pending
+
+    def _set_drive(self) -> None:
+        self._link.set_drive(self._renderer.render(self._state) or _SILENCE)
+
+    def _move_bytes(self) -> None:
+        """Write first: a fresh command does not wait for what the device says."""
+        self._session.send()
+        if self._is_sent() and not self._session.wants_to_write():
+            self._settle()
+        for event in self._session.receive():
+            self._act_on(event)
+        if self._link.state in (LinkState.STOPPED, LinkState.DISCONNECTED):
+            self._act_on_stop()
+
+    def _is_sent(self) -> bool:
+        return self._pending is not None and self._link.counters.sent != self._pending.sent_before
+
+    def _settle(self) -> None:
+        """End of the pending change: written, replaced, or never to be sent."""
+        pending, is_sent = self._pending, self._is_sent()
+        self._pending = None
+        if pending is None:
+            return
+        self.counters.commands += is_sent
+        if is_sent and pending.stamps and self._latency is not None and not self._session.wants_to_write():
+            stamps: Stamps = (*pending.stamps, self._clock.now_ns())
+            self._latency.record(stamps)
+        if self._trace is not None:
+            sequence = self._link.drive_sequence if is_sent else None
+            change = (pending.time_ns, pending.report_index, pending.state, sequence, pending.finger_positions_m)
+            self._trace.append(StateChange(*change))
+
+    def _act_on(self, event: Event) -> None:
+        match event:
+            case Armed() if self._state:
+                self._set_drive()
+            case Greeted() if not self._renderer.fits(event.capabilities):
+                raise LinkError("another device answered than the one this run began with: start the run again")
+            case FaultReceived() if not self._reconnect:
+                raise LinkError(f"the device disarmed itself ({event.fault.name}): see to it, then start the run again")
+
+    def _act_on_stop(self) -> None:
+        if not self._reconnect:
+            raise LinkError("the device is not armed: it was rebooted or stopped; see to it, then start the run again")
+        # The acknowledgement of a fault goes out first: the device repeats the fault until it comes.
+        if self._link.next_deadline_ns() is None and not self._session.wants_to_write():
+            self.counters.reconnects += 1
+            self._session.connect()
+
+    def _silence(self) -> None:
+        """Leave no drive, whatever is touched, and wait until the port has taken that."""
+        if self._state:
+            self._state = 0
+            self._command(None, self._clock.now_ns())
+        while self._pending is not None and self._link.state is LinkState.READY:
+            _wait_for_link(self._session, self._clock)
+            self._move_bytes()
+
+    def _stop(self) -> None:
+        self._link.stop(self._clock.now_ns())
+        while self._link.state is LinkState.STOPPING:
+            _wait_for_link(self._session, self._clock)
+            self._session.send()
+            self._session.receive()
+
+
+def _wait_for_link(session: Session, clock: Clock) -> None:
+    port = (session.port.fileno(),)
+    clock.wait(_link_deadline_ns(session, clock), port, port if session.wants_to_write() else ())
+
+
+def _link_deadline_ns(session: Session, clock: Clock) -> int | None:
+    if session.wants_to_write():
+        return clock.now_ns() + BLOCKED_LINE_NS
+    return session.link.next_deadline_ns()

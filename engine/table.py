@@ -1,0 +1,344 @@
+"""The table file (tables/FORMAT.md): written beside its target and renamed, opened verified, never half believed."""
+
+import json
+import os
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import h5netcdf
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device import Device
+from engine.device_file import parse_device
+from engine.entry import Entry, ZonePromise
+from engine.zones import ZoneState, state_index
+
+FORMAT = "tactable table"
+FORMAT_REVISION = 1
+_READ_BYTES = 1 << 24
+
+Values = NDArray[Any]
+
+
+class TableError(Exception):
+    """A table that cannot be used: missing, truncated, corrupted, foreign, newer or stale; the message says which."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A named array of a group: dimension names, SI unit ("1" for a plain number), one sentence on what it is."""
+
+    name: str
+    dimensions: tuple[str, ...]
+    unit: str
+    meaning: str
+
+
+class TableWriter:
+    """Writes a table beside `path` and renames it there on a clean exit; any exception leaves nothing behind."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+        self._checksums: dict[str, int] = {}
+
+    def __enter__(self) -> "TableWriter":
+        if not self.path.parent.is_dir():
+            raise TableError(f"{self.path.parent}: no such folder; create it or choose another output")
+        try:
+            self._file = h5netcdf.File(self._partial, "w", track_order=True)
+        except OSError as error:
+            raise TableError(f"{self.path}: cannot be written there: {error}") from error
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if kind is None:
+                self._file.attrs["checksum"] = _manifest(self._file.attrs, self._checksums)
+            self._file.close()
+            if kind is None:
+                _flush_to_disk(self._partial)
+                self._partial.replace(self.path)
+        finally:
+            self._partial.unlink(missing_ok=True)
+
+    def describe(self, attributes: Mapping[str, str | int | float]) -> None:
+        """Attributes of the whole table."""
+        self._file.attrs.update({"format": FORMAT, "format_revision": FORMAT_REVISION, **attributes})
+
+    def write(self, group: str, variable: Variable, values: Values | Sequence[str]) -> None:
+        """Write one array; dimensions are made from the first array that uses them."""
+        data = np.asarray(values, dtype=object if _is_text(values) else None, order="C")
+        stream = self.open_stream(group, variable, data.shape, "str" if _is_text(values) else data.dtype)
+        stream.append(data)
+        stream.close()
+
+    def open_stream(self, group: str, variable: Variable, shape: tuple[int, ...], dtype: Any) -> "VariableStream":
+        """Begin an array that is written in pieces; dimensions are made from the first array that uses them."""
+        where = self._file.groups[group] if group in self._file.groups else self._file.create_group(group)
+        for name, size in zip(variable.dimensions, shape, strict=True):
+            if name not in where.dimensions:
+                where.dimensions[name] = size
+        target = where.create_variable(
+            variable.name, variable.dimensions, h5py.string_dtype() if dtype == "str" else dtype
+        )
+        target.attrs["units"] = variable.unit
+        target.attrs["long_name"] = variable.meaning
+        return VariableStream(f"{group}/{variable.name}", target, shape, self._checksums)
+
+
+class VariableStream:
+    """One array being written: pieces are consecutive stretches of its elements in C order."""
+
+    def __init__(self, name: str, target: Any, shape: tuple[int, ...], checksums: dict[str, int]) -> None:
+        self._name, self._target, self._shape, self._checksums = name, target, shape, checksums
+        self._done, self._checksum = 0, 0
+
+    def append(self, piece: Values) -> None:
+        """Write whole rows: of the first axis, or of the second where the piece is one axis short of it."""
+        self._checksum = zlib.crc32(_bytes_of(piece), self._checksum)
+        if not self._shape:
+            self._target[...] = piece
+        elif piece.size == np.prod(self._shape, dtype=np.int64):
+            self._target[...] = piece.reshape(self._shape)
+        else:
+            row, column = divmod(self._done // int(np.prod(self._shape[2:], dtype=np.int64)), self._shape[1])
+            self._target[row, column : column + len(piece)] = piece.reshape(-1, *self._shape[2:])
+        self._done += piece.size
+
+    def close(self) -> None:
+        """Note the checksum; raises TableError if elements are missing."""
+        if self._done != np.prod(self._shape, dtype=np.int64):
+            raise TableError(f"{self._name}: {self._done} elements of an array of shape {self._shape} were written")
+        self._target.attrs["crc32"] = np.uint32(self._checksum)
+        self._checksums[self._name] = self._checksum
+
+
+class Table:
+    """An open table: its device, its entries, and views of the sweep for any zone combination."""
+
+    def __init__(self, path: Path, file: h5netcdf.File) -> None:
+        self.path = path
+        self._file = file
+        self.attributes: dict[str, Any] = dict(file.attrs)
+        self.device: Device = parse_device(str(self.attributes["device_description"]), f"{path}: device_description")
+        self.fingerprint = str(self.attributes["device_fingerprint"])
+        self.entries: tuple[Entry, ...] = tuple(_read_entries(file.groups["entries"], self.device))
+        self._by_state = {entry.index: entry for entry in self.entries}
+
+    def __enter__(self) -> "Table":
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file; entries and device stay usable."""
+        self._file.close()
+
+    def values(self, group: str, name: str) -> Values:
+        """One whole array by its group and name, such as "responses" and "frequency"."""
+        return np.asarray(self._file.groups[group].variables[name][...])
+
+    def entry_for(self, felt: Sequence[str]) -> Entry:
+        """Entry whose felt zones are `felt` (names) while the others are free. Raises DeviceError, TableError."""
+        wanted = {self.device.zone_index(name) for name in felt}
+        zones = range(len(self.device.zones))
+        index = state_index([ZoneState.FELT if zone in wanted else ZoneState.FREE for zone in zones])
+        if index not in self._by_state:
+            raise TableError(f"{self.path}: has no entry for felt zones {self.device.zone_names(sorted(wanted))!r}")
+        return self._by_state[index]
+
+    def localized_factor(self, zones: Sequence[str], pair: int = 0) -> Values:
+        """Share of kinetic energy of `zones` together: (frequency_1, frequency_2, amplitude_1, amplitude_2)."""
+        return self._combine("localized_factor", zones, pair, np.sum)
+
+    def peak_acceleration(self, zones: Sequence[str], pair: int = 0) -> Values:
+        """Greatest peak acceleration in `zones`, m/s^2: (frequency_1, frequency_2, amplitude_1, amplitude_2)."""
+        return self._combine("peak_acceleration", zones, pair, np.max)
+
+    def dead_spot(self, zones: Sequence[str], pair: int = 0) -> Values:
+        """Least peak acceleration in `zones`, m/s^2: (frequency_1, frequency_2, amplitude_1, amplitude_2)."""
+        return self._combine("dead_spot", zones, pair, np.min)
+
+    def _combine(self, name: str, zones: Sequence[str], pair: int, combine: Any) -> Values:
+        indices = sorted({self.device.zone_index(zone) for zone in zones})
+        if not indices:
+            raise TableError(f"{self.path}: name at least one zone")
+        stored = self._file.groups["sweep"].variables[name]
+        if not 0 <= pair < stored.shape[0]:
+            raise TableError(f"{self.path}: there is no actuator pair {pair}; there are {stored.shape[0]}")
+        values = np.stack([np.asarray(stored[pair, :, :, :, zone]) for zone in indices])
+        return np.moveaxis(combine(values, axis=0), -1, 1)
+
+
+def open_table(
+    path: Path, *, device: Device | None = None, code_fingerprint: str | None = None, verify: bool = True
+) -> Table:
+    """Open and verify a table; raises TableError if it is unusable or does not belong to `device` or the code."""
+    file = _open_file(path)
+    try:
+        _check_format(path, file)
+        if verify:
+            _verify(path, file)
+        table = Table(path, file)
+        if table.device.fingerprint != table.fingerprint or (device and device.fingerprint != table.fingerprint):
+            name = device.name if device else table.device.name
+            raise TableError(f"{path}: is stale: it was built for another state of {name!r}; build it again")
+        if code_fingerprint and table.attributes["code_fingerprint"] != code_fingerprint:
+            raise TableError(f"{path}: is stale: it was built by another version of the code; build it again")
+    except BaseException as error:
+        file.close()
+        if isinstance(error, KeyError | ValueError | OSError | RuntimeError | TypeError):
+            raise TableError(f"{path}: is corrupted ({error}); build it again") from error
+        raise
+    return table
+
+
+def _open_file(path: Path) -> h5netcdf.File:
+    if not path.is_file():
+        raise TableError(f"{path}: there is no such table; `tactable build DEVICE -o {path.name}` makes one")
+    if not h5py.is_hdf5(path):
+        raise TableError(f"{path}: is not a table of tactable (not a NetCDF-4 file)")
+    try:
+        return h5netcdf.File(path, "r", decode_vlen_strings=True)
+    except OSError as error:
+        problem = "is truncated" if "truncated" in str(error) else "is corrupted"
+        raise TableError(f"{path}: {problem} ({error}); build it again") from error
+
+
+def _check_format(path: Path, file: h5netcdf.File) -> None:
+    if file.attrs.get("format") != FORMAT:
+        raise TableError(f"{path}: is a NetCDF file, but not a table of tactable")
+    revision = int(file.attrs["format_revision"])
+    if revision > FORMAT_REVISION:
+        raise TableError(
+            f"{path}: has format revision {revision}, this program reads up to {FORMAT_REVISION}; update tactable"
+        )
+
+
+def _verify(path: Path, file: h5netcdf.File) -> None:
+    """Compare every array with its checksum, and the list of checksums with the table's own."""
+    checksums: dict[str, int] = {}
+    for group_name, group in file.groups.items():
+        for name, variable in group.variables.items():
+            checksum = 0
+            for piece in _pieces(variable):
+                checksum = zlib.crc32(_bytes_of(piece), checksum)
+            if checksum != int(variable.attrs["crc32"]):
+                raise TableError(f"{path}: is corrupted: {group_name}/{name} fails its checksum; build it again")
+            checksums[f"{group_name}/{name}"] = checksum
+    if _manifest(file.attrs, checksums) != file.attrs["checksum"]:
+        raise TableError(f"{path}: is corrupted: its description fails its checksum; build it again")
+
+
+def _pieces(variable: Any) -> Iterator[Values]:
+    """The array in pieces of bounded size along its first axis."""
+    if not variable.shape:
+        yield np.asarray(variable[...])
+        return
+    row_bytes = max(1, 8 * int(np.prod(variable.shape[1:], dtype=np.int64)))
+    step = max(1, _READ_BYTES // row_bytes)
+    for start in range(0, variable.shape[0], step):
+        yield np.asarray(variable[start : start + step])
+
+
+def _manifest(attributes: Mapping[str, Any], checksums: Mapping[str, int]) -> str:
+    """Hex checksum over all attributes but itself and over the checksums of all arrays."""
+    described = {key: str(value) for key, value in attributes.items() if key != "checksum" and key[0] != "_"}
+    return f"{zlib.crc32(json.dumps([described, dict(checksums)], sort_keys=True).encode()):08x}"
+
+
+def _is_text(values: object) -> bool:
+    return not isinstance(values, np.ndarray) and isinstance(values, Sequence) and isinstance(values[0], str)
+
+
+def _bytes_of(piece: Values) -> bytes | memoryview:
+    if piece.dtype.kind == "O":
+        return "\0".join(part if isinstance(part, str) else part.decode() for part in piece.ravel()).encode()
+    return np.ascontiguousarray(piece).reshape(-1).view(np.uint8).data
+
+
+def _flush_to_disk(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+ENTRY_VARIABLES = {
+    "frequencies_hz": Variable("drive_frequency", ("state", "actuator"), "Hz", "frequency of each actuator"),
+    "amplitudes": Variable("drive_amplitude", ("state", "actuator"), "1", "amplitude as a fraction of full scale"),
+    "phases_rad": Variable("drive_phase", ("state", "actuator"), "rad", "phase of each actuator"),
+    "localized_factor": Variable("localized_factor", ("state",), "1", "share of the felt zones, paper eq. (10)"),
+    "upper_bound": Variable("upper_bound", ("state",), "1", "no drive has a greater localized factor"),
+    "contrast_db": Variable("contrast", ("state",), "dB", "energy per length, felt zones over the rest; NaN: no rest"),
+    "t90_s": Variable("rise_time", ("state",), "s", "t90 of the slowest felt zone"),
+    "family": Variable("family", ("state",), "1", "single tone, two tones or coherent"),
+    "limited_by": Variable("limited_by", ("state",), "1", "what limited the drive"),
+    "achieved": Variable("achieved", ("state",), "1", "1: the level floor is reached in every felt zone"),
+}
+ZONE_VARIABLES = {
+    "state": Variable("zone_state", ("state", "zone"), "1", "0 free, 1 quiet, 2 felt"),
+    "share": Variable("share", ("state", "zone"), "1", "localized factor of the zone"),
+    "peak_acceleration_m_per_s2": Variable("peak_acceleration", ("state", "zone"), "m s-2", "greatest in the zone"),
+    "peak_position_m": Variable("peak_position", ("state", "zone"), "m", "where it is, from the bar's start"),
+    "dead_acceleration_m_per_s2": Variable("dead_spot", ("state", "zone"), "m s-2", "least in the zone"),
+    "dead_position_m": Variable("dead_position", ("state", "zone"), "m", "where it is, from the bar's start"),
+}
+
+
+def write_entries(writer: TableWriter, entries: Sequence[Entry], device: Device) -> None:
+    """Write the entries group: one row a state."""
+    writer.write("entries", _names("actuator"), [actuator.name for actuator in device.actuators])
+    writer.write("entries", _names("zone"), [zone.name for zone in device.zones])
+    index = Variable("state", ("state",), "1", "sum of zone state times 3**zone")
+    writer.write("entries", index, np.array([entry.index for entry in entries], dtype=np.int64))
+    for key, variable in ENTRY_VARIABLES.items():
+        column = [getattr(entry, key) for entry in entries]
+        if _is_text(column):
+            writer.write("entries", variable, column)
+        else:
+            numbers = [np.nan if value is None else value for value in column]
+            writer.write("entries", variable, np.array(numbers, dtype=np.float64))
+    for key, variable in ZONE_VARIABLES.items():
+        rows = [[float(getattr(zone, key)) for zone in entry.zones] for entry in entries]
+        writer.write("entries", variable, np.array(rows))
+
+
+def _names(what: str) -> Variable:
+    return Variable(what, (what,), "1", f"name of the {what}")
+
+
+def _read_entries(group: Any, device: Device) -> Iterator[Entry]:
+    columns = {key: group.variables[variable.name][...] for key, variable in ENTRY_VARIABLES.items()}
+    zones = {key: group.variables[variable.name][...] for key, variable in ZONE_VARIABLES.items()}
+    for row in range(len(columns["t90_s"])):
+        contrast_db = float(columns["contrast_db"][row])
+        yield Entry(
+            frequencies_hz=tuple(map(float, columns["frequencies_hz"][row])),
+            amplitudes=tuple(map(float, columns["amplitudes"][row])),
+            phases_rad=tuple(map(float, columns["phases_rad"][row])),
+            zones=tuple(_read_zone(zones, row, z, zone.name) for z, zone in enumerate(device.zones)),
+            localized_factor=float(columns["localized_factor"][row]),
+            upper_bound=float(columns["upper_bound"][row]),
+            contrast_db=None if np.isnan(contrast_db) else contrast_db,
+            t90_s=float(columns["t90_s"][row]),
+            family=str(columns["family"][row]),
+            limited_by=str(columns["limited_by"][row]),
+            achieved=bool(columns["achieved"][row]),
+        )
+
+
+def _read_zone(zones: Mapping[str, Values], row: int, zone: int, name: str) -> ZonePromise:
+    figures = {key: float(values[row, zone]) for key, values in zones.items() if key != "state"}
+    return ZonePromise(name=name, state=ZoneState(int(zones["state"][row, zone])), **figures)

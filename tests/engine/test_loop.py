@@ -1,0 +1,399 @@
+"""The loop from reports to an emulated firmware: in virtual time, and once through a real pseudo-terminal."""
+
+from __future__ import annotations
+
+import struct
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import pytest
+
+from engine.device import Device
+from engine.device_file import read_device
+from engine.digitizer import RELEASE_AFTER_NS, open_digitizer
+from engine.entry import Entry, ZonePromise
+from engine.latency import LatencyRecorder, Stage
+from engine.limits import link_configuration
+from engine.loop import Loop, StateChange, SystemClock, connect
+from engine.renderer import Renderer
+from engine.sources.playback import Playback
+from engine.sources.recording import Recording, Report, read_recording
+from engine.zones import ZoneState, ZoneTracker
+from firmware_link.device import DeviceConfiguration, EmulatedFirmware
+from firmware_link.drive_log import Cause, DriveEvent
+from firmware_link.emulator import run_emulator
+from firmware_link.errors import LinkError
+from firmware_link.link import Link
+from firmware_link.link_values import LinkState
+from firmware_link.messages import DeviceState
+from firmware_link.serial_port import SerialPort
+from firmware_link.session import Session
+from tests.engine.descriptors import CONTACT_COUNT, application, finger
+from tests.engine.shared_recordings import recording_params
+
+MS = 1_000_000
+DEVICE = read_device(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
+DESCRIPTOR = application(finger(), finger(), CONTACT_COUNT)
+BIT_RATE_HZ = 1_000_000
+# Only against an endless handshake: the machine may be slow.
+PATIENCE_S = 60.0
+
+Touch = tuple[int, float]
+"""Contact id and place, as a fraction of the bar."""
+
+
+def entry_for(*zones: int, device: Device = DEVICE) -> Entry:
+    """An entry whose frequency tells its zones apart: 100 Hz, and 1, 2, 4, 8, 16 Hz for zones I to V."""
+    promises = tuple(
+        ZonePromise(zone.name, ZoneState.FELT if i in zones else ZoneState.FREE, 0.2, 1.0, 0.0, 0.0, 0.0)
+        for i, zone in enumerate(device.zones)
+    )
+    frequency_hz = 100.0 + sum(2**zone for zone in zones)
+    return Entry((frequency_hz,) * 2, (1.0, 0.5), (0.0, 1.0), promises, 0.9, 0.9, 9.0, 0.1, "coherent", "", True)
+
+
+ENTRIES = [entry_for(*zones) for zones in ((0,), (1,), (2,), (3,), (4,), (0, 2), (1, 3))]
+
+
+def index_of(*zones: int) -> int:
+    return entry_for(*zones).index
+
+
+def report(*touches: Touch, lifted: Sequence[int] = ()) -> bytes:
+    """One frame of up to two contacts in one report, of those that touch and those that have just lifted."""
+    slots = [struct.pack("<BBHH", 3, contact_id, round(1000 * place), 500) for contact_id, place in touches]
+    slots += [struct.pack("<BBHH", 0, contact_id, 0, 500) for contact_id in lifted]
+    return b"\x01" + b"".join(slots).ljust(12, b"\0") + bytes([len(slots)])
+
+
+def recording_of(*frames: tuple[float, bytes]) -> Recording:
+    """Reports with their times in seconds."""
+    reports = tuple(Report(index, time_s, data) for index, (time_s, data) in enumerate(frames))
+    return Recording("virtual digitizer", 3, 0, 0, DESCRIPTOR, reports)
+
+
+def held(start_s: float, stop_s: float, *touches: Touch) -> list[tuple[float, bytes]]:
+    """A frame each 8 ms while fingers rest."""
+    return [(start_s + 0.008 * i, report(*touches)) for i in range(round((stop_s - start_s) / 0.008))]
+
+
+@dataclass
+class VirtualLine:
+    """A port, the clock, and an emulated firmware behind them; time passes only in `wait`."""
+
+    delay_ns: int = 300_000
+    takes_bytes: bool = True
+    is_mute: bool = False
+    firmware: EmulatedFirmware = field(default_factory=lambda: EmulatedFirmware(DeviceConfiguration(0x5EED)))
+    time_ns: int = 5_000 * MS
+
+    def __post_init__(self) -> None:
+        self._to_device: list[tuple[int, bytes]] = []
+        self._to_host: list[tuple[int, bytes]] = []
+        self.stall_at_ns: int | None = None
+        self.stall_ns = 400 * MS
+        self.waits = 0
+
+    def now_ns(self) -> int:
+        return self.time_ns
+
+    def fileno(self) -> int:
+        return -1
+
+    def write(self, data: bytes) -> int:
+        if not self.takes_bytes:
+            return 0
+        self._to_device.append((self.time_ns + self.delay_ns, data))
+        return len(data)
+
+    def read(self) -> bytes:
+        data = b"".join(data for time_ns, data in self._to_host if time_ns <= self.time_ns)
+        self._to_host = [item for item in self._to_host if item[0] > self.time_ns]
+        return data
+
+    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> None:
+        assert (readable, writable) in [((-1,), ()), ((-1,), (-1,))]
+        self.waits += 1
+        assert until_ns is not None or self._to_host or self._to_device, "the loop would wait for ever"
+        end_ns = until_ns if until_ns is not None else self.time_ns + 1_000 * MS
+        if self.stall_at_ns is not None and self.time_ns >= self.stall_at_ns:
+            self.stall_at_ns, end_ns = None, self.time_ns + self.stall_ns
+            self._run_to(end_ns)
+        while self.time_ns < end_ns and not any(time_ns <= self.time_ns for time_ns, _ in self._to_host):
+            self._run_to(min([end_ns, self._next_ns(), *(time_ns for time_ns, _ in self._to_host)]))
+
+    def _next_ns(self) -> int:
+        deadline_us = self.firmware.next_deadline_us()
+        times_ns = [time_ns for time_ns, _ in self._to_device]
+        if deadline_us is not None:
+            times_ns.append(1000 * deadline_us)
+        return max(self.time_ns + 1, min(times_ns, default=self.time_ns + 1_000 * MS))
+
+    def _run_to(self, end_ns: int) -> None:
+        while self._to_device and self._to_device[0][0] <= end_ns:
+            time_ns, data = self._to_device.pop(0)
+            self._answer(self.firmware.receive(data, time_ns // 1000), time_ns)
+        self._answer(self.firmware.advance(end_ns // 1000), end_ns)
+        self.time_ns = end_ns
+
+    def _answer(self, data: bytes, time_ns: int) -> None:
+        if data and not self.is_mute:
+            self._to_host.append((time_ns + self.delay_ns, data))
+
+
+@dataclass
+class Rig:
+    """A run over a virtual line."""
+
+    recording: Recording
+    line: VirtualLine = field(default_factory=VirtualLine)
+    speed: float | None = 1.0
+    reconnect: bool = False
+    bit_rate_hz: int = BIT_RATE_HZ
+
+    def __post_init__(self) -> None:
+        self.trace: list[StateChange] = []
+        self.latency = LatencyRecorder(100)
+        self.session = Session(Link(link_configuration(DEVICE, self.bit_rate_hz)), self.line, self.line.now_ns)
+        capabilities = connect(self.session, self.line)
+        self.start_ns = self.line.time_ns
+        source = Playback(self.recording, self.speed)
+        digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
+        self.renderer = Renderer(ENTRIES, DEVICE, capabilities)
+        self.loop = Loop(
+            source,
+            digitizer,
+            ZoneTracker(DEVICE, digitizer.surface),
+            self.renderer,
+            self.session,
+            self.line,
+            reconnect=self.reconnect,
+            trace=self.trace,
+            latency=self.latency,
+        )
+
+    def run(self) -> Rig:
+        self.loop.run()
+        return self
+
+    @property
+    def log(self) -> list[DriveEvent]:
+        return self.line.firmware.drive_log
+
+    def states(self) -> list[int]:
+        return [change.state for change in self.trace]
+
+    def played(self) -> list[float]:
+        """Frequency of the first actuator at each change of the drive, 0 for silence."""
+        return [round(event.channels[0].frequency_hz * bool(event.channels[0].amplitude), 2) for event in self.log]
+
+
+def test_a_touch_is_felt_and_a_lift_is_silence() -> None:
+    rig = Rig(recording_of(*held(0.0, 0.2, (1, 0.1)), (0.2, report(lifted=[1])))).run()
+    assert rig.states() == [index_of(0), 0]
+    assert rig.played() == [101.0, 0.0]
+    assert rig.line.firmware.state is DeviceState.LATCHED
+    assert rig.session.link.state is LinkState.STOPPED
+    counters = rig.loop.counters
+    assert (counters.reports, counters.frames, counters.state_changes, counters.commands) == (26, 26, 2, 2)
+
+
+def test_each_state_change_is_found_in_the_log_by_its_sequence() -> None:
+    frames = [
+        *held(0.0, 0.1, (1, 0.1)),
+        *held(0.1, 0.2, (1, 0.5)),
+        *held(0.2, 0.3, (1, 0.9)),
+        (0.3, report(lifted=[1])),
+    ]
+    rig = Rig(recording_of(*frames)).run()
+    assert [event.sequence for event in rig.log] == [change.drive_sequence for change in rig.trace]
+    assert len(rig.trace) == 4
+    for change, event in zip(rig.trace, rig.log, strict=True):
+        assert change.report_index is not None
+        due_ns = rig.start_ns + round(1e9 * rig.recording.reports[change.report_index].time_s)
+        assert change.time_ns == due_ns
+        assert 0 <= 1000 * event.device_time_us - due_ns - rig.line.delay_ns < MS
+
+
+def test_several_fingers_make_one_state_and_leave_one_by_one() -> None:
+    both = [(1, 0.1), (2, 0.5)]
+    frames = [*held(0.0, 0.1, (1, 0.1)), *held(0.1, 0.2, *both), (0.2, report((2, 0.5), lifted=[1]))]
+    rig = Rig(recording_of(*frames, (0.208, report(lifted=[2])))).run()
+    assert rig.states() == [index_of(0), index_of(0, 2), index_of(2), 0]
+    assert rig.played() == [101.0, 105.0, 104.0, 0.0]
+    length_m = DEVICE.bar.length_m
+    positions_m = [change.finger_positions_m for change in rig.trace]
+    assert positions_m[1] == pytest.approx((0.1 * length_m, 0.5 * length_m), abs=1e-12)
+    assert positions_m[3] == ()
+
+
+def test_a_resting_finger_keeps_its_drive_by_renewals_alone() -> None:
+    rig = Rig(recording_of(*held(0.0, 2.0, (1, 0.3)), (2.0, report(lifted=[1])))).run()
+    assert rig.played() == [102.0, 0.0]
+    assert [event.cause for event in rig.log] == [Cause.SET, Cause.SET]
+    assert rig.session.link.counters.renewed > 100
+
+
+@pytest.mark.parametrize("speed", [1.0, 3.0, None])
+def test_a_lost_release_falls_silent_within_150_ms(speed: float | None) -> None:
+    frames = held(0.0, 0.2, (1, 0.1))
+    rig = Rig(recording_of(*frames), speed=speed).run()
+    assert rig.states() == [index_of(0), 0]
+    assert rig.trace[-1].report_index is None
+    assert rig.log[-1].channels[0].amplitude == 0
+    paces = {None: 0.0, 1.0: 1.0, 3.0: 1 / 3}
+    last_report_ns = rig.start_ns + round(1e9 * frames[-1][0] * paces[speed])
+    assert 1000 * rig.log[-1].device_time_us - last_report_ns <= 150 * MS
+
+
+def test_a_pause_in_a_recording_played_at_once_still_releases() -> None:
+    frames = [(0.0, report((1, 0.1))), (0.5, report((1, 0.1))), (0.508, report(lifted=[1]))]
+    assert Rig(recording_of(*frames), speed=None).run().states() == [index_of(0), 0, index_of(0), 0]
+
+
+def test_the_latest_state_wins_on_a_slow_line() -> None:
+    places = [0.1, 0.3, 0.5, 0.7, 0.9]
+    frames = [(0.0005 * i, report((1, place))) for i, place in enumerate(places)]
+    rig = Rig(recording_of(*frames, *held(0.008, 0.1, (1, 0.9))), bit_rate_hz=115_200).run()
+    assert rig.states() == [index_of(zone) for zone in range(5)] + [0]
+    sequences = [change.drive_sequence for change in rig.trace]
+    assert None in sequences
+    assert None not in sequences[-2:]
+    assert [event.sequence for event in rig.log] == [sequence for sequence in sequences if sequence is not None]
+    assert rig.loop.counters.commands + sequences.count(None) == rig.loop.counters.state_changes
+    assert rig.played()[-2:] == [116.0, 0.0]
+
+
+def test_reports_that_a_stall_held_up_are_all_taken_and_only_the_last_state_is_sent() -> None:
+    frames = [(0.001 * i, report((1, 0.1 + 0.2 * (i // 10 % 5)))) for i in range(100)]
+    rig = Rig(recording_of(*frames))
+    rig.line.stall_at_ns, rig.line.stall_ns = rig.start_ns + 15 * MS, 60 * MS
+    rig.run()
+    assert rig.loop.counters.frames == 100
+    assert rig.states() == [*map(index_of, (0, 1, 2, 3, 4, 0, 1, 2, 3, 4)), 0]
+    after_stall = [change for change in rig.trace if change.time_ns == rig.start_ns + 75 * MS]
+    assert [change.state for change in after_stall] == [index_of(zone) for zone in (2, 3, 4, 0, 1, 2)]
+    assert [change.drive_sequence is None for change in after_stall] == [True] * 5 + [False]
+    assert rig.played() == [101.0, 102.0, 0.0, 104.0, 108.0, 116.0, 0.0]
+    assert rig.line.firmware.counters.stale == 0
+
+
+def test_a_state_without_entry_is_silent_and_counted() -> None:
+    frames = [*held(0.0, 0.1, (1, 0.1)), *held(0.1, 0.2, (1, 0.1), (2, 0.9)), (0.2, report(lifted=[1, 2]))]
+    rig = Rig(recording_of(*frames)).run()
+    assert rig.played() == [101.0, 0.0]
+    assert rig.renderer.unknown_states == 1
+
+
+def test_nothing_touched_sends_nothing_but_silence() -> None:
+    rig = Rig(recording_of((0.0, report(lifted=[1])), (1.0, report(lifted=[1])))).run()
+    assert (rig.log, rig.trace, rig.loop.counters.commands) == ([], [], 0)
+    assert rig.line.firmware.state is DeviceState.LATCHED
+
+
+def test_a_stop_request_silences_a_finger_that_still_touches() -> None:
+    rig = Rig(recording_of(*held(0.0, 10.0, (1, 0.1))))
+    stop = threading.Event()
+    event_at_ns = rig.start_ns + 100 * MS
+
+    class Watch:
+        def is_set(self) -> bool:
+            return stop.is_set() or rig.line.time_ns > event_at_ns
+
+    rig.loop.run(Watch())
+    assert rig.line.time_ns < event_at_ns + 100 * MS
+    assert rig.states() == [index_of(0), 0]
+    assert rig.trace[-1].finger_positions_m != ()
+    assert rig.log[-1].channels[0].amplitude == 0
+    assert rig.line.firmware.state is DeviceState.LATCHED
+
+
+def stalled(*, reconnect: bool) -> Rig:
+    """The host stops for 400 ms under a finger: the device falls silent by itself, then latches."""
+    rig = Rig(recording_of(*held(0.0, 1.0, (1, 0.1)), (1.0, report(lifted=[1]))), reconnect=reconnect)
+    rig.line.stall_at_ns = rig.start_ns + 300 * MS
+    return rig
+
+
+def test_a_device_that_latched_ends_the_run_with_final_counters() -> None:
+    rig = stalled(reconnect=False)
+    with pytest.raises(LinkError, match="start the run again"):
+        rig.run()
+    assert [event.cause for event in rig.log] == [Cause.SET, Cause.LEASE_EXPIRED]
+    assert rig.line.firmware.state is DeviceState.LATCHED
+    assert rig.session.link.state is LinkState.DISCONNECTED
+    assert rig.loop.counters.commands >= 1
+    assert len(rig.trace) == rig.loop.counters.state_changes
+
+
+def test_with_reconnect_the_state_of_the_moment_is_sent_anew() -> None:
+    rig = stalled(reconnect=True).run()
+    assert rig.loop.counters.reconnects == 1
+    assert rig.played() == [101.0, 0.0, 101.0, 0.0]
+    assert rig.line.firmware.counters.trips == 1
+
+
+@pytest.mark.parametrize(("is_mute", "remedy"), [(False, "disarmed itself"), (True, "no answer")])
+def test_a_line_that_takes_nothing_ends_in_a_link_error_without_spinning(is_mute: bool, remedy: str) -> None:
+    rig = Rig(recording_of(*held(0.0, 10.0, (1, 0.1))))
+    rig.line.takes_bytes, rig.line.is_mute, rig.line.waits = False, is_mute, 0
+    with pytest.raises(LinkError, match=remedy):
+        rig.run()
+    assert rig.line.time_ns - rig.start_ns < 1_500 * MS
+    assert rig.line.waits < 600
+    assert rig.log == []
+
+
+def test_latency_counts_from_when_the_report_was_due() -> None:
+    rig = Rig(recording_of(*held(0.0, 0.2, (1, 0.1)), (0.2, report(lifted=[1])))).run()
+    stamps_ns = rig.latency.stamps_ns()
+    assert rig.latency.count == 2
+    assert stamps_ns[0, Stage.AVAILABLE] == rig.start_ns
+    # Virtual time stands still inside a pass; the first command waits for the end of the handshake on the line.
+    assert (stamps_ns[:, : Stage.WRITTEN] == stamps_ns[:, :1]).all()
+    summary = rig.latency.summarise(Stage.COMMAND, Stage.WRITTEN)
+    assert summary is not None
+    assert (summary.count, summary.p50_ns) == (2, 0)
+    assert 0 < summary.max_ns < MS
+
+
+def test_virtual_time_is_real_time_in_little_time() -> None:
+    rig = Rig(recording_of(*held(0.0, 20.0, (1, 0.1)))).run()
+    assert rig.line.time_ns - rig.start_ns >= 20_000 * MS + RELEASE_AFTER_NS - 8 * MS
+    assert rig.loop.counters.frames == 2500
+
+
+@pytest.mark.parametrize("path", recording_params("touch", "*.hid"))
+def test_a_real_recording_gives_the_same_states_at_any_speed(path: Path) -> None:
+    recording = read_recording(path)
+    rigs = [Rig(recording, speed=speed) for speed in (1.0, 7.0, None)]
+    first, *others = [rig.run().states() for rig in rigs]
+    assert others == [first] * 2
+    assert first == [] or first[-1] == 0
+    assert {rig.loop.counters.reports for rig in rigs} == {len(recording.reports)}
+
+
+def test_a_touch_reaches_the_emulator_of_another_process() -> None:
+    frames = [*held(0.0, 0.2, (1, 0.1)), *held(0.2, 0.4, (1, 0.5)), (0.4, report(lifted=[1]))]
+    clock, trace, latency = SystemClock(), list[StateChange](), LatencyRecorder()
+    with run_emulator(number_of_actuators=2) as emulator, SerialPort(emulator.port) as port:
+        link = Link(replace(link_configuration(DEVICE), handshake_timeout_s=PATIENCE_S))
+        session = Session(link, port, clock.now_ns)
+        renderer = Renderer(ENTRIES, DEVICE, connect(session, clock))
+        source, digitizer = Playback(recording_of(*frames)), open_digitizer(DESCRIPTOR)
+        tracker = ZoneTracker(DEVICE, digitizer.surface)
+        # A stall of this machine may latch the device: the run goes on.
+        loop = Loop(source, digitizer, tracker, renderer, session, clock, reconnect=True, trace=trace, latency=latency)
+        loop.run()
+        log = emulator.stop()
+    assert [change.state for change in trace] == [index_of(0), index_of(2), 0]
+    applied = {event.sequence for event in log.events if event.cause is Cause.SET}
+    sent = {change.drive_sequence for change in trace} - {None}
+    assert loop.counters.reconnects or (sent and sent <= applied)
+    assert not log.events[-1].channels[0].amplitude
+    summary = latency.summarise()
+    assert summary is not None
+    assert summary.count == loop.counters.commands
+    assert 0 < summary.p50_ns <= summary.max_ns

@@ -1,0 +1,178 @@
+"""Laws of positions, zones and states."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from engine.descriptor import read_surfaces
+from engine.device import Device, DeviceError, TouchAxis, Zone
+from engine.device_file import read_device
+from engine.digitizer import Contact, TouchFrame
+from engine.zones import TouchPosition, ZoneEdges, ZoneState, ZoneTracker, feel_every_touch, state_index
+from tests.engine.descriptors import application, finger
+
+REFERENCE = read_device(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
+LENGTH_M = REFERENCE.bar.length_m
+SURFACE = read_surfaces(application(finger(), finger()))[0]  # x and y from 0 to 1000
+LAST = 1000
+logical = st.integers(0, LAST)
+fractions = st.floats(0, 1)
+
+
+@st.composite
+def touch_axes(draw: st.DrawFn) -> TouchAxis:
+    start_m = draw(st.floats(0, 0.9 * LENGTH_M))
+    left_m = LENGTH_M - start_m
+    end_m = draw(st.floats(0, 0.9 * left_m))
+    active_m = draw(st.none() | st.floats(0.01 * left_m, left_m))
+    return TouchAxis(draw(st.sampled_from(["x", "y"])), draw(st.booleans()), start_m, end_m, active_m)
+
+
+@st.composite
+def zoned_devices(draw: st.DrawFn) -> Device:
+    """One to five zones with or without gaps, and a hysteresis under half of the shortest."""
+    edges_m = sorted(draw(st.lists(st.integers(0, 10_000), min_size=2, max_size=10, unique=True)))
+    edges_m = edges_m[: len(edges_m) // 2 * 2]
+    is_gapless = draw(st.booleans())
+    pairs = pairwise(edges_m) if is_gapless else zip(edges_m[::2], edges_m[1::2], strict=True)
+    zones = tuple(Zone(str(i), a / 10_000 * LENGTH_M, b / 10_000 * LENGTH_M) for i, (a, b) in enumerate(pairs))
+    hysteresis_m = draw(st.floats(0, 0.49)) * min(zone.length_m for zone in zones)
+    return replace(REFERENCE, zones=zones, zone_hysteresis_m=hysteresis_m)
+
+
+def with_axis(axis: TouchAxis) -> Device:
+    return replace(REFERENCE, touch_axis=axis)
+
+
+def at(value: int, contact_id: int = 1, *, tip: bool = True) -> Contact:
+    return Contact(contact_id, value, value, tip)
+
+
+def frame_of(*contacts: Contact) -> TouchFrame:
+    return TouchFrame(0, contacts)
+
+
+@given(touch_axes(), logical)
+def test_a_position_is_always_on_the_bar_inside_the_touch_area(axis: TouchAxis, value: int) -> None:
+    position_m = TouchPosition(with_axis(axis), SURFACE).position_m(at(value))
+    assert 0 <= position_m <= LENGTH_M
+    active_m = axis.active_length_m or LENGTH_M - axis.start_margin_m - axis.end_margin_m
+    assert -1e-12 <= position_m - axis.start_margin_m <= active_m + 1e-12
+
+
+@given(touch_axes(), logical)
+def test_flip_twice_is_no_flip(axis: TouchAxis, value: int) -> None:
+    position = TouchPosition(with_axis(axis), SURFACE)
+    flipped = TouchPosition(with_axis(replace(axis, flip=not axis.flip)), SURFACE)
+    assert flipped.position_m(at(LAST - value)) == pytest.approx(position.position_m(at(value)), abs=1e-12)
+
+
+@given(touch_axes(), logical, logical)
+def test_positions_run_one_way_along_the_axis(axis: TouchAxis, value: int, other: int) -> None:
+    position = TouchPosition(with_axis(axis), SURFACE)
+    low, high = sorted([value, other], reverse=axis.flip)
+    assert position.position_m(at(low)) <= position.position_m(at(high))
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_the_ends_of_the_logical_range_are_the_ends_of_the_touch_area(axis: str) -> None:
+    touch_axis = TouchAxis("x" if axis == "x" else "y", False, 0.01, 0.02, None)
+    position = TouchPosition(with_axis(touch_axis), SURFACE)
+    contacts = [Contact(1, value if axis == "x" else 7, value if axis == "y" else 7, True) for value in (0, LAST)]
+    assert [position.position_m(contact) for contact in contacts] == pytest.approx([0.01, LENGTH_M - 0.02])
+
+
+def test_a_touch_area_that_ends_off_the_bar_is_refused() -> None:
+    with pytest.raises(DeviceError, match=r"active_length: 270 mm from 10 mm ends off the bar"):
+        TouchPosition(with_axis(TouchAxis("x", False, 0.01, 0.0, 0.27)), SURFACE)
+
+
+@given(zoned_devices(), fractions)
+def test_a_new_contact_is_in_the_zone_that_holds_it_or_in_none(device: Device, fraction: float) -> None:
+    position_m = fraction * LENGTH_M
+    zone = ZoneEdges(device).zone_at(position_m)
+    holding = [i for i, each in enumerate(device.zones) if each.start_m <= position_m <= each.stop_m]
+    assert zone == (holding[-1] if holding else None)
+
+
+@given(zoned_devices(), st.lists(fractions, min_size=1, max_size=20))
+def test_a_contact_is_never_further_from_its_zone_than_the_hysteresis(device: Device, path: list[float]) -> None:
+    edges, zone = ZoneEdges(device), None
+    for fraction in path:
+        position_m = fraction * LENGTH_M
+        zone = edges.zone_at(position_m, zone)
+        if zone is not None:
+            start_m, stop_m = device.zones[zone].start_m, device.zones[zone].stop_m
+            assert start_m - device.zone_hysteresis_m <= position_m <= stop_m + device.zone_hysteresis_m
+
+
+@given(zoned_devices(), fractions, st.lists(st.floats(-1, 1), max_size=20))
+def test_a_contact_that_trembles_less_than_the_hysteresis_never_flickers(
+    device: Device, fraction: float, tremble: list[float]
+) -> None:
+    edges = ZoneEdges(device)
+    landing_m = fraction * LENGTH_M
+    zone = edges.zone_at(landing_m)
+    changes = 0
+    for part in tremble:
+        previous, zone = zone, edges.zone_at(landing_m + 0.49 * part * device.zone_hysteresis_m, zone)
+        changes += zone != previous
+    # Where it landed in a gap, it may enter one zone; from there it does not leave.
+    assert changes <= (edges.zone_at(landing_m) is None)
+
+
+@given(zoned_devices(), st.lists(fractions, max_size=5))
+def test_without_a_past_the_states_are_those_of_each_contact(device: Device, places: list[float]) -> None:
+    contacts = [at(round(LAST * place), i) for i, place in enumerate(places)]
+    tracker, position, edges = ZoneTracker(device, SURFACE), TouchPosition(device, SURFACE), ZoneEdges(device)
+    zones = {edges.zone_at(position.position_m(contact)) for contact in contacts} - {None}
+    states = [ZoneState.FELT if zone in zones else ZoneState.FREE for zone in range(len(device.zones))]
+    assert tracker.track(frame_of(*contacts)) == state_index(states)
+    assert tracker.finger_positions_m == tuple(position.position_m(contact) for contact in contacts)
+
+
+@given(st.lists(st.sampled_from(ZoneState), min_size=1, max_size=6), st.data())
+def test_every_state_has_an_index_of_its_own(states: list[ZoneState], data: st.DataObject) -> None:
+    other = data.draw(st.lists(st.sampled_from(ZoneState), min_size=len(states), max_size=len(states)))
+    assert (state_index(states) == state_index(other)) == (states == other)
+    assert 0 <= state_index(states) < 3 ** len(states)
+
+
+def test_hysteresis_is_per_contact_and_ends_with_the_touch() -> None:
+    tracker = ZoneTracker(REFERENCE, SURFACE)
+    past_edge = 202  # zone I stops at 200; the hysteresis of 2 mm is 7.2 units
+    zone_i, zone_ii = state_index(feel_every_touch([0], 5)), state_index(feel_every_touch([1], 5))
+    assert tracker.track(frame_of(at(195, 1))) == zone_i
+    assert tracker.track(frame_of(at(past_edge, 1))) == zone_i
+    assert tracker.track(frame_of(at(past_edge, 1), at(past_edge, 2))) == zone_i + zone_ii
+    assert tracker.track(frame_of()) == 0
+    assert tracker.track(frame_of(at(past_edge, 1))) == zone_ii
+
+
+def test_a_hovering_finger_touches_nothing_and_forgets_its_zone() -> None:
+    tracker = ZoneTracker(REFERENCE, SURFACE)
+    tracker.track(frame_of(at(195)))
+    assert tracker.track(frame_of(at(195, tip=False))) == 0
+    assert tracker.finger_positions_m == ()
+    assert tracker.track(frame_of(at(202))) == state_index(feel_every_touch([1], 5))
+
+
+def test_a_finger_in_a_gap_is_seen_but_belongs_to_no_zone() -> None:
+    device = replace(REFERENCE, zones=(Zone("I", 0.0, 0.1), Zone("II", 0.2, LENGTH_M)))
+    tracker = ZoneTracker(device, SURFACE)
+    assert tracker.track(frame_of(at(round(LAST * 0.15 / LENGTH_M)))) == 0
+    assert tracker.finger_positions_m == pytest.approx((0.15,), abs=LENGTH_M / LAST)
+
+
+def test_another_rule_gives_other_states() -> None:
+    def hush(touched: Collection[int], number_of_zones: int) -> list[ZoneState]:
+        return [ZoneState.QUIET if zone in touched else ZoneState.FREE for zone in range(number_of_zones)]
+
+    assert ZoneTracker(REFERENCE, SURFACE, hush).track(frame_of(at(0), at(LAST, 2))) == 1 + 3**4
