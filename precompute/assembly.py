@@ -1,7 +1,9 @@
 """A device to its finite-element plant: conforming mesh, banded stiffness, damping and mass matrices."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +28,8 @@ class Sampler:
     def sample(self, field: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Shape (..., point) from a field (..., degree of freedom)."""
         columns = 2 * self.element[:, None] + np.arange(4)
-        return np.einsum("...pk,pk->...p", field[..., columns], self.weight)
+        values: NDArray[np.complex128] = np.einsum("...pk,pk->...p", field[..., columns], self.weight)
+        return values
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,22 @@ class Plant:
     def actuator_dof(self) -> NDArray[np.int64]:
         """Shape (actuator,): the deflection that each actuator drives."""
         places = [actuator.position_m for actuator in self.device.actuators]
-        return 2 * np.abs(self.node_m[:, None] - places).argmin(axis=0)
+        nodes: NDArray[np.int64] = np.abs(self.node_m[:, None] - places).argmin(axis=0)
+        return 2 * nodes
+
+    @cached_property
+    def element_integral(self) -> Array:
+        """Shape (element, 4, 4): integral of N N^T over each element, in metres."""
+        return np.stack([shape_integral(length_m) for length_m in np.diff(self.node_m)])
+
+    @cached_property
+    def element_zone(self) -> NDArray[np.int64]:
+        """Shape (element,): index of the zone that holds it; the number of zones where none does."""
+        middle_m = (self.node_m[:-1] + self.node_m[1:]) / 2
+        out = np.full(len(middle_m), len(self.device.zones), dtype=np.int64)
+        for index, zone in enumerate(self.device.zones):
+            out[(middle_m > zone.start_m) & (middle_m < zone.stop_m)] = index
+        return out
 
     def sampler(self, position_m: Array) -> Sampler:
         """Sampler at positions (point,) on the bar."""
@@ -70,7 +88,7 @@ class Plant:
 
 
 def build_mesh(device: Device, extra_m: Sequence[float] = ()) -> Array:
-    """Node positions (node,): one at every actuator, zone edge and place in `extra_m`, none further apart than asked."""
+    """Node positions (node,): one at every actuator, zone edge and place in `extra_m`, elements no longer than asked."""
     length_m = device.bar.length_m
     forced = [0.0, *(actuator.position_m for actuator in device.actuators), *extra_m]
     forced += [edge for zone in device.zones for edge in (zone.start_m, zone.stop_m)]
@@ -78,7 +96,7 @@ def build_mesh(device: Device, extra_m: Sequence[float] = ()) -> Array:
     edges = edges[np.append(True, np.diff(edges) > _SNAP * length_m)]
     pieces = [
         np.linspace(start, stop, int(np.ceil((stop - start) / device.bar.largest_element_m - 1e-9)), endpoint=False)
-        for start, stop in zip(edges[:-1], edges[1:], strict=True)
+        for start, stop in itertools.pairwise(edges)
     ]
     return np.append(np.concatenate(pieces), length_m)
 

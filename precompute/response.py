@@ -24,7 +24,7 @@ class Response:
 
 
 def solve_response(plant: Plant, frequency_hz: NDArray[np.float64]) -> Response:
-    """G(omega) = (K + j omega C - omega^2 M)^-1 F(omega) with F_i = (k_i + j omega c_i) alpha_i (PHYSICS.md section 1)."""
+    """G(omega) = (K + j omega C - omega^2 M)^-1 F(omega), F_i = (k_i + j omega c_i) alpha_i (PHYSICS.md section 1)."""
     actuators = plant.device.actuators
     out = np.zeros((len(frequency_hz), len(actuators), plant.size), dtype=np.complex128)
     solve_banded(

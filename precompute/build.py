@@ -1,0 +1,78 @@
+"""A device to its table file: responses, sweeps and entries, in bounded memory, complete or not at all."""
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+import engine
+import precompute
+from engine.device import Device
+from engine.table import TableWriter, open_table, write_entries
+from precompute.assembly import assemble
+from precompute.entries import solve_entries
+from precompute.grid import compute_grid_response, zone_points
+from precompute.tabulate import write_coherent_sweep, write_pair_sweep, write_responses
+
+MEMORY_BUDGET_BYTES = 64 << 20
+"""Default bound on the buffers of the sweep, whatever its grid."""
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the fraction done."""
+
+
+def _no_progress(step: str, fraction: float) -> None:
+    """Tell nobody."""
+
+
+@cache
+def code_fingerprint() -> str:
+    """SHA-256 (hex) over the sources that decide what is in a table."""
+    here, there = Path(precompute.__file__).parent, Path(engine.__file__).parent
+    names = ("device.py", "device_file.py", "entry.py", "quantity.py", "table.py", "zones.py")
+    sources = sorted(here.glob("*.py")) + [there / name for name in names]
+    return hashlib.sha256(b"\0".join(path.read_bytes() for path in sources)).hexdigest()
+
+
+def build_table(
+    device: Device,
+    path: Path,
+    *,
+    created: str,
+    memory_budget_bytes: int = MEMORY_BUDGET_BYTES,
+    progress: Progress = _no_progress,
+) -> None:
+    """Compute and write the table of `device` at `path` (replaced only when all is there), then verify it.
+
+    `created` is the date to note. Raises TableError if it cannot be written, DeviceError for too many zones.
+    """
+    plant = assemble(device)
+    points_m = zone_points(device)
+    progress("responses", 0.0)
+    grid = compute_grid_response(plant, device.sweep.frequency_hz, points_m)
+    with TableWriter(path) as writer:
+        writer.describe(
+            {
+                "title": f"tactable table of {device.name}",
+                "Conventions": "CF-1.10",
+                "device_name": device.name,
+                "device_description": device.text,
+                "device_fingerprint": device.fingerprint,
+                "code_fingerprint": code_fingerprint(),
+                "code_version": metadata.version("tactable"),
+                "created": created,
+            }
+        )
+        write_responses(writer, plant, grid)
+        for fraction in write_pair_sweep(writer, grid, memory_budget_bytes):
+            progress("sweep", 0.05 + 0.4 * fraction)
+        progress("coherent sweep", 0.45)
+        write_coherent_sweep(writer, grid)
+        entries = []
+        for entry, fraction in solve_entries(plant, points_m):
+            entries.append(entry)
+            progress("entries", 0.5 + 0.45 * fraction)
+        write_entries(writer, entries, device)
+    progress("verifying", 0.95)
+    open_table(path, device=device, code_fingerprint=code_fingerprint()).close()
+    progress("done", 1.0)
