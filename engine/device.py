@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,7 +132,7 @@ class Device:
     def fingerprint(self) -> str:
         """SHA-256 (hex) over every value that the model or the engine uses; wording and marks do not count."""
         values = {k: v for k, v in asdict(self).items() if k not in ("description", "inferred", "text")}
-        return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
+        return hashlib.sha256(json.dumps(_rounded(values), sort_keys=True).encode()).hexdigest()
 
     def zone_names(self, indices: Iterable[int]) -> str:
         """Names of zones joined as "I, III, V"."""
@@ -144,3 +144,12 @@ class Device:
         if name not in names:
             raise DeviceError(f"{self.name}: there is no zone {name!r}; zones are {', '.join(names)}")
         return names.index(name)
+
+
+def _rounded(value: Any) -> Any:
+    """Floats to 12 digits: '27.94 cm' and '279.4 mm' differ in the last bit and are the same device."""
+    if isinstance(value, dict):
+        return {key: _rounded(part) for key, part in value.items()}
+    if isinstance(value, tuple | list):
+        return [_rounded(part) for part in value]
+    return float(f"{value:.12g}") + 0.0 if isinstance(value, float) else value

@@ -2,8 +2,8 @@
 
 import difflib
 import itertools
-import math
 import re
+import reprlib
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +15,10 @@ from engine.device import Actuator, Bar, Device, DeviceError, Finger, Limits, Sw
 from engine.quantity import QuantityError, read_quantity
 
 ROMAN = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII", "XIII", "XIV", "XV", "XVI")
+_LARGEST_SPREAD = 1000
+_MISSPELT = 0.8  # as alike as a misspelt key; keys that are meant differ more
+_MOST_STEPS = 100_000
+_SHORTEST_ZONE = 1e-3
 _Part = TypeVar("_Part")
 
 
@@ -34,13 +38,15 @@ class _Section:
 
     def error(self, key: str, value: object, expected: str) -> DeviceError:
         where = ".".join(part for part in (self.path, key) if part)
-        return DeviceError(f"{self.source}: {where}: {value!r}: {expected}")
+        return DeviceError(f"{self.source}: {where}: {reprlib.repr(value)}: {expected}")
 
     def take(self, key: str, default: Any = None) -> Any:
         self.known.append(key)
         if key in self.left:
             return self.left.pop(key)
         if default is None:
+            for near in difflib.get_close_matches(key, self.left, 1, _MISSPELT):
+                raise self.error(near, self.left[near], f"unknown key; did you mean {key!r}?")
             raise DeviceError(f"{self.source}: {f'[{self.path}] ' if self.path else ''}has no key {key!r}")
         return default
 
@@ -115,14 +121,18 @@ class _Section:
 
 def read_device(path: Path) -> Device:
     """Read and validate the description of one bar. Raises DeviceError; OSError when there is no such file."""
-    return parse_device(path.read_text(encoding="utf-8"), str(path))
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise DeviceError(f"{path}: not UTF-8 text: {error}") from error
+    return parse_device(text, str(path))
 
 
 def parse_device(text: str, source: str) -> Device:
     """Validate the description `text`; `source` names it in errors. Raises DeviceError."""
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # also numbers and nesting beyond what Python reads
         raise DeviceError(f"{source}: not TOML: {error}") from error
     top = _Section(source, "", table)
     inferred: list[str] = []
@@ -192,8 +202,10 @@ def _read_actuators(top: _Section, bar: Bar, inferred: list[str]) -> tuple[Actua
             band_hz=_read_band(part),
         )
         for other in actuators:
-            if other.name == actuator.name or other.position_m == actuator.position_m:
-                raise part.error("position", f"{1e3 * actuator.position_m:g} mm", f"same name or place as {other.name}")
+            if other.name == actuator.name:
+                raise part.error("name", actuator.name, "another actuator has this name")
+            if other.position_m == actuator.position_m:
+                raise part.error("position", f"{1e3 * actuator.position_m:g} mm", f"is the place of {other.name}")
         actuators.append(actuator)
         inferred.extend(part.close())
     return tuple(actuators)
@@ -253,7 +265,9 @@ def _read_sweep(part: _Section) -> Sweep:
     stop_hz = part.quantity("stop", "Hz", least=start_hz, exclusive=True)
     step_hz = part.quantity("step", "Hz", exclusive=True)
     steps = (stop_hz - start_hz) / step_hz
-    if steps < 1 or abs(steps - round(steps)) > 1e-6 * steps or steps > 1e5:
+    if steps > _MOST_STEPS:
+        raise part.error("step", f"{step_hz:g} Hz", f"expected at most {_MOST_STEPS} steps")
+    if steps < 1 - 1e-6 or abs(steps - round(steps)) > 1e-6 * steps:
         raise part.error("step", f"{step_hz:g} Hz", f"must divide the range {start_hz:g}-{stop_hz:g} Hz evenly")
     return Sweep(
         start_hz=start_hz,
@@ -274,7 +288,7 @@ def _check_bands(source: str, actuators: tuple[Actuator, ...], sweep: Sweep) -> 
 
 def _read_finger(part: _Section) -> Finger:
     spread = part.take("spread", 1.0)
-    if not isinstance(spread, int | float) or not math.isfinite(spread) or spread < 1:
+    if isinstance(spread, bool) or not isinstance(spread, int | float) or not 1 <= spread <= _LARGEST_SPREAD:
         raise part.error("spread", spread, "expected a factor of at least 1, such as 3.0")
     return Finger(
         mass_kg=part.quantity("mass", "kg"),
@@ -290,6 +304,8 @@ def _read_touch_axis(part: _Section, bar: Bar) -> TouchAxis:
     end_m = part.position("end_margin", bar.length_m, default="0 mm")
     active_m = part.quantity("active_length", "m", exclusive=True) if "active_length" in part.left else None
     part.known.append("active_length")
+    if active_m is not None and start_m + active_m > bar.length_m * (1 + 1e-9):
+        raise part.error("active_length", f"{1e3 * active_m:g} mm", f"ends off the bar, {1e3 * bar.length_m:g} mm long")
     if start_m + end_m >= bar.length_m:
         raise part.error("end_margin", f"{1e3 * end_m:g} mm", "the margins leave nothing of the bar")
     return TouchAxis(
@@ -307,7 +323,7 @@ def _read_limits(part: _Section) -> Limits:
         raise part.error("amplitude", f"{100 * amplitude:g} %", "expected at most 100 % of full scale")
     return Limits(
         amplitude=amplitude,
-        slew_per_s=1.0 / part.quantity("ramp", "s", exclusive=True),
+        slew_per_s=1.0 / part.quantity("ramp", "s", least=1e-6),
         level_floor_m_per_s2=part.quantity("level_floor", "m/s^2"),
         lease_s=part.quantity("lease", "s", exclusive=True, default="40 ms"),
     )

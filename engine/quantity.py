@@ -2,6 +2,7 @@
 
 import math
 import re
+import reprlib
 from functools import cache
 
 import pint
@@ -18,8 +19,6 @@ _UNITS = (
     "meter = [length] = m = metre",
     "second = [time] = s",
     "gram = [mass] = g",
-    "radian = [] = rad",
-    "degree = 0.017453292519943295 * radian = deg",
     "percent = 0.01 = %",
     "inch = 0.0254 * meter = in",
     "hertz = 1 / second = Hz",
@@ -77,22 +76,23 @@ def read_quantity(text: object, unit: str) -> float:
     Raises QuantityError with a clause that says what the text is and what was expected.
     """
     expected = f"expected {_NAMES.get(unit, 'a quantity')} such as '1 {unit or '%'}'"
+    shown = reprlib.repr(text)
     if not isinstance(text, str):
-        raise QuantityError(f"{text!r} has no unit; {expected}")
+        raise QuantityError(f"{shown} has no unit; {expected}")
     match = _TEXT.fullmatch(text.strip()) if len(text) <= _LONGEST_TEXT else None
     if match is None:
-        raise QuantityError(f"{text!r} is not a number with a unit; {expected}")
+        raise QuantityError(f"{shown} is not a number with a unit; {expected}")
     number, written = match.groups()
     if written is None:
-        raise QuantityError(f"{text!r} has no unit; {expected}")
+        raise QuantityError(f"{shown} has no unit; {expected}")
     try:
         scale, dimension = _unit(written)
     except Exception as error:  # pint raises many unrelated types on malformed units
-        raise QuantityError(f"{text!r} has a unit that is not known ({written}); {expected}") from error
+        raise QuantityError(f"{shown} has a unit that is not known ({written}); {expected}") from error
     wanted_scale, wanted_dimension = _unit(unit)
     if dimension != wanted_dimension:
-        raise QuantityError(f"{text!r} is {_kind(dimension)}; {expected}")
+        raise QuantityError(f"{shown} is {_kind(dimension)}; {expected}")
     value = float(number) * (scale / wanted_scale)
     if not math.isfinite(value):
-        raise QuantityError(f"{text!r} is not finite; {expected}")
+        raise QuantityError(f"{shown} is not finite; {expected}")
     return value

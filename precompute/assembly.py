@@ -88,12 +88,15 @@ class Plant:
 
 
 def build_mesh(device: Device, extra_m: Sequence[float] = ()) -> Array:
-    """Node positions (node,): one at every actuator, zone edge and place in `extra_m`, elements no longer than asked."""
+    """Nodes (node,) in metres: one at every actuator, zone edge and place in `extra_m`; elements as short as asked."""
     length_m = device.bar.length_m
     forced = [0.0, *(actuator.position_m for actuator in device.actuators), *extra_m]
     forced += [edge for zone in device.zones for edge in (zone.start_m, zone.stop_m)]
-    edges = np.append(np.sort([place for place in forced if place < length_m * (1 - _SNAP)]), length_m)
-    edges = edges[np.append(True, np.diff(edges) > _SNAP * length_m)]
+    edges = [0.0]
+    for place in sorted(forced):
+        if edges[-1] + _SNAP * length_m < place < (1 - _SNAP) * length_m:
+            edges.append(place)
+    edges.append(length_m)
     pieces = [
         np.linspace(start, stop, int(np.ceil((stop - start) / device.bar.largest_element_m - 1e-9)), endpoint=False)
         for start, stop in itertools.pairwise(edges)

@@ -65,6 +65,7 @@ def solve_banded(K, C, M, omega, dof, spring, damper, out):  # type: ignore[no-u
                 lu[column, _KV - k] = value
                 lu[row, _KV + k] = value
         right = out[f]
+        right[:] = 0
         for a in range(dof.shape[0]):
             right[a, dof[a]] = complex(spring[a], w * damper[a])
         _eliminate(lu, right)

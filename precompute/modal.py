@@ -71,10 +71,9 @@ def compute_modal_model(basis: Basis, fingers: Sequence[tuple[float, Finger]] = 
     system = np.block([[np.zeros((count, count)), np.eye(count)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
     pole, vector = np.linalg.eig(system)
     inverse = np.linalg.inv(vector)
-    push: Array = np.linalg.solve(M, _forces(basis).reshape(count, -1)).reshape(count, 2, -1)
-    return ModalModel(
-        basis, pole, vector, inverse, inverse[:, count:] @ push[:, 0], inverse[:, count:] @ push[:, 1], push
-    )
+    push = np.asarray(np.linalg.solve(M, _forces(basis).reshape(count, -1)), dtype=np.float64).reshape(count, 2, -1)
+    spring, damper = (np.asarray(inverse[:, count:] @ push[:, i], dtype=np.complex128) for i in (0, 1))
+    return ModalModel(basis, pole, vector, inverse, spring, damper, push)
 
 
 def _forces(basis: Basis) -> Array:

@@ -24,6 +24,7 @@ _FIGURES = (
 
 
 def write_responses(writer: TableWriter, plant: Plant, grid: GridResponse) -> None:
+    """Write accelerations and Gram matrices on the grid, and what interpolating between its frequencies gets wrong."""
     device = plant.device
     error = estimate_interpolation_error(plant, grid)
     group = "responses"
@@ -193,9 +194,9 @@ def write_coherent_sweep(writer: TableWriter, grid: GridResponse) -> None:
     ratios, steps = fold_amplitudes(device.sweep.amplitude_steps), device.sweep.phase_steps
     _write_axes(writer, group, device, "pair", "frequency", "zone")
     strongest = np.maximum(ratios.first, ratios.second)
-    for name, values in (("amplitude_1", ratios.first / strongest), ("amplitude_2", ratios.second / strongest)):
+    for name, amplitude in (("amplitude_1", ratios.first / strongest), ("amplitude_2", ratios.second / strongest)):
         meaning = "of this ratio, the stronger actuator at full scale"
-        writer.write(group, Variable(name, ("ratio",), "1", meaning), values)
+        writer.write(group, Variable(name, ("ratio",), "1", meaning), amplitude)
     phase = Variable("phase", ("phase",), "rad", "of the second actuator against the first")
     writer.write(group, phase, 2 * np.pi * np.arange(steps) / steps)
     shape = (len(pairs), len(grid.frequency_hz), len(device.zones), len(strongest), steps)

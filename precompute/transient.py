@@ -33,11 +33,20 @@ class TransientPlant:
     def __post_init__(self) -> None:
         self._state = np.zeros(2 * len(self.basis.square_omega))
         self._last = np.zeros(len(self.basis.plant.device.actuators))
+        self.look_at(self.position_m)
         self.touch(())
+
+    def look_at(self, position_m: Array) -> None:
+        """The points whose acceleration `run` gives from now on."""
+        self.position_m = position_m
+        self._shape = self.basis.at(position_m)
 
     def touch(self, fingers: Sequence[tuple[float, Finger]]) -> None:
         """The fingers on the bar from now on: (position in metres, finger)."""
         self._model = compute_modal_model(self.basis, fingers)
+        # Poles come in conjugate pairs: one of each is enough, counted twice.
+        self._kept = np.flatnonzero(self._model.pole.imag >= 0)
+        self._weight = np.where(self._model.pole[self._kept].imag > 0, 2.0, 1.0)
 
     def run(self, displacement: Array) -> tuple[Array, Array]:
         """Acceleration (time, point) in m/s^2 and zone energy (zone,) summed over the stretch.
@@ -49,32 +58,39 @@ class TransientPlant:
         acceleration = np.empty((len(displacement), len(self.position_m)))
         product = np.zeros((modes, modes))
         for start in range(0, len(displacement), _CHUNK):
-            chunk = displacement[start : start + _CHUNK]
-            velocity, acceleration[start : start + _CHUNK] = self._advance(chunk)
+            velocity, mode_acceleration = self._advance(displacement[start : start + _CHUNK])
+            acceleration[start : start + _CHUNK] = (self._shape @ mode_acceleration).T
             product += velocity @ velocity.T
         return acceleration, _zone_energy(self.basis, product) / self.sample_rate_hz
 
     def _advance(self, displacement: Array) -> tuple[Array, Array]:
-        """Mode velocities (mode, time) and accelerations at the points (time, point) over one chunk."""
-        model, step_s = self._model, 1 / self.sample_rate_hz
+        """Mode velocities and accelerations, each (mode, time), over one chunk."""
+        model, kept, step_s = self._model, self._kept, 1 / self.sample_rate_hz
         modes = len(self.basis.square_omega)
         before = np.vstack([self._last, displacement[:-1]])
         rate = (displacement - before) / step_s
+        pole, spring, damper = model.pole[kept], model.spring[kept], model.damper[kept]
         # Exact for u linear within a step: z' = s z + spring (u0 + rate t) + damper rate.
-        grow = np.exp(model.pole * step_s)
-        phi_1 = (grow - 1) / model.pole
-        phi_2 = (phi_1 - step_s) / model.pole
-        forced = phi_1[:, None] * (model.spring @ before.T + model.damper @ rate.T)
-        forced += phi_2[:, None] * (model.spring @ rate.T)
-        state = model.inverse @ self._state
+        grow = np.exp(pole * step_s)
+        phi_1 = (grow - 1) / pole
+        phi_2 = (phi_1 - step_s) / pole
+        forced = (phi_1[:, None] * spring) @ before.T + (phi_1[:, None] * damper + phi_2[:, None] * spring) @ rate.T
+        state = model.inverse[kept] @ self._state
         z = np.empty_like(forced)
-        for k in range(len(state)):
+        for k in range(len(kept)):
             z[k] = scipy.signal.lfilter([1.0], [1.0, -grow[k]], forced[k], zi=np.array([grow[k] * state[k]]))[0]
-        self._state, self._last = (model.vector @ z[:, -1]).real, displacement[-1]
-        velocity = (model.vector[modes:] @ z).real
-        mode_acceleration = (model.vector[modes:] @ (model.pole[:, None] * z)).real
+        vector = model.vector[:, kept] * self._weight
+        self._state, self._last = (vector @ z[:, -1]).real, displacement[-1]
+        velocity = _real_product(vector[modes:], z)
+        mode_acceleration = _real_product(vector[modes:] * pole, z)
         mode_acceleration += model.push[:, 0] @ displacement.T + model.push[:, 1] @ rate.T
-        return velocity, (self.basis.at(self.position_m) @ mode_acceleration).T
+        return velocity, mode_acceleration
+
+
+def _real_product(matrix: Complex, values: Complex) -> Array:
+    """Real part of matrix @ values, at half the cost."""
+    product: Array = matrix.real @ values.real - matrix.imag @ values.imag
+    return product
 
 
 def _zone_energy(basis: Basis, product: Array) -> Array:

@@ -1,0 +1,1 @@
+"""The command `tactable`: the only place that knows everybody."""

@@ -1,0 +1,103 @@
+"""What was found to pictures, drawn without a screen."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from engine.device import Device
+from precompute.assembly import assemble
+from precompute.response import solve_response
+from tactable.demo import DemoReport, StateReport
+
+# Okabe and Ito's colours, told apart by the colour-blind.
+_BLUE, _ORANGE, _GREEN, _GREY = "#0072B2", "#D55E00", "#009E73", "#999999"
+_MOST_STATES = 6
+
+
+def draw_demo(report: DemoReport, path: Path) -> None:
+    """Bar, touches and felt acceleration over time; then, for up to six states, promised and measured along the bar."""
+    states = report.states[:_MOST_STATES]
+    rows = 2 + (len(states) + 1) // 2
+    figure = Figure(figsize=(10, 2.6 * rows), layout="constrained")
+    grid = figure.add_gridspec(rows, 2)
+    figure.suptitle(f"{report.device.name}: touches to felt zones (SIMULATED firmware and bar)")
+    touches = figure.add_subplot(grid[0, :])
+    _draw_touches(touches, report)
+    _draw_felt(figure.add_subplot(grid[1, :], sharex=touches), report)
+    for k, state in enumerate(states):
+        _draw_state(figure.add_subplot(grid[2 + k // 2, k % 2]), report.device, state)
+    figure.savefig(path, dpi=110)
+
+
+def _draw_touches(axes: Axes, report: DemoReport) -> None:
+    """Where the fingers are over time, zones as bands."""
+    device, trace = report.device, report.run.trace
+    for i, zone in enumerate(device.zones):
+        axes.axhspan(1e3 * zone.start_m, 1e3 * zone.stop_m, color=_GREY, alpha=0.12 if i % 2 else 0.28, lw=0)
+        axes.text(0.004, (zone.start_m + zone.stop_m) / 2 / device.bar.length_m, zone.name, transform=axes.transAxes)
+    for actuator in device.actuators:
+        axes.axhline(1e3 * actuator.position_m, color=_GREY, lw=0.8, ls=":")
+    start_ns = trace[0].time_ns if trace else 0
+    for change, after in zip(trace, [*trace[1:], None], strict=True):
+        stop_ns = after.time_ns if after else change.time_ns
+        for position_m in change.finger_positions_m:
+            span_s = [(change.time_ns - start_ns) / 1e9, (stop_ns - start_ns) / 1e9]
+            axes.plot(span_s, [1e3 * position_m] * 2, color=_BLUE, lw=4, solid_capstyle="butt")
+    axes.set(ylabel="finger on the bar (mm)", ylim=(0, 1e3 * device.bar.length_m))
+    axes.set_title("touches at each change of state; dotted: actuators", fontsize="small", loc="left")
+
+
+def _draw_felt(axes: Axes, report: DemoReport) -> None:
+    axes.plot(report.time_s, report.felt, color=_ORANGE, lw=0.8)
+    axes.set(xlabel="time (s)", ylabel="under a finger (m/s²)")
+    axes.set_title(
+        "acceleration under the fingers, whose load the table does not know yet", fontsize="small", loc="left"
+    )
+    other = axes.twinx()
+    for i, actuator in enumerate(report.device.actuators):
+        drive = 100 * report.drive[:, i]
+        other.plot(report.time_s, drive, lw=0.8, color=(_BLUE, _GREEN, _GREY)[i % 3], label=actuator.name)
+    other.set(ylabel="base (% of full scale)", ylim=(0, 210), yticks=[0, 50, 100])
+    other.legend(loc="upper right", fontsize="small", ncols=3)
+
+
+def _draw_state(axes: Axes, device: Device, state: StateReport) -> None:
+    entry = state.entry
+    for i, zone in enumerate(device.zones):
+        if i in state.felt_zones:
+            axes.axvspan(1e3 * zone.start_m, 1e3 * zone.stop_m, color=_GREEN, alpha=0.2, lw=0)
+        axes.text(
+            1e3 * (zone.start_m + zone.stop_m) / 2,
+            0.98,
+            zone.name,
+            ha="center",
+            va="top",
+            transform=axes.get_xaxis_transform(),
+        )
+    position_m = np.linspace(0, device.bar.length_m, 400)
+    axes.plot(1e3 * position_m, _envelope(device, state, position_m), color=_BLUE, label="promised")
+    measured = state.measured
+    axes.plot(1e3 * measured.position_m, measured.acceleration, "o", ms=4, color=_ORANGE, label="measured")
+    felt = ", ".join(entry.zones[i].name for i in state.felt_zones)
+    drive = " · ".join(
+        f"{f:g} Hz {100 * a:.0f} %" for f, a in zip(entry.frequencies_hz, entry.amplitudes, strict=True) if a
+    )
+    title = f"{felt}: Λ {entry.localized_factor:.3f} promised, {state.measured_factor:.3f} measured\n{drive}"
+    axes.set_title(title, fontsize="small", loc="left")
+    axes.set(xlabel="along the bar (mm)", ylabel="peak (m/s²)", ylim=(0, None), xlim=(0, 1e3 * device.bar.length_m))
+    axes.legend(fontsize="x-small", loc="center right")
+
+
+def _envelope(
+    device: Device, state: StateReport, position_m: "np.ndarray[tuple[int], np.dtype[np.float64]]"
+) -> "np.ndarray[tuple[int, ...], np.dtype[np.float64]]":
+    """Peak steady acceleration of the entry's drive along the bar, paper eq. (8) over distinct frequencies."""
+    entry = state.entry
+    frequency_hz = np.array(entry.frequencies_hz)
+    weight = np.array(entry.amplitudes) * np.exp(1j * np.array(entry.phases_rad))
+    tones = np.unique(frequency_hz[weight != 0])
+    acceleration = solve_response(assemble(device), tones).acceleration(position_m)
+    share = np.where(frequency_hz == tones[:, None], weight, 0)
+    return np.asarray(abs(np.einsum("fa,fap->fp", share, acceleration)).sum(axis=0))

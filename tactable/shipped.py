@@ -1,0 +1,31 @@
+"""What travels with the program: device descriptions by name, the demo's recording."""
+
+from pathlib import Path
+
+from engine.device import Device, DeviceError
+from engine.device_file import read_device
+
+_HERE = Path(__file__).parent
+DEMO_RECORDING = _HERE / "demo.hid"
+
+
+def device_folder() -> Path:
+    """Where the shipped descriptions are: inside an installed package, in tables/ of a checkout."""
+    installed = _HERE / "devices"
+    return installed if installed.is_dir() else _HERE.parent / "tables" / "devices"
+
+
+def shipped_names() -> list[str]:
+    """Names of the shipped devices."""
+    return sorted(path.stem for path in device_folder().glob("*.toml"))
+
+
+def find_device(name_or_path: str) -> Device:
+    """Read a device by file path or by shipped name. Raises DeviceError with the known names."""
+    path = Path(name_or_path)
+    if not path.is_file():
+        if name_or_path not in shipped_names():
+            known = ", ".join(shipped_names())
+            raise DeviceError(f"{name_or_path}: is neither a file nor a shipped device; shipped are {known}")
+        path = device_folder() / f"{name_or_path}.toml"
+    return read_device(path)

@@ -1,0 +1,119 @@
+"""The shipped devices, variations of them, and a third one at random: what the model's laws are checked on."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hypothesis import settings
+
+from engine.device import Actuator, Device, Zone
+from engine.device_file import read_device
+
+unhurried = settings(deadline=None)
+"""A property's first example may pay for a compilation, and the machine may be busy."""
+
+SHIPPED = Path(__file__).parents[2] / "tables" / "devices"
+
+
+@cache
+def shipped(name: str) -> Device:
+    """The description of that name in tables/devices."""
+    return read_device(SHIPPED / f"{name}.toml")
+
+
+def every_device() -> dict[str, Device]:
+    """Both shipped devices and a random one, by name."""
+    devices = (shipped("reference-a"), shipped("reference-d"), random_device(seed=20230247606))
+    return {device.name: device for device in devices}
+
+
+def random_device(seed: int, actuators: int = 3) -> Device:
+    """REF-A with other dimensions, `actuators` unequal actuators and four unequal zones that leave gaps."""
+    random = np.random.default_rng(seed)
+    base = shipped("reference-a")
+    bar = replace(
+        base.bar,
+        length_m=random.uniform(0.1, 0.6),
+        width_m=random.uniform(0.01, 0.04),
+        thickness_m=random.uniform(0.7e-3, 3e-3),
+        youngs_modulus_pa=random.uniform(60e9, 210e9),
+        mass_damping_per_s=random.uniform(0.1, 2.0),
+    )
+    places = bar.length_m * np.sort(random.choice(np.arange(2, 99), actuators, replace=False)) / 100
+    edges = bar.length_m * np.sort(random.choice(np.arange(1, 100), 8, replace=False)) / 100
+    return replace(
+        base,
+        name=f"random-{seed}",
+        bar=bar,
+        actuators=tuple(_random_actuator(random, f"actuator {i}", place) for i, place in enumerate(places.tolist())),
+        zones=tuple(Zone(f"zone {i}", *pair) for i, pair in enumerate(edges.reshape(4, 2).tolist())),
+    )
+
+
+def _random_actuator(random: np.random.Generator, name: str, position_m: float) -> Actuator:
+    return Actuator(
+        name=name,
+        position_m=position_m,
+        stiffness_n_per_m=random.uniform(5e3, 5e4),
+        damping_n_s_per_m=random.uniform(0.02, 0.5),
+        mass_kg=random.uniform(0.0, 0.02),
+        full_scale_m=random.uniform(0.2e-6, 2e-6),
+        band_hz=(60.0, 300.0),
+    )
+
+
+def with_bar(device: Device, **changes: Any) -> Device:
+    """The device with other values of its bar."""
+    return replace(device, bar=replace(device.bar, **changes))
+
+
+def with_actuators(device: Device, **changes: Any) -> Device:
+    """The device with the same other values at every actuator."""
+    return replace(device, actuators=tuple(replace(actuator, **changes) for actuator in device.actuators))
+
+
+def bare(device: Device, elements: int | None = None) -> Device:
+    """The free bar: no actuators, no zones; in `elements` equal elements if asked."""
+    length_m = device.bar.largest_element_m if elements is None else device.bar.length_m / elements
+    return replace(with_bar(device, largest_element_m=length_m), actuators=(), zones=())
+
+
+def scaled(device: Device, *, length: float = 1.0, stiffness: float = 1.0, time: float = 1.0) -> Device:
+    """A similar device: lengths, stiffnesses (force per length) and times by these factors, the amplitude as it is.
+
+    Mass goes as stiffness time^2, damping as stiffness time, modulus as stiffness / length.
+    """
+    mass = stiffness * time**2
+    bar = with_bar(
+        device,
+        length_m=device.bar.length_m * length,
+        width_m=device.bar.width_m * length,
+        thickness_m=device.bar.thickness_m * length,
+        largest_element_m=device.bar.largest_element_m * length,
+        youngs_modulus_pa=device.bar.youngs_modulus_pa * stiffness / length,
+        density_kg_per_m3=device.bar.density_kg_per_m3 * mass / length**3,
+        mass_damping_per_s=device.bar.mass_damping_per_s / time,
+        stiffness_damping_s=device.bar.stiffness_damping_s * time,
+    )
+    actuators = tuple(
+        replace(
+            actuator,
+            position_m=actuator.position_m * length,
+            stiffness_n_per_m=actuator.stiffness_n_per_m * stiffness,
+            damping_n_s_per_m=actuator.damping_n_s_per_m * stiffness * time,
+            mass_kg=actuator.mass_kg * mass,
+        )
+        for actuator in device.actuators
+    )
+    zones = tuple(Zone(zone.name, zone.start_m * length, zone.stop_m * length) for zone in device.zones)
+    return replace(bar, actuators=actuators, zones=zones)
+
+
+def mirrored(device: Device) -> Device:
+    """The device seen from behind: places x become length - x; actuators keep their order, zones turn round."""
+    length_m = device.bar.length_m
+    actuators = tuple(replace(actuator, position_m=length_m - actuator.position_m) for actuator in device.actuators)
+    zones = tuple(Zone(zone.name, length_m - zone.stop_m, length_m - zone.start_m) for zone in reversed(device.zones))
+    return replace(device, actuators=actuators, zones=zones)
