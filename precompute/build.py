@@ -6,6 +6,8 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
+from threadpoolctl import threadpool_limits
+
 import engine
 import precompute
 from engine.device import Device
@@ -46,6 +48,14 @@ def build_table(
 
     `created` is the date to note. Raises TableError if it cannot be written, DeviceError for too many zones.
     """
+    with threadpool_limits(1, "blas"):  # unpinned, BLAS costs 100 times on a busy machine
+        _compute_and_write(device, path, created, memory_budget_bytes, progress)
+    progress("verifying", 0.95)
+    open_table(path, device=device, code_fingerprint=code_fingerprint()).close()
+    progress("done", 1.0)
+
+
+def _compute_and_write(device: Device, path: Path, created: str, memory_budget_bytes: int, progress: Progress) -> None:
     plant = assemble(device)
     points_m = zone_points(device)
     progress("responses", 0.0)
@@ -73,6 +83,3 @@ def build_table(
             entries.append(entry)
             progress("entries", 0.5 + 0.45 * fraction)
         write_entries(writer, entries, device)
-    progress("verifying", 0.95)
-    open_table(path, device=device, code_fingerprint=code_fingerprint()).close()
-    progress("done", 1.0)

@@ -157,7 +157,7 @@ def demo(
     figure: Annotated[Path, typer.Option("--figure", help="Where the picture goes.")] = Path("tactable-demo.png"),
     as_json: AsJson = False,
 ) -> None:
-    """Touches to felt zones, all of it, without hardware: is what was promised what the simulated bar does?"""
+    """Touches to felt zones without hardware, and whether the simulated bar does what the table promised."""
     from tactable.demo import demo_json, run_demo, table_for
     from tactable.demo_page import print_demo
     from tactable.plots import draw_demo

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from engine.device import Device
 from engine.entry import Entry
@@ -15,14 +15,12 @@ from engine.sources.recording import Recording
 from engine.table import Table, TableError, open_table
 from engine.zones import ZoneState
 from precompute.build import Progress, build_table, code_fingerprint
-from tactable.rig import LiveRun, Measured, SimulatedBar, first_applied, play
+from tactable.rig import ENVELOPE_S, Felt, LiveRun, Measured, SimulatedBar, first_applied, play
 
 AGREEMENT = 0.02
 """Promised and measured may differ by this fraction."""
 LONGEST_REPLAY_S = 12.0
 """A longer recording is replayed faster, so that the demo ends within a minute."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -63,9 +61,8 @@ class DemoReport:
     states: tuple[StateReport, ...]
     missed: tuple[int, ...]
     """States that were to be rendered for at least one command and never reached the firmware."""
-    time_s: Array
-    drive: Array
-    felt: Array
+    felt: Felt | None
+    """None where no state changed."""
 
     @property
     def agrees(self) -> bool:
@@ -85,6 +82,11 @@ def table_for(device: Device, path: Path, progress: Progress) -> Table:
 
 def run_demo(table: Table, recording: Recording) -> DemoReport:
     """Replay, render, measure. Raises what `tactable.rig.play` raises."""
+    with threadpool_limits(1, "blas"):
+        return _run_demo(table, recording)
+
+
+def _run_demo(table: Table, recording: Recording) -> DemoReport:
     times_s = [report.time_s for report in recording.reports]
     duration_s = times_s[-1] - times_s[0] if times_s else 0.0
     speed = max(1.0, duration_s / LONGEST_REPLAY_S)
@@ -92,25 +94,23 @@ def run_demo(table: Table, recording: Recording) -> DemoReport:
     bar = SimulatedBar(table.device)
     entries = {entry.index: entry for entry in table.entries}
     applied = first_applied(run, list(entries))
-    time_s, drive, felt = (
-        bar.feel(run, LONGEST_REPLAY_S + 1.0) if run.trace else (np.zeros(0), np.zeros((0, 1)), np.zeros(0))
-    )
-    felt_by_state = _felt_by_state(run, time_s, felt)
+    felt = bar.feel(run, LONGEST_REPLAY_S + 1.0) if run.trace else None
+    felt_by_state = _felt_by_state(run, felt) if felt else {}
     states = tuple(
         StateReport(entries[index], bar.measure_held(event, entries[index]), felt_by_state.get(index, 0.0))
         for index, event in applied.items()
     )
     sent = {change.state for change in run.trace if change.drive_sequence is not None} & set(entries)
     missed = tuple(sorted(sent - set(applied)))
-    return DemoReport(table.device, table.path, recording, speed, run, states, missed, time_s, drive, felt)
+    return DemoReport(table.device, table.path, recording, speed, run, states, missed, felt)
 
 
-def _felt_by_state(run: LiveRun, time_s: Array, felt: Array) -> dict[int, float]:
+def _felt_by_state(run: LiveRun, felt: Felt) -> dict[int, float]:
     """Greatest acceleration under a finger while each state lasted, m/s^2."""
     out: dict[int, float] = {}
     starts_s = [(change.time_ns - run.trace[0].time_ns) / 1e9 for change in run.trace]
     for change, start_s, stop_s in zip(run.trace, starts_s, [*starts_s[1:], np.inf], strict=True):
-        during = felt[(time_s >= start_s) & (time_s < stop_s)]
+        during = felt.acceleration[(felt.time_s >= start_s) & (felt.time_s + ENVELOPE_S <= stop_s)]
         out[change.state] = max(out.get(change.state, 0.0), float(during.max(initial=0.0)))
     return out
 

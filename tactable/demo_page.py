@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table as Grid
 
@@ -16,13 +17,12 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
     out.print(f"[bold]{report.device.name}[/bold]: touches to felt zones. SIMULATED: firmware and bar.")
     out.print(f"touches   {report.recording.name}, at {pace}", markup=False, highlight=False)
     out.print(
-        f"          {counters.reports} reports, {counters.frames} touch frames, {counters.state_changes} changes of state"
+        f"          {counters.reports} reports, {counters.frames} frames, {counters.state_changes} changes of state"
     )
     applied = sum(run.applied(change) is not None for change in run.trace)
-    greeted = f"; {counters.reconnects} reconnects after stalls" if counters.reconnects else ""
-    out.print(
-        f"commands  {counters.commands} sent, {applied} applied by the firmware, {run.frames_sent} frames with renewals{greeted}"
-    )
+    greeted = f"; {counters.reconnects} reconnects" if counters.reconnects else ""
+    frames = f"{run.frames_sent} frames with renewals"
+    out.print(f"commands  {counters.commands} sent, {applied} applied by the firmware, {frames}{greeted}")
     if latency := run.latency.summarise(Stage.AVAILABLE, Stage.WRITTEN):
         figures = f"median {latency.p50_ns / 1e6:.2f} ms, greatest {latency.max_ns / 1e6:.2f} ms of {latency.count}"
         out.print(f"latency   report due to command written: {figures} (a pseudo-terminal; see README)")
@@ -41,25 +41,34 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
 
 
 def _states(report: DemoReport) -> Grid:
-    grid = Grid(title="promised / measured in the time-domain bar, drive held, bar untouched", title_justify="left")
-    for name in ("felt", "drive (left, right …)", "localized factor", "peak in the felt zones, m/s²", "t90", "differ"):
+    title = "promised / measured on the simulated bar: drive held until steady, bar untouched"
+    grid = Grid(title=title, title_justify="left", box=SIMPLE)
+    for name in ("felt", "drive", "localized factor", "peaks, felt zones, m/s²", "t90 ms", "differ", "in run*"):
         grid.add_column(name)
-    grid.add_column("in the run, under\na finger, m/s²", justify="right")
     for state in report.states:
         grid.add_row(*_cells(state))
+    grid.caption = "* greatest m/s² under a finger during the run, fingers loading the bar"
+    grid.caption_justify = "left"
     return grid
 
 
 def _cells(state: StateReport) -> tuple[str, ...]:
     entry, zones = state.entry, state.felt_zones
-    drives = zip(entry.frequencies_hz, entry.amplitudes, strict=True)
     peaks = [f"{entry.zones[i].peak_acceleration_m_per_s2:.2f}/{state.measured.peak[i]:.2f}" for i in zones]
     return (
         ", ".join(entry.zones[i].name for i in zones),
-        "  ".join(f"{hz:g} Hz {100 * a:.0f} %" if a else "still" for hz, a in drives),
-        f"{entry.localized_factor:.3f} / {state.measured_factor:.3f}",
-        "  ".join(peaks),
-        f"{1e3 * entry.t90_s:.0f} ms",
+        _drive(state),
+        f"{entry.localized_factor:.3f}/{state.measured_factor:.3f}",
+        "\n".join(peaks),
+        f"{1e3 * entry.t90_s:.0f}",
         f"{100 * state.disagreement:.2f} %",
         f"{state.felt_m_per_s2:.2f}",
     )
+
+
+def _drive(state: StateReport) -> str:
+    """Such as "151.2 Hz 36+100 %", or a line for each tone."""
+    amplitudes: dict[float, list[str]] = {}
+    for hz, amplitude in zip(state.entry.frequencies_hz, state.entry.amplitudes, strict=True):
+        amplitudes.setdefault(hz, []).append(f"{100 * amplitude:.3g}")
+    return "\n".join(f"{hz:g} Hz {'+'.join(parts)} %" for hz, parts in amplitudes.items())

@@ -5,11 +5,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.assembly import assemble
 from precompute.response import solve_response
 from tactable.demo import DemoReport, StateReport
+from tactable.rig import Felt
 
 # Okabe and Ito's colours, told apart by the colour-blind.
 _BLUE, _ORANGE, _GREEN, _GREY = "#0072B2", "#D55E00", "#009E73", "#999999"
@@ -19,15 +21,17 @@ _MOST_STATES = 6
 def draw_demo(report: DemoReport, path: Path) -> None:
     """Bar, touches and felt acceleration over time; then, for up to six states, promised and measured along the bar."""
     states = report.states[:_MOST_STATES]
-    rows = 2 + (len(states) + 1) // 2
-    figure = Figure(figsize=(10, 2.6 * rows), layout="constrained")
+    rows = 3 + (len(states) + 1) // 2
+    figure = Figure(figsize=(10, 2.4 * rows), layout="constrained")
     grid = figure.add_gridspec(rows, 2)
     figure.suptitle(f"{report.device.name}: touches to felt zones (SIMULATED firmware and bar)")
     touches = figure.add_subplot(grid[0, :])
     _draw_touches(touches, report)
-    _draw_felt(figure.add_subplot(grid[1, :], sharex=touches), report)
+    if report.felt:
+        _draw_felt(figure.add_subplot(grid[1, :], sharex=touches), report.felt)
+        _draw_drive(figure.add_subplot(grid[2, :], sharex=touches), report.device, report.felt)
     for k, state in enumerate(states):
-        _draw_state(figure.add_subplot(grid[2 + k // 2, k % 2]), report.device, state)
+        _draw_state(figure.add_subplot(grid[3 + k // 2, k % 2]), report.device, state, legend=k == 0)
     figure.savefig(path, dpi=110)
 
 
@@ -49,21 +53,23 @@ def _draw_touches(axes: Axes, report: DemoReport) -> None:
     axes.set_title("touches at each change of state; dotted: actuators", fontsize="small", loc="left")
 
 
-def _draw_felt(axes: Axes, report: DemoReport) -> None:
-    axes.plot(report.time_s, report.felt, color=_ORANGE, lw=0.8)
-    axes.set(xlabel="time (s)", ylabel="under a finger (m/s²)")
-    axes.set_title(
-        "acceleration under the fingers, whose load the table does not know yet", fontsize="small", loc="left"
-    )
-    other = axes.twinx()
-    for i, actuator in enumerate(report.device.actuators):
-        drive = 100 * report.drive[:, i]
-        other.plot(report.time_s, drive, lw=0.8, color=(_BLUE, _GREEN, _GREY)[i % 3], label=actuator.name)
-    other.set(ylabel="base (% of full scale)", ylim=(0, 210), yticks=[0, 50, 100])
-    other.legend(loc="upper right", fontsize="small", ncols=3)
+def _draw_felt(axes: Axes, felt: Felt) -> None:
+    axes.fill_between(felt.time_s, felt.acceleration, step="post", color=_ORANGE, lw=0)
+    axes.set(ylabel="under a finger (m/s²)", ylim=(0, None))
+    title = "peak acceleration under the fingers as they load the bar; the entries are for the untouched bar"
+    axes.set_title(title, fontsize="small", loc="left")
 
 
-def _draw_state(axes: Axes, device: Device, state: StateReport) -> None:
+def _draw_drive(axes: Axes, device: Device, felt: Felt) -> None:
+    for i, actuator in enumerate(device.actuators):
+        colour = (_BLUE, _GREEN, _GREY)[i % 3]
+        axes.step(felt.time_s, 100 * felt.drive[:, i], where="post", lw=1.2, color=colour, label=actuator.name)
+    axes.set(xlabel="time (s)", ylabel="base (% of full scale)", ylim=(0, 110))
+    axes.set_title("displacement that the firmware synthesised", fontsize="small", loc="left")
+    axes.legend(fontsize="x-small", loc="upper right", ncols=3)
+
+
+def _draw_state(axes: Axes, device: Device, state: StateReport, *, legend: bool) -> None:
     entry = state.entry
     for i, zone in enumerate(device.zones):
         if i in state.felt_zones:
@@ -87,12 +93,11 @@ def _draw_state(axes: Axes, device: Device, state: StateReport) -> None:
     title = f"{felt}: Λ {entry.localized_factor:.3f} promised, {state.measured_factor:.3f} measured\n{drive}"
     axes.set_title(title, fontsize="small", loc="left")
     axes.set(xlabel="along the bar (mm)", ylabel="peak (m/s²)", ylim=(0, None), xlim=(0, 1e3 * device.bar.length_m))
-    axes.legend(fontsize="x-small", loc="center right")
+    if legend:
+        axes.legend(fontsize="x-small", loc="upper right", bbox_to_anchor=(1, 0.9))
 
 
-def _envelope(
-    device: Device, state: StateReport, position_m: "np.ndarray[tuple[int], np.dtype[np.float64]]"
-) -> "np.ndarray[tuple[int, ...], np.dtype[np.float64]]":
+def _envelope(device: Device, state: StateReport, position_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Peak steady acceleration of the entry's drive along the bar, paper eq. (8) over distinct frequencies."""
     entry = state.entry
     frequency_hz = np.array(entry.frequencies_hz)

@@ -35,6 +35,8 @@ MEASURED_POINTS = 22
 SAMPLES_PER_CYCLE = 80
 """Samples in a period of the highest frequency: straight lines between them cost 5e-4 of the amplitude."""
 PTY_BIT_RATE_HZ = 2_000_000
+ENVELOPE_S = 0.01
+_RING_DOWN_US = 200_000
 _WINDOW_S = 0.5
 _LONGEST_SETTLING_S = 8.0
 _SETTLED = 1e-3
@@ -48,6 +50,7 @@ class LiveRun:
     trace: tuple[StateChange, ...]
     counters: LoopCounters
     frames_sent: int
+    """SET frames, renewals of the lease included."""
     latency: LatencyRecorder
     log: EmulatorLog
 
@@ -79,7 +82,7 @@ def play(table: Table, recording: Recording, speed: float) -> LiveRun:
         loop = Loop(source, digitizer, tracker, renderer, session, clock, reconnect=True, trace=trace, latency=latency)
         loop.run()
         log = emulator.stop()
-    return LiveRun(tuple(trace), replace(loop.counters), link.counters.sent, latency, log)
+    return LiveRun(tuple(trace), replace(loop.counters), link.counters.sent + link.counters.renewed, latency, log)
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,18 @@ class Measured:
     share: Array
     peak: Array
     position_m: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True)
+class Felt:
+    """Envelopes over a run, a value every ENVELOPE_S, fingers loading the bar.
+
+    drive (time, actuator): fractions of full scale; acceleration (time,): the greatest under any finger, m/s^2.
+    """
+
+    time_s: Array
+    drive: Array
     acceleration: Array
 
 
@@ -104,25 +119,24 @@ class SimulatedBar:
     def measure_held(self, event: DriveEvent, entry: Entry) -> Measured:
         """Hold the firmware's drive of `event`, bar untouched, until it is steady; then measure.
 
-        Steady: zone energies of windows of whole beats differ by less than 0.1 %. The peak of a zone is looked for at
-        33 places and where the table promises it.
+        Steady: the peaks of two windows of whole beats differ by less than 0.1 % of the greatest. The peak of a zone is
+        looked for at 33 places and where the table promises it.
         """
         zones = self.device.zones
         places = [np.linspace(zone.start_m, zone.stop_m, 33) for zone in zones]
         places = [np.append(p, z.peak_position_m) for p, z in zip(places, entry.zones, strict=True)]
         plant = TransientPlant(self.basis, np.concatenate([self.point_m, *places]), self.sample_rate_hz)
         window_us = _window_s(event) * _US_PER_S
-        log, start_us = [replace(event, device_time_us=0)], 0.0
-        before = np.zeros(len(zones))
+        log, start_us, before = [replace(event, device_time_us=0)], 0.0, np.zeros(0)
         while True:
             displacement = synthesise(log, start_us, start_us + window_us, self.sample_rate_hz)
             acceleration, energy = plant.run(displacement)
+            peak = abs(acceleration).max(axis=0)
             start_us += window_us
-            settled = np.allclose(energy, before, rtol=_SETTLED, atol=_SETTLED * energy.sum())
+            settled = before.size and np.max(abs(peak - before)) <= _SETTLED * peak.max()
             if settled or start_us > _LONGEST_SETTLING_S * _US_PER_S:
                 break
-            before = energy
-        peak = abs(acceleration).max(axis=0)
+            before = peak
         edges = np.cumsum([MEASURED_POINTS, *(len(p) for p in places)])
         by_zone = np.split(peak, edges[:-1])[1:]
         return Measured(
@@ -132,18 +146,13 @@ class SimulatedBar:
             acceleration=peak[:MEASURED_POINTS],
         )
 
-    def feel(self, run: LiveRun, longest_s: float) -> tuple[Array, Array, Array]:
-        """What happened on the bar with the fingers on it: time (time,), displacement (time, actuator), felt (time,).
-
-        felt: greatest |acceleration| under any finger in m/s^2, one value a millisecond, over the first `longest_s`.
-        """
+    def feel(self, run: LiveRun, longest_s: float) -> Felt:
+        """What happened on the bar with the fingers on it, over the first `longest_s` of a run that has a trace."""
         zero_ns = run.log.host_ns_at_device_zero
         changes = [(max(0.0, (c.time_ns - zero_ns) / 1e3), c.finger_positions_m) for c in run.trace]
         start_us = changes[0][0]
-        stop_us = min(run.trace[-1].time_ns / 1e3 - zero_ns / 1e3 + 200_000, start_us + longest_s * _US_PER_S)
-        block = round(self.sample_rate_hz / 1000)
-        drive: list[Array] = []
-        felt: list[Array] = []
+        stop_us = min(changes[-1][0] + _RING_DOWN_US, start_us + longest_s * _US_PER_S)
+        drive, felt = list[Array](), list[Array]()
         plant = TransientPlant(self.basis, np.zeros(0), self.sample_rate_hz)
         for (time_us, fingers), (next_us, _) in zip(changes, [*changes[1:], (stop_us, ())], strict=True):
             if time_us >= stop_us:
@@ -151,13 +160,16 @@ class SimulatedBar:
             displacement = synthesise(run.log.events, time_us, min(next_us, stop_us), self.sample_rate_hz)
             plant.look_at(np.array(fingers))
             plant.touch([(position_m, self.device.finger) for position_m in fingers])
-            acceleration, _ = plant.run(displacement)
-            drive.append(displacement)
-            felt.append(abs(acceleration).max(axis=1, initial=0.0))
+            drive.append(abs(displacement))
+            felt.append(abs(plant.run(displacement)[0]).max(axis=1, initial=0.0))
+        block = round(self.sample_rate_hz * ENVELOPE_S)
         drives, feels = np.concatenate(drive), np.concatenate(felt)
         whole = len(feels) // block * block
-        envelope = abs(drives[:whole]).reshape(-1, block, drives.shape[1]).max(axis=1)
-        return np.arange(whole // block) / 1000, envelope, feels[:whole].reshape(-1, block).max(axis=1)
+        return Felt(
+            time_s=ENVELOPE_S * np.arange(whole // block, dtype=np.float64),
+            drive=drives[:whole].reshape(-1, block, drives.shape[1]).max(axis=1),
+            acceleration=feels[:whole].reshape(-1, block).max(axis=1),
+        )
 
 
 def _window_s(event: DriveEvent) -> float:
