@@ -31,7 +31,7 @@ Complex = NDArray[np.complex128]
 BEAT_HZ = 10.0
 """Two tones closer than this beat within a touch (PHYSICS.md section 2)."""
 _SEARCH_RATIOS, _SEARCH_PHASES = 8, 48
-_ROUNDS, _TRIES, _LINE, _SHRINK = 14, 127, 5, 0.6
+_ROUNDS, _TRIES, _LINE, _SHRINK = 11, 127, 5, 0.5
 _BASINS = 3
 _BASIN_GAIN = 0.02  # more than narrowing adds to the best of a basin on the search grid
 _TIE = 1e-6

@@ -257,7 +257,7 @@ def _print_json(value: object) -> None:
 def _progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
     """A progress bar with the time that is left, on standard error."""
     columns = (TextColumn("{task.description:>16}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=_errors, transient=True, disable=quiet) as shown:
+    with Progress(*columns, console=_errors, transient=True, disable=quiet or not _errors.is_terminal) as shown:
         task = shown.add_task("starting", total=1.0)
         yield lambda step, fraction: shown.update(task, description=step, completed=fraction)
 

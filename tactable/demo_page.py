@@ -34,6 +34,8 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
     out.print(f"picture   {figure}", highlight=False, soft_wrap=True)
     if report.missed:
         out.print(f"[red]MISSED: states {list(report.missed)} were sent and never applied.[/red]")
+    if not report.states and not report.missed:
+        return
     if report.agrees:
         out.print(f"[green]Promised and measured agree within {100 * AGREEMENT:.0f} %.[/green]")
     else:
@@ -41,10 +43,10 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
 
 
 def _states(report: DemoReport) -> Grid:
-    title = "promised / measured on the simulated bar: drive held until steady, bar untouched"
-    grid = Grid(title=title, title_justify="left", box=SIMPLE)
-    for name in ("felt", "drive", "localized factor", "peaks, felt zones, m/s²", "t90 ms", "differ", "in run*"):
-        grid.add_column(name)
+    title = "promised/measured on the simulated bar: drive held until steady, bar untouched"
+    grid = Grid(title=title, title_justify="left", box=SIMPLE, padding=(0, 1, 0, 0))
+    for name in ("felt", "drive", "localized\nfactor", "peaks of felt\nzones, m/s²", "t90\nms", "differ", "in\nrun*"):
+        grid.add_column(name, no_wrap=name != "felt")
     for state in report.states:
         grid.add_row(*_cells(state))
     grid.caption = "* greatest m/s² under a finger during the run, fingers loading the bar"

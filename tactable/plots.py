@@ -1,5 +1,6 @@
 """What was found to pictures, drawn without a screen."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -43,18 +44,16 @@ def _draw_touches(axes: Axes, report: DemoReport) -> None:
         axes.text(0.004, (zone.start_m + zone.stop_m) / 2 / device.bar.length_m, zone.name, transform=axes.transAxes)
     for actuator in device.actuators:
         axes.axhline(1e3 * actuator.position_m, color=_GREY, lw=0.8, ls=":")
-    start_ns = trace[0].time_ns if trace else 0
-    for change, after in zip(trace, [*trace[1:], None], strict=True):
-        stop_ns = after.time_ns if after else change.time_ns
+    for change, after in itertools.pairwise(trace):
+        span_s = [(time_ns - trace[0].time_ns) / 1e9 for time_ns in (change.time_ns, after.time_ns)]
         for position_m in change.finger_positions_m:
-            span_s = [(change.time_ns - start_ns) / 1e9, (stop_ns - start_ns) / 1e9]
             axes.plot(span_s, [1e3 * position_m] * 2, color=_BLUE, lw=4, solid_capstyle="butt")
     axes.set(ylabel="finger on the bar (mm)", ylim=(0, 1e3 * device.bar.length_m))
     axes.set_title("touches at each change of state; dotted: actuators", fontsize="small", loc="left")
 
 
 def _draw_felt(axes: Axes, felt: Felt) -> None:
-    axes.fill_between(felt.time_s, felt.acceleration, step="post", color=_ORANGE, lw=0)
+    axes.fill_between(felt.time_s, felt.acceleration, step="post", color=_ORANGE, lw=0.4)
     axes.set(ylabel="under a finger (m/s²)", ylim=(0, None))
     title = "peak acceleration under the fingers as they load the bar; the entries are for the untouched bar"
     axes.set_title(title, fontsize="small", loc="left")
@@ -92,7 +91,9 @@ def _draw_state(axes: Axes, device: Device, state: StateReport, *, legend: bool)
     )
     title = f"{felt}: Λ {entry.localized_factor:.3f} promised, {state.measured_factor:.3f} measured\n{drive}"
     axes.set_title(title, fontsize="small", loc="left")
-    axes.set(xlabel="along the bar (mm)", ylabel="peak (m/s²)", ylim=(0, None), xlim=(0, 1e3 * device.bar.length_m))
+    axes.margins(y=0.15)
+    axes.set(xlabel="along the bar (mm)", ylabel="peak (m/s²)", xlim=(0, 1e3 * device.bar.length_m))
+    axes.set_ylim(bottom=0)
     if legend:
         axes.legend(fontsize="x-small", loc="upper right", bbox_to_anchor=(1, 0.9))
 

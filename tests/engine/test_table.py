@@ -1,0 +1,290 @@
+"""Laws of the table file: read back as written, complete or absent, and refused with its own message when unusable."""
+
+import re
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import h5netcdf
+import h5py
+import numpy as np
+import pytest
+
+from engine.device import Device, DeviceError
+from engine.device_file import parse_device
+from engine.entry import Entry, ZonePromise
+from engine.table import Table, TableError, TableWriter, Variable, open_table, write_entries
+from engine.zones import ZoneState
+
+TEXT = (Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml").read_text(encoding="utf-8")
+DEVICE = parse_device(TEXT, "reference-a.toml")
+CODE = "c0de"
+SWEEP = ("pair", "frequency_1", "amplitude_1", "amplitude_2", "zone", "frequency_2")
+SHAPE = (2, 4, 3, 3, 5, 4)
+
+
+def make_entry(zone: int, contrast_db: float | None = 3.25) -> Entry:
+    random = np.random.default_rng(zone)
+    states = [ZoneState.FELT if z == zone else ZoneState.FREE for z in range(5)]
+    promises = [ZonePromise(DEVICE.zones[z].name, state, *random.random(5).tolist()) for z, state in enumerate(states)]
+    first, second = (tuple(random.random(2).tolist()) for _ in range(2))
+    figures = random.random(3).tolist()
+    return Entry(
+        frequencies_hz=(100.01, 207.33),
+        amplitudes=first,
+        phases_rad=second,
+        zones=tuple(promises),
+        localized_factor=figures[0],
+        upper_bound=figures[1],
+        contrast_db=contrast_db,
+        t90_s=figures[2],
+        family="two tones",
+        limited_by="level floor in V; full scale of left, Größe µ" if zone else "",
+        achieved=zone != 1,
+    )
+
+
+ENTRIES = (make_entry(0), make_entry(1), make_entry(4, contrast_db=None))
+
+
+def figure(name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+    return np.random.default_rng(len(name)).random(SHAPE, dtype=np.float32)
+
+
+def fill(writer: TableWriter, device: Device = DEVICE, code: str = CODE) -> None:
+    description = {"device_description": device.text, "device_fingerprint": device.fingerprint}
+    writer.describe({"device_name": device.name, "code_fingerprint": code, **description})
+    for name in ("localized_factor", "peak_acceleration", "dead_spot"):
+        writer.write("sweep", Variable(name, SWEEP, "1", name), figure(name))
+    write_entries(writer, ENTRIES, device)
+
+
+def make_table(path: Path, device: Device = DEVICE, code: str = CODE) -> Path:
+    with TableWriter(path) as writer:
+        fill(writer, device, code)
+    return path
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_table(tmp_path_factory.mktemp("table") / "whole.nc")
+
+
+@pytest.fixture
+def table(whole: Path) -> Iterator[Table]:
+    with open_table(whole, device=DEVICE, code_fingerprint=CODE) as table:
+        yield table
+
+
+def refusal(path: Path, device: Device | None = None, code: str | None = None) -> str:
+    with pytest.raises(TableError) as error:
+        open_table(path, device=device, code_fingerprint=code).close()
+    assert str(error.value).startswith(f"{path}: ")
+    return str(error.value)
+
+
+def test_entries_are_read_back_as_written(table: Table) -> None:
+    assert table.entries == ENTRIES
+
+
+def test_an_entry_is_found_by_its_felt_zones_in_any_order(table: Table) -> None:
+    assert table.entry_for(["V"]) == ENTRIES[2]
+    with pytest.raises(TableError, match="no entry for felt zones 'I, II'"):
+        table.entry_for(["II", "I"])
+    with pytest.raises(DeviceError, match="no zone 'VI'"):
+        table.entry_for(["VI"])
+
+
+@pytest.mark.parametrize("pair", [0, 1])
+def test_a_zone_combination_adds_shares_and_takes_the_extreme_levels(table: Table, pair: int) -> None:
+    zones = ["V", "II", "II"]
+    stored = {n: figure(n)[pair].transpose(0, 4, 1, 2, 3) for n in ("localized_factor", "peak_acceleration")}
+    stored["dead_spot"] = figure("dead_spot")[pair].transpose(0, 4, 1, 2, 3)
+    assert table.localized_factor(zones, pair) == pytest.approx(stored["localized_factor"][..., [1, 4]].sum(axis=-1))
+    assert (table.peak_acceleration(zones, pair) == stored["peak_acceleration"][..., [1, 4]].max(axis=-1)).all()
+    assert (table.dead_spot(zones, pair) == stored["dead_spot"][..., [1, 4]].min(axis=-1)).all()
+
+
+def test_no_zone_and_no_such_pair_are_refused(table: Table) -> None:
+    with pytest.raises(TableError, match="at least one zone"):
+        table.localized_factor([])
+    for pair in (-1, 2):
+        with pytest.raises(TableError, match=f"no actuator pair {pair}; there are 2"):
+            table.dead_spot(["I"], pair)
+
+
+def test_a_table_without_a_pair_sweep_says_so(tmp_path: Path) -> None:
+    with TableWriter(tmp_path / "one.nc") as writer:
+        writer.describe({"device_description": TEXT, "device_fingerprint": DEVICE.fingerprint})
+        write_entries(writer, ENTRIES, DEVICE)
+    with open_table(tmp_path / "one.nc") as table, pytest.raises(TableError, match="pair"):
+        table.localized_factor(["I"])
+
+
+def test_any_byte_flipped_in_the_data_of_a_variable_is_refused(whole: Path, tmp_path: Path) -> None:
+    """Numbers only: what the file holds of text is reached by the flips anywhere."""
+    path, content = tmp_path / "flipped.nc", whole.read_bytes()
+    random = np.random.default_rng(1)
+    with h5py.File(whole) as file:
+        numbers = [v for group in file.values() for v in group.values() if v.dtype.kind in "fi" and "crc32" in v.attrs]
+        spans = {v.name: (v.id.get_offset(), v.nbytes) for v in numbers}
+    for name, (start, size) in spans.items():
+        for place in {0, size - 1, *random.integers(size, size=3).tolist()}:
+            flipped = bytearray(content)
+            flipped[start + place] ^= 1 << random.integers(8)
+            path.write_bytes(flipped)
+            assert f"is corrupted: {name[1:]} fails its checksum" in refusal(path)
+
+
+def content_of(path: Path) -> str:
+    """All that a reader can see of a table."""
+    with open_table(path) as table, h5netcdf.File(path, decode_vlen_strings=True) as file:
+        variables = [v for group in file.groups.values() for v in group.variables.values()]
+        seen = [(v.name, v.dimensions, dict(v.attrs), np.asarray(v[...]).tolist()) for v in variables]
+        return repr((table.entries, table.device, {k: str(v) for k, v in file.attrs.items()}, seen))
+
+
+@pytest.mark.filterwarnings("default")  # a half-opened h5netcdf file complains when it is collected
+def test_a_byte_flipped_anywhere_is_refused_or_changes_nothing(whole: Path, tmp_path: Path) -> None:
+    path, content, seen = tmp_path / "flipped.nc", whole.read_bytes(), content_of(whole)
+    random, wrong = np.random.default_rng(2), []
+    for place in random.integers(len(content), size=250).tolist():
+        flipped = bytearray(content)
+        flipped[place] ^= 1 << random.integers(8)
+        path.write_bytes(flipped)
+        try:
+            if content_of(path) != seen:
+                wrong.append(f"{place}: not noticed")
+        except TableError:
+            pass
+        except Exception as error:
+            wrong.append(f"{place}: {error!r}")
+    assert not wrong, f"{len(wrong)} of 250: {wrong[:10]}"
+
+
+@pytest.mark.parametrize("fraction", [0.0005, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.999])
+def test_a_truncated_table_is_refused(whole: Path, tmp_path: Path, fraction: float) -> None:
+    path, content = tmp_path / "cut.nc", whole.read_bytes()
+    path.write_bytes(content[: int(fraction * len(content))])
+    assert re.search("truncated|corrupted|not a NetCDF-4 file", refusal(path))
+
+
+def test_all_but_the_last_byte_is_refused(whole: Path, tmp_path: Path) -> None:
+    (tmp_path / "cut.nc").write_bytes(whole.read_bytes()[:-1])
+    assert "is truncated" in refusal(tmp_path / "cut.nc")
+
+
+@pytest.mark.parametrize("content", [b"", b"frequency;level\n60;1.5\n", b"\0" * 4096])
+def test_what_is_no_netcdf_file_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "other.nc"
+    path.write_bytes(content)
+    assert "not a table of tactable (not a NetCDF-4 file)" in refusal(path)
+
+
+def test_no_file_or_a_folder_is_refused(tmp_path: Path) -> None:
+    assert "no such table" in refusal(tmp_path / "missing.nc")
+    assert "no such table" in refusal(tmp_path)
+
+
+def test_a_foreign_netcdf_file_is_refused(tmp_path: Path) -> None:
+    with h5netcdf.File(tmp_path / "foreign.nc", "w") as file:
+        file.dimensions["time"] = 3
+        file.create_variable("temperature", ("time",), "f8")[...] = [1.0, 2.0, 3.0]
+    assert "is a NetCDF file, but not a table of tactable" in refusal(tmp_path / "foreign.nc")
+
+
+def test_a_newer_format_is_refused(whole: Path, tmp_path: Path) -> None:
+    path = shutil.copy(whole, tmp_path / "newer.nc")
+    with h5py.File(path, "a") as file:
+        file.attrs["format_revision"] = 2
+    assert "has format revision 2, this program reads up to 1; update tactable" in refusal(path)
+
+
+@pytest.mark.parametrize("name", ["code_fingerprint", "device_description", "device_fingerprint", "device_name"])
+def test_a_changed_attribute_is_refused(whole: Path, tmp_path: Path, name: str) -> None:
+    path = shutil.copy(whole, tmp_path / "changed.nc")
+    with h5py.File(path, "a") as file:
+        file.attrs[name] = str(file.attrs[name]) + " "
+    assert "its description fails its checksum" in refusal(path)
+
+
+@pytest.mark.parametrize("name", ["units", "long_name"])
+def test_a_changed_label_is_refused(whole: Path, tmp_path: Path, name: str) -> None:
+    path = shutil.copy(whole, tmp_path / "changed.nc")
+    with h5py.File(path, "a") as file:
+        file["entries/drive_frequency"].attrs[name] = "kHz"
+    assert "corrupted" in refusal(path)
+
+
+@pytest.mark.parametrize("name", ["sweep", "entries", "entries/rise_time", "sweep/dead_spot"])
+def test_a_missing_part_is_refused(whole: Path, tmp_path: Path, name: str) -> None:
+    path = shutil.copy(whole, tmp_path / "less.nc")
+    with h5py.File(path, "a") as file:
+        del file[name]
+    assert "corrupted" in refusal(path)
+
+
+def test_the_table_of_another_device_is_stale(whole: Path) -> None:
+    other = parse_device(TEXT.replace('stiffness = "18.9 kN/m"', 'stiffness = "19 kN/m"'), "other.toml")
+    assert "is stale: it was built for another state of 'reference-a'" in refusal(whole, other)
+
+
+def test_the_wording_of_a_device_does_not_make_its_table_stale(whole: Path) -> None:
+    open_table(whole, device=replace(DEVICE, description="something else", text="")).close()
+
+
+def test_the_table_of_other_code_is_stale(whole: Path) -> None:
+    assert "is stale: it was built by another version of the code" in refusal(whole, DEVICE, "0dd")
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+def test_an_exception_while_writing_leaves_nothing_and_keeps_an_older_table(
+    whole: Path, tmp_path: Path, error: type[BaseException]
+) -> None:
+    older = Path(shutil.copy(whole, tmp_path / "older.nc"))
+    for path in (older, tmp_path / "new.nc"):
+        with pytest.raises(error), TableWriter(path) as writer:
+            fill(writer)
+            raise error
+    assert [path.name for path in tmp_path.iterdir()] == ["older.nc"]
+    assert older.read_bytes() == whole.read_bytes()
+
+
+def test_an_array_with_missing_elements_is_not_written(tmp_path: Path) -> None:
+    def write() -> None:
+        with TableWriter(tmp_path / "short.nc") as writer:
+            stream = writer.open_stream("sweep", Variable("x", ("a", "b"), "1", ""), (4, 3), np.float64)
+            stream.append(np.ones((1, 3)))
+            stream.close()
+
+    with pytest.raises(TableError, match="sweep/x: 3 elements of an array of shape"):
+        write()
+    assert not list(tmp_path.iterdir())
+
+
+def test_pieces_of_any_size_make_the_same_array(tmp_path: Path) -> None:
+    values = np.random.default_rng(0).random((2, 6, 3))
+    for step in (1, 4, 5, 6):
+        path = tmp_path / f"{step}.nc"
+        with TableWriter(path) as writer:
+            fill(writer)
+            stream = writer.open_stream("more", Variable("x", ("a", "b", "c"), "1", ""), values.shape, np.float64)
+            for row in values:
+                for start in range(0, 6, step):
+                    stream.append(row[start : start + step])
+            stream.close()
+        with open_table(path) as table:
+            assert (table.values("more", "x") == values).all()
+
+
+def test_a_missing_folder_is_named(tmp_path: Path) -> None:
+    with pytest.raises(TableError, match="no such folder"), TableWriter(tmp_path / "absent" / "t.nc"):
+        pass
+
+
+def test_a_table_is_usable_after_closing(whole: Path) -> None:
+    with open_table(whole) as table:
+        pass
+    assert table.entry_for(["I"]) == ENTRIES[0]
+    assert table.device == DEVICE

@@ -1,0 +1,66 @@
+"""The house rules: style, types, arrows, and commands in the README that do what they say."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+BIN = Path(sys.executable).parent
+
+
+def run(*command: str, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+def assert_clean(*command: str) -> None:
+    done = run(str(BIN / command[0]), *command[1:])
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_ruff_finds_nothing() -> None:
+    assert_clean("ruff", "check", ".")
+
+
+def test_every_file_is_formatted() -> None:
+    assert_clean("ruff", "format", "--check", ".")
+
+
+def test_types_hold() -> None:
+    assert_clean("mypy")
+
+
+def test_imports_flow_one_way() -> None:
+    assert_clean("lint-imports")
+
+
+def test_tables_is_no_package() -> None:
+    assert not list((ROOT / "tables").rglob("*.py"))
+
+
+def readme_commands() -> list[str]:
+    """The lines of the README's shell blocks that call the installed command."""
+    blocks = re.findall(r"```sh\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    lines = "\n".join(blocks).replace("\\\n", " ").splitlines()
+    commands = [line.split("#")[0].strip() for line in lines]
+    return [c.removeprefix(".venv/bin/") for c in commands if c.startswith((".venv/bin/tactable", "tactable"))]
+
+
+def test_the_readme_begins_with_its_two_commands() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert "python3 -m venv .venv && .venv/bin/pip install . && .venv/bin/tactable demo" in text
+    assert ".venv/bin/pip install -e '.[test]' && .venv/bin/pytest" in text
+    assert (ROOT / re.findall(r"!\[.*?\]\((.*?)\)", text)[0]).is_file()
+
+
+def test_the_commands_of_the_readme_run_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    commands = readme_commands()
+    assert len(commands) >= 4
+    for command in commands:
+        words = shlex.split(command)
+        done = run(str(BIN / words[0]), *words[1:], folder=tmp_path)
+        assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
