@@ -19,6 +19,7 @@ _LARGEST_SPREAD = 1000
 _MISSPELT = 0.8  # as alike as a misspelt key; keys that are meant differ more
 _MOST_STEPS = 100_000
 _SHORTEST_ZONE = 1e-3
+_LEAST_DISTANCE = 1e-3
 _Part = TypeVar("_Part")
 
 
@@ -204,7 +205,7 @@ def _read_actuators(top: _Section, bar: Bar, inferred: list[str]) -> tuple[Actua
         for other in actuators:
             if other.name == actuator.name:
                 raise part.error("name", actuator.name, "another actuator has this name")
-            if other.position_m == actuator.position_m:
+            if abs(other.position_m - actuator.position_m) < _LEAST_DISTANCE * bar.length_m:
                 raise part.error("position", f"{1e3 * actuator.position_m:g} mm", f"is the place of {other.name}")
         actuators.append(actuator)
         inferred.extend(part.close())

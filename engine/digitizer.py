@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from engine.descriptor import ContactLayout, Field, ReportLayout, Surface, SurfaceKind, read_surfaces
 from engine.quirks import Key, QuirkClass, Validity, quirks_for, vendor_with_own_driver
@@ -21,6 +22,9 @@ _LARGEST_MAXIMUM_CONTACTS = 250
 # Reports that wait for a contact count in another report: more than any frame needs, few enough to bound memory.
 _HELD_REPORTS = 16
 
+# The hot path: without the search for a method, and half the time of calling a named tuple's class.
+_from_bytes, _new = int.from_bytes, tuple.__new__
+
 _KIND_PREFERENCE = (SurfaceKind.TOUCH_SCREEN, SurfaceKind.MULTI_POINT, SurfaceKind.TOUCH_PAD)
 
 
@@ -28,8 +32,7 @@ class DigitizerError(Exception):
     """The device cannot be used as a touch surface: why."""
 
 
-@dataclass(frozen=True, slots=True)
-class Contact:
+class Contact(NamedTuple):
     """One finger: position in the logical units of the surface, always inside its logical range.
 
     `tip` is False while it hovers; `confidence` is False where the device takes it for a palm.
@@ -42,8 +45,7 @@ class Contact:
     confidence: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class TouchFrame:
+class TouchFrame(NamedTuple):
     """Every contact in range at one moment, touching or hovering; a contact that left is not listed.
 
     `time_ns` is host time of the report that completed the frame. `scan_time_ns` is the device's own time of the
@@ -81,9 +83,11 @@ class Digitizer:
         self.counters = DigitizerCounters()
         self.maximum_contacts = _maximum_contacts(surface, self.quirks)
         self._plans = {report.report_id: _build_plan(report, surface, self.quirks) for report in surface.reports}
+        self._uses_report_ids = surface.uses_report_ids
         self._count_is_accurate = self.quirks.count_is_accurate and has_count
         self._key = self.quirks.key
         self._ignores_duplicates = self.quirks.ignores_duplicates
+        self._unseen_means_up = self.quirks.unseen_means_up
         self._count_is_apart = has_count and not any(plan.slots and plan.count for plan in self._plans.values())
         self._active: dict[int, Contact] = {}  # by key, oldest first
         self._seen: set[int] = set()  # keys this frame mentioned
@@ -104,7 +108,7 @@ class Digitizer:
 
         The frame it completes; `None` when the frame goes on or the report is another collection's or too short.
         """
-        report_id = report[0] if self.surface.uses_report_ids and report else 0
+        report_id = report[0] if self._uses_report_ids and report else 0
         plan = self._plans.get(report_id)
         if plan is None:
             self.counters.foreign_reports += 1
@@ -125,7 +129,7 @@ class Digitizer:
             self._expect(_read(plan.count, report), ticks)
         self._ticks = ticks
         self._take_contacts(plan, report)
-        return None if self._received < self._expected else self._complete_frame(plan, report, now_ns)
+        return None if self._received < self._expected else self._complete_frame(plan, ticks, now_ns)
 
     def expire(self, now_ns: int) -> TouchFrame | None:
         """Watchdog: a frame without contacts when some were down and 120 ms brought no further frame, else `None`."""
@@ -139,8 +143,7 @@ class Digitizer:
 
     def _expect(self, count: int, ticks: int) -> None:
         """The first report of a frame carries the total, the others 0; some devices repeat the total in each."""
-        is_first = self._received == 0 and ticks != self._ticks
-        if count or (is_first and self.quirks.frame_may_be_empty):
+        if count or (self._received == 0 and ticks != self._ticks and self.quirks.frame_may_be_empty):
             self._expected = count
 
     def _decode_apart(self, plan: _Plan, report: bytes, now_ns: int, is_late: bool) -> TouchFrame | None:
@@ -163,25 +166,27 @@ class Digitizer:
         if self._received < self._expected:
             return None
         self._announced = None
-        return self._complete_frame(plan, report, now_ns)
+        return self._complete_frame(plan, _read(plan.scan_time, report) if plan.scan_time else 0, now_ns)
 
     def _take_contacts(self, plan: _Plan, report: bytes) -> None:
         """Take the contacts of a report in order, until the frame has as many as it announced."""
-        active, seen = self._active, self._seen
+        active, seen, received = self._active, self._seen, self._received
+        wanted = self._expected if self._count_is_accurate else received + len(plan.slots)
+        is_numbered = self._key is Key.SLOT_IS_CONTACT_NUMBER
         for slot in plan.slots:
-            if self._count_is_accurate and self._received >= self._expected:
-                return
-            bits = int.from_bytes(report[slot.start : slot.stop], "little")
+            if received >= wanted:
+                break
+            bits = _from_bytes(report[slot.start : slot.stop], "little")
             if slot.valid_mask and not bits >> slot.valid_shift & slot.valid_mask:
-                self._received += 1
+                received += 1
                 continue
             contact_id = bits >> slot.id_shift & slot.id_mask
-            if self._key is Key.SLOT_IS_CONTACT_NUMBER:
-                contact_id = self._received
+            if is_numbered:
+                contact_id = received
             is_active = contact_id in active
             if is_active and self._ignores_duplicates and contact_id in seen:
                 continue
-            self._received += 1
+            received += 1
             if not is_active and not self._admit(contact_id):
                 self.counters.excess_contacts += 1
                 continue
@@ -191,6 +196,7 @@ class Digitizer:
                 active[contact_id] = _contact(slot, bits, contact_id, tip)
             elif is_active:
                 del active[contact_id]
+        self._received = received
 
     def _admit(self, contact_id: int) -> bool:
         """Whether there is room for a new contact; one that leaves keeps its place until the frame is complete."""
@@ -201,8 +207,8 @@ class Digitizer:
             return 1 <= contact_id <= self.maximum_contacts
         return contact_id < self.maximum_contacts
 
-    def _complete_frame(self, plan: _Plan, report: bytes, now_ns: int) -> TouchFrame:
-        if self.quirks.unseen_means_up:
+    def _complete_frame(self, plan: _Plan, ticks: int, now_ns: int) -> TouchFrame:
+        if self._unseen_means_up:
             for contact_id in self._active.keys() - self._seen:
                 del self._active[contact_id]
         contacts = tuple(self._active.values())
@@ -211,21 +217,20 @@ class Digitizer:
         self._frame_ns = now_ns
         self.counters.frames += 1
         if plan.scan_time is None:
-            return TouchFrame(now_ns, contacts)
-        return TouchFrame(now_ns, contacts, self._join_scan_time(plan.scan_time, report, now_ns))
+            return _new(TouchFrame, (now_ns, contacts, None))
+        return _new(TouchFrame, (now_ns, contacts, self._join_scan_time(plan.scan_time, ticks, now_ns)))
 
     def _start_frame(self) -> None:
         self._received = 0
         self._seen.clear()
         self._taken = len(self._active)
 
-    def _join_scan_time(self, scan_time: _Bits, report: bytes, now_ns: int) -> int:
+    def _join_scan_time(self, scan_time: _Bits, ticks: int, now_ns: int) -> int:
         """Scan time on the host's axis: steps of the device's clock while they agree with host time, else host time.
 
         Devices reset the counter at a new touch, wrap it at its size rather than the declared maximum, and their
         100 us are 92..131 us: only steps are taken, and only within the tolerance.
         """
-        ticks = _read(scan_time, report)
         step_ns = (ticks - self._frame_ticks & scan_time.mask) * SCAN_TIME_TICK_NS
         joined_ns = self._scan_time_ns + step_ns
         self._frame_ticks = ticks
@@ -345,7 +350,9 @@ def _limits(field: Field, axis: Field) -> tuple[int, int, int]:
 
 
 def _read(bits: _Bits, report: bytes) -> int:
-    return int.from_bytes(report[bits.start : bits.stop], "little") >> bits.shift & bits.mask
+    if bits.stop - bits.start == 1:  # every contact count: 4 times as fast
+        return report[bits.start] >> bits.shift & bits.mask
+    return _from_bytes(report[bits.start : bits.stop], "little") >> bits.shift & bits.mask
 
 
 def _contact(slot: _Slot, bits: int, contact_id: int, tip: bool) -> Contact:
@@ -360,7 +367,7 @@ def _contact(slot: _Slot, bits: int, contact_id: int, tip: bool) -> Contact:
     if not slot.y_minimum <= y <= slot.y_maximum:
         y = min(max(y, slot.y_minimum), slot.y_maximum)
     confidence = not slot.confidence_mask or bits >> slot.confidence_shift & slot.confidence_mask != 0
-    return Contact(contact_id, x, y, tip, confidence)
+    return _new(Contact, (contact_id, x, y, tip, confidence))
 
 
 def _maximum_contacts(surface: Surface, quirks: QuirkClass) -> int:

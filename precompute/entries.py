@@ -15,11 +15,10 @@ from engine.zones import ZoneState
 from precompute.assembly import Plant
 from precompute.grid import compute_grid_response, refine_frequencies
 from precompute.modal import ModalModel, compute_basis, compute_modal_model, compute_rise_time
-from precompute.optimum import Candidate, Optimizer, Optimum
+from precompute.optimum import FREQUENCY_STEP_HZ, Optimizer, Optimum
 from precompute.steady import SteadyState, compute_steady_state
 
-FREQUENCY_STEP_HZ = 0.01
-"""Entries use frequencies the wire can carry: what is promised is what is played."""
+_BELOW_BOUND = 1e-4
 MAX_COMBINED_ZONES = 10
 """Beyond this many zones an entry for every combination is no table any more."""
 
@@ -55,13 +54,14 @@ def _make_entry(plant: Plant, model: ModalModel, felt: tuple[int, ...], optimum:
     device, best = plant.device, optimum.best
     frequency_hz = np.round(best.frequency_hz / FREQUENCY_STEP_HZ) * FREQUENCY_STEP_HZ
     amplitude = best.amplitude * device.limits.amplitude
+    magnitude = np.minimum(abs(amplitude), device.limits.amplitude)  # a product may round up beyond the limit
     steady = compute_steady_state(plant, frequency_hz, amplitude)
     share = float(steady.share[list(felt)].sum())
     states = [ZoneState.FELT if zone in felt else ZoneState.FREE for zone in range(len(device.zones))]
     peaks_m = steady.peak_position_m[list(felt)]
     return Entry(
         frequencies_hz=tuple(frequency_hz.tolist()),
-        amplitudes=tuple(abs(amplitude).tolist()),
+        amplitudes=tuple(magnitude.tolist()),
         phases_rad=tuple(np.angle(amplitude).tolist()),
         zones=tuple(_promise(device, steady, z, state) for z, state in enumerate(states)),
         localized_factor=share,
@@ -69,8 +69,8 @@ def _make_entry(plant: Plant, model: ModalModel, felt: tuple[int, ...], optimum:
         contrast_db=_contrast_db(device, felt, share),
         t90_s=float(compute_rise_time(model, frequency_hz, amplitude, peaks_m).max()),
         family=best.family,
-        limited_by=_limited_by(device, best, steady, felt),
-        achieved=best.achieved,
+        limited_by=_limited_by(device, optimum, steady, felt),
+        achieved=_reaches_floor(device, steady, felt),
     )
 
 
@@ -95,12 +95,19 @@ def _contrast_db(device: Device, felt: tuple[int, ...], share: float) -> float |
     return float(10 * np.log10(share / inside_m * outside_m / (1 - share)))
 
 
-def _limited_by(device: Device, best: Candidate, steady: SteadyState, felt: tuple[int, ...]) -> str:
-    """Names of what holds the drive: the amplitude limit, the level floor, a band's edge."""
-    floor = device.limits.level_floor_m_per_s2
-    word = "level floor in" if best.achieved else "level floor out of reach in"
-    low = [zone for zone in felt if steady.peak[zone] < floor * (1.01 if best.achieved else 1.0)]
-    parts = [f"{word} {device.zone_names(low)}"] if low else []
+def _reaches_floor(device: Device, steady: SteadyState, felt: tuple[int, ...]) -> bool:
+    return bool(steady.peak[list(felt)].min() >= device.limits.level_floor_m_per_s2)
+
+
+def _limited_by(device: Device, optimum: Optimum, steady: SteadyState, felt: tuple[int, ...]) -> str:
+    """Names of what holds the drive: the level floor, the amplitude limit, a band's edge."""
+    best, floor, parts = optimum.best, device.limits.level_floor_m_per_s2, list[str]()
+    if not _reaches_floor(device, steady, felt):
+        out_of_reach = [zone for zone in felt if steady.peak[zone] < floor]
+        parts.append(f"level floor out of reach in {device.zone_names(out_of_reach)}")
+    elif best.localized_factor < optimum.upper_bound - _BELOW_BOUND:
+        low = [zone for zone in felt if steady.peak[zone] < 1.01 * floor]
+        parts.append(f"level floor in {device.zone_names(low)}" if low else "level floor")
     for actuator, frequency, weight in zip(device.actuators, best.frequency_hz, abs(best.amplitude), strict=True):
         if weight > 1 - 1e-6:
             parts.append(f"full scale of {actuator.name}")

@@ -6,6 +6,7 @@ actuators at one frequency with phase; its optimum without a floor is the larges
 bounds every drive of every family. With a floor, coarse search over the whole grid is followed by a narrowing search.
 """
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -28,10 +29,13 @@ from precompute.sweep import fill_lift, fold_amplitudes
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+FREQUENCY_STEP_HZ = 0.01
+"""Resolution of frequency on the wire."""
 BEAT_HZ = 10.0
 """Two tones closer than this beat within a touch (PHYSICS.md section 2)."""
 _SEARCH_RATIOS, _SEARCH_PHASES = 8, 48
 _ROUNDS, _TRIES, _LINE, _SHRINK = 11, 127, 5, 0.5
+_MANY_ROUNDS, _MANY_SHRINK, _MANY_BASINS = 24, 0.75, 10  # more than two actuators: more directions to get lost in
 _BASINS = 3
 _BASIN_GAIN = 0.02  # more than narrowing adds to the best of a basin on the search grid
 _TIE = 1e-6
@@ -100,8 +104,8 @@ class Optimizer:
     def _narrow_single(self, wanted: list[int], actuator: int, k: int) -> tuple[float, float]:
         line_hz, value = self.grid.frequency_hz, -1.0
         for _ in range(3):
-            line_hz = _around(line_hz, k)
-            factor = _single_factor(self._solve_line(line_hz), wanted, actuator, self.floor)
+            line = self._solve_line(_around(line_hz, k))
+            line_hz, factor = line.frequency_hz, _single_factor(line, wanted, actuator, self.floor)
             k = int(factor.argmax())
             value = float(factor[k])
         return float(line_hz[k]), value
@@ -118,11 +122,10 @@ class Optimizer:
         score = _feasible_factor(self.figures, wanted, self.floor)
         best: Candidate | None = None
         height = score.max(axis=1)
-        for k in _peaks(height)[:_BASINS]:
+        for k in _peaks(height)[: _BASINS if self.count <= 2 else _MANY_BASINS]:
             if best and height[k] < best.localized_factor - _BASIN_GAIN:
                 break
-            start = self.directions[:, score[k].argmax()]
-            found = self._narrow_direction(wanted, k, start)
+            found = self._narrow_direction(wanted, k, self.directions[:, score[k].argmax()])
             if best is None or found.localized_factor > best.localized_factor:
                 best = found
         return best, bound
@@ -142,7 +145,8 @@ class Optimizer:
         centre_hz, direction, value = float(hz[k]), start, -1.0
         width_hz = max(hz[min(k + 1, len(hz) - 1)] - hz[max(k - 1, 0)], 1e-3)
         spread = 0.3
-        for _ in range(_ROUNDS):
+        rounds, shrink = (_ROUNDS, _SHRINK) if self.count <= 2 else (_MANY_ROUNDS, _MANY_SHRINK)
+        for _ in range(rounds):
             line = self._solve_line(np.clip(np.linspace(-1, 1, _LINE) * width_hz + centre_hz, hz[0], hz[-1]))
             noise = rng.normal(size=(2, self.count, _TRIES)) * spread
             tries = full_scale(np.column_stack([direction, direction[:, None] + noise[0] + 1j * noise[1]]))
@@ -150,7 +154,7 @@ class Optimizer:
             f, d = np.unravel_index(score.argmax(), score.shape)
             if score[f, d] > value:
                 centre_hz, direction, value = float(line.frequency_hz[f]), tries[:, d], float(score[f, d])
-            width_hz, spread = width_hz * _SHRINK, spread * _SHRINK
+            width_hz, spread = width_hz * shrink, spread * shrink
         return self._candidate("coherent", centre_hz, direction, value)
 
     # --- two tones, and the last resort
@@ -167,20 +171,22 @@ class Optimizer:
 
     def _narrow_pair(self, wanted: list[int], i: int, j: int) -> Candidate | None:
         line_1, line_2, lift = self.grid, self.grid, self._lift[i, j]
-        for _ in range(3):
+        best: Candidate | None = None
+        for _ in range(4):
             amplitude = lift[:, :, wanted].max(axis=2)
             factor = _pair_factor(line_1, line_2, wanted, (i, j), amplitude)
-            k, m = np.unravel_index(factor.argmax(), factor.shape)
+            k, m = (int(n) for n in np.unravel_index(factor.argmax(), factor.shape))
             if factor[k, m] < 0:
-                return None
-            best = float(factor[k, m]), line_1.frequency_hz[k], line_2.frequency_hz[m], amplitude[k, m]
-            line_1, line_2 = (
-                self._solve_line(_around(line.frequency_hz, int(n))) for line, n in ((line_1, k), (line_2, m))
+                break
+            frequency_hz, weights = (
+                np.full(self.count, line_1.frequency_hz[k]),
+                np.zeros(self.count, dtype=np.complex128),
             )
+            frequency_hz[j], weights[i], weights[j] = line_2.frequency_hz[m], 1, amplitude[k, m]
+            best = Candidate("two tones", frequency_hz, weights, float(factor[k, m]), True)
+            line_1, line_2 = (self._solve_line(_around(line.frequency_hz, n)) for line, n in ((line_1, k), (line_2, m)))
             lift = _compute_lift(line_1, line_2, (i, j), self.floor)
-        frequency_hz, weights = np.full(self.count, best[1]), np.zeros(self.count, dtype=np.complex128)
-        frequency_hz[j], weights[i], weights[j] = best[2], 1, best[3]
-        return Candidate("two tones", frequency_hz, weights, best[0], True)
+        return best
 
     @cached_property
     def _lift(self) -> dict[tuple[int, int], NDArray[np.float32]]:
@@ -189,25 +195,35 @@ class Optimizer:
         return {pair: _compute_lift(self.grid, self.grid, pair, self.floor) for pair in pairs}
 
     def _loudest(self, wanted: list[int]) -> Candidate:
-        """No drive reaches the floor everywhere: the one whose weakest wanted zone is loudest."""
+        """The drive whose weakest wanted zone is loudest: all the same where the floor is met, the best where not."""
         weakest = np.where(self.figures.allowed, self.figures.peak[:, wanted].min(axis=1), -1)
         f, d = np.unravel_index(weakest.argmax(), weakest.shape)
+        level, hz = float(weakest[f, d]), self.grid.frequency_hz
         value = float(self.figures.factor[f, wanted, d].sum())
-        found = self._candidate("coherent", float(self.grid.frequency_hz[f]), self.directions[:, d], value)
-        return replace(found, achieved=bool(weakest[f, d] >= self.floor))
+        best = self._candidate("coherent", float(hz[f]), self.directions[:, d], value)
+        for i, j in itertools.combinations(range(self.count), 2):
+            both = _full_scale_level(self.grid, (i, j), wanted)
+            k, m = np.unravel_index(both.argmax(), both.shape)
+            if both[k, m] > level:
+                frequency_hz, weights = np.full(self.count, hz[k]), np.zeros(self.count, dtype=np.complex128)
+                frequency_hz[j], weights[i], weights[j] = hz[m], 1, 1
+                level, best = float(both[k, m]), Candidate("two tones", frequency_hz, weights, 0.0, True)
+        return replace(best, achieved=level >= self.floor)
 
     def _candidate(self, family: str, frequency_hz: float, direction: Complex, value: float) -> Candidate:
         driven = "single tone" if np.count_nonzero(direction) == 1 else family
         return Candidate(driven, np.full(self.count, frequency_hz), full_scale(direction[:, None])[:, 0], value, True)
 
     def _solve_line(self, frequency_hz: Array) -> GridResponse:
-        return compute_grid_response(self.plant, frequency_hz, self.grid.position_m)
+        """The plant at the frequencies that the wire carries next to these: what is found is what is played."""
+        played_hz = np.unique(np.round(frequency_hz / FREQUENCY_STEP_HZ)) * FREQUENCY_STEP_HZ
+        return compute_grid_response(self.plant, played_hz, self.grid.position_m)
 
 
 def _cover(grid: GridResponse, wanted: list[int]) -> bool:
     """Whether the zones hold all of the bar's energy."""
     energy = np.einsum("zii->i", grid.gram[0, wanted]).real
-    return bool(np.allclose(energy, np.einsum("ii->i", grid.total[0]).real))
+    return bool(np.allclose(energy, np.einsum("ii->i", grid.total[0]).real, rtol=1e-9, atol=0.0))
 
 
 def _search_directions(count: int) -> Complex:
@@ -260,6 +276,15 @@ def _pair_factor(
     apart = abs(line_1.frequency_hz[:, None] - line_2.frequency_hz) >= BEAT_HZ
     usable = (amplitude <= 1) & line_1.in_band[:, i, None] & line_2.in_band[:, j] & apart
     return np.where(usable, factor, -1)
+
+
+def _full_scale_level(grid: GridResponse, pair: tuple[int, int], wanted: list[int]) -> NDArray[np.float32]:
+    """Peak of the weakest wanted zone (frequency_1, frequency_2), both tones at full scale; -1: not usable."""
+    i, j = pair
+    first, second = abs(grid.acceleration[:, i]).astype(np.float32), abs(grid.acceleration[:, j]).astype(np.float32)
+    level = np.stack([(one[wanted] + second[:, wanted]).max(axis=2).min(axis=1) for one in first])
+    apart = abs(grid.frequency_hz[:, None] - grid.frequency_hz) >= BEAT_HZ
+    return np.where(grid.in_band[:, i, None] & grid.in_band[:, j] & apart, level, np.float32(-1))
 
 
 def _around(line_hz: Array, k: int, count: int = 33) -> Array:

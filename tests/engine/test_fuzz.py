@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine.descriptor import DescriptorError
@@ -96,6 +96,7 @@ timed_reports = st.lists(
 )
 
 
+@settings(deadline=None)  # the machine may be busy
 @given(st.binary(max_size=200) | st.sampled_from(MADE_UP).flatmap(mutated), numbers, timed_reports)
 def test_whatever_a_device_says_it_is_read_or_refused(
     descriptor: bytes, vendor_id: int, reports: list[tuple[int, bytes, int]]
@@ -188,9 +189,12 @@ def play_mutants(count: int, seed: int) -> Played:
         device = rng.choice(seeds)
         descriptor = mutate_descriptor(rng, seeds, device.descriptor)
         try:
-            start_s = time.thread_time()
-            digitizer = check_device(descriptor, device.vendor_id, device.product_id)
-            played.slowest_s = max(played.slowest_s, time.thread_time() - start_s)
+            digitizer, taken_s = time_device(descriptor, device)
+            if (
+                taken_s > played.slowest_s
+            ):  # a collected heap or a stall is no cost of the descriptor: it does not repeat
+                taken_s = min(taken_s, *(time_device(descriptor, device)[1] for _ in range(3)))
+            played.slowest_s = max(played.slowest_s, taken_s)
             played.descriptors += 1
             if digitizer is not None:
                 play_reports(rng, device, digitizer, played)
@@ -198,6 +202,12 @@ def play_mutants(count: int, seed: int) -> Played:
             error.add_note(f"seed {seed}, descriptor {number}: {descriptor.hex(' ')}")
             raise
     return played
+
+
+def time_device(descriptor: bytes, device: Seed) -> tuple[Digitizer | None, float]:
+    start_s = time.thread_time()
+    digitizer = check_device(descriptor, device.vendor_id, device.product_id)
+    return digitizer, time.thread_time() - start_s
 
 
 def play_reports(rng: random.Random, device: Seed, digitizer: Digitizer, played: Played) -> None:

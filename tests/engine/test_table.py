@@ -1,9 +1,10 @@
 """Laws of the table file: read back as written, complete or absent, and refused with its own message when unusable."""
 
 import re
-import shutil
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 
 import h5netcdf
@@ -77,6 +78,11 @@ def table(whole: Path) -> Iterator[Table]:
         yield table
 
 
+def copied(path: Path, target: Path) -> Path:
+    target.write_bytes(path.read_bytes())
+    return target
+
+
 def refusal(path: Path, device: Device | None = None, code: str | None = None) -> str:
     with pytest.raises(TableError) as error:
         open_table(path, device=device, code_fingerprint=code).close()
@@ -145,22 +151,35 @@ def content_of(path: Path) -> str:
         return repr((table.entries, table.device, {k: str(v) for k, v in file.attrs.items()}, seen))
 
 
-@pytest.mark.filterwarnings("default")  # a half-opened h5netcdf file complains when it is collected
+def verdict(path: Path, seen: str) -> str:
+    """What a changed file does to its reader."""
+    try:
+        return "ok" if content_of(path) == seen else "is believed"
+    except TableError:
+        return "ok"
+    except Exception as error:
+        return f"raises {type(error).__name__}"
+
+
 def test_a_byte_flipped_anywhere_is_refused_or_changes_nothing(whole: Path, tmp_path: Path) -> None:
-    path, content, seen = tmp_path / "flipped.nc", whole.read_bytes(), content_of(whole)
+    """In a process of its own: a damaged heap of strings can send HDF5 round in circles for ever."""
+    content, seen = whole.read_bytes(), content_of(whole)
     random, wrong = np.random.default_rng(2), []
-    for place in random.integers(len(content), size=250).tolist():
+    workers = ProcessPoolExecutor(1, get_context("spawn"))
+    for place in random.integers(len(content), size=80).tolist():
         flipped = bytearray(content)
         flipped[place] ^= 1 << random.integers(8)
-        path.write_bytes(flipped)
+        (tmp_path / "flipped.nc").write_bytes(flipped)
         try:
-            if content_of(path) != seen:
-                wrong.append(f"{place}: not noticed")
-        except TableError:
-            pass
-        except Exception as error:
-            wrong.append(f"{place}: {error!r}")
-    assert not wrong, f"{len(wrong)} of 250: {wrong[:10]}"
+            answer = workers.submit(verdict, tmp_path / "flipped.nc", seen).result(timeout=20)
+        except TimeoutError:
+            answer = "never returns"
+            next(iter(workers._processes.values())).kill()
+            workers = ProcessPoolExecutor(1, get_context("spawn"))
+        if answer != "ok":
+            wrong.append(f"byte {place} {answer}")
+    workers.shutdown()
+    assert not wrong, f"{len(wrong)} of 80: {wrong[:12]}"
 
 
 @pytest.mark.parametrize("fraction", [0.0005, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.999])
@@ -195,7 +214,7 @@ def test_a_foreign_netcdf_file_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_newer_format_is_refused(whole: Path, tmp_path: Path) -> None:
-    path = shutil.copy(whole, tmp_path / "newer.nc")
+    path = copied(whole, tmp_path / "newer.nc")
     with h5py.File(path, "a") as file:
         file.attrs["format_revision"] = 2
     assert "has format revision 2, this program reads up to 1; update tactable" in refusal(path)
@@ -203,7 +222,7 @@ def test_a_newer_format_is_refused(whole: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["code_fingerprint", "device_description", "device_fingerprint", "device_name"])
 def test_a_changed_attribute_is_refused(whole: Path, tmp_path: Path, name: str) -> None:
-    path = shutil.copy(whole, tmp_path / "changed.nc")
+    path = copied(whole, tmp_path / "changed.nc")
     with h5py.File(path, "a") as file:
         file.attrs[name] = str(file.attrs[name]) + " "
     assert "its description fails its checksum" in refusal(path)
@@ -211,7 +230,7 @@ def test_a_changed_attribute_is_refused(whole: Path, tmp_path: Path, name: str) 
 
 @pytest.mark.parametrize("name", ["units", "long_name"])
 def test_a_changed_label_is_refused(whole: Path, tmp_path: Path, name: str) -> None:
-    path = shutil.copy(whole, tmp_path / "changed.nc")
+    path = copied(whole, tmp_path / "changed.nc")
     with h5py.File(path, "a") as file:
         file["entries/drive_frequency"].attrs[name] = "kHz"
     assert "corrupted" in refusal(path)
@@ -219,7 +238,7 @@ def test_a_changed_label_is_refused(whole: Path, tmp_path: Path, name: str) -> N
 
 @pytest.mark.parametrize("name", ["sweep", "entries", "entries/rise_time", "sweep/dead_spot"])
 def test_a_missing_part_is_refused(whole: Path, tmp_path: Path, name: str) -> None:
-    path = shutil.copy(whole, tmp_path / "less.nc")
+    path = copied(whole, tmp_path / "less.nc")
     with h5py.File(path, "a") as file:
         del file[name]
     assert "corrupted" in refusal(path)
@@ -242,7 +261,7 @@ def test_the_table_of_other_code_is_stale(whole: Path) -> None:
 def test_an_exception_while_writing_leaves_nothing_and_keeps_an_older_table(
     whole: Path, tmp_path: Path, error: type[BaseException]
 ) -> None:
-    older = Path(shutil.copy(whole, tmp_path / "older.nc"))
+    older = copied(whole, tmp_path / "older.nc")
     for path in (older, tmp_path / "new.nc"):
         with pytest.raises(error), TableWriter(path) as writer:
             fill(writer)
@@ -255,7 +274,7 @@ def test_an_array_with_missing_elements_is_not_written(tmp_path: Path) -> None:
     def write() -> None:
         with TableWriter(tmp_path / "short.nc") as writer:
             stream = writer.open_stream("sweep", Variable("x", ("a", "b"), "1", ""), (4, 3), np.float64)
-            stream.append(np.ones((1, 3)))
+            stream.append(np.ones(3))
             stream.close()
 
     with pytest.raises(TableError, match="sweep/x: 3 elements of an array of shape"):

@@ -72,7 +72,7 @@ class DenseModel:
         return out
 
     def unit_field(self, frequency_hz: Array) -> Complex:
-        """Shape (frequency, degree of freedom, actuator): acceleration with one actuator at full scale, others still."""
+        """Shape (frequency, degree of freedom, actuator): acceleration of one actuator at full scale."""
         omega = 2 * np.pi * np.asarray(frequency_hz)[:, None, None]
         matrix = self.K + 1j * omega * self.C - omega**2 * self.M
         field: Complex = -(omega**2) * np.linalg.solve(matrix, self.spring + 1j * omega * self.damper)

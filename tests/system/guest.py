@@ -1,0 +1,256 @@
+"""Scenarios with devices of the guest's own kernel, to a pickle of what happened; as root, in the guest only.
+
+python -c "from tests.system.guest import main; main()" FILE
+"""
+
+import contextlib
+import pickle
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from engine.sources.hid_devices import load_hid_system
+from engine.sources.hidraw import HidrawSource, open_hidraw
+from firmware_link.serial_port import SerialPort, path_of
+from tactable.virtual_digitizer import DEMO_STROKES, Stroke, make_recording
+from tests.system.chain import BIT_RATE_HZ, PATIENCE_S, run_chain
+from tests.system.results import Broken, Happened, KernelDevice, Refusals
+from tests.system.serial_gadget import SERIAL_NUMBER, build_gadget, plug_gadget, unplug_gadget
+from tests.system.stage import Stage, emulated_firmware, error_as_nobody, hardware, until_it_works
+from tests.system.uhid import VirtualDevice, kernel_path_of, play
+
+TOUCH_SERIAL_NUMBER = "TACTABLE-SYSTEM-TOUCH"
+CONTACT_COUNT_MAXIMUM = {2: bytes((2, 10))}
+FLOOD = 100
+"""Reports sent while nobody reads: more than the 63 that hidraw keeps."""
+
+DEMO = make_recording(DEMO_STROKES)
+_LIFTED = make_recording([Stroke(0.0, 0.4, 0.1, 0.1)])
+HELD = replace(_LIFTED, reports=_LIFTED.reports[:-1])
+"""A finger in zone I that does not lift."""
+TAP = make_recording([Stroke(0.0, 0.5, 0.9, 0.9)])
+"""A finger in zone V, up at the end."""
+SWEPT = make_recording([Stroke(0.0, 0.008 * FLOOD, 0.05, 0.95)])
+"""A finger from end to end; its later reports and the lift are lost."""
+
+# The guest is slow: half the pace, a report each 16 ms, is still that of a live digitizer.
+SPEED = 0.5
+UNPLUGGED_S = 1.0
+ATTEMPTS = 3
+
+
+# ---- scenarios -------------------------------------------------------------------------------------------
+
+
+def kernel_device() -> KernelDevice:
+    """Plug the touch screen in and look at it."""
+
+    def script(stage: Stage) -> None:
+        with touch_screen():
+            stage.plugged.give()
+            stage.ended.wait()
+
+    with hardware(script) as stage:
+        stage.plugged.wait()
+        with open_touch_screen() as source:
+            path = kernel_path_of(DEMO.vendor_id, DEMO.product_id)
+            driver = path.joinpath("driver").resolve().name
+            stage.ended.give()
+            return KernelDevice(path.name, driver, source.name, source.descriptor)
+
+
+def whole_chain() -> Happened:
+    """Play the demo's recording on the touch screen."""
+
+    def script(stage: Stage) -> None:
+        with touch_screen() as screen:
+            stage.plugged.give()
+            stage.running.wait()
+            play(screen, DEMO, SPEED)
+            settle()
+            stage.stop.give()
+            stage.ended.wait()
+
+    with emulated_firmware() as end_firmware, hardware(script) as stage:
+        stage.plugged.wait()
+        with open_touch_screen() as source:
+            run = run_chain(source, open_port(), stage.stop, stage.running.give)
+        stage.ended.give()
+        return Happened((run,), source.counters, end_firmware(), stage.notes())
+
+
+def touch_screen_unplugged() -> Happened:
+    """Unplug the touch screen under a finger, plug it in again, tap."""
+
+    def script(stage: Stage) -> None:
+        with touch_screen() as screen:
+            stage.plugged.give()
+            stage.running.wait()
+            play(screen, HELD, SPEED)
+            stage.note("unplugged")
+        time.sleep(UNPLUGGED_S)
+        stage.note("plugged in again")
+        with touch_screen() as screen:
+            screen.opened.wait(PATIENCE_S)
+            settle()  # looking for the device took the engine a while
+            play(screen, TAP, SPEED)
+            settle()
+            stage.stop.give()
+            stage.ended.wait()
+
+    with emulated_firmware() as end_firmware, hardware(script) as stage:
+        stage.plugged.wait()
+        with open_touch_screen() as source:
+            run = run_chain(source, open_port(), stage.stop, stage.running.give)
+        stage.ended.give()
+        return Happened((run,), source.counters, end_firmware(), stage.notes())
+
+
+def gadget_unplugged() -> Happened:
+    """Unplug the serial gadget under a finger, plug it in again, run anew, tap."""
+
+    def script(stage: Stage) -> None:
+        with touch_screen() as screen:
+            stage.plugged.give()
+            stage.running.wait()
+            play(screen, HELD, SPEED)
+            stage.note("unplugged")
+            unplug_gadget()
+            stage.ended.wait()
+            time.sleep(UNPLUGGED_S)
+            stage.note("plugged in again")
+            plug_gadget()
+            stage.running_again.wait()
+            play(screen, TAP, SPEED)
+            settle()
+            stage.stop.give()
+            stage.ended_again.wait()
+
+    with emulated_firmware() as end_firmware, hardware(script) as stage:
+        stage.plugged.wait()
+        with open_touch_screen() as source:
+            first = run_chain(source, open_port(), stage.stop, stage.running.give)
+            stage.ended.give()
+            second = run_chain(source, open_port(), stage.stop, stage.running_again.give)
+        stage.ended_again.give()
+        return Happened((first, second), source.counters, end_firmware(), stage.notes())
+
+
+def overflow() -> Happened:
+    """Send more reports than hidraw keeps before the engine reads one, pause, tap."""
+
+    def script(stage: Stage) -> None:
+        with touch_screen() as screen:
+            stage.plugged.give()
+            stage.opened.wait()
+            for report in SWEPT.reports:
+                screen.send(report.data)
+            stage.flooded.give()
+            stage.running.wait()
+            settle()
+            play(screen, TAP, SPEED)
+            settle()
+            stage.stop.give()
+            stage.ended.wait()
+
+    with emulated_firmware() as end_firmware, hardware(script) as stage:
+        stage.plugged.wait()
+        with open_touch_screen() as source:
+            stage.opened.give()
+            stage.flooded.wait()
+            run = run_chain(source, open_port(), stage.stop, stage.running.give)
+        stage.ended.give()
+        return Happened((run,), source.counters, end_firmware(), stage.notes())
+
+
+def refusals() -> Refusals:
+    """Open the touch screen and the port without the right to."""
+
+    def script(stage: Stage) -> None:
+        with touch_screen():
+            stage.plugged.give()
+            stage.ended.wait()
+
+    with hardware(script) as stage:
+        stage.plugged.wait()
+        with open_touch_screen():
+            pass
+        port = until_it_works(lambda: path_of(SERIAL_NUMBER))
+        system = load_hid_system()
+        found = Refusals(
+            digitizer=error_as_nobody(lambda: open_hidraw(system, TOUCH_SERIAL_NUMBER)),
+            port=error_as_nobody(lambda: SerialPort(port)),
+        )
+        stage.ended.give()
+        return found
+
+
+SCENARIOS: tuple[Callable[[], object], ...] = (
+    kernel_device,
+    whole_chain,
+    overflow,
+    refusals,
+    touch_screen_unplugged,
+    gadget_unplugged,
+)
+
+
+# ---- helpers ---------------------------------------------------------------------------------------------
+
+
+def touch_screen() -> VirtualDevice:
+    """The demo's touch screen, to plug in."""
+    return VirtualDevice(DEMO, TOUCH_SERIAL_NUMBER, CONTACT_COUNT_MAXIMUM)
+
+
+@contextlib.contextmanager
+def open_touch_screen() -> Iterator[HidrawSource]:
+    """By the name that stays, as soon as the kernel shows it."""
+    system = load_hid_system()
+    with contextlib.closing(until_it_works(lambda: open_hidraw(system, TOUCH_SERIAL_NUMBER))) as source:
+        yield source
+
+
+def open_port() -> SerialPort:
+    """By the name that stays, as soon as the kernel shows it."""
+    return until_it_works(lambda: SerialPort(SERIAL_NUMBER, BIT_RATE_HZ))
+
+
+def settle() -> None:
+    """Long enough for the watchdog, and for the engine to be done with what came."""
+    time.sleep(0.5)
+
+
+def run_undisturbed(scenario: Callable[[], object]) -> object:
+    """The scenario; once more where the machine stalled for so long that the firmware latched, as it then should."""
+    for _ in range(ATTEMPTS - 1):
+        result = scenario()
+        if not (isinstance(result, Happened) and any(run.counters.reconnects for run in result.runs)):
+            return result
+        say(f"{scenario.__name__}: the guest stalled for 250 ms; once more")
+    return scenario()
+
+
+def say(line: str) -> None:
+    """For the console of the guest, which the tests show when one fails."""
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
+
+
+def main() -> None:
+    """Every scenario; a broken one does not keep the others from running."""
+    target = Path(sys.argv[1])
+    build_gadget()
+    plug_gadget()
+    results = dict[str, object]()
+    for scenario in SCENARIOS:
+        start_s = time.monotonic()
+        try:
+            results[scenario.__name__] = run_undisturbed(scenario)
+        except Exception:
+            results[scenario.__name__] = Broken(traceback.format_exc())
+        say(f"{scenario.__name__}: {time.monotonic() - start_s:.1f} s")
+    target.write_bytes(pickle.dumps(results))
