@@ -2,6 +2,7 @@
 
 import difflib
 import itertools
+import math
 import re
 import reprlib
 import tomllib
@@ -67,13 +68,13 @@ class _Section:
             )
         return value
 
-    def position(self, key: str, length_m: float, *, default: str | None = None) -> float:
-        """A place on the bar: a length from its start, or a percentage of its length."""
+    def position(self, key: str, length_m: float, *, least: float = 0.0, default: str | None = None) -> float:
+        """A place on the bar: a length from its start, or a percentage of its length; off it only with `least` < 0."""
         text = self.take(key, default)
         if isinstance(text, str) and text.rstrip().endswith("%"):
-            value = self.checked(key, text, "") * length_m
+            value = self.checked(key, text, "", least=least) * length_m
         else:
-            value = self.checked(key, text, "m")
+            value = self.checked(key, text, "m", least=least)
         if value > length_m * (1 + 1e-12):
             raise self.error(key, text, f"is off the bar, which is {1e3 * length_m:g} mm long")
         return min(value, length_m)
@@ -301,14 +302,19 @@ def _read_finger(part: _Section) -> Finger:
 
 def _read_touch_axis(part: _Section, bar: Bar) -> TouchAxis:
     axis = part.word("axis", ("x", "y"), "x")
-    start_m = part.position("start_margin", bar.length_m, default="0 mm")
-    end_m = part.position("end_margin", bar.length_m, default="0 mm")
+    # Below zero: the touch area reaches beyond that end of the bar.
+    start_m = part.position("start_margin", bar.length_m, least=-math.inf, default="0 mm")
+    end_m = part.position("end_margin", bar.length_m, least=-math.inf, default="0 mm")
     active_m = part.quantity("active_length", "m", exclusive=True) if "active_length" in part.left else None
     part.known.append("active_length")
-    if active_m is not None and start_m + active_m > bar.length_m * (1 + 1e-9):
-        raise part.error("active_length", f"{1e3 * active_m:g} mm", f"ends off the bar, {1e3 * bar.length_m:g} mm long")
-    if start_m + end_m >= bar.length_m:
+    if active_m is not None and start_m + active_m <= 0:
+        raise part.error("active_length", f"{1e3 * active_m:g} mm", f"ends before the bar, from {1e3 * start_m:g} mm")
+    if start_m >= bar.length_m:
+        raise part.error("start_margin", f"{1e3 * start_m:g} mm", "the margins leave nothing of the bar")
+    if max(end_m, start_m + end_m) >= bar.length_m:
         raise part.error("end_margin", f"{1e3 * end_m:g} mm", "the margins leave nothing of the bar")
+    if not math.isfinite(bar.length_m - start_m - end_m):
+        raise part.error("end_margin", f"{1e3 * end_m:g} mm", "with start_margin, the touch area is not finite")
     return TouchAxis(
         axis="x" if axis == "x" else "y",
         flip=part.flag("flip", False),

@@ -1,7 +1,8 @@
 """The table file (tables/FORMAT.md): written beside its target and renamed, opened verified, never half believed."""
 
-import json
+import math
 import os
+import struct
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +23,8 @@ from engine.zones import ZoneState, state_index
 FORMAT = "tactable table"
 FORMAT_REVISION = 1
 _READ_BYTES = 1 << 24
+_HDF5_SIGNATURE, _HDF5_SUPERBLOCK, _HDF5_END = b"\x89HDF\r\n\x1a\n", 0, 40  # superblock 0: end of file at byte 40
+_SEAL, _SEAL_MAGIC = struct.Struct("<12sI"), b"tactable end"
 
 Values = NDArray[Any]
 
@@ -61,11 +64,10 @@ class TableWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            if kind is None:
-                self._file.attrs["checksum"] = _manifest(self._file.attrs, self._checksums)
             self._file.close()
             if kind is None:
-                _flush_to_disk(self._partial)
+                _verify_arrays(self._partial, self._checksums)
+                _append_seal(self._partial)
                 self._partial.replace(self.path)
         finally:
             self._partial.unlink(missing_ok=True)
@@ -96,27 +98,26 @@ class TableWriter:
 
 
 class VariableStream:
-    """One array being written: pieces are consecutive stretches of its elements in C order."""
+    """One array being written, whole or in pieces along its second axis, in C order."""
 
     def __init__(self, name: str, target: Any, shape: tuple[int, ...], checksums: dict[str, int]) -> None:
         self._name, self._target, self._shape, self._checksums = name, target, shape, checksums
+        self._size = math.prod(shape)
         self._done, self._checksum = 0, 0
 
     def append(self, piece: Values) -> None:
-        """Write whole rows: of the first axis, or of the second where the piece is one axis short of it."""
+        """Write the whole array, or the next rows of its second axis, which may not pass the end of the first's."""
         self._checksum = zlib.crc32(_bytes_of(piece), self._checksum)
-        if not self._shape:
-            self._target[...] = piece
-        elif piece.size == np.prod(self._shape, dtype=np.int64):
+        if piece.size == self._size:
             self._target[...] = piece.reshape(self._shape)
         else:
-            row, column = divmod(self._done // int(np.prod(self._shape[2:], dtype=np.int64)), self._shape[1])
+            row, column = divmod(self._done // math.prod(self._shape[2:]), self._shape[1])
             self._target[row, column : column + len(piece)] = piece.reshape(-1, *self._shape[2:])
         self._done += piece.size
 
     def close(self) -> None:
         """Note the checksum; raises TableError if elements are missing."""
-        if self._done != np.prod(self._shape, dtype=np.int64):
+        if self._done != self._size:
             raise TableError(f"{self._name}: {self._done} elements of an array of shape {self._shape} were written")
         self._target.attrs["crc32"] = np.uint32(self._checksum)
         self._checksums[self._name] = self._checksum
@@ -173,6 +174,8 @@ class Table:
         indices = sorted({self.device.zone_index(zone) for zone in zones})
         if not indices:
             raise TableError(f"{self.path}: name at least one zone")
+        if "sweep" not in self._file.groups:
+            raise TableError(f"{self.path}: has no sweep of actuator pairs: {self.device.name} has one actuator")
         stored = self._file.groups["sweep"].variables[name]
         if not 0 <= pair < stored.shape[0]:
             raise TableError(f"{self.path}: there is no actuator pair {pair}; there are {stored.shape[0]}")
@@ -184,11 +187,15 @@ def open_table(
     path: Path, *, device: Device | None = None, code_fingerprint: str | None = None, verify: bool = True
 ) -> Table:
     """Open and verify a table; raises TableError if it is unusable or does not belong to `device` or the code."""
-    file = _open_file(path)
+    sealed = _check_bytes(path, verify)
+    try:
+        file = h5netcdf.File(path, "r", decode_vlen_strings=True)
+    except (OSError, KeyError, RuntimeError, ValueError) as error:
+        raise TableError(f"{path}: is corrupted ({error}); build it again") from error
     try:
         _check_format(path, file)
-        if verify:
-            _verify(path)
+        if not sealed:
+            raise TableError(f"{path}: is corrupted: it was changed after it was built; build it again")
         table = Table(path, file)
         if table.device.fingerprint != table.fingerprint or (device and device.fingerprint != table.fingerprint):
             name = device.name if device else table.device.name
@@ -203,16 +210,48 @@ def open_table(
     return table
 
 
-def _open_file(path: Path) -> h5netcdf.File:
+def _check_bytes(path: Path, verify: bool) -> bool:
+    """Whether the file is sealed; refuses broken ones before HDF5 parses them, which some crash or send in circles."""
     if not path.is_file():
         raise TableError(f"{path}: there is no such table; `tactable build DEVICE -o {path.name}` makes one")
-    if not h5py.is_hdf5(path):
+    with path.open("rb") as file:
+        head = file.read(_HDF5_END + 8)
+    if not head.startswith(_HDF5_SIGNATURE) or len(head) < _HDF5_END + 8:
         raise TableError(f"{path}: is not a table of tactable (not a NetCDF-4 file)")
-    try:
-        return h5netcdf.File(path, "r", decode_vlen_strings=True)
-    except OSError as error:
-        problem = "is truncated" if "truncated" in str(error) else "is corrupted"
-        raise TableError(f"{path}: {problem} ({error}); build it again") from error
+    seal, size = _read_seal(path), path.stat().st_size
+    if seal is None and size != int.from_bytes(head[_HDF5_END:], "little") and head[8] == _HDF5_SUPERBLOCK:
+        raise TableError(f"{path}: is truncated; build it again")
+    if verify and seal is not None and seal != _file_checksum(path, size - _SEAL.size):
+        raise TableError(f"{path}: is corrupted: it fails its checksum; build it again")
+    return seal is not None
+
+
+def _append_seal(path: Path) -> None:
+    """Close the file with a magic and the CRC-32 of all before it, which HDF5 does not read; then to the disk."""
+    checksum = _file_checksum(path, path.stat().st_size)
+    with path.open("ab") as file:
+        file.write(_SEAL.pack(_SEAL_MAGIC, checksum))
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _read_seal(path: Path) -> int | None:
+    """The sealed checksum; None where there is no seal."""
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - _SEAL.size))
+        last = file.read()
+    if len(last) < _SEAL.size or not last.startswith(_SEAL_MAGIC):
+        return None
+    return int(_SEAL.unpack(last)[1])
+
+
+def _file_checksum(path: Path, size: int) -> int:
+    checksum = 0
+    with path.open("rb") as file:
+        while size > 0 and (piece := file.read(min(size, _READ_BYTES))):
+            checksum = zlib.crc32(piece, checksum)
+            size -= len(piece)
+    return checksum
 
 
 def _check_format(path: Path, file: h5netcdf.File) -> None:
@@ -225,41 +264,24 @@ def _check_format(path: Path, file: h5netcdf.File) -> None:
         )
 
 
-def _verify(path: Path) -> None:
-    """Compare every array with its checksum, and the list of checksums with the table's own."""
-    checksums: dict[str, int] = {}
+def _verify_arrays(path: Path, checksums: Mapping[str, int]) -> None:
+    """Read every array back and compare it with the checksum of what was to be written."""
     with h5py.File(path, "r") as file:  # the same file a layer below: h5netcdf takes 5 ms for each variable it opens
-        for group in file.values():
-            for variable in group.values():
-                if "crc32" not in variable.attrs:
-                    continue  # the bare scale of a dimension without values
-                name = variable.name.removeprefix("/")
-                checksums[name] = _checksum(variable)
-                if checksums[name] != int(np.ravel(variable.attrs["crc32"])[0]):
-                    raise TableError(f"{path}: is corrupted: {name} fails its checksum; build it again")
-        if _manifest(file.attrs, checksums) != file.attrs["checksum"]:
-            raise TableError(f"{path}: is corrupted: its description fails its checksum; build it again")
+        for name, checksum in checksums.items():
+            if _array_checksum(file[name]) != checksum:
+                raise TableError(f"{path}: {name} was not written as it was computed: is the disk full or failing?")
 
 
-def _checksum(variable: h5py.Dataset) -> int:
-    """CRC-32 of the array, read in pieces of bounded size along its first axes."""
-    if variable.ndim == 0 or variable.nbytes <= _READ_BYTES:
+def _array_checksum(variable: h5py.Dataset) -> int:
+    """CRC-32 of the array, read in pieces of bounded size along its first two axes."""
+    if variable.ndim < 2 or variable.nbytes <= _READ_BYTES:
         return zlib.crc32(_bytes_of(np.asarray(variable[...])))
-    checksum = 0
-    rows = variable.shape[1] if variable.ndim > 1 else 1
+    checksum, rows = 0, variable.shape[1]
     step = max(1, _READ_BYTES * variable.shape[0] * rows // variable.nbytes)
     for first in range(variable.shape[0]):
         for start in range(0, rows, step):
             checksum = zlib.crc32(_bytes_of(np.asarray(variable[first, start : start + step])), checksum)
     return checksum
-
-
-def _manifest(attributes: Mapping[str, Any], checksums: Mapping[str, int]) -> str:
-    """Hex checksum over all attributes but itself and over the checksums of all arrays."""
-    described = {
-        key: str(np.ravel(value)[0]) for key, value in attributes.items() if key != "checksum" and key[0] != "_"
-    }
-    return f"{zlib.crc32(json.dumps([described, dict(checksums)], sort_keys=True).encode()):08x}"
 
 
 def _is_text(values: object) -> bool:
@@ -270,14 +292,6 @@ def _bytes_of(piece: Values) -> bytes | memoryview:
     if piece.dtype.kind == "O":
         return "\0".join(part if isinstance(part, str) else part.decode() for part in piece.ravel()).encode()
     return np.ascontiguousarray(piece).reshape(-1).view(np.uint8).data
-
-
-def _flush_to_disk(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 ENTRY_VARIABLES = {

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Sequence
 from enum import IntEnum
 
 from engine.descriptor import Surface
-from engine.device import Device, DeviceError
+from engine.device import Device
 from engine.digitizer import Contact, TouchFrame
 
 
@@ -37,7 +37,7 @@ def feel_every_touch(touched: Collection[int], number_of_zones: int) -> tuple[Zo
 class TouchPosition:
     """Logical units of a surface to metres from the bar's start, along the axis that lies on the bar.
 
-    Raises DeviceError when the touch area does not fit on the bar.
+    The touch area may reach beyond the bar: a touch out there counts as one at the bar's end.
     """
 
     def __init__(self, device: Device, surface: Surface) -> None:
@@ -46,11 +46,6 @@ class TouchPosition:
         active_m = axis.active_length_m
         if active_m is None:
             active_m = self._length_m - axis.start_margin_m - axis.end_margin_m
-        elif axis.start_margin_m + active_m > self._length_m * (1 + 1e-12):
-            raise DeviceError(
-                f"{device.name}: digitizer.active_length: {1e3 * active_m:g} mm from {1e3 * axis.start_margin_m:g} mm "
-                f"ends off the bar, which is {1e3 * self._length_m:g} mm long: correct it or the start margin"
-            )
         self._reads_x = axis.axis == "x"
         self._start_m = axis.start_margin_m
         self._zero = field.logical_maximum if axis.flip else field.logical_minimum
@@ -61,7 +56,7 @@ class TouchPosition:
         """Where the contact is: from 0 to the length of the bar."""
         value = contact.x if self._reads_x else contact.y
         position_m = self._start_m + (value - self._zero) / self._span * self._active_m
-        return min(position_m, self._length_m)
+        return min(max(position_m, 0.0), self._length_m)
 
 
 class ZoneEdges:
@@ -86,7 +81,7 @@ class ZoneEdges:
 
 
 class ZoneTracker:
-    """Follows every contact that touches over the zones of one bar; raises DeviceError as TouchPosition does."""
+    """Follows every contact that touches over the zones of one bar."""
 
     def __init__(self, device: Device, surface: Surface, rule: ZoneRule = feel_every_touch) -> None:
         self.finger_positions_m: tuple[float, ...] = ()

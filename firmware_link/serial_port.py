@@ -1,6 +1,9 @@
 """A serial port by name to a descriptor that never blocks."""
 
+import errno
+import grp
 import os
+import stat
 import termios
 from dataclasses import dataclass
 from enum import Enum
@@ -15,6 +18,7 @@ from firmware_link.errors import LinkError
 
 READ_SIZE = 4096
 _BY_ID = Path("/dev/serial/by-id")
+_RULE_FILE = "/etc/udev/rules.d/70-tactable-port.rules"  # must sort before 73-seat-late.rules
 
 
 class LowLatency(Enum):
@@ -61,7 +65,8 @@ class SerialPort:
             # pyserial only finds, opens and configures: its own write() spins on a full line (LINK.md).
             self._serial = serial.Serial(self.path, bit_rate_hz, timeout=0, exclusive=True)
         except (OSError, ValueError, termios.error) as error:
-            raise LinkError(f"cannot open {self.path} at {bit_rate_hz} bit/s: {error}") from error
+            remedy = _permission_remedy(self.path) if _is_refused(error) else ""
+            raise LinkError(f"cannot open {self.path} at {bit_rate_hz} bit/s: {error}{remedy}") from error
         try:
             self.low_latency = _set_low_latency(self._serial)
             self._descriptor: int = self._serial.fileno()
@@ -110,6 +115,31 @@ class SerialPort:
 
     def _gone(self, reason: object) -> LinkError:
         return LinkError(f"{self.path} is gone ({reason}): plug the device in and connect again")
+
+
+def _is_refused(error: Exception) -> bool:
+    return isinstance(error, OSError) and error.errno in (errno.EACCES, errno.EPERM)
+
+
+def _permission_remedy(path: str) -> str:
+    """What gives a user the port, as the end of a message."""
+    rule = f'SUBSYSTEM=="tty", KERNEL=="{Path(path).resolve().name}", TAG+="uaccess"'
+    by_rule = f"put this udev rule into {_RULE_FILE}, run `sudo udevadm control --reload` and plug it in again: {rule}"
+    group = _group_with_access(path)
+    if group is None:
+        return f"; to get {path}, {by_rule}"
+    return f"; to get {path}, run `sudo usermod -aG {group} $USER` and log in again, or {by_rule}"
+
+
+def _group_with_access(path: str) -> str | None:
+    """Group whose members may read and write the port (dialout on Debian, uucp on Arch); None: none but root's."""
+    try:
+        status = Path(path).stat()
+        group = grp.getgrgid(status.st_gid).gr_name
+    except (OSError, KeyError):  # unplugged since, or a number without a name
+        return None
+    may_use = stat.S_IRGRP | stat.S_IWGRP
+    return group if status.st_mode & may_use == may_use and group != "root" else None
 
 
 def _set_low_latency(port: serial.Serial) -> LowLatency:

@@ -23,6 +23,7 @@ from engine.renderer import RendererError
 from engine.sources.recording import RecordingError, read_recording
 from engine.table import Table, TableError, open_table
 from firmware_link.errors import LinkError
+from tactable import touch_commands
 from tactable.shipped import DEMO_RECORDING, find_device
 
 EXIT_DISAGREES = 3
@@ -35,6 +36,7 @@ app = typer.Typer(
 )
 bench = typer.Typer(no_args_is_help=True, help="Measure speed on this machine, against floors measured beside it.")
 app.add_typer(bench, name="bench")
+touch_commands.register(app)
 _errors = Console(stderr=True)
 _out = Console()
 
@@ -191,6 +193,23 @@ def bench_sweep(
         _print_json(result)
     else:
         print_sweep_bench(_out, result)
+
+
+@bench.command("decode")
+def bench_decode(
+    recordings: Annotated[
+        list[Path] | None, typer.Argument(help="In hid-recorder form; default: the shipped one.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """How long the decoder takes for a report."""
+    from tactable.bench_decode import print_decode_bench, run_decode_bench
+
+    result = run_decode_bench(recordings or [DEMO_RECORDING])
+    if as_json:
+        _print_json(result)
+    else:
+        print_decode_bench(_out, result)
 
 
 def _entry_json(table: Table, entry: Entry) -> dict[str, Any]:

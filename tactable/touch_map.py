@@ -161,7 +161,9 @@ def _margins(
         start, end = -start_gap, missing
     start, end = (0.0 if abs(margin) <= tip else margin for margin in (start, end))
     if min(start, end) < 0:
-        notes.append("the touch area reaches beyond the bar: margins below zero")
+        notes.append(
+            "the touch area reaches beyond the bar: margins below zero; a touch out there counts as at the bar's end"
+        )
     return (start / bar, end / bar), tuple(notes)
 
 

@@ -76,7 +76,7 @@ def _report(fingers: Sequence[tuple[int, bool, float]], time_s: float) -> bytes:
 DEMO_STROKES = (
     Stroke(0.0, 0.8, 0.10, 0.10),  # one finger, zone I
     Stroke(1.0, 1.8, 0.50, 0.50),  # zone III
-    Stroke(2.0, 3.6, 0.06, 0.94),  # a stroke along the whole bar
+    Stroke(2.0, 3.6, 0.01, 0.99),  # a stroke along the whole bar
     Stroke(3.9, 5.2, 0.10, 0.10),  # I, then III, then V come down; V leaves first
     Stroke(4.1, 5.2, 0.50, 0.50),
     Stroke(4.3, 4.9, 0.90, 0.90),

@@ -10,6 +10,10 @@ from hypothesis import strategies as st
 
 from engine.device import Device, DeviceError
 from engine.device_file import ROMAN, parse_device, read_device
+from engine.digitizer import Contact, open_digitizer
+from engine.zones import TouchPosition
+from tactable.touch_map import Stroke, digitizer_table, learn_axis
+from tactable.virtual_digitizer import DESCRIPTOR, X_MAXIMUM
 
 SHIPPED = Path(__file__).parents[2] / "tables" / "devices"
 TEXT = (SHIPPED / "reference-a.toml").read_text(encoding="utf-8")
@@ -107,7 +111,15 @@ WRONG = [
     ("digitizer", "axis", '"z"', "expected one of x, y"),
     ("digitizer", "flip", '"yes"', "expected true or false"),
     ("digitizer", "start_margin", '"300 mm"', "is off the bar"),
+    ("digitizer", "start_margin", '"279.4 mm"', "leave nothing of the bar"),
+    ("digitizer", "end_margin", '"300 mm"', "is off the bar"),
+    ("digitizer", "end_margin", '"100.1 %"', "is off the bar"),
+    ("digitizer", "end_margin", '"-5 kg"', "is a mass; expected a length"),
+    ("digitizer", "start_margin", '"-1e999 m"', "is not finite; expected a length"),
+    ("digitizer", "start_margin", '"-1e999 %"', "is not finite; expected a plain number"),
     ("digitizer", "active_length", '"0 mm"', "expected more than 0 m"),
+    ("digitizer", "active_length", '"-1 mm"', "expected more than 0 m"),
+    ("digitizer", "active_length", '"1e999 m"', "is not finite; expected a length"),
     ("sweep", "start", '"0 Hz"', "expected more than 0 Hz"),
     ("sweep", "stop", '"60 Hz"', "expected more than 60 Hz"),
     ("sweep", "step", '"0 Hz"', "expected more than 0 Hz"),
@@ -274,6 +286,92 @@ def test_hysteresis_is_less_than_half_the_shortest_zone() -> None:
 def test_margins_leave_something_of_the_bar() -> None:
     text = changed("digitizer", "start_margin", '"50 %"', changed("digitizer", "end_margin", '"50 %"'))
     assert "digitizer.end_margin: '139.7 mm': the margins leave nothing of the bar" in refusal(text)
+    assert parse_device(text.replace('"50 %"', '"49.9 %"'), "some.toml").touch_axis.end_margin_m < 0.1397
+
+
+def with_margins(start: str, end: str) -> str:
+    return changed("digitizer", "start_margin", f'"{start}"', changed("digitizer", "end_margin", f'"{end}"'))
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "start_m", "end_m"),
+    [
+        ("-5 mm", "-1 cm", -0.005, -0.01),
+        ("-50 %", "25 %", -0.1397, 0.06985),
+        ("-500 mm", "279 mm", -0.5, 0.279),
+        ("279 mm", "-1000 %", 0.279, -2.794),
+    ],
+)
+def test_a_touch_area_may_reach_beyond_the_bar(start: str, end: str, start_m: float, end_m: float) -> None:
+    axis = parse_device(with_margins(start, end), "some.toml").touch_axis
+    assert (axis.start_margin_m, axis.end_margin_m) == pytest.approx((start_m, end_m))
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "key"),
+    [
+        ("100 %", "-10 mm", "start_margin"),
+        ("-10 mm", "279.4 mm", "end_margin"),
+        ("100 mm", "179.4 mm", "end_margin"),
+        ("200 mm", "100 mm", "end_margin"),
+    ],
+)
+def test_a_touch_area_beside_the_bar_is_refused(start: str, end: str, key: str) -> None:
+    message = refusal(with_margins(start, end))
+    assert f"digitizer.{key}: " in message and "the margins leave nothing of the bar" in message
+
+
+def test_margins_whose_sum_is_not_finite_are_refused() -> None:
+    assert "digitizer.end_margin: " in refusal(with_margins("-1.7e308 m", "-1.7e308 m"))
+
+
+@pytest.mark.parametrize(("start", "active"), [("10 mm", "270 mm"), ("-10 mm", "500 mm"), ("-10 mm", "10.1 mm")])
+def test_an_active_length_may_end_beyond_the_bar(start: str, active: str) -> None:
+    text = changed("digitizer", "active_length", f'"{active}"', with_margins(start, "0 mm"))
+    axis = parse_device(text, "some.toml").touch_axis
+    assert axis.active_length_m == pytest.approx(float(active.split()[0]) / 1000)
+    assert axis.start_margin_m == pytest.approx(float(start.split()[0]) / 1000)
+
+
+@pytest.mark.parametrize("active", ["10 mm", "9 mm"])
+def test_an_active_length_that_ends_before_the_bar_is_refused(active: str) -> None:
+    message = refusal(changed("digitizer", "active_length", f'"{active}"', with_margins("-10 mm", "0 mm")))
+    assert f"digitizer.active_length: {active!r}: ends before the bar, from -10 mm" in message
+
+
+TOUCH_SURFACE = open_digitizer(DESCRIPTOR).surface
+ends = st.floats(0, 0.35)
+
+
+@unhurried
+@given(ends, ends, st.booleans(), st.none() | st.floats(150, 500))
+def test_what_map_prints_for_a_touch_area_beyond_the_bar_is_read(
+    before: float, after: float, flip: bool, bar_mm: float | None
+) -> None:
+    """The finger is put down and lifted within the touch area, short of its ends by `before` and `after`."""
+    low, high = round(before * X_MAXIMUM), round((1 - after) * X_MAXIMUM)
+    x = (high, low) if flip else (low, high)
+    learnt = learn_axis(TOUCH_SURFACE, Stroke(x, (0, 0)), bar_mm)
+    body = re.split(r"^(?=\[)", TEXT, flags=re.MULTILINE)[SECTIONS.index("digitizer")]
+    text = changed("bar", "length", f'"{learnt.bar_mm!r} mm"', TEXT.replace(body, digitizer_table(learnt) + "\n\n"))
+    axis = parse_device(text, "some.toml").touch_axis
+    assert (axis.axis, axis.flip) == ("x", flip)
+    read, meant = (axis.start_margin_m, axis.end_margin_m), (learnt.start_margin, learnt.end_margin)
+    assert learnt.bar_mm is not None
+    assert read == pytest.approx([margin * learnt.bar_mm / 1000 for margin in meant], rel=5e-3, abs=1e-9)
+
+
+def test_what_map_prints_goes_into_reference_a_as_it_is() -> None:
+    low, high = round(0.1 * X_MAXIMUM), round(0.8 * X_MAXIMUM)
+    learnt = learn_axis(TOUCH_SURFACE, Stroke((low, high), (0, 0)))
+    assert "beyond the bar" in learnt.notes[-1]
+    body = re.split(r"^(?=\[)", TEXT, flags=re.MULTILINE)[SECTIONS.index("digitizer")]
+    device = parse_device(TEXT.replace(body, digitizer_table(learnt) + "\n\n"), "some.toml")
+    axis = device.touch_axis
+    assert (axis.start_margin_m, axis.end_margin_m) == pytest.approx((-0.02794, -0.05588), rel=5e-3)
+    position = TouchPosition(device, TOUCH_SURFACE)
+    assert position.position_m(Contact(1, 0, 0, True)) == 0.0
+    assert position.position_m(Contact(1, X_MAXIMUM, 0, True)) == device.bar.length_m
 
 
 def test_amplitudes_above_full_scale_are_refused() -> None:
@@ -437,6 +535,7 @@ OTHER = {
     "start_margin": '"1 mm"',
     "end_margin": '"1 mm"',
     "active_length": '"270 mm"',
+    "position": '"20 %"',  # a thousandth further, the right actuator is at the place of the left one
     "start": '"61 Hz"',
     "stop": '"299 Hz"',
     "step": '"2 Hz"',

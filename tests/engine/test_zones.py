@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.descriptor import read_surfaces
-from engine.device import Device, DeviceError, TouchAxis, Zone
+from engine.device import Device, TouchAxis, Zone
 from engine.device_file import read_device
 from engine.digitizer import Contact, TouchFrame
 from engine.zones import TouchPosition, ZoneEdges, ZoneState, ZoneTracker, feel_every_touch, state_index
@@ -28,10 +28,12 @@ fractions = st.floats(0, 1)
 
 @st.composite
 def touch_axes(draw: st.DrawFn) -> TouchAxis:
-    start_m = draw(st.floats(0, 0.9 * LENGTH_M))
-    left_m = LENGTH_M - start_m
-    end_m = draw(st.floats(0, 0.9 * left_m))
-    active_m = draw(st.none() | st.floats(0.01 * left_m, left_m))
+    """Any touch area that covers some of the bar, and perhaps more than the bar on either side."""
+    start_m = draw(st.floats(-2 * LENGTH_M, 0.9 * LENGTH_M))
+    left_m = LENGTH_M - max(start_m, 0.0)
+    end_m = draw(st.floats(-2 * LENGTH_M, 0.9 * left_m))
+    before_m = max(-start_m, 0.0)
+    active_m = draw(st.none() | st.floats(before_m + 0.01 * left_m, before_m + 2 * LENGTH_M))
     return TouchAxis(draw(st.sampled_from(["x", "y"])), draw(st.booleans()), start_m, end_m, active_m)
 
 
@@ -60,11 +62,13 @@ def frame_of(*contacts: Contact) -> TouchFrame:
 
 
 @given(touch_axes(), logical)
-def test_a_position_is_always_on_the_bar_inside_the_touch_area(axis: TouchAxis, value: int) -> None:
+def test_a_position_is_where_the_touch_area_has_it_or_the_nearest_place_on_the_bar(axis: TouchAxis, value: int) -> None:
     position_m = TouchPosition(with_axis(axis), SURFACE).position_m(at(value))
     assert 0 <= position_m <= LENGTH_M
     active_m = axis.active_length_m or LENGTH_M - axis.start_margin_m - axis.end_margin_m
-    assert -1e-12 <= position_m - axis.start_margin_m <= active_m + 1e-12
+    fraction = (LAST - value if axis.flip else value) / LAST
+    touched_m = axis.start_margin_m + fraction * active_m
+    assert position_m == pytest.approx(sorted([0.0, touched_m, LENGTH_M])[1], abs=1e-12)
 
 
 @given(touch_axes(), logical)
@@ -89,9 +93,20 @@ def test_the_ends_of_the_logical_range_are_the_ends_of_the_touch_area(axis: str)
     assert [position.position_m(contact) for contact in contacts] == pytest.approx([0.01, LENGTH_M - 0.02])
 
 
-def test_a_touch_area_that_ends_off_the_bar_is_refused() -> None:
-    with pytest.raises(DeviceError, match=r"active_length: 270 mm from 10 mm ends off the bar"):
-        TouchPosition(with_axis(TouchAxis("x", False, 0.01, 0.0, 0.27)), SURFACE)
+@pytest.mark.parametrize("flip", [False, True])
+@pytest.mark.parametrize("states_length", [False, True])
+def test_a_touch_area_beyond_the_bar_keeps_its_scale_and_ends_with_the_bar(flip: bool, states_length: bool) -> None:
+    # A tenth of the touch area lies before the bar, two tenths after it.
+    active_m = LENGTH_M / 0.7
+    touch_axis = TouchAxis("x", flip, -active_m / 10, -active_m / 5, active_m if states_length else None)
+    position = TouchPosition(with_axis(touch_axis), SURFACE)
+    values = [LAST - value if flip else value for value in (0, 50, 100, 450, 800, 900, LAST)]
+    fractions_of_bar = [position.position_m(at(value)) / LENGTH_M for value in values]
+    assert fractions_of_bar == pytest.approx([0, 0, 0, 0.5, 1, 1, 1], abs=1e-12)
+    tracker = ZoneTracker(with_axis(touch_axis), SURFACE)
+    assert [tracker.track(frame_of(at(value, i))) for i, value in enumerate((values[0], values[-1]))] == [
+        state_index(feel_every_touch([zone], 5)) for zone in (0, 4)
+    ]
 
 
 @given(zoned_devices(), fractions)

@@ -228,6 +228,5 @@ def test_a_user_without_rights_is_told_which_port_refused(guest: Guest) -> None:
     assert re.match(r"LinkError: cannot open /dev/ttyACM\d+ .*Permission denied", error)
 
 
-@pytest.mark.xfail(strict=True, reason="SerialPort hands on what the system says, without a remedy")
 def test_a_user_without_rights_is_told_how_to_get_the_port(guest: Guest) -> None:
     assert re.search(r"dialout|udev", guest.result("refusals", Refusals).port)
