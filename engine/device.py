@@ -67,7 +67,10 @@ class Finger:
 
 @dataclass(frozen=True)
 class TouchAxis:
-    """How the digitizer lies on the bar: which logical axis, which way round, from where to where."""
+    """How the digitizer lies on the bar: which logical axis, which way round, from where to where.
+
+    A margin below zero: the touch area reaches beyond the bar; a touch out there counts as at the bar's end.
+    """
 
     axis: Literal["x", "y"]
     flip: bool

@@ -14,7 +14,7 @@ from precompute.response import solve_response
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-SAMPLING_ERROR = 1e-3
+SAMPLING_ERROR = 2e-3
 """Greatest relative error of a tabulated peak from looking at finitely many points of a zone."""
 _RESONANCE = np.sinh(np.linspace(-3.0, 3.0, 33))
 """Distances from a resonance in half bandwidths, dense near it: -10 to 10."""
