@@ -95,7 +95,7 @@ collect_modules() {
 
 build_initramfs() {
     local root=$scratch/root
-    mkdir -p "$root"/{bin,proc,sys,dev,host,upper,root}
+    mkdir -p "$root"/{bin,proc,sys,dev,host,upper,system}
     cp "$(type -P busybox)" "$root/bin/busybox"
     cp -r "$folder/modules" "$root/modules"
     install -m 755 "$here/init.sh" "$root/init"
