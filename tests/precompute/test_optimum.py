@@ -109,11 +109,11 @@ def near(device: Device, step_hz: float) -> Array:
 
 
 def every_coherent(device: Device) -> Iterator[tuple[Array, Array]]:
-    """Share and peak of 180 000 to 360 000 random drives at one frequency each."""
+    """Share and peak of 600 000 to 1 200 000 random drives at one frequency each."""
     random = np.random.default_rng(11)
     unit = UnitFigures(device, near(device, 1.0))
     for f in range(len(unit.frequency_hz)):
-        yield unit.coherent(f, random_drives(device, random, 600))
+        yield unit.coherent(f, random_drives(device, random, 2000))
 
 
 def every_two_tones(device: Device) -> Iterator[tuple[Array, Array]]:
@@ -169,14 +169,22 @@ def climb(unit: UnitFigures, zones: list[int], floor: float, random: np.random.G
     return best
 
 
-def test_climbing_from_random_drives_of_three_actuators_stays_within_what_the_search_may_miss() -> None:
-    """The search above a floor is not proved global for more than two actuators: seen 0.0045 short, not more."""
-    device = with_floor(random_device(11), 2.0)
+@pytest.mark.parametrize(
+    "device",
+    [
+        with_floor(shipped("reference-a"), 3.0),
+        pytest.param(
+            with_floor(random_device(11), 2.0),
+            marks=pytest.mark.xfail(strict=True, reason="three actuators above a floor: 0.0045 short in zones {1, 2}"),
+        ),
+    ],
+    ids=["two actuators", "three actuators"],
+)
+def test_climbing_from_random_drives_does_not_beat_an_entry(device: Device) -> None:
     unit, random = UnitFigures(device, near(device, 4.0)), np.random.default_rng(5)
     for entry in entries_of(device):
-        best = climb(unit, felt(entry), 2.0, random)
-        assert best <= entry.localized_factor + 0.01, (felt(entry), best, entry.localized_factor)
-        assert best <= entry.upper_bound + 1e-6
+        best = climb(unit, felt(entry), device.limits.level_floor_m_per_s2, random)
+        assert best <= entry.localized_factor + TOLERANCE, (felt(entry), best, entry.localized_factor)
 
 
 @any_case
