@@ -104,11 +104,10 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Limits:
-    """What a drive must keep to: amplitude and slew in fractions of full scale, level in the wanted zones."""
+    """What a drive must keep to: amplitude and slew in fractions of full scale."""
 
     amplitude: float
     slew_per_s: float
-    level_floor_m_per_s2: float
     lease_s: float
 
 
@@ -125,6 +124,8 @@ class Device:
     finger: Finger
     touch_axis: TouchAxis
     sweep: Sweep
+    levels_db: tuple[float, ...]
+    """Sensation levels that entries are made for, rising; full scale is always made too."""
     limits: Limits
     inferred: tuple[str, ...]
     """Keys whose values are estimates, such as "bar.width" or "actuator[1].mass"."""

@@ -1,11 +1,7 @@
 """A device description in TOML to a `Device`, validated once; every error names key, value and what was expected."""
 
-import difflib
 import itertools
 import math
-import re
-import reprlib
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,108 +9,32 @@ from typing import Any, TypeVar
 import numpy as np
 
 from engine.device import Actuator, Bar, Device, DeviceError, Finger, Limits, Sweep, TouchAxis, Zone
-from engine.quantity import QuantityError, read_quantity
+from engine.section import Section, read_text
 
 ROMAN = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII", "XIII", "XIV", "XV", "XVI")
 _LARGEST_SPREAD = 1000
-_MISSPELT = 0.8  # as alike as a misspelt key; keys that are meant differ more
 _MOST_STEPS = 100_000
+_LEVELS, _MOST_LEVELS = ("10 dB", "20 dB", "30 dB"), 16
 _SHORTEST_ZONE = 1e-3
 _LEAST_DISTANCE = 1e-3
 _Part = TypeVar("_Part")
 
 
-class _Section:
-    """One TOML table being read: every key is asked for once, what was not asked for is refused at the end."""
+class _Section(Section):
+    """A table of a device file: it may mark keys whose values are estimates."""
+
+    family = DeviceError
 
     def __init__(self, source: str, path: str, table: object) -> None:
-        self.source, self.path = source, path
-        if not isinstance(table, dict):
-            raise self.error("", table, f"expected a table [{path}]")
-        self.left: dict[str, Any] = dict(table)
-        self.known: list[str] = []
+        super().__init__(source, path, table)
         marks = self.left.pop("inferred", [])
         if not (isinstance(marks, list) and all(isinstance(mark, str) for mark in marks)):
             raise self.error("inferred", marks, "expected a list of keys of this table")
         self.marks: list[str] = marks
 
-    def error(self, key: str, value: object, expected: str) -> DeviceError:
-        where = ".".join(part for part in (self.path, key) if part)
-        return DeviceError(f"{self.source}: {where}: {reprlib.repr(value)}: {expected}")
-
-    def take(self, key: str, default: Any = None) -> Any:
-        self.known.append(key)
-        if key in self.left:
-            return self.left.pop(key)
-        if default is None:
-            for near in difflib.get_close_matches(key, self.left, 1, _MISSPELT):
-                raise self.error(near, self.left[near], f"unknown key; did you mean {key!r}?")
-            raise DeviceError(f"{self.source}: {f'[{self.path}] ' if self.path else ''}has no key {key!r}")
-        return default
-
-    def quantity(
-        self, key: str, unit: str, *, least: float = 0.0, exclusive: bool = False, default: str | None = None
-    ) -> float:
-        return self.checked(key, self.take(key, default), unit, least=least, exclusive=exclusive)
-
-    def checked(self, key: str, text: object, unit: str, *, least: float = 0.0, exclusive: bool = False) -> float:
-        try:
-            value = read_quantity(text, unit)
-        except QuantityError as error:
-            raise DeviceError(f"{self.source}: {self.path + '.' if self.path else ''}{key}: {error}") from None
-        if value < least or (exclusive and value == least):
-            raise self.error(
-                key, text, f"expected {'more than' if exclusive else 'at least'} {least:g} {unit}".rstrip()
-            )
-        return value
-
-    def position(self, key: str, length_m: float, *, least: float = 0.0, default: str | None = None) -> float:
-        """A place on the bar: a length from its start, or a percentage of its length; off it only with `least` < 0."""
-        text = self.take(key, default)
-        if isinstance(text, str) and text.rstrip().endswith("%"):
-            value = self.checked(key, text, "", least=least) * length_m
-        else:
-            value = self.checked(key, text, "m", least=least)
-        if value > length_m * (1 + 1e-12):
-            raise self.error(key, text, f"is off the bar, which is {1e3 * length_m:g} mm long")
-        return min(value, length_m)
-
-    def integer(self, key: str, least: int, greatest: int, default: int | None = None) -> int:
-        value = self.take(key, default)
-        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= greatest:
-            raise self.error(key, value, f"expected a whole number from {least} to {greatest}")
-        return value
-
-    def word(self, key: str, options: tuple[str, ...], default: str) -> str:
-        value = self.take(key, default)
-        if not isinstance(value, str) or value not in options:
-            raise self.error(key, value, f"expected one of {', '.join(options)}")
-        return value
-
-    def flag(self, key: str, default: bool) -> bool:
-        value = self.take(key, default)
-        if not isinstance(value, bool):
-            raise self.error(key, value, "expected true or false")
-        return value
-
-    def sentence(self, key: str) -> str:
-        value = self.take(key, "")
-        if not isinstance(value, str):
-            raise self.error(key, value, "expected text")
-        return value
-
-    def name(self, key: str, default: str | None = None) -> str:
-        value = self.take(key, default)
-        if not isinstance(value, str) or not re.fullmatch(r"[^\s,;/][^,;/\n]{0,63}", value):
-            raise self.error(key, value, "expected a short name without comma, semicolon or slash")
-        return value
-
     def close(self) -> list[str]:
         """Refuse keys nobody asked for; the marked keys with their paths."""
-        for key, value in self.left.items():
-            near = difflib.get_close_matches(key, self.known, 1)
-            hint = f"; did you mean {near[0]!r}?" if near else f"; known keys are {', '.join(self.known)}"
-            raise self.error(key, value, f"unknown key{hint}")
+        self.refuse_rest()
         for mark in self.marks:
             if mark not in self.known:
                 raise self.error("inferred", mark, f"is no key of this table; its keys are {', '.join(self.known)}")
@@ -123,24 +43,16 @@ class _Section:
 
 def read_device(path: Path) -> Device:
     """Read and validate the description of one bar. Raises DeviceError; OSError when there is no such file."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise DeviceError(f"{path}: not UTF-8 text: {error}") from error
-    return parse_device(text, str(path))
+    return parse_device(read_text(path, DeviceError), str(path))
 
 
 def parse_device(text: str, source: str) -> Device:
     """Validate the description `text`; `source` names it in errors. Raises DeviceError."""
-    try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # also numbers and nesting beyond what Python reads
-        raise DeviceError(f"{source}: not TOML: {error}") from error
-    top = _Section(source, "", table)
+    top = _Section.parse(text, source)
     inferred: list[str] = []
 
-    def section(key: str, read: Callable[[_Section], _Part]) -> _Part:
-        part = _Section(source, key, top.take(key))
+    def section(key: str, read: Callable[[_Section], _Part], default: dict[str, Any] | None = None) -> _Part:
+        part = _Section(source, key, top.take(key, default))
         value = read(part)
         inferred.extend(part.close())
         return value
@@ -162,6 +74,7 @@ def parse_device(text: str, source: str) -> Device:
         finger=section("finger", _read_finger),
         touch_axis=section("digitizer", lambda part: _read_touch_axis(part, bar)),
         sweep=sweep,
+        levels_db=section("feel", _read_levels, default={}),
         limits=section("limits", _read_limits),
         inferred=tuple(inferred),
         text=text,
@@ -184,16 +97,9 @@ def _read_bar(part: _Section) -> Bar:
     )
 
 
-def _read_list(top: _Section, key: str) -> list[_Section]:
-    tables = top.take(key)
-    if not isinstance(tables, list) or not tables:
-        raise top.error(key, tables, f"expected one or more [[{key}]] tables")
-    return [_Section(top.source, f"{key}[{i}]", table) for i, table in enumerate(tables, 1)]
-
-
 def _read_actuators(top: _Section, bar: Bar, inferred: list[str]) -> tuple[Actuator, ...]:
     actuators: list[Actuator] = []
-    for i, part in enumerate(_read_list(top, "actuator"), 1):
+    for i, part in enumerate(top.tables("actuator"), 1):
         actuator = Actuator(
             name=part.name("name", f"actuator {i}"),
             position_m=part.position("position", bar.length_m),
@@ -243,7 +149,7 @@ def _read_zones(top: _Section, bar: Bar, inferred: list[str]) -> tuple[tuple[Zon
 
 def _read_zone_tables(top: _Section, bar: Bar, inferred: list[str]) -> list[Zone]:
     zones: list[Zone] = []
-    parts = _read_list(top, "zone")
+    parts = top.tables("zone")
     if len(parts) > len(ROMAN):
         raise top.error("zone", len(parts), f"expected at most {len(ROMAN)} zones")
     for part, roman in zip(parts, ROMAN, strict=False):
@@ -324,6 +230,16 @@ def _read_touch_axis(part: _Section, bar: Bar) -> TouchAxis:
     )
 
 
+def _read_levels(part: _Section) -> tuple[float, ...]:
+    texts = part.take("levels", list(_LEVELS))
+    if not isinstance(texts, list) or not 1 <= len(texts) <= _MOST_LEVELS:
+        raise part.error("levels", texts, f"expected a list of 1 to {_MOST_LEVELS} levels such as ['10 dB', '20 dB']")
+    levels_db = tuple(part.level_db("levels", text) for text in texts)
+    if any(second <= first for first, second in itertools.pairwise(levels_db)):
+        raise part.error("levels", texts, "expected rising levels")
+    return levels_db
+
+
 def _read_limits(part: _Section) -> Limits:
     amplitude = part.quantity("amplitude", "", exclusive=True, default="100 %")
     if amplitude > 1:
@@ -331,6 +247,5 @@ def _read_limits(part: _Section) -> Limits:
     return Limits(
         amplitude=amplitude,
         slew_per_s=1.0 / part.quantity("ramp", "s", least=1e-6),
-        level_floor_m_per_s2=part.quantity("level_floor", "m/s^2"),
         lease_s=part.quantity("lease", "s", exclusive=True, default="40 ms"),
     )

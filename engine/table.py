@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.device_file import parse_device
-from engine.entry import Entry, ZonePromise
+from engine.entry import DEFAULT_LEVEL_DB, Entry, WorstCase, ZonePromise, scaled_to
 from engine.zones import ZoneState, state_index
 
 FORMAT = "tactable table"
-FORMAT_REVISION = 1
+FORMAT_REVISION = 2
 _READ_BYTES = 1 << 24
 _HDF5_SIGNATURE, _HDF5_SUPERBLOCK, _HDF5_END = b"\x89HDF\r\n\x1a\n", 0, 40  # superblock 0: end of file at byte 40
 _SEAL, _SEAL_MAGIC = struct.Struct("<12sI"), b"tactable end"
@@ -133,7 +133,9 @@ class Table:
         self.device: Device = parse_device(str(self.attributes["device_description"]), f"{path}: device_description")
         self.fingerprint = str(self.attributes["device_fingerprint"])
         self.entries: tuple[Entry, ...] = tuple(_read_entries(file.groups["entries"], self.device))
-        self._by_state = {entry.index: entry for entry in self.entries}
+        self.levels_db = tuple(dict.fromkeys(entry.wanted_level_db for entry in self.entries))
+        """Levels that have entries, rising; the last is infinite: full scale."""
+        self._by_key = {(entry.wanted_level_db, entry.index): entry for entry in self.entries}
 
     def __enter__(self) -> "Table":
         return self
@@ -149,14 +151,46 @@ class Table:
         """One whole array by its group and name, such as "responses" and "frequency"."""
         return np.asarray(self._file.groups[group].variables[name][...])
 
-    def entry_for(self, felt: Sequence[str]) -> Entry:
-        """Entry whose felt zones are `felt` (names) while the others are free. Raises DeviceError, TableError."""
-        wanted = {self.device.zone_index(name) for name in felt}
-        zones = range(len(self.device.zones))
-        index = state_index([ZoneState.FELT if zone in wanted else ZoneState.FREE for zone in zones])
-        if index not in self._by_state:
-            raise TableError(f"{self.path}: has no entry for felt zones {self.device.zone_names(sorted(wanted))!r}")
-        return self._by_state[index]
+    def entry_for(self, felt: Sequence[str], quiet: Sequence[str] = (), level_db: float = DEFAULT_LEVEL_DB) -> Entry:
+        """Entry of the state with these zones (names) felt and quiet and the others free, at `level_db`.
+
+        Between tabulated levels: the next higher one, played softer. Raises DeviceError for an unknown zone,
+        TableError for a zone that is both, and for a state that the table does not hold.
+        """
+        index = state_index(self.states_of(felt, quiet))
+        entry = self.entry_at(index, level_db)
+        if entry is None:
+            raise TableError(
+                f"{self.path}: has no entry for felt zones {', '.join(felt)!r} and quiet {', '.join(quiet)!r}"
+            )
+        return entry
+
+    def states_of(self, felt: Sequence[str], quiet: Sequence[str]) -> tuple[ZoneState, ...]:
+        """State of every zone; raises DeviceError for an unknown zone, TableError for one that is both."""
+        states = [ZoneState.FREE] * len(self.device.zones)
+        for name in quiet:
+            states[self.device.zone_index(name)] = ZoneState.QUIET
+        for name in felt:
+            zone = self.device.zone_index(name)
+            if states[zone] is ZoneState.QUIET:
+                raise TableError(f"zone {name} can't be felt and quiet: name it once")
+            states[zone] = ZoneState.FELT
+        return tuple(states)
+
+    def entry_at(self, state: int, level_db: float) -> Entry | None:
+        """Entry of a state (engine.zones.state_index) at a level, None where there is none."""
+        tabulated_db = next(level for level in self.levels_db if level >= level_db)
+        entry = self._by_key.get((tabulated_db, state))
+        return entry if entry is None or tabulated_db == level_db else scaled_to(entry, level_db)
+
+    def entries_at(self, level_db: float) -> tuple[Entry, ...]:
+        """Entry of every state at one level."""
+        entries = (self.entry_at(entry.index, level_db) for entry in self.entries_of(self.levels_db[0]))
+        return tuple(entry for entry in entries if entry is not None)
+
+    def entries_of(self, tabulated_db: float) -> tuple[Entry, ...]:
+        """Entries of one tabulated level as they are."""
+        return tuple(entry for entry in self.entries if entry.wanted_level_db == tabulated_db)
 
     def localized_factor(self, zones: Sequence[str], pair: int = 0) -> Values:
         """Share of kinetic energy of `zones` together: (frequency_1, frequency_2, amplitude_1, amplitude_2)."""
@@ -285,7 +319,9 @@ def _array_checksum(variable: h5py.Dataset) -> int:
 
 
 def _is_text(values: object) -> bool:
-    return not isinstance(values, np.ndarray) and isinstance(values, Sequence) and isinstance(values[0], str)
+    if isinstance(values, np.ndarray):
+        return bool(values.dtype.kind == "O")
+    return isinstance(values, Sequence) and isinstance(values[0], str)
 
 
 def _bytes_of(piece: Values) -> bytes | memoryview:
@@ -294,44 +330,83 @@ def _bytes_of(piece: Values) -> bytes | memoryview:
     return np.ascontiguousarray(piece).reshape(-1).view(np.uint8).data
 
 
+_ROW = ("level", "state")
 ENTRY_VARIABLES = {
-    "frequencies_hz": Variable("drive_frequency", ("state", "actuator"), "Hz", "frequency of each actuator"),
-    "amplitudes": Variable("drive_amplitude", ("state", "actuator"), "1", "amplitude as a fraction of full scale"),
-    "phases_rad": Variable("drive_phase", ("state", "actuator"), "rad", "phase of each actuator"),
-    "localized_factor": Variable("localized_factor", ("state",), "1", "share of the felt zones, paper eq. (10)"),
-    "upper_bound": Variable("upper_bound", ("state",), "1", "no drive has a greater localized factor"),
-    "contrast_db": Variable("contrast", ("state",), "dB", "energy per length, felt zones over the rest; NaN: no rest"),
-    "t90_s": Variable("rise_time", ("state",), "s", "t90 of the slowest felt zone"),
-    "family": Variable("family", ("state",), "1", "single tone, two tones or coherent"),
-    "limited_by": Variable("limited_by", ("state",), "1", "what limited the drive"),
-    "achieved": Variable("achieved", ("state",), "1", "1: the level floor is reached in every felt zone"),
+    "frequencies_hz": Variable("drive_frequency", (*_ROW, "actuator"), "Hz", "frequency of each actuator"),
+    "amplitudes": Variable("drive_amplitude", (*_ROW, "actuator"), "1", "amplitude as a fraction of full scale"),
+    "phases_rad": Variable("drive_phase", (*_ROW, "actuator"), "rad", "phase of each actuator"),
+    "level_db": Variable("felt_level", _ROW, "dB", "sensation level of the weakest felt finger"),
+    "achieved": Variable("achieved", _ROW, "1", "1: the wanted level is reached in every felt zone"),
+    "contrast_db": Variable("contrast", _ROW, "dB", "weakest felt over strongest quiet finger; NaN: nothing is quiet"),
+    "expected_contrast_db": Variable(
+        "expected_contrast", _ROW, "dB", "the same, levels averaged in power over the fingers looked at"
+    ),
+    "localized_factor": Variable("localized_factor", _ROW, "1", "share of the felt zones, paper eq. (10)"),
+    "objective": Variable("objective", _ROW, "1", "what was maximised above the level"),
+    "upper_bound": Variable("upper_bound", _ROW, "1", "no drive does better: a share, or dB, as the objective is"),
+    "optimality_gap_db": Variable("optimality_gap", _ROW, "dB", "what the bound leaves open"),
+    "t90_s": Variable("rise_time", _ROW, "s", "t90 of the slowest felt finger"),
+    "family": Variable("family", _ROW, "1", "single tone, coherent, two tones or several tones"),
+    "limited_by": Variable("limited_by", _ROW, "1", "what limited the drive"),
 }
+WORST_VARIABLES = {
+    "level_db": Variable("worst_felt_level", _ROW, "dB", "weakest felt finger of all that were looked at"),
+    "quiet_level_db": Variable("worst_quiet_level", _ROW, "dB", "strongest quiet finger of all; NaN: none is quiet"),
+    "contrast_db": Variable("worst_contrast", _ROW, "dB", "least contrast over the fingers; NaN: none is quiet"),
+    "localized_factor": Variable("worst_localized_factor", _ROW, "1", "least over the fingers"),
+    "t90_s": Variable("worst_rise_time", _ROW, "s", "greatest over the fingers"),
+}
+_ZONE = (*_ROW, "zone")
+_END = (*_ZONE, "end")
 ZONE_VARIABLES = {
-    "state": Variable("zone_state", ("state", "zone"), "1", "0 free, 1 quiet, 2 felt"),
-    "share": Variable("share", ("state", "zone"), "1", "localized factor of the zone"),
-    "peak_acceleration_m_per_s2": Variable("peak_acceleration", ("state", "zone"), "m s-2", "greatest in the zone"),
-    "peak_position_m": Variable("peak_position", ("state", "zone"), "m", "where it is, from the bar's start"),
-    "dead_acceleration_m_per_s2": Variable("dead_spot", ("state", "zone"), "m s-2", "least in the zone"),
-    "dead_position_m": Variable("dead_position", ("state", "zone"), "m", "where it is, from the bar's start"),
+    "state": Variable("zone_state", _ZONE, "1", "0 free, 1 quiet, 2 felt"),
+    "share": Variable("share", _ZONE, "1", "localized factor of the zone"),
+    "share_range": Variable("share_range", _END, "1", "least and greatest over the fingers looked at"),
+    "peak_acceleration_m_per_s2": Variable("peak_acceleration", _ZONE, "m s-2", "greatest in the zone"),
+    "peak_acceleration_range_m_per_s2": Variable(
+        "peak_acceleration_range", _END, "m s-2", "least and greatest over the fingers looked at"
+    ),
+    "peak_position_m": Variable("peak_position", _ZONE, "m", "where it is, from the bar's start"),
+    "dead_acceleration_m_per_s2": Variable("dead_spot", _ZONE, "m s-2", "least in the zone"),
+    "dead_position_m": Variable("dead_position", _ZONE, "m", "where it is, from the bar's start"),
+    "acceleration_at_finger_m_per_s2": Variable(
+        "acceleration_at_finger", _ZONE, "m s-2", "under the finger; NaN: no finger"
+    ),
+    "sensation_level_db": Variable("sensation_level", _ZONE, "dB", "above the detection threshold; NaN: no finger"),
+    "sensation_level_range_db": Variable(
+        "sensation_level_range", _END, "dB", "least and greatest over the fingers looked at; NaN: no finger"
+    ),
 }
 
 
 def write_entries(writer: TableWriter, entries: Sequence[Entry], device: Device) -> None:
-    """Write the entries group: one row a state."""
+    """Write the entries group. The entries are every state at the first level, in the same order at the next ..."""
+    levels_db = list(dict.fromkeys(entry.wanted_level_db for entry in entries))
+    states = [entry.index for entry in entries[: len(entries) // len(levels_db)]]
     writer.write("entries", _names("actuator"), [actuator.name for actuator in device.actuators])
     writer.write("entries", _names("zone"), [zone.name for zone in device.zones])
+    writer.write("entries", Variable("end", ("end",), "1", "of a range"), ["least", "greatest"])
+    level = Variable("level", ("level",), "dB", "wanted sensation level of every felt finger; infinite: full scale")
+    writer.write("entries", level, np.array(levels_db, dtype=np.float64))
     index = Variable("state", ("state",), "1", "sum of zone state times 3**zone")
-    writer.write("entries", index, np.array([entry.index for entry in entries], dtype=np.int64))
+    writer.write("entries", index, np.array(states, dtype=np.int64))
+    rows = (len(levels_db), len(states))
     for key, variable in ENTRY_VARIABLES.items():
-        column = [getattr(entry, key) for entry in entries]
-        if _is_text(column):
-            writer.write("entries", variable, column)
-        else:
-            numbers = [np.nan if value is None else value for value in column]
-            writer.write("entries", variable, np.array(numbers, dtype=np.float64))
+        _write_column(writer, variable, [getattr(entry, key) for entry in entries], rows)
+    for key, variable in WORST_VARIABLES.items():
+        _write_column(writer, variable, [getattr(entry.worst_case, key) for entry in entries], rows)
     for key, variable in ZONE_VARIABLES.items():
-        rows = [[float(getattr(zone, key)) for zone in entry.zones] for entry in entries]
-        writer.write("entries", variable, np.array(rows))
+        _write_column(writer, variable, [[getattr(zone, key) for zone in entry.zones] for entry in entries], rows)
+
+
+def _write_column(writer: TableWriter, variable: Variable, column: list[Any], rows: tuple[int, int]) -> None:
+    if _is_text(column):
+        writer.write("entries", variable, np.array(column, dtype=object).reshape(rows))
+        return
+    if variable.dimensions[-1] == "end":
+        column = [[(np.nan, np.nan) if value is None else value for value in row] for row in column]
+    values = np.array(column, dtype=np.float64)  # None becomes NaN
+    writer.write("entries", variable, values.reshape(*rows, *values.shape[1:]))
 
 
 def _names(what: str) -> Variable:
@@ -339,25 +414,39 @@ def _names(what: str) -> Variable:
 
 
 def _read_entries(group: Any, device: Device) -> Iterator[Entry]:
-    columns = {key: group.variables[variable.name][...] for key, variable in ENTRY_VARIABLES.items()}
-    zones = {key: group.variables[variable.name][...] for key, variable in ZONE_VARIABLES.items()}
-    for row in range(len(columns["t90_s"])):
-        contrast_db = float(columns["contrast_db"][row])
+    def columns(variables: Mapping[str, Variable]) -> dict[str, list[Any]]:
+        return {key: _read_column(group, variable) for key, variable in variables.items()}
+
+    levels_db = [float(level_db) for level_db in group.variables["level"][...]]
+    own, worst, zones = (columns(part) for part in (ENTRY_VARIABLES, WORST_VARIABLES, ZONE_VARIABLES))
+    states = len(own["achieved"]) // len(levels_db)
+    for row in range(len(own["achieved"])):
+        values: dict[str, Any] = {key: column[row] for key, column in own.items()}
+        values |= {key: tuple(value) for key, value in values.items() if isinstance(value, list)}
         yield Entry(
-            frequencies_hz=tuple(map(float, columns["frequencies_hz"][row])),
-            amplitudes=tuple(map(float, columns["amplitudes"][row])),
-            phases_rad=tuple(map(float, columns["phases_rad"][row])),
+            **values | {"achieved": bool(values["achieved"])},
+            wanted_level_db=levels_db[row // states],
+            worst_case=WorstCase(**{key: column[row] for key, column in worst.items()}),
             zones=tuple(_read_zone(zones, row, z, zone.name) for z, zone in enumerate(device.zones)),
-            localized_factor=float(columns["localized_factor"][row]),
-            upper_bound=float(columns["upper_bound"][row]),
-            contrast_db=None if np.isnan(contrast_db) else contrast_db,
-            t90_s=float(columns["t90_s"][row]),
-            family=str(columns["family"][row]),
-            limited_by=str(columns["limited_by"][row]),
-            achieved=bool(columns["achieved"][row]),
         )
 
 
-def _read_zone(zones: Mapping[str, Values], row: int, zone: int, name: str) -> ZonePromise:
-    figures = {key: float(values[row, zone]) for key, values in zones.items() if key != "state"}
-    return ZonePromise(name=name, state=ZoneState(int(zones["state"][row, zone])), **figures)
+def _read_column(group: Any, variable: Variable) -> list[Any]:
+    """One value an entry; NaN, which stands for absence, as None."""
+    values = np.asarray(group.variables[variable.name][...])
+    values = values.reshape(-1, *values.shape[2:])
+    if values.dtype.kind == "f":
+        values = np.where(np.isnan(values), None, values)  # type: ignore[call-overload]  # an array of objects
+    rows: list[Any] = values.tolist()
+    return rows
+
+
+def _read_zone(zones: Mapping[str, list[Any]], row: int, zone: int, name: str) -> ZonePromise:
+    figures = {key: column[row][zone] for key, column in zones.items()}
+    ranges = {key: _range(value) for key, value in figures.items() if isinstance(value, list)}
+    return ZonePromise(**figures | ranges | {"name": name, "state": ZoneState(int(figures["state"]))})
+
+
+def _range(ends: list[float | None]) -> tuple[float, float] | None:
+    least, greatest = ends
+    return None if least is None or greatest is None else (least, greatest)

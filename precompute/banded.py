@@ -9,6 +9,7 @@ _KV = 2 * BANDWIDTH  # super-diagonals, with the fill-in of pivoting
 _ROWS = BANDWIDTH + _KV + 1
 _BAND = types.Array(types.float64, 2, "C", readonly=True)
 _VECTOR = types.Array(types.float64, 1, "C", readonly=True)
+_WEIGHT = types.Array(types.float64, 2, "C", readonly=True)
 _INDEX = types.Array(types.int64, 1, "C", readonly=True)
 _OUT = types.Array(types.complex128, 3, "C")
 
@@ -46,12 +47,15 @@ def _eliminate(lu, right):  # type: ignore[no-untyped-def]  # numba
 
 
 @njit(
-    types.void(_BAND, _BAND, _BAND, _VECTOR, _INDEX, _VECTOR, _VECTOR, _OUT),
+    types.void(_BAND, _BAND, _BAND, _VECTOR, _INDEX, _WEIGHT, _VECTOR, _VECTOR, _OUT),
     cache=True,
     parallel=True,
 )
-def solve_banded(K, C, M, omega, dof, spring, damper, out):  # type: ignore[no-untyped-def]  # numba
-    """Fill out (frequency, actuator, degree of freedom); K, C, M upper bands, loads spring + j omega damper."""
+def solve_banded(K, C, M, omega, dof, weight, spring, damper, out):  # type: ignore[no-untyped-def]  # numba
+    """Fill out (frequency, load, degree of freedom); K, C, M upper bands.
+
+    Load i is (spring_i + j omega damper_i) weight_i on the degrees of freedom from dof_i on, as many as have weight.
+    """
     size = K.shape[1]
     for f in prange(omega.shape[0]):
         w = omega[f]
@@ -67,5 +71,7 @@ def solve_banded(K, C, M, omega, dof, spring, damper, out):  # type: ignore[no-u
         right = out[f]
         right[:] = 0
         for a in range(dof.shape[0]):
-            right[a, dof[a]] = complex(spring[a], w * damper[a])
+            for i in range(weight.shape[1]):
+                if weight[a, i] != 0.0:
+                    right[a, dof[a] + i] = complex(spring[a], w * damper[a]) * weight[a, i]
         _eliminate(lu, right)

@@ -10,7 +10,6 @@ from precompute.sweep import AmplitudeRatios, fill_coherent_sweep
 
 Complex = NDArray[np.complex128]
 Single = NDArray[np.float32]
-_RANDOM_DIRECTIONS = 2000
 
 
 @dataclass(frozen=True)
@@ -34,20 +33,6 @@ def pair_directions(actuators: int, pair: tuple[int, int], ratios: AmplitudeRati
     out[pair[0]] = (ratios.first / strongest)[:, None]
     out[pair[1]] = (ratios.second / strongest)[:, None] * phase
     return out.reshape(actuators, -1)
-
-
-def random_directions(actuators: int, seed: int = 0) -> Complex:
-    """Seeded, uniform over all complex directions, the strongest actuator at full scale."""
-    parts = np.random.default_rng(seed).normal(size=(2, actuators, _RANDOM_DIRECTIONS))
-    return full_scale(parts[0] + 1j * parts[1])
-
-
-def full_scale(directions: Complex) -> Complex:
-    """The same directions (actuator, direction) with the strongest actuator at 1 and the first driven at phase 0."""
-    scaled = directions / abs(directions).max(axis=0)
-    first = np.take_along_axis(scaled, (abs(scaled) > 0).argmax(axis=0)[None], axis=0)[0]
-    out: Complex = scaled * np.conj(first) / abs(first)
-    return out
 
 
 def compute_coherent_figures(grid: GridResponse, directions: Complex) -> CoherentFigures:

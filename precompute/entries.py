@@ -1,116 +1,193 @@
-"""The plant to its entries: best drive of every zone combination, with everything it promises."""
+"""The plant to its entries: for every state of the fingers and every level the best drive, and all that it promises."""
 
 import itertools
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import lru_cache
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.entry import Entry, ZonePromise
-from engine.table import TableError
-from engine.zones import ZoneState
+from engine.entry import Entry
+from engine.zones import ZoneState, state_index
 from precompute.assembly import Plant
-from precompute.grid import compute_grid_response, refine_frequencies
-from precompute.modal import ModalModel, compute_basis, compute_modal_model, compute_rise_time
-from precompute.optimum import FREQUENCY_STEP_HZ, Optimizer, Optimum
-from precompute.steady import SteadyState, compute_steady_state
+from precompute.drive import Drive, on_the_wire
+from precompute.figures import compute_figures
+from precompute.forms import Forms, compute_forms
+from precompute.modal import compute_basis
+from precompute.objective import DEFAULT_OBJECTIVE, OBJECTIVES, Problem, level
+from precompute.promise import Choice, States, make_entry, touched_zones
+from precompute.receptance import solve_receptance
+from precompute.rise import RiseModel, compute_rise_model, compute_rise_time
+from precompute.search import Found, Search, polish, start_at
+from precompute.touches import sample_touches
 
-_BELOW_BOUND = 1e-4
-MAX_COMBINED_ZONES = 10
-"""Beyond this many zones an entry for every combination is no table any more."""
+Array = NDArray[np.float64]
 
-
-def solve_entries(plant: Plant, points_m: NDArray[np.float64]) -> Iterator[tuple[Entry, float]]:
-    """The entry of every zone combination on the untouched bar, with the fraction done."""
-    device = plant.device
-    zones = range(len(device.zones))
-    if len(device.zones) > MAX_COMBINED_ZONES:
-        raise TableError(f"{device.name}: {len(device.zones)} zones; a table holds up to {MAX_COMBINED_ZONES}")
-    model = compute_modal_model(compute_basis(plant))
-    refined_hz = refine_frequencies(device.sweep.frequency_hz, model)
-    optimizer = Optimizer(plant, compute_grid_response(plant, refined_hz, points_m))
-    combinations = [c for size in range(1, len(zones) + 1) for c in itertools.combinations(zones, size)]
-    for done, felt in enumerate(combinations, 1):
-        with _one_thread():
-            entry = _make_entry(plant, model, felt, optimizer.solve(felt))
-        yield entry, done / len(combinations)
+MOST_TABULATED_ZONES = 8
+"""Up to so many zones a table holds every state: 3^8 are 6561."""
+MOST_TOUCHED_BEYOND = 3
+"""Beyond, the states of so many fingers; the others are solved when they are asked for."""
+_SAMPLED_MODES = 16  # for the range of rise times: those up to 4 kHz on the published bar
+_CLUSTER = np.sinh(np.linspace(-2.2, 2.2, 9))
+"""Distances from a narrow resonance in half bandwidths."""
+_NARROW = 3.0
+"""Resonances with a half bandwidth under so many steps of the grid get frequencies of their own."""
 
 
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Kernels on one thread: a search makes many small calls, and a barrier waits for whoever shares the machine."""
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
-        yield
-    finally:
-        numba.set_num_threads(threads)
+def tabulated_states(device: Device) -> list[States]:
+    """Every state with a felt zone that a table of the device holds, in the order of their numbers."""
+    count = len(device.zones)
+    most = count if count <= MOST_TABULATED_ZONES else MOST_TOUCHED_BEYOND
+    found = list[States]()
+    for touched in range(1, most + 1):
+        for zones in itertools.combinations(range(count), touched):
+            for kinds in itertools.product((ZoneState.QUIET, ZoneState.FELT), repeat=touched):
+                if ZoneState.FELT in kinds:
+                    state = dict(zip(zones, kinds, strict=True))
+                    found.append(tuple(state.get(zone, ZoneState.FREE) for zone in range(count)))
+    return sorted(found, key=state_index)
 
 
-def _make_entry(plant: Plant, model: ModalModel, felt: tuple[int, ...], optimum: Optimum) -> Entry:
-    device, best = plant.device, optimum.best
-    frequency_hz = np.round(best.frequency_hz / FREQUENCY_STEP_HZ) * FREQUENCY_STEP_HZ
-    amplitude = best.amplitude * device.limits.amplitude
-    magnitude = np.minimum(abs(amplitude), device.limits.amplitude)  # a product may round up beyond the limit
-    steady = compute_steady_state(plant, frequency_hz, amplitude)
-    share = float(steady.share[list(felt)].sum())
-    states = [ZoneState.FELT if zone in felt else ZoneState.FREE for zone in range(len(device.zones))]
-    peaks_m = steady.peak_position_m[list(felt)]
-    return Entry(
-        frequencies_hz=tuple(frequency_hz.tolist()),
-        amplitudes=tuple(magnitude.tolist()),
-        phases_rad=tuple(np.angle(amplitude).tolist()),
-        zones=tuple(_promise(device, steady, z, state) for z, state in enumerate(states)),
-        localized_factor=share,
-        upper_bound=max(optimum.upper_bound, share),
-        contrast_db=_contrast_db(device, felt, share),
-        t90_s=float(compute_rise_time(model, frequency_hz, amplitude, peaks_m).max()),
-        family=best.family,
-        limited_by=_limited_by(device, optimum, steady, felt),
-        achieved=_reaches_floor(device, steady, felt),
-    )
+def solve_entries(plant: Plant, objective: str = DEFAULT_OBJECTIVE) -> Iterator[tuple[list[Entry], float]]:
+    """The entries of every tabulated state, one a level, with the fraction done."""
+    solver = EntrySolver(plant, objective)
+    states = tabulated_states(plant.device)
+    # States with the same fingers one after another, so that they share what is computed for them.
+    for done, state in enumerate(sorted(states, key=touched_zones), 1):
+        yield solver.solve(state), done / len(states)
 
 
-def _promise(device: Device, steady: SteadyState, zone: int, state: ZoneState) -> ZonePromise:
-    return ZonePromise(
-        name=device.zones[zone].name,
-        state=state,
-        share=float(steady.share[zone]),
-        peak_acceleration_m_per_s2=float(steady.peak[zone]),
-        peak_position_m=float(steady.peak_position_m[zone]),
-        dead_acceleration_m_per_s2=float(steady.dead[zone]),
-        dead_position_m=float(steady.dead_position_m[zone]),
-    )
+class EntrySolver:
+    """Solves states of one plant; what states with the same fingers share is computed once.
+
+    `objective`: a name of precompute.objective.OBJECTIVES.
+    """
+
+    def __init__(self, plant: Plant, objective: str = DEFAULT_OBJECTIVE) -> None:
+        self.plant, self.device = plant, plant.device
+        self.touches = sample_touches(plant.device)
+        self.forms_of = lru_cache(maxsize=2)(self._compute_forms)
+        """Forms with a finger in each of some zones (indices, a tuple), at every frequency of the search."""
+        self._objective = OBJECTIVES[objective]
+        self._basis = compute_basis(plant)
+        self._few_modes = self._basis.lowest(_SAMPLED_MODES)
+        self._rise_of = lru_cache(maxsize=2)(self._compute_rise)
+        self._receptance = solve_receptance(plant, self.touches, self._search_frequencies())
+
+    def solve(self, states: States) -> list[Entry]:
+        """The entry of one state for each level of the device, then for full scale."""
+        forms, levels_db = self.forms_of(touched_zones(states)), self.device.levels_db
+        wanted = [self.wanted_power(level_db) for level_db in levels_db]
+        loud = Search(level(forms, states), [])
+        loudest = loud.best(0.0)
+        assert loudest is not None  # with nothing wanted there is always a drive
+        problem = self._objective(forms, states)
+        found = _flat(loud.basins(), wanted) if problem.is_flat else _above_levels(problem, wanted, loudest, loud)
+        full = self._choose(loudest, states, level, "level", 0.0)
+        # One drive may serve several levels: it is polished for the highest.
+        highest = {id(each): power for each, power in zip(found, wanted, strict=True)}
+        chosen = {
+            id(each): self._choose(each, states, self._objective, problem.name, highest[id(each)])
+            for each in found
+            if each is not None
+        }
+        choices = [*(chosen.get(id(each), full) for each in found), full]
+        return [
+            make_entry(self.device, choice, level_db)
+            for choice, level_db in zip(choices, (*levels_db, np.inf), strict=True)
+        ]
+
+    def judge(self, states: States, wanted_level_db: float, drive: Drive, name: str) -> Entry:
+        """What any drive does in a state, as an entry that claims no optimum: its gap is infinite."""
+        figures = compute_figures(
+            self.plant, self.touches, touched_zones(states), drive.frequency_hz, self._limited(drive)
+        )
+        choice = Choice(states, name, drive, np.inf, figures, self._rise(states, drive))
+        return make_entry(self.device, choice, wanted_level_db)
+
+    def wanted_power(self, level_db: float) -> float:
+        """Power over threshold, at amplitudes up to 1, from which the amplitude limit leaves `level_db`."""
+        return float(10 ** (level_db / 10) / self.device.limits.amplitude**2)
+
+    def _limited(self, drive: Drive) -> NDArray[np.complex128]:
+        limited: NDArray[np.complex128] = drive.amplitude * self.device.limits.amplitude
+        return limited
+
+    def _search_frequencies(self) -> Array:
+        """The grid of the device, with points of their own for resonances that fall between them."""
+        grid_hz, finger = self.device.sweep.frequency_hz, self.device.finger
+        middles = self.touches.middle_m.tolist()
+        loads = [[], [(at, finger) for at in middles], *([(at, finger)] for at in middles)]
+        pole = compute_rise_model(self._few_modes, loads, np.zeros((len(loads), 0))).pole.ravel()
+        half_hz, centre_hz = -pole.real / (2 * np.pi), pole.imag / (2 * np.pi)
+        narrow = (pole.imag > 0) & (half_hz < _NARROW * self.device.sweep.step_hz)
+        extra = (centre_hz[narrow, None] + half_hz[narrow, None] * _CLUSTER).ravel()
+        edges = np.array([edge for actuator in self.device.actuators for edge in actuator.band_hz])
+        extra = np.concatenate([extra, edges])
+        inside = extra[(extra > grid_hz[0]) & (extra < grid_hz[-1])]
+        return np.unique(on_the_wire(np.concatenate([grid_hz, inside])))
+
+    def _compute_forms(self, touched: tuple[int, ...]) -> Forms:
+        return compute_forms(self._receptance, touched)
+
+    def _compute_rise(self, touched: tuple[int, ...]) -> tuple[RiseModel, RiseModel]:
+        """Models of the standard touch, with all modes, and of every touch, with the lower ones."""
+        loads = [self.touches.fingers(touch, touched) for touch in range(len(self.touches.place))]
+        places_m = np.array([[at for at, _ in load] for load in loads])
+        standard = compute_rise_model(self._basis, loads[:1], places_m[:1])
+        return standard, compute_rise_model(self._few_modes, loads, places_m)
+
+    def _choose(
+        self, found: Found, states: States, make: Callable[[Forms, States], Problem], objective: str, wanted: float
+    ) -> Choice:
+        """The quickest of the drives that are as good, climbed on exact forms, with all its figures."""
+        drives = [self._exact(drive, states, make, wanted) for drive in (found.drive, *found.ties)]
+        timed = [(drive, self._rise(states, drive)) for drive in drives]
+        drive, rise_s = min(timed, key=lambda pair: (pair[1][0], -pair[0].loudness))
+        figures = compute_figures(
+            self.plant, self.touches, touched_zones(states), drive.frequency_hz, self._limited(drive)
+        )
+        return Choice(states, objective, drive, found.bound, figures, rise_s)
+
+    def _exact(self, drive: Drive, states: States, make: Callable[[Forms, States], Problem], wanted: float) -> Drive:
+        """The search interpolates between its frequencies; here the plant is solved at the drive's own."""
+        tones = np.unique(drive.frequency_hz[drive.amplitude != 0])
+        forms = compute_forms(solve_receptance(self.plant, self.touches, tones), touched_zones(states))
+        moved = replace(drive, frequency_hz=np.where(drive.amplitude == 0, tones[0], drive.frequency_hz))
+        return polish(make(forms, states), moved, wanted)
+
+    def _rise(self, states: States, drive: Drive) -> Array:
+        """Rise time of the slowest felt finger (touch,), the standard touch first."""
+        touched = touched_zones(states)
+        felt = [finger for finger, zone in enumerate(touched) if states[zone] is ZoneState.FELT]
+        standard, sampled = (
+            compute_rise_time(model, drive.frequency_hz, drive.amplitude)[:, felt].max(axis=1)
+            for model in self._rise_of(touched)
+        )
+        return np.concatenate([standard, sampled[1:]])
 
 
-def _contrast_db(device: Device, felt: tuple[int, ...], share: float) -> float | None:
-    """Energy per length, felt zones over the rest of the bar (the paper's 0.8626 for three of five is 6.2 dB)."""
-    inside_m = sum(device.zones[zone].length_m for zone in felt)
-    outside_m = device.bar.length_m - inside_m
-    if outside_m < 1e-9 * device.bar.length_m or not 0 < share < 1:
-        return None
-    return float(10 * np.log10(share / inside_m * outside_m / (1 - share)))
+def _above_levels(problem: Problem, wanted: Sequence[float], loudest: Found, loud: Search) -> list[Found | None]:
+    """The best drive above each wanted power, which rise; None beyond the loudest drive, which `loud` found."""
+    search = Search(problem, wanted)
+    found = list[Found | None]()
+    for power in wanted:
+        last = found[-1] if found else None
+        if last is not None and last.drive.loudness >= power:
+            found.append(last)
+        elif power <= loudest.drive.loudness:
+            found.append(search.best(power, [start_at(loudest.drive), *loud.edges(power)]))
+        else:
+            found.append(None)
+    return found
 
 
-def _reaches_floor(device: Device, steady: SteadyState, felt: tuple[int, ...]) -> bool:
-    return bool(steady.peak[list(felt)].min() >= device.limits.level_floor_m_per_s2)
-
-
-def _limited_by(device: Device, optimum: Optimum, steady: SteadyState, felt: tuple[int, ...]) -> str:
-    """Names of what holds the drive: the level floor, the amplitude limit, a band's edge."""
-    best, floor, parts = optimum.best, device.limits.level_floor_m_per_s2, list[str]()
-    if not _reaches_floor(device, steady, felt):
-        out_of_reach = [zone for zone in felt if steady.peak[zone] < floor]
-        parts.append(f"level floor out of reach in {device.zone_names(out_of_reach)}")
-    elif best.localized_factor < optimum.upper_bound - _BELOW_BOUND:
-        low = [zone for zone in felt if steady.peak[zone] < 1.01 * floor]
-        parts.append(f"level floor in {device.zone_names(low)}" if low else "level floor")
-    for actuator, frequency, weight in zip(device.actuators, best.frequency_hz, abs(best.amplitude), strict=True):
-        if weight > 1 - 1e-6:
-            parts.append(f"full scale of {actuator.name}")
-        if weight > 0 and min(abs(frequency - edge) for edge in actuator.band_hz) < FREQUENCY_STEP_HZ:
-            parts.append(f"band of {actuator.name}")
-    return "; ".join(parts)
+def _flat(loud: Sequence[Drive], wanted: Sequence[float]) -> list[Found | None]:
+    """Where every drive has the same share, as with all zones felt: the loud ones, of which the quickest is taken."""
+    found = list[Found | None]()
+    for power in wanted:
+        enough = [replace(drive, value=1.0) for drive in loud if drive.loudness >= power]
+        found.append(Found(enough[0], tuple(enough[1:]), 1.0) if enough else None)
+    return found

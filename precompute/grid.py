@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from engine.device import Device
 from precompute.assembly import Plant
 from precompute.gram import compute_gram
-from precompute.modal import ModalModel
 from precompute.response import solve_response
 
 Array = NDArray[np.float64]
@@ -16,8 +15,6 @@ Complex = NDArray[np.complex128]
 
 SAMPLING_ERROR = 2e-3
 """Greatest relative error of a tabulated peak from looking at finitely many points of a zone."""
-_RESONANCE = np.sinh(np.linspace(-3.0, 3.0, 33))
-"""Distances from a resonance in half bandwidths, dense near it: -10 to 10."""
 
 
 @dataclass(frozen=True)
@@ -50,15 +47,6 @@ def zone_points(device: Device) -> Array:
     longest_m = max(zone.length_m for zone in device.zones)
     count = 8 * int(np.ceil((longest_m / spacing_m + 1) / 8))
     return np.stack([np.linspace(zone.start_m, zone.stop_m, count) for zone in device.zones])
-
-
-def refine_frequencies(frequency_hz: Array, model: ModalModel) -> Array:
-    """The grid with points clustered at the resonances inside it, where figures change within a fraction of a hertz."""
-    resonances = model.pole[model.pole.imag > 0]
-    centre_hz, half_width_hz = resonances.imag / (2 * np.pi), -resonances.real / (2 * np.pi)
-    extra = (centre_hz[:, None] + half_width_hz[:, None] * _RESONANCE).ravel()
-    inside = extra[(extra > frequency_hz[0]) & (extra < frequency_hz[-1])]
-    return np.unique(np.concatenate([frequency_hz, inside]))
 
 
 def compute_grid_response(plant: Plant, frequency_hz: Array, position_m: Array) -> GridResponse:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -13,8 +12,6 @@ from precompute.assembly import Plant, dense
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-_RISE_STEP_S, _LONGEST_RISE_S = 5e-4, 10.0
 
 MODES = 40
 """Undamped modes kept: with them the steady state equals the frequency response within 0.1 % up to 1 kHz."""
@@ -28,6 +25,12 @@ class Basis:
     shape: Array
     square_omega: Array
     damping: Array
+
+    def lowest(self, modes: int) -> "Basis":
+        """The same with fewer modes."""
+        kept = slice(modes)
+        shape, damping = np.ascontiguousarray(self.shape[:, kept]), np.ascontiguousarray(self.damping[kept, kept])
+        return Basis(self.plant, shape, self.square_omega[kept], damping)
 
     def at(self, position_m: Array) -> Array:
         """Mode shapes at positions: (point, mode)."""
@@ -52,13 +55,6 @@ class ModalModel:
     spring: Complex
     damper: Complex
     push: Array
-
-    @cached_property
-    def ring_down(self) -> tuple[Array, Complex]:
-        """Times (time,) of rise and decay, and exp(pole t), shape (state, time)."""
-        slowest_s = 1.0 / max(np.min(-self.pole.real), 6.0 / _LONGEST_RISE_S)
-        time_s = np.arange(0.0, 6 * slowest_s, _RISE_STEP_S)
-        return time_s, np.exp(np.outer(self.pole, time_s))
 
 
 def compute_basis(plant: Plant, modes: int = MODES) -> Basis:
@@ -95,28 +91,3 @@ def _forces(basis: Basis) -> Array:
     spring = np.array([a.stiffness_n_per_m * a.full_scale_m for a in actuators])
     damper = np.array([a.damping_n_s_per_m * a.full_scale_m for a in actuators])
     return np.stack([drive * spring, drive * damper], axis=1)
-
-
-def compute_rise_time(
-    model: ModalModel, frequency_hz: Array, amplitude: Complex, position_m: Array, threshold: float = 0.1
-) -> Array:
-    """Shape (point,), seconds: from rest, when each point's envelope is within `threshold` of its final value for good.
-
-    frequency_hz, amplitude (actuator,): tones started at once at t = 0 (a slew limit adds its own time). The envelope
-    of a tone is the magnitude of the acceleration under exp(j omega t); envelopes of different frequencies add, as
-    their magnitudes do in eq. (8). Right to half a millisecond.
-    """
-    shape = model.basis.at(position_m) @ model.vector[: len(model.push)]
-    time_s, decay = model.ring_down
-    final, envelope = np.zeros(len(position_m)), np.zeros((len(position_m), len(time_s)))
-    for frequency in np.unique(frequency_hz[amplitude != 0]):
-        together = np.where(frequency_hz == frequency, amplitude, 0)
-        omega = 2 * np.pi * frequency
-        state = shape * ((model.spring + 1j * omega * model.damper) @ together / (1j * omega - model.pole))
-        steady = -(omega**2) * state.sum(axis=1)
-        final += abs(steady)
-        envelope += abs(steady[:, None] * np.exp(1j * omega * time_s) - (state * model.pole**2) @ decay)
-    outside = abs(envelope - final[:, None]) > threshold * final[:, None]
-    last = outside.shape[1] - 1 - np.argmax(outside[:, ::-1], axis=1)
-    rise_s: Array = time_s[np.minimum(last + 1, len(time_s) - 1)]
-    return rise_s

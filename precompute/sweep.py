@@ -171,20 +171,3 @@ def fill_coherent_sweep(  # type: ignore[no-untyped-def]  # numba
             for d in range(directions):
                 peak[f, z, d] = np.sqrt(peak[f, z, d])
                 dead[f, z, d] = np.sqrt(dead[f, z, d])
-
-
-@njit(types.void(_F3, _F3, types.float32, _OUT3), cache=True, parallel=True, fastmath=_FAST)
-def fill_lift(level_1, level_2, floor, out):  # type: ignore[no-untyped-def]  # numba
-    """Fill out (frequency_1, frequency_2, zone): least amplitude of tone 2 that lifts the zone's peak to the floor.
-
-    level_i (frequency_i, zone, point): |A_i|; tone 1 is at full scale; 0 where it is loud enough alone.
-    """
-    count_2, zones, points = level_2.shape
-    for f1 in prange(level_1.shape[0]):
-        for f2 in range(count_2):
-            for z in range(zones):
-                least = np.float32(3.4e38)
-                for p in range(points):
-                    value = max(floor - level_1[f1, z, p], np.float32(0.0)) / level_2[f2, z, p]
-                    least = min(least, value)
-                out[f1, f2, z] = least

@@ -1,0 +1,52 @@
+"""States that no table holds, solved when they are asked for and kept in a folder: bars of many zones, odd levels."""
+
+import json
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from engine.entry import Entry, WorstCase, ZonePromise
+from engine.table import Table
+from engine.zones import ZoneState, state_index
+from precompute.assembly import assemble
+from precompute.build import code_fingerprint
+from precompute.entries import EntrySolver
+from precompute.promise import States
+
+
+def entries_on_demand(table: Table, states: States, folder: Path) -> list[Entry]:
+    """The entries of any state of the table's device, one a tabulated level: the table's own, or solved and kept.
+
+    What `folder` holds of another device, code or objective has another name and is not looked at.
+    """
+    index, objective = state_index(states), str(table.attributes["objective"])
+    own = [entry for level_db in table.levels_db if (entry := table.entry_at(index, level_db)) is not None]
+    if own:
+        return own
+    name = f"{table.fingerprint[:16]}-{code_fingerprint()[:16]}-{objective.replace(' ', '-')}-{index}.json"
+    path = folder / name
+    if path.is_file():
+        return [_entry_of(values) for values in json.loads(path.read_text(encoding="utf-8"))]
+    with threadpool_limits(1, "blas"):
+        entries = EntrySolver(assemble(table.device), objective).solve(states)
+    folder.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{name}.{os.getpid()}.partial")
+    try:
+        partial.write_text(json.dumps([asdict(entry) for entry in entries]), encoding="utf-8")
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+    return entries
+
+
+def _entry_of(values: dict[str, Any]) -> Entry:
+    zones = tuple(ZonePromise(**{**_tuples(zone), "state": ZoneState(zone["state"])}) for zone in values.pop("zones"))
+    worst_case = WorstCase(**values.pop("worst_case"))
+    return Entry(**_tuples(values), zones=zones, worst_case=worst_case)
+
+
+def _tuples(values: dict[str, Any]) -> dict[str, Any]:
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
