@@ -5,9 +5,12 @@ quadrature of the field, peaks from looking at many places.
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+import scipy.linalg
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from scipy.integrate import simpson
@@ -50,15 +53,24 @@ class DenseModel:
             self._ground(row, actuator.mass_kg, actuator.damping_n_s_per_m, actuator.stiffness_n_per_m)
             self.spring[:, i] = row * actuator.stiffness_n_per_m * actuator.full_scale_m
             self.damper[:, i] = row * actuator.damping_n_s_per_m * actuator.full_scale_m
+        self._touch(fingers)
+
+    def touched(self, fingers: Fingers) -> "DenseModel":
+        """The same bar with these fingers on it too, assembled into its matrices."""
+        other = copy(self)
+        other._touch(fingers)
+        return other
+
+    def _touch(self, fingers: Fingers) -> None:
         for position_m, finger in fingers:
             row = self.rows([position_m])[0]
             self._ground(row, finger.mass_kg, finger.damping_n_s_per_m, finger.stiffness_n_per_m)
 
     def _ground(self, row: Array, mass_kg: float, damping_n_s_per_m: float, stiffness_n_per_m: float) -> None:
         outer = np.outer(row, row)
-        self.M += mass_kg * outer
-        self.C += damping_n_s_per_m * outer
-        self.K += stiffness_n_per_m * outer
+        self.M = self.M + mass_kg * outer
+        self.C = self.C + damping_n_s_per_m * outer
+        self.K = self.K + stiffness_n_per_m * outer
 
     def rows(self, position_m: Sequence[float] | Array) -> Array:
         """Shape (place, degree of freedom): what the deflection at a place takes of each degree of freedom."""
@@ -69,6 +81,15 @@ class DenseModel:
             here = np.flatnonzero(element == e)
             shapes = _hermite(self.node_m[e + 1] - self.node_m[e])
             out[here, 2 * e : 2 * e + 4] = np.column_stack([shape(place_m[here] - self.node_m[e]) for shape in shapes])
+        return out
+
+    def square_integral(self, start_m: float, stop_m: float) -> Array:
+        """Matrix (degree of freedom, degree of freedom) of the integral of the deflection squared between two nodes."""
+        out = np.zeros_like(self.M)
+        for e, (left_m, right_m) in enumerate(pairwise(self.node_m)):
+            if start_m < (left_m + right_m) / 2 < stop_m:
+                length_m, part = right_m - left_m, slice(2 * e, 2 * e + 4)
+                out[part, part] += _integral(_hermite(length_m), length_m, derivative=0)
         return out
 
     def unit_field(self, frequency_hz: Array) -> Complex:
@@ -102,6 +123,27 @@ class DenseModel:
             peak=np.array([level.max() for _, level in zones]),
             dead=np.array([level.min() for _, level in zones]),
         )
+
+    def envelope(self, frequency_hz: Array, amplitude: Complex, position_m: Array, time_s: Array) -> tuple[Array, Array]:
+        """Acceleration amplitude from rest, (time, place), tones started at t = 0; and what it becomes, (place,).
+
+        time_s: even steps from 0. Of each tone the magnitude under exp(j omega t); tones add as magnitudes.
+        """
+        size, inverse = len(self.K), np.linalg.inv(self.M)
+        upper = np.hstack([np.zeros((size, size)), np.eye(size)])
+        system = np.vstack([upper, np.hstack([-inverse @ self.K, -inverse @ self.C])])
+        rows, step = self.rows(position_m), scipy.linalg.expm(system * time_s[1])
+        course, final = np.zeros((len(time_s), len(rows))), np.zeros(len(rows))
+        for hz in np.unique(frequency_hz[amplitude != 0]):
+            omega, weight = 2 * np.pi * hz, np.where(frequency_hz == hz, amplitude, 0)
+            force = np.append(np.zeros(size), inverse @ ((self.spring + 1j * omega * self.damper) @ weight))
+            state = np.linalg.solve(1j * omega * np.eye(2 * size) - system, force)
+            steady = -(omega**2) * (rows @ state[:size])
+            for k, turning in enumerate(np.exp(1j * omega * time_s)):
+                course[k] += abs(steady * turning - rows @ (system[size:] @ state))  # less what dies away
+                state = step @ state
+            final += abs(steady)
+        return course, final
 
     def unit_gram(self, frequency_hz: Array, start_m: float, stop_m: float, count: int = 401) -> Complex:
         """Shape (frequency, actuator, actuator): integral over a stretch of conj(v_a) v_b, v the unit velocities."""

@@ -13,6 +13,7 @@ from precompute.assembly import BANDWIDTH, Plant, assemble, dense
 from precompute.banded import solve_banded
 from precompute.gram import compute_gram
 from precompute.response import Response, solve_response
+from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import (
     every_device,
     mirrored,
@@ -70,13 +71,29 @@ def test_banded_kernel_solves_any_band_even_where_pivots_are_small(size: int, se
     dof, spring, damper = np.array([size // 2]), np.array([1.5]), np.array([0.25])
     out = np.zeros((2, 1, size), dtype=complex)
     omega = np.array([0.3, 2.0])
-    solve_banded(K, C, M, omega, dof, spring, damper, out)
+    weight = np.zeros((1, 4))
+    weight[0, : min(4, size - size // 2)] = random.normal(size=min(4, size - size // 2))
+    solve_banded(K, C, M, omega, dof, weight, spring, damper, out)
     for w, found in zip(omega, out[:, 0], strict=True):
         matrix = dense(K) + 1j * w * dense(C) - w * w * dense(M)
         right = np.zeros(size, dtype=complex)
-        right[dof] = 1.5 + 0.25j * w
+        right[size // 2 : size // 2 + 4] = (1.5 + 0.25j * w) * weight[0, : size - size // 2]
         scale = np.abs(matrix).sum(axis=1).max() * np.abs(found).max() + np.abs(right).max()
         assert np.abs(matrix @ found - right).max() <= 1e-12 * scale
+
+
+@any_device
+def test_a_touched_points_column_is_the_receptance_of_a_unit_force_there(device: Device) -> None:
+    plant = assemble(device)
+    places_m = np.array([0.0, 0.31, 0.77, 1.0]) * device.bar.length_m
+    found = solve_response(plant, FREQUENCY_HZ, places_m).displacement_m
+    assert (found[:, : len(device.actuators)] == solve_response(plant, FREQUENCY_HZ).displacement_m).all()
+    rows = DenseModel(device).rows(places_m)
+    for row, frequency_hz in zip(found[:, len(device.actuators) :], FREQUENCY_HZ, strict=True):
+        expected = np.linalg.solve(dynamic_stiffness(plant, frequency_hz), rows.T.astype(complex)).T
+        assert_close(row[:, 0::2], expected[:, 0::2], 1e-8)
+    at_points = found[:, len(device.actuators) :] @ rows.T
+    assert_close(at_points, at_points.swapaxes(1, 2), 1e-8)  # reciprocity
 
 
 @any_device
