@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from engine.digitizer import RELEASE_AFTER_NS, Digitizer, TouchFrame
+from engine.effect_player import EffectPlayer
 from engine.latency import LatencyRecorder, Stamps
 from engine.renderer import Renderer
 from engine.sources import Source
-from engine.zones import ZoneTracker
+from engine.zones import Touch, ZoneTracker
 from firmware_link.errors import LinkError
 from firmware_link.link_values import Armed, Capabilities, Event, FaultReceived, Greeted, LinkState
 from firmware_link.session import Session
@@ -56,15 +57,20 @@ class StopRequest(Protocol):
 
 
 class StateChange(NamedTuple):
-    """One line of the trace: the zones took a new state, and what was sent for it."""
+    """One line of the trace: the zones took a new state or level, and what was sent for it."""
 
     time_ns: int
     """Clock time at which the state was known."""
     report_index: int | None
-    """The report that completed the frame; None for a release by the watchdog or at the end of the run."""
+    """The report that completed the frame; None for what time alone brought, and at the end of the run."""
     state: int
+    level_db: float | None
+    """Wanted sensation level; None: no zone is felt."""
     drive_sequence: int | None
-    """Sequence of the SET; None where a newer state replaced this one unsent, or the link was not ready."""
+    """Sequence of the SET.
+
+    None where the drive stayed the same, a newer one replaced it unsent, or the link was not ready.
+    """
     finger_positions_m: tuple[float, ...]
 
 
@@ -86,6 +92,7 @@ class _Pending:
     time_ns: int
     report_index: int | None
     state: int
+    level_db: float | None
     finger_positions_m: tuple[float, ...]
     sent_before: int
     stamps: tuple[int, int, int, int, int] | None = None
@@ -117,6 +124,7 @@ class Loop:
         source: Source,
         digitizer: Digitizer,
         tracker: ZoneTracker,
+        player: EffectPlayer,
         renderer: Renderer,
         session: Session,
         clock: Clock,
@@ -129,6 +137,7 @@ class Loop:
         self._source = source
         self._digitizer = digitizer
         self._tracker = tracker
+        self._player = player
         self._renderer = renderer
         self._session = session
         self._link = session.link
@@ -137,6 +146,9 @@ class Loop:
         self._trace = trace
         self._latency = latency
         self._state = 0
+        self._level_db: float | None = None
+        self._drive = _SILENCE
+        self._touches: Sequence[Touch] = ()
         self._release_ns: int | None = None  # when the watchdog acts, on the source's axis; None with no contact
         self._pending: _Pending | None = None
         port, touch = (session.port.fileno(),), source.fileno()
@@ -144,7 +156,7 @@ class Loop:
         self._port_and_touch = port if touch is None else (*port, touch)
 
     def run(self, stop: StopRequest | None = None) -> None:
-        """Until the source has ended and every contact is released, or `stop` is set; then silence and a STOP.
+        """Until source, contacts and effects have ended, or `stop` is set; then silence and a STOP.
 
         Raises LinkError when the port or the device fails; counters and trace are final then too.
         """
@@ -162,13 +174,15 @@ class Loop:
             self._settle()
 
     def _is_over(self, stop: StopRequest | None) -> bool:
-        return (self._source.ended and self._release_ns is None) or (stop is not None and stop.is_set())
+        if stop is not None and stop.is_set():
+            return True
+        return self._source.ended and self._release_ns is None and self._player.next_change_ns is None
 
     def _wait(self) -> None:
         source, session = self._source, self._session
         deadlines_ns = [_link_deadline_ns(session, self._clock), source.next_time_ns()]
-        if self._release_ns is not None:
-            deadlines_ns.append(source.clock_time_ns(self._release_ns))
+        due_ns = (self._release_ns, self._player.next_change_ns)
+        deadlines_ns += [source.clock_time_ns(time_ns) for time_ns in due_ns if time_ns is not None]
         self._clock.wait(
             min((deadline_ns for deadline_ns in deadlines_ns if deadline_ns is not None), default=None),
             self._port if source.ended else self._port_and_touch,
@@ -176,7 +190,7 @@ class Loop:
         )
 
     def _read_touches(self) -> None:
-        """Every report that is there, in order; the watchdog only acts on a source that has no more."""
+        """Every report that is there, in order; time acts by itself only on a source that has no more."""
         source, now_ns = self._source, self._clock.now_ns()
         for _ in range(REPORTS_PER_PASS):
             report = source.read(now_ns)
@@ -185,13 +199,13 @@ class Loop:
             self._take_report(report)
         else:
             return
-        self._expire(source.source_time_ns(now_ns))
+        self._catch_up(source.source_time_ns(now_ns))
 
     def _take_report(self, report: bytes) -> None:
         read_ns, report_time_ns = self._clock.now_ns(), self._source.report_time_ns
         self.counters.reports += 1
-        # After a stall, or in a playback that does not wait, the pause may be seen only now.
-        self._expire(report_time_ns)
+        # After a stall, or in a playback that does not wait, what was due before may be seen only now.
+        self._catch_up(report_time_ns)
         frame = self._digitizer.decode_report(report, report_time_ns)
         if frame is None:
             return
@@ -200,35 +214,58 @@ class Loop:
         if self._take_frame(frame):
             state_ns = self._clock.now_ns()
             pending = self._command(self._source.report_index, state_ns)
-            available_ns = self._source.clock_time_ns(report_time_ns)
-            pending.stamps = (available_ns, read_ns, frame_ns, state_ns, self._clock.now_ns())
+            if pending is not None:
+                available_ns = self._source.clock_time_ns(report_time_ns)
+                pending.stamps = (available_ns, read_ns, frame_ns, state_ns, self._clock.now_ns())
 
-    def _expire(self, source_time_ns: int) -> None:
-        frame = self._digitizer.expire(source_time_ns)
-        if frame is not None and self._take_frame(frame):
-            self._command(None, self._clock.now_ns())
+    def _catch_up(self, source_time_ns: int) -> None:
+        """What time alone brings, in order: changes of effects, and the release by the watchdog."""
+        release_ns = self._release_ns
+        if release_ns is not None and release_ns <= source_time_ns:
+            self._advance_effects(release_ns)
+            frame = self._digitizer.expire(release_ns)
+            if frame is not None and self._take_frame(frame):
+                self._command(None, self._clock.now_ns())
+        self._advance_effects(source_time_ns)
+
+    def _advance_effects(self, source_time_ns: int) -> None:
+        player = self._player
+        while player.next_change_ns is not None and player.next_change_ns <= source_time_ns:
+            player.advance(player.next_change_ns)
+            if self._take_state():
+                self._command(None, self._clock.now_ns())
 
     def _take_frame(self, frame: TouchFrame) -> bool:
         """Whether the frame brings a new state."""
         self._release_ns = frame.time_ns + RELEASE_AFTER_NS if frame.contacts else None
-        state = self._tracker.track(frame)
-        if state == self._state:
+        self._touches = self._tracker.track(frame)
+        self._player.take(self._touches, frame.time_ns)
+        return self._take_state()
+
+    def _take_state(self) -> bool:
+        state, level_db = self._player.state, self._player.level_db
+        if state == self._state and level_db == self._level_db:
             return False
-        self._state = state
+        self._state, self._level_db = state, level_db
         return True
 
-    def _command(self, report_index: int | None, now_ns: int) -> _Pending:
-        """Hand the drive of a new state to the link, in place of one that is not sent yet."""
-        self._settle()
+    def _command(self, report_index: int | None, now_ns: int) -> _Pending | None:
+        """Hand the drive of a new state to the link, in place of one that is not sent yet; None: it plays already."""
         self.counters.state_changes += 1
+        drive = self._renderer.render(self._state, self._level_db) or _SILENCE
+        positions_m = tuple(touch.position_m for touch in self._touches)
+        state = (now_ns, report_index, self._state, self._level_db)
+        if drive == self._drive and self._pending is None:
+            # Sent anew, it would begin anew: fade out and in.
+            if self._trace is not None:
+                self._trace.append(StateChange(*state, None, positions_m))
+            return None
+        self._settle()
         sent_before = self._link.counters.sent
-        self._set_drive()
-        positions_m = self._tracker.finger_positions_m
-        pending = self._pending = _Pending(now_ns, report_index, self._state, positions_m, sent_before)
+        self._drive = drive
+        self._link.set_drive(drive)
+        pending = self._pending = _Pending(*state, positions_m, sent_before)
         return pending
-
-    def _set_drive(self) -> None:
-        self._link.set_drive(self._renderer.render(self._state) or _SILENCE)
 
     def _move_bytes(self) -> None:
         """Write first: a fresh command does not wait for what the device says."""
@@ -255,13 +292,13 @@ class Loop:
             self._latency.record(stamps)
         if self._trace is not None:
             sequence = self._link.drive_sequence if is_sent else None
-            change = (pending.time_ns, pending.report_index, pending.state, sequence, pending.finger_positions_m)
-            self._trace.append(StateChange(*change))
+            state = (pending.time_ns, pending.report_index, pending.state, pending.level_db)
+            self._trace.append(StateChange(*state, sequence, pending.finger_positions_m))
 
     def _act_on(self, event: Event) -> None:
         match event:
-            case Armed() if self._state:
-                self._set_drive()
+            case Armed() if self._drive or self._pending is not None:
+                self._link.set_drive(self._drive)
             case Greeted() if not self._renderer.fits(event.capabilities):
                 raise LinkError("another device answered than the one this run began with: start the run again")
             case FaultReceived() if not self._reconnect:
@@ -278,7 +315,7 @@ class Loop:
     def _silence(self) -> None:
         """Leave no drive, whatever is touched, and wait until the port has taken that."""
         if self._state:
-            self._state = 0
+            self._state, self._level_db = 0, None
             self._command(None, self._clock.now_ns())
         while self._pending is not None and self._link.state is LinkState.READY:
             _wait_for_link(self._session, self._clock)

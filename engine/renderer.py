@@ -1,6 +1,8 @@
-"""Zone state to the drive bytes of its command, encoded once when the table is opened."""
+"""Zone state and level to the drive bytes of their command, encoded once when the table is opened."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from enum import StrEnum
+from typing import NamedTuple
 
 from engine.device import Device
 from engine.entry import Entry
@@ -13,33 +15,80 @@ class RendererError(ValueError):
     """The table, the device description and the connected device do not belong together: which, and the remedy."""
 
 
-class Renderer:
-    """The drive of every state that has an entry.
+class WhenNotAchieved(StrEnum):
+    """What becomes of a state whose entry cannot give every felt finger the wanted level."""
 
-    Raises RendererError when table, device and capabilities do not fit, LimitError for an entry that is broken.
+    REFUSE = "refuse"
+    """It is silent."""
+    WARN = "warn"
+    """It is played as strong as it gets, and whoever runs it says so."""
+    GO_ON = "go-on"
+    """It is played as strong as it gets."""
+
+
+class _Rendered(NamedTuple):
+    drive: bytes | None
+    is_achieved: bool
+
+
+class Renderer:
+    """The drive of every state that has an entry, at every level that is going to be asked for.
+
+    `entries` are given by wanted level. Raises RendererError when table, device and capabilities do not fit, LimitError
+    for an entry that is broken.
     """
 
-    def __init__(self, entries: Iterable[Entry], device: Device, capabilities: Capabilities) -> None:
+    def __init__(
+        self,
+        entries: Mapping[float, Iterable[Entry]],
+        device: Device,
+        capabilities: Capabilities,
+        when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN,
+    ) -> None:
         self.unknown_states = 0
-        """How often a state was asked for that has no entry."""
+        """How often a felt state was asked for that has no entry."""
+        self.not_achieved_states = 0
+        """How often a state was asked for whose entry does not reach the level: silent where that is refused."""
         self._wire = _wire_of(capabilities)
+        self._refuses = when_not_achieved is WhenNotAchieved.REFUSE
         _check_actuators(device, capabilities)
-        self._drives: dict[int, bytes] = {}
-        for entry in entries:
-            _check_zones(entry, device)
-            drive = clamp(entry, device)
-            _check_frequencies(entry, drive, capabilities)
-            if entry.index in self._drives:
-                raise RendererError(f"state {entry.index} has two entries: build the table again")
-            self._drives[entry.index] = encode_drive(drive.channels, capabilities.frequency_resolution_hz)
+        self._rendered: dict[float, dict[int, _Rendered]] = {}
+        for level_db, entries_of_level in entries.items():
+            rendered = self._rendered[level_db] = {}
+            for entry in entries_of_level:
+                if entry.index in rendered:
+                    raise RendererError(f"state {entry.index} has two entries: build the table again")
+                rendered[entry.index] = self._render_entry(entry, device, capabilities)
 
-    def render(self, state: int) -> bytes | None:
-        """Drive bytes for `Link.set_drive`; None for silence: nothing touched, or a state without an entry."""
-        if state == 0:
+    def _render_entry(self, entry: Entry, device: Device, capabilities: Capabilities) -> _Rendered:
+        _check_zones(entry, device)
+        drive = clamp(entry, device)
+        _check_frequencies(entry, drive, capabilities)
+        if self._refuses and not entry.achieved:
+            return _Rendered(None, is_achieved=False)
+        return _Rendered(encode_drive(drive.channels, capabilities.frequency_resolution_hz), entry.achieved)
+
+    def render(self, state: int, level_db: float | None) -> bytes | None:
+        """Drive bytes for `Link.set_drive`; None for silence: nothing is felt, or there is no entry, or it is refused.
+
+        Raises KeyError for a level that no entries were given for.
+        """
+        if level_db is None:
             return None
-        drive = self._drives.get(state)
-        self.unknown_states += drive is None
-        return drive
+        rendered = self._rendered[level_db].get(state)
+        if rendered is None:
+            self.unknown_states += 1
+            return None
+        self.not_achieved_states += not rendered.is_achieved
+        return rendered.drive
+
+    @property
+    def shortfalls(self) -> dict[float, int]:
+        """By level: how many of its states have an entry that does not reach it."""
+        return {
+            level_db: sum(not rendered.is_achieved for rendered in states.values())
+            for level_db, states in self._rendered.items()
+        }
 
     def fits(self, capabilities: Capabilities) -> bool:
         """Whether the drives mean the same to this device as to the one that they were encoded for."""

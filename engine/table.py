@@ -179,6 +179,8 @@ class Table:
 
     def entry_at(self, state: int, level_db: float) -> Entry | None:
         """Entry of a state (engine.zones.state_index) at a level, None where there is none."""
+        if math.isnan(level_db):
+            raise TableError("a level that is no number; give dB above the detection threshold, infinite for full scale")
         tabulated_db = next(level for level in self.levels_db if level >= level_db)
         entry = self._by_key.get((tabulated_db, state))
         return entry if entry is None or tabulated_db == level_db else scaled_to(entry, level_db)

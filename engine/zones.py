@@ -1,12 +1,16 @@
-"""Contacts to zone states: free, quiet or felt, with hysteresis at the zone edges."""
+"""Contacts to touches: the place of each finger on the bar and the zone it is in, with hysteresis at the edges."""
 
 from bisect import bisect_right
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Sequence
 from enum import IntEnum
+from typing import NamedTuple
 
 from engine.descriptor import Surface
 from engine.device import Device
 from engine.digitizer import Contact, TouchFrame
+
+# The hot path: half the time of calling a named tuple's class.
+_new = tuple.__new__
 
 
 class ZoneState(IntEnum):
@@ -25,13 +29,12 @@ def state_index(states: Sequence[ZoneState]) -> int:
     return sum(int(state) * 3**zone for zone, state in enumerate(states))
 
 
-ZoneRule = Callable[[Collection[int], int], Sequence[ZoneState]]
-"""Indices of the touched zones and the number of zones to the state of every zone."""
+class Touch(NamedTuple):
+    """One finger on the bar; `zone` is None in a gap between zones."""
 
-
-def feel_every_touch(touched: Collection[int], number_of_zones: int) -> tuple[ZoneState, ...]:
-    """The rule that every touched zone is felt and the others are free."""
-    return tuple(ZoneState.FELT if zone in touched else ZoneState.FREE for zone in range(number_of_zones))
+    contact_id: int
+    position_m: float
+    zone: int | None
 
 
 class TouchPosition:
@@ -83,33 +86,19 @@ class ZoneEdges:
 class ZoneTracker:
     """Follows every contact that touches over the zones of one bar."""
 
-    def __init__(self, device: Device, surface: Surface, rule: ZoneRule = feel_every_touch) -> None:
-        self.finger_positions_m: tuple[float, ...] = ()
-        """Of the fingers that touch in the last frame, in its order, those in gaps between zones included."""
-        self._number_of_zones = len(device.zones)
+    def __init__(self, device: Device, surface: Surface) -> None:
         self._position = TouchPosition(device, surface)
         self._edges = ZoneEdges(device)
-        self._rule = rule
         self._zones: dict[int, int | None] = {}  # by contact id
-        self._states: dict[frozenset[int | None], int] = {}  # the rule's answers, by the zones touched
 
-    def track(self, frame: TouchFrame) -> int:
-        """State of the zones in this frame, as `state_index` numbers it; hovering contacts do not count."""
+    def track(self, frame: TouchFrame) -> list[Touch]:
+        """The fingers of a frame in its order, those in gaps between zones included; hovering contacts are none."""
         previous, zones = self._zones, {}
-        positions_m = []
+        touches = []
         for contact in frame.contacts:
             if contact.tip:
-                position_m = self._position.position_m(contact)
-                positions_m.append(position_m)
-                contact_id = contact.contact_id
-                zones[contact_id] = self._edges.zone_at(position_m, previous.get(contact_id))
+                contact_id, position_m = contact.contact_id, self._position.position_m(contact)
+                zone = zones[contact_id] = self._edges.zone_at(position_m, previous.get(contact_id))
+                touches.append(_new(Touch, (contact_id, position_m, zone)))
         self._zones = zones
-        self.finger_positions_m = tuple(positions_m)
-        return self._state_of(frozenset(zones.values()))
-
-    def _state_of(self, touched: frozenset[int | None]) -> int:
-        state = self._states.get(touched)
-        if state is None:
-            zones = [zone for zone in touched if zone is not None]
-            state = self._states[touched] = state_index(self._rule(zones, self._number_of_zones))
-        return state
+        return touches

@@ -14,6 +14,8 @@ from precompute.beam import shape_functions, shape_integral, stiffness_matrix
 Array = NDArray[np.float64]
 BANDWIDTH = 3
 """Super-diagonals of the assembled matrices: neighbouring nodes couple, two degrees of freedom each."""
+ZONE_PLACES = 257
+"""Places looked at in a zone before a peak is interpolated: its height is then right to 1e-6."""
 _SNAP = 1e-6
 """Places closer than this fraction of the bar share a node: a shorter element ruins the conditioning."""
 
@@ -67,6 +69,16 @@ class Plant:
         for index, zone in enumerate(self.device.zones):
             out[(middle_m > zone.start_m) & (middle_m < zone.stop_m)] = index
         return out
+
+    @cached_property
+    def zone_places_m(self) -> Array:
+        """Shape (zone, ZONE_PLACES): even places in each zone, edges included, where peaks are looked for."""
+        return np.array([np.linspace(zone.start_m, zone.stop_m, ZONE_PLACES) for zone in self.device.zones])
+
+    @cached_property
+    def zone_sampler(self) -> Sampler:
+        """Sampler at all `zone_places_m`, zone after zone."""
+        return self.sampler(self.zone_places_m.ravel())
 
     def sampler(self, position_m: Array) -> Sampler:
         """Sampler at positions (point,) on the bar."""

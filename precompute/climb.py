@@ -17,6 +17,7 @@ SHARPEST = 3000.0
 """1 / 3000 neper: the smoothed minimum of two is within 0.001 dB."""
 _ITERATIONS, _GRADIENT, _ARMIJO, _GAIN = 60, 1e-7, 1e-4, 1e-7
 _TINY = 1e-300
+_FIRST = 30.0
 _ALONG = SHARPEST / 10  # sharpness to start from next to a drive that was climbed
 _SHARPER = 10**0.5
 _GOLDEN = 0.6180339887498949
@@ -30,6 +31,7 @@ _STACK = types.Array(types.complex128, 4, "C", readonly=True)
 _FORMS = types.Array(types.complex128, 3, "C", readonly=True)
 _REAL = types.Array(types.float64, 1, "C", readonly=True)
 _HZ = types.Array(types.float64, 1, "C")
+_TONE = types.Array(types.int64, 1, "C", readonly=True)
 _DRIVES = types.Array(types.complex128, 2, "C")
 _USABLES = types.Array(types.boolean, 2, "C", readonly=True)
 _TONES = types.Array(types.int64, 2, "C", readonly=True)
@@ -245,6 +247,19 @@ def interpolate(stack, grid_hz, frequency_hz, tone, out):  # type: ignore[no-unt
                             out[i, a, r] += weight * stack[i, k, a, r]
 
 
+@njit(types.void(_STACK, _REAL, _REAL, _TONE, types.Array(types.complex128, 1, "C", readonly=True), _HZ), cache=True)
+def fill_powers(stack, grid_hz, frequency_hz, tone, drive, out):  # type: ignore[no-untyped-def]  # numba
+    """Fill out (form,) with a^H H a of a drive whose actuators play frequency_hz[tone]."""
+    forms = np.empty((stack.shape[0], stack.shape[2], stack.shape[3]), dtype=np.complex128)
+    interpolate(stack, grid_hz, frequency_hz, tone, forms)
+    for i in range(len(out)):
+        total = 0.0
+        for a in range(len(drive)):
+            for b in range(len(drive)):
+                total += (np.conj(drive[a]) * forms[i, a, b] * drive[b]).real
+        out[i] = total
+
+
 @njit(cache=True)
 def _at(drive, usable, stacks, grid_hz, hz, tone, log_wanted, start, multipliers):  # type: ignore[no-untyped-def]  # numba
     numerator, denominator, level = stacks
@@ -263,7 +278,8 @@ def _refine_one(  # type: ignore[no-untyped-def]  # numba
     drive, usable, numerator, denominator, level, grid_hz, hz, tone, low, high, log_wanted, tolerance, multipliers
 ):
     stacks = (numerator, denominator, level)
-    value = _at(drive, usable, stacks, grid_hz, hz, tone, log_wanted, 30.0, multipliers)
+    first = _ALONG if np.isinf(tolerance) else _FIRST
+    value = _at(drive, usable, stacks, grid_hz, hz, tone, log_wanted, first, multipliers)
     trial_hz = hz.copy()
     for t in range(len(hz)):
         a, b = low[t], high[t]
@@ -322,7 +338,8 @@ def refine(  # type: ignore[no-untyped-def]  # numba
     """Climb from each of `drives` (start, actuator), moving its tones hz (start, tone) between low and high; in place.
 
     usable, tone (start, actuator). Golden section on each frequency in turn, the drive climbing along; frequencies end
-    within `tolerance`. multipliers (start, form): as `evaluate` leaves them at the end.
+    within `tolerance`; an infinite one keeps them and climbs only the last steps. multipliers (start, form): as
+    `evaluate` leaves them at the end.
     """
     for i in prange(len(drives)):
         _refine_one(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from precompute.climb import interpolate
+from precompute.climb import fill_powers, interpolate
 from precompute.objective import Problem
 
 Array = NDArray[np.float64]
@@ -70,8 +70,8 @@ def judge(problem: Problem, frequency_hz: Array, amplitude: Complex, multipliers
 
 def powers_of(stack: Complex, grid_hz: Array, tones_hz: Array, tone: NDArray[np.int64], amplitude: Complex) -> Array:
     """a^H H a of every form of a stack (form, frequency, actuator, actuator), between its frequencies interpolated."""
-    forms = forms_at(stack, grid_hz, tones_hz, tone)
-    power: Array = np.einsum("a,iab,b->i", amplitude.conj(), forms, amplitude).real
+    power = np.empty(len(stack))
+    fill_powers(stack, grid_hz, tones_hz, tone, np.ascontiguousarray(amplitude), power)
     return power
 
 

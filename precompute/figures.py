@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 
 from precompute.assembly import Plant
 from precompute.response import solve_response
-from precompute.steady import SteadyState, compute_steady_state
+from precompute.steady import SteadyState, steady_state_of
 from precompute.threshold import detection_threshold
 from precompute.touches import Touches
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-_POINTS = 33
-"""Places looked at in a zone for the range of its peak."""
+_EVERY = 8  # of the places in a zone is looked at for the range of its peak
 
 
 @dataclass(frozen=True)
@@ -48,9 +47,8 @@ def compute_figures(
     here_m = np.take_along_axis(touches.position_m[zones].T, touches.place[:, zones], axis=0)
     under = _sample_each(plant, field, here_m) * (omega**2)[:, None, None]
     share, peak = _zone_figures(plant, field, omega)
-    loaded = plant.with_fingers(touches.middle_m[zones].tolist(), plant.device.finger)
     return DriveFigures(
-        standard=compute_steady_state(loaded, frequency_hz, amplitude),
+        standard=steady_state_of(plant, tones, field[:, 0]),
         share=share,
         peak=peak,
         acceleration=abs(under).sum(axis=0),
@@ -89,15 +87,17 @@ def _sample_each(plant: Plant, field: Complex, position_m: Array) -> Complex:
 def _zone_figures(plant: Plant, field: Complex, omega: Array) -> tuple[Array, Array]:
     """Share of the kinetic energy and peak acceleration, each (touch, zone)."""
     zones = plant.device.zones
-    places = plant.sampler(np.concatenate([np.linspace(zone.start_m, zone.stop_m, _POINTS) for zone in zones]))
+    every = slice(None, None, _EVERY)
+    element = plant.zone_sampler.element.reshape(len(zones), -1)[:, every]
+    weight = plant.zone_sampler.weight.reshape(len(zones), -1, 4)[:, every]
     energy, peak = np.zeros((field.shape[1], len(zones) + 1)), np.zeros((field.shape[1], len(zones)))
     _fill_figures(
         np.ascontiguousarray(field),
         omega,
         plant.element_integral,
         plant.element_zone,
-        places.element.reshape(len(zones), _POINTS),
-        places.weight.reshape(len(zones), _POINTS, 4),
+        np.ascontiguousarray(element),
+        np.ascontiguousarray(weight),
         energy,
         peak,
     )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from precompute.bound import Columns, Tone, block_directions, compute_bound, peaks
 from precompute.climb import SHARPEST, climb, climb_each, refine, scan, scan_pairs
-from precompute.drive import FREQUENCY_STEP_HZ, Drive, forms_at, judge, on_the_wire
+from precompute.drive import Drive, forms_at, judge, on_the_wire
 from precompute.objective import Problem
 
 Array = NDArray[np.float64]
@@ -36,9 +36,10 @@ _BASINS, _MANY_BASINS = 4, 8
 _COLUMN_ROUNDS = 25
 _POLISH = 300.0, SHARPEST  # next to an optimum
 _STRIDE_HZ = 2.0  # basins are looked for this far apart, climbing at each frequency
+_TOLERANCE_HZ = 0.04  # of the best frequency; nothing changes within so little
 _PAIRS = 3  # two tones are climbed from this many starts for each way to share the actuators
 _PAIR_RATIOS = np.geomspace(1e-3, 1e3, 25)
-_FIRST_CLIMB = 30.0, 300.0  # sharp enough to compare basins
+_FIRST_CLIMB = 40.0, 200.0  # sharp enough to compare basins
 _SEED = 3
 
 
@@ -233,7 +234,7 @@ def climb_all(problem: Problem, starts: Sequence[Start], wanted: float) -> list[
     drives[~usable] = 0
     multipliers = np.empty((len(starts), sum(map(len, problem.stacks)) + tone.shape[1]))
     plain = drives, usable, *problem.stacks, problem.frequency_hz
-    for tolerance_hz in (FREQUENCY_STEP_HZ, np.inf):
+    for tolerance_hz in (_TOLERANCE_HZ, np.inf):
         tail = tone, low_hz, high_hz, _log(wanted), tolerance_hz, multipliers
         refine(*plain, hz, *tail)
         hz = on_the_wire(hz)

@@ -11,8 +11,6 @@ from precompute.response import Response, solve_response
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-_POINTS = 257
-"""Places looked at in a zone before the peak is interpolated: its height is then right to 1e-6."""
 
 
 @dataclass(frozen=True)
@@ -35,19 +33,26 @@ def compute_steady_state(plant: Plant, frequency_hz: Array, amplitude: Complex) 
     tones = np.unique(frequency_hz[amplitude != 0])
     response = solve_response(plant, tones)
     weight = np.where(frequency_hz == tones[:, None], amplitude, 0)
-    field = Response(plant, tones, np.einsum("fa,fad->fd", weight, response.displacement_m)[:, None])
+    return steady_state_of(plant, tones, np.einsum("fa,fad->fd", weight, response.displacement_m))
+
+
+def steady_state_of(plant: Plant, tones_hz: Array, displacement_m: Complex) -> SteadyState:
+    """The same of a field that is known: displacement_m (tone, degree of freedom)."""
+    field = Response(plant, tones_hz, np.ascontiguousarray(displacement_m[:, None]))
     gram, total = compute_gram(field)
     share = (gram.sum(axis=0) / total.sum(axis=0))[:, 0, 0].real
-    places = [np.linspace(zone.start_m, zone.stop_m, _POINTS) for zone in plant.device.zones]
-    level = [np.abs(field.acceleration(place)).sum(axis=0)[0] for place in places]
-    peaks = [_peak(place, value) for place, value in zip(places, level, strict=True)]
-    least = [value.argmin() for value in level]
+    places_m = plant.zone_places_m
+    omega = 2 * np.pi * tones_hz
+    acceleration = plant.zone_sampler.sample(displacement_m) * (omega**2)[:, None]
+    level = np.abs(acceleration).sum(axis=0).reshape(places_m.shape)
+    peaks = [_peak(place_m, value) for place_m, value in zip(places_m, level, strict=True)]
+    least, rows = level.argmin(axis=1), np.arange(len(level))
     return SteadyState(
         share=share,
         peak=np.array([height for height, _ in peaks]),
         peak_position_m=np.array([place for _, place in peaks]),
-        dead=np.array([value[k] for value, k in zip(level, least, strict=True)]),
-        dead_position_m=np.array([place[k] for place, k in zip(places, least, strict=True)]),
+        dead=level[rows, least],
+        dead_position_m=places_m[rows, least],
     )
 
 
