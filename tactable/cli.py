@@ -1,29 +1,32 @@
 """The command `tactable`: words to calls, results to a page for people or JSON for machines."""
 
 import json
+import math
 import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table as Grid
+from threadpoolctl import threadpool_limits
 
 from engine.descriptor import DescriptorError
 from engine.device import DeviceError
 from engine.digitizer import DigitizerError, open_digitizer
-from engine.entry import Entry
+from engine.effects import EffectError
+from engine.entry import DEFAULT_LEVEL_DB, scaled_to
 from engine.limits import LimitError
 from engine.renderer import RendererError
 from engine.sources.recording import RecordingError, read_recording
-from engine.table import Table, TableError, open_table
+from engine.table import TableError, open_table
 from firmware_link.errors import LinkError
-from tactable import touch_commands
+from tactable import bench_effects, link_commands, plot_commands, run, touch_commands
+from tactable.figure_file import FigureError
 from tactable.shipped import DEMO_RECORDING, find_device
 
 EXIT_DISAGREES = 3
@@ -37,6 +40,10 @@ app = typer.Typer(
 bench = typer.Typer(no_args_is_help=True, help="Measure speed on this machine, against floors measured beside it.")
 app.add_typer(bench, name="bench")
 touch_commands.register(app)
+link_commands.register(app)
+run.register(app)
+bench_effects.register(bench)
+app.add_typer(plot_commands.plot, name="plot")
 _errors = Console(stderr=True)
 _out = Console()
 
@@ -52,6 +59,8 @@ def main() -> None:
         DescriptorError,
         DeviceError,
         DigitizerError,
+        EffectError,
+        FigureError,
         LimitError,
         LinkError,
         RecordingError,
@@ -70,6 +79,9 @@ def main() -> None:
 def build(
     device_name: DeviceName,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="The table; default NAME.nc here.")] = None,
+    objective: Annotated[
+        str, typer.Option(help="contrast, standard contrast, localized factor or fair share.")
+    ] = "contrast",
     memory_mib: Annotated[int, typer.Option(min=1, help="Memory for the buffers of the sweep, in MiB.")] = 64,
     as_json: AsJson = False,
 ) -> None:
@@ -79,7 +91,14 @@ def build(
     device = find_device(device_name)
     path = output or Path(f"{device.name}.nc")
     with _progress(as_json) as progress:
-        build_table(device, path, created=_now(), memory_budget_bytes=memory_mib << 20, progress=progress)
+        build_table(
+            device,
+            path,
+            created=_now(),
+            objective=objective,
+            memory_budget_bytes=memory_mib << 20,
+            progress=progress,
+        )
     with open_table(path, verify=False) as table:
         summary = {
             "table": str(path),
@@ -99,18 +118,48 @@ def build(
 def explain(
     table_path: Annotated[Path, typer.Argument(metavar="TABLE", help="A built table.")],
     felt: Annotated[str, typer.Option(help="Zones to be felt, such as I,III,V.")],
+    quiet: Annotated[str, typer.Option(help="Zones with a finger that must not feel.")] = "",
+    level: Annotated[
+        str, typer.Option(help="Wanted level in dB above the detection threshold, or full.")
+    ] = f"{DEFAULT_LEVEL_DB:g}",
+    alternatives: Annotated[bool, typer.Option(help="Show what lost, and why.")] = True,
     as_json: AsJson = False,
 ) -> None:
-    """Say what the table does for a state, and what it promises."""
-    names = [name.strip() for name in felt.split(",") if name.strip()]
+    """Say what the table does for a state, what it promises, and what lost."""
+    from precompute.alternatives import solve_alternatives
+    from precompute.assembly import assemble
+    from precompute.on_demand import entries_on_demand
+    from tactable.explain import entry_json, print_entry
+
+    names = _zone_names(felt)
     if not names:
         raise TableError("--felt names no zone; give at least one, such as --felt I,III")
-    with open_table(table_path) as table:
-        entry = table.entry_for(names)
+    level_db = _level(level)
+    with open_table(table_path) as table, threadpool_limits(1, "blas"):
+        states = table.states_of(names, _zone_names(quiet))
+        tabulated = entries_on_demand(table, states, _cache_folder() / "states")
+        entry = scaled_to(next(each for each in tabulated if each.wanted_level_db >= level_db), level_db)
+        rivals = solve_alternatives(assemble(table.device), states, entry) if alternatives else []
         if as_json:
-            _print_json(_entry_json(table, entry))
+            _print_json(entry_json(table, entry, rivals))
         else:
-            _print_entry(table, entry)
+            print_entry(_out, table, entry, rivals)
+
+
+def _zone_names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _level(text: str) -> float:
+    if text.strip() == "full":
+        return math.inf
+    try:
+        level_db = float(text.removesuffix("dB"))
+    except ValueError:
+        level_db = math.nan
+    if not 0 <= level_db < math.inf:
+        raise TableError(f"--level {text!r}: expected dB above threshold, 0 or more, such as 20, or full")
+    return level_db
 
 
 @app.command()
@@ -212,60 +261,53 @@ def bench_decode(
         print_decode_bench(_out, result)
 
 
-def _entry_json(table: Table, entry: Entry) -> dict[str, Any]:
-    return {
-        "device": table.device.name,
-        "fingerprint": table.fingerprint,
-        "state": entry.index,
-        "drive": {
-            "frequencies_hz": list(entry.frequencies_hz),
-            "amplitudes": list(entry.amplitudes),
-            "phases_rad": list(entry.phases_rad),
-        },
-        "family": entry.family,
-        "achieved": entry.achieved,
-        "localized_factor": entry.localized_factor,
-        "upper_bound": entry.upper_bound,
-        "contrast_db": entry.contrast_db,
-        "t90_s": entry.t90_s,
-        "limited_by": entry.limited_by,
-        "zones": [
-            {
-                "name": zone.name,
-                "state": zone.state.name.lower(),
-                "share": zone.share,
-                "peak_acceleration_m_per_s2": zone.peak_acceleration_m_per_s2,
-                "peak_position_m": zone.peak_position_m,
-                "dead_acceleration_m_per_s2": zone.dead_acceleration_m_per_s2,
-                "dead_position_m": zone.dead_position_m,
-            }
-            for zone in entry.zones
-        ],
-        "estimated": list(table.device.inferred),
-    }
+@bench.command("states")
+def bench_states(
+    device_name: Annotated[str, typer.Option("--device", help="A device file, or a shipped name.")] = "reference-a",
+    zones: Annotated[
+        str, typer.Option(help="Numbers of zones, such as 3,4,5; empty: only the device itself.")
+    ] = "3,4,5",
+    actuators: Annotated[str, typer.Option(help="Numbers of actuators.")] = "2,3",
+    figure: Annotated[Path | None, typer.Option("--figure", help="Draw the growth here.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """How long the entries of every state take, how that grows, and how long a generic solver would."""
+    from tactable.bench_states import draw_states_bench, print_states_bench, run_states_bench
+
+    result = run_states_bench(find_device(device_name), _counts("--zones", zones), _counts("--actuators", actuators))
+    if figure is not None:
+        draw_states_bench(result, figure)
+    if as_json:
+        _print_json(result)
+    else:
+        print_states_bench(_out, result)
 
 
-def _print_entry(table: Table, entry: Entry) -> None:
-    felt = ", ".join(zone.name for zone in entry.zones if zone.state.name == "FELT")
-    _out.print(f"{table.device.name}, felt {felt}: {entry.family}, bar untouched")
-    for actuator, hz, amplitude, phase in zip(
-        table.device.actuators, entry.frequencies_hz, entry.amplitudes, entry.phases_rad, strict=True
-    ):
-        drive = f"{hz:.2f} Hz at {100 * amplitude:.1f} %, {phase:+.3f} rad" if amplitude else "still"
-        _out.print(f"  {actuator.name}: {drive}", markup=False, highlight=False)
-    contrast = "" if entry.contrast_db is None else f", contrast {entry.contrast_db:.1f} dB"
-    bound = f"no drive passes {entry.upper_bound:.4f}"
-    _out.print(f"localized factor {entry.localized_factor:.4f} ({bound}){contrast}, t90 {1e3 * entry.t90_s:.0f} ms")
-    _out.print(f"limited by: {entry.limited_by}{'' if entry.achieved else ' - NOT ACHIEVED, the best possible'}")
-    grid = Grid("zone", "state", "share", "peak m/s²", "at mm", "least m/s²", "at mm")
-    for zone in entry.zones:
-        figures = (zone.peak_acceleration_m_per_s2, 1e3 * zone.peak_position_m)
-        least = (zone.dead_acceleration_m_per_s2, 1e3 * zone.dead_position_m)
-        state = zone.state.name.lower()
-        cells = (f"{zone.share:.3f}", f"{figures[0]:.2f}", f"{figures[1]:.1f}", f"{least[0]:.2f}", f"{least[1]:.1f}")
-        grid.add_row(zone.name, state, *cells)
-    _out.print(grid)
-    _out.print(f"ESTIMATES in the device: {', '.join(table.device.inferred) or 'none'}", style="dim")
+@bench.command("contrast")
+def bench_contrast(
+    table_path: Annotated[Path, typer.Argument(metavar="TABLE", help="A built table.")],
+    level: Annotated[str, typer.Option(help="Wanted level in dB above the detection threshold, or full.")] = "20",
+    as_json: AsJson = False,
+) -> None:
+    """Every state of one felt and one quiet finger: the paper's objective against ours, in frequency and in time."""
+    from tactable.bench_contrast import print_contrast_bench, run_contrast_bench
+
+    with open_table(table_path) as table:
+        result = run_contrast_bench(table, _level(level))
+    if as_json:
+        _print_json(result)
+    else:
+        print_contrast_bench(_out, result)
+
+
+def _counts(option: str, text: str) -> list[int]:
+    try:
+        counts = [int(part) for part in text.split(",") if part.strip()]
+    except ValueError:
+        counts = [0]
+    if any(not 1 <= count <= 16 for count in counts):
+        raise TableError(f"{option} {text!r}: expected whole numbers from 1 to 16, such as 3,4,5")
+    return counts
 
 
 def _print_json(value: object) -> None:

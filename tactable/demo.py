@@ -1,5 +1,7 @@
 """The whole chain in one run: table, touches, wire, bar; and whether the bar does what the table promised."""
 
+import math
+from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,7 +17,7 @@ from engine.sources.recording import Recording
 from engine.table import Table, TableError, open_table
 from engine.zones import ZoneState
 from precompute.build import Progress, build_table, code_fingerprint
-from tactable.rig import ENVELOPE_S, Felt, LiveRun, Measured, SimulatedBar, first_applied, play
+from tactable.rig import ENVELOPE_S, Felt, LiveRun, Measured, SimulatedBar, StateAndLevel, first_applied, play
 
 AGREEMENT = 0.02
 """Promised and measured may differ by this fraction."""
@@ -25,16 +27,23 @@ LONGEST_REPLAY_S = 12.0
 
 @dataclass(frozen=True)
 class StateReport:
-    """One state that was rendered: the table's promise, what the held drive did, what the fingers felt in the run."""
+    """One state that was rendered at one level: the table's promise, what the held drive did, and the run itself."""
 
     entry: Entry
     measured: Measured
     felt_m_per_s2: float
+    """Greatest under the fingers that were to feel, while the state lasted."""
+    quiet_m_per_s2: float
+    """Greatest under the others; 0 where there were none."""
+
+    def zones_in(self, state: ZoneState) -> list[int]:
+        """Indices of the zones in a state."""
+        return [i for i, zone in enumerate(self.entry.zones) if zone.state is state]
 
     @property
     def felt_zones(self) -> list[int]:
         """Indices of the zones that are to be felt."""
-        return [i for i, zone in enumerate(self.entry.zones) if zone.state is ZoneState.FELT]
+        return self.zones_in(ZoneState.FELT)
 
     @property
     def measured_factor(self) -> float:
@@ -43,10 +52,28 @@ class StateReport:
 
     @property
     def disagreement(self) -> float:
-        """Greatest relative difference of localized factor and of the peaks of the felt zones."""
-        promised = np.array([zone.peak_acceleration_m_per_s2 for zone in self.entry.zones])[self.felt_zones]
-        peaks = abs(self.measured.peak[self.felt_zones] / promised - 1)
-        return float(max(peaks.max(), abs(self.measured_factor / self.entry.localized_factor - 1)))
+        """Greatest relative difference of localized factor, peaks of felt zones and acceleration at each finger."""
+        entry, measured = self.entry, self.measured
+        pairs = [(entry.localized_factor, self.measured_factor)]
+        pairs += [(entry.zones[i].peak_acceleration_m_per_s2, measured.peak[i]) for i in self.felt_zones]
+        fingers = (zone.acceleration_at_finger_m_per_s2 for zone in entry.zones)
+        pairs += [
+            (promised, found)
+            for promised, found in zip(fingers, measured.at_finger, strict=True)
+            if promised is not None
+        ]
+        return float(max(abs(found / promised - 1) for promised, found in pairs))
+
+    def level_db(self, acceleration_m_per_s2: float) -> float | None:
+        """Sensation level of an acceleration by this state's drive, its tones as strong as under a felt finger.
+
+        None for no acceleration.
+        """
+        zone = self.entry.zones[self.felt_zones[0]]
+        if not acceleration_m_per_s2 or not zone.acceleration_at_finger_m_per_s2 or zone.sensation_level_db is None:
+            return None
+        change = acceleration_m_per_s2 / zone.acceleration_at_finger_m_per_s2
+        return zone.sensation_level_db + 20 * math.log10(change)
 
 
 @dataclass(frozen=True)
@@ -59,8 +86,8 @@ class DemoReport:
     speed: float
     run: LiveRun
     states: tuple[StateReport, ...]
-    missed: tuple[int, ...]
-    """States that were to be rendered for at least one command and never reached the firmware."""
+    missed: tuple[StateAndLevel, ...]
+    """What was to be rendered for at least one command and never reached the firmware."""
     felt: Felt | None
     """None where no state changed."""
 
@@ -92,26 +119,39 @@ def _run_demo(table: Table, recording: Recording) -> DemoReport:
     speed = max(1.0, duration_s / LONGEST_REPLAY_S)
     run = play(table, recording, speed)
     bar = SimulatedBar(table.device)
-    entries = {entry.index: entry for entry in table.entries}
-    applied = first_applied(run, list(entries))
+    applied = first_applied(run)
     felt = bar.feel(run, LONGEST_REPLAY_S + 1.0) if run.trace else None
-    felt_by_state = _felt_by_state(run, felt) if felt else {}
+    greatest = _greatest(run, felt) if felt else {}
     states = tuple(
-        StateReport(entries[index], bar.measure_held(event, entries[index]), felt_by_state.get(index, 0.0))
-        for index, event in applied.items()
+        StateReport(entry, bar.measure_held(event, entry), *greatest.get(key, (0.0, 0.0)))
+        for key, event in applied.items()
+        if (entry := table.entry_at(*key)) is not None
     )
-    sent = {change.state for change in run.trace if change.drive_sequence is not None} & set(entries)
-    missed = tuple(sorted(sent - set(applied)))
-    return DemoReport(table.device, table.path, recording, speed, run, states, missed, felt)
+    return DemoReport(table.device, table.path, recording, speed, run, states, _missed(table, run, applied), felt)
 
 
-def _felt_by_state(run: LiveRun, felt: Felt) -> dict[int, float]:
-    """Greatest acceleration under a finger while each state lasted, m/s^2."""
-    out: dict[int, float] = {}
+def _missed(table: Table, run: LiveRun, applied: Collection[StateAndLevel]) -> tuple[StateAndLevel, ...]:
+    """Of the states that have an entry: those that were sent, and not applied."""
+    sent = {
+        (change.state, change.level_db)
+        for change in run.trace
+        if change.drive_sequence is not None and change.level_db is not None
+    }
+    return tuple(sorted(key for key in sent.difference(applied) if table.entry_at(*key) is not None))
+
+
+def _greatest(run: LiveRun, felt: Felt) -> dict[StateAndLevel, tuple[float, float]]:
+    """Greatest acceleration under fingers that were to feel, and under others, while each state lasted, m/s^2."""
+    out: dict[StateAndLevel, tuple[float, float]] = {}
     starts_s = [(change.time_ns - run.trace[0].time_ns) / 1e9 for change in run.trace]
     for change, start_s, stop_s in zip(run.trace, starts_s, [*starts_s[1:], np.inf], strict=True):
-        during = felt.acceleration[(felt.time_s >= start_s) & (felt.time_s + ENVELOPE_S <= stop_s)]
-        out[change.state] = max(out.get(change.state, 0.0), float(during.max(initial=0.0)))
+        if change.level_db is None:
+            continue
+        key = (change.state, change.level_db)
+        during = (felt.time_s >= start_s) & (felt.time_s + ENVELOPE_S <= stop_s)
+        found = (float(values[during].max(initial=0.0)) for values in (felt.felt, felt.quiet))
+        before = out.get(key, (0.0, 0.0))
+        out[key] = (max(before[0], next(found)), max(before[1], next(found)))
     return out
 
 
@@ -134,10 +174,15 @@ def demo_json(report: DemoReport) -> dict[str, Any]:
         "reconnects": run.counters.reconnects,
         "report_to_command": None if latency is None else asdict(latency),
         "states": [_state_json(report.device, state) for state in report.states],
-        "missed_states": list(report.missed),
+        "missed_states": [{"state": state, "level_db": finite_or_none(level_db)} for state, level_db in report.missed],
         "agreement": AGREEMENT,
         "agrees": report.agrees,
     }
+
+
+def finite_or_none(level_db: float) -> float | None:
+    """JSON has no infinity: None stands for full scale."""
+    return level_db if math.isfinite(level_db) else None
 
 
 def _state_json(device: Device, state: StateReport) -> dict[str, Any]:
@@ -145,6 +190,11 @@ def _state_json(device: Device, state: StateReport) -> dict[str, Any]:
     return {
         "state": entry.index,
         "felt": [entry.zones[i].name for i in state.felt_zones],
+        "quiet": [entry.zones[i].name for i in state.zones_in(ZoneState.QUIET)],
+        "wanted_level_db": finite_or_none(entry.wanted_level_db),
+        "level_db": entry.level_db,
+        "achieved": entry.achieved,
+        "contrast_db": entry.contrast_db,
         "family": entry.family,
         "frequencies_hz": list(entry.frequencies_hz),
         "amplitudes": list(entry.amplitudes),
@@ -160,9 +210,17 @@ def _state_json(device: Device, state: StateReport) -> dict[str, Any]:
                 "measured_share": float(state.measured.share[i]),
                 "promised_peak_acceleration_m_per_s2": promise.peak_acceleration_m_per_s2,
                 "measured_peak_acceleration_m_per_s2": float(state.measured.peak[i]),
+                "promised_acceleration_at_finger_m_per_s2": promise.acceleration_at_finger_m_per_s2,
+                "measured_acceleration_at_finger_m_per_s2": _known(state.measured.at_finger[i]),
             }
             for i, (zone, promise) in enumerate(zip(device.zones, entry.zones, strict=True))
         ],
-        "greatest_acceleration_under_a_finger_m_per_s2": state.felt_m_per_s2,
+        "greatest_acceleration_under_a_finger_m_per_s2": max(state.felt_m_per_s2, state.quiet_m_per_s2),
+        "felt_level_in_run_db": state.level_db(state.felt_m_per_s2),
+        "quiet_level_in_run_db": state.level_db(state.quiet_m_per_s2),
         "disagreement": state.disagreement,
     }
+
+
+def _known(value: float) -> float | None:
+    return None if np.isnan(value) else float(value)

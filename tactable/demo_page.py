@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from engine.latency import Stage
+from engine.zones import ZoneState
 from tactable.demo import AGREEMENT, DemoReport, StateReport
 
 
@@ -33,7 +34,8 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
     out.print(f"estimates {len(report.device.inferred)} values of the device are ESTIMATES (see its file)", style="dim")
     out.print(f"picture   {figure}", highlight=False, soft_wrap=True)
     if report.missed:
-        out.print(f"[red]MISSED: states {list(report.missed)} were sent and never applied.[/red]")
+        missed = ", ".join(f"{state} at {level_db:g} dB" for state, level_db in report.missed)
+        out.print(f"[red]MISSED: states {missed} were sent and never applied.[/red]")
     if not report.states and not report.missed:
         return
     if report.agrees:
@@ -43,34 +45,46 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
 
 
 def _states(report: DemoReport) -> Grid:
-    title = "promised/measured on the simulated bar: drive held until steady, bar untouched"
+    title = "promised/measured: drive held until steady, standard fingers in touched zones"
     grid = Grid(title=title, title_justify="left", box=SIMPLE, padding=(0, 1, 0, 0))
-    for name in ("felt", "drive", "localized\nfactor", "peaks of felt\nzones, m/s²", "t90\nms", "differ", "in\nrun*"):
-        grid.add_column(name, no_wrap=name != "felt")
+    names = ("fingers", "drive", "localized\nfactor", "at finger\nm/s²", "\ndB", "t90\nms", "off\n%", "run*\ndB")
+    for name in names:
+        grid.add_column(name, no_wrap=True)
     for state in report.states:
         grid.add_row(*_cells(state))
-    grid.caption = "* greatest m/s² under a finger during the run, fingers loading the bar"
+    grid.caption = "dB above the detection threshold; * greatest in the run, under its own fingers"
     grid.caption_justify = "left"
     return grid
 
 
 def _cells(state: StateReport) -> tuple[str, ...]:
-    entry, zones = state.entry, state.felt_zones
-    peaks = [f"{entry.zones[i].peak_acceleration_m_per_s2:.2f}/{state.measured.peak[i]:.2f}" for i in zones]
+    """A line for each finger, felt ones first."""
+    entry, felt, quiet = state.entry, state.felt_zones, state.zones_in(ZoneState.QUIET)
+    zones = [entry.zones[i] for i in (*felt, *quiet)]
+    promised = [zone.acceleration_at_finger_m_per_s2 for zone in zones]
+    in_run = [(felt, state.felt_m_per_s2), (quiet, state.quiet_m_per_s2)]
     return (
-        ", ".join(entry.zones[i].name for i in zones),
+        "\n".join(f"{zone.name} {zone.state.name.lower()}" for zone in zones),
         _drive(state),
         f"{entry.localized_factor:.3f}/{state.measured_factor:.3f}",
-        "\n".join(peaks),
+        "\n".join(f"{a:.2f}/{state.measured.at_finger[i]:.2f}" for a, i in zip(promised, (*felt, *quiet), strict=True)),
+        "\n".join(f"{zone.sensation_level_db:.1f}" for zone in zones),
         f"{1e3 * entry.t90_s:.0f}",
-        f"{100 * state.disagreement:.2f} %",
-        f"{state.felt_m_per_s2:.2f}",
+        f"{100 * state.disagreement:.2f}",
+        "\n".join(line for fingers, greatest in in_run for line in _in_run(state, len(fingers), greatest)),
     )
 
 
+def _in_run(state: StateReport, fingers: int, greatest_m_per_s2: float) -> list[str]:
+    """The level on the line of the first finger, the others blank; "-" where nothing was felt."""
+    level_db = state.level_db(greatest_m_per_s2)
+    return ["-" if level_db is None else f"{level_db:.1f}", *[""] * fingers][:fingers]
+
+
 def _drive(state: StateReport) -> str:
-    """Such as "151.2 Hz 36+100 %", or a line for each tone."""
+    """Such as "151.2 Hz 3.6+100 %", or a line for each tone."""
     amplitudes: dict[float, list[str]] = {}
     for hz, amplitude in zip(state.entry.frequencies_hz, state.entry.amplitudes, strict=True):
-        amplitudes.setdefault(hz, []).append(f"{100 * amplitude:.3g}")
+        percent = 100 * amplitude
+        amplitudes.setdefault(hz, []).append(f"{percent:.0f}" if percent >= 10 else f"{percent:.2g}")
     return "\n".join(f"{hz:g} Hz {'+'.join(parts)} %" for hz, parts in amplitudes.items())

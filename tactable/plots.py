@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from engine.device import Device
+from engine.zones import ZoneState
 from precompute.assembly import assemble
 from precompute.response import solve_response
 from tactable.demo import DemoReport, StateReport
@@ -53,10 +54,14 @@ def _draw_touches(axes: Axes, report: DemoReport) -> None:
 
 
 def _draw_felt(axes: Axes, felt: Felt) -> None:
-    axes.fill_between(felt.time_s, felt.acceleration, step="post", color=_ORANGE, lw=0.4)
+    axes.fill_between(felt.time_s, felt.felt, step="post", color=_ORANGE, lw=0.4, label="to be felt")
+    axes.fill_between(felt.time_s, felt.quiet, step="post", color=_BLUE, lw=0.4, label="quiet")
     axes.set(ylabel="under a finger (m/s²)", ylim=(0, None))
-    title = "peak acceleration under the fingers as they load the bar; the entries are for the untouched bar"
+    title = (
+        "peak acceleration under the fingers of the recording: those that are to feel at that moment, and the others"
+    )
     axes.set_title(title, fontsize="small", loc="left")
+    axes.legend(fontsize="x-small", loc="upper right", ncols=2)
 
 
 def _draw_drive(axes: Axes, device: Device, felt: Felt) -> None:
@@ -71,8 +76,9 @@ def _draw_drive(axes: Axes, device: Device, felt: Felt) -> None:
 def _draw_state(axes: Axes, device: Device, state: StateReport, *, legend: bool) -> None:
     entry = state.entry
     for i, zone in enumerate(device.zones):
-        if i in state.felt_zones:
-            axes.axvspan(1e3 * zone.start_m, 1e3 * zone.stop_m, color=_GREEN, alpha=0.2, lw=0)
+        colour = {ZoneState.FELT: _GREEN, ZoneState.QUIET: _BLUE}.get(entry.zones[i].state)
+        if colour is not None:
+            axes.axvspan(1e3 * zone.start_m, 1e3 * zone.stop_m, color=colour, alpha=0.2, lw=0)
         axes.text(
             1e3 * (zone.start_m + zone.stop_m) / 2,
             0.98,
@@ -85,11 +91,15 @@ def _draw_state(axes: Axes, device: Device, state: StateReport, *, legend: bool)
     axes.plot(1e3 * position_m, _envelope(device, state, position_m), color=_BLUE, label="promised")
     measured = state.measured
     axes.plot(1e3 * measured.position_m, measured.acceleration, "o", ms=4, color=_ORANGE, label="measured")
-    felt = ", ".join(entry.zones[i].name for i in state.felt_zones)
-    drive = " · ".join(
+    at_finger = [zone.acceleration_at_finger_m_per_s2 or np.nan for zone in entry.zones]
+    middle_mm = [1e3 * (zone.start_m + zone.stop_m) / 2 for zone in device.zones]
+    axes.plot(middle_mm, at_finger, "_", ms=14, color=_BLUE)
+    axes.plot(middle_mm, measured.at_finger, "D", ms=5, color=_ORANGE, label="measured under a finger")
+    drive = ", ".join(
         f"{f:g} Hz {100 * a:.0f} %" for f, a in zip(entry.frequencies_hz, entry.amplitudes, strict=True) if a
     )
-    title = f"{felt}: Λ {entry.localized_factor:.3f} promised, {state.measured_factor:.3f} measured\n{drive}"
+    factor = f"Λ {entry.localized_factor:.3f} promised, {state.measured_factor:.3f} measured"
+    title = f"{_fingers(state)}\n{factor}; {drive}"
     axes.set_title(title, fontsize="small", loc="left")
     axes.margins(y=0.15)
     axes.set(xlabel="along the bar (mm)", ylabel="peak (m/s²)", xlim=(0, 1e3 * device.bar.length_m))
@@ -98,12 +108,21 @@ def _draw_state(axes: Axes, device: Device, state: StateReport, *, legend: bool)
         axes.legend(fontsize="x-small", loc="upper right", bbox_to_anchor=(1, 0.9))
 
 
+def _fingers(state: StateReport) -> str:
+    """Such as "III felt 20.0 dB, I quiet 4.2 dB"."""
+    zones = [state.entry.zones[i] for kind in (ZoneState.FELT, ZoneState.QUIET) for i in state.zones_in(kind)]
+    return ", ".join(f"{zone.name} {zone.state.name.lower()} {zone.sensation_level_db:.1f} dB" for zone in zones)
+
+
 def _envelope(device: Device, state: StateReport, position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Peak steady acceleration of the entry's drive along the bar, paper eq. (8) over distinct frequencies."""
+    """Peak steady acceleration of the entry's drive along the bar and its fingers, paper eq. (8)."""
+    plant = assemble(device)
+    touched = [device.zones[i] for i, zone in enumerate(state.entry.zones) if zone.state is not ZoneState.FREE]
+    loaded = plant.with_fingers([(zone.start_m + zone.stop_m) / 2 for zone in touched], device.finger)
     entry = state.entry
     frequency_hz = np.array(entry.frequencies_hz)
     weight = np.array(entry.amplitudes) * np.exp(1j * np.array(entry.phases_rad))
     tones = np.unique(frequency_hz[weight != 0])
-    acceleration = solve_response(assemble(device), tones).acceleration(position_m)
+    acceleration = solve_response(loaded, tones).acceleration(position_m)
     share = np.where(frequency_hz == tones[:, None], weight, 0)
     return np.asarray(abs(np.einsum("fa,fap->fp", share, acceleration)).sum(axis=0))

@@ -1,32 +1,28 @@
 """The simulated rig: recorded touches to the engine, the wire, the emulated firmware and the bar. All SIMULATED."""
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.digitizer import open_digitizer
+from engine.effects import DEFAULT_EFFECTS, Effects
 from engine.entry import Entry
 from engine.latency import LatencyRecorder
-from engine.limits import link_configuration
-from engine.loop import Loop, LoopCounters, StateChange, SystemClock, connect
-from engine.renderer import Renderer
+from engine.loop import LoopCounters, StateChange, SystemClock
 from engine.sources.playback import Playback
 from engine.sources.recording import Recording
 from engine.table import Table
-from engine.zones import ZoneTracker
+from engine.zones import ZoneEdges, ZoneState
 from firmware_link.drive_log import Cause, DriveEvent
 from firmware_link.emulator import EmulatorLog, run_emulator
-from firmware_link.link import Link
 from firmware_link.serial_port import SerialPort
-from firmware_link.session import Session
 from firmware_link.synthesis import synthesise
 from precompute.assembly import assemble
 from precompute.modal import Basis, compute_basis
 from precompute.transient import TransientPlant
+from tactable.live import Live, LiveOptions
 
 Array = NDArray[np.float64]
 
@@ -63,34 +59,31 @@ class LiveRun:
         return next((e for e in events if e.sequence == change.drive_sequence), None)
 
 
-def play(table: Table, recording: Recording, speed: float) -> LiveRun:
+def play(table: Table, recording: Recording, speed: float, effects: Effects = DEFAULT_EFFECTS) -> LiveRun:
     """Replay touches at `speed` times real pace through the engine to an emulated firmware behind a pseudo-terminal.
 
     Raises what the engine raises: DigitizerError, DescriptorError, LinkError, LimitError, RendererError.
     """
-    device, clock = table.device, SystemClock()
-    digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
-    tracker = ZoneTracker(device, digitizer.surface)
-    trace, latency = list[StateChange](), LatencyRecorder()
-    count = len(device.actuators)
+    # A machine that stalls for 250 ms latches the firmware, as it should: the run greets it again and goes on.
+    options, trace = LiveOptions(effects, reconnect=True, bit_rate_hz=PTY_BIT_RATE_HZ), list[StateChange]()
+    count = len(table.device.actuators)
     with run_emulator(number_of_actuators=count) as emulator, SerialPort(emulator.port) as port:
-        link = Link(link_configuration(device, PTY_BIT_RATE_HZ))
-        session = Session(link, port, clock.now_ns)
-        renderer = Renderer(table.entries, device, connect(session, clock))
-        source = Playback(recording, speed)
-        # A machine that stalls for 250 ms latches the firmware, as it should: the run greets it again and goes on.
-        loop = Loop(source, digitizer, tracker, renderer, session, clock, reconnect=True, trace=trace, latency=latency)
-        loop.run()
+        live = Live(table, Playback(recording, speed), port, SystemClock(), options, trace)
+        live.run()
         log = emulator.stop()
-    return LiveRun(tuple(trace), replace(loop.counters), link.counters.sent + link.counters.renewed, latency, log)
+    return LiveRun(tuple(trace), replace(live.loop.counters), live.frames_sent, live.latency, log)
 
 
 @dataclass(frozen=True)
 class Measured:
-    """Steady state of a drive that the firmware was sent, held: per zone, and at the measured points."""
+    """Steady state of a drive that the firmware was sent, held, with fingers on the bar.
+
+    share, peak (zone,); at_finger (zone,), NaN where there is none; acceleration (point,) at position_m. All m/s^2.
+    """
 
     share: Array
     peak: Array
+    at_finger: Array
     position_m: Array
     acceleration: Array
 
@@ -99,12 +92,19 @@ class Measured:
 class Felt:
     """Envelopes over a run, a value every ENVELOPE_S, fingers loading the bar.
 
-    drive (time, actuator): fractions of full scale; acceleration (time,): the greatest under any finger, m/s^2.
+    drive (time, actuator): fractions of full scale; acceleration (time,): the greatest under any finger, m/s^2; felt,
+    quiet (time,): the greatest under the fingers that are to feel at that moment, and under the others.
     """
 
     time_s: Array
     drive: Array
-    acceleration: Array
+    felt: Array
+    quiet: Array
+
+    @property
+    def acceleration(self) -> Array:
+        """Shape (time,): the greatest under any finger, m/s^2."""
+        return np.maximum(self.felt, self.quiet)
 
 
 class SimulatedBar:
@@ -115,61 +115,80 @@ class SimulatedBar:
         self.basis: Basis = compute_basis(assemble(device))
         self.sample_rate_hz = SAMPLES_PER_CYCLE * max(device.sweep.stop_hz, *(a.band_hz[1] for a in device.actuators))
         self.point_m = np.linspace(0.0, device.bar.length_m, MEASURED_POINTS)
+        self._edges = ZoneEdges(device)
 
     def measure_held(self, event: DriveEvent, entry: Entry) -> Measured:
-        """Hold the firmware's drive of `event`, bar untouched, until it is steady; then measure.
+        """Hold the firmware's drive of `event` until the bar is steady; then measure.
 
-        Steady: the peaks of two windows of whole beats differ by less than 0.1 % of the greatest. The peak of a zone is
-        looked for at 33 places and where the table promises it.
+        A standard finger lies at the middle of every zone that the entry is touched in, as the table has it. Steady:
+        the peaks of two windows of whole beats differ by less than 0.1 % of the greatest. The peak of a zone is looked
+        for at 33 places and where the table promises it.
         """
         zones = self.device.zones
+        middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in zones])
+        touched = [zone.state is not ZoneState.FREE for zone in entry.zones]
         places = [np.linspace(zone.start_m, zone.stop_m, 33) for zone in zones]
         places = [np.append(p, z.peak_position_m) for p, z in zip(places, entry.zones, strict=True)]
-        plant = TransientPlant(self.basis, np.concatenate([self.point_m, *places]), self.sample_rate_hz)
-        window_us = _window_s(event) * _US_PER_S
-        log, start_us, before = [replace(event, device_time_us=0)], 0.0, np.zeros(0)
-        while True:
-            displacement = synthesise(log, start_us, start_us + window_us, self.sample_rate_hz)
-            acceleration, energy = plant.run(displacement)
-            peak = abs(acceleration).max(axis=0)
-            start_us += window_us
-            settled = before.size and np.max(abs(peak - before)) <= _SETTLED * peak.max()
-            if settled or start_us > _LONGEST_SETTLING_S * _US_PER_S:
-                break
-            before = peak
-        edges = np.cumsum([MEASURED_POINTS, *(len(p) for p in places)])
-        by_zone = np.split(peak, edges[:-1])[1:]
+        plant = TransientPlant(self.basis, np.concatenate([self.point_m, middle_m, *places]), self.sample_rate_hz)
+        plant.touch([(position_m, self.device.finger) for position_m in middle_m[touched]])
+        share, peak = _settle(plant, event)
+        points, middles, *by_zone = np.split(peak, np.cumsum([MEASURED_POINTS, *map(len, [middle_m, *places[:-1]])]))
         return Measured(
-            share=energy / energy.sum(),
+            share=share,
             peak=np.array([values.max() for values in by_zone]),
+            at_finger=np.where(touched, middles, np.nan),
             position_m=self.point_m,
-            acceleration=peak[:MEASURED_POINTS],
+            acceleration=points,
         )
 
     def feel(self, run: LiveRun, longest_s: float) -> Felt:
         """What happened on the bar with the fingers on it, over the first `longest_s` of a run that has a trace."""
         zero_ns = run.log.host_ns_at_device_zero
-        changes = [(max(0.0, (c.time_ns - zero_ns) / 1e3), c.finger_positions_m) for c in run.trace]
-        start_us = changes[0][0]
-        stop_us = min(changes[-1][0] + _RING_DOWN_US, start_us + longest_s * _US_PER_S)
-        drive, felt = list[Array](), list[Array]()
+        times_us = [max(0.0, (change.time_ns - zero_ns) / 1e3) for change in run.trace]
+        stop_us = min(times_us[-1] + _RING_DOWN_US, times_us[0] + longest_s * _US_PER_S)
+        drive, felt, quiet = list[Array](), list[Array](), list[Array]()
         plant = TransientPlant(self.basis, np.zeros(0), self.sample_rate_hz)
-        for (time_us, fingers), (next_us, _) in zip(changes, [*changes[1:], (stop_us, ())], strict=True):
+        for change, time_us, next_us in zip(run.trace, times_us, [*times_us[1:], stop_us], strict=True):
             if time_us >= stop_us:
                 break
             displacement = synthesise(run.log.events, time_us, min(next_us, stop_us), self.sample_rate_hz)
-            plant.look_at(np.array(fingers))
-            plant.touch([(position_m, self.device.finger) for position_m in fingers])
+            fingers_m = np.array(change.finger_positions_m)
+            plant.look_at(fingers_m)
+            plant.touch([(position_m, self.device.finger) for position_m in fingers_m])
+            under, feels = abs(plant.run(displacement)[0]), self._feels(change)
             drive.append(abs(displacement))
-            felt.append(abs(plant.run(displacement)[0]).max(axis=1, initial=0.0))
+            felt.append(under[:, feels].max(axis=1, initial=0.0))
+            quiet.append(under[:, ~feels].max(axis=1, initial=0.0))
+        drive_envelope, *envelopes = (self._envelope(np.concatenate(values)) for values in (drive, felt, quiet))
+        return Felt(ENVELOPE_S * np.arange(len(drive_envelope), dtype=np.float64), drive_envelope, *envelopes)
+
+    def _feels(self, change: StateChange) -> NDArray[np.bool_]:
+        """Shape (finger,): whether it lies in a felt zone; at an edge, within the hysteresis, either may be so."""
+        state_of = [change.state // 3**zone % 3 for zone in range(len(self.device.zones))]
+        zones = (self._edges.zone_at(position_m) for position_m in change.finger_positions_m)
+        return np.array([zone is not None and state_of[zone] == ZoneState.FELT for zone in zones], dtype=np.bool_)
+
+    def _envelope(self, values: Array) -> Array:
+        """The greatest of each ENVELOPE_S along the first axis."""
         block = round(self.sample_rate_hz * ENVELOPE_S)
-        drives, feels = np.concatenate(drive), np.concatenate(felt)
-        whole = len(feels) // block * block
-        return Felt(
-            time_s=ENVELOPE_S * np.arange(whole // block, dtype=np.float64),
-            drive=drives[:whole].reshape(-1, block, drives.shape[1]).max(axis=1),
-            acceleration=feels[:whole].reshape(-1, block).max(axis=1),
-        )
+        whole = len(values) // block * block
+        envelope: Array = values[:whole].reshape(-1, block, *values.shape[1:]).max(axis=1)
+        return envelope
+
+
+def _settle(plant: TransientPlant, event: DriveEvent) -> tuple[Array, Array]:
+    """Share of each zone and peak at each point of the plant, once two windows agree."""
+    window_us = _window_s(event) * _US_PER_S
+    log, start_us, before = [replace(event, device_time_us=0)], 0.0, np.zeros(0)
+    while True:
+        displacement = synthesise(log, start_us, start_us + window_us, plant.sample_rate_hz)
+        acceleration, energy = plant.run(displacement)
+        peak = abs(acceleration).max(axis=0)
+        start_us += window_us
+        settled = before.size and np.max(abs(peak - before)) <= _SETTLED * peak.max()
+        if settled or start_us > _LONGEST_SETTLING_S * _US_PER_S:
+            return energy / energy.sum(), peak
+        before = peak
 
 
 def _window_s(event: DriveEvent) -> float:
@@ -181,11 +200,14 @@ def _window_s(event: DriveEvent) -> float:
     return max(1, round(_WINDOW_S * beat_hz)) / beat_hz
 
 
-def first_applied(run: LiveRun, states: Sequence[int]) -> dict[int, DriveEvent]:
-    """For each of `states` that reached the firmware: the first drive event it caused."""
-    found: dict[int, DriveEvent] = {}
+StateAndLevel = tuple[int, float]
+
+
+def first_applied(run: LiveRun) -> dict[StateAndLevel, DriveEvent]:
+    """For each state and level that was felt and reached the firmware: the first drive event it caused."""
+    found: dict[StateAndLevel, DriveEvent] = {}
     for change in run.trace:
         event = run.applied(change)
-        if change.state in states and change.state not in found and event is not None:
-            found[change.state] = event
+        if change.level_db is not None and event is not None:
+            found.setdefault((change.state, change.level_db), event)
     return found

@@ -17,7 +17,7 @@ from tactable.virtual_digitizer import DESCRIPTOR, X_MAXIMUM
 
 SHIPPED = Path(__file__).parents[2] / "tables" / "devices"
 TEXT = (SHIPPED / "reference-a.toml").read_text(encoding="utf-8")
-SECTIONS = ("", "bar", "actuator[1]", "actuator[2]", "zones", "finger", "digitizer", "sweep", "limits")
+SECTIONS = ("", "bar", "actuator[1]", "actuator[2]", "zones", "finger", "digitizer", "sweep", "feel", "limits")
 KEYS = [
     (section, key)
     for section, body in zip(SECTIONS, re.split(r"^(?=\[)", TEXT, flags=re.MULTILINE), strict=True)
@@ -129,7 +129,14 @@ WRONG = [
     ("sweep", "phase_steps", "361", "expected a whole number from 4 to 360"),
     ("limits", "amplitude", '"0 %"', "expected more than 0"),
     ("limits", "ramp", '"0 ms"', "expected at least 1e-06 s"),
-    ("limits", "level_floor", '"0.3 m/s"', "is a speed; expected an acceleration"),
+    ("limits", "level_floor", '"0.3 m/s^2"', "unknown key"),
+    ("feel", "levels", "[]", "expected a list of 1 to 16 levels"),
+    ("feel", "levels", '"10 dB"', "expected a list of 1 to 16 levels"),
+    ("feel", "levels", '["10 dB", "10 dB"]', "expected rising levels"),
+    ("feel", "levels", '["20 dB", "10 dB"]', "expected rising levels"),
+    ("feel", "levels", '["81 dB"]', "expected 0 to 80 dB above threshold"),
+    ("feel", "levels", '["10 Hz"]', "expected 0 to 80 dB above threshold"),
+    ("feel", "levels", "[10]", "expected 0 to 80 dB above threshold"),
     ("limits", "lease", '"40 mm"', "is a length; expected a time"),
     ("bar", "inferred", '["lenght"]', "is no key of this table; its keys are length, width"),
     ("bar", "inferred", '"length"', "expected a list of keys"),
@@ -159,6 +166,7 @@ def test_a_missing_key_is_named_or_has_a_documented_default(section: str, key: s
         ("finger", "spread"),
         *(("digitizer", key) for key in ("axis", "flip", "start_margin", "end_margin")),
         ("sweep", "phase_steps"),
+        ("feel", "levels"),
         ("limits", "amplitude"),
         ("limits", "lease"),
     }
@@ -174,6 +182,12 @@ def test_a_missing_table_is_named(header: str) -> None:
     bodies = dict(zip(SECTIONS, re.split(r"^(?=\[)", TEXT, flags=re.MULTILINE), strict=True))
     message = refusal("".join(body for section, body in bodies.items() if section != header))
     assert "has no key 'count'" in message if header == "zones" else f"has no key '{header}'" in message
+
+
+def test_without_a_word_on_feeling_there_are_entries_for_10_20_and_30_db() -> None:
+    bodies = dict(zip(SECTIONS, re.split(r"^(?=\[)", TEXT, flags=re.MULTILINE), strict=True))
+    text = "".join(body for section, body in bodies.items() if section != "feel")
+    assert parse_device(text, "some.toml").levels_db == (10.0, 20.0, 30.0)
 
 
 @pytest.mark.parametrize("key", ["actuator", "bar", "zones", "finger"])
@@ -503,7 +517,7 @@ SAME = [
     ("sweep", "step", '"0.001 kHz"'),
     ("limits", "ramp", '"0.005 s"'),
     ("limits", "lease", '"0.04 s"'),
-    ("limits", "level_floor", '"30 cm/s^2"'),
+    ("feel", "levels", '["10dB", "20.0 dB", "30. dB"]'),
 ]
 
 
@@ -542,6 +556,7 @@ OTHER = {
     "amplitude_steps": "10",
     "phase_steps": "72",
     "amplitude": '"99 %"',
+    "levels": '["10 dB", "30 dB"]',
 }
 
 

@@ -14,6 +14,7 @@ from engine.device import Device
 from engine.device_file import read_device
 from engine.entry import Entry
 from engine.limits import LimitError, clamp, link_configuration
+from tests.engine import made_entries
 
 REFERENCE = read_device(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
 LOW_HZ, HIGH_HZ = REFERENCE.actuators[0].band_hz
@@ -24,8 +25,9 @@ limits = st.floats(1e-3, 1)
 
 
 def entry_of(frequencies_hz: tuple[float, ...], amplitudes: tuple[float, ...], *phases_rad: float) -> Entry:
+    entry = made_entries.entry_of(REFERENCE, made_entries.states_of(REFERENCE, [0]))
     phases_rad = phases_rad or (0.0,) * len(frequencies_hz)
-    return Entry(frequencies_hz, amplitudes, phases_rad, (), 0.5, 0.6, None, 0.1, "two tones", "", True)
+    return replace(entry, frequencies_hz=frequencies_hz, amplitudes=amplitudes, phases_rad=phases_rad)
 
 
 def limited_to(amplitude: float) -> Device:

@@ -10,17 +10,18 @@ from pathlib import Path
 
 import pytest
 
-from engine.device import Device
 from engine.device_file import read_device
 from engine.digitizer import RELEASE_AFTER_NS, open_digitizer
-from engine.entry import Entry, ZonePromise
+from engine.effect_player import EffectPlayer
+from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger, burst
+from engine.entry import Entry
 from engine.latency import LatencyRecorder, Stage
 from engine.limits import link_configuration
 from engine.loop import Loop, StateChange, SystemClock, connect
 from engine.renderer import Renderer
 from engine.sources.playback import Playback
 from engine.sources.recording import Recording, Report, read_recording
-from engine.zones import ZoneState, ZoneTracker
+from engine.zones import ZoneTracker, state_index
 from firmware_link.device import DeviceConfiguration, EmulatedFirmware
 from firmware_link.drive_log import Cause, DriveEvent
 from firmware_link.emulator import run_emulator
@@ -31,6 +32,7 @@ from firmware_link.messages import DeviceState
 from firmware_link.serial_port import SerialPort
 from firmware_link.session import Session
 from tests.engine.descriptors import CONTACT_COUNT, application, finger
+from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
 from tests.engine.shared_recordings import recording_params
 
 MS = 1_000_000
@@ -44,21 +46,22 @@ Touch = tuple[int, float]
 """Contact id and place, as a fraction of the bar."""
 
 
-def entry_for(*zones: int, device: Device = DEVICE) -> Entry:
-    """An entry whose frequency tells its zones apart: 100 Hz, and 1, 2, 4, 8, 16 Hz for zones I to V."""
-    promises = tuple(
-        ZonePromise(zone.name, ZoneState.FELT if i in zones else ZoneState.FREE, 0.2, 1.0, 0.0, 0.0, 0.0)
-        for i, zone in enumerate(device.zones)
-    )
-    frequency_hz = 100.0 + sum(2**zone for zone in zones)
-    return Entry((frequency_hz,) * 2, (1.0, 0.5), (0.0, 1.0), promises, 0.9, 0.9, 9.0, 0.1, "coherent", "", True)
+def entry_for(*zones: int, quiet: Sequence[int] = (), level_db: float = LEVEL_DB) -> Entry:
+    """An entry whose frequency tells its felt zones apart: 100 Hz, and 1, 2, 4, 8, 16 Hz for zones I to V.
+
+    0.25 Hz more where something is quiet, 0.5 Hz more at another level.
+    """
+    frequency_hz = 100.0 + sum(2**zone for zone in zones) + 0.25 * bool(quiet) + 0.5 * (level_db != LEVEL_DB)
+    states = states_of(DEVICE, zones, quiet)
+    return entry_of(DEVICE, states, frequencies_hz=(frequency_hz,) * 2, wanted_level_db=level_db)
 
 
 ENTRIES = [entry_for(*zones) for zones in ((0,), (1,), (2,), (3,), (4,), (0, 2), (1, 3))]
+HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),))
 
 
-def index_of(*zones: int) -> int:
-    return entry_for(*zones).index
+def index_of(*zones: int, quiet: Sequence[int] = ()) -> int:
+    return state_index(states_of(DEVICE, zones, quiet))
 
 
 def report(*touches: Touch, lifted: Sequence[int] = ()) -> bytes:
@@ -152,6 +155,8 @@ class Rig:
     speed: float | None = 1.0
     reconnect: bool = False
     bit_rate_hz: int = BIT_RATE_HZ
+    effects: Effects = HELD
+    entries: Sequence[Entry] = tuple(ENTRIES)
 
     def __post_init__(self) -> None:
         self.trace: list[StateChange] = []
@@ -161,11 +166,14 @@ class Rig:
         self.start_ns = self.line.time_ns
         source = Playback(self.recording, self.speed)
         digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
-        self.renderer = Renderer(ENTRIES, DEVICE, capabilities)
+        levels_db = self.effects.levels_db
+        by_level = {level: [e for e in self.entries if e.wanted_level_db == level] for level in levels_db}
+        self.renderer = Renderer(by_level, DEVICE, capabilities)
         self.loop = Loop(
             source,
             digitizer,
             ZoneTracker(DEVICE, digitizer.surface),
+            EffectPlayer(self.effects, len(DEVICE.zones)),
             self.renderer,
             self.session,
             self.line,
@@ -287,6 +295,75 @@ def test_a_state_without_entry_is_silent_and_counted() -> None:
     assert rig.renderer.unknown_states == 1
 
 
+def test_an_effect_ends_at_its_time_without_a_report() -> None:
+    rig = Rig(recording_of((0.0, report((1, 0.1))), (0.1, report(lifted=[1]))), effects=DEFAULT_EFFECTS).run()
+    assert rig.states() == [index_of(0), index_of(quiet=[0]), 0]
+    first, second, _ = rig.trace
+    assert (first.level_db, second.level_db) == (LEVEL_DB, None)
+    assert second.report_index is None
+    assert 0 <= second.time_ns - first.time_ns - 50 * MS < MS
+    assert rig.played() == [101.0, 0.0]
+    assert abs(1000 * (rig.log[1].device_time_us - rig.log[0].device_time_us) - 50 * MS) < MS
+
+
+def test_a_resting_finger_is_quiet_while_another_one_feels() -> None:
+    entries = [entry_for(0), entry_for(2, quiet=[0])]
+    frames = [*held(0.0, 0.2, (1, 0.1)), *held(0.2, 0.4, (1, 0.1), (2, 0.5)), (0.4, report(lifted=[1, 2]))]
+    rig = Rig(recording_of(*frames), effects=DEFAULT_EFFECTS, entries=entries).run()
+    assert rig.states() == [
+        index_of(0),
+        index_of(quiet=[0]),
+        index_of(2, quiet=[0]),
+        index_of(quiet=[0, 2]),
+        0,
+    ]
+    assert rig.played() == [101.0, 0.0, 104.25, 0.0]
+    assert rig.renderer.unknown_states == 0
+
+
+def test_each_segment_of_an_envelope_is_a_command_at_its_level() -> None:
+    envelope = (Segment(30 * MS, 30.0), Segment(30 * MS, None), Segment(None, LEVEL_DB))
+    effects = Effects((Rule(Trigger.TOUCH, Effect("steps", envelope)),))
+    entries = [entry_for(1), entry_for(1, level_db=30.0)]
+    frames = [*held(0.0, 0.2, (1, 0.3)), (0.2, report(lifted=[1]))]
+    rig = Rig(recording_of(*frames), effects=effects, entries=entries).run()
+    assert [change.level_db for change in rig.trace] == [30.0, None, LEVEL_DB, None]
+    assert rig.played() == [102.5, 0.0, 102.0, 0.0]
+
+
+def test_a_change_that_keeps_the_drive_sends_nothing() -> None:
+    places = [0.1, 0.3, 0.5, 0.7, 0.9]
+    frames = [frame for i, place in enumerate(places) for frame in held(0.1 * i, 0.1 * (i + 1), (1, place))]
+    rig = Rig(recording_of(*frames, (0.5, report(lifted=[1]))), effects=DEFAULT_EFFECTS).run()
+    assert rig.states() == [index_of(0), *(index_of(quiet=[zone]) for zone in range(5)), 0]
+    assert [change.drive_sequence is None for change in rig.trace] == [False, False, *[True] * 5]
+    assert rig.loop.counters.commands == 2
+    assert rig.latency.count == 1
+
+
+def test_a_lift_is_played_to_its_end_though_the_source_has_ended() -> None:
+    effects = Effects((Rule(Trigger.LIFT, burst(LEVEL_DB, 80)),))
+    rig = Rig(recording_of(*held(0.0, 0.1, (1, 0.1)), (0.1, report(lifted=[1]))), effects=effects).run()
+    assert rig.states() == [index_of(quiet=[0]), index_of(0), 0]
+    on, off = (change.time_ns for change in rig.trace[1:])
+    assert 0 <= off - on - 80 * MS < MS
+
+
+def test_a_lost_finger_rests_no_longer_than_it_was_seen() -> None:
+    effects = Effects((Rule(Trigger.HOLD, burst(LEVEL_DB, 50), after_ns=150 * MS),))
+    frames = [(0.0, report((1, 0.1))), (1.0, report((1, 0.1))), (1.008, report(lifted=[1]))]
+    for speed in (1.0, None):
+        assert Rig(recording_of(*frames), speed=speed, effects=effects).run().states() == [index_of(quiet=[0]), 0] * 2
+
+
+def test_after_a_stall_effects_are_caught_up_with_in_order_and_the_last_state_is_sent() -> None:
+    rig = Rig(recording_of(*held(0.0, 0.3, (1, 0.1)), (0.3, report(lifted=[1]))), effects=DEFAULT_EFFECTS)
+    rig.line.stall_at_ns, rig.line.stall_ns = rig.start_ns + 20 * MS, 100 * MS
+    rig.run()
+    assert rig.states() == [index_of(0), index_of(quiet=[0]), 0]
+    assert rig.trace[1].time_ns >= rig.start_ns + 120 * MS
+
+
 def test_nothing_touched_sends_nothing_but_silence() -> None:
     rig = Rig(recording_of((0.0, report(lifted=[1])), (1.0, report(lifted=[1])))).run()
     assert (rig.log, rig.trace, rig.loop.counters.commands) == ([], [], 0)
@@ -335,6 +412,17 @@ def test_with_reconnect_the_state_of_the_moment_is_sent_anew() -> None:
     assert rig.line.firmware.counters.trips == 1
 
 
+def test_a_silence_that_was_due_during_a_reconnect_is_sent_after_it() -> None:
+    back = [(0.507, report((1, 0.1))), (0.51, report(lifted=[1])), (0.6, report(lifted=[1]))]
+    rig = Rig(recording_of(*held(0.0, 0.3, (1, 0.1)), *back), reconnect=True)
+    rig.line.stall_at_ns = rig.start_ns + 100 * MS
+    rig.run()
+    assert rig.loop.counters.reconnects == 1
+    assert rig.states()[-1] == 0
+    assert rig.trace[-1].drive_sequence is not None
+    assert rig.line.firmware.state is DeviceState.LATCHED
+
+
 @pytest.mark.parametrize(("is_mute", "remedy"), [(False, "disarmed itself"), (True, "no answer")])
 def test_a_line_that_takes_nothing_ends_in_a_link_error_without_spinning(is_mute: bool, remedy: str) -> None:
     rig = Rig(recording_of(*held(0.0, 10.0, (1, 0.1))))
@@ -365,13 +453,23 @@ def test_virtual_time_is_real_time_in_little_time() -> None:
     assert rig.loop.counters.frames == 2500
 
 
+EVERY_TRIGGER = Effects(
+    (
+        Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),
+        Rule(Trigger.DRAG, Effect("texture", (Segment(20 * MS, 30.0), Segment(None, LEVEL_DB))), every_m=5e-3),
+        Rule(Trigger.HOLD, Effect("purr", (Segment(None, LEVEL_DB),)), after_ns=200 * MS),
+        Rule(Trigger.LIFT, burst(30.0, 20)),
+    )
+)
+
+
 @pytest.mark.parametrize("path", recording_params("touch", "*.hid"))
-def test_a_real_recording_gives_the_same_states_at_any_speed(path: Path) -> None:
+def test_a_real_recording_gives_the_same_states_and_levels_at_any_speed(path: Path) -> None:
     recording = read_recording(path)
-    rigs = [Rig(recording, speed=speed) for speed in (1.0, 7.0, None)]
-    first, *others = [rig.run().states() for rig in rigs]
+    rigs = [Rig(recording, speed=speed, effects=EVERY_TRIGGER) for speed in (1.0, 7.0, None)]
+    first, *others = [[(c.state, c.level_db) for c in rig.run().trace] for rig in rigs]
     assert others == [first] * 2
-    assert first == [] or first[-1] == 0
+    assert first == [] or first[-1] == (0, None)
     assert {rig.loop.counters.reports for rig in rigs} == {len(recording.reports)}
 
 
@@ -381,11 +479,12 @@ def test_a_touch_reaches_the_emulator_of_another_process() -> None:
     with run_emulator(number_of_actuators=2) as emulator, SerialPort(emulator.port) as port:
         link = Link(replace(link_configuration(DEVICE), handshake_timeout_s=PATIENCE_S))
         session = Session(link, port, clock.now_ns)
-        renderer = Renderer(ENTRIES, DEVICE, connect(session, clock))
+        renderer = Renderer({LEVEL_DB: ENTRIES}, DEVICE, connect(session, clock))
         source, digitizer = Playback(recording_of(*frames)), open_digitizer(DESCRIPTOR)
-        tracker = ZoneTracker(DEVICE, digitizer.surface)
+        tracker, player = ZoneTracker(DEVICE, digitizer.surface), EffectPlayer(HELD, len(DEVICE.zones))
         # A stall of this machine may latch the device: the run goes on.
-        loop = Loop(source, digitizer, tracker, renderer, session, clock, reconnect=True, trace=trace, latency=latency)
+        chain = (source, digitizer, tracker, player, renderer, session, clock)
+        loop = Loop(*chain, reconnect=True, trace=trace, latency=latency)
         loop.run()
         log = emulator.stop()
     assert [change.state for change in trace] == [index_of(0), index_of(2), 0]

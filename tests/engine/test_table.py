@@ -1,11 +1,13 @@
 """Laws of the table file: read back as written, complete or absent, and refused with its own message when unusable."""
 
+import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import h5netcdf
 import h5py
@@ -14,9 +16,10 @@ import pytest
 
 from engine.device import Device, DeviceError
 from engine.device_file import parse_device
-from engine.entry import Entry, ZonePromise
+from engine.entry import Entry, WorstCase, ZonePromise
 from engine.table import Table, TableError, TableWriter, Variable, open_table, write_entries
-from engine.zones import ZoneState
+from engine.zones import state_index
+from tests.engine.made_entries import entry_of, states_of
 
 TEXT = (Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml").read_text(encoding="utf-8")
 DEVICE = parse_device(TEXT, "reference-a.toml")
@@ -25,28 +28,55 @@ SWEEP = ("pair", "frequency_1", "amplitude_1", "amplitude_2", "zone", "frequency
 SHAPE = (2, 4, 3, 3, 5, 4)
 
 
-def make_entry(zone: int, contrast_db: float | None = 3.25) -> Entry:
-    random = np.random.default_rng(zone)
-    states = [ZoneState.FELT if z == zone else ZoneState.FREE for z in range(5)]
-    promises = [ZonePromise(DEVICE.zones[z].name, state, *random.random(5).tolist()) for z, state in enumerate(states)]
-    first, second = (tuple(random.random(2).tolist()) for _ in range(2))
-    figures = random.random(3).tolist()
-    return Entry(
+LEVELS_DB = (10.0, 20.0, math.inf)
+STATES = ([(0,), ()], [(1,), (4,)], [(4,), ()])
+"""Felt and quiet zones."""
+
+
+def make_entry(felt: Sequence[int], quiet: Sequence[int], wanted_level_db: float) -> Entry:
+    """Every figure another one; absent where the state has no such figure."""
+    random = np.random.default_rng([felt[0], int(min(wanted_level_db, 99))])
+    figures = iter(random.random(200).tolist())
+    entry = entry_of(DEVICE, states_of(DEVICE, felt, quiet), wanted_level_db=wanted_level_db)
+    two = (next(figures), next(figures))
+    return replace(
+        entry,
         frequencies_hz=(100.01, 207.33),
-        amplitudes=first,
-        phases_rad=second,
-        zones=tuple(promises),
-        localized_factor=figures[0],
-        upper_bound=figures[1],
-        contrast_db=contrast_db,
-        t90_s=figures[2],
-        family="two tones",
-        limited_by="level floor in V; full scale of left, Größe µ" if zone else "",
-        achieved=zone != 1,
+        amplitudes=two,
+        phases_rad=two[::-1],
+        zones=tuple(_numbered(zone, figures) for zone in entry.zones),
+        level_db=next(figures),
+        achieved=felt != (1,),
+        contrast_db=next(figures) if quiet else None,
+        expected_contrast_db=next(figures) if quiet else None,
+        localized_factor=next(figures),
+        objective="contrast" if quiet else "localized factor",
+        upper_bound=next(figures),
+        optimality_gap_db=next(figures),
+        t90_s=next(figures),
+        limited_by="full scale of left, Größe µ" if felt == (4,) else "",
+        worst_case=WorstCase(
+            next(figures),
+            next(figures) if quiet else None,
+            next(figures) if quiet else None,
+            next(figures),
+            next(figures),
+        ),
     )
 
 
-ENTRIES = (make_entry(0), make_entry(1), make_entry(4, contrast_db=None))
+def _numbered(zone: ZonePromise, figures: Iterator[float]) -> ZonePromise:
+    """The same fields, present where they were, each with a figure of its own."""
+
+    def other(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return next(figures), next(figures)
+        return next(figures) if type(value) is float else value
+
+    return replace(zone, **{name: other(value) for name, value in vars(zone).items()})
+
+
+ENTRIES = tuple(make_entry(felt, quiet, level_db) for level_db in LEVELS_DB for felt, quiet in STATES)
 
 
 def figure(name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
@@ -94,12 +124,60 @@ def test_entries_are_read_back_as_written(table: Table) -> None:
     assert table.entries == ENTRIES
 
 
-def test_an_entry_is_found_by_its_felt_zones_in_any_order(table: Table) -> None:
-    assert table.entry_for(["V"]) == ENTRIES[2]
-    with pytest.raises(TableError, match="no entry for felt zones 'I, II'"):
-        table.entry_for(["II", "I"])
+def test_an_entry_is_found_by_its_zones_in_any_order_and_its_level(table: Table) -> None:
+    assert table.levels_db == LEVELS_DB
+    assert table.entry_for(["V"], level_db=10.0) == ENTRIES[2]
+    assert table.entry_for(["V"]) == ENTRIES[5]
+    assert table.entry_for(["II"], ["V"], math.inf) == ENTRIES[7]
+    assert table.entry_at(ENTRIES[7].index, math.inf) == ENTRIES[7]
+
+
+def test_what_the_table_does_not_hold_is_refused_by_name(table: Table) -> None:
+    with pytest.raises(TableError, match="no entry for felt zones 'II, I' and quiet 'V'"):
+        table.entry_for(["II", "I"], ["V"])
     with pytest.raises(DeviceError, match="no zone 'VI'"):
         table.entry_for(["VI"])
+    with pytest.raises(TableError, match="zone II can't be felt and quiet"):
+        table.entry_for(["I", "II"], ["II"])
+    assert table.entry_at(state_index(table.states_of(["II"], [])), 10.0) is None
+
+
+@pytest.mark.parametrize("level_db", LEVELS_DB)
+def test_the_entries_of_a_level_are_all_of_it(table: Table, level_db: float) -> None:
+    expected = tuple(entry for entry in ENTRIES if entry.wanted_level_db == level_db)
+    assert table.entries_of(level_db) == table.entries_at(level_db) == expected
+
+
+def loud_table(path: Path) -> Path:
+    """Each entry reaches its level, full scale 40 dB."""
+    states = [states_of(DEVICE, *state) for state in STATES]
+    entries = [entry_of(DEVICE, each, wanted_level_db=level_db) for level_db in LEVELS_DB for each in states]
+    with TableWriter(path) as writer:
+        writer.describe({"device_description": TEXT, "device_fingerprint": DEVICE.fingerprint})
+        write_entries(writer, entries, DEVICE)
+    return path
+
+
+@pytest.mark.parametrize(("level_db", "above_db"), [(9.0, 10.0), (14.0, 20.0), (37.0, 40.0), (40.0, 40.0)])
+def test_between_levels_the_next_higher_one_is_played_softer(tmp_path: Path, level_db: float, above_db: float) -> None:
+    with open_table(loud_table(tmp_path / "loud.nc")) as table:
+        softer = table.entry_for(["II"], ["V"], level_db)
+        above = table.entry_for(["II"], ["V"], math.inf if above_db == 40 else above_db)
+    scale = 10 ** ((level_db - above_db) / 20)
+    assert softer.level_db == softer.wanted_level_db == pytest.approx(level_db)
+    assert softer.achieved
+    assert softer.amplitudes == pytest.approx([scale * amplitude for amplitude in above.amplitudes])
+    assert (softer.contrast_db, softer.t90_s, softer.frequencies_hz) == (above.contrast_db, 0.1, above.frequencies_hz)
+    for quiet, loud in zip(softer.zones, above.zones, strict=True):
+        assert quiet.peak_acceleration_m_per_s2 == pytest.approx(scale * loud.peak_acceleration_m_per_s2)
+        assert quiet.share == loud.share
+
+
+def test_a_level_beyond_full_scale_is_full_scale_and_not_achieved(tmp_path: Path) -> None:
+    with open_table(loud_table(tmp_path / "loud.nc")) as table:
+        entry, full = table.entry_for(["I"], level_db=60.0), table.entry_for(["I"], level_db=math.inf)
+    assert (entry.amplitudes, entry.level_db, entry.achieved) == (full.amplitudes, 40.0, False)
+    assert full.achieved
 
 
 @pytest.mark.parametrize("pair", [0, 1])
@@ -216,8 +294,8 @@ def test_a_foreign_netcdf_file_is_refused(tmp_path: Path) -> None:
 def test_a_newer_format_is_refused(whole: Path, tmp_path: Path) -> None:
     path = copied(whole, tmp_path / "newer.nc")
     with h5py.File(path, "a") as file:
-        file.attrs["format_revision"] = 2
-    assert "has format revision 2, this program reads up to 1; update tactable" in refusal(path)
+        file.attrs["format_revision"] = 3
+    assert "has format revision 3, this program reads up to 2; update tactable" in refusal(path)
 
 
 @pytest.mark.parametrize("name", ["code_fingerprint", "device_description", "device_fingerprint", "device_name"])
@@ -305,5 +383,5 @@ def test_a_missing_folder_is_named(tmp_path: Path) -> None:
 def test_a_table_is_usable_after_closing(whole: Path) -> None:
     with open_table(whole) as table:
         pass
-    assert table.entry_for(["I"]) == ENTRIES[0]
+    assert table.entry_for(["I"], level_db=10.0) == ENTRIES[0]
     assert table.device == DEVICE

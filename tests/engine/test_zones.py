@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -15,7 +14,7 @@ from engine.descriptor import read_surfaces
 from engine.device import Device, TouchAxis, Zone
 from engine.device_file import read_device
 from engine.digitizer import Contact, TouchFrame
-from engine.zones import TouchPosition, ZoneEdges, ZoneState, ZoneTracker, feel_every_touch, state_index
+from engine.zones import Touch, TouchPosition, ZoneEdges, ZoneState, ZoneTracker, state_index
 from tests.engine.descriptors import application, finger
 
 REFERENCE = read_device(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
@@ -104,9 +103,8 @@ def test_a_touch_area_beyond_the_bar_keeps_its_scale_and_ends_with_the_bar(flip:
     fractions_of_bar = [position.position_m(at(value)) / LENGTH_M for value in values]
     assert fractions_of_bar == pytest.approx([0, 0, 0, 0.5, 1, 1, 1], abs=1e-12)
     tracker = ZoneTracker(with_axis(touch_axis), SURFACE)
-    assert [tracker.track(frame_of(at(value, i))) for i, value in enumerate((values[0], values[-1]))] == [
-        state_index(feel_every_touch([zone], 5)) for zone in (0, 4)
-    ]
+    touches = tracker.track(frame_of(at(values[0], 1), at(values[-1], 2)))
+    assert [touch.zone for touch in touches] == [0, 4]
 
 
 @given(zoned_devices(), fractions)
@@ -144,13 +142,12 @@ def test_a_contact_that_trembles_less_than_the_hysteresis_never_flickers(
 
 
 @given(zoned_devices(), st.lists(fractions, max_size=5))
-def test_without_a_past_the_states_are_those_of_each_contact(device: Device, places: list[float]) -> None:
+def test_without_a_past_a_touch_is_where_its_contact_is(device: Device, places: list[float]) -> None:
     contacts = [at(round(LAST * place), i) for i, place in enumerate(places)]
     tracker, position, edges = ZoneTracker(device, SURFACE), TouchPosition(device, SURFACE), ZoneEdges(device)
-    zones = {edges.zone_at(position.position_m(contact)) for contact in contacts} - {None}
-    states = [ZoneState.FELT if zone in zones else ZoneState.FREE for zone in range(len(device.zones))]
-    assert tracker.track(frame_of(*contacts)) == state_index(states)
-    assert tracker.finger_positions_m == tuple(position.position_m(contact) for contact in contacts)
+    places_m = [position.position_m(contact) for contact in contacts]
+    touches = [Touch(i, place_m, edges.zone_at(place_m)) for i, place_m in enumerate(places_m)]
+    assert tracker.track(frame_of(*contacts)) == touches
 
 
 @given(st.lists(st.sampled_from(ZoneState), min_size=1, max_size=6), st.data())
@@ -163,31 +160,27 @@ def test_every_state_has_an_index_of_its_own(states: list[ZoneState], data: st.D
 def test_hysteresis_is_per_contact_and_ends_with_the_touch() -> None:
     tracker = ZoneTracker(REFERENCE, SURFACE)
     past_edge = 202  # zone I stops at 200; the hysteresis of 2 mm is 7.2 units
-    zone_i, zone_ii = state_index(feel_every_touch([0], 5)), state_index(feel_every_touch([1], 5))
-    assert tracker.track(frame_of(at(195, 1))) == zone_i
-    assert tracker.track(frame_of(at(past_edge, 1))) == zone_i
-    assert tracker.track(frame_of(at(past_edge, 1), at(past_edge, 2))) == zone_i + zone_ii
-    assert tracker.track(frame_of()) == 0
-    assert tracker.track(frame_of(at(past_edge, 1))) == zone_ii
+
+    def zones(*contacts: Contact) -> list[int | None]:
+        return [touch.zone for touch in tracker.track(frame_of(*contacts))]
+
+    assert zones(at(195, 1)) == [0]
+    assert zones(at(past_edge, 1)) == [0]
+    assert zones(at(past_edge, 1), at(past_edge, 2)) == [0, 1]
+    assert zones() == []
+    assert zones(at(past_edge, 1)) == [1]
 
 
 def test_a_hovering_finger_touches_nothing_and_forgets_its_zone() -> None:
     tracker = ZoneTracker(REFERENCE, SURFACE)
     tracker.track(frame_of(at(195)))
-    assert tracker.track(frame_of(at(195, tip=False))) == 0
-    assert tracker.finger_positions_m == ()
-    assert tracker.track(frame_of(at(202))) == state_index(feel_every_touch([1], 5))
+    assert tracker.track(frame_of(at(195, tip=False))) == []
+    assert [touch.zone for touch in tracker.track(frame_of(at(202)))] == [1]
 
 
 def test_a_finger_in_a_gap_is_seen_but_belongs_to_no_zone() -> None:
     device = replace(REFERENCE, zones=(Zone("I", 0.0, 0.1), Zone("II", 0.2, LENGTH_M)))
     tracker = ZoneTracker(device, SURFACE)
-    assert tracker.track(frame_of(at(round(LAST * 0.15 / LENGTH_M)))) == 0
-    assert tracker.finger_positions_m == pytest.approx((0.15,), abs=LENGTH_M / LAST)
-
-
-def test_another_rule_gives_other_states() -> None:
-    def hush(touched: Collection[int], number_of_zones: int) -> list[ZoneState]:
-        return [ZoneState.QUIET if zone in touched else ZoneState.FREE for zone in range(number_of_zones)]
-
-    assert ZoneTracker(REFERENCE, SURFACE, hush).track(frame_of(at(0), at(LAST, 2))) == 1 + 3**4
+    (touch,) = tracker.track(frame_of(at(round(LAST * 0.15 / LENGTH_M))))
+    assert touch.zone is None
+    assert touch.position_m == pytest.approx(0.15, abs=LENGTH_M / LAST)

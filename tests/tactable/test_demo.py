@@ -6,19 +6,24 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from engine.device import Device
+from engine.effects import Effect, Effects, Rule, Segment, Trigger
+from engine.entry import DEFAULT_LEVEL_DB, Entry
 from engine.sources.recording import read_recording
 from engine.table import Table, open_table
+from engine.zones import ZoneState
+from firmware_link.drive_log import DriveEvent
 from precompute.build import build_table
 from tactable.demo import AGREEMENT, StateReport
-from tactable.rig import Measured, SimulatedBar, first_applied, play
+from tactable.rig import ENVELOPE_S, Measured, SimulatedBar, StateAndLevel, first_applied, play
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.shared_recordings import recording_params
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 SHORTEST_S = 0.5
+HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_DB),))),))
 
 
 @pytest.fixture(scope="module")
@@ -35,14 +40,23 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Table:
 class Bench:
     """Measures each drive once, whichever recording asked for it."""
 
-    def __init__(self, device: Device) -> None:
-        self.bar = SimulatedBar(device)
-        self.known: dict[object, Measured] = {}
+    def __init__(self, table: Table) -> None:
+        self.table = table
+        self.bar = SimulatedBar(table.device)
+        self.known: dict[StateAndLevel, StateReport] = {}
+
+    def report(self, key: StateAndLevel, event: DriveEvent) -> StateReport:
+        """What a state at a level does when the drive that the firmware got is held."""
+        if key not in self.known:
+            entry = self.table.entry_at(*key)
+            assert entry is not None
+            self.known[key] = StateReport(entry, self.bar.measure_held(event, entry), 0.0, 0.0)
+        return self.known[key]
 
 
 @pytest.fixture(scope="module")
 def bench(table: Table) -> Bench:
-    return Bench(table.device)
+    return Bench(table)
 
 
 @pytest.mark.parametrize("path", recording_params("touch", "*.hid"))
@@ -51,12 +65,20 @@ def test_a_real_recording_renders_what_was_promised(path: Path, table: Table, be
     duration_s = recording.reports[-1].time_s - recording.reports[0].time_s if recording.reports else 0.0
     run = play(table, recording, max(1.0, duration_s / SHORTEST_S))
     assert run.counters.reports == len(recording.reports)
-    entries = {entry.index: entry for entry in table.entries}
-    for state, event in first_applied(run, list(entries)).items():
-        if event.channels not in bench.known:
-            bench.known[event.channels] = bench.bar.measure_held(event, entries[state])
-        report = StateReport(entries[state], bench.known[event.channels], 0.0)
-        assert report.disagreement <= AGREEMENT
+    for key, event in first_applied(run).items():
+        assert bench.report(key, event).disagreement <= AGREEMENT
+
+
+def test_every_finger_of_the_demo_touches_is_promised_what_it_gets(table: Table, bench: Bench) -> None:
+    """Fingers that feel as long as they touch, so that many states are rendered; quiet ones by a second rule."""
+    quiet_in_the_middle = Rule(Trigger.TOUCH, Effect("nothing", (Segment(None, None),)), zones=frozenset({2}))
+    applied = dict[StateAndLevel, DriveEvent]()
+    for effects in (HELD, Effects((quiet_in_the_middle, *HELD.rules))):
+        applied |= first_applied(play(table, read_recording(DEMO_RECORDING), 10.0, effects))
+    reports = [bench.report(key, event) for key, event in applied.items()]
+    assert any(report.zones_in(ZoneState.QUIET) for report in reports)
+    assert max(len(report.felt_zones) for report in reports) > 1
+    assert max(report.disagreement for report in reports) <= AGREEMENT
 
 
 def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path) -> None:
@@ -67,20 +89,71 @@ def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path) -> None:
     assert report["agrees"]
     assert report["simulated"]
     assert report["touch_frames"] == 692
-    felt = [tuple(state["felt"]) for state in report["states"]]
-    assert {("I",), ("II",), ("III",), ("IV",), ("V",), ("I", "III", "V"), ("II", "IV")} <= set(felt)
+    rendered = {(tuple(state["felt"]), tuple(state["quiet"])) for state in report["states"]}
+    alone = {(("I",), ()), (("III",), ()), (("II", "IV"), ())}
+    assert rendered == {*alone, (("III",), ("I",)), (("V",), ("I", "III"))}
+    assert {state["wanted_level_db"] for state in report["states"]} == {20.0}
     assert report["commands_applied"] == report["commands_sent"] > 0
     assert (tmp_path / "demo.png").stat().st_size > 10_000
 
 
-def test_a_broken_promise_is_found(table: Table, bench: Bench) -> None:
-    run = play(table, read_recording(DEMO_RECORDING), 20.0)
-    entries = {entry.index: entry for entry in table.entries}
-    state, event = next(iter(first_applied(run, list(entries)).items()))
-    entry = entries[state]
+@pytest.fixture(scope="module")
+def rendered(table: Table) -> tuple[Entry, DriveEvent]:
+    """A state with a felt and a quiet finger, and the event that it caused in the firmware."""
+    applied = first_applied(play(table, read_recording(DEMO_RECORDING), 3.0))
+    entries = {key: table.entry_at(*key) for key in applied}
+    key, entry = next((k, e) for k, e in entries.items() if e is not None and ZoneState.QUIET in e.states)
+    return entry, applied[key]
+
+
+def changed(entry: Entry, state: ZoneState, name: str, factor: float) -> Entry:
+    """The entry with a greater promise in the zones of one state."""
+    zones = (replace(z, **{name: factor * getattr(z, name)}) if z.state is state else z for z in entry.zones)
+    return replace(entry, zones=tuple(zones))
+
+
+def test_a_broken_promise_is_found(bench: Bench, rendered: tuple[Entry, DriveEvent]) -> None:
+    entry, event = rendered
     measured = bench.bar.measure_held(event, entry)
-    assert StateReport(entry, measured, 0.0).disagreement <= AGREEMENT
-    boast = replace(entry, localized_factor=min(1.0, 1.03 * entry.localized_factor))
-    assert StateReport(boast, measured, 0.0).disagreement > AGREEMENT
+    assert StateReport(entry, measured, 0.0, 0.0).disagreement <= AGREEMENT
+    boasts = [
+        replace(entry, localized_factor=1.03 * entry.localized_factor),
+        changed(entry, ZoneState.FELT, "peak_acceleration_m_per_s2", 1.03),
+        changed(entry, ZoneState.FELT, "acceleration_at_finger_m_per_s2", 0.97),
+        changed(entry, ZoneState.QUIET, "acceleration_at_finger_m_per_s2", 0.97),
+    ]
+    assert all(StateReport(boast, measured, 0.0, 0.0).disagreement > AGREEMENT for boast in boasts)
     louder = replace(event, channels=tuple(replace(c, amplitude=1.03 * c.amplitude) for c in event.channels))
-    assert StateReport(entry, bench.bar.measure_held(louder, entry), 0.0).disagreement > AGREEMENT
+    assert StateReport(entry, bench.bar.measure_held(louder, entry), 0.0, 0.0).disagreement > AGREEMENT
+
+
+def test_a_promise_for_fingers_is_not_kept_without_them(bench: Bench, rendered: tuple[Entry, DriveEvent]) -> None:
+    entry, event = rendered
+    without = replace(entry, zones=tuple(replace(zone, state=ZoneState.FREE) for zone in entry.zones))
+    untouched = replace(
+        bench.bar.measure_held(event, without), at_finger=bench.bar.measure_held(event, entry).at_finger
+    )
+    assert StateReport(entry, untouched, 0.0, 0.0).disagreement > AGREEMENT
+
+
+def test_the_level_in_the_run_is_the_promised_one_where_the_acceleration_is(table: Table) -> None:
+    entry = table.entry_for(["I"])
+    promise = entry.zones[0]
+    at_finger, promised_db = promise.acceleration_at_finger_m_per_s2, promise.sensation_level_db
+    assert at_finger is not None and promised_db is not None
+    report = StateReport(entry, Measured(*[np.zeros(0)] * 5), 0.0, 0.0)
+    assert report.level_db(at_finger) == pytest.approx(promised_db)
+    assert report.level_db(10 * at_finger) == pytest.approx(promised_db + 20)
+    assert report.level_db(0.0) is None
+
+
+def test_fingers_are_told_apart_by_what_they_are_to_feel(table: Table, bench: Bench) -> None:
+    run = play(table, read_recording(DEMO_RECORDING), 2.0)
+    felt = bench.bar.feel(run, 13.0)
+    starts_s = [(change.time_ns - run.trace[0].time_ns) / 1e9 for change in run.trace]
+    for change, start_s, stop_s in zip(run.trace, starts_s, starts_s[1:], strict=False):
+        during = (felt.time_s >= start_s) & (felt.time_s + ENVELOPE_S <= stop_s)
+        if change.level_db is None:
+            assert not felt.felt[during].any()
+        elif during.any():
+            assert felt.felt[during].max() > 0

@@ -1,0 +1,58 @@
+"""A device description and faults to an emulated firmware that any host can open as a serial port. SIMULATED."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from engine.device import Device
+from firmware_link.announcement import Announcement, own_link
+from firmware_link.device import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator import termination_descriptor
+from firmware_link.fault_plan import FaultPlan
+from firmware_link.faulty_device import FaultyDevice
+from firmware_link.pseudo_terminal import PseudoTerminalServer
+
+_PM_PER_M = 1e12
+
+
+@dataclass(frozen=True)
+class Emulated:
+    """What an emulator tells when it starts, and again whenever its port has another name."""
+
+    port: str
+    stable_name: str
+    number_of_actuators: int
+    seed: int
+
+
+def configuration_of(device: Device | None) -> DeviceConfiguration:
+    """The board that drives a device: its number of actuators and their full scales; without one, two of 0.52 um."""
+    if device is None:
+        return DeviceConfiguration(boot_id=0)
+    full_scales_pm = tuple(round(actuator.full_scale_m * _PM_PER_M) for actuator in device.actuators)
+    return DeviceConfiguration(0, len(device.actuators), LONGEST_LEASE_MS, full_scales_pm=full_scales_pm)
+
+
+def emulate(
+    configuration: DeviceConfiguration, plan: FaultPlan, seed: int, tell: Callable[[Emulated], None]
+) -> dict[str, Any]:
+    """Be a device until SIGINT or SIGTERM; what it counted and the faults that were injected, by kind."""
+    announcement = Announcement(own_link(os.getpid()))
+
+    def on_port(port: str) -> None:
+        announcement.point_to(port)
+        tell(Emulated(port, str(announcement.link), configuration.number_of_actuators, seed))
+
+    def start(boot_id: int) -> EmulatedFirmware:
+        return EmulatedFirmware(replace(configuration, boot_id=boot_id))
+
+    try:
+        with termination_descriptor() as termination:
+            server = PseudoTerminalServer(FaultyDevice(start, plan, seed), on_port)
+            server.serve([termination])
+            server.close()
+    finally:
+        announcement.close()
+    log = server.log()
+    return {"simulated": True, "boots": [boot["counters"] for boot in log["boots"]], "faults": log["faults"]}

@@ -1,0 +1,69 @@
+"""A figure with its data to files: the picture, and its columns as CSV."""
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:  # matplotlib takes half a second, which commands that draw nothing do not pay
+    from matplotlib.figure import Figure
+
+_METADATA: Mapping[str, Mapping[str, None]] = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+"""By the ending of a picture: no date in it, so that the same data are the same file."""
+_DOTS_PER_INCH = 150
+
+
+class FigureError(ValueError):
+    """A picture cannot be made as asked; the message names the option, its value and what would do."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure with its data: columns of one length by their header, which carries the unit.
+
+    `summary` is for machines, `caption` one line for people.
+    """
+
+    figure: "Figure"
+    columns: Mapping[str, Sequence[Any] | NDArray[Any]]
+    summary: Mapping[str, Any]
+    caption: str
+
+
+def check_paths(picture: Path, data: Path | None) -> None:
+    """Raise FigureError for an ending that says no format, or a folder that does not exist, before work is done."""
+    if picture.suffix.lower() not in _METADATA:
+        raise FigureError(f"{picture}: a picture ends in {', '.join(_METADATA)}; choose one of them")
+    if data is not None and data.suffix.lower() != ".csv":
+        raise FigureError(f"{data}: the data end in .csv; choose such a name")
+    for path in (picture, data):
+        if path is not None and not path.parent.is_dir():
+            raise FigureError(f"{path.parent}: no such folder; create it or choose another output")
+
+
+def write_picture(picture: Picture, path: Path) -> None:
+    """Write the figure in the format that the ending says."""
+    import matplotlib
+
+    # 42: letters stay letters, as journals ask.
+    with matplotlib.rc_context({"svg.hashsalt": "tactable", "pdf.fonttype": 42}):
+        picture.figure.savefig(path, dpi=_DOTS_PER_INCH, metadata=dict(_METADATA[path.suffix.lower()]))
+
+
+def write_columns(picture: Picture, path: Path) -> None:
+    """Write the data: a header, then a row for each place; what is absent is empty."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file)
+        rows.writerow(picture.columns)
+        rows.writerows([_cell(value) for value in row] for row in zip(*picture.columns.values(), strict=True))
+
+
+def _cell(value: Any) -> Any:
+    """Numbers with all their digits."""
+    if value is None or isinstance(value, str | int):
+        return value
+    return "" if math.isnan(value) else repr(float(value))

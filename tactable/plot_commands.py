@@ -1,0 +1,148 @@
+"""The commands around figures: a table to pictures, their data and a summary."""
+
+import json
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from engine.entry import DEFAULT_LEVEL_DB
+from engine.table import Table, open_table
+from tactable.figure_file import FigureError, Picture, check_paths, write_columns, write_picture
+
+plot = typer.Typer(no_args_is_help=True, help="Draw what a table holds: PNG, SVG or PDF, and the data as CSV.")
+_out = Console()
+
+TablePath = Annotated[Path, typer.Argument(metavar="TABLE", help="A built table.")]
+Felt = Annotated[str, typer.Option(help="Zones with a finger that feels, such as I,III.")]
+Quiet = Annotated[str, typer.Option(help="Zones with a finger that must not feel, such as IV.")]
+Level = Annotated[float, typer.Option("--level", help="dB above the detection threshold; inf: full scale.")]
+Output = Annotated[Path, typer.Option("-o", "--output", help="The picture; ends in .png, .svg or .pdf.")]
+CsvPath = Annotated[Path | None, typer.Option("--csv", help="The data as CSV, units in the header.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print a summary as JSON for machines.")]
+
+
+@plot.command()
+def state(
+    table_path: TablePath,
+    felt: Felt,
+    quiet: Quiet = "",
+    level_db: Level = DEFAULT_LEVEL_DB,
+    output: Output = Path("state.png"),
+    csv_path: CsvPath = None,
+    as_json: AsJson = False,
+) -> None:
+    """One state along the bar: acceleration under the fingers it may meet, against the detection threshold."""
+    check_paths(output, csv_path)
+    with _opened(table_path) as table:
+        from tactable.figure_state import plot_state
+
+        entry = table.entry_for(_named("--felt", felt), _names(quiet), _checked_level(level_db))
+        _deliver(plot_state(table, entry), output, csv_path, as_json)
+
+
+@plot.command()
+def pareto(
+    table_path: TablePath,
+    felt: Felt,
+    quiet: Quiet,
+    output: Output = Path("pareto.png"),
+    csv_path: CsvPath = None,
+    as_json: AsJson = False,
+) -> None:
+    """One state: the contrast at every level that can be reached, and what the paper's objective gives."""
+    check_paths(output, csv_path)
+    with _opened(table_path) as table:
+        from tactable.figure_pareto import plot_pareto
+
+        states = table.states_of(_named("--felt", felt), _named("--quiet", quiet))
+        _deliver(plot_pareto(table, states), output, csv_path, as_json)
+
+
+@plot.command("contrast-map")
+def contrast_map(
+    table_path: TablePath,
+    level_db: Level = DEFAULT_LEVEL_DB,
+    output: Output = Path("contrast-map.png"),
+    csv_path: CsvPath = None,
+    as_json: AsJson = False,
+) -> None:
+    """All states of two fingers: the contrast of the felt one over the quiet one."""
+    check_paths(output, csv_path)
+    with _opened(table_path) as table:
+        from tactable.figure_contrast_map import plot_contrast_map
+
+        _deliver(plot_contrast_map(table, _checked_level(level_db)), output, csv_path, as_json)
+
+
+@plot.command()
+def factor(
+    table_path: TablePath,
+    zones: Annotated[str, typer.Option(help="Zones whose share of the energy is drawn, such as I,III,V.")],
+    fingers: Annotated[str, typer.Option(help="Zones with a finger: draw the bar with these fingers too.")] = "",
+    amplitudes: Annotated[str, typer.Option(help="Of the two actuators, fractions of full scale.")] = "1,1",
+    pair: Annotated[str, typer.Option(help="Names of two actuators; default: the first two.")] = "",
+    output: Output = Path("factor.png"),
+    csv_path: CsvPath = None,
+    as_json: AsJson = False,
+) -> None:
+    """Localized factor of zones over the frequencies of two actuators."""
+    check_paths(output, csv_path)
+    with _opened(table_path) as table:
+        from tactable.figure_factor import pair_drive, plot_factor
+
+        drive = pair_drive(table.device, _names(pair), _numbers("--amplitudes", amplitudes))
+        _deliver(plot_factor(table, _named("--zones", zones), _names(fingers), drive), output, csv_path, as_json)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Table]:
+    """The table, refused where other code built it: its entries and what is computed anew would not fit together."""
+    from threadpoolctl import threadpool_limits
+
+    from precompute.build import code_fingerprint
+
+    with open_table(path, code_fingerprint=code_fingerprint()) as table, threadpool_limits(1, "blas"):
+        yield table
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _named(option: str, text: str) -> list[str]:
+    names = _names(text)
+    if not names:
+        raise FigureError(f"{option} names no zone; give at least one, such as {option} I,III")
+    return names
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    try:
+        return [float(part) for part in _names(text)]
+    except ValueError:
+        raise FigureError(f"{option} {text!r}: expected numbers, such as {option} 1,0.6") from None
+
+
+def _checked_level(level_db: float) -> float:
+    if math.isnan(level_db):
+        raise FigureError("--level nan: expected dB above the detection threshold, such as --level 20")
+    return level_db
+
+
+def _deliver(picture: Picture, output: Path, csv_path: Path | None, as_json: bool) -> None:
+    write_picture(picture, output)
+    if csv_path is not None:
+        write_columns(picture, csv_path)
+    if as_json:
+        files = {"figure": str(output), "csv": None if csv_path is None else str(csv_path)}
+        print(json.dumps({**files, **picture.summary}, indent=2))  # noqa: T201  # without a terminal's width
+        return
+    _out.print(picture.caption, markup=False, highlight=False, soft_wrap=True)
+    for path in (output, csv_path):
+        if path is not None:
+            _out.print(f"written: {path}", markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,156 @@
+"""The command `run`: touches of a digitizer to the drives of a table, out over a serial port, until Ctrl-C."""
+
+import json
+import math
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from engine.device import Device
+from engine.effect_file import read_effects
+from engine.effects import DEFAULT_EFFECTS, Effects
+from engine.latency import Stage
+from engine.loop import Clock, StopRequest, SystemClock
+from engine.renderer import WhenNotAchieved
+from engine.sources import Source
+from engine.sources.playback import Playback
+from engine.sources.recording import read_recording
+from engine.table import open_table
+from firmware_link.device import BOARD_EMULATED
+from firmware_link.serial_port import SerialPort
+from tactable.live import Live, LiveOptions
+from tactable.shipped import find_device
+from tactable.touch_doctor import Machine
+from tactable.touch_record import opened, stop_at_signal
+
+_NS_PER_S = 1_000_000_000
+_out = Console()
+_errors = Console(stderr=True)
+
+TouchOption = Annotated[
+    str,
+    typer.Option(metavar="DEVICE|RECORDING", help="A digitizer as `list` shows it, a recording, or `simulated`."),
+]
+EffectsOption = Annotated[
+    Path | None, typer.Option("--effects", help="Which fingers feel what; default: 50 ms at 20 dB for every touch.")
+]
+NotAchievedOption = Annotated[
+    WhenNotAchieved, typer.Option("--when-not-achieved", help="Where the bar cannot give the wanted level.")
+]
+
+
+@dataclass(frozen=True)
+class Deadline:
+    """Ends a run when `stop` is set or at a time."""
+
+    stop: StopRequest
+    clock: Clock
+    end_ns: float
+
+    def is_set(self) -> bool:
+        """Whether to end."""
+        return self.stop.is_set() or self.clock.now_ns() >= self.end_ns
+
+
+def register(app: typer.Typer, machine: Machine | None = None) -> None:
+    """Add the command to `app`; it asks `machine`, by default the one it runs on."""
+    asked = machine or Machine()
+
+    @app.command("run")
+    def run_command(
+        table_path: Annotated[Path, typer.Argument(metavar="TABLE", help="A built table.")],
+        touch: TouchOption,
+        port_name: Annotated[str, typer.Option("--port", help="The firmware's serial port, as `list` shows it.")],
+        effects_path: EffectsOption = None,
+        when_not_achieved: NotAchievedOption = WhenNotAchieved.WARN,
+        seconds: Annotated[float, typer.Option("--for", min=0.0, help="End after this time.")] = math.inf,
+        device_name: Annotated[
+            str | None, typer.Option("--device", help="Refuse the table unless it belongs to this device.")
+        ] = None,
+        bit_rate_hz: Annotated[int, typer.Option("--bit-rate", min=1, help="Of the port, bit/s.")] = 115_200,
+        reconnect: Annotated[
+            bool, typer.Option("--reconnect", help="Greet and arm again a device that stopped itself.")
+        ] = False,
+        as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
+    ) -> None:
+        """Play a table: what fingers do on a digitizer becomes what they feel, until Ctrl-C."""
+        clock = SystemClock()
+        device = None if device_name is None else find_device(device_name)
+        with open_table(table_path, device=device) as table, ExitStack() as stack:
+            effects = _effects_of(effects_path, table.device)
+            options = LiveOptions(effects, when_not_achieved, reconnect, bit_rate_hz)
+            source = stack.enter_context(_opened(asked, touch))
+            stop = stack.enter_context(stop_at_signal())
+            port = stack.enter_context(SerialPort(port_name, bit_rate_hz))
+            live = Live(table, source, port, clock, options)
+            _announce(source, port, live, when_not_achieved)
+            start_ns = clock.now_ns()
+            try:
+                live.run(Deadline(stop, clock, start_ns + seconds * _NS_PER_S))
+            finally:
+                where = {"table": str(table_path), "device": table.device.name, "port": port.path}
+                _print_summary(where | run_json(live, source, clock.now_ns() - start_ns), as_json)
+
+
+def _effects_of(path: Path | None, device: Device) -> Effects:
+    return DEFAULT_EFFECTS if path is None else read_effects(path, device)
+
+
+@contextmanager
+def _opened(machine: Machine, name: str) -> Iterator[Source]:
+    """A recording where there is such a file, else a digitizer; devices are files too, but not plain ones."""
+    if Path(name).is_file():
+        yield Playback(read_recording(Path(name)))
+        return
+    with opened(machine, name) as (source, _):
+        yield source
+
+
+def _announce(source: Source, port: SerialPort, live: Live, when_not_achieved: WhenNotAchieved) -> None:
+    simulated = ", SIMULATED firmware" if live.capabilities.board == BOARD_EMULATED else ""
+    _errors.print(f"{source.name} to {port.path}{simulated}; Ctrl-C ends", markup=False, soft_wrap=True)
+    if when_not_achieved is WhenNotAchieved.WARN:
+        for level_db, states in live.renderer.shortfalls.items():
+            if states:
+                text = f"{states} states do not reach {level_db:g} dB: they are played as strong as they get"
+                _errors.print(f"note: {text}", style="yellow", markup=False, soft_wrap=True)
+
+
+def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
+    """What a run did, as plain values."""
+    counters, latency = live.loop.counters, live.latency.summarise(Stage.AVAILABLE, Stage.WRITTEN)
+    return {
+        "touches": source.name,
+        "simulated_firmware": live.capabilities.board == BOARD_EMULATED,
+        "duration_s": duration_ns / _NS_PER_S,
+        "reports": counters.reports,
+        "touch_frames": counters.frames,
+        "state_changes": counters.state_changes,
+        "commands_sent": counters.commands,
+        "set_frames_on_the_wire": live.frames_sent,
+        "unknown_states": live.renderer.unknown_states,
+        "not_achieved_states": live.renderer.not_achieved_states,
+        "reconnects": counters.reconnects,
+        "digitizer": asdict(live.digitizer.counters),
+        "link": asdict(live.link.counters),
+        "report_to_command": None if latency is None else asdict(latency),
+    }
+
+
+def _print_summary(summary: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(summary, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
+        return
+    names = ("reports", "touch_frames", "state_changes", "commands_sent", "set_frames_on_the_wire")
+    told = [f"{summary[name]} {name.replace('_', ' ')}" for name in names]
+    rare = ("unknown_states", "not_achieved_states", "reconnects")
+    told += [f"{summary[name]} {name.replace('_', ' ')}" for name in rare if summary[name]]
+    _out.print(f"{summary['duration_s']:.1f} s: {', '.join(told)}", highlight=False, soft_wrap=True)
+    if latency := summary["report_to_command"]:
+        figures = f"median {latency['p50_ns'] / 1e6:.2f} ms, greatest {latency['max_ns'] / 1e6:.2f} ms"
+        _out.print(f"report to command: {figures} of {latency['count']}", highlight=False)

@@ -1,0 +1,103 @@
+"""The command `tactable emulate`: a port for any host, marked SIMULATED, with faults that are counted."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from firmware_link.link import Link
+from firmware_link.link_values import LinkConfiguration, LinkState
+from firmware_link.serial_port import SerialPort
+from firmware_link.session import Session
+from tactable.emulate import configuration_of
+from tactable.shipped import find_device
+
+TACTABLE = str(Path(sys.executable).parent / "tactable")
+PATIENCE_S = 60.0
+
+
+class Emulator:
+    """The running command, its lines as JSON."""
+
+    def __init__(self, process: "subprocess.Popen[str]") -> None:
+        self._process = process
+
+    def line(self) -> dict[str, Any]:
+        assert self._process.stdout is not None
+        document: dict[str, Any] = json.loads(self._process.stdout.readline())
+        return document
+
+    def end(self) -> dict[str, Any]:
+        self._process.send_signal(signal.SIGINT)
+        return self.line()
+
+
+@contextmanager
+def emulator(tmp_path: Path, *words: str) -> Iterator[Emulator]:
+    environment = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)}
+    command = [TACTABLE, "emulate", "--json", *words]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield Emulator(process)
+        finally:
+            process.kill()
+
+
+def run(tmp_path: Path, *words: str) -> "subprocess.CompletedProcess[str]":
+    environment = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)}
+    return subprocess.run([TACTABLE, *words], env=environment, capture_output=True, text=True, check=False)
+
+
+def ready_link(port: SerialPort) -> Link:
+    session = Session(Link(LinkConfiguration(2, handshake_timeout_s=PATIENCE_S)), port, time.monotonic_ns)
+    session.connect()
+    while session.link.state is not LinkState.READY:
+        session.exchange()
+        time.sleep(0.001)
+    return session.link
+
+
+def test_it_is_listed_as_simulated_and_any_host_can_open_it_and_it_counts(tmp_path: Path) -> None:
+    with emulator(tmp_path, "--device", "reference-a", "--seed", "3", "--faults", "at_noise") as running:
+        told = running.line()
+        assert told["simulated"]
+        assert (told["number_of_actuators"], told["seed"]) == (2, 3)
+        listing = json.loads(run(tmp_path, "list", "--json").stdout)
+        (row,) = (row for row in listing["serial_ports"] if row["stable_id"] == told["stable_name"])
+        assert row["simulated"]
+        assert row["path"] == told["port"]
+        with SerialPort(told["stable_name"]) as port:
+            capabilities = ready_link(port).capabilities
+        summary = running.end()
+    device = find_device("reference-a")
+    assert capabilities is not None
+    assert capabilities.full_scales_m == pytest.approx([actuator.full_scale_m for actuator in device.actuators])
+    assert summary["boots"][0]["ok"] > 16
+    assert summary["faults"]["at_noises"] == 1
+    assert not (tmp_path / "tactable").exists() or not list((tmp_path / "tactable").iterdir())
+
+
+def test_a_wrong_fault_is_one_line_and_exit_status_1(tmp_path: Path) -> None:
+    done = run(tmp_path, "emulate", "--faults", "dorp=0.1")
+    assert done.returncode == 1
+    assert "fault 'dorp' is unknown (did you mean 'drop'?)" in done.stderr
+
+
+def test_the_faults_explain_themselves(tmp_path: Path) -> None:
+    done = run(tmp_path, "emulate", "--faults", "help")
+    assert done.returncode == 0
+    assert "reboot=0.5s@12s" in done.stdout
+
+
+def test_without_a_device_there_are_two_actuators() -> None:
+    assert configuration_of(None).number_of_actuators == 2
+    described = configuration_of(find_device("reference-d"))
+    assert described.number_of_actuators == len(described.full_scales_pm) == 2

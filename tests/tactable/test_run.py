@@ -1,0 +1,176 @@
+"""The command `run`: from touches to an emulated firmware of another process, and how it refuses."""
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from engine.digitizer import DigitizerError
+from engine.sources.recording import RecordingError, write_recording
+from engine.table import TableError, TableWriter, write_entries
+from firmware_link.drive_log import Cause
+from firmware_link.emulator import RunningEmulator, run_emulator
+from firmware_link.errors import LinkError
+from tactable.run import register
+from tactable.shipped import find_device
+from tactable.touch_doctor import Machine
+from tactable.virtual_digitizer import Stroke, make_recording
+from tests.engine.fake_hid import FakeMachine
+from tests.engine.made_entries import entry_of, felt_states
+
+TACTABLE = str(Path(sys.executable).parent / "tactable")
+DEVICE = find_device("reference-a")
+HELD = """
+[[effect]]
+name = "held"
+envelope = [["held", "20 dB"]]
+[[rule]]
+on = "touch"
+effect = "held"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A table whose 20 dB is out of reach wherever zone I is felt, rules, and a finger in I, then one in III."""
+    folder = tmp_path_factory.mktemp("run")
+    states = felt_states(DEVICE)
+    entries = [
+        entry_of(DEVICE, state, wanted_level_db=level_db, achieved=level_db == inf or state[0] != 2)
+        for level_db in (20.0, inf)
+        for state in states
+    ]
+    with TableWriter(folder / "bar.nc") as writer:
+        writer.describe({"device_description": DEVICE.text, "device_fingerprint": DEVICE.fingerprint})
+        write_entries(writer, entries, DEVICE)
+    (folder / "held.toml").write_text(HELD, encoding="utf-8")
+    (folder / "wrong.toml").write_text(HELD.replace("on =", 'zones = ["VI"]\non ='), encoding="utf-8")
+    strokes = (Stroke(0.0, 0.2, 0.1, 0.1), Stroke(0.3, 0.5, 0.5, 0.5))
+    write_recording(make_recording(strokes), folder / "two.hid")
+    return folder
+
+
+@pytest.fixture
+def emulator() -> Iterator[RunningEmulator]:
+    with run_emulator() as running:
+        yield running
+
+
+def tactable(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([TACTABLE, "run", *words], cwd=folder, capture_output=True, text=True, check=False)
+
+
+def played(folder: Path, emulator: RunningEmulator, *words: str) -> tuple[dict[str, Any], list[bool] | None, str]:
+    """The summary, whether each drive in the firmware sounded, and what was said beside.
+
+    The second is None where the machine stalled: the firmware falls silent after 40 ms and latches after 250 ms.
+    """
+    paths = ("bar.nc", "--touch", "two.hid", "--port", emulator.port, "--reconnect", "--json")
+    done = tactable(folder, *paths, *words)
+    assert done.returncode == 0, done.stderr
+    summary, events = json.loads(done.stdout), emulator.stop().events
+    if summary["reconnects"] or summary["link"]["coalesced"] or any(e.cause is Cause.LEASE_EXPIRED for e in events):
+        return summary, None, done.stderr
+    return summary, [any(channel.amplitude for channel in event.channels) for event in events], done.stderr
+
+
+@contextmanager
+def started(folder: Path, *words: str) -> Iterator["subprocess.Popen[str]"]:
+    """The command, once it plays."""
+    command, pipe = [TACTABLE, "run", *words], subprocess.PIPE
+    with subprocess.Popen(command, cwd=folder, text=True, stdout=pipe, stderr=pipe) as process:
+        assert process.stderr is not None
+        while "Ctrl-C ends" not in process.stderr.readline():
+            assert process.poll() is None
+        yield process
+
+
+def test_touches_of_a_recording_are_played_and_counted(folder: Path, emulator: RunningEmulator) -> None:
+    summary, sounds, said = played(folder, emulator)
+    assert summary["reports"] == summary["touch_frames"] == 52
+    assert summary["state_changes"] == 6
+    assert summary["simulated_firmware"]
+    assert (summary["unknown_states"], summary["not_achieved_states"]) == (0, 1)
+    assert summary["commands_sent"] + summary["link"]["coalesced"] == 4
+    assert sounds in (None, [True, False] * 2)
+    assert "SIMULATED" in said
+
+
+@pytest.mark.parametrize(("when", "refused", "warned"), [("refuse", 1, False), ("warn", 0, True), ("go-on", 0, False)])
+def test_what_is_not_achieved_is_refused_or_told_or_played(
+    folder: Path, emulator: RunningEmulator, when: str, refused: int, warned: bool
+) -> None:
+    summary, sounds, said = played(folder, emulator, "--when-not-achieved", when, "--effects", "held.toml")
+    assert ("81 states do not reach 20 dB" in said) == warned
+    assert summary["not_achieved_states"] == 1
+    assert sounds in (None, [True, False] * (2 - refused))
+
+
+def test_a_run_ends_after_its_time(folder: Path, emulator: RunningEmulator) -> None:
+    words = ("--touch", "simulated", "--for", "0.5", "--effects", "held.toml")
+    summary, sounds, _ = played(folder, emulator, *words)
+    assert summary["duration_s"] >= 0.5
+    assert summary["reports"] < 692
+    assert sounds in (None, [True, False])
+
+
+def test_ctrl_c_ends_a_run_with_silence_and_its_summary(folder: Path, emulator: RunningEmulator) -> None:
+    words = ["bar.nc", "--touch", "simulated", "--port", emulator.port, "--reconnect"]
+    with started(folder, *words) as process:
+        process.send_signal(signal.SIGINT)
+        told, _ = process.communicate()
+    assert process.returncode == 0
+    assert "touch frames" in told
+    assert not any(channel.amplitude for event in emulator.stop().events[-1:] for channel in event.channels)
+
+
+def test_what_was_done_is_told_even_when_the_port_is_lost(folder: Path, emulator: RunningEmulator) -> None:
+    words = ["bar.nc", "--touch", "simulated", "--port", emulator.port, "--json"]
+    with started(folder, *words) as process:
+        emulator.unplug()
+        told, said = process.communicate()
+    assert process.returncode == 1
+    assert json.loads(told)["touches"].endswith("(SIMULATED)")
+    assert said.splitlines()[-1].startswith("tactable: ")
+
+
+@pytest.mark.parametrize(
+    ("words", "error", "parts"),
+    [
+        (("bar.nc", "--touch", "no-such-panel"), DigitizerError, ["no-such-panel", "tactable list"]),
+        (("missing.nc", "--touch", "simulated"), TableError, ["missing.nc", "tactable build"]),
+        (("bar.nc", "--touch", "simulated", "--device", "reference-d"), TableError, ["bar.nc", "stale"]),
+        (("bar.nc", "--touch", "simulated", "--effects", "missing.toml"), OSError, ["missing.toml"]),
+        (("bar.nc", "--touch", "held.toml"), RecordingError, ["held.toml"]),
+        (("bar.nc", "--touch", "simulated"), LinkError, ["no-such-port", "tactable list"]),
+    ],
+)
+def test_a_refusal_names_the_thing(
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    error: type[Exception],
+    parts: list[str],
+) -> None:
+    monkeypatch.chdir(folder)
+    app = typer.Typer()
+    register(app, Machine(FakeMachine(folder).system, lambda: None, lambda: ()))
+    found = CliRunner().invoke(app, [*words, "--port", "no-such-port"]).exception
+    assert isinstance(found, error)
+    assert all(part in str(found) for part in parts)
+
+
+def test_a_zone_that_the_device_has_not_is_refused_in_one_line(folder: Path) -> None:
+    done = tactable(folder, "bar.nc", "--touch", "simulated", "--port", "no-such-port", "--effects", "wrong.toml")
+    assert done.returncode == 1
+    assert done.stderr.startswith("tactable: wrong.toml: rule[1].zones: 'VI': reference-a has no such zone")
+    assert done.stderr.count("\n") == 1
