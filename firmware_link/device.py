@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
+from firmware_link.bank import Bank, BankStore
 from firmware_link.channels import Channels
-from firmware_link.drive_log import Cause, DriveEvent, Outcome, ReceivedFrame
+from firmware_link.drive_log import Cause, DriveEvent, Outcome, PlayedWaveform, ReceivedFrame
 from firmware_link.errors import MessageError
 from firmware_link.framing import FrameDecoder, FramingCounters, Signal, encode_message
 from firmware_link.layout import Message
@@ -12,28 +13,41 @@ from firmware_link.messages import (
     CLOCK_REFERENCE_US,
     FULL_SCALE_WORD,
     MAGIC,
+    NUMBER_OF_SHAPES,
     SCHEMA_HASH,
     VERSION_MAJOR,
     VERSION_MINOR,
     Ack,
     Arm,
+    BankBegin,
+    BankChunk,
+    BankCommit,
     DeviceState,
     Fault,
     FaultCode,
+    Features,
     Hello,
     HelloRequest,
     KeepAlive,
+    Log,
+    LogCode,
+    LogLevel,
+    Play,
     Result,
     Set,
     SetFlag,
+    Shape,
     Status,
     Stop,
     Time,
     TimeRequest,
     decode_body,
 )
+from firmware_link.onset import ShapeStore
+from firmware_link.player import Player
 
 US_PER_MS = 1_000
+US_PER_S = 1_000_000
 # Nothing fresh for this long: disarmed until a new handshake. Not configurable: it can't be switched off.
 DISARM_US = 250 * US_PER_MS
 LONGEST_LEASE_MS = 100
@@ -41,13 +55,20 @@ STATUS_PERIOD_US = 100 * US_PER_MS
 # A new drive is reported this soon; more often would crowd a slow line.
 STATUS_SPACING_US = 10 * US_PER_MS
 FAULT_PERIOD_US = 100 * US_PER_MS
+LOG_SPACING_US = 10 * US_PER_MS
 FULL_SCALE_PM = 520_000
+BANK_CAPACITY_BYTES = 1 << 16
+LONGEST_WAVEFORM_MS = 1_000
 BOARD_EMULATED = 0
 
 
 @dataclass(frozen=True)
 class DeviceConfiguration:
-    """What the emulated board is; frequencies in steps of the resolution, slew in full scale a second."""
+    """What the emulated board is; frequencies in steps of the resolution, slew in full scale a second.
+
+    Without `full_scales_pm` each is FULL_SCALE_PM. A `bank_capacity_bytes` of 0 is a device without waveforms, a
+    `longest_drive_s` of 0 one without its own limit.
+    """
 
     boot_id: int
     number_of_actuators: int = 2
@@ -57,19 +78,24 @@ class DeviceConfiguration:
     frequency_maximum: int = FULL_SCALE_WORD
     amplitude_limit: int = FULL_SCALE_WORD
     slew_limit_per_s: int = 1_000
-    full_scale_pm: int = FULL_SCALE_PM
+    full_scales_pm: tuple[int, ...] = ()
     synthesis_rate_hz: int = 48_000
+    bank_capacity_bytes: int = BANK_CAPACITY_BYTES
+    longest_waveform_ms: int = LONGEST_WAVEFORM_MS
+    longest_drive_s: int = 0
 
     def __post_init__(self) -> None:
         if not 1 <= self.longest_lease_ms <= LONGEST_LEASE_MS:
             raise ValueError(f"longest_lease_ms is {self.longest_lease_ms}; expected 1 to {LONGEST_LEASE_MS}")
         if not 1 <= self.number_of_actuators <= 255:
             raise ValueError(f"number_of_actuators is {self.number_of_actuators}; expected 1 to 255")
+        if len(self.full_scales_pm) not in (0, self.number_of_actuators):
+            raise ValueError(f"{len(self.full_scales_pm)} full scales for {self.number_of_actuators} actuators")
 
 
 @dataclass
 class DeviceCounters:
-    """What the firmware counted since boot, beside its framing counters."""
+    """What the firmware counted since boot, beside its framing counters; `applied` are SET and PLAY."""
 
     applied: int = 0
     stale: int = 0
@@ -80,7 +106,7 @@ class DeviceCounters:
 class EmulatedFirmware:
     """The reference firmware with virtual time: whoever calls it owns the clock, which must not run backwards.
 
-    `drive_log` and `received` grow with what happens.
+    `drive_log`, `received` and `banks` (every bank that was held, by its hash) grow with what happens.
     """
 
     def __init__(self, configuration: DeviceConfiguration) -> None:
@@ -89,6 +115,7 @@ class EmulatedFirmware:
         self.counters = DeviceCounters()
         self.drive_log: list[DriveEvent] = []
         self.received: list[ReceivedFrame] = []
+        self.banks: dict[int, Bank] = {}
         self._decoder = FrameDecoder(configuration.number_of_actuators)
         self._channels = Channels(
             configuration.number_of_actuators,
@@ -96,12 +123,20 @@ class EmulatedFirmware:
             configuration.frequency_minimum,
             configuration.frequency_maximum,
         )
+        self._player = Player()
+        self._shapes = ShapeStore()
+        self._store = BankStore(
+            configuration.bank_capacity_bytes, configuration.longest_waveform_ms, configuration.number_of_actuators
+        )
         self._now_us = 0
         self._outgoing: list[bytes] = []
         self._sequence = 0
         self._armed_lease_us = 0
         self._drive_lease_us = 0
+        self._longest_drive_us: int | None = None
+        self._driving_since_us = 0
         self._fresh_us = 0
+        self._renewed_us = 0
         self._fresh_sequence = 0
         self._applied_sequence = 0
         self._applied_time_us = 0
@@ -111,6 +146,8 @@ class EmulatedFirmware:
         self._fault_due_us: int | None = None
         self._status_due_us: int | None = None
         self._status_sent_us = -STATUS_SPACING_US
+        self._log_sent_us = -LOG_SPACING_US
+        self._was_greeted = False
 
     @property
     def framing_counters(self) -> FramingCounters:
@@ -133,9 +170,25 @@ class EmulatedFirmware:
         self._advance(now_us)
         return self._take_outgoing()
 
+    def hang_up(self, now_us: int) -> bytes:
+        """The host let go of the line, or pulled it; returns what the device sends until then."""
+        self._advance(now_us)
+        if self.state in (DeviceState.ARMED, DeviceState.DRIVING):
+            self._latch(FaultCode.HUNG_UP, Cause.HUNG_UP)
+        self._advance(now_us)
+        return self._take_outgoing()
+
     def next_deadline_us(self) -> int | None:
         """When the device acts by itself next; None while it waits for a host."""
-        deadlines = (self._lease_end_us(), self._watchdog_end_us(), self._fault_due_us, self._status_due_us)
+        deadlines = (
+            self._player.end_us,
+            self._lease_end_us(),
+            self._on_time_end_us(),
+            self._watchdog_end_us(),
+            self._channels.step_due_us,
+            self._fault_due_us,
+            self._status_due_us,
+        )
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
 
     def _advance(self, now_us: int) -> None:
@@ -146,11 +199,19 @@ class EmulatedFirmware:
 
     def _act_on_deadlines(self) -> None:
         now_us = self._now_us
+        if _is_due(self._player.end_us, now_us):
+            self._player.finish()
+            self._enter(DeviceState.ARMED)
         if _is_due(self._lease_end_us(), now_us):
             self.counters.trips += 1
             self._silence(DeviceState.ARMED, Cause.LEASE_EXPIRED)
+            self._tell(LogLevel.WARNING, LogCode.LEASE_EXPIRED, self._applied_sequence)
+        if _is_due(self._on_time_end_us(), now_us):
+            self._latch(FaultCode.DRIVEN_TOO_LONG, Cause.DRIVEN_TOO_LONG)
         if _is_due(self._watchdog_end_us(), now_us):
             self._latch(FaultCode.SILENT_HOST, Cause.SILENT_HOST)
+        if _is_due(self._channels.step_due_us, now_us):
+            self.drive_log.append(self._channels.step(now_us))
         if _is_due(self._fault_due_us, now_us):
             self._send_as(Fault(self._fault, self._fault_time_us), self._fault_sequence)
             self._fault_due_us = now_us + FAULT_PERIOD_US
@@ -160,7 +221,12 @@ class EmulatedFirmware:
             self._status_due_us = now_us + STATUS_PERIOD_US
 
     def _lease_end_us(self) -> int | None:
-        return self._fresh_us + self._drive_lease_us if self.state is DeviceState.DRIVING else None
+        return self._renewed_us + self._drive_lease_us if self._channels.is_driving else None
+
+    def _on_time_end_us(self) -> int | None:
+        if self._longest_drive_us is None or self.state is not DeviceState.DRIVING:
+            return None
+        return self._driving_since_us + self._longest_drive_us
 
     def _watchdog_end_us(self) -> int | None:
         return self._fresh_us + DISARM_US if self.state in (DeviceState.ARMED, DeviceState.DRIVING) else None
@@ -180,6 +246,8 @@ class EmulatedFirmware:
         match message:
             case Set():
                 return self._set(message, sequence)
+            case Play():
+                return self._play(message, sequence)
             case KeepAlive():
                 return self._keep_alive(message, sequence)
             case HelloRequest():
@@ -192,6 +260,8 @@ class EmulatedFirmware:
             case TimeRequest():
                 self._send(Time(message.host_sent_ns, self._now_us, self._now_us))
                 return Outcome.ACCEPTED
+            case Shape() | BankBegin() | BankChunk() | BankCommit():
+                return self._keep(message, sequence)
             case Ack():
                 return self._settle_fault(message)
         return Outcome.REFUSED
@@ -200,9 +270,34 @@ class EmulatedFirmware:
         if request.magic != MAGIC:
             return Outcome.REFUSED
         self._silence(DeviceState.IDLE, Cause.NEW_SESSION)
+        self._store.end_transfer()
         self._send(self._hello(request.nonce))
+        if not self._was_greeted:
+            self._was_greeted = True
+            self._tell(LogLevel.INFORMATION, LogCode.BOOTED, 0)
         self._report_by(self._now_us)
         return Outcome.ACCEPTED
+
+    def _keep(self, message: Shape | BankBegin | BankChunk | BankCommit, sequence: int) -> Outcome:
+        """What the device remembers: only while it is idle."""
+        held_hash = self._store.held_hash
+        result = self._take(message) if self.state is DeviceState.IDLE else Result.WRONG_STATE
+        outcome = self._acknowledge(message, sequence, result)
+        if self._store.bank is not None and self._store.held_hash != held_hash:
+            self.banks[self._store.held_hash] = self._store.bank
+            self._tell(LogLevel.INFORMATION, LogCode.BANK_TAKEN, self._store.held_hash)
+        return outcome
+
+    def _take(self, message: Shape | BankBegin | BankChunk | BankCommit) -> Result:
+        match message:
+            case Shape():
+                return self._shapes.define(message)
+            case BankBegin():
+                return self._store.begin(message)
+            case BankChunk():
+                return self._store.take(message)
+            case BankCommit():
+                return self._store.commit(message)
 
     def _arm(self, arm: Arm, sequence: int) -> Result:
         if arm.boot_id != self.configuration.boot_id:
@@ -214,31 +309,61 @@ class EmulatedFirmware:
         limits = tuple(min(limit, self.configuration.amplitude_limit) for limit in arm.amplitude_limits)
         self._channels.limit(limits, min(arm.slew_limit_per_s, self.configuration.slew_limit_per_s))
         self._armed_lease_us = arm.lease_ms * US_PER_MS
+        on_times_s = [limit_s for limit_s in (arm.longest_drive_s, self.configuration.longest_drive_s) if limit_s]
+        self._longest_drive_us = min(on_times_s) * US_PER_S if on_times_s else None
         self._refresh(sequence)
         self._enter(DeviceState.ARMED)
         return Result.OK
 
     def _set(self, message: Set, sequence: int) -> Outcome:
         outcome = self._judge(message.clock_reference, sequence)
+        if outcome is Outcome.ACCEPTED and message.onset > NUMBER_OF_SHAPES:
+            outcome = Outcome.REFUSED
         if outcome is not Outcome.ACCEPTED:
             return outcome
-        self._refresh(sequence)
-        self._drive_lease_us = min(message.lease_ms * US_PER_MS, self._armed_lease_us)
-        event = self._channels.apply(message.drive, SetFlag.WRITE_PHASE in message.flags, self._now_us, sequence)
+        event = self._channels.apply(
+            message.drive,
+            SetFlag.WRITE_PHASE in message.flags,
+            self._shapes.onset(message.onset, self._now_us),
+            self._now_us,
+            sequence,
+            takes_over=self._player.end_us is not None,
+        )
+        self._player.take_over(self._now_us, self._channels.slew_per_s)
+        self._renewed_us, self._drive_lease_us = self._now_us, min(message.lease_ms * US_PER_MS, self._armed_lease_us)
+        self._applied(event, sequence)
+        return outcome
+
+    def _play(self, message: Play, sequence: int) -> Outcome:
+        outcome = self._judge(message.clock_reference, sequence)
+        if outcome is not Outcome.ACCEPTED:
+            return outcome
+        bank = self._store.bank
+        if bank is None or message.waveform >= len(bank.waveforms) or not self._player.has_room(self._now_us):
+            self._tell(LogLevel.WARNING, LogCode.PLAY_REFUSED, message.waveform)
+            return Outcome.REFUSED
+        waveform = PlayedWaveform(self._store.held_hash, message.waveform, message.amplitude / FULL_SCALE_WORD)
+        event = self._channels.play(waveform, self._now_us, sequence)
+        self._player.take_over(self._now_us, self._channels.slew_per_s)
+        self._player.start(self._now_us, bank.length_us(message.waveform), message.amplitude)
+        self._applied(event, sequence)
+        return outcome
+
+    def _applied(self, event: DriveEvent | None, sequence: int) -> None:
         if event is not None:
             self.drive_log.append(event)
+        self._refresh(sequence)
         self.counters.applied += 1
         self._applied_sequence, self._applied_time_us = sequence, self._now_us
         self._report_by(max(self._now_us, self._status_sent_us + STATUS_SPACING_US))
-        self._enter(DeviceState.DRIVING if self._channels.is_driving else DeviceState.ARMED)
-        return outcome
+        self._enter(DeviceState.DRIVING if self._sounds else DeviceState.ARMED)
 
     def _keep_alive(self, message: KeepAlive, sequence: int) -> Outcome:
         outcome = self._judge(message.clock_reference, sequence)
-        if outcome is Outcome.ACCEPTED and message.applied_sequence != self._applied_sequence:
-            return Outcome.STALE
         if outcome is Outcome.ACCEPTED:
             self._refresh(sequence)
+            if message.applied_sequence == self._applied_sequence:
+                self._renewed_us = self._now_us
         return outcome
 
     def _judge(self, clock_reference: int, sequence: int) -> Outcome:
@@ -270,13 +395,19 @@ class EmulatedFirmware:
         self._fault_sequence = self._next_sequence()
 
     def _silence(self, state: DeviceState, cause: Cause) -> None:
-        if self._channels.is_driving:
+        if self._sounds:
             self.drive_log.append(self._channels.silence(self._now_us, cause))
+            self._player.take_over(self._now_us, self._channels.slew_per_s)
         self._enter(state)
+
+    @property
+    def _sounds(self) -> bool:
+        return self._channels.is_driving or self._player.end_us is not None
 
     def _enter(self, state: DeviceState) -> None:
         if state is not self.state:
             self.state = state
+            self._driving_since_us = self._now_us
             self._report_by(self._now_us)
 
     def _report_by(self, due_us: int) -> None:
@@ -294,7 +425,7 @@ class EmulatedFirmware:
             nonce=nonce,
             boot_id=configuration.boot_id,
             schema_hash=SCHEMA_HASH,
-            features=0,
+            features=Features.ONSET_SHAPES | (Features.WAVEFORMS if configuration.bank_capacity_bytes else Features(0)),
             firmware_major=0,
             firmware_minor=1,
             firmware_patch=0,
@@ -304,8 +435,11 @@ class EmulatedFirmware:
             frequency_minimum=configuration.frequency_minimum,
             frequency_maximum=configuration.frequency_maximum,
             longest_lease_ms=configuration.longest_lease_ms,
+            longest_waveform_ms=configuration.longest_waveform_ms,
+            bank_capacity_bytes=configuration.bank_capacity_bytes,
+            held_bank_hash=self._store.held_hash,
             number_of_actuators=configuration.number_of_actuators,
-            full_scales_pm=(configuration.full_scale_pm,) * configuration.number_of_actuators,
+            full_scales_pm=configuration.full_scales_pm or (FULL_SCALE_PM,) * configuration.number_of_actuators,
         )
 
     def _status(self) -> Status:
@@ -327,6 +461,11 @@ class EmulatedFirmware:
             refused=counters.refused,
             trips=counters.trips,
         )
+
+    def _tell(self, level: LogLevel, code: LogCode, value: int) -> None:
+        if self._now_us >= self._log_sent_us + LOG_SPACING_US:
+            self._log_sent_us = self._now_us
+            self._send(Log(level, code, value, self._now_us))
 
     def _next_sequence(self) -> int:
         self._sequence = (self._sequence + 1) % 256

@@ -10,11 +10,15 @@ class Cause(StrEnum):
     """Why the drive changed."""
 
     SET = "set"
+    ONSET = "onset"
+    PLAY = "play"
     LEASE_EXPIRED = "lease expired"
     NEW_SESSION = "new session"
     STOP = "stop"
     SILENT_HOST = "silent host"
     EMERGENCY_STOP = "emergency stop"
+    HUNG_UP = "hung up"
+    DRIVEN_TOO_LONG = "driven too long"
 
 
 class Outcome(StrEnum):
@@ -27,11 +31,24 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True)
 class ChannelTarget:
-    """One actuator from an event on: `phase_rad` is the phase at the event's own time, None where it runs on."""
+    """One actuator from an event on: `phase_rad` is the phase at the event's own time, None where it runs on.
+
+    `limit` bounds the sum of all that sounds on it.
+    """
 
     frequency_hz: float
     amplitude: float
     phase_rad: float | None
+    limit: float = 1.0
+
+
+@dataclass(frozen=True)
+class PlayedWaveform:
+    """A waveform of a bank, which an event starts and the next one takes over from."""
+
+    bank_hash: int
+    index: int
+    amplitude: float
 
 
 @dataclass(frozen=True)
@@ -43,11 +60,12 @@ class DriveEvent:
     sequence: int | None
     slew_per_s: float
     channels: tuple[ChannelTarget, ...]
+    waveform: PlayedWaveform | None = None
 
 
 @dataclass(frozen=True)
 class ReceivedFrame:
-    """A frame with a valid checksum, when it came and what became of it; a SET accepted is applied at that time."""
+    """A frame with a valid checksum, when it came and what became of it; SET and PLAY are applied at that time."""
 
     device_time_us: int
     message: str
@@ -68,6 +86,7 @@ def decode_drive_event(item: Mapping[str, Any]) -> DriveEvent:
         sequence=item["sequence"],
         slew_per_s=item["slew_per_s"],
         channels=tuple(ChannelTarget(**channel) for channel in item["channels"]),
+        waveform=None if item["waveform"] is None else PlayedWaveform(**item["waveform"]),
     )
 
 

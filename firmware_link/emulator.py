@@ -11,82 +11,117 @@ import socket
 import subprocess
 import sys
 import tempfile
-import time
-import tty
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from firmware_link.announcement import Announcement
+from firmware_link.bank import Bank, decode_bank, hash_of_bank
 from firmware_link.device import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware
 from firmware_link.drive_log import (
     DriveEvent,
     ReceivedFrame,
     decode_drive_event,
     decode_received_frame,
-    encode_events,
 )
 from firmware_link.errors import LinkError
+from firmware_link.fault_plan import FaultPlanError, parse_fault_plan
+from firmware_link.faulty_device import FaultyDevice
+from firmware_link.pseudo_terminal import PseudoTerminalServer
 
-NS_PER_US = 1_000
-US_PER_MS = 1_000
-READ_SIZE = 4096
-# A host that does not read loses what the device says, as on a wire.
-UNSENT_LIMIT = 8192
 # Generous: the interpreter starts within 0.1 s on an idle machine, within seconds on a crowded one.
 START_TIMEOUT_S = 30.0
 STOP_TIMEOUT_S = 10.0
+_LOG_WORD = "log"
+_REBOOT_WORD = "reboot"
+_UNPLUG_WORD = "unplug"
+UNPLUGGED_US = 300_000
 
 
 @dataclass(frozen=True)
 class EmulatorLog:
-    """What an emulator did, times in microseconds since its start (device time 0)."""
+    """What a device did in one boot, times in microseconds since it (device time 0).
+
+    `counters` are its own; `faults` those of the line since the emulator started; `earlier` are the boots before.
+    """
 
     number_of_actuators: int
     host_ns_at_device_zero: int
     events: tuple[DriveEvent, ...]
     received: tuple[ReceivedFrame, ...]
     counters: dict[str, int]
+    banks: dict[int, Bank] = field(default_factory=dict)
+    earlier: "tuple[EmulatorLog, ...]" = ()
+    faults: dict[str, int] = field(default_factory=dict)
 
 
 class RunningEmulator:
-    """A started emulator: `port` opens like any serial port; its device time 0 is `host_ns_at_device_zero`."""
+    """A started emulator: `port` opens like any serial port; its device time 0 is `host_ns_at_device_zero`.
 
-    def __init__(self, process: "subprocess.Popen[str]", log_path: Path) -> None:
-        greeting = _read_greeting(process)
+    `stable_port` is a link that leads to its port also after the port has come back under another name.
+    """
+
+    def __init__(self, process: "subprocess.Popen[str]", stable_port: Path, log_path: Path) -> None:
+        greeting = _read_answer(process)
         self.port: str = greeting["port"]
+        self.stable_port = str(stable_port)
         self.host_ns_at_device_zero: int = greeting["host_ns_at_device_zero"]
         self.process_id = process.pid
         self._process = process
         self._log_path = log_path
+
+    def log(self) -> EmulatorLog:
+        """What it has done so far."""
+        return _decode_log(self._ask(_LOG_WORD))
+
+    def reboot(self) -> None:
+        """Power the device off and on."""
+        self._ask(_REBOOT_WORD)
+
+    def unplug(self) -> None:
+        """Pull the cable for UNPLUGGED_US."""
+        self._ask(_UNPLUG_WORD)
 
     def stop(self) -> EmulatorLog:
         """End the process and read what it did; raises LinkError when it left no log."""
         _end_process(self._process)
         return read_log(self._log_path)
 
+    def _ask(self, word: str) -> dict[str, Any]:
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{word}\n")
+        self._process.stdin.flush()
+        return _read_answer(self._process)
+
 
 @contextlib.contextmanager
-def run_emulator(number_of_actuators: int = 2, longest_lease_ms: int = LONGEST_LEASE_MS) -> Iterator[RunningEmulator]:
-    """An emulator process for the length of a `with` block; whatever happens in it, none is left behind."""
+def run_emulator(
+    number_of_actuators: int = 2, longest_lease_ms: int = LONGEST_LEASE_MS, faults: str = "", seed: int = 0
+) -> Iterator[RunningEmulator]:
+    """An emulator process for the length of a `with` block; whatever happens in it, none is left behind.
+
+    `faults` is a text for `parse_fault_plan`; raises FaultPlanError for another.
+    """
+    parse_fault_plan(faults)
     with tempfile.TemporaryDirectory(prefix="tactable-emulator-") as folder:
-        log_path = Path(folder) / "log.json"
-        arguments = [
-            "--actuators",
-            str(number_of_actuators),
-            "--lease-ms",
-            str(longest_lease_ms),
-            "--log",
-            str(log_path),
-        ]
+        log_path, link = Path(folder) / "log.json", Path(folder) / "port"
+        arguments = {
+            "--actuators": number_of_actuators,
+            "--lease-ms": longest_lease_ms,
+            "--faults": faults,
+            "--seed": seed,
+            "--log": log_path,
+            "--link": link,
+        }
         process = subprocess.Popen(
-            [sys.executable, "-m", "firmware_link.emulator", *arguments],
+            [sys.executable, "-m", "firmware_link.emulator", *(f"{key}={value}" for key, value in arguments.items())],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
         )
         try:
-            yield RunningEmulator(process, log_path)
+            yield RunningEmulator(process, link, log_path)
         finally:
             _end_process(process)
 
@@ -97,23 +132,35 @@ def read_log(path: Path) -> EmulatorLog:
         document = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise LinkError(f"the emulator left no log at {path}: {error}") from error
+    return _decode_log(document)
+
+
+def _decode_log(document: dict[str, Any]) -> EmulatorLog:
+    *earlier, last = (_decode_boot(document["number_of_actuators"], boot) for boot in document["boots"])
+    return replace(last, earlier=tuple(earlier), faults=document["faults"])
+
+
+def _decode_boot(number_of_actuators: int, boot: dict[str, Any]) -> EmulatorLog:
     return EmulatorLog(
-        number_of_actuators=document["number_of_actuators"],
-        host_ns_at_device_zero=document["host_ns_at_device_zero"],
-        events=tuple(decode_drive_event(item) for item in document["events"]),
-        received=tuple(decode_received_frame(item) for item in document["received"]),
-        counters=document["counters"],
+        number_of_actuators=number_of_actuators,
+        host_ns_at_device_zero=boot["host_ns_at_device_zero"],
+        events=tuple(decode_drive_event(item) for item in boot["events"]),
+        received=tuple(decode_received_frame(item) for item in boot["received"]),
+        counters=boot["counters"],
+        banks={
+            hash_of_bank(data): decode_bank(data, number_of_actuators) for data in map(bytes.fromhex, boot["banks"])
+        },
     )
 
 
-def _read_greeting(process: "subprocess.Popen[str]") -> dict[str, Any]:
+def _read_answer(process: "subprocess.Popen[str]") -> dict[str, Any]:
     assert process.stdout is not None
     ready, _, _ = select.select([process.stdout], [], [], START_TIMEOUT_S)
     line = process.stdout.readline() if ready else ""
     if not line:
-        raise LinkError(f"the emulator did not start: exit status {process.poll()}, its messages are above")
-    greeting: dict[str, Any] = json.loads(line)
-    return greeting
+        raise LinkError(f"the emulator did not start or does not run: exit status {process.poll()}, see above")
+    answer: dict[str, Any] = json.loads(line)
+    return answer
 
 
 def _end_process(process: "subprocess.Popen[str]") -> None:
@@ -128,69 +175,6 @@ def _end_process(process: "subprocess.Popen[str]") -> None:
     process.stdout.close()
 
 
-class PseudoTerminalServer:
-    """Serves one firmware on a new pseudo-terminal with one poll loop and the monotonic clock."""
-
-    def __init__(self, firmware: EmulatedFirmware) -> None:
-        self.firmware = firmware
-        # The slave stays open here, so that hosts may come and go without the terminal hanging up.
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.path = os.ttyname(self._slave)
-        self.host_ns_at_device_zero = time.monotonic_ns()
-        self._unsent = b""
-
-    def serve(self, end_descriptors: list[int]) -> None:
-        """Serve until one of the descriptors has something to read, or has closed."""
-        poll = select.poll()
-        for descriptor in end_descriptors:
-            poll.register(descriptor, select.POLLIN)
-        while True:
-            poll.register(self._master, select.POLLIN | (select.POLLOUT if self._unsent else 0))
-            ready = {descriptor for descriptor, _ in poll.poll(self._timeout_ms())}
-            if ready.intersection(end_descriptors):
-                return
-            self._send(self._receive() if self._master in ready else self.firmware.advance(self._now_us()))
-
-    def close(self) -> None:
-        """Let the terminal go."""
-        os.close(self._master)
-        os.close(self._slave)
-
-    def log(self) -> dict[str, Any]:
-        """What the firmware did, for JSON; `read_log` reads it back."""
-        return {
-            "simulated": True,
-            "number_of_actuators": self.firmware.configuration.number_of_actuators,
-            "host_ns_at_device_zero": self.host_ns_at_device_zero,
-            "events": encode_events(self.firmware.drive_log),
-            "received": encode_events(self.firmware.received),
-            "counters": asdict(self.firmware.counters) | asdict(self.firmware.framing_counters),
-        }
-
-    def _now_us(self) -> int:
-        return (time.monotonic_ns() - self.host_ns_at_device_zero) // NS_PER_US
-
-    def _timeout_ms(self) -> int | None:
-        deadline_us = self.firmware.next_deadline_us()
-        return None if deadline_us is None else max(0, -((self._now_us() - deadline_us) // US_PER_MS))
-
-    def _receive(self) -> bytes:
-        try:
-            data = os.read(self._master, READ_SIZE)
-        except BlockingIOError:
-            data = b""
-        return self.firmware.receive(data, self._now_us())
-
-    def _send(self, data: bytes) -> None:
-        if len(self._unsent) + len(data) <= UNSENT_LIMIT:
-            self._unsent += data
-        if self._unsent:
-            with contextlib.suppress(BlockingIOError):
-                self._unsent = self._unsent[os.write(self._master, self._unsent) :]
-
-
 def write_atomically(path: Path, document: dict[str, Any]) -> None:
     """Write JSON beside its target and rename it: a reader never sees half a file."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
@@ -199,25 +183,44 @@ def write_atomically(path: Path, document: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    """Print one JSON line with the port, serve until SIGTERM or the end of standard input, write the log."""
-    configuration, log_path = _parse_arguments()
-    server = PseudoTerminalServer(EmulatedFirmware(configuration))
-    with _termination_descriptor() as termination:
-        greeting = {
-            "port": server.path,
-            "simulated": True,
-            "host_ns_at_device_zero": server.host_ns_at_device_zero,
-        }
-        sys.stdout.write(json.dumps(greeting) + "\n")
-        sys.stdout.flush()
-        server.serve([termination, sys.stdin.fileno()])
+    """Print one JSON line with the port, serve until SIGTERM or the end of standard input, write the log.
+
+    The words `log`, `reboot` and `unplug` on standard input, a line each, are answered by a line of JSON.
+    """
+    configuration, arguments = _parse_arguments()
+    announcement = Announcement(arguments.link) if arguments.link else None
+    server = PseudoTerminalServer(
+        FaultyDevice(lambda boot_id: EmulatedFirmware(replace(configuration, boot_id=boot_id)), *arguments.plan),
+        announcement.point_to if announcement else lambda _: None,
+    )
+    with termination_descriptor() as termination:
+        _answer({"port": server.path, "simulated": True, "host_ns_at_device_zero": server.host_ns_at_zero})
+        while server.serve([termination, sys.stdin.fileno()]) != termination:
+            word = sys.stdin.readline().strip()
+            if word == _REBOOT_WORD:
+                server.reboot()
+                _answer({})
+            elif word == _UNPLUG_WORD:
+                server.unplug(UNPLUGGED_US)
+                _answer({})
+            elif word == _LOG_WORD:
+                _answer(server.log())
+            else:
+                break
     server.close()
-    if log_path is not None:
-        write_atomically(log_path, server.log())
+    if announcement:
+        announcement.close()
+    if arguments.log is not None:
+        write_atomically(arguments.log, server.log())
+
+
+def _answer(document: dict[str, Any]) -> None:
+    sys.stdout.write(json.dumps(document) + "\n")
+    sys.stdout.flush()
 
 
 @contextlib.contextmanager
-def _termination_descriptor() -> Iterator[int]:
+def termination_descriptor() -> Iterator[int]:
     """A descriptor that can be read once SIGTERM or SIGINT has come."""
     reader, writer = socket.socketpair()
     with reader, writer:
@@ -229,15 +232,19 @@ def _termination_descriptor() -> Iterator[int]:
         signal.set_wakeup_fd(-1)
 
 
-def _parse_arguments() -> tuple[DeviceConfiguration, Path | None]:
+def _parse_arguments() -> tuple[DeviceConfiguration, argparse.Namespace]:
     parser = argparse.ArgumentParser(prog="firmware_link.emulator", description=__doc__)
     parser.add_argument("--actuators", type=int, default=2, help="number of actuators, 1 to 255")
     parser.add_argument("--lease-ms", type=int, default=LONGEST_LEASE_MS, help="longest lease that it grants, in ms")
+    parser.add_argument("--faults", default="", help="faults to inject, such as bit_errors=1e-5,reboot@12s")
+    parser.add_argument("--seed", type=int, default=secrets.randbits(32), help="makes the faults the same again")
     parser.add_argument("--log", type=Path, help="where to write what it did, as JSON, when it ends")
+    parser.add_argument("--link", type=Path, help="a symbolic link that leads to its port")
     arguments = parser.parse_args()
     try:
-        return DeviceConfiguration(secrets.randbits(32), arguments.actuators, arguments.lease_ms), arguments.log
-    except ValueError as error:
+        arguments.plan = (parse_fault_plan(arguments.faults), arguments.seed)
+        return DeviceConfiguration(0, arguments.actuators, arguments.lease_ms), arguments
+    except (ValueError, FaultPlanError) as error:
         parser.error(str(error))
 
 

@@ -1,6 +1,7 @@
 """A class of annotated integers to its bytes and back: the machinery under `messages`."""
 
 import enum
+import re
 import struct
 import zlib
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from typing import Any, ClassVar, NamedTuple, get_args, get_type_hints
 from firmware_link.errors import MessageError
 
 _CODES = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q"}
+_BLOCK = re.compile(r"u8\[(\d+)\]")
 
 
 class Sender(enum.StrEnum):
@@ -21,10 +23,19 @@ class Sender(enum.StrEnum):
 
 
 class Word(NamedTuple):
-    """One integer on the wire: its kind, and the unit or scale that its name does not say."""
+    """One value on the wire: its kind, and the unit or scale that its name does not say.
+
+    A kind is u8, u16, u32 or u64, or u8[n]: exactly n bytes as they are.
+    """
 
     kind: str
     unit: str = ""
+
+    @property
+    def block_size(self) -> int | None:
+        """Bytes of a block; None for an integer."""
+        block = _BLOCK.fullmatch(self.kind)
+        return None if block is None else int(block[1])
 
 
 class PerActuator(NamedTuple):
@@ -51,7 +62,7 @@ class Layout:
         hints = get_type_hints(message, include_extras=True)
         self.message = message
         self.words: list[tuple[str, Word]] = []
-        self.converters: list[Callable[[int], int]] = []
+        self.converters: list[Callable[[Any], Any]] = []
         self.repeated: tuple[str, PerActuator] | None = None
         self.repeated_is_raw = False
         for field in fields(message):
@@ -74,7 +85,7 @@ class Layout:
     def encode(self, message: Message, sequence: int) -> bytes:
         """Body of a message; raises MessageError for a value that does not fit its word."""
         try:
-            words = [getattr(message, name) for name, _ in self.words]
+            words = [_exact(name, word, getattr(message, name)) for name, word in self.words]
             return self._fixed.pack(self.message.type_byte, sequence, *words) + self._encode_repeated(message)
         except struct.error as error:
             raise MessageError(f"{message} with sequence {sequence} does not fit its words: {error}") from error
@@ -123,7 +134,14 @@ class Layout:
 
 
 def _codes(words: list[tuple[str, Word]] | tuple[tuple[str, Word], ...]) -> str:
-    return "".join(_CODES[word.kind] for _, word in words)
+    return "".join(_CODES.get(word.kind) or f"{word.block_size}s" for _, word in words)
+
+
+def _exact(name: str, word: Word, value: Any) -> Any:
+    """The value; `struct` would fill a short block up and cut a long one."""
+    if word.block_size is not None and len(value) != word.block_size:
+        raise MessageError(f"{name} has {len(value)} bytes; expected {word.block_size}")
+    return value
 
 
 def _word_text(name: str, word: Word) -> str:

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 
+from firmware_link.bank import encode_bank, hash_of_bank, transfer_messages
 from firmware_link.clock import NS_PER_S, DeviceClock, Exchange
 from firmware_link.errors import LinkError, MessageError
 from firmware_link.framing import DELIMITER, FrameDecoder, FramingCounters, Signal, encode_message
 from firmware_link.layout import Message
+from firmware_link.line import EXCHANGE_PERIOD_NS, occupied_ns
 from firmware_link.link_values import (
     Armed,
     Capabilities,
@@ -15,6 +17,7 @@ from firmware_link.link_values import (
     LinkConfiguration,
     LinkCounters,
     LinkState,
+    LogReceived,
     StatusReceived,
     Stopped,
 )
@@ -30,11 +33,11 @@ from firmware_link.messages import (
     Arm,
     DeviceState,
     Fault,
+    Features,
     Hello,
     HelloRequest,
+    Log,
     Result,
-    Set,
-    SetFlag,
     Status,
     Stop,
     Time,
@@ -42,20 +45,17 @@ from firmware_link.messages import (
     decode_body,
     encode_amplitude,
 )
+from firmware_link.onset import make_shape
+from firmware_link.outbox import Outbox, WantedDrive, WantedWaveform
 
 NS_PER_MS = 1_000_000
-# A start bit, eight of data, a stop bit.
-WIRE_BITS_PER_BYTE = 10
+US_PER_MS = 1_000
 RETRY_NS = 100 * NS_PER_MS
 STOP_RETRY_NS = 20 * NS_PER_MS
 STOP_PATIENCE_NS = NS_PER_S
 # A status comes every 100 ms: ten lost in a row are no accident.
 SILENCE_NS = NS_PER_S
 FIRST_EXCHANGES = 16
-EXCHANGE_PERIOD_NS = 980 * NS_PER_MS
-# The device disarms 250 ms after the last fresh frame: two in a row may be lost.
-SILENT_RENEWAL_NS = 80 * NS_PER_MS
-RENEWALS_PER_LEASE = 3
 
 
 class Link:
@@ -71,6 +71,7 @@ class Link:
         self.configuration = configuration
         limits = configuration.amplitude_limits or (1.0,) * configuration.number_of_actuators
         self._amplitude_limits = tuple(encode_amplitude(limit) for limit in limits)
+        self._shapes = tuple(make_shape(index, steps) for index, steps in enumerate(configuration.onsets))
         self.counters = LinkCounters()
         self.state = LinkState.DISCONNECTED
         self.capabilities: Capabilities | None = None
@@ -82,12 +83,12 @@ class Link:
         self._nonce = 0
         self._arm: Arm | None = None
         self._lease_ms = configuration.lease_ms
+        self._preparations: list[Message] = []
+        self._prepared_frame = b""
+        self._prepared_sequence = 0
         self._replies: list[bytes] = []
-        self._mailbox: bytes | None = None
-        self._silent_drive = b""
-        self._drive = b""
+        self._outbox = Outbox(self.counters, configuration.slew_limit_per_s)
         self._due_ns = 0
-        self._renewal_due_ns = 0
         self._patience_end_ns: int | None = None
         self._line_free_ns = 0
         self._connected_ns = 0
@@ -98,36 +99,53 @@ class Link:
         return self._decoder.counters
 
     def connect(self, now_ns: int) -> None:
-        """Start a new session, whatever was before; it greets, compares clocks and arms."""
+        """Start a new session, whatever was before: greet, hand onsets and bank over, compare clocks, arm."""
         self.state = LinkState.GREETING
         self.capabilities, self.status, self.drive_sequence = None, None, None
         self.clock = DeviceClock()
         self._nonce = now_ns % 2**32
-        self._replies, self._mailbox, self._drive = [], None, b""
+        self._preparations, self._replies = [], []
+        self._outbox.start(b"", self.configuration.lease_ms)
         self._connected_ns = self._due_ns = self._line_free_ns = now_ns
         self._patience_end_ns = now_ns + int(self.configuration.handshake_timeout_s * NS_PER_S)
 
-    def set_drive(self, drive: bytes) -> None:
-        """Drive this next, from `encode_drive`; replaces one not sent yet. Dropped and counted unless READY.
+    def set_drive(self, drive: bytes, onset: int = 0) -> None:
+        """Drive this next, from `encode_drive`; replaces what is not sent yet. Dropped and counted unless READY.
 
-        The device gets silence on actuators beyond those of the drive; raises LinkError for a drive too long.
+        The device gets silence on actuators beyond those of the drive. `onset` numbers the configured ones from 1, 0
+        is none. Raises LinkError for a drive too long or an onset that is not configured.
         """
         if self.state is not LinkState.READY:
             self.counters.dropped += 1
             return
-        if len(drive) > len(self._silent_drive):
-            raise LinkError(f"a drive of {len(drive)} bytes; the device takes {len(self._silent_drive)}")
-        self.counters.coalesced += self._mailbox is not None
-        self._mailbox = drive.ljust(len(self._silent_drive), b"\0")
+        size = len(self._outbox.silent_drive)
+        if len(drive) > size:
+            raise LinkError(f"a drive of {len(drive)} bytes; the device takes {size}")
+        if not 0 <= onset <= len(self.configuration.onsets):
+            raise LinkError(f"onset {onset} is not configured; there are {len(self.configuration.onsets)}")
+        self._outbox.put(WantedDrive(drive.ljust(size, b"\0"), onset))
+
+    def set_play(self, waveform: int, amplitude: float = 1.0) -> None:
+        """Play a waveform of the bank next, in place of what sounds; silence follows. As `set_drive` otherwise.
+
+        Raises LinkError for a waveform that is not in the bank, or an amplitude outside 0 … 1.
+        """
+        if self.state is not LinkState.READY:
+            self.counters.dropped += 1
+            return
+        bank = self.configuration.bank
+        if bank is None or not 0 <= waveform < len(bank.waveforms):
+            raise LinkError(f"waveform {waveform} is not in the bank of this link: configure a bank that has it")
+        self._outbox.put(WantedWaveform(waveform, encode_amplitude(amplitude), bank.length_us(waveform)))
 
     def set_silent(self) -> None:
         """Ramp every actuator to zero and stay armed; nothing to send where all is silent already."""
-        if self._mailbox is not None or any(self._drive):
-            self.set_drive(self._silent_drive)
+        if not self._outbox.is_silent:
+            self.set_drive(self._outbox.silent_drive)
 
     def stop(self, now_ns: int) -> None:
         """Ramp to zero and latch: STOP goes out before anything else, until it is acknowledged."""
-        self._mailbox, self._drive = None, b""
+        self._outbox.clear()
         if self.state is not LinkState.DISCONNECTED:
             self.state = LinkState.STOPPING
             self._due_ns, self._line_free_ns = now_ns, now_ns
@@ -171,7 +189,7 @@ class Link:
             return b""
         frames = self._next_frame(now_ns) + b"".join(self._replies)
         self._replies = []
-        self._line_free_ns = now_ns + len(frames) * WIRE_BITS_PER_BYTE * NS_PER_S // self.configuration.bit_rate_hz
+        self._line_free_ns = now_ns + self._occupied_ns(len(frames))
         return frames
 
     def next_deadline_ns(self) -> int | None:
@@ -180,8 +198,8 @@ class Link:
             return None
         send_ns = [] if self.state is LinkState.STOPPED else [self._due_ns]
         if self.state is LinkState.READY:
-            send_ns.append(self._renewal_due_ns)
-        if self._replies or self._mailbox is not None:
+            send_ns.append(self._outbox.due_ns(self._line_free_ns))
+        if self._replies:
             send_ns.append(self._line_free_ns)
         deadlines_ns = [max(min(send_ns), self._line_free_ns)] if send_ns else []
         if self._patience_end_ns is not None:
@@ -192,6 +210,8 @@ class Link:
         match self.state:
             case LinkState.GREETING:
                 return self._repeat(self._hello_request, RETRY_NS, now_ns)
+            case LinkState.PREPARING:
+                return self._repeat(lambda _: self._prepared_frame, RETRY_NS, now_ns)
             case LinkState.SYNCHRONISING:
                 return self._repeat(self._time_request, RETRY_NS, now_ns)
             case LinkState.ARMING:
@@ -205,8 +225,12 @@ class Link:
     def _repeat(self, frame: Callable[[int], bytes], period_ns: int, now_ns: int) -> bytes:
         if now_ns < self._due_ns:
             return b""
-        self._due_ns = now_ns + period_ns
-        return frame(now_ns)
+        data = frame(now_ns)
+        self._due_ns = now_ns + period_ns + self._occupied_ns(len(data))
+        return data
+
+    def _occupied_ns(self, size: int) -> int:
+        return occupied_ns(self.configuration.transport, self.configuration.bit_rate_hz, size)
 
     def _frame(self, message: Message) -> bytes:
         self._sequence = (self._sequence + 1) % 256
@@ -223,22 +247,13 @@ class Link:
         return self._frame(self._arm) if self._arm else b""
 
     def _drive_frame(self, now_ns: int) -> bytes:
-        if self._mailbox is not None:
-            self._drive, self._mailbox = self._mailbox, None
-            self.counters.sent += 1
-            frame = self._set_frame(now_ns)
-            self.drive_sequence = self._sequence
-            return frame
-        if now_ns < self._renewal_due_ns:
+        message, is_command = self._outbox.next_message(now_ns, self._clock_reference, self.drive_sequence)
+        if message is None:
             return b""
-        self.counters.renewed += 1
-        return self._set_frame(now_ns)
-
-    def _set_frame(self, now_ns: int) -> bytes:
-        # Silence is renewed by SET too: had the SET that silenced been lost, anything else might hold the old drive.
-        lease_ns = self._lease_ms * NS_PER_MS
-        self._renewal_due_ns = now_ns + (lease_ns // RENEWALS_PER_LEASE if any(self._drive) else SILENT_RENEWAL_NS)
-        return self._frame(Set(self._clock_reference(now_ns), SetFlag.WRITE_PHASE, self._lease_ms, self._drive))
+        frame = self._frame(message)
+        if is_command:
+            self.drive_sequence = self._sequence
+        return frame
 
     def _clock_reference(self, now_ns: int) -> int:
         return self.clock.device_time_us(now_ns) // CLOCK_REFERENCE_US % CLOCK_REFERENCE_SPAN
@@ -256,23 +271,51 @@ class Link:
                 return self._reported(message, now_ns)
             case Fault():
                 return self._faulted(message, sequence)
+            case Log():
+                self.counters.logs += 1
+                return LogReceived(message.level, message.code, message.value, message.device_time_us, message.text)
         self.counters.unexpected += 1
         return None
 
     def _greeted(self, hello: Hello, now_ns: int) -> Event:
         try:
-            _check_fit(hello, self.configuration.number_of_actuators)
+            _check_fit(hello, self.configuration)
+            self._preparations = self._prepare(hello)
         except LinkError:
             self.disconnect()
             raise
         self.capabilities = Capabilities.from_hello(hello)
-        self._drive = self._silent_drive = bytes(DRIVE_SIZE * hello.number_of_actuators)
+        lease_ms = min(self.configuration.lease_ms, hello.longest_lease_ms)
+        self._outbox.start(bytes(DRIVE_SIZE * hello.number_of_actuators), lease_ms)
         unused = (0,) * (hello.number_of_actuators - len(self._amplitude_limits))
-        self._lease_ms = min(self.configuration.lease_ms, hello.longest_lease_ms)
         limits = self._amplitude_limits + unused
-        self._arm = Arm(hello.boot_id, self.configuration.slew_limit_per_s, self._lease_ms, limits)
-        self.state, self._due_ns = LinkState.SYNCHRONISING, now_ns
+        slew_limit_per_s, longest_drive_s = self.configuration.slew_limit_per_s, self.configuration.longest_drive_s
+        self._arm = Arm(hello.boot_id, slew_limit_per_s, lease_ms, longest_drive_s, limits)
+        self._prepare_next(now_ns)
         return Greeted(self.capabilities)
+
+    def _prepare(self, hello: Hello) -> list[Message]:
+        """What the device must know before it is armed, in order."""
+        bank = self.configuration.bank
+        if bank is None:
+            return [*self._shapes]
+        data = encode_bank(bank, hello.number_of_actuators)
+        _check_bank(hello, len(data), max(map(bank.length_us, range(len(bank.waveforms)))))
+        return [*self._shapes, *([] if hello.held_bank_hash == hash_of_bank(data) else transfer_messages(data))]
+
+    def _prepare_next(self, now_ns: int) -> None:
+        self._due_ns = now_ns
+        if not self._preparations:
+            self.state = LinkState.SYNCHRONISING
+            return
+        self.state = LinkState.PREPARING
+        # Sent again as it is, so that an answer tells by its sequence what it answers.
+        self._prepared_frame = self._frame(self._preparations[0])
+        self._prepared_sequence = self._sequence
+
+    def _answers_preparation(self, ack: Ack) -> bool:
+        answered = (ack.acknowledged_type, ack.acknowledged_sequence)
+        return answered == (self._preparations[0].type_byte, self._prepared_sequence)
 
     def _compare_clocks(self, time: Time, now_ns: int) -> None:
         self.clock.update(Exchange(time.host_sent_ns, time.device_received_us, time.device_sent_us, now_ns))
@@ -283,16 +326,24 @@ class Link:
 
     def _acknowledged(self, ack: Ack, now_ns: int) -> Event | None:
         answer = (self.state, ack.acknowledged_type)
+        is_prepared = self.state is LinkState.PREPARING and self._answers_preparation(ack)
         if ack.result is not Result.OK:
             self.counters.refused += 1
-            if answer != (LinkState.ARMING, Arm.type_byte):
+            if answer != (LinkState.ARMING, Arm.type_byte) and not is_prepared:
                 return None
             self.disconnect()
-            raise LinkError(f"the device refused to arm ({ack.result.name}): connect again, or correct the limits")
+            asked, remedy = ("take onset or bank", "them") if is_prepared else ("arm", "the limits")
+            raise LinkError(f"the device refused to {asked} ({ack.result.name}): connect again, or correct {remedy}")
         self.counters.acknowledged += 1
-        if answer == (LinkState.ARMING, Arm.type_byte):
+        if is_prepared:
+            del self._preparations[0]
+            self._prepare_next(now_ns)
+            # A bank takes as long as it takes; each answer shows that it goes on.
+            self._patience_end_ns = now_ns + int(self.configuration.handshake_timeout_s * NS_PER_S)
+        elif answer == (LinkState.ARMING, Arm.type_byte):
             self.state = LinkState.READY
-            self._due_ns, self._renewal_due_ns = now_ns + EXCHANGE_PERIOD_NS, now_ns
+            self._due_ns = now_ns + EXCHANGE_PERIOD_NS
+            self._outbox.renew_at(now_ns)
             self._patience_end_ns = now_ns + SILENCE_NS
             return Armed()
         if answer == (LinkState.STOPPING, Stop.type_byte):
@@ -317,11 +368,11 @@ class Link:
         return FaultReceived(fault.fault, fault.device_time_us)
 
     def _end_session(self, state: LinkState) -> None:
-        self.state = state
-        self._mailbox, self._drive, self._patience_end_ns = None, b"", None
+        self.state, self._patience_end_ns = state, None
+        self._outbox.clear()
 
 
-def _check_fit(hello: Hello, number_of_actuators: int) -> None:
+def _check_fit(hello: Hello, configuration: LinkConfiguration) -> None:
     if hello.version_major != VERSION_MAJOR:
         raise LinkError(
             f"the device speaks protocol {hello.version_major}.{hello.version_minor}, this host "
@@ -332,8 +383,26 @@ def _check_fit(hello: Hello, number_of_actuators: int) -> None:
             f"the device defines its messages otherwise (schema {hello.schema_hash:08x}, this host {SCHEMA_HASH:08x}): "
             "install the firmware that belongs to this version of tactable"
         )
-    if hello.number_of_actuators < number_of_actuators:
+    if hello.number_of_actuators < configuration.number_of_actuators:
         raise LinkError(
-            f"the device drives {hello.number_of_actuators} actuators, {number_of_actuators} are needed: "
+            f"the device drives {hello.number_of_actuators} actuators, {configuration.number_of_actuators} are needed: "
             "connect another device or choose a table for fewer actuators"
+        )
+    if configuration.onsets and Features.ONSET_SHAPES not in hello.features:
+        raise LinkError("the device shapes no onsets: connect another device or configure none")
+    configuration.check_rate(hello.number_of_actuators)
+
+
+def _check_bank(hello: Hello, size_bytes: int, longest_us: int) -> None:
+    if Features.WAVEFORMS not in hello.features:
+        raise LinkError("the device plays no waveforms: connect another device or configure no bank")
+    if size_bytes > hello.bank_capacity_bytes:
+        raise LinkError(
+            f"the bank has {size_bytes} bytes, the device holds {hello.bank_capacity_bytes}: "
+            "take fewer or shorter waveforms, or a lower sample rate"
+        )
+    if longest_us > hello.longest_waveform_ms * US_PER_MS:
+        raise LinkError(
+            f"a waveform of the bank lasts {longest_us / US_PER_MS:g} ms, the device plays at most "
+            f"{hello.longest_waveform_ms}: shorten it"
         )

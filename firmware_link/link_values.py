@@ -1,9 +1,16 @@
 """What a link is told and what it tells: configuration, capabilities, events and counters."""
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
-from firmware_link.messages import FaultCode, Hello, Status
+from firmware_link.bank import Bank
+from firmware_link.errors import LinkError
+from firmware_link.line import Transport, command_rate_hz
+from firmware_link.messages import NUMBER_OF_SHAPES, SHAPE_STEPS, FaultCode, Features, Hello, LogCode, LogLevel, Status
+from firmware_link.onset import OnsetStep
+
+_NO_FEATURES = Features(0)
 
 
 class LinkState(Enum):
@@ -11,6 +18,7 @@ class LinkState(Enum):
 
     DISCONNECTED = "disconnected"
     GREETING = "greeting"
+    PREPARING = "preparing"
     SYNCHRONISING = "synchronising"
     ARMING = "arming"
     READY = "ready"
@@ -22,9 +30,12 @@ class LinkState(Enum):
 class LinkConfiguration:
     """What the host wants of the device.
 
-    Amplitude limits are fractions of full scale, one an actuator, None for no limit; slew is full scale a second. The
-    bit rate paces what is sent; a USB port that ignores its bit rate may be given the rate it really has. Opening a
-    port resets many boards, and some wait seconds in their boot loader: hence the patience of the handshake.
+    Amplitude limits are fractions of full scale, one an actuator, None for no limit; slew is full scale a second. A
+    drive without a pause ends after `longest_drive_s`, 0 is no limit. `onsets` are the shapes that `set_drive` may
+    name, 1 for the first; `bank` holds the waveforms of `set_play`, its columns the first actuators of the device.
+
+    Transport and bit rate pace what is sent, and refuse a `command_rate_hz` that they cannot carry: LinkError. Opening
+    a port resets many boards, and some wait seconds in their boot loader: hence the patience of the handshake.
     """
 
     number_of_actuators: int
@@ -33,11 +44,31 @@ class LinkConfiguration:
     lease_ms: int = 40
     bit_rate_hz: int = 115_200
     handshake_timeout_s: float = 5.0
+    transport: Transport = Transport.UART
+    command_rate_hz: float = 0.0
+    longest_drive_s: int = 0
+    onsets: tuple[tuple[OnsetStep, ...], ...] = ()
+    bank: Bank | None = None
 
     def __post_init__(self) -> None:
         if self.amplitude_limits is not None and len(self.amplitude_limits) != self.number_of_actuators:
             given = len(self.amplitude_limits)
             raise ValueError(f"{given} amplitude limits for {self.number_of_actuators} actuators")
+        if len(self.onsets) > NUMBER_OF_SHAPES or any(len(steps) > SHAPE_STEPS for steps in self.onsets):
+            raise ValueError(f"a device keeps {NUMBER_OF_SHAPES} onsets of at most {SHAPE_STEPS} steps")
+        self.check_rate(self.number_of_actuators)
+
+    def check_rate(self, number_of_actuators: int) -> None:
+        """Raises LinkError when the line cannot carry the command rate to a device with this many actuators."""
+        carried_hz = command_rate_hz(self.transport, self.bit_rate_hz, number_of_actuators, self.lease_ms)
+        if self.command_rate_hz <= carried_hz:
+            return
+        speed = f" at {self.bit_rate_hz} bit/s" if self.transport is Transport.UART else ""
+        raise LinkError(
+            f"{self.command_rate_hz:g} commands a second for {number_of_actuators} actuators are too many for "
+            f"{self.transport.value}{speed} with a lease of {self.lease_ms} ms: ask for at most "
+            f"{math.floor(carried_hz)}, or take a faster line"
+        )
 
 
 @dataclass(frozen=True)
@@ -54,6 +85,10 @@ class Capabilities:
     boot_id: int
     board: int
     firmware_version: tuple[int, int, int]
+    features: Features = _NO_FEATURES
+    longest_waveform_ms: int = 0
+    bank_capacity_bytes: int = 0
+    held_bank_hash: int = 0
 
     @classmethod
     def from_hello(cls, hello: Hello) -> "Capabilities":
@@ -70,6 +105,10 @@ class Capabilities:
             boot_id=hello.boot_id,
             board=hello.board,
             firmware_version=(hello.firmware_major, hello.firmware_minor, hello.firmware_patch),
+            features=hello.features,
+            longest_waveform_ms=hello.longest_waveform_ms,
+            bank_capacity_bytes=hello.bank_capacity_bytes,
+            held_bank_hash=hello.held_bank_hash,
         )
 
 
@@ -102,23 +141,39 @@ class FaultReceived:
 
 
 @dataclass(frozen=True)
+class LogReceived:
+    """The device told something."""
+
+    level: LogLevel
+    code: LogCode
+    value: int
+    device_time_us: int
+    text: str
+
+
+@dataclass(frozen=True)
 class Stopped:
     """The device acknowledged STOP."""
 
 
-Event = Greeted | Armed | StatusReceived | FaultReceived | Stopped
+Event = Greeted | Armed | StatusReceived | FaultReceived | LogReceived | Stopped
 
 
 @dataclass
 class LinkCounters:
-    """What the link did: drives sent, sent again, replaced unsent or not taken; then what the device said."""
+    """What the link did: drives and waveforms sent, sent again, kept alive, replaced unsent or not taken.
+
+    Then what the device said.
+    """
 
     sent: int = 0
     renewed: int = 0
+    kept_alive: int = 0
     coalesced: int = 0
     dropped: int = 0
     acknowledged: int = 0
     refused: int = 0
     statuses: int = 0
     faults: int = 0
+    logs: int = 0
     unexpected: int = 0

@@ -10,7 +10,7 @@ import struct
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import STRICT, IntEnum, IntFlag
+from enum import KEEP, STRICT, IntEnum, IntFlag
 from typing import Annotated, ClassVar
 
 from firmware_link.errors import MessageError
@@ -25,6 +25,11 @@ FULL_SCALE_WORD = 65_535
 WORDS_PER_TURN = 65_536
 CLOCK_REFERENCE_US = 100
 CLOCK_REFERENCE_SPAN = 65_536
+BANK_CHUNK_SIZE = 192
+NUMBER_OF_SHAPES = 8
+SHAPE_STEPS = 3
+SHAPE_TIME_US = 100
+SHAPE_FULL_GAIN = 1_000
 
 
 class DeviceState(IntEnum):
@@ -43,6 +48,8 @@ class Result(IntEnum):
     WRONG_BOOT = 1
     WRONG_STATE = 2
     OUT_OF_RANGE = 3
+    NO_ROOM = 4
+    WRONG_HASH = 5
 
 
 class FaultCode(IntEnum):
@@ -51,6 +58,40 @@ class FaultCode(IntEnum):
     NONE = 0
     SILENT_HOST = 1
     EMERGENCY_STOP = 2
+    HUNG_UP = 3
+    DRIVEN_TOO_LONG = 4
+
+
+class Features(IntFlag, boundary=KEEP):
+    """What a device can do beyond SET; a newer device may tell bits that this host does not know."""
+
+    WAVEFORMS = 1
+    ONSET_SHAPES = 2
+    HIGH_VOLTAGE_SENSE = 4
+
+
+class LogLevel(IntEnum):
+    """How much a LOG matters."""
+
+    INFORMATION = 0
+    WARNING = 1
+
+
+class LogCode(IntEnum):
+    """What a LOG says; LOG_TEXTS has the words, with {value} for its value."""
+
+    BOOTED = 1
+    LEASE_EXPIRED = 2
+    PLAY_REFUSED = 3
+    BANK_TAKEN = 4
+
+
+LOG_TEXTS = {
+    LogCode.BOOTED: "first greeting since the device booted (reset cause {value})",
+    LogCode.LEASE_EXPIRED: "the lease of drive {value} ended without a fresh frame",
+    LogCode.PLAY_REFUSED: "waveform {value} is not in the bank, or two waveforms sound already",
+    LogCode.BANK_TAKEN: "the bank with hash {value:#010x} is held from now on",
+}
 
 
 class SetFlag(IntFlag, boundary=STRICT):
@@ -64,6 +105,9 @@ _U16 = Word("u16")
 _U32 = Word("u32")
 _U64 = Word("u64")
 _AMPLITUDE = Word("u16", f"full scale/{FULL_SCALE_WORD}")
+_CLOCK_REFERENCE = Word("u16", f"{CLOCK_REFERENCE_US} us")
+_SHAPE_TIME = Word("u16", f"{SHAPE_TIME_US} us")
+_SHAPE_GAIN = Word("u16", f"1/{SHAPE_FULL_GAIN}")
 
 
 @dataclass(frozen=True)
@@ -97,7 +141,7 @@ class Hello(Message):
     nonce: Annotated[int, _U32]
     boot_id: Annotated[int, _U32]
     schema_hash: Annotated[int, _U32]
-    features: Annotated[int, _U32]
+    features: Annotated[Features, _U32]
     firmware_major: Annotated[int, _U8]
     firmware_minor: Annotated[int, _U8]
     firmware_patch: Annotated[int, _U8]
@@ -107,6 +151,9 @@ class Hello(Message):
     frequency_minimum: Annotated[int, Word("u16", "frequency resolution")]
     frequency_maximum: Annotated[int, Word("u16", "frequency resolution")]
     longest_lease_ms: Annotated[int, _U8]
+    longest_waveform_ms: Annotated[int, _U16]
+    bank_capacity_bytes: Annotated[int, _U32]
+    held_bank_hash: Annotated[int, _U32]
     number_of_actuators: Annotated[int, _U8]
     full_scales_pm: Annotated[tuple[int, ...], PerActuator((("full_scale_pm", _U32),))]
 
@@ -123,17 +170,18 @@ class Arm(Message):
     boot_id: Annotated[int, _U32]
     slew_limit_per_s: Annotated[int, Word("u16", "full scale/s")]
     lease_ms: Annotated[int, _U8]
+    longest_drive_s: Annotated[int, _U8]
     amplitude_limits: Annotated[tuple[int, ...], PerActuator((("amplitude_limit", _AMPLITUDE),))]
 
 
 @dataclass(frozen=True)
 class Ack(Message):
-    """The answer to ARM, STOP or FAULT."""
+    """The answer to what is asked once and must arrive."""
 
     wire_name: ClassVar = "ACK"
     type_byte: ClassVar = 0x04
     sender: ClassVar = Sender.BOTH
-    purpose: ClassVar = "answer to ARM, STOP (device) or FAULT (host)"
+    purpose: ClassVar = "answer to ARM, STOP, SHAPE, BANK_* (device) or FAULT (host)"
 
     acknowledged_type: Annotated[int, _U8]
     acknowledged_sequence: Annotated[int, _U8]
@@ -149,9 +197,10 @@ class Set(Message):
     sender: ClassVar = Sender.HOST
     purpose: ClassVar = "drive for one lease; no answer, the latest wins"
 
-    clock_reference: Annotated[int, Word("u16", f"{CLOCK_REFERENCE_US} us")]
+    clock_reference: Annotated[int, _CLOCK_REFERENCE]
     flags: Annotated[SetFlag, _U8]
     lease_ms: Annotated[int, _U8]
+    onset: Annotated[int, _U8]
     drive: Annotated[
         bytes,
         PerActuator(
@@ -166,14 +215,14 @@ class Set(Message):
 
 @dataclass(frozen=True)
 class KeepAlive(Message):
-    """Renews the lease of the SET that it names, and of no other: that one may not have arrived."""
+    """The host is alive; renews the lease of the SET that it names, and of no other: that one may not have arrived."""
 
     wire_name: ClassVar = "KEEPALIVE"
     type_byte: ClassVar = 0x06
     sender: ClassVar = Sender.HOST
-    purpose: ClassVar = "renew the lease of the SET that was applied last; no answer"
+    purpose: ClassVar = "the host is alive; renew the lease of the SET that was applied last; no answer"
 
-    clock_reference: Annotated[int, Word("u16", f"{CLOCK_REFERENCE_US} us")]
+    clock_reference: Annotated[int, _CLOCK_REFERENCE]
     applied_sequence: Annotated[int, _U8]
 
 
@@ -253,6 +302,97 @@ class Fault(Message):
     device_time_us: Annotated[int, _U64]
 
 
+@dataclass(frozen=True)
+class Log(Message):
+    """Something worth telling, as numbers; `text` has the words."""
+
+    wire_name: ClassVar = "LOG"
+    type_byte: ClassVar = 0x0C
+    sender: ClassVar = Sender.DEVICE
+    purpose: ClassVar = "something worth telling; no answer"
+
+    level: Annotated[LogLevel, _U8]
+    code: Annotated[LogCode, _U16]
+    value: Annotated[int, _U32]
+    device_time_us: Annotated[int, _U64]
+
+    @property
+    def text(self) -> str:
+        """For people."""
+        return LOG_TEXTS[self.code].format(value=self.value)
+
+
+@dataclass(frozen=True)
+class Shape(Message):
+    """How a drive begins: each step holds its gain until its time, then the amplitude is full."""
+
+    wire_name: ClassVar = "SHAPE"
+    type_byte: ClassVar = 0x0D
+    sender: ClassVar = Sender.HOST
+    purpose: ClassVar = "define the onset that a SET may choose"
+
+    index: Annotated[int, _U8]
+    steps: Annotated[int, _U8]
+    until_1: Annotated[int, _SHAPE_TIME]
+    gain_1: Annotated[int, _SHAPE_GAIN]
+    until_2: Annotated[int, _SHAPE_TIME]
+    gain_2: Annotated[int, _SHAPE_GAIN]
+    until_3: Annotated[int, _SHAPE_TIME]
+    gain_3: Annotated[int, _SHAPE_GAIN]
+
+
+@dataclass(frozen=True)
+class BankBegin(Message):
+    """The bank that follows in chunks; the one that was held is forgotten."""
+
+    wire_name: ClassVar = "BANK_BEGIN"
+    type_byte: ClassVar = 0x0E
+    sender: ClassVar = Sender.HOST
+    purpose: ClassVar = "begin to hand over a bank of waveforms"
+
+    bank_hash: Annotated[int, _U32]
+    size_bytes: Annotated[int, _U32]
+
+
+@dataclass(frozen=True)
+class BankChunk(Message):
+    """The next bytes of the bank; the last chunk is filled up with zeros."""
+
+    wire_name: ClassVar = "BANK_CHUNK"
+    type_byte: ClassVar = 0x0F
+    sender: ClassVar = Sender.HOST
+    purpose: ClassVar = "the next bytes of the bank"
+
+    offset_bytes: Annotated[int, _U32]
+    data: Annotated[bytes, Word(f"u8[{BANK_CHUNK_SIZE}]")]
+
+
+@dataclass(frozen=True)
+class BankCommit(Message):
+    """All is there: hold the bank if its bytes have this hash."""
+
+    wire_name: ClassVar = "BANK_COMMIT"
+    type_byte: ClassVar = 0x10
+    sender: ClassVar = Sender.HOST
+    purpose: ClassVar = "check the bank and hold it until the next one, or a reboot"
+
+    bank_hash: Annotated[int, _U32]
+
+
+@dataclass(frozen=True)
+class Play(Message):
+    """Play a waveform of the bank once, from when this comes."""
+
+    wire_name: ClassVar = "PLAY"
+    type_byte: ClassVar = 0x11
+    sender: ClassVar = Sender.HOST
+    purpose: ClassVar = "play a waveform once; no answer, the latest SET or PLAY wins"
+
+    clock_reference: Annotated[int, _CLOCK_REFERENCE]
+    waveform: Annotated[int, _U16]
+    amplitude: Annotated[int, _AMPLITUDE]
+
+
 MESSAGES: tuple[type[Message], ...] = (
     HelloRequest,
     Hello,
@@ -265,8 +405,13 @@ MESSAGES: tuple[type[Message], ...] = (
     Time,
     Status,
     Fault,
+    Log,
+    Shape,
+    BankBegin,
+    BankChunk,
+    BankCommit,
+    Play,
 )
-
 
 _LAYOUTS = {message.type_byte: Layout(message) for message in MESSAGES}
 

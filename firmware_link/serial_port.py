@@ -14,6 +14,7 @@ from typing import Self
 import serial
 from serial.tools import list_ports
 
+from firmware_link.announcement import find_announced
 from firmware_link.errors import LinkError
 
 READ_SIZE = 4096
@@ -30,7 +31,10 @@ class LowLatency(Enum):
 
 @dataclass(frozen=True)
 class PortDescription:
-    """One port of this machine; `stable_id` is its by-id path, else its USB serial number, else its path."""
+    """One port of this machine; `stable_id` is its by-id path, else its USB serial number, else its path.
+
+    That of an emulator is the link by which it announces itself.
+    """
 
     path: str
     stable_id: str
@@ -38,12 +42,17 @@ class PortDescription:
 
 
 def find_ports() -> tuple[PortDescription, ...]:
-    """Every serial port of this machine, in the order of its path."""
+    """Every serial port of this machine, in the order of its path, then every running emulator."""
     by_id = {str(link.resolve()): str(link) for link in sorted(_BY_ID.iterdir())} if _BY_ID.is_dir() else {}
-    return tuple(
+    real = (
         PortDescription(port.device, by_id.get(port.device) or port.serial_number or port.device, port.description)
         for port in sorted(list_ports.comports(), key=lambda port: port.device)
     )
+    emulated = (
+        PortDescription(found.port, str(found.link), f"emulated firmware, process {found.process_id} (SIMULATED)")
+        for found in find_announced()
+    )
+    return (*real, *emulated)
 
 
 def path_of(name: str) -> str:

@@ -1,20 +1,29 @@
 """Drive log to each actuator's base displacement, as the reference firmware synthesises it."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_link.drive_log import ChannelTarget, DriveEvent
+from firmware_link.bank import SAMPLE_FULL_SCALE, Bank
+from firmware_link.drive_log import ChannelTarget, DriveEvent, PlayedWaveform
 
 S_PER_US = 1e-6
 US_PER_S = 1e6
 
 
+_NO_BANKS: Mapping[int, Bank] = MappingProxyType({})
+
+
 def synthesise(
-    log: Sequence[DriveEvent], start_us: float, stop_us: float, sample_rate_hz: float
+    log: Sequence[DriveEvent],
+    start_us: float,
+    stop_us: float,
+    sample_rate_hz: float,
+    banks: Mapping[int, Bank] = _NO_BANKS,
 ) -> NDArray[np.float64]:
     """Base displacements (time, actuator), as fractions of full scale, from device time `start_us` up to `stop_us`.
 
@@ -25,6 +34,9 @@ def synthesise(
     channel sounds does not click: the channel first ramps to zero as it was, takes over the new oscillator there, and
     ramps up. The new oscillator runs from the event's time, so that all channels written by one event are
     sin(2π f (t - t_event) + phase), whenever each of them has faded. A new target during that fade applies after it.
+
+    A waveform is added from its event on, interpolated linearly between its samples; from the next event on its
+    amplitude falls at the slew of that one. The sum is clamped. Raises KeyError for a waveform of none of `banks`.
     """
     first, stop = (math.ceil(time_us * sample_rate_hz / US_PER_S) for time_us in (start_us, stop_us))
     times_us = np.arange(first, stop, dtype=np.float64) * (US_PER_S / sample_rate_hz)
@@ -32,7 +44,44 @@ def synthesise(
     displacements = np.empty((times_us.size, number_of_actuators))
     for actuator in range(number_of_actuators):
         displacements[:, actuator] = _evaluate(_segments(log, actuator), times_us)
-    return displacements
+    for event, following in zip(log, [*log[1:], None], strict=False):
+        if event.waveform is not None:
+            _add_waveform(displacements, times_us, event.waveform, event.device_time_us, following, banks)
+    return _clamp(displacements, times_us, log)
+
+
+def _add_waveform(
+    displacements: NDArray[np.float64],
+    times_us: NDArray[np.float64],
+    played: PlayedWaveform,
+    start_us: int,
+    following: DriveEvent | None,
+    banks: Mapping[int, Bank],
+) -> None:
+    bank = banks[played.bank_hash]
+    samples = bank.waveforms[played.index] / SAMPLE_FULL_SCALE
+    first, stop = np.searchsorted(times_us, [start_us, start_us + bank.length_us(played.index)])
+    played_us = times_us[first:stop] - start_us
+    amplitude = np.full(played_us.size, played.amplitude)
+    if following is not None:
+        faded_us = np.maximum(times_us[first:stop] - following.device_time_us, 0.0)
+        amplitude = np.maximum(amplitude - following.slew_per_s * faded_us / US_PER_S, 0.0)
+    index = np.arange(len(samples))
+    for actuator in range(displacements.shape[1]):
+        moved = np.interp(played_us * S_PER_US * bank.sample_rate_hz, index, samples[:, actuator])
+        displacements[first:stop, actuator] += amplitude * moved
+
+
+def _clamp(
+    displacements: NDArray[np.float64], times_us: NDArray[np.float64], log: Sequence[DriveEvent]
+) -> NDArray[np.float64]:
+    if not log:
+        return displacements
+    limits = np.array([[channel.limit for channel in event.channels] for event in log])
+    index = np.searchsorted([event.device_time_us for event in log], times_us, side="right") - 1
+    bound = limits[np.maximum(index, 0)]
+    result: NDArray[np.float64] = np.clip(displacements, -bound, bound)
+    return result
 
 
 @dataclass(frozen=True)

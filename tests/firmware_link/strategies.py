@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
 from firmware_link.drive_log import Cause, ChannelTarget, DriveEvent
-from firmware_link.layout import Layout, Message
+from firmware_link.layout import Layout, Message, Word
 from firmware_link.messages import MESSAGES, ChannelDrive, Hello
 
 BITS = {"u8": 8, "u16": 16, "u32": 32, "u64": 64}
@@ -25,7 +25,7 @@ def messages(draw: st.DrawFn, number_of_actuators: int) -> Message:
     """Any message that is valid for this number of actuators."""
     layout = Layout(draw(st.sampled_from(MESSAGES)))
     values: list[Any] = [
-        draw(_word(word.kind) if kind is int else st.sampled_from(cast(type[Enum], kind)))
+        draw(_word(word) if kind in (int, bytes) else st.sampled_from(cast(type[Enum], kind)))
         for (_, word), kind in zip(layout.words, layout.converters, strict=True)
     ]
     if layout.message is Hello:
@@ -63,13 +63,15 @@ def _targets(draw: st.DrawFn, number_of_actuators: int) -> tuple[ChannelTarget, 
     return tuple(targets)
 
 
-def _word(kind: str) -> st.SearchStrategy[int]:
-    return st.integers(0, 2 ** BITS[kind] - 1)
+def _word(word: Word) -> st.SearchStrategy[Any]:
+    if word.block_size is not None:
+        return st.binary(min_size=word.block_size, max_size=word.block_size)
+    return st.integers(0, 2 ** BITS[word.kind] - 1)
 
 
 def _repeated(layout: Layout, size: int, number_of_actuators: int) -> st.SearchStrategy[Any]:
     if layout.repeated_is_raw:
         return st.binary(min_size=size, max_size=size)
     assert layout.repeated is not None
-    words = [_word(word.kind) for _, word in layout.repeated[1].words]
+    words = [_word(word) for _, word in layout.repeated[1].words]
     return st.tuples(*words * number_of_actuators)

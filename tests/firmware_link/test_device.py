@@ -64,13 +64,13 @@ def test_arm_needs_the_current_boot() -> None:
     host.arm(1000, boot_id=BOOT_ID + 1)
     host.set(DRIVE, 2000)
     assert host.firmware.drive_log == []
-    assert result(host.send(Arm(BOOT_ID + 1, 200, 40, (1, 1)), 3000)) is Result.WRONG_BOOT
-    assert result(host.send(Arm(BOOT_ID, 200, 40, (1, 1)), 4000)) is Result.OK
+    assert result(host.send(Arm(BOOT_ID + 1, 200, 40, 0, (1, 1)), 3000)) is Result.WRONG_BOOT
+    assert result(host.send(Arm(BOOT_ID, 200, 40, 0, (1, 1)), 4000)) is Result.OK
 
 
 @pytest.mark.parametrize(("slew_per_s", "lease_ms"), [(0, 40), (200, 0), (200, LONGEST_LEASE_MS + 1)])
 def test_arm_out_of_range_is_refused(slew_per_s: int, lease_ms: int) -> None:
-    assert result(BareHost().send(Arm(BOOT_ID, slew_per_s, lease_ms, (1, 1)), 1000)) is Result.OUT_OF_RANGE
+    assert result(BareHost().send(Arm(BOOT_ID, slew_per_s, lease_ms, 0, (1, 1)), 1000)) is Result.OUT_OF_RANGE
 
 
 @unhurried
@@ -115,12 +115,13 @@ def test_a_keepalive_does_not_bring_a_drive_back() -> None:
     assert greatest_after(host, 60_000) == 0.0
 
 
-def test_a_keepalive_for_a_set_that_was_lost_does_not_hold_the_one_before() -> None:
+def test_a_keepalive_for_a_set_that_was_lost_does_not_hold_the_one_before_but_feeds_the_watchdog() -> None:
     host = driving_host()
     host.send(KeepAlive(reference(30_000), host.sequence + 1), 30_000)
     host.firmware.advance(41_000)
     assert host.firmware.state is DeviceState.ARMED
-    assert host.firmware.counters.stale == 1
+    host.firmware.advance(30_000 + DISARM_US - 1)
+    assert host.firmware.state is DeviceState.ARMED
 
 
 def test_silence_of_the_host_latches_until_a_new_handshake() -> None:
@@ -131,7 +132,7 @@ def test_silence_of_the_host_latches_until_a_new_handshake() -> None:
         states.append(host.firmware.state)
     assert states == [DeviceState.ARMED, DeviceState.LATCHED]
     host.set(DRIVE, 300_000)
-    assert result(host.send(Arm(BOOT_ID, 200, 40, (1, 1)), 301_000)) is Result.WRONG_STATE
+    assert result(host.send(Arm(BOOT_ID, 200, 40, 0, (1, 1)), 301_000)) is Result.WRONG_STATE
     assert len(host.firmware.drive_log) == 2
     host.arm(302_000)
     host.set(DRIVE, 303_000)
@@ -257,3 +258,31 @@ def test_the_log_tells_what_became_of_each_frame() -> None:
         (10_000, 4, Outcome.ACCEPTED),
         (20_000, 5, Outcome.STALE),
     ]
+
+
+@pytest.mark.parametrize(("armed_s", "own_s", "latched_s"), [(0, 2, 2), (1, 2, 1), (3, 2, 2), (2, 0, 2)])
+def test_the_shorter_limit_of_the_time_on_binds(armed_s: int, own_s: int, latched_s: int) -> None:
+    host = BareHost(EmulatedFirmware(DeviceConfiguration(BOOT_ID, longest_drive_s=own_s)))
+    host.send(HelloRequest(MAGIC, 1, 0, 1), 0)
+    host.send(Arm(BOOT_ID, 200, 40, armed_s, (65_535, 65_535)), 0)
+    for now_us in range(0, latched_s * 1_000_000 + 20_000, 20_000):
+        host.set(DRIVE, now_us)
+    last = host.firmware.drive_log[-1]
+    assert (last.cause, last.device_time_us) == (Cause.DRIVEN_TOO_LONG, latched_s * 1_000_000)
+
+
+def test_limits_of_a_new_arm_hold_from_the_next_set_on() -> None:
+    host = driving_host()
+    host.set(bytes(12), 10_000)
+    host.send(Arm(BOOT_ID, 100, 40, 0, (16_384, 16_384)), 11_000)
+    assert host.firmware.drive_log[-1].slew_per_s == 200
+    host.set(DRIVE, 12_000)
+    assert host.firmware.drive_log[-1].slew_per_s == 100
+    assert host.firmware.drive_log[-1].channels[0].amplitude == pytest.approx(0.25, abs=1e-4)
+
+
+def test_a_board_that_cannot_be_is_refused() -> None:
+    with pytest.raises(ValueError, match="3 full scales for 2 actuators"):
+        DeviceConfiguration(BOOT_ID, full_scales_pm=(1, 2, 3))
+    with pytest.raises(ValueError, match="number_of_actuators is 0"):
+        DeviceConfiguration(BOOT_ID, 0)

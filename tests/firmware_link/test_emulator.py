@@ -13,12 +13,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from firmware_link.bank import make_bank
 from firmware_link.drive_log import Cause, Outcome, ReceivedFrame
 from firmware_link.emulator import read_log, run_emulator
 from firmware_link.errors import LinkError
+from firmware_link.fault_plan import FaultPlanError
 from firmware_link.link import Link
 from firmware_link.link_values import LinkConfiguration, LinkState
 from firmware_link.messages import ChannelDrive, DeviceState, encode_drive
+from firmware_link.reopening import ReopeningPort
 from firmware_link.serial_port import LowLatency, SerialPort, path_of
 from firmware_link.session import Session
 from firmware_link.synthesis import synthesise
@@ -120,3 +123,74 @@ def test_the_process_ends_with_its_input_or_a_signal_and_leaves_its_log(by_signa
         assert process.wait(PATIENCE_S) == 0
     assert read_log(log_path).number_of_actuators == 3
     assert [path.name for path in tmp_path.iterdir()] == ["log.json"]
+
+
+def test_a_port_that_comes_back_under_another_name_is_found_by_the_one_that_stays() -> None:
+    with run_emulator() as emulator:
+        reopening = ReopeningPort(lambda: SerialPort(emulator.stable_port))
+        names, boots = [], []
+        for _ in range(2):
+            while (port := reopening.poll(time.monotonic_ns())) is None:
+                time.sleep(0.01)
+            names.append(os.ttyname(port.fileno()))
+            session = Session(Link(LinkConfiguration(2, handshake_timeout_s=PATIENCE_S)), port, time.monotonic_ns)
+            session.connect()
+            run_until(session, lambda link=session.link: link.state is LinkState.READY)  # type: ignore[misc]
+            assert session.link.capabilities is not None
+            boots.append(session.link.capabilities.boot_id)
+            emulator.unplug()
+            with pytest.raises(LinkError, match="is gone"):
+                run_until(session, lambda: False)
+            reopening.lose(time.monotonic_ns())
+        assert names[0] != names[1]
+        assert boots[0] == boots[1]
+
+
+def test_a_reboot_begins_another_log_and_keeps_the_one_before() -> None:
+    with run_emulator() as emulator, SerialPort(emulator.port) as port:
+        boots = []
+        for _ in range(2):
+            session = Session(Link(LinkConfiguration(2, handshake_timeout_s=PATIENCE_S)), port, time.monotonic_ns)
+            session.connect()
+            run_until(session, lambda link=session.link: link.state is LinkState.READY)  # type: ignore[misc]
+            assert session.link.capabilities is not None
+            boots.append(session.link.capabilities.boot_id)
+            emulator.reboot()
+        log = emulator.log()
+    assert boots[0] != boots[1]
+    assert [bool(earlier.received) for earlier in log.earlier] == [True, True]
+    assert log.received == ()
+    assert log.faults["reboots"] == 2
+    assert log.host_ns_at_device_zero > log.earlier[1].host_ns_at_device_zero > emulator.host_ns_at_device_zero
+
+
+def test_faults_of_a_text_are_injected_and_counted() -> None:
+    with run_emulator(faults="duplicate=1", seed=5) as emulator, SerialPort(emulator.port) as port:
+        session = Session(Link(LinkConfiguration(2, handshake_timeout_s=PATIENCE_S)), port, time.monotonic_ns)
+        session.connect()
+        run_until(session, lambda: session.link.state is LinkState.READY)
+        log = emulator.stop()
+    assert log.faults["to_device.duplicated"] == log.faults["to_device.frames"] >= 6
+    assert log.counters["ok"] == log.faults["to_device.intact"]
+    with pytest.raises(FaultPlanError), run_emulator(faults="duplicat=1"):
+        pass
+
+
+def test_a_waveform_reaches_the_actuators_of_another_process() -> None:
+    bank = make_bank(1000, [np.outer(np.sin(np.linspace(0, np.pi, 41)).round(9), [1.0, -1.0])])
+    configuration = LinkConfiguration(2, bank=bank, bit_rate_hz=2_000_000, handshake_timeout_s=PATIENCE_S)
+    with run_emulator() as emulator, SerialPort(emulator.port) as port:
+        session = Session(Link(configuration), port, time.monotonic_ns)
+        session.connect()
+        run_until(session, lambda: session.link.state is LinkState.READY)
+        log = emulator.log()
+        # A stall of this machine may make one stale.
+        while not log.events:
+            session.link.set_play(0)
+            end_s = time.monotonic() + 0.1
+            run_until(session, lambda end_s=end_s: time.monotonic() > end_s)  # type: ignore[misc]
+            log = emulator.log()
+        event = log.events[0]
+        assert event.cause is Cause.PLAY
+        waveform = synthesise(log.events, event.device_time_us, event.device_time_us + 41_000, 8000, log.banks)
+        assert waveform.max() == pytest.approx(1.0, abs=0.01)

@@ -9,12 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import firmware_link
+from firmware_link.bank import encode_bank, hash_of_bank
 from firmware_link.errors import MessageError
 from firmware_link.framing import encode_frame, encode_message
 from firmware_link.layout import Layout, Message
+from firmware_link.make_vectors import example_bank
 from firmware_link.messages import (
     MESSAGES,
     ChannelDrive,
+    Play,
     Set,
     SetFlag,
     Stop,
@@ -46,7 +49,8 @@ def test_body_round_trip(data: st.DataObject, number_of_actuators: int, sequence
 @given(messages(2), sequences)
 def test_values_that_do_not_fit_are_refused(message: Message, sequence: int) -> None:
     for name, word in Layout(type(message)).words:
-        for value in (-1, 2 ** BITS[word.kind]):
+        values = (-1, 2 ** BITS[word.kind]) if word.block_size is None else (b"", bytes(word.block_size + 1))
+        for value in values:
             with pytest.raises(MessageError):
                 encode_body(dataclasses.replace(message, **{name: value}), sequence)
     with pytest.raises(MessageError):
@@ -54,7 +58,7 @@ def test_values_that_do_not_fit_are_refused(message: Message, sequence: int) -> 
 
 
 def test_a_meaning_that_is_not_known_is_refused() -> None:
-    body = bytearray(encode_body(Set(0, SetFlag.WRITE_PHASE, 40, bytes(12)), 1))
+    body = bytearray(encode_body(Set(0, SetFlag.WRITE_PHASE, 40, 0, bytes(12)), 1))
     body[4] = 0x80
     with pytest.raises(MessageError, match="SET"):
         decode_body(bytes(body))
@@ -112,7 +116,10 @@ def test_the_table_of_the_document_is_the_definition() -> None:
 
 def test_the_worked_example_of_the_document_is_true() -> None:
     drive = encode_drive([ChannelDrive(60, 1, 0), ChannelDrive(60, 0.5, math.pi / 2)], RESOLUTION_HZ)
-    body = encode_body(Set(1000, SetFlag.WRITE_PHASE, 40, drive), 7)
-    for example in (drive, body, encode_frame(body), encode_message(Stop(), 8)):
+    body = encode_body(Set(1000, SetFlag.WRITE_PHASE, 40, 0, drive), 7)
+    bank = encode_bank(example_bank(), 2)
+    play = encode_message(Play(1000, 1, 65_535), 16)
+    assert f"with the hash {hash_of_bank(bank):x}." in PROTOCOL
+    for example in (drive, body, encode_frame(body), encode_message(Stop(), 8), bank, play):
         assert f"\n    {example.hex(' ')}\n" in PROTOCOL
-    assert len(encode_frame(body)) == 24
+    assert len(encode_frame(body)) == 25

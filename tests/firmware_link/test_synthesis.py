@@ -4,10 +4,12 @@ import itertools
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_link.drive_log import Cause, ChannelTarget, DriveEvent
+from firmware_link.bank import make_bank
+from firmware_link.drive_log import Cause, ChannelTarget, DriveEvent, PlayedWaveform
 from firmware_link.synthesis import synthesise
 from tests.firmware_link.strategies import drive_logs, unhurried
 
@@ -95,3 +97,46 @@ def test_nothing_before_the_first_event_and_no_actuators_in_an_empty_log() -> No
     log = [event(10_000, ChannelTarget(100.0, 1.0, 0.0))]
     assert not synthesise(log, -5_000, 10_000, 8000.0).any()
     assert synthesise([], 0, 1000, 8000.0).shape == (8, 0)
+
+
+# ---- waveforms ---------------------------------------------------------------------------------------------
+
+BANK = make_bank(1000, [np.array([[0.0, 0.0], [1.0, -0.5], [-1.0, 0.5], [0.0, 0.0]]), np.zeros((2, 2))])
+BANKS = {7: BANK}
+SILENT = (ChannelTarget(100.0, 0.0, None),) * 2
+
+
+def play(time_us: int, amplitude: float, *targets: ChannelTarget) -> DriveEvent:
+    return DriveEvent(time_us, Cause.PLAY, 0, 200.0, targets or SILENT, PlayedWaveform(7, 0, amplitude))
+
+
+def test_a_waveform_is_straight_between_its_samples_and_zero_after() -> None:
+    got = synthesise([play(2_000, 0.5)], 0, 8_000, 4_000.0, BANKS)
+    wanted = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0.125, 0.25, 0.375, 0.5, 0.25, 0, -0.25, -0.5, -0.375, -0.25, -0.125, 0]
+    np.testing.assert_allclose(got[: len(wanted), 0], wanted, atol=1e-4)
+    np.testing.assert_allclose(got[:, 1], -0.5 * got[:, 0], atol=1e-4)
+    assert not got[len(wanted) :].any()
+
+
+def test_what_is_taken_over_fades_at_the_slew_while_it_plays_on() -> None:
+    long = make_bank(100, [np.array([[0.0], [1.0], [1.0], [1.0], [0.0]])])
+    log = [
+        DriveEvent(0, Cause.PLAY, 0, 200.0, SILENT[:1], PlayedWaveform(7, 0, 1.0)),
+        DriveEvent(20_000, Cause.STOP, None, 200.0, SILENT[:1]),
+    ]
+    got = synthesise(log, 0, 40_000, 1000.0, {7: long})[:, 0]
+    np.testing.assert_allclose(got[[10, 19, 20, 21, 23, 25, 26]], [1, 1, 1, 0.8, 0.4, 0, 0], atol=1e-12)
+
+
+def test_the_sum_is_clamped_to_the_limit() -> None:
+    sounding = ChannelTarget(0.0, 0.4, math.pi / 2, limit=0.6)
+    faded = ChannelTarget(0.0, 0.0, None, limit=0.6)
+    log = [event(0, sounding, sounding), play(10_000, 1.0, faded, faded)]
+    got = synthesise(log, 10_000, 13_000, 10_000.0, BANKS)
+    assert got[:, 0].max() == 0.6
+    assert np.abs(got).max() == 0.6
+
+
+def test_a_waveform_of_no_bank_is_an_error() -> None:
+    with pytest.raises(KeyError):
+        synthesise([play(0, 1.0)], 0, 1000, 8000.0)

@@ -5,15 +5,16 @@ from dataclasses import dataclass, replace
 from itertools import combinations, groupby
 from pathlib import Path
 
-from engine.device import Device
 from engine.device_file import read_device
 from engine.digitizer import DigitizerCounters, open_digitizer
-from engine.entry import Entry, ZonePromise
+from engine.effect_player import EffectPlayer
+from engine.effects import Effect, Effects, Rule, Segment, Trigger
+from engine.entry import Entry
 from engine.limits import link_configuration
 from engine.loop import Loop, LoopCounters, StateChange, StopRequest, SystemClock, connect
 from engine.renderer import Renderer
 from engine.sources import Source
-from engine.zones import ZoneState, ZoneTracker
+from engine.zones import ZoneTracker
 from firmware_link.drive_log import DriveEvent
 from firmware_link.emulator import EmulatorLog
 from firmware_link.errors import LinkError
@@ -21,12 +22,15 @@ from firmware_link.link import Link
 from firmware_link.link_values import LinkCounters
 from firmware_link.serial_port import SerialPort
 from firmware_link.session import Session
+from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
 
 DEVICE = read_device(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
 BIT_RATE_HZ = 1_000_000
 # Only against waiting for ever: the guest may be slow.
 PATIENCE_S = 30.0
 _MOST_FINGERS = 2
+# A finger feels as long as it is there: each frame of states says which zones are touched.
+HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),))
 
 
 @dataclass(frozen=True)
@@ -52,13 +56,13 @@ def run_chain(source: Source, port: SerialPort, stop: StopRequest | None, on_rea
     """Greet the firmware, say so, then run until the source has ended or `stop` is set; closes the port."""
     clock, trace = SystemClock(), list[StateChange]()
     digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
-    tracker = ZoneTracker(DEVICE, digitizer.surface)
+    tracker, player = ZoneTracker(DEVICE, digitizer.surface), EffectPlayer(HELD, len(DEVICE.zones))
     link = Link(replace(link_configuration(DEVICE, BIT_RATE_HZ), handshake_timeout_s=PATIENCE_S))
     link_error = None
     with port:
         session = Session(link, port, clock.now_ns)
-        renderer = Renderer(ENTRIES, DEVICE, connect(session, clock))
-        loop = Loop(source, digitizer, tracker, renderer, session, clock, reconnect=True, trace=trace)
+        renderer = Renderer({LEVEL_DB: ENTRIES}, DEVICE, connect(session, clock))
+        loop = Loop(source, digitizer, tracker, player, renderer, session, clock, reconnect=True, trace=trace)
         on_ready()
         try:
             loop.run(stop)
@@ -67,14 +71,10 @@ def run_chain(source: Source, port: SerialPort, stop: StopRequest | None, on_rea
     return ChainRun(tuple(trace), loop.counters, digitizer.counters, link.counters, link_error)
 
 
-def entry_for(zones: tuple[int, ...], device: Device = DEVICE) -> Entry:
+def entry_for(zones: tuple[int, ...]) -> Entry:
     """An entry whose frequency tells its zones apart: 100 Hz, and 1, 2, 4, 8, 16 Hz for zones I to V."""
-    promises = tuple(
-        ZonePromise(zone.name, ZoneState.FELT if i in zones else ZoneState.FREE, 0.2, 1.0, 0.0, 0.0, 0.0)
-        for i, zone in enumerate(device.zones)
-    )
     frequency_hz = 100.0 + sum(2**zone for zone in zones)
-    return Entry((frequency_hz,) * 2, (1.0, 0.5), (0.0, 1.0), promises, 0.9, 0.9, 9.0, 0.1, "coherent", "", True)
+    return entry_of(DEVICE, states_of(DEVICE, zones), frequencies_hz=(frequency_hz,) * 2, amplitudes=(1.0, 0.5))
 
 
 ENTRIES = [

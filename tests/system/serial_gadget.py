@@ -10,7 +10,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from firmware_link.device import DeviceConfiguration, EmulatedFirmware
-from firmware_link.emulator import READ_SIZE, EmulatorLog
+from firmware_link.emulator import EmulatorLog
+from firmware_link.serial_port import READ_SIZE
 
 SERIAL_NUMBER = "TACTABLE-SYSTEM-TEST"
 _GADGET = Path("/sys/kernel/config/usb_gadget/tactable")

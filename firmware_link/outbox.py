@@ -1,0 +1,128 @@
+"""What the host wants to sound to the SET, PLAY and KEEPALIVE that bring it and hold it."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from firmware_link.line import LONGEST_SEQUENCE_LEAD
+from firmware_link.link_values import LinkCounters
+from firmware_link.messages import KeepAlive, Play, Set, SetFlag
+from firmware_link.player import Player
+
+NS_PER_MS = 1_000_000
+NS_PER_US = 1_000
+US_PER_MS = 1_000
+# The device disarms 250 ms after the last fresh frame: two in a row may be lost.
+SILENT_RENEWAL_NS = 80 * NS_PER_MS
+RENEWALS_PER_LEASE = 3
+# A frame may reach the device so much sooner after the one before than it left.
+JITTER_US = 2_000
+
+
+class WantedDrive(NamedTuple):
+    """A drive from `encode_drive`, and how it begins."""
+
+    drive: bytes
+    onset: int
+
+
+class WantedWaveform(NamedTuple):
+    """A waveform of the bank; its amplitude is a word."""
+
+    waveform: int
+    amplitude: int
+    length_us: int
+
+
+class Outbox:
+    """One slot for what comes next, the latest wins, and what was sent last until something replaces it."""
+
+    def __init__(self, counters: LinkCounters, slew_limit_per_s: int) -> None:
+        self.silent_drive = b""
+        """Zeros for every actuator of the device."""
+        self._counters = counters
+        self._slew_limit_per_s = slew_limit_per_s
+        self._lease_ms = 0
+        self._slot: WantedDrive | WantedWaveform | None = None
+        self._sounding = WantedDrive(b"", 0)
+        self._player = Player()
+        self._play_end_ns: int | None = None
+        self._renewal_due_ns = 0
+        self._spaced_ns = 0
+
+    def start(self, silent_drive: bytes, lease_ms: int) -> None:
+        """Begin a session, in silence."""
+        self.silent_drive, self._lease_ms = silent_drive, lease_ms
+        self.clear()
+
+    def clear(self) -> None:
+        """Nothing waits and nothing sounds."""
+        self._slot, self._sounding, self._play_end_ns = None, WantedDrive(self.silent_drive, 0), None
+        self._player = Player()
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether nothing waits and nothing is held."""
+        return self._slot is None and self._play_end_ns is None and not any(self._sounding.drive)
+
+    def put(self, wanted: WantedDrive | WantedWaveform) -> None:
+        """Send this next, in place of what waits."""
+        self._counters.coalesced += self._slot is not None
+        self._slot = wanted
+
+    def renew_at(self, now_ns: int) -> None:
+        """Hold what sounds from now on."""
+        self._renewal_due_ns = now_ns
+
+    def due_ns(self, now_ns: int) -> int:
+        """When `next_message` has one, perhaps in the past."""
+        return min(self._renewal_due_ns, self._slot_due_ns(now_ns))
+
+    def next_message(
+        self, now_ns: int, clock_reference: Callable[[int], int], sequence: int | None
+    ) -> tuple[Set | Play | KeepAlive | None, bool]:
+        """What is due now, and whether it is a command and no renewal of the one that went out with `sequence`."""
+        if self._slot is not None and now_ns >= self._slot_due_ns(now_ns):
+            wanted, self._slot = self._slot, None
+            self._counters.sent += 1
+            self._spaced_ns = now_ns + -(-self._lease_ms * NS_PER_MS // LONGEST_SEQUENCE_LEAD)
+            if isinstance(wanted, WantedWaveform):
+                return self._play(wanted, now_ns, clock_reference(now_ns)), True
+            self._sounding = wanted
+            return self._set(now_ns, clock_reference(now_ns)), True
+        if now_ns < self._renewal_due_ns:
+            return None, False
+        if self._play_end_ns is not None and now_ns < self._play_end_ns and sequence is not None:
+            self._counters.kept_alive += 1
+            self._renewal_due_ns = min(now_ns + SILENT_RENEWAL_NS, self._play_end_ns)
+            return KeepAlive(clock_reference(now_ns), sequence), False
+        self._counters.renewed += 1
+        return self._set(now_ns, clock_reference(now_ns)), False
+
+    def _slot_due_ns(self, now_ns: int) -> int:
+        if self._slot is None:
+            return self._renewal_due_ns
+        if isinstance(self._slot, WantedWaveform):
+            return max(self._spaced_ns, self._player.room_us(now_ns // NS_PER_US) * NS_PER_US)
+        return self._spaced_ns
+
+    def _set(self, now_ns: int, clock_reference: int) -> Set:
+        # Silence is renewed by SET too: had the SET that silenced been lost, anything else might hold the old drive.
+        self._take_over(now_ns)
+        self._play_end_ns = None
+        lease_ns = self._lease_ms * NS_PER_MS
+        is_driving = any(self._sounding.drive)
+        self._renewal_due_ns = now_ns + (lease_ns // RENEWALS_PER_LEASE if is_driving else SILENT_RENEWAL_NS)
+        return Set(clock_reference, SetFlag.WRITE_PHASE, self._lease_ms, self._sounding.onset, self._sounding.drive)
+
+    def _play(self, wanted: WantedWaveform, now_ns: int, clock_reference: int) -> Play:
+        self._take_over(now_ns)
+        # The device plays from when the frame comes, at most one lease later: a SET before that end would cut it.
+        length_us = wanted.length_us + self._lease_ms * US_PER_MS
+        self._player.start(now_ns // NS_PER_US, length_us, wanted.amplitude)
+        self._sounding = WantedDrive(self.silent_drive, 0)
+        self._play_end_ns = now_ns + length_us * NS_PER_US
+        self._renewal_due_ns = min(now_ns + SILENT_RENEWAL_NS, self._play_end_ns)
+        return Play(clock_reference, wanted.waveform, wanted.amplitude)
+
+    def _take_over(self, now_ns: int) -> None:
+        self._player.take_over(now_ns // NS_PER_US, self._slew_limit_per_s, JITTER_US)

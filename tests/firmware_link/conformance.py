@@ -1,0 +1,790 @@
+"""What every device of this protocol keeps to: one law a function, over any device that a `Tier` reaches.
+
+Times of a law are the device's own, from its STATUS, so that a slow machine or line makes no law fail. Laws of real
+time are given slack by the tier.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_link.bank import Bank, encode_bank, hash_of_bank, make_bank, transfer_messages
+from firmware_link.framing import EMERGENCY_STOP, FrameDecoder, encode_message
+from firmware_link.layout import Message
+from firmware_link.messages import (
+    CLOCK_REFERENCE_SPAN,
+    CLOCK_REFERENCE_US,
+    MAGIC,
+    NUMBER_OF_SHAPES,
+    Ack,
+    Arm,
+    BankBegin,
+    BankChunk,
+    BankCommit,
+    ChannelDrive,
+    DeviceState,
+    Fault,
+    FaultCode,
+    Features,
+    Hello,
+    HelloRequest,
+    KeepAlive,
+    Log,
+    LogCode,
+    Play,
+    Result,
+    Set,
+    SetFlag,
+    Shape,
+    Status,
+    Stop,
+    Time,
+    TimeRequest,
+    decode_body,
+    encode_amplitude,
+    encode_drive,
+)
+
+US_PER_MS = 1_000
+US_PER_S = 1_000_000
+DISARM_US = 250 * US_PER_MS
+LOG_SPACING_US = 10 * US_PER_MS
+PATIENCE_US = 60 * US_PER_S
+FULL = 65_535
+SLEW_PER_S = 200
+RAMP_US = US_PER_S // SLEW_PER_S
+# One step of the synthesis, and what a fixed-point sine is off by.
+ROUNDING = 1e-3
+SAMPLE_RATE_HZ = 2_000
+WAVEFORM_US = 40 * US_PER_MS
+
+M = TypeVar("M", bound=Message)
+
+
+class Tier(Protocol):
+    """A device with two actuators or more that has just booted, and the line to it."""
+
+    lease_ms: int
+    """The lease that laws ask for: shorter than any stall of the tier."""
+    slack_us: int
+    """How late the device may act by its own clock: 0 in virtual time."""
+
+    def now_us(self) -> int:
+        """The host's clock."""
+
+    def write(self, data: bytes) -> None:
+        """The device gets these bytes now."""
+
+    def wait(self, duration_us: int) -> None:
+        """Let time pass for both: exactly as much in virtual time, else at least."""
+
+    def read(self) -> bytes:
+        """What the device has said since the last read; does not wait."""
+
+    def peaks(self, start_us: int, stop_us: int) -> tuple[float, ...]:
+        """Greatest displacement of each actuator between two device times that have passed, in fractions."""
+
+    def reboot(self) -> None:
+        """Power off and on: another boot, clock at 0."""
+
+
+class WaveTier(Tier, Protocol):
+    """A tier that can tell what its actuators did, sample by sample."""
+
+    def outputs(self, start_us: int, stop_us: int) -> tuple[float, NDArray[np.float64]]:
+        """Sample rate in Hz, and displacements (time, actuator) between two device times that have passed."""
+
+
+class HangUpTier(Tier, Protocol):
+    """A tier whose host can let go of the line."""
+
+    def hang_up(self) -> None:
+        """DTR drops, or the cable is pulled; the next write is from a host that has come again."""
+
+
+Law = Callable[[Tier], None]
+WaveLaw = Callable[[WaveTier], None]
+HangUpLaw = Callable[[HangUpTier], None]
+
+
+class Host:
+    """Speaks to a tier frame by frame, as a law wants it."""
+
+    def __init__(self, tier: Tier) -> None:
+        self.tier = tier
+        self.sequence = 0
+        self.heard: list[Message] = []
+        """All that was said, and what of it no `expect` has looked at yet."""
+        self.unread: list[Message] = []
+        self.hello: Hello | None = None
+        self._decoder = FrameDecoder()
+        self._offset_us = 0
+
+    def frame(self, message: Message) -> bytes:
+        self.sequence = (self.sequence + 1) % 256
+        return encode_message(message, self.sequence)
+
+    def send(self, message: Message) -> int:
+        """Send now; the sequence that it got."""
+        self.tier.write(self.frame(message))
+        return self.sequence
+
+    def listen(self) -> list[Message]:
+        """What has been said since; everything stays in `heard` too."""
+        new = [decode_body(item)[1] for item in self._decoder.receive(self.tier.read()) if isinstance(item, bytes)]
+        self.heard += new
+        self.unread += new
+        return new
+
+    def expect(self, kind: type[M], fits: Callable[[M], bool] = lambda _: True) -> M:
+        """The next message of a kind that fits."""
+        end_us = self.tier.now_us() + PATIENCE_US
+        while self.tier.now_us() < end_us:
+            self.listen()
+            while self.unread:
+                message = self.unread.pop(0)
+                if isinstance(message, kind) and fits(message):
+                    return message
+            self.tier.wait(US_PER_MS)
+        raise AssertionError(f"the device said no such {kind.__name__}; it said {self.heard[-5:]}")
+
+    def ask(self, message: Message) -> Result:
+        """Send what is acknowledged; the answer."""
+        sequence = self.send(message)
+        wanted = (message.type_byte, sequence)
+        return self.expect(Ack, lambda ack: (ack.acknowledged_type, ack.acknowledged_sequence) == wanted).result
+
+    def status(self, fits: Callable[[Status], bool] = lambda _: True) -> Status:
+        return self.expect(Status, fits)
+
+    def fresh_status(self) -> Status:
+        """A status of now: the periodic ones leave up to 100 ms after what they tell."""
+        self.compare_clocks()
+        now_us = self.device_us()
+        return self.status(lambda status: status.device_time_us >= now_us)
+
+    def greet(self) -> Hello:
+        """A new session, clocks compared."""
+        nonce = (self.sequence + 1) * 0x01010101
+        self.send(HelloRequest(MAGIC, 1, 0, nonce))
+        self.hello = self.expect(Hello, lambda hello: hello.nonce == nonce)
+        self.compare_clocks()
+        return self.hello
+
+    def compare_clocks(self) -> None:
+        """Take the quickest of some exchanges."""
+        best_us = PATIENCE_US
+        for _ in range(3):
+            sent_us = self.tier.now_us()
+            self.send(TimeRequest(sent_us))
+            time = self.expect(Time, lambda time, sent_us=sent_us: time.host_sent_ns == sent_us)  # type: ignore[misc]
+            came_us = self.tier.now_us()
+            if came_us - sent_us < best_us:
+                best_us = came_us - sent_us
+                self._offset_us = time.device_received_us - (sent_us + came_us) // 2
+
+    def device_us(self) -> int:
+        return self.tier.now_us() + self._offset_us
+
+    def clock_reference(self, age_us: int = 0) -> int:
+        return (self.device_us() - age_us) // CLOCK_REFERENCE_US % CLOCK_REFERENCE_SPAN
+
+    def arm(self, limit: int = FULL, longest_drive_s: int = 0, boot_id: int | None = None) -> Result:
+        assert self.hello is not None
+        limits = (limit,) * self.hello.number_of_actuators
+        boot = self.hello.boot_id if boot_id is None else boot_id
+        return self.ask(Arm(boot, SLEW_PER_S, self.tier.lease_ms, longest_drive_s, limits))
+
+    def ready(self, **limits: int) -> "Host":
+        """Greeted and armed."""
+        self.greet()
+        assert self.arm(**limits) is Result.OK
+        return self
+
+    def drive(self, *channels: ChannelDrive) -> bytes:
+        assert self.hello is not None
+        spare = self.hello.number_of_actuators - len(channels)
+        return encode_drive([*channels, *[ChannelDrive(0, 0)] * spare], self.hello.frequency_resolution_uhz * 1e-6)
+
+    def set_message(self, drive: bytes, onset: int = 0, age_us: int = 0) -> Set:
+        return Set(self.clock_reference(age_us), SetFlag.WRITE_PHASE, self.tier.lease_ms, onset, drive)
+
+    def set(self, drive: bytes, onset: int = 0) -> Status:
+        """Send it until it is applied; the status that says so."""
+        return self._until_applied(lambda: self.set_message(drive, onset))
+
+    def play(self, waveform: int, amplitude: float = 1.0) -> Status:
+        """As `set`."""
+        return self._until_applied(lambda: Play(self.clock_reference(), waveform, encode_amplitude(amplitude)))
+
+    def hand_over(self, bank: Bank) -> int:
+        """Transfer a bank; its hash."""
+        assert self.hello is not None
+        data = encode_bank(bank, self.hello.number_of_actuators)
+        for message in transfer_messages(data):
+            assert self.ask(message) is Result.OK
+        return hash_of_bank(data)
+
+    def pass_until(self, device_us: int) -> None:
+        """Wait until a device time has passed."""
+        self.tier.wait(max(0, device_us - self.device_us()) + self.tier.slack_us + US_PER_MS)
+
+    def _until_applied(self, make: Callable[[], Message]) -> Status:
+        for _ in range(100):
+            sequence = self.send(make())
+            for _ in range(self.tier.lease_ms + self.tier.slack_us // US_PER_MS):
+                for message in self.listen():
+                    if isinstance(message, Status) and message.applied_sequence == sequence and message.applied:
+                        self.unread = self.unread[self.unread.index(message) + 1 :]
+                        return message
+                self.tier.wait(US_PER_MS)
+            self.compare_clocks()
+        raise AssertionError(f"the device applied nothing; it said {self.heard[-5:]}")
+
+
+LOUD = (ChannelDrive(200, 1.0), ChannelDrive(200, 0.5, math.pi / 2))
+
+
+def hump(*amplitudes: float, duration_us: int = WAVEFORM_US) -> NDArray[np.float64]:
+    """A waveform (sample, actuator) that rises to an amplitude and falls again, smoothly."""
+    samples = np.linspace(0, 1, duration_us * SAMPLE_RATE_HZ // US_PER_S + 1)
+    rise = np.sin(math.pi * samples) ** 2
+    rise[-1] = 0.0
+    return np.outer(rise, amplitudes)
+
+
+BANK = make_bank(SAMPLE_RATE_HZ, [hump(1.0, -0.5), hump(0.5, 0.5)])
+
+
+# ---- arming ------------------------------------------------------------------------------------------------
+
+
+def law_nothing_drives_before_it_is_armed(tier: Tier) -> None:
+    host = Host(tier)
+    host.greet()
+    host.send(host.set_message(host.drive(*LOUD)))
+    host.send(Play(host.clock_reference(), 0, FULL))
+    status = host.status(lambda status: status.refused == 2)
+    assert (status.state, status.applied) == (DeviceState.IDLE, 0)
+    host.pass_until(status.device_time_us + RAMP_US)
+    assert max(tier.peaks(0, status.device_time_us + RAMP_US)) == 0.0
+
+
+def law_only_this_boot_is_armed(tier: Tier) -> None:
+    host = Host(tier)
+    hello = host.greet()
+    assert host.arm(boot_id=hello.boot_id ^ 1) is Result.WRONG_BOOT
+    host.send(host.set_message(host.drive(*LOUD)))
+    assert host.status(lambda status: status.refused == 2).state is DeviceState.IDLE
+    assert host.arm() is Result.OK
+
+
+def law_arming_out_of_range_is_refused(tier: Tier) -> None:
+    host = Host(tier)
+    hello = host.greet()
+    limits = (FULL,) * hello.number_of_actuators
+    for slew_per_s, lease_ms in ((0, 40), (SLEW_PER_S, 0), (SLEW_PER_S, hello.longest_lease_ms + 1)):
+        assert host.ask(Arm(hello.boot_id, slew_per_s, lease_ms, 0, limits)) is Result.OUT_OF_RANGE
+
+
+def law_a_driving_device_is_not_armed_anew(tier: Tier) -> None:
+    host = Host(tier).ready()
+    host.set(host.drive(*LOUD))
+    assert host.arm() in (Result.WRONG_STATE, Result.OK)
+    armed = [m for m in host.heard if isinstance(m, Ack) and m.acknowledged_type == Arm.type_byte]
+    # A tier that stalls for a lease has ended the drive first.
+    assert armed[-1].result is Result.WRONG_STATE or host.fresh_status().trips > 0
+
+
+def law_a_rebooted_device_is_not_driven_by_old_traffic(tier: Tier) -> None:
+    host = Host(tier).ready()
+    assert host.hello is not None
+    drive = host.drive(*LOUD)
+    old = host.frame(Arm(host.hello.boot_id, SLEW_PER_S, tier.lease_ms, 0, (FULL,) * host.hello.number_of_actuators))
+    # Every time that the device may have: none of them helps without the new boot.
+    references = range(0, CLOCK_REFERENCE_SPAN, 16 * CLOCK_REFERENCE_US)
+    sets = [host.frame(Set(at, SetFlag.WRITE_PHASE, tier.lease_ms, 0, drive)) for at in references]
+    tier.reboot()
+    for frame in (old, *sets):
+        tier.write(frame)
+    reborn = Host(tier)
+    hello = reborn.greet()
+    assert hello.boot_id != host.hello.boot_id
+    status = reborn.status()
+    assert (status.state, status.applied) == (DeviceState.IDLE, 0)
+    reborn.pass_until(status.device_time_us)
+    assert max(tier.peaks(0, status.device_time_us)) == 0.0
+
+
+def law_the_first_greeting_of_a_boot_is_told(tier: Tier) -> None:
+    for _ in range(2):
+        host = Host(tier)
+        host.greet()
+        host.greet()
+        host.fresh_status()
+        assert [m.code for m in host.heard if isinstance(m, Log)] == [LogCode.BOOTED]
+        tier.reboot()
+
+
+# ---- falling silent ----------------------------------------------------------------------------------------
+
+
+def law_a_drive_ends_with_its_lease(tier: Tier) -> None:
+    host = Host(tier).ready()
+    applied = host.set(host.drive(*LOUD))
+    ended = host.status(lambda status: status.state is DeviceState.ARMED)
+    lease_us = tier.lease_ms * US_PER_MS
+    assert lease_us <= ended.device_time_us - applied.applied_time_us <= lease_us + tier.slack_us
+    assert ended.trips == 1
+    silent_us = ended.device_time_us + RAMP_US
+    host.pass_until(silent_us + 20 * US_PER_MS)
+    assert min(tier.peaks(applied.applied_time_us, ended.device_time_us)[:2]) > 0.4
+    assert max(tier.peaks(silent_us + tier.slack_us, silent_us + tier.slack_us + 20 * US_PER_MS)) == 0.0
+    assert LogCode.LEASE_EXPIRED in {m.code for m in host.heard if isinstance(m, Log)}
+
+
+def law_a_silent_host_latches_the_device(tier: Tier) -> None:
+    host = Host(tier).ready()
+    drive = host.drive(*LOUD)
+    applied = host.set(drive)
+    latched = host.status(lambda status: status.state is DeviceState.LATCHED)
+    silent_us = latched.device_time_us - applied.applied_time_us
+    assert DISARM_US <= silent_us <= DISARM_US + tier.slack_us
+    assert latched.fault is FaultCode.SILENT_HOST
+    assert host.expect(Fault).fault is FaultCode.SILENT_HOST
+    host.send(host.set_message(drive))
+    assert host.arm() is Result.WRONG_STATE
+    assert host.fresh_status().state is DeviceState.LATCHED
+    again = Host(tier).ready()
+    assert again.set(drive).state is DeviceState.DRIVING
+
+
+def law_a_fault_repeats_until_acknowledged(tier: Tier) -> None:
+    host = Host(tier).ready()
+    first, second = host.expect(Fault), host.expect(Fault)
+    assert first == second
+    for sequence in range(256):
+        tier.write(host.frame(Ack(Fault.type_byte, sequence, Result.OK)))
+    assert host.fresh_status().fault is FaultCode.NONE
+    host.listen()
+    host.heard.clear()
+    tier.wait(300 * US_PER_MS)
+    host.fresh_status()
+    assert not [m for m in host.heard if isinstance(m, Fault)]
+
+
+def law_eight_zeros_latch(tier: Tier) -> None:
+    for is_armed in (False, True):
+        host = Host(tier)
+        host.greet()
+        if is_armed:
+            assert host.arm() is Result.OK
+            host.set(host.drive(*LOUD))
+        tier.write(EMERGENCY_STOP)
+        latched = host.status(lambda status: status.state is DeviceState.LATCHED)
+        assert latched.fault is FaultCode.EMERGENCY_STOP
+        stopped_us = latched.device_time_us + RAMP_US
+        host.pass_until(stopped_us + 20 * US_PER_MS)
+        assert max(tier.peaks(stopped_us, stopped_us + 20 * US_PER_MS)) == 0.0
+        assert host.arm() is Result.WRONG_STATE
+
+
+def law_stop_latches(tier: Tier) -> None:
+    host = Host(tier).ready()
+    drive = host.drive(*LOUD)
+    host.set(drive)
+    assert host.ask(Stop()) is Result.OK
+    host.send(host.set_message(drive))
+    assert host.fresh_status().state is DeviceState.LATCHED
+    assert host.arm() is Result.WRONG_STATE
+
+
+def law_a_new_session_disarms(tier: Tier) -> None:
+    host = Host(tier).ready()
+    host.set(host.drive(*LOUD))
+    host.greet()
+    status = host.fresh_status()
+    assert status.state is DeviceState.IDLE
+    silent_us = status.device_time_us + RAMP_US
+    host.pass_until(silent_us + 20 * US_PER_MS)
+    assert max(tier.peaks(silent_us, silent_us + 20 * US_PER_MS)) == 0.0
+
+
+def law_a_device_driven_too_long_latches(tier: Tier) -> None:
+    host = Host(tier).ready(longest_drive_s=1)
+    drive = host.drive(*LOUD)
+    latched: list[Status] = []
+    started = host.set(drive).applied_time_us
+    end_us = tier.now_us() + PATIENCE_US
+    while not latched and tier.now_us() < end_us:
+        host.send(host.set_message(drive))
+        tier.wait(10 * US_PER_MS)
+        heard = [m for m in host.listen() if isinstance(m, Status)]
+        # A tier that stalls for a lease has paused the drive: the time counts from then on.
+        started = max([started, *(m.device_time_us for m in heard if m.state is DeviceState.ARMED)])
+        latched = [m for m in heard if m.state is DeviceState.LATCHED]
+    assert [status.fault for status in latched[:1]] == [FaultCode.DRIVEN_TOO_LONG]
+    driven_us = latched[0].device_time_us - started
+    assert driven_us <= US_PER_S + tier.slack_us
+    assert driven_us == US_PER_S or tier.slack_us
+
+
+def law_a_pause_starts_the_time_on_anew(tier: Tier) -> None:
+    host = Host(tier).ready(longest_drive_s=1)
+    drive = host.drive(*LOUD)
+    for _ in range(3):
+        end_us = tier.now_us() + 800 * US_PER_MS
+        while tier.now_us() < end_us:
+            host.send(host.set_message(drive))
+            tier.wait(10 * US_PER_MS)
+        host.set(bytes(len(drive)))
+    assert host.fresh_status().state is DeviceState.ARMED
+
+
+# ---- fresh, and old ----------------------------------------------------------------------------------------
+
+
+def law_keepalives_renew_and_no_more(tier: Tier) -> None:
+    host = Host(tier).ready()
+    applied = host.set(host.drive(*LOUD))
+    named = applied.applied_sequence
+    for _ in range(30):
+        host.send(KeepAlive(host.clock_reference(), named))
+        tier.wait(10 * US_PER_MS)
+    host.listen()
+    assert not any(isinstance(m, Status) and m.trips for m in host.heard) or tier.slack_us
+    # One that names another drive is no renewal, but the host lives; and none brings a drive back.
+    last_us = host.device_us()
+    for name in (named ^ 1, named):
+        for _ in range(30):
+            host.send(KeepAlive(host.clock_reference(), name))
+            tier.wait(10 * US_PER_MS)
+        ended = host.fresh_status()
+        assert (ended.state, ended.applied, ended.trips) == (DeviceState.ARMED, applied.applied, 1)
+    tripped = next(m for m in host.heard if isinstance(m, Status) and m.trips)
+    assert tripped.device_time_us <= last_us + tier.lease_ms * US_PER_MS + tier.slack_us
+
+
+def law_a_copy_does_not_feed_the_lease(tier: Tier) -> None:
+    host = Host(tier).ready()
+    frame = host.frame(host.set_message(host.drive(*LOUD)))
+    for _ in range(3):
+        tier.write(frame)
+    status = host.status(lambda status: status.applied + status.stale == 3)
+    assert (status.applied, status.stale) == (1, 2) or tier.slack_us
+
+
+def law_an_old_clock_or_sequence_is_stale(tier: Tier) -> None:
+    host = Host(tier).ready()
+    drive = host.drive(*LOUD)
+    lease_us = tier.lease_ms * US_PER_MS
+    before = host.fresh_status()
+    for age_us in (2 * lease_us, -2 * lease_us, 10 * lease_us):
+        host.send(host.set_message(drive, age_us=age_us))
+    assert host.status(lambda status: status.stale == before.stale + 3).applied == before.applied
+    host.set(drive)
+    host.sequence = (host.sequence - 10) % 256
+    host.send(host.set_message(drive))
+    assert host.status(lambda status: status.stale >= before.stale + 4).applied >= before.applied + 1
+
+
+# ---- the line ----------------------------------------------------------------------------------------------
+
+
+def law_any_garbage_ends_at_the_next_delimiter(tier: Tier) -> None:
+    host = Host(tier)
+    host.greet()
+    noise = np.random.default_rng(1)
+    for size in (1, 7, 60, 300, 2000):
+        garbage = bytes(noise.integers(1, 256, size, dtype=np.uint8))
+        for end in (b"", host.frame(Stop())[:-2]):
+            tier.write(garbage + end + b"\0")
+            host.compare_clocks()
+    assert host.fresh_status().state is DeviceState.IDLE
+
+
+def law_counters_tell_what_came(tier: Tier) -> None:
+    host = Host(tier)
+    host.greet()
+    before = host.fresh_status()
+    good = host.frame(KeepAlive(0, 0))
+    too_long = bytes([0x55]) * 3000 + b"\0"
+    other_length = encode_message(Set(0, SetFlag.WRITE_PHASE, 40, 0, bytes(6)), 1)
+    no_code = b"\xff\x01\0"
+    damaged = bytes([*good[:-3], good[-3] ^ 0x55 or 0x01, *good[-2:]])
+    for data, times in ((good, 5), (too_long, 2), (other_length, 3), (no_code, 4), (damaged, 6)):
+        for _ in range(times):
+            tier.write(data)
+    seen = host.status(lambda status: status.crc == before.crc + 6)
+    # The comparison of clocks and what follows are frames too.
+    assert (seen.refused, seen.overrun, seen.length, seen.framing) == (
+        before.refused + 5,
+        before.overrun + 2,
+        before.length + 3,
+        before.framing + 4,
+    )
+    assert seen.ok == before.ok + 5
+
+
+def law_status_comes_ten_times_a_second(tier: Tier) -> None:
+    host = Host(tier)
+    host.greet()
+    first = host.fresh_status()
+    following = [host.status() for _ in range(5)]
+    assert following[-1].device_time_us - first.device_time_us >= 450 * US_PER_MS
+
+
+# ---- limits ------------------------------------------------------------------------------------------------
+
+
+def law_amplitudes_are_clamped(tier: Tier) -> None:
+    host = Host(tier).ready(limit=FULL // 4)
+    applied = host.set(host.drive(*LOUD))
+    ended = host.status(lambda status: status.state is DeviceState.ARMED)
+    host.pass_until(ended.device_time_us)
+    for peak in tier.peaks(applied.applied_time_us, ended.device_time_us)[:2]:
+        assert 0.2 < peak <= 0.25 + ROUNDING
+
+
+def law_an_onset_holds_its_gains(tier: Tier) -> None:
+    host = Host(tier)
+    host.greet()
+    assert host.ask(Shape(2, 2, 100, 250, 200, 500, 0, 0)) is Result.OK
+    assert host.arm() is Result.OK
+    started = host.set(host.drive(ChannelDrive(500, 1.0)), onset=3).applied_time_us
+    ended = host.status(lambda status: status.state is DeviceState.ARMED)
+    host.pass_until(ended.device_time_us)
+    edges_us = (started, started + 10 * US_PER_MS, started + 20 * US_PER_MS, ended.device_time_us)
+    for start_us, stop_us, gain in zip(edges_us, edges_us[1:], (0.25, 0.5, 1.0), strict=False):
+        if stop_us - start_us > RAMP_US + 4 * US_PER_MS:
+            assert abs(tier.peaks(start_us, stop_us)[0] - gain) < 0.02
+
+
+def law_onsets_out_of_range_are_refused(tier: Tier) -> None:
+    host = Host(tier)
+    host.greet()
+    assert host.ask(Shape(NUMBER_OF_SHAPES, 0, 0, 0, 0, 0, 0, 0)) is Result.OUT_OF_RANGE
+    assert host.ask(Shape(0, 4, 0, 0, 0, 0, 0, 0)) is Result.OUT_OF_RANGE
+    assert host.ask(Shape(0, 2, 20, 0, 10, 0, 0, 0)) is Result.OUT_OF_RANGE
+    assert host.ask(Shape(0, 1, 20, 0, 10, 0, 0, 0)) is Result.OK
+    assert host.arm() is Result.OK
+    assert host.ask(Shape(0, 1, 20, 0, 10, 0, 0, 0)) is Result.WRONG_STATE
+    before = host.fresh_status()
+    host.send(host.set_message(host.drive(*LOUD), onset=NUMBER_OF_SHAPES + 1))
+    assert host.status(lambda status: status.refused == before.refused + 1).applied == before.applied
+
+
+# ---- waveforms ---------------------------------------------------------------------------------------------
+
+
+def law_a_bank_is_kept_until_the_device_boots(tier: Tier) -> None:
+    host = Host(tier)
+    assert host.greet().held_bank_hash == 0
+    tier.wait(LOG_SPACING_US)
+    bank_hash = host.hand_over(BANK)
+    assert host.expect(Log).value == bank_hash
+    assert host.ask(BankCommit(bank_hash)) is Result.OK
+    host.ready()
+    host.play(0)
+    assert host.ask(Stop()) is Result.OK
+    assert host.greet().held_bank_hash == bank_hash
+    tier.reboot()
+    assert Host(tier).greet().held_bank_hash == 0
+
+
+def law_copies_of_a_transfer_change_nothing(tier: Tier) -> None:
+    host = Host(tier)
+    hello = host.greet()
+    data = encode_bank(BANK, hello.number_of_actuators)
+    for message in transfer_messages(data):
+        for _ in range(2):
+            assert host.ask(message) is Result.OK
+    assert host.greet().held_bank_hash == hash_of_bank(data)
+
+
+def law_a_bank_that_is_not_whole_is_refused(tier: Tier) -> None:
+    host = Host(tier)
+    hello = host.greet()
+    data = encode_bank(BANK, hello.number_of_actuators)
+    begin, *chunks, commit = transfer_messages(data)
+    assert isinstance(chunks[0], BankChunk)
+    damaged = dataclasses.replace(chunks[0], data=bytes(chunks[0].data[:-1]) + b"\x5a")
+    assert host.ask(chunks[0]) is Result.WRONG_STATE
+    for start, rest in ((begin, chunks[:-1]), (begin, [damaged, *chunks[1:]]), (BankBegin(5, len(data)), chunks)):
+        for message in (start, *rest):
+            assert host.ask(message) is Result.OK
+        assert host.ask(commit) is Result.WRONG_HASH
+        assert host.ask(commit) is Result.WRONG_STATE
+    assert host.ask(begin) is Result.OK
+    assert host.ask(chunks[1]) is Result.OUT_OF_RANGE
+    assert host.greet().held_bank_hash == 0
+    assert host.ask(chunks[0]) is Result.WRONG_STATE
+
+
+def law_a_bank_that_makes_no_sense_is_refused(tier: Tier) -> None:
+    host = Host(tier)
+    hello = host.greet()
+    data = encode_bank(BANK, hello.number_of_actuators)
+    assert host.ask(BankBegin(0, len(data))) is Result.OUT_OF_RANGE
+    assert host.ask(BankBegin(1, hello.bank_capacity_bytes + 1)) is Result.NO_ROOM
+    loud_at_the_end = data[:-2] + b"\x01\x00"
+    no_rate, no_waveform = b"\0\0" + data[2:], data[:2] + b"\0\0"
+    for nonsense in (loud_at_the_end, no_rate, no_waveform, data + b"\0\0", data[:-1]):
+        *steps, commit = transfer_messages(nonsense)
+        for message in steps:
+            assert host.ask(message) is Result.OK
+        assert host.ask(commit) is Result.OUT_OF_RANGE
+
+
+def law_an_armed_device_takes_no_bank(tier: Tier) -> None:
+    host = Host(tier).ready()
+    assert host.hello is not None
+    begin, chunk, *_, commit = transfer_messages(encode_bank(BANK, host.hello.number_of_actuators))
+    for message in (begin, chunk, commit):
+        assert host.ask(message) is Result.WRONG_STATE
+
+
+def law_a_waveform_ends_by_itself(tier: Tier) -> None:
+    host = with_bank(tier)
+    started = host.play(0, 0.5)
+    ended = host.status(lambda status: status.state is DeviceState.ARMED)
+    assert 0 <= ended.device_time_us - started.applied_time_us - WAVEFORM_US <= tier.slack_us
+    assert ended.trips == 0
+    host.pass_until(ended.device_time_us + 20 * US_PER_MS)
+    peaks = tier.peaks(started.applied_time_us, ended.device_time_us)
+    assert abs(peaks[0] - 0.5) < 0.01
+    assert abs(peaks[1] - 0.25) < 0.01
+    after_us = ended.device_time_us + tier.slack_us
+    assert max(tier.peaks(after_us, after_us + 20 * US_PER_MS)) == 0.0
+
+
+def law_a_waveform_that_is_not_there_is_refused(tier: Tier) -> None:
+    host = with_bank(tier)
+    before = host.fresh_status()
+    missing = len(BANK.waveforms)
+    tier.write(b"".join(host.frame(Play(host.clock_reference(), missing, FULL)) for _ in range(5)))
+    refused = host.status(lambda status: status.refused == before.refused + 5)
+    assert (refused.applied, refused.state) == (before.applied, DeviceState.ARMED)
+    told = [m for m in host.heard if isinstance(m, Log) and m.code is LogCode.PLAY_REFUSED]
+    # Others within the spacing are not told.
+    assert [log.value for log in told] == [missing] or (tier.slack_us and told)
+
+
+def law_a_third_waveform_within_a_ramp_is_refused(tier: Tier) -> None:
+    host = with_bank(tier)
+    before = host.fresh_status()
+    tier.write(b"".join(host.frame(Play(host.clock_reference(), 0, FULL)) for _ in range(3)))
+    status = host.status(lambda status: status.applied + status.refused + status.stale >= before.applied + 3)
+    assert (status.applied, status.refused) == (before.applied + 2, before.refused + 1) or tier.slack_us
+
+
+def law_a_long_waveform_needs_a_living_host(tier: Tier) -> None:
+    bank = make_bank(SAMPLE_RATE_HZ, [hump(1.0, 1.0, duration_us=400 * US_PER_MS)])
+    for is_alive in (True, False):
+        host = with_bank(tier, bank)
+        started = host.play(0)
+        for _ in range(30 * is_alive):
+            host.send(KeepAlive(host.clock_reference(), started.applied_sequence))
+            tier.wait(20 * US_PER_MS)
+        ended = host.status(lambda status: status.state is not DeviceState.DRIVING)
+        if is_alive:
+            assert ended.device_time_us - started.applied_time_us >= 400 * US_PER_MS
+        else:
+            assert ended.state is DeviceState.LATCHED
+            assert 0 <= ended.device_time_us - started.applied_time_us - DISARM_US <= tier.slack_us
+            silent_us = ended.device_time_us + RAMP_US + tier.slack_us
+            host.pass_until(silent_us + 20 * US_PER_MS)
+            assert max(tier.peaks(silent_us, silent_us + 20 * US_PER_MS)) == 0.0
+
+
+def with_bank(tier: Tier, bank: Bank = BANK) -> Host:
+    """Ready, with a bank."""
+    host = Host(tier)
+    assert Features.WAVEFORMS in host.greet().features
+    host.hand_over(bank)
+    assert host.arm() is Result.OK
+    return host
+
+
+# ---- sample by sample --------------------------------------------------------------------------------------
+
+
+def wave_law_takeovers_make_no_step(tier: WaveTier) -> None:
+    host = with_bank(tier)
+    drive, other = host.drive(*LOUD), host.drive(ChannelDrive(150, 0.7), ChannelDrive(180, 1.0))
+    noise = np.random.default_rng(2)
+    begun_us = host.device_us()
+    for _ in range(40):
+        match noise.integers(5):
+            case 0:
+                host.send(host.set_message(drive))
+            case 1:
+                host.send(host.set_message(other))
+            case 2:
+                host.send(host.set_message(bytes(len(drive))))
+            case _:
+                host.send(Play(host.clock_reference(), int(noise.integers(2)), FULL))
+        tier.wait(int(noise.integers(200, 20 * US_PER_MS)))
+    host.pass_until(host.device_us() + 100 * US_PER_MS)
+    rate_hz, displacements = tier.outputs(begun_us, host.device_us() - 50 * US_PER_MS)
+    assert np.abs(displacements).max() > 0.5
+    # A full sine of 200 Hz, the steepest waveform, and the slew of each that fades.
+    fastest_per_s = math.tau * 200 + 2 * math.pi * US_PER_S / WAVEFORM_US + 3 * SLEW_PER_S
+    assert np.abs(np.diff(displacements, axis=0)).max() <= fastest_per_s / rate_hz + ROUNDING
+
+
+def wave_law_the_sum_stays_within_the_limit(tier: WaveTier) -> None:
+    host = Host(tier)
+    host.greet()
+    host.hand_over(BANK)
+    assert host.arm(limit=FULL // 2) is Result.OK
+    begun_us = host.device_us()
+    for _ in range(10):
+        host.set(host.drive(*LOUD))
+        tier.wait(12 * US_PER_MS)
+        host.play(0)
+        tier.wait(5 * US_PER_MS)
+        host.play(0)
+        tier.wait(15 * US_PER_MS)
+    host.pass_until(host.device_us() + 100 * US_PER_MS)
+    _, displacements = tier.outputs(begun_us, host.device_us() - 50 * US_PER_MS)
+    assert 0.49 < np.abs(displacements).max() <= 0.5 + ROUNDING
+
+
+def wave_law_the_ramp_of_a_drive_keeps_the_slew(tier: WaveTier) -> None:
+    host = Host(tier).ready()
+    started = host.set(host.drive(ChannelDrive(400, 1.0))).applied_time_us
+    host.pass_until(started + RAMP_US)
+    for part in (0.2, 0.5, 0.8):
+        until_us = started + int(part * RAMP_US)
+        assert np.abs(tier.outputs(started, until_us)[1]).max() <= part + ROUNDING
+
+
+# ---- the host goes away ------------------------------------------------------------------------------------
+
+
+def hang_up_law_a_dropped_line_latches_at_once(tier: HangUpTier) -> None:
+    host = Host(tier).ready()
+    applied = host.set(host.drive(*LOUD))
+    tier.hang_up()
+    tier.wait(400 * US_PER_MS)
+    again = Host(tier)
+    again.compare_clocks()
+    status = again.fresh_status()
+    assert (status.state, status.fault) == (DeviceState.LATCHED, FaultCode.HUNG_UP)
+    silent_us = applied.applied_time_us + tier.lease_ms * US_PER_MS + RAMP_US + tier.slack_us
+    again.pass_until(silent_us + 20 * US_PER_MS)
+    assert max(tier.peaks(silent_us, silent_us + 20 * US_PER_MS)) == 0.0
+
+
+def _laws(prefix: str) -> Iterator[Callable[..., None]]:
+    return (value for name, value in globals().items() if name.startswith(prefix))
+
+
+LAWS: tuple[Law, ...] = tuple(_laws("law_"))
+WAVE_LAWS: tuple[WaveLaw, ...] = tuple(_laws("wave_law_"))
+HANG_UP_LAWS: tuple[HangUpLaw, ...] = tuple(_laws("hang_up_law_"))

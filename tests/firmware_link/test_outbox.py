@@ -1,0 +1,75 @@
+"""Laws of the outbox: one slot, renewals in time, and never more frames within a lease than a sequence tells apart."""
+
+import itertools
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_link.link_values import LinkCounters
+from firmware_link.messages import KeepAlive, Play, Set
+from firmware_link.outbox import Outbox, WantedDrive, WantedWaveform
+from tests.firmware_link.strategies import unhurried
+
+LEASE_MS = 40
+MS = 1_000_000
+SILENCE = bytes(12)
+DRIVE = b"\x01" * 12
+
+Sent = list[tuple[int, Set | Play | KeepAlive]]
+
+
+def outbox() -> Outbox:
+    box = Outbox(LinkCounters(), 200)
+    box.start(SILENCE, LEASE_MS)
+    return box
+
+
+def run(box: Outbox, start_ns: int, stop_ns: int, step_ns: int, wanted: WantedDrive | WantedWaveform | None) -> Sent:
+    """Ask as often as each step, wanting something anew each time."""
+    sent: Sent = []
+    for now_ns in range(start_ns, stop_ns, step_ns):
+        if wanted is not None:
+            box.put(wanted)
+        due_ns = box.due_ns(now_ns)
+        message, _ = box.next_message(now_ns, lambda _: 0, 7)
+        assert (message is not None) == (due_ns <= now_ns)
+        if message is not None:
+            sent.append((now_ns, message))
+    return sent
+
+
+@unhurried
+@given(st.integers(10_000, 400_000), st.booleans())
+def test_no_lease_has_more_frames_than_a_sequence_tells_apart(step_ns: int, plays: bool) -> None:
+    wanted = WantedWaveform(0, 65_535, 30_000) if plays else WantedDrive(DRIVE, 0)
+    sent = run(outbox(), 0, 100 * MS, step_ns, wanted)
+    times_ns = [time_ns for time_ns, _ in sent]
+    assert all(last - first >= LEASE_MS * MS for first, last in zip(times_ns, times_ns[127:], strict=False))
+
+
+def test_a_drive_is_renewed_three_times_a_lease_and_silence_each_80_ms() -> None:
+    for drive, period_ns in ((DRIVE, LEASE_MS * MS // 3), (SILENCE, 80 * MS)):
+        box = outbox()
+        box.put(WantedDrive(drive, 0))
+        times_ns = [time_ns for time_ns, _ in run(box, 0, 400 * MS, 10_000, None)]
+        assert max(later - earlier for earlier, later in itertools.pairwise(times_ns)) <= period_ns + 10_000
+
+
+def test_a_waveform_is_kept_alive_by_its_own_sequence_until_a_lease_after_its_end_then_silence_is_sent() -> None:
+    box = outbox()
+    box.put(WantedWaveform(3, 65_535, 200_000))
+    sent = run(box, 0, 400 * MS, 100_000, None)
+    assert [type(message) for _, message in sent] == [Play, KeepAlive, KeepAlive, Set, Set]
+    assert {m.applied_sequence for _, m in sent if isinstance(m, KeepAlive)} == {7}
+    first_set_ns, silence = next((time_ns, m) for time_ns, m in sent if isinstance(m, Set))
+    assert first_set_ns == (200 + LEASE_MS) * MS
+    assert silence.drive == SILENCE
+
+
+def test_what_is_cleared_is_not_sent() -> None:
+    box = outbox()
+    box.put(WantedDrive(DRIVE, 1))
+    assert not box.is_silent
+    box.clear()
+    assert box.is_silent
+    assert all(message.drive == SILENCE for _, message in run(box, 0, 100 * MS, MS, None) if isinstance(message, Set))

@@ -1,0 +1,76 @@
+"""The laws of every device, kept by the emulator's process behind a real pseudo-terminal, in real time."""
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from firmware_link.emulator import RunningEmulator, run_emulator
+from firmware_link.serial_port import SerialPort
+from firmware_link.synthesis import synthesise
+from tests.firmware_link.conformance import HANG_UP_LAWS, LAWS, WAVE_LAWS, HangUpLaw, Law, WaveLaw
+
+SAMPLE_RATE_HZ = 20_000.0
+NS_PER_US = 1_000
+US_PER_S = 1e6
+
+
+class PortTier:
+    """An emulator that has just booted, and its port; what the actuators did is in its log."""
+
+    lease_ms = 100
+    slack_us = 20_000
+
+    def __init__(self, emulator: RunningEmulator) -> None:
+        self._emulator = emulator
+        self._port: SerialPort | None = None
+        self.reboot()
+
+    def now_us(self) -> int:
+        return time.monotonic_ns() // NS_PER_US
+
+    def write(self, data: bytes) -> None:
+        if self._port is None:
+            self._port = SerialPort(self._emulator.port)
+        while data:
+            data = data[self._port.write(data) :]
+
+    def wait(self, duration_us: int) -> None:
+        time.sleep(duration_us / US_PER_S)
+
+    def read(self) -> bytes:
+        return b"" if self._port is None else self._port.read()
+
+    def peaks(self, start_us: int, stop_us: int) -> tuple[float, ...]:
+        displacements = self.outputs(start_us, stop_us)[1]
+        return tuple(np.abs(displacements).max(axis=0, initial=0.0)) or (0.0,)
+
+    def outputs(self, start_us: int, stop_us: int) -> tuple[float, NDArray[np.float64]]:
+        log = self._emulator.log()
+        return SAMPLE_RATE_HZ, synthesise(log.events, start_us, stop_us, SAMPLE_RATE_HZ, log.banks)
+
+    def reboot(self) -> None:
+        self._emulator.reboot()
+        self.read()
+
+    def hang_up(self) -> None:
+        if self._port is not None:
+            self._port.close()
+        self._port = None
+
+
+@pytest.fixture(scope="module")
+def emulator() -> Iterator[RunningEmulator]:
+    with run_emulator() as running:
+        yield running
+
+
+@pytest.mark.parametrize("law", [*LAWS, *WAVE_LAWS, *HANG_UP_LAWS], ids=lambda law: law.__name__)
+def test_the_emulator_behind_its_port_keeps(law: Law | WaveLaw | HangUpLaw, emulator: RunningEmulator) -> None:
+    tier = PortTier(emulator)
+    try:
+        law(tier)
+    finally:
+        tier.hang_up()
