@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import settings
 
 from engine.device import Actuator, Device, Zone
-from engine.device_file import read_device
+from engine.device_file import ROMAN, read_device
 
 unhurried = settings(deadline=None)
 """A property's first example may pay for a compilation, and the machine may be busy."""
@@ -117,3 +117,9 @@ def mirrored(device: Device) -> Device:
     actuators = tuple(replace(actuator, position_m=length_m - actuator.position_m) for actuator in device.actuators)
     zones = tuple(Zone(zone.name, length_m - zone.stop_m, length_m - zone.start_m) for zone in reversed(device.zones))
     return replace(device, actuators=actuators, zones=zones)
+
+
+def with_zones(device: Device, count: int) -> Device:
+    """The device with so many equal zones."""
+    edges = np.linspace(0.0, device.bar.length_m, count + 1).tolist()
+    return replace(device, zones=tuple(Zone(n, a, b) for n, a, b in zip(ROMAN, edges, edges[1:], strict=False)))

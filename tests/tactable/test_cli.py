@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -24,7 +25,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "bar.toml").write_text(text.replace('step = "1 Hz"', 'step = "8 Hz"'), encoding="utf-8")
     done = tactable("build", "bar.toml", "-o", "bar.nc", "--json", folder=folder)
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["entries"] == 31
+    assert json.loads(done.stdout)["entries"] == 211 * 4
     return folder
 
 
@@ -33,18 +34,28 @@ def test_the_shipped_devices_are_found_by_name() -> None:
     assert [find_device(name).name for name in shipped_names()] == shipped_names()
 
 
+def explained(folder: Path, *words: str) -> dict[str, Any]:
+    done = tactable("explain", "bar.nc", *words, "--json", folder=folder)
+    assert done.returncode == 0, done.stderr
+    entry: dict[str, Any] = json.loads(done.stdout)
+    return entry
+
+
 def test_explain_gives_the_agreed_fields(built: Path) -> None:
-    done = tactable("explain", "bar.nc", "--felt", "I,III,V", "--json", folder=built)
-    entry = json.loads(done.stdout)
+    entry = explained(built, "--felt", "I,III", "--quiet", "V", "--no-alternatives")
     fields = {
         "device",
         "fingerprint",
         "state",
         "drive",
+        "level_db",
+        "achieved",
         "localized_factor",
         "contrast_db",
+        "optimality_gap_db",
         "t90_s",
         "limited_by",
+        "worst_case",
         "zones",
     }
     assert fields <= set(entry)
@@ -54,18 +65,47 @@ def test_explain_gives_the_agreed_fields(built: Path) -> None:
         "phases_rad": 2,
     }
     assert [zone["name"] for zone in entry["zones"]] == ["I", "II", "III", "IV", "V"]
-    assert [zone["state"] for zone in entry["zones"]] == ["felt", "free", "felt", "free", "felt"]
-    assert {"share", "peak_acceleration_m_per_s2", "peak_position_m"} <= set(entry["zones"][0])
+    assert [zone["state"] for zone in entry["zones"]] == ["felt", "free", "felt", "free", "quiet"]
+    per_zone = {"share", "peak_acceleration_m_per_s2", "peak_position_m", "sensation_level_db"}
+    assert per_zone | {"acceleration_at_finger_m_per_s2"} <= set(entry["zones"][0])
+    assert entry["zones"][1]["sensation_level_db"] is None
     felt = sum(zone["share"] for zone in entry["zones"] if zone["state"] == "felt")
     assert abs(felt - entry["localized_factor"]) < 1e-9
 
 
+def test_contrast_is_the_difference_of_the_weakest_felt_and_the_strongest_quiet_level(built: Path) -> None:
+    entry = explained(built, "--felt", "I,III", "--quiet", "IV,V", "--no-alternatives")
+    levels = {
+        state: [z["sensation_level_db"] for z in entry["zones"] if z["state"] == state] for state in ("felt", "quiet")
+    }
+    assert entry["contrast_db"] == pytest.approx(min(levels["felt"]) - max(levels["quiet"]))
+    assert entry["level_db"] == pytest.approx(min(levels["felt"]))
+
+
+def test_between_levels_the_next_higher_drive_is_played_softer(built: Path) -> None:
+    entry, higher = (explained(built, "--felt", "I", "--level", level, "--no-alternatives") for level in ("17", "20"))
+    assert entry["level_db"] == pytest.approx(17.0, abs=1e-3)
+    assert entry["drive"]["frequencies_hz"] == higher["drive"]["frequencies_hz"]
+    assert entry["drive"]["amplitudes"] == pytest.approx(
+        [a * 10 ** (-3 / 20) for a in higher["drive"]["amplitudes"]], rel=1e-3
+    )
+
+
+def test_an_alternative_never_beats_the_entry(built: Path) -> None:
+    entry = explained(built, "--felt", "I", "--quiet", "IV")
+    names = [rival["name"] for rival in entry["alternatives"]]
+    assert {"left alone", "right alone", "localized factor", "paper's objective, bar untouched"} <= set(names)
+    for rival in entry["alternatives"]:
+        reaches = rival["level_db"] >= entry["wanted_level_db"] - 1e-3
+        assert not reaches or rival["expected_contrast_db"] <= entry["expected_contrast_db"] + 0.05, rival["name"]
+        assert rival["lost_by"]
+
+
 def test_explain_says_it_in_words(built: Path) -> None:
-    done = tactable("explain", "bar.nc", "--felt", "II", folder=built)
+    done = tactable("explain", "bar.nc", "--felt", "II", "--quiet", "V", folder=built)
     assert done.returncode == 0
-    assert "localized factor" in done.stdout
-    assert "limited by" in done.stdout
-    assert "ESTIMATES" in done.stdout
+    for part in ("localized factor", "limited by", "worst over", "lost", "ESTIMATES"):
+        assert part in done.stdout
 
 
 def test_frames_are_one_object_a_line(tmp_path: Path) -> None:
@@ -85,6 +125,11 @@ def test_frames_are_one_object_a_line(tmp_path: Path) -> None:
         (("explain", "missing.nc", "--felt", "I"), ("missing.nc", "tactable build")),
         (("explain", "bar.nc", "--felt", "VI"), ("'VI'", "I, II, III, IV, V")),
         (("explain", "bar.nc", "--felt", ","), ("--felt",)),
+        (("explain", "bar.nc", "--felt", "I", "--quiet", "I"), ("zone I", "once")),
+        (("explain", "bar.nc", "--felt", "I", "--level", "loud"), ("--level", "full")),
+        (("explain", "bar.nc", "--felt", "I", "--level", "nan"), ("--level", "0 or more")),
+        (("build", "bar.toml", "--objective", "contrst"), ("'contrst'", "standard contrast")),
+        (("bench", "states", "--zones", "two"), ("--zones", "whole numbers")),
         (("replay", "bar.toml"), ("bar.toml",)),
         (("demo", "--recording", "missing.hid"), ("missing.hid",)),
     ],
