@@ -9,7 +9,7 @@ from engine.entry import LEVEL_TOLERANCE_DB, Entry
 from precompute.assembly import Plant
 from precompute.drive import Drive
 from precompute.entries import EntrySolver
-from precompute.objective import DEFAULT_OBJECTIVE, OBJECTIVES, Problem, localized_factor
+from precompute.objective import DEFAULT_OBJECTIVE, OBJECTIVES, Problem, paper
 from precompute.promise import States, touched_zones
 from precompute.search import TIE_DB, Search
 
@@ -24,7 +24,7 @@ class Alternative:
 
 
 def solve_alternatives(plant: Plant, states: States, winner: Entry) -> list[Alternative]:
-    """The best single tones, the other objectives and the paper's (11), judged as the entry `winner` of `states` is."""
+    """The best single tones and the other objectives, judged as the entry `winner` of `states` is."""
     solver = EntrySolver(plant)
     entries = {
         name: solver.judge(states, winner.wanted_level_db, drive, name)
@@ -34,8 +34,8 @@ def solve_alternatives(plant: Plant, states: States, winner: Entry) -> list[Alte
 
 
 def paper_drive(solver: EntrySolver, states: States) -> Drive:
-    """The optimum of the paper's objective (11), sum of localized factors, on the untouched bar, level not minded."""
-    found = Search(localized_factor(solver.forms_of(()), states), []).best(0.0)
+    """The optimum of the published objective (11)."""
+    found = Search(paper(solver.forms_of(touched_zones(states)), states), []).best(0.0)
     assert found is not None  # with nothing wanted there is always a drive
     return found.drive
 
@@ -49,7 +49,6 @@ def _rivals(solver: EntrySolver, states: States, winner: Entry) -> Iterator[tupl
     for name, objective in OBJECTIVES.items():
         if name != winner.objective and objective(forms, states).name == name:
             yield from _best(name, objective(forms, states), wanted)
-    yield "paper's objective, bar untouched", paper_drive(solver, states)
 
 
 def _best(name: str, problem: Problem, wanted: float) -> Iterator[tuple[str, Drive]]:

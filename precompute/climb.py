@@ -143,7 +143,9 @@ def evaluate(  # type: ignore[no-untyped-def]  # numba
         logs_a[a] = np.log(max(abs(drive[a]) ** 2, _TINY))
     value = _soft(logs_n, beta, -1.0, multipliers[:n]) - _soft(logs_d, beta, 1.0, multipliers[n : n + d])
     spare = -_soft(logs_a, beta, 1.0, multipliers[n + d + p :]) - log_wanted
-    if p > 0:
+    if p == 0:
+        spare = np.inf
+    else:
         spare += _soft(logs_p, beta, -1.0, multipliers[n + d : n + d + p])
     x = -beta * spare
     missing = (x + np.log1p(np.exp(-x)) if x > 0 else np.log1p(np.exp(x))) / beta

@@ -92,6 +92,14 @@ def fair_share(forms: Forms, states: Sequence[ZoneState]) -> Problem:
     return _problem("fair share", forms, states, forms.energy[felt], forms.total[None], is_share=True)
 
 
+def paper(forms: Forms, states: Sequence[ZoneState]) -> Problem:
+    """The published objective (11): share of the felt zones on the bar without fingers, whatever their level."""
+    felt = [zone for zone, state in enumerate(states) if state is ZoneState.FELT]
+    energy = forms.untouched_energy[felt].sum(axis=0, keepdims=True)
+    problem = _problem("paper", forms, states, energy, forms.untouched_total[None], is_share=True)
+    return replace(problem, level=problem.level[:0])
+
+
 def level(forms: Forms, states: Sequence[ZoneState]) -> Problem:
     """Level of the weakest felt finger at full scale."""
     count = forms.total.shape[1]
@@ -107,8 +115,9 @@ OBJECTIVES: dict[str, Callable[[Forms, Sequence[ZoneState]], Problem]] = {
     "standard contrast": standard_contrast,
     "localized factor": localized_factor,
     "fair share": fair_share,
+    "paper": paper,
 }
-"""What a table can be built for. All stand above the level, with the fingers in the plant."""
+"""What a table can be built for. All but the paper's stand above the level and have the fingers in the plant."""
 
 
 def _contrast(name: str, forms: Forms, states: Sequence[ZoneState], power: Complex) -> Problem:

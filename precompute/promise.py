@@ -14,7 +14,7 @@ from precompute.figures import DriveFigures
 Array = NDArray[np.float64]
 States = tuple[ZoneState, ...]
 
-SHARES = ("localized factor", "fair share")
+SHARES = ("localized factor", "fair share", "paper")
 """Objectives whose value and bound are shares; the others' are in dB."""
 _FULL = 1 - 1e-3
 _AT_LEVEL_DB = 0.01

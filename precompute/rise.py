@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 STEP_S = 5e-4
-"""Rise times are right to this."""
+"""The envelope is looked at this often: an excursion just above WITHIN between two looks is missed."""
 LONGEST_S = 10.0
 """No rise is followed for longer."""
 WITHIN = 0.1

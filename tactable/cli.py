@@ -80,7 +80,7 @@ def build(
     device_name: DeviceName,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="The table; default NAME.nc here.")] = None,
     objective: Annotated[
-        str, typer.Option(help="contrast, standard contrast, localized factor or fair share.")
+        str, typer.Option(help="contrast, standard contrast, localized factor, fair share or paper.")
     ] = "contrast",
     memory_mib: Annotated[int, typer.Option(min=1, help="Memory for the buffers of the sweep, in MiB.")] = 64,
     as_json: AsJson = False,

@@ -11,6 +11,7 @@ from engine.device import Device
 from engine.entry import Entry, ZonePromise
 from engine.table import Table
 from precompute.alternatives import Alternative
+from precompute.promise import SHARES
 from precompute.touches import SAMPLES
 
 
@@ -138,8 +139,7 @@ def _wanted_words(entry: Entry) -> str:
 
 
 def _bound_words(entry: Entry) -> str:
-    is_share = entry.objective in ("localized factor", "fair share")
-    return f"{entry.upper_bound:.4f}" if is_share else f"{entry.upper_bound:.2f} dB"
+    return f"{entry.upper_bound:.4f}" if entry.objective in SHARES else f"{entry.upper_bound:.2f} dB"
 
 
 def _drive_lines(device: Device, entry: Entry) -> list[str]:

@@ -10,7 +10,7 @@ from engine.effect_player import EffectPlayer
 from engine.effects import DEFAULT_EFFECTS, Effects
 from engine.latency import LatencyRecorder
 from engine.limits import link_configuration
-from engine.loop import Clock, Loop, StateChange, StopRequest, connect
+from engine.loop import Clock, Loop, Reopening, StateChange, StopRequest, connect
 from engine.renderer import Renderer, WhenNotAchieved
 from engine.sources import Source
 from engine.table import Table
@@ -33,6 +33,7 @@ class LiveOptions:
 class Live:
     """The engine between a source and a port: greeted, encoded and armed when it is made, then `run`.
 
+    With `reopening` a run outlasts the loss of its port: the device is greeted and armed again once it is back.
     Its parts hold the counters, during the run and after it. Raises what they raise: DigitizerError, DescriptorError,
     LinkError, LimitError, RendererError.
     """
@@ -45,6 +46,7 @@ class Live:
         clock: Clock,
         options: LiveOptions,
         trace: list[StateChange] | None = None,
+        reopening: Reopening | None = None,
     ) -> None:
         device, effects = table.device, options.effects
         self.digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
@@ -66,6 +68,7 @@ class Live:
             session,
             clock,
             reconnect=options.reconnect,
+            reopening=reopening,
             trace=trace,
             latency=self.latency,
         )

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -22,6 +22,8 @@ from engine.sources.playback import Playback
 from engine.sources.recording import read_recording
 from engine.table import open_table
 from firmware_link.device import BOARD_EMULATED
+from firmware_link.errors import LinkError
+from firmware_link.reopening import ReopeningPort, stable_name_of
 from firmware_link.serial_port import SerialPort
 from tactable.live import Live, LiveOptions
 from tactable.shipped import find_device
@@ -74,7 +76,7 @@ def register(app: typer.Typer, machine: Machine | None = None) -> None:
         ] = None,
         bit_rate_hz: Annotated[int, typer.Option("--bit-rate", min=1, help="Of the port, bit/s.")] = 115_200,
         reconnect: Annotated[
-            bool, typer.Option("--reconnect", help="Greet and arm again a device that stopped itself.")
+            bool, typer.Option("--reconnect", help="Greet and arm again a device that stopped itself or was unplugged.")
         ] = False,
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
     ) -> None:
@@ -86,8 +88,11 @@ def register(app: typer.Typer, machine: Machine | None = None) -> None:
             options = LiveOptions(effects, when_not_achieved, reconnect, bit_rate_hz)
             source = stack.enter_context(_opened(asked, touch))
             stop = stack.enter_context(stop_at_signal())
-            port = stack.enter_context(SerialPort(port_name, bit_rate_hz))
-            live = Live(table, source, port, clock, options)
+            port = SerialPort(port_name, bit_rate_hz)
+            name = stable_name_of(port_name) if reconnect else port_name
+            reopening = ReopeningPort(_told(lambda: SerialPort(name, bit_rate_hz)), port)
+            stack.callback(reopening.close)
+            live = Live(table, source, port, clock, options, reopening=reopening if reconnect else None)
             _announce(source, port, live, when_not_achieved)
             start_ns = clock.now_ns()
             try:
@@ -111,14 +116,37 @@ def _opened(machine: Machine, name: str) -> Iterator[Source]:
         yield source
 
 
+def _told(open_port: Callable[[], SerialPort]) -> Callable[[], SerialPort]:
+    """The same, and people are told: once why the port cannot be opened, and when it is open again."""
+    is_told = False
+
+    def open_and_tell() -> SerialPort:
+        nonlocal is_told
+        try:
+            port = open_port()
+        except LinkError as error:
+            if not is_told:
+                _note(f"the port is lost, and looked for until it is back or Ctrl-C: {error}")
+            is_told = True
+            raise
+        is_told = False
+        _note(f"{port.path} is open again")
+        return port
+
+    return open_and_tell
+
+
+def _note(text: str) -> None:
+    _errors.print(f"note: {text}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+
+
 def _announce(source: Source, port: SerialPort, live: Live, when_not_achieved: WhenNotAchieved) -> None:
     simulated = ", SIMULATED firmware" if live.capabilities.board == BOARD_EMULATED else ""
     _errors.print(f"{source.name} to {port.path}{simulated}; Ctrl-C ends", markup=False, soft_wrap=True)
     if when_not_achieved is WhenNotAchieved.WARN:
         for level_db, states in live.renderer.shortfalls.items():
             if states:
-                text = f"{states} states do not reach {level_db:g} dB: they are played as strong as they get"
-                _errors.print(f"note: {text}", style="yellow", markup=False, soft_wrap=True)
+                _note(f"{states} states do not reach {level_db:g} dB: they are played as strong as they get")
 
 
 def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
@@ -135,6 +163,7 @@ def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
         "set_frames_on_the_wire": live.frames_sent,
         "unknown_states": live.renderer.unknown_states,
         "not_achieved_states": live.renderer.not_achieved_states,
+        "losses_of_the_port": counters.losses,
         "reconnects": counters.reconnects,
         "digitizer": asdict(live.digitizer.counters),
         "link": asdict(live.link.counters),
@@ -148,7 +177,7 @@ def _print_summary(summary: dict[str, Any], as_json: bool) -> None:
         return
     names = ("reports", "touch_frames", "state_changes", "commands_sent", "set_frames_on_the_wire")
     told = [f"{summary[name]} {name.replace('_', ' ')}" for name in names]
-    rare = ("unknown_states", "not_achieved_states", "reconnects")
+    rare = ("unknown_states", "not_achieved_states", "losses_of_the_port", "reconnects")
     told += [f"{summary[name]} {name.replace('_', ' ')}" for name in rare if summary[name]]
     _out.print(f"{summary['duration_s']:.1f} s: {', '.join(told)}", highlight=False, soft_wrap=True)
     if latency := summary["report_to_command"]:
