@@ -124,7 +124,9 @@ class DenseModel:
             dead=np.array([level.min() for _, level in zones]),
         )
 
-    def envelope(self, frequency_hz: Array, amplitude: Complex, position_m: Array, time_s: Array) -> tuple[Array, Array]:
+    def envelope(
+        self, frequency_hz: Array, amplitude: Complex, position_m: Array, time_s: Array
+    ) -> tuple[Array, Array]:
         """Acceleration amplitude from rest, (time, place), tones started at t = 0; and what it becomes, (place,).
 
         time_s: even steps from 0. Of each tone the magnitude under exp(j omega t); tones add as magnitudes.

@@ -1,4 +1,4 @@
-"""What a state of the fingers asks of a drive, from its definition: a dense model for every touch, its fingers assembled.
+"""What a state of the fingers asks of a drive, from its definition: a dense model for every touch, fingers assembled.
 
 No low-rank update and no interpolation: at each frequency LAPACK solves the models of all touches, side by side in one
 band matrix. Only which fingers there are is taken from precompute.touches, as data.
@@ -6,6 +6,7 @@ band matrix. Only which fingers there are is taken from precompute.touches, as d
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -66,6 +67,7 @@ class DenseState:
     loudest: bool
     models: list[DenseModel] = field(init=False)
     """The bar under each touch, the standard one first."""
+    _rows: Any = field(init=False)  # scipy.sparse
     _known: dict[float, Complex] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -80,8 +82,8 @@ class DenseState:
         self._rows = scipy.sparse.block_diag([self.bare.rows([at for at, _ in on]) for on in fingers], format="csr")
         zones = self.bare.device.zones
         parts = [self.bare.square_integral(zone.start_m, zone.stop_m) for zone in zones]
-        self._energy = sum(parts[zone] for zone in self.zones_of(ZoneState.FELT))
         self._total = self.bare.square_integral(0.0, self.bare.device.bar.length_m)
+        self._energy = sum((parts[zone] for zone in self.zones_of(ZoneState.FELT)), 0 * self._total)
         free = self.zones_of(ZoneState.FREE)
         self._density = sum((parts[zone] / zones[zone].length_m for zone in free), 0 * self._total) / max(len(free), 1)
         numerators = 1 if not self.quiet and not self.loudest else len(self.felt)
@@ -104,8 +106,8 @@ class DenseState:
         assert not failed
         spring, damper = (np.tile(part, (count, 1)) for part in (self.bare.spring, self.bare.damper))
         field, _ = zgbtrs(lu, 3, 3, spring + 1j * omega * damper, pivots)
-        turned = scipy.sparse.dia_array((1j * C - 2 * omega * M, _OFFSETS), shape=(K.shape[1], K.shape[1]))
-        slope, _ = zgbtrs(lu, 3, 3, 1j * damper - turned @ field, pivots)
+        turned = _product(1j * C - 2 * omega * M, field)
+        slope, _ = zgbtrs(lu, 3, 3, 1j * damper - turned, pivots)
         both: Complex = np.stack([field, 2 * np.pi * slope]).reshape(2, count, -1, field.shape[1])
         return both
 
@@ -176,6 +178,13 @@ def _band(matrix: Array) -> Array:
         row[max(offset, 0) : size + min(offset, 0)] = np.diagonal(matrix, offset)
     assert np.count_nonzero(out) == np.count_nonzero(matrix)
     return out
+
+
+def _product(bands: NDArray[np.complexfloating], columns: Complex) -> Complex:
+    """The band matrix times columns."""
+    matrix: Any = scipy.sparse.dia_array((bands, np.array(_OFFSETS)), shape=(len(columns), len(columns)))
+    product: Complex = matrix @ columns
+    return product
 
 
 def _squares(values: Complex) -> Complex:

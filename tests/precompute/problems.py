@@ -29,7 +29,7 @@ def random_problem(seed: int, actuators: int, sizes: tuple[int, int, int], frequ
     numerator, denominator, level = (random_forms(random, size, frequencies, actuators) for size in sizes)
     return Problem(
         name="random",
-        frequency_hz=60 + 20.0 * np.arange(frequencies),
+        frequency_hz=60 + 20 * np.arange(float(frequencies)),
         in_band=np.ones((frequencies, actuators), dtype=bool),
         numerator=numerator,
         denominator=denominator,

@@ -2,8 +2,8 @@
 
 import itertools
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import scipy.optimize
@@ -50,7 +50,7 @@ class Tries:
 
 def partitions(actuators: int) -> list[tuple[int, ...]]:
     """Every way to share actuators among tones: the tone of each, numbered as they come; all on one tone first."""
-    found = {()}
+    found: set[tuple[int, ...]] = {()}
     for _ in range(actuators):
         found = {(*tones, t) for tones in found for t in range(max(tones, default=-1) + 2)}
     return sorted(found)
@@ -102,7 +102,11 @@ def _random_amplitudes(near: Complex, count: int, random: np.random.Generator) -
     shape = (count, len(near))
     phase = np.exp(2j * np.pi * random.uniform(size=shape))
     normal = random.normal(size=shape) + 1j * random.normal(size=shape)
-    kinds = [10 ** random.uniform(-2, 0, shape) * phase, normal, near + 10 ** random.uniform(-3, 0, (count, 1)) * normal]
+    kinds = [
+        10 ** random.uniform(-2, 0, shape) * phase,
+        normal,
+        near + 10 ** random.uniform(-3, 0, (count, 1)) * normal,
+    ]
     out: Complex = np.choose(random.integers(3, size=(count, 1)), kinds)
     silent = random.uniform(size=shape) < 0.1
     silent[np.arange(count), random.integers(len(near), size=count)] = False
@@ -125,14 +129,14 @@ def judge_tries(state: DenseState, tries: Tries) -> None:
 def _powers(forms: Complex, tone: Index, place: Index, amplitude: Complex) -> Array:
     """Shape (try, form) from forms (frequency, form, actuator, actuator); different tones do not interfere."""
     out = np.zeros((len(tone), forms.shape[1]))
-    for l, r in itertools.combinations_with_replacement(range(tone.shape[1]), 2):
-        product = amplitude[:, l].conj() * amplitude[:, r] * (tone[:, l] == tone[:, r])
-        out += (1 if l == r else 2) * (product[:, None] * forms[place[:, l], :, l, r]).real
+    for a, b in itertools.combinations_with_replacement(range(tone.shape[1]), 2):
+        product = amplitude[:, a].conj() * amplitude[:, b] * (tone[:, a] == tone[:, b])
+        out += (1 if a == b else 2) * (product[:, None] * forms[place[:, a], :, a, b]).real
     return out
 
 
 def best_starts(tries: Tries, wanted: float, count: int) -> list[int]:
-    """The best tries of every family, those that reach the level first; different in frequency, half of them coherent."""
+    """The best tries of every family, half of them coherent; those that reach the level first, apart in frequency."""
     missing = np.maximum(np.log(wanted) - np.log(tries.level), 0.0) if wanted else 0.0
     score = np.log(tries.ratio) - 50 * missing
     families = partitions(tries.tone.shape[1])
@@ -149,39 +153,46 @@ def best_starts(tries: Tries, wanted: float, count: int) -> list[int]:
             if len(taken) == limit:
                 break
         chosen += taken
-    return chosen[:count] if len(chosen) > count else chosen
+    return chosen[:count]
 
 
 def climb(state: DenseState, device: Device, tries: Tries, start: int, wanted: float) -> Rival:
     """SLSQP from one try over frequencies, amplitudes and phases together; slopes are exact."""
     tone, amplitude = tries.tone[start], tries.amplitude[start]
     hz = np.array([tries.frequency_hz[tries.place[start]][tone == t][0] for t in range(tone.max() + 1)])
-    climb = _Climb(state, tone, wanted)
-    bands = np.array([actuator.band_hz for actuator in device.actuators])
-    usable = (bands[:, 0] <= hz[tone]) & (hz[tone] <= bands[:, 1])
-    reach = [_reach(float(f), bands[usable & (tone == t)]) for t, f in enumerate(hz)]
-    sides = [(-2.0, 2.0) if use else (0.0, 0.0) for use in np.tile(usable, 2)]
+    task = _Climb(state, tone, wanted)
     first = np.concatenate([hz, amplitude.real, amplitude.imag])
-    ratio = np.log(state.judge(climb.powers(first)[0])[0])
-    denominators = climb.powers(first)[0][state.denominators]
-    lower = 0.0 if state.loudest else float(np.log(denominators.max()))
+    powers = task.powers(first)[0]
+    below = 0.0 if state.loudest else float(np.log(powers[state.denominators].max()))
+    above = float(np.log(powers[state.numerators].min()))
+    low, high = _bounds(device, hz, tone)
+    held = 0.0 if state.loudest else np.inf  # nothing below: d stays 0
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # SLSQP clips what rounding puts outside its bounds
         found = scipy.optimize.minimize(
-            climb.objective,
-            np.concatenate([first, [ratio + lower, lower]]),
-            jac=climb.objective_slope,
+            task.objective,
+            np.append(first, [above, below]),
+            jac=task.objective_slope,
             method="SLSQP",
-            bounds=[*reach, *sides, (None, None), (lower, lower) if state.loudest else (None, None)],
-            constraints={"type": "ineq", "fun": climb.constraints, "jac": climb.constraint_slopes},
+            bounds=scipy.optimize.Bounds(np.append(low, [-np.inf, -held]), np.append(high, [np.inf, held])),
+            constraints=task.as_inequality,
             options={"maxiter": 60, "ftol": 1e-7},
         ).x
-    return rival(state, *climb.drive(found if np.isfinite(found).all() else first))
+    return rival(state, *task.drive(found if np.isfinite(found).all() else first))
 
 
-def _reach(hz: float, bands: Array) -> tuple[float, float]:
-    low, high = (bands[:, 0].max(), bands[:, 1].min()) if len(bands) else (hz, hz)
-    return max(low, hz - _REACH_HZ), min(high, hz + _REACH_HZ)
+def _bounds(device: Device, hz: Array, tone: Index) -> tuple[Array, Array]:
+    """Of frequencies, within _REACH_HZ and the bands of who plays them, and of amplitudes: 0 for who is out of band."""
+    bands = np.array([actuator.band_hz for actuator in device.actuators])
+    usable = (bands[:, 0] <= hz[tone]) & (hz[tone] <= bands[:, 1])
+    low, high = hz - _REACH_HZ, hz + _REACH_HZ
+    for actuator in np.flatnonzero(usable):
+        t = tone[actuator]
+        low[t], high[t] = max(low[t], bands[actuator, 0]), min(high[t], bands[actuator, 1])
+    unheard = [t for t in range(len(hz)) if not usable[tone == t].any()]
+    low[unheard] = high[unheard] = hz[unheard]
+    most = 2.0 * np.tile(usable, 2)
+    return np.append(low, -most), np.append(high, most)
 
 
 def rival(state: DenseState, frequency_hz: Array, amplitude: Complex) -> Rival:
@@ -194,7 +205,7 @@ def rival(state: DenseState, frequency_hz: Array, amplitude: Complex) -> Rival:
 
 
 class _Climb:
-    """The problem in SLSQP's form: x = tones' frequencies, real and imaginary amplitudes, log of numerator, denominator.
+    """The problem in SLSQP's form, x = tones' frequencies, real and imaginary amplitudes, n and d.
 
     maximise n - d: log N_i >= n, log D_j <= d, log P_f >= log wanted, |a_l| <= 1, tones BEAT_HZ apart.
     """
@@ -233,6 +244,11 @@ class _Climb:
             slope[:, self.tones + self.count + mine] = 2 * turned[0][:, mine].imag
         return power, slope
 
+    @property
+    def as_inequality(self) -> Any:
+        """The constraints as minimize takes them."""
+        return {"type": "ineq", "fun": self.constraints, "jac": self.constraint_slopes}
+
     def objective(self, x: Array) -> float:
         return float(x[-1] - x[-2])
 
@@ -245,7 +261,7 @@ class _Climb:
         logs = np.log(np.maximum(self.powers(x)[0], 1e-300))
         _, amplitude = self.drive(x)
         apart = [self._side(x, s, t) * (x[s] - x[t]) - BEAT_HZ for s, t in self.pairs]
-        parts: list[Array | Sequence[float]] = [logs[self.state.numerators] - x[-2], 1 - abs(amplitude) ** 2, apart]
+        parts = [logs[self.state.numerators] - x[-2], np.asarray(1 - abs(amplitude) ** 2), np.array(apart)]
         if not self.state.loudest:
             parts += [x[-1] - logs[self.state.denominators], logs[self.state.levels] - self.log_wanted]
         return np.concatenate(parts)

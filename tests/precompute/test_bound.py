@@ -70,7 +70,7 @@ def test_pricing_settles_where_the_mixture_reaches_the_bound(
     wanted, greatest = sampled(problem, quantile, seed)
     columns = Columns(problem, wanted)
     drives = random_drives(problem, 3000, np.random.default_rng(seed))
-    ratio, level = ratios(problem, drives)
+    _, level = ratios(problem, drives)
     for k in np.flatnonzero((drives[0].max(axis=1) == 0) & (level >= wanted))[:5]:
         columns.add(float(problem.frequency_hz[drives[1][k, 0]]), drives[2][k])
     for k in range(len(problem.frequency_hz)):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.device_file import parse_device
+from engine.entry import DEFAULT_LEVEL_DB
 from engine.table import Table, TableError, open_table
 from engine.zones import ZoneState
 from precompute.assembly import assemble
@@ -183,10 +184,12 @@ def test_the_memory_budget_does_not_change_a_byte(folder: Path, tmp_path: Path, 
 @pytest.mark.parametrize("name", DEVICES)
 def test_entries_are_read_back_as_they_were_solved(folder: Path, name: str) -> None:
     device = DEVICES[name]
-    solved = tuple(entry for entry, _ in solve_entries(assemble(device), zone_points(device)))
+    solved = sorted((entries for entries, _ in solve_entries(assemble(device))), key=lambda entries: entries[0].index)
     with opened(folder, name) as table:
-        assert table.entries == solved
-        assert table.entry_for(["III", "I"]).states == (ZoneState.FELT, ZoneState.FREE, ZoneState.FELT)
+        assert table.entries == tuple(entry for level in zip(*solved, strict=True) for entry in level)
+        found = table.entry_for(["III", "I"], ["II"])
+        assert found.states == (ZoneState.FELT, ZoneState.QUIET, ZoneState.FELT)
+        assert found.wanted_level_db == DEFAULT_LEVEL_DB
 
 
 def test_a_bar_with_one_actuator_has_a_table_without_pairs(folder: Path) -> None:

@@ -7,7 +7,19 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from precompute.climb import PENALTY, SHARPEST, climb, evaluate, greatest_eigenvalue, interpolate, refine, scan
+from precompute.climb import (
+    PENALTY,
+    SHARPEST,
+    climb,
+    climb_each,
+    evaluate,
+    greatest_eigenvalue,
+    interpolate,
+    refine,
+    scan,
+    scan_pairs,
+)
+from precompute.objective import Problem
 from precompute.search import pack_directions, pack_forms, search_directions
 from tests.precompute.problems import powers, random_forms, random_problem
 
@@ -24,6 +36,11 @@ def random_drive(seed: int, actuators: int) -> Complex:
     parts = np.random.default_rng(seed).normal(size=(2, actuators))
     drive: Complex = parts[0] + 1j * parts[1]
     return drive
+
+
+def first_forms(problem: Problem) -> list[Complex]:
+    """Numerators, denominators and levels at the first frequency."""
+    return [np.ascontiguousarray(stack[:, 0]) for stack in problem.stacks]
 
 
 @few
@@ -48,12 +65,15 @@ def test_the_scan_finds_the_best_direction_above_each_level(
     wanted[0] = 0.0
     score = np.empty((len(problem.frequency_hz), 4), dtype=np.float32)
     arg = np.empty(score.shape, dtype=np.int64)
-    scan(*map(pack_forms, problem.stacks), pack_directions(directions), wanted, score, arg)
+    numerator, denominator, level = map(pack_forms, problem.stacks)
+    scan(numerator, denominator, level, pack_directions(directions), wanted, score, arg)
     at = np.arange(len(score))
     for w, level in enumerate(wanted):
         # A direction at the very level may fall on either side of it in single precision.
         surely, perhaps = (np.where(loud >= level * (1 + e), ratio, -1.0).max(axis=1) for e in (1e-5, -1e-5))
-        assert (score[:, w] >= surely - 1e-4 * abs(surely)).all() and (score[:, w] <= perhaps + 1e-4 * abs(perhaps)).all()
+        assert (score[:, w] >= surely - 1e-4 * abs(surely)).all() and (
+            score[:, w] <= perhaps + 1e-4 * abs(perhaps)
+        ).all()
         reached = score[:, w] >= 0
         assert score[reached, w] == pytest.approx(ratio[at, arg[:, w]][reached], rel=1e-4)
         assert (loud[at, arg[:, w]][reached] >= level * (1 - 1e-5)).all()
@@ -61,14 +81,14 @@ def test_the_scan_finds_the_best_direction_above_each_level(
     assert loud[at, arg[:, 3]] == pytest.approx(loud.max(axis=1), rel=1e-5)
 
 
-def evaluated(problem_seed: int, drive: Complex, sizes: tuple[int, int, int], log_wanted: float, beta: float) -> tuple[
-    float, Array, Array
-]:
+def evaluated(
+    problem_seed: int, drive: Complex, sizes: tuple[int, int, int], log_wanted: float, beta: float
+) -> tuple[float, Array, Array]:
     """Value, gradient and multipliers at the first frequency of a random problem."""
-    forms = [np.ascontiguousarray(stack[:, 0]) for stack in random_problem(problem_seed, len(drive), sizes).stacks]
-    gradient, multipliers = np.empty(2 * len(drive)), np.empty(sum(sizes) + len(drive))
+    numerator, denominator, level = first_forms(random_problem(problem_seed, len(drive), sizes))
+    gradient, (multipliers, logs) = np.empty(2 * len(drive)), np.empty((2, sum(sizes) + len(drive)))
     usable = np.ones(len(drive), dtype=bool)
-    value = evaluate(drive, usable, *forms, log_wanted, beta, gradient, multipliers)
+    value = evaluate(drive, usable, numerator, denominator, level, log_wanted, beta, gradient, multipliers, logs)
     return value, gradient, multipliers
 
 
@@ -84,7 +104,9 @@ def test_the_gradient_is_that_of_finite_differences(
         moved = np.zeros(actuators, dtype=np.complex128)
         moved[k // 2] = step if k % 2 == 0 else 1j * step
         above, below = (evaluated(seed, drive + s * moved, sizes, log_wanted, beta)[0] for s in (1, -1))
-        assert (above - below) / (2 * step) == pytest.approx(gradient[k], rel=1e-4, abs=1e-4 * abs(gradient).max() + 1e-5)
+        assert (above - below) / (2 * step) == pytest.approx(
+            gradient[k], rel=1e-4, abs=1e-4 * abs(gradient).max() + 1e-5
+        )
 
 
 @few
@@ -113,10 +135,10 @@ def test_the_smoothed_value_is_below_the_true_one_by_no_more_than_the_sharpness_
 @given(seeds, actuator_counts)
 def test_one_ratio_is_climbed_to_its_greatest_eigenvalue(seed: int, actuators: int) -> None:
     problem = random_problem(seed, actuators, (1, 1, 1))
-    numerator, denominator, level = (np.ascontiguousarray(stack[:, 0]) for stack in problem.stacks)
+    numerator, denominator, level = first_forms(problem)
     drive, multipliers = random_drive(seed, actuators), np.empty(3 + actuators)
     usable = np.ones(actuators, dtype=bool)
-    value = climb(drive, usable, numerator, denominator, level, ANYTHING, 30.0, multipliers)
+    value = climb(drive, usable, numerator, denominator, level, ANYTHING, 30.0, SHARPEST, multipliers)
     assert value == pytest.approx(np.log(eigh(numerator[0], denominator[0], eigvals_only=True)[-1]), abs=1e-4)
 
 
@@ -126,12 +148,12 @@ def test_a_climb_ends_no_lower_than_it_began_and_leaves_silent_actuators_silent(
     seed: int, actuators: int, sizes: tuple[int, int, int]
 ) -> None:
     problem = random_problem(seed, actuators, sizes)
-    forms = [np.ascontiguousarray(stack[:, 0]) for stack in problem.stacks]
+    numerator, denominator, level = first_forms(problem)
     drive, usable = random_drive(seed, actuators), np.ones(actuators, dtype=bool)
     usable[-1], drive[-1] = False, 0
-    gradient, multipliers = np.empty(2 * actuators), np.empty(sum(sizes) + actuators)
-    before = evaluate(drive, usable, *forms, 0.0, SHARPEST, gradient, multipliers)
-    after = climb(drive, usable, *forms, 0.0, SHARPEST, multipliers)
+    gradient, (multipliers, logs) = np.empty(2 * actuators), np.empty((2, sum(sizes) + actuators))
+    before = evaluate(drive, usable, numerator, denominator, level, 0.0, SHARPEST, gradient, multipliers, logs)
+    after = climb(drive, usable, numerator, denominator, level, 0.0, SHARPEST, SHARPEST, multipliers)
     assert after >= before - 1e-9
     assert drive[-1] == 0
 
@@ -147,11 +169,49 @@ def test_interpolation_is_exact_for_cubics_and_at_the_grid(seed: int, frequencie
 
     def cubic(hz: Array) -> Complex:
         x = (hz - 180) / 120
-        return np.einsum("kab,fk->fab", factors[:, 0], x[:, None] ** np.arange(4))[None]
+        forms: Complex = np.einsum("kab,fk->fab", factors[:, 0], x[:, None] ** np.arange(4))[None]
+        return forms
 
     for hz in [*grid_hz, *random.uniform(grid_hz[0], grid_hz[-1], 5)]:
         interpolate(cubic(grid_hz), grid_hz, np.array([hz]), tone, out)
         assert abs(out - cubic(np.array([hz]))[:, 0]).max() <= 1e-8 * abs(factors).max()
+
+
+@few
+@given(seeds, actuator_counts, counts)
+def test_climbing_at_each_frequency_is_climbing_there_alone(
+    seed: int, actuators: int, sizes: tuple[int, int, int]
+) -> None:
+    problem = random_problem(seed, actuators, sizes)
+    drives = np.array([random_drive(seed + f, actuators) for f in range(len(problem.frequency_hz))])
+    together, value = drives.copy(), np.empty(len(drives))
+    usable = np.ones(drives.shape, dtype=bool)
+    climb_each(together, usable, *problem.stacks, ANYTHING, 30.0, 300.0, value)
+    numerator, denominator, level = first_forms(problem)
+    alone, multipliers = drives[0].copy(), np.empty(sum(sizes) + actuators)
+    assert climb(alone, usable[0], numerator, denominator, level, ANYTHING, 30.0, 300.0, multipliers) == value[0]
+    assert (alone == together[0]).all()
+
+
+@few
+@given(seeds, counts, st.sampled_from([0.0, 0.5, 5.0]))
+def test_the_scan_of_pairs_finds_the_best_second_tone_and_its_power(
+    seed: int, sizes: tuple[int, int, int], wanted: float
+) -> None:
+    random, hz = np.random.default_rng(seed), np.array([60.0, 66.0, 75.0, 130.0])
+    first, second = 10 ** random.uniform(-1, 1, (2, len(hz), sum(sizes) + 2))
+    first[:, -1], second[:, -2] = 0, 0  # an actuator each
+    shares, ends = np.geomspace(0.1, 10, 7), np.cumsum(sizes)
+    best, partner, share = np.empty(len(hz)), np.empty(len(hz), dtype=np.int64), np.empty(len(hz))
+    scan_pairs(first, second, hz, shares, ends, wanted, 10.0, best, partner, share)
+    total = first[:, None, None] + shares[:, None] * second[:, None]  # (first, second, share, form)
+    numerator, denominator, level, actuator = np.split(total, ends, axis=-1)
+    ratio = numerator.min(axis=-1) / denominator.max(axis=-1)
+    ratio[level.min(axis=-1) < wanted * actuator.max(axis=-1)] = -1.0
+    ratio[abs(hz[:, None] - hz) < 10.0] = -1.0
+    assert best == pytest.approx(ratio.max(axis=(1, 2)))
+    for f in np.flatnonzero(best >= 0):
+        assert ratio[f, partner[f], np.flatnonzero(shares == share[f])[0]] == pytest.approx(best[f])
 
 
 def test_between_fewer_than_four_frequencies_it_takes_what_there_is() -> None:

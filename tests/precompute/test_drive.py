@@ -19,7 +19,7 @@ def judged(seed: int, actuators: int, drive: int = 0) -> tuple[Drive, float, flo
     """One of the random drives of a random problem, judged, and the ratio and level that NumPy finds."""
     problem, random = random_problem(seed, actuators, (2, 3, 2)), np.random.default_rng(seed)
     drives = random_drives(problem, drive + 1, random)
-    tone, place, amplitude = drives
+    _, place, amplitude = drives
     found = judge(problem, problem.frequency_hz[place[drive]], amplitude[drive], random.uniform(size=7 + actuators))
     ratio, level = ratios(problem, drives)
     return found, float(ratio[drive]), float(level[drive])

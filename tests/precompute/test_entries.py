@@ -37,7 +37,7 @@ FREE, QUIET, FELT = ZoneState
 
 
 def three_actuators() -> Device:
-    """A random device with bands of its own for each actuator, less than full scale allowed, levels beyond its reach."""
+    """A random device: a band of its own for each actuator, less than full scale allowed, levels beyond its reach."""
     device = random_device(20230247606)
     bands = ((60.0, 300.0), (60.0, 240.0), (85.0, 300.0))
     return replace(
@@ -153,7 +153,9 @@ def test_an_entry_is_below_its_bound_by_its_gap(case: tuple[str, str, int]) -> N
     entry = entries_of(device, states)[level]
     state, _ = task_of(device, entry)
     value = rival(state, *drive_of(entry)).ratio * (device.limits.amplitude**2 if state.loudest else 1.0)
-    bound_db = decibels(entry.upper_bound) if "share" in entry.objective or "factor" in entry.objective else entry.upper_bound
+    bound_db = (
+        decibels(entry.upper_bound) if "share" in entry.objective or "factor" in entry.objective else entry.upper_bound
+    )
     assert bound_db >= decibels(value) - PROMISE_DB
     assert entry.optimality_gap_db == pytest.approx(bound_db - decibels(value), abs=PROMISE_DB)
 
@@ -248,13 +250,17 @@ def test_t90_is_that_of_the_slowest_felt_finger_in_the_dense_model(case: tuple[s
     entry = entries_of(device, states)[level]
     state, _ = task_of(device, entry)
     places_m = np.array([touches_of(device).middle_m[zone] for zone in state.zones_of(FELT)])
-    course, final = state.models[0].envelope(*drive_of(entry), places_m, np.arange(4000) * STEP_S)
+    course, final = state.models[0].envelope(*drive_of(entry), places_m, STEP_S * np.arange(4000.0))
     outside = np.flatnonzero((abs(course - final) > WITHIN * final).any(axis=1))
     assert entry.t90_s == pytest.approx((outside[-1] + 1) * STEP_S, rel=0.02, abs=2 * STEP_S)
     assert entry.worst_case.t90_s >= entry.t90_s
 
 
-SOME_STATES = {"reference-a": ["F--Q-", "FQF-Q", "--F--"], "reference-d": ["-FQ--", "FF--Q"], "three actuators": ["F-Q-", "FQFQ"]}
+SOME_STATES = {
+    "reference-a": ["F--Q-", "FQF-Q", "--F--"],
+    "reference-d": ["-FQ--", "FF--Q"],
+    "three actuators": ["F-Q-", "FQFQ"],
+}
 some_states = pytest.mark.parametrize(
     ("name", "states"), [(name, states) for name, every in SOME_STATES.items() for states in every]
 )
@@ -294,7 +300,7 @@ def device_zones(name: str) -> tuple[Zone, ...]:
 @some_states
 def test_what_is_wanted_louder_has_no_more_of_the_objective(name: str, states: str) -> None:
     above_level = [entry for entry in entries_of(DEVICES[name], states) if entry.objective != "level"]
-    for softer, louder in zip(above_level, above_level[1:], strict=False):
+    for softer, louder in pairwise(above_level):
         if "Q" in states:
             assert softer.expected_contrast_db is not None and louder.expected_contrast_db is not None
             assert louder.expected_contrast_db <= softer.expected_contrast_db + TOLERANCE_DB + spill_db(states)
@@ -359,6 +365,18 @@ def test_a_mirrored_bar_has_mirrored_entries(name: str, states: str) -> None:
             assert other.share == pytest.approx(zone.share, rel=0.02, abs=1e-3)
 
 
+@pytest.mark.parametrize("states", ["F--Q-", "FQF-Q", "FF---"])
+def test_actuators_whose_bands_do_not_meet_each_play_in_their_own(states: str) -> None:
+    base = DEVICES["reference-a"]
+    left, right = base.actuators
+    bands = replace(left, band_hz=(60.0, 120.003)), replace(right, band_hz=(180.004, 300.0))
+    device = replace(base, actuators=bands)
+    for entry in entries_of(device, states):
+        assert entry.family in ("single tone", "two tones")
+        for actuator, hz, amplitude in zip(device.actuators, entry.frequencies_hz, entry.amplitudes, strict=True):
+            assert amplitude == 0.0 or actuator.band_hz[0] <= hz <= actuator.band_hz[1]
+
+
 def test_half_the_amplitude_limit_gives_half_the_drive_of_twice_the_level() -> None:
     full = replace(DEVICES["reference-a"], levels_db=(25.0,))
     half_db = 25.0 + 20 * np.log10(0.5)
@@ -396,7 +414,9 @@ def test_one_zone_over_the_whole_bar_has_every_share_and_is_driven_as_loud_as_as
         assert entry.localized_factor == pytest.approx(1.0)
         assert entry.contrast_db is None and entry.worst_case.contrast_db is None
         assert entry.achieved
-        assert entry.level_db == pytest.approx(min(entry.wanted_level_db, entries_of(device, "F")[-1].level_db), abs=1e-3)
+        assert entry.level_db == pytest.approx(
+            min(entry.wanted_level_db, entries_of(device, "F")[-1].level_db), abs=1e-3
+        )
 
 
 def test_a_table_holds_every_state_with_a_felt_zone() -> None:
@@ -443,4 +463,11 @@ def measure(objective: str, entry: Entry) -> float:
         "standard contrast": entry.contrast_db,
         "localized factor": sum(shares),
         "fair share": min(shares),
+        "paper": untouched_share(entry),
     }[objective]
+
+
+def untouched_share(entry: Entry) -> float:
+    """Of the felt zones together, the entry played on reference-a without fingers."""
+    share = bare_model(DEVICES["reference-a"]).figures(*drive_of(entry)).share
+    return float(share[[state is FELT for state in entry.states]].sum())

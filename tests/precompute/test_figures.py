@@ -1,4 +1,4 @@
-"""Laws of a drive's figures: under every touch those of a dense model with its fingers assembled, and the standard ones."""
+"""Laws of a drive's figures: under every touch those of a dense model with its fingers assembled."""
 
 from functools import cache
 

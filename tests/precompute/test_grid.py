@@ -1,4 +1,4 @@
-"""Laws of the grid: points close enough, frequencies dense at resonances, an honest interpolation error."""
+"""Laws of the grid: points close enough, an honest interpolation error."""
 
 from dataclasses import replace
 
@@ -8,14 +8,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.assembly import assemble
-from precompute.grid import (
-    SAMPLING_ERROR,
-    compute_grid_response,
-    estimate_interpolation_error,
-    refine_frequencies,
-    zone_points,
-)
-from precompute.modal import compute_basis, compute_modal_model
+from precompute.grid import SAMPLING_ERROR, compute_grid_response, estimate_interpolation_error, zone_points
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import every_device, random_device
 
@@ -44,38 +37,6 @@ def test_points_reach_from_edge_to_edge_in_eights(device: Device) -> None:
     assert points_m.shape[1] % 8 == 0
     assert points_m[:, 0] == pytest.approx([zone.start_m for zone in device.zones])
     assert points_m[:, -1] == pytest.approx([zone.stop_m for zone in device.zones])
-
-
-def resonances(device: Device) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Frequency and half bandwidth in Hz of the damped modes, from the dense state space."""
-    model = DenseModel(device)
-    size, inverse = len(model.K), np.linalg.inv(model.M)
-    upper = np.hstack([np.zeros((size, size)), np.eye(size)])
-    pole = np.linalg.eigvals(np.vstack([upper, np.hstack([-inverse @ model.K, -inverse @ model.C])]))
-    pole = pole[(pole.imag > 0) & (pole.imag < 2 * np.pi * 320)]
-    return pole.imag / (2 * np.pi), -pole.real / (2 * np.pi)
-
-
-@any_device
-def test_the_refined_grid_holds_the_base_grid_in_order_and_no_more_range(device: Device) -> None:
-    base_hz = device.sweep.frequency_hz
-    refined_hz = refine_frequencies(base_hz, compute_modal_model(compute_basis(assemble(device))))
-    assert np.isin(base_hz, refined_hz).all()
-    assert (np.diff(refined_hz) > 0).all()
-    assert (refined_hz[0], refined_hz[-1]) == (base_hz[0], base_hz[-1])
-
-
-@any_device
-def test_the_refined_grid_is_finer_than_a_fifth_of_a_half_bandwidth_at_every_resonance(device: Device) -> None:
-    refined_hz = refine_frequencies(device.sweep.frequency_hz, compute_modal_model(compute_basis(assemble(device))))
-    inside = 0
-    for centre_hz, half_width_hz in zip(*resonances(device), strict=True):
-        if device.sweep.start_hz < centre_hz < device.sweep.stop_hz:
-            inside += 1
-            assert abs(refined_hz - centre_hz).min() <= 0.2 * half_width_hz
-            about = refined_hz[abs(refined_hz - centre_hz) <= half_width_hz]
-            assert len(about) >= 10
-    assert inside
 
 
 def looked_at(device: Device, frequency_hz: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

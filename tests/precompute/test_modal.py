@@ -11,7 +11,7 @@ from precompute.assembly import assemble
 from precompute.modal import ModalModel, compute_basis, compute_modal_model
 from precompute.response import solve_response
 from tests.precompute.dense_model import DenseModel
-from tests.precompute.devices import every_device, random_device, shipped
+from tests.precompute.devices import every_device, random_device
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

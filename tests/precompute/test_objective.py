@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from engine.zones import ZoneState
 from precompute.forms import Forms
-from precompute.objective import FREE_WEIGHT, OBJECTIVES, Problem, contrast, fair_share, level, localized_factor
+from precompute.objective import FREE_WEIGHT, OBJECTIVES, Problem, contrast, fair_share, level, localized_factor, paper
 from tests.precompute.problems import random_drives, random_forms, random_problem, ratios
 
 Array = NDArray[np.float64]
@@ -32,15 +32,17 @@ def states_with(*kinds: ZoneState) -> st.SearchStrategy[States]:
 def random_state_forms(seed: int, actuators: int, states: States) -> Forms:
     """Forms that are no bar's: zones of random energy, and 1.3 times their sum in the whole."""
     random, touched = np.random.default_rng(seed), tuple(z for z, state in enumerate(states) if state is not FREE)
-    energy = random_forms(random, ZONES, FREQUENCIES, actuators)
+    energy, untouched = (random_forms(random, ZONES, FREQUENCIES, actuators) for _ in range(2))
     return Forms(
         touched=touched,
-        frequency_hz=60 + 20.0 * np.arange(FREQUENCIES),
+        frequency_hz=60 + 20 * np.arange(float(FREQUENCIES)),
         level=random_forms(random, len(touched), FREQUENCIES, actuators),
         expected=random_forms(random, len(touched), FREQUENCIES, actuators),
         energy=energy,
         total=1.3 * energy.sum(axis=0),
         density=random_forms(random, ZONES, FREQUENCIES, actuators),
+        untouched_energy=untouched,
+        untouched_total=1.2 * untouched.sum(axis=0),
         in_band=np.ones((FREQUENCIES, actuators), dtype=bool),
     )
 
@@ -62,7 +64,7 @@ def zones(states: States, kind: ZoneState) -> list[int]:
 def judged(problem: Problem, f: int, drive: Complex) -> tuple[float, float]:
     """Ratio and weakest level of a coherent drive."""
     numerator, denominator, loud = (coherent_powers(stack, f, drive) for stack in problem.stacks)
-    return numerator.min() / denominator.max(), loud.min()
+    return numerator.min() / denominator.max(), loud.min(initial=np.inf)
 
 
 def some_drive(seed: int, actuators: int) -> Complex:
@@ -103,6 +105,19 @@ def test_shares_are_energies_over_the_whole_bars(seed: int, actuators: int, stat
     total = coherent_powers(forms.total[None], 3, drive)[0]
     assert judged(localized_factor(forms, states), 3, drive)[0] == pytest.approx(felt.sum() / total)
     assert judged(fair_share(forms, states), 3, drive)[0] == pytest.approx(felt.min() / total)
+
+
+@few
+@given(seeds, actuator_counts, states_with())
+def test_the_papers_objective_is_the_share_without_fingers_whatever_the_level(
+    seed: int, actuators: int, states: States
+) -> None:
+    forms, drive = random_state_forms(seed, actuators, states), some_drive(seed, actuators)
+    felt = coherent_powers(forms.untouched_energy, 3, drive)[zones(states, FELT)].sum()
+    share = felt / coherent_powers(forms.untouched_total[None], 3, drive)[0]
+    ratio, loud = judged(paper(forms, states), 3, drive)
+    assert ratio == pytest.approx(share)
+    assert loud == np.inf
 
 
 @few

@@ -29,7 +29,7 @@ def dense_columns(device: Device, frequency_hz: float, places_m: NDArray[np.floa
     model, omega = DenseModel(device), 2 * np.pi * frequency_hz
     rows = model.rows(places_m)
     right = np.hstack([model.spring + 1j * omega * model.damper, rows.T])
-    columns = np.linalg.solve(model.K + 1j * omega * model.C - omega**2 * model.M, right)
+    columns: Complex = np.linalg.solve(model.K + 1j * omega * model.C - omega**2 * model.M, right)
     return columns, rows @ columns
 
 

@@ -41,7 +41,8 @@ def fingers_on(device: Device) -> Fingers:
 def rise_times(device: Device, fingers: Fingers, drive: str, places_m: Array) -> Array:
     frequency_hz, amplitude = drive_of(drive)
     model = compute_rise_model(basis_of(device), [fingers], places_m[None])
-    return compute_rise_time(model, frequency_hz, amplitude)[0]
+    found: Array = compute_rise_time(model, frequency_hz, amplitude)[0]
+    return found
 
 
 def drive_of(name: str) -> tuple[Array, Complex]:
@@ -66,7 +67,7 @@ def test_t90_is_the_time_after_which_the_acceleration_stays_within_a_tenth(
     device: Device, drive: str, touched: bool
 ) -> None:
     fingers, places_m = fingers_on(device) if touched else [], places_on(device)
-    time_s = np.arange(6000) * STEP_S
+    time_s = STEP_S * np.arange(6000.0)
     course, final = DenseModel(device, fingers).envelope(*drive_of(drive), places_m, time_s)
     expected = [last_outside(*place, STEP_S) for place in zip(course.T, final, strict=True)]
     assert rise_times(device, fingers, drive, places_m) == pytest.approx(expected, rel=0.02, abs=2 * STEP_S)
@@ -75,7 +76,7 @@ def test_t90_is_the_time_after_which_the_acceleration_stays_within_a_tenth(
 @both_devices
 @pytest.mark.parametrize("drive", ["coherent", "two tones"])
 def test_the_bar_in_time_under_fingers_rises_as_long(device: Device, drive: str) -> None:
-    """TransientPlant knows nothing of rise times. Between two steps an excursion of 7 % over the tenth may be missed."""
+    """TransientPlant knows nothing of rise times. Between steps an excursion of 7 % over the tenth may be missed."""
     rate_hz, (frequency_hz, amplitude), places_m = 24000.0, drive_of(drive), places_on(device)
     time_s = np.arange(1, round(1.5 * rate_hz) + 1) / rate_hz
     total = np.zeros((len(time_s), len(places_m)))
@@ -99,7 +100,7 @@ def test_the_bar_in_time_under_fingers_rises_as_long(device: Device, drive: str)
 def test_rise_does_not_depend_on_the_level() -> None:
     device = shipped("reference-a")
     model = compute_rise_model(basis_of(device), [[]], np.array([[0.01, 0.2]]))
-    frequency_hz, amplitude = np.array([111.7, 230.0]), np.array([0.5, 1j])
+    frequency_hz, amplitude = np.array([111.7, 230.0]), np.array([0.5, 1j], dtype=np.complex128)
     one, other = (compute_rise_time(model, frequency_hz, drive) for drive in (amplitude, amplitude / 1000))
     assert one == pytest.approx(other)
 

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -17,7 +17,7 @@ from precompute.entries import EntrySolver
 from precompute.forms import Forms, compute_forms
 from precompute.objective import OBJECTIVES, Problem, level, localized_factor
 from precompute.receptance import solve_receptance
-from precompute.search import BEAT_HZ, TIE_DB, Found, Search, search_directions, two_blocks
+from precompute.search import BEAT_HZ, TIE_DB, Found, Search, Start, search_directions, two_blocks
 from precompute.touches import sample_touches
 from tests.precompute.devices import shipped
 from tests.precompute.problems import random_drives, random_problem, ratios
@@ -58,7 +58,8 @@ def apart(problem: Problem, drives: tuple[NDArray[np.int64], NDArray[np.int64], 
     """Drives whose tones do not beat."""
     tone, place, _ = drives
     distance = abs(problem.frequency_hz[place][:, :, None] - problem.frequency_hz[place][:, None, :])
-    return ((distance >= BEAT_HZ) | (tone[:, :, None] == tone[:, None, :])).all(axis=(1, 2))
+    fine: NDArray[np.bool_] = ((distance >= BEAT_HZ) | (tone[:, :, None] == tone[:, None, :])).all(axis=(1, 2))
+    return fine
 
 
 @few
@@ -115,17 +116,34 @@ def test_ties_are_as_good_and_loud_enough() -> None:
             assert tie.loudness >= 1e2
 
 
-def test_climbing_on_from_a_drive_keeps_its_tones() -> None:
+def test_a_start_of_ones_own_is_climbed_too() -> None:
     problem = problem_of(shipped("reference-a"), "I", "IV")
-    start = best(problem, 1e2).drive
-    again = Search(problem, [2e2]).climb_from(start, 2e2)
-    assert again is not None
-    assert again.drive.frequency_hz == pytest.approx(start.frequency_hz)
-    assert again.drive.loudness >= 2e2
+    alone = best(problem, 1e2).drive
+    start = Start(
+        alone.amplitude,
+        alone.frequency_hz[:1],
+        np.zeros(2, dtype=np.int64),
+        alone.frequency_hz[None, :1] + np.array([[-1, 1]]),
+    )
+    found = Search(problem, [1e2]).best(1e2, [start])
+    assert found is not None
+    assert found.drive.value >= alone.value * (1 - 1e-6)
+
+
+def test_edges_are_where_the_loudness_over_frequency_passes_a_level() -> None:
+    problem = problem_of(shipped("reference-a"), "I,III", "IV", "level")
+    search = Search(problem, [])
+    loudest = best(problem).drive.value
+    edges = search.edges(0.5 * loudest)
+    assert edges
+    for edge in edges:
+        low_hz, high_hz = edge.reach_hz[0]
+        assert low_hz <= edge.frequency_hz[0] <= high_hz
 
 
 @few
 @given(seeds, st.integers(2, 3))
+@example(500, 3)  # at some frequencies nobody may play
 def test_actuators_play_within_their_bands(seed: int, actuators: int) -> None:
     random, problem = np.random.default_rng(seed), random_problem(seed, actuators, (2, 2, 2), frequencies=15)
     low, high = np.sort(random.integers(0, 15, size=(2, actuators)), axis=0)
@@ -158,7 +176,6 @@ def test_one_actuator_is_driven_alone() -> None:
         assert found.drive.family == "single tone"
         assert found.drive.amplitude.tolist() == [1.0]
         assert found.drive.value == pytest.approx(found.bound, rel=1e-2)
-
 
 
 @pytest.mark.parametrize("name", ["reference-a", "reference-d"])

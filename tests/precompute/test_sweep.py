@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from precompute.sweep import fill_coherent_sweep, fill_lift, fill_pair_sweep, fold_amplitudes
+from precompute.sweep import fill_coherent_sweep, fill_pair_sweep, fold_amplitudes
 
 Single = NDArray[np.float32]
 Complex = NDArray[np.complex128]
@@ -125,27 +125,3 @@ def test_coherent_sweep_equals_numpy(seed: int, shape: tuple[int, int, int, int,
     assert factor == pytest.approx(energy / whole[:, None], rel=1e-3, abs=1e-5)
     assert peak == pytest.approx(level.max(axis=2), rel=1e-4)
     assert dead == pytest.approx(level.min(axis=2), rel=1e-3, abs=1e-5)
-
-
-@few
-@given(seeds, st.tuples(small, small, small, eights), st.floats(0.0, 30.0, width=32))
-def test_lift_equals_numpy(seed: int, shape: tuple[int, int, int, int], floor: float) -> None:
-    random, (count_1, count_2, zones, points) = np.random.default_rng(seed), shape
-    level_1, level_2 = positive(random, count_1, zones, points), positive(random, count_2, zones, points)
-    out = np.empty((count_1, count_2, zones), dtype=np.float32)
-    fill_lift(level_1, level_2, np.float32(floor), out)
-    expected = (np.maximum(floor - level_1[:, None], 0) / level_2).min(axis=-1)
-    assert out == pytest.approx(expected, rel=1e-5, abs=1e-6)
-
-
-@few
-@given(seeds, st.tuples(small, small, small, eights), st.floats(0.5, 30.0, width=32))
-def test_the_lift_just_reaches_the_floor(seed: int, shape: tuple[int, int, int, int], floor: float) -> None:
-    random, (count_1, count_2, zones, points) = np.random.default_rng(seed), shape
-    level_1, level_2 = positive(random, count_1, zones, points), positive(random, count_2, zones, points)
-    out = np.empty((count_1, count_2, zones), dtype=np.float32)
-    fill_lift(level_1, level_2, np.float32(floor), out)
-    peak = (level_1[:, None] + out[..., None] * level_2).max(axis=-1)
-    alone = np.broadcast_to(level_1.max(axis=-1)[:, None], peak.shape)
-    assert peak == pytest.approx(np.maximum(alone, floor), rel=1e-5)
-    assert ((out == 0) == (alone >= np.float32(floor))).all()

@@ -78,7 +78,9 @@ def test_half_of_the_samples_are_the_mirror_images_of_the_others(device: Device)
 @any_device
 def test_a_mirrored_bar_gets_the_mirrored_touches(device: Device) -> None:
     here = np.concatenate([positions(sample_touches(device))[None], parameters(sample_touches(device))])
-    there = np.concatenate([positions(sample_touches(mirrored(device)))[None], parameters(sample_touches(mirrored(device)))])
+    there = np.concatenate(
+        [positions(sample_touches(mirrored(device)))[None], parameters(sample_touches(mirrored(device)))]
+    )
     turned = there[:, :, ::-1].copy()
     turned[0] = device.bar.length_m - turned[0]
     order = np.r_[0, 1 + SAMPLES // 2 : 1 + SAMPLES, 1 : 1 + SAMPLES // 2]
