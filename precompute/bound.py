@@ -99,10 +99,10 @@ class Columns:
         return _proved(eigenvalue, weights)
 
     def mixtures(self) -> Iterator[list[Tone]]:
-        """Every way to share the actuators among the mixed drives, two or more tones each."""
+        """Every way to share the actuators among three or more mixed drives; pairs are all looked at anyway."""
         used = [int(c) for c in np.argsort(-self._mix) if self._mix[c] > _MIXED][:_MOST_TONES]
         count = self._problem.in_band.shape[1]
-        for tones in range(2, min(len(used), count) + 1):
+        for tones in range(3, min(len(used), count) + 1):
             for columns in itertools.combinations(used, tones):
                 for owner in itertools.product(range(tones), repeat=count):
                     if len(set(owner)) == tones:

@@ -17,6 +17,7 @@ SHARPEST = 3000.0
 """1 / 3000 neper: the smoothed minimum of two is within 0.001 dB."""
 _ITERATIONS, _GRADIENT, _ARMIJO, _GAIN = 60, 1e-7, 1e-4, 1e-7
 _TINY = 1e-300
+_SWEEPS = 3  # over the frequencies of several tones, which hang together
 _FIRST = 30.0
 _ALONG = SHARPEST / 10  # sharpness to start from next to a drive that was climbed
 _SHARPER = 10**0.5
@@ -283,7 +284,9 @@ def _refine_one(  # type: ignore[no-untyped-def]  # numba
     first = _ALONG if np.isinf(tolerance) else _FIRST
     value = _at(drive, usable, stacks, grid_hz, hz, tone, log_wanted, first, multipliers)
     trial_hz = hz.copy()
-    for t in range(len(hz)):
+    sweeps = 1 if len(hz) == 1 else _SWEEPS
+    for i in range(sweeps * len(hz)):
+        t = i % len(hz)
         a, b = low[t], high[t]
         if b - a <= tolerance:
             continue

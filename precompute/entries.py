@@ -19,7 +19,7 @@ from precompute.modal import compute_basis
 from precompute.objective import DEFAULT_OBJECTIVE, OBJECTIVES, Problem, level
 from precompute.promise import Choice, States, make_entry, touched_zones
 from precompute.receptance import solve_receptance
-from precompute.rise import RiseModel, compute_rise_model, compute_rise_time
+from precompute.rise import COARSE_STEP_S, RiseModel, compute_rise_model, compute_rise_time
 from precompute.search import Found, Search, polish, start_at
 from precompute.touches import sample_touches
 
@@ -29,7 +29,7 @@ MOST_TABULATED_ZONES = 8
 """Up to so many zones a table holds every state: 3^8 are 6561."""
 MOST_TOUCHED_BEYOND = 3
 """Beyond, the states of so many fingers; the others are solved when they are asked for."""
-_SAMPLED_MODES = 16  # for the range of rise times: those up to 4 kHz on the published bar
+_SAMPLED_MODES = 12  # for the range of rise times: those up to 2 kHz on the published bar
 _CLUSTER = np.sinh(np.linspace(-2.2, 2.2, 9))
 """Distances from a narrow resonance in half bandwidths."""
 _NARROW = 3.0
@@ -162,11 +162,11 @@ class EntrySolver:
         """Rise time of the slowest felt finger (touch,), the standard touch first."""
         touched = touched_zones(states)
         felt = [finger for finger, zone in enumerate(touched) if states[zone] is ZoneState.FELT]
-        standard, sampled = (
-            compute_rise_time(model, drive.frequency_hz, drive.amplitude)[:, felt].max(axis=1)
-            for model in self._rise_of(touched)
-        )
-        return np.concatenate([standard, sampled[1:]])
+        exact, few_modes = self._rise_of(touched)
+        standard = compute_rise_time(exact, drive.frequency_hz, drive.amplitude)
+        sampled = compute_rise_time(few_modes, drive.frequency_hz, drive.amplitude, COARSE_STEP_S)
+        slowest: Array = np.concatenate([standard, sampled[1:]])[:, felt].max(axis=1)
+        return slowest
 
 
 def _above_levels(problem: Problem, wanted: Sequence[float], loudest: Found, loud: Search) -> list[Found | None]:

@@ -13,7 +13,7 @@ from precompute.modal import Basis, compute_modal_model
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-STEP_S = 5e-4
+STEP_S, COARSE_STEP_S = 5e-4, 1e-3
 """The envelope is looked at this often: an excursion just above WITHIN between two looks is missed."""
 LONGEST_S = 10.0
 """No rise is followed for longer."""
@@ -51,7 +51,7 @@ def compute_rise_model(basis: Basis, touches: Sequence[Sequence[tuple[float, Fin
     )
 
 
-def compute_rise_time(model: RiseModel, frequency_hz: Array, amplitude: Complex) -> Array:
+def compute_rise_time(model: RiseModel, frequency_hz: Array, amplitude: Complex, step_s: float = STEP_S) -> Array:
     """Shape (touch, place), seconds: from rest, when each place's envelope stays within WITHIN of its final value.
 
     frequency_hz, amplitude (actuator,): tones started at once at t = 0 (a slew limit adds its own time). The envelope
@@ -61,7 +61,7 @@ def compute_rise_time(model: RiseModel, frequency_hz: Array, amplitude: Complex)
     tones = np.unique(frequency_hz[amplitude != 0])
     weight = np.where(frequency_hz == tones[:, None], amplitude, 0)
     out = np.empty(model.shape.shape[:2])
-    _fill_rise(2 * np.pi * tones, weight, model.pole, model.shape, model.spring, model.damper, out)
+    _fill_rise(2 * np.pi * tones, weight, model.pole, model.shape, model.spring, model.damper, step_s, out)
     return out
 
 
@@ -82,7 +82,7 @@ def _left(size, pole, time_s):  # type: ignore[no-untyped-def]  # numba
 
 
 @njit(cache=True)
-def _scan_back(omega, steady, decaying, pole, final, steps):  # type: ignore[no-untyped-def]  # numba
+def _scan_back(omega, steady, decaying, pole, final, steps, step_s):  # type: ignore[no-untyped-def]  # numba
     """The last step before which the envelope is outside.
 
     Slow states go back by multiplication, from time to time anew; fast ones only matter near the start, where they are
@@ -90,13 +90,13 @@ def _scan_back(omega, steady, decaying, pole, final, steps):  # type: ignore[no-
     """
     tones = decaying.shape[0]
     heard = np.sum(np.abs(decaying), axis=0) > 0
-    slow = np.flatnonzero(heard & (pole.real * STEP_S > -_SLOW))
-    fast = np.flatnonzero(heard & (pole.real * STEP_S <= -_SLOW))
-    back, turn_back = np.exp(-pole[slow] * STEP_S), np.exp(-1j * omega * STEP_S)
+    slow = np.flatnonzero(heard & (pole.real * step_s > -_SLOW))
+    fast = np.flatnonzero(heard & (pole.real * step_s <= -_SLOW))
+    back, turn_back = np.exp(-pole[slow] * step_s), np.exp(-1j * omega * step_s)
     now, turn = np.empty(len(slow), dtype=np.complex128), np.empty(tones, dtype=np.complex128)
     count = 0
     while steps > 0:
-        time_s = (steps - 1) * STEP_S
+        time_s = (steps - 1) * step_s
         if count % _RENEWED == 0:
             now[:] = np.exp(pole[slow] * time_s)
             turn[:] = np.exp(1j * omega * time_s)
@@ -118,8 +118,8 @@ def _scan_back(omega, steady, decaying, pole, final, steps):  # type: ignore[no-
     return steps
 
 
-@njit(types.void(_REAL, _TWO, _TWO, _THREE, _THREE, _THREE, _OUT), cache=True, parallel=True)
-def _fill_rise(omega, weight, pole, shape, spring, damper, out):  # type: ignore[no-untyped-def]  # numba
+@njit(types.void(_REAL, _TWO, _TWO, _THREE, _THREE, _THREE, types.float64, _OUT), cache=True, parallel=True)
+def _fill_rise(omega, weight, pole, shape, spring, damper, step_s, out):  # type: ignore[no-untyped-def]  # numba
     """Scan back from where the transients can no longer matter until they do."""
     tones, actuators = weight.shape
     states = pole.shape[1]
@@ -143,11 +143,11 @@ def _fill_rise(omega, weight, pole, shape, spring, damper, out):  # type: ignore
                     if abs(decaying[t, s]) < _NEGLIGIBLE * final:
                         decaying[t, s] = 0
             low, high = 0.0, LONGEST_S
-            while high - low > STEP_S:
+            while high - low > step_s:
                 middle = 0.5 * (low + high)
                 if _left(decaying, pole[k], middle) > WITHIN * final:
                     low = middle
                 else:
                     high = middle
-            steps = int(np.ceil(high / STEP_S))
-            out[k, p] = _scan_back(omega, steady, decaying, pole[k], final, steps) * STEP_S
+            steps = int(np.ceil(high / step_s))
+            out[k, p] = _scan_back(omega, steady, decaying, pole[k], final, steps, step_s) * step_s

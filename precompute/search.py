@@ -37,7 +37,8 @@ _COLUMN_ROUNDS = 25
 _POLISH = 300.0, SHARPEST  # next to an optimum
 _STRIDE_HZ = 2.0  # basins are looked for this far apart, climbing at each frequency
 _TOLERANCE_HZ = 0.04  # of the best frequency; nothing changes within so little
-_PAIRS = 3  # two tones are climbed from this many starts for each way to share the actuators
+_NEAR_DB, _NEAR_MANY_DB = 1.5, 4.0
+_PAIRS = 5  # two tones are climbed from this many starts for each way to share the actuators
 _PAIR_RATIOS = np.geomspace(1e-3, 1e3, 25)
 _FIRST_CLIMB = 40.0, 200.0  # sharp enough to compare basins
 _SEED = 3
@@ -169,7 +170,7 @@ class Search:
                 break
         if self._count == 1 or _db(bound / best.value) <= GAP_DB:
             return bound, []
-        return bound, list(self._several_tones(columns, wanted))
+        return bound, list(self._several_tones(columns, best, wanted))
 
     def _climb(self, starts: list[Start], wanted: float) -> Iterator[Drive]:
         """From every start; those with as many tones together."""
@@ -177,22 +178,25 @@ class Search:
             same = [start for start in starts if len(start.frequency_hz) == count]
             yield from climb_all(self.problem, same, wanted)
 
-    def _several_tones(self, columns: Columns, wanted: float) -> Iterator[Drive]:
+    def _several_tones(self, columns: Columns, best: Drive, wanted: float) -> Iterator[Drive]:
+        """Two tones wherever two frequencies come near the best drive; more where the columns mix more."""
         starts = [start for tones in columns.mixtures() if (start := self._start_of(tones))]
         for first in two_blocks(self._count):
-            starts += self._pair_starts(first, columns, wanted)
+            starts += self._pair_starts(first, columns, best, wanted)
         yield from (drive for drive in self._climb(starts, wanted) if drive.loudness >= wanted)
 
-    def _pair_starts(self, first: list[int], columns: Columns, wanted: float) -> Iterator[Start]:
+    def _pair_starts(self, first: list[int], columns: Columns, best: Drive, wanted: float) -> Iterator[Start]:
         """Every two frequencies for these actuators and the others, each block playing what the prices value most."""
         second = [actuator for actuator in range(self._count) if actuator not in first]
         coarse, hz = self._coarse, self._coarse.frequency_hz
         drives = [block_directions(coarse, columns.weights, block) for block in (first, second)]
         powers = [_powers_each(coarse, drive) for drive in drives]
-        best, partner, ratio = np.empty(len(hz)), np.empty(len(hz), dtype=np.int64), np.empty(len(hz))
+        value, partner, ratio = np.empty(len(hz)), np.empty(len(hz), dtype=np.int64), np.empty(len(hz))
         ends = np.cumsum([len(stack) for stack in coarse.stacks])
-        scan_pairs(powers[0], powers[1], hz, _PAIR_RATIOS, ends, wanted, BEAT_HZ, best, partner, ratio)
-        for k in peaks(best)[:_PAIRS]:
+        scan_pairs(powers[0], powers[1], hz, _PAIR_RATIOS, ends, wanted, BEAT_HZ, value, partner, ratio)
+        # Climbing gains more where a block's own direction is a guess.
+        near = best.value * 10 ** (-(_NEAR_DB if self._count == 2 else _NEAR_MANY_DB) / 10)
+        for k in [k for k in peaks(value) if value[k] >= near][:_PAIRS]:
             other = int(partner[k])
             tones = [
                 Tone(float(hz[k]), first, drives[0][k, first]),
@@ -223,6 +227,7 @@ def two_blocks(count: int) -> Iterator[list[int]]:
 
 def climb_all(problem: Problem, starts: Sequence[Start], wanted: float) -> list[Drive]:
     """Climb from every start, all with as many tones, frequencies free within reach; they end on the wire's steps."""
+    starts = [start for start in starts if _is_playable(problem, start)]
     if not starts:
         return []
     drives = np.array([start.amplitude for start in starts], dtype=np.complex128)
@@ -309,6 +314,12 @@ def _usable(problem: Problem, hz: Array, tone: NDArray[np.int64]) -> NDArray[np.
     nearest = abs(problem.frequency_hz[:, None] - hz).argmin(axis=0)
     usable: NDArray[np.bool_] = problem.in_band[nearest[tone], np.arange(len(tone))]
     return usable
+
+
+def _is_playable(problem: Problem, start: Start) -> bool:
+    """Whether each tone has an actuator whose band holds it."""
+    usable = _usable(problem, start.frequency_hz, start.tone) & (start.amplitude != 0)
+    return len(np.unique(start.tone[usable])) == len(start.frequency_hz)
 
 
 def _reach(problem: Problem, start: Start, usable: NDArray[np.bool_]) -> Array:
