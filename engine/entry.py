@@ -1,6 +1,7 @@
 """One line of a table: the drive for one state of the zones at one level, and what it promises."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from engine.zones import ZoneState, state_index
@@ -98,12 +99,29 @@ class Entry:
         return state_index(self.states)
 
 
-def scaled_to(entry: Entry, level_db: float) -> Entry:
-    """The entry played softer, so that its weakest felt finger is at `level_db`; as it is where it is not louder.
+def played_at(entries: Sequence[Entry], level_db: float, amplitude_limit: float) -> Entry:
+    """One state's `entries`, by rising level, at any level: a tabulated drive, louder or softer.
+
+    The next lower entry where `amplitude_limit` lets it reach the level, since contrast only falls as the level rises;
+    otherwise the next higher one.
+    """
+    higher = next(i for i, entry in enumerate(entries) if entry.wanted_level_db >= level_db)
+    if entries[higher].wanted_level_db == level_db:
+        return entries[higher]
+    if higher > 0:
+        louder = scaled_to(entries[higher - 1], level_db, amplitude_limit)
+        if louder.achieved:
+            return louder
+    return scaled_to(entries[higher], level_db)
+
+
+def scaled_to(entry: Entry, level_db: float, amplitude_limit: float = 0.0) -> Entry:
+    """The entry played so that its weakest felt finger is at `level_db`; louder only up to `amplitude_limit`.
 
     Every acceleration scales with the amplitude; shares, contrasts and rise times stay.
     """
-    change_db = min(0.0, level_db - entry.level_db)
+    headroom_db = 20 * math.log10(max(1.0, amplitude_limit / max(entry.amplitudes)))
+    change_db = min(headroom_db, level_db - entry.level_db)
     scale = 10 ** (change_db / 20)
     worst = entry.worst_case
     quiet_db = None if worst.quiet_level_db is None else worst.quiet_level_db + change_db
@@ -113,7 +131,7 @@ def scaled_to(entry: Entry, level_db: float) -> Entry:
         zones=tuple(_scaled_zone(zone, scale, change_db) for zone in entry.zones),
         wanted_level_db=level_db,
         level_db=entry.level_db + change_db,
-        achieved=math.isinf(level_db) or entry.level_db >= level_db - LEVEL_TOLERANCE_DB,
+        achieved=math.isinf(level_db) or entry.level_db + change_db >= level_db - LEVEL_TOLERANCE_DB,
         worst_case=replace(worst, level_db=worst.level_db + change_db, quiet_level_db=quiet_db),
     )
 

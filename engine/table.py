@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.device_file import parse_device
-from engine.entry import DEFAULT_LEVEL_DB, Entry, WorstCase, ZonePromise, scaled_to
+from engine.entry import DEFAULT_LEVEL_DB, Entry, WorstCase, ZonePromise, played_at
 from engine.zones import ZoneState, state_index
 
 FORMAT = "tactable table"
@@ -135,7 +135,9 @@ class Table:
         self.entries: tuple[Entry, ...] = tuple(_read_entries(file.groups["entries"], self.device))
         self.levels_db = tuple(dict.fromkeys(entry.wanted_level_db for entry in self.entries))
         """Levels that have entries, rising; the last is infinite: full scale."""
-        self._by_key = {(entry.wanted_level_db, entry.index): entry for entry in self.entries}
+        self._by_state: dict[int, list[Entry]] = {}  # by rising level
+        for entry in self.entries:
+            self._by_state.setdefault(entry.index, []).append(entry)
 
     def __enter__(self) -> "Table":
         return self
@@ -154,7 +156,7 @@ class Table:
     def entry_for(self, felt: Sequence[str], quiet: Sequence[str] = (), level_db: float = DEFAULT_LEVEL_DB) -> Entry:
         """Entry of the state with these zones (names) felt and quiet and the others free, at `level_db`.
 
-        Between tabulated levels: the next higher one, played softer. Raises DeviceError for an unknown zone,
+        Between tabulated levels: the next lower drive, played louder, or else the next higher one, softer. Raises DeviceError for an unknown zone,
         TableError for a zone that is both, and for a state that the table does not hold.
         """
         index = state_index(self.states_of(felt, quiet))
@@ -180,15 +182,16 @@ class Table:
     def entry_at(self, state: int, level_db: float) -> Entry | None:
         """Entry of a state (engine.zones.state_index) at a level, None where there is none."""
         if math.isnan(level_db):
-            raise TableError("a level that is no number; give dB above the detection threshold, infinite for full scale")
-        tabulated_db = next(level for level in self.levels_db if level >= level_db)
-        entry = self._by_key.get((tabulated_db, state))
-        return entry if entry is None or tabulated_db == level_db else scaled_to(entry, level_db)
+            raise TableError(
+                "a level that is no number; give dB above the detection threshold, infinite for full scale"
+            )
+        entries = self._by_state.get(state)
+        return None if entries is None else played_at(entries, level_db, self.device.limits.amplitude)
 
     def entries_at(self, level_db: float) -> tuple[Entry, ...]:
         """Entry of every state at one level."""
-        entries = (self.entry_at(entry.index, level_db) for entry in self.entries_of(self.levels_db[0]))
-        return tuple(entry for entry in entries if entry is not None)
+        limit = self.device.limits.amplitude
+        return tuple(played_at(entries, level_db, limit) for entries in self._by_state.values())
 
     def entries_of(self, tabulated_db: float) -> tuple[Entry, ...]:
         """Entries of one tabulated level as they are."""

@@ -19,7 +19,7 @@ from engine.descriptor import DescriptorError
 from engine.device import DeviceError
 from engine.digitizer import DigitizerError, open_digitizer
 from engine.effects import EffectError
-from engine.entry import DEFAULT_LEVEL_DB, scaled_to
+from engine.entry import DEFAULT_LEVEL_DB, played_at
 from engine.limits import LimitError
 from engine.renderer import RendererError
 from engine.sources.recording import RecordingError, read_recording
@@ -138,7 +138,7 @@ def explain(
     with open_table(table_path) as table, threadpool_limits(1, "blas"):
         states = table.states_of(names, _zone_names(quiet))
         tabulated = entries_on_demand(table, states, _cache_folder() / "states")
-        entry = scaled_to(next(each for each in tabulated if each.wanted_level_db >= level_db), level_db)
+        entry = played_at(tabulated, level_db, table.device.limits.amplitude)
         rivals = solve_alternatives(assemble(table.device), states, entry) if alternatives else []
         if as_json:
             _print_json(entry_json(table, entry, rivals))

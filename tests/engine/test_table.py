@@ -16,7 +16,7 @@ import pytest
 
 from engine.device import Device, DeviceError
 from engine.device_file import parse_device
-from engine.entry import Entry, WorstCase, ZonePromise
+from engine.entry import Entry, WorstCase, ZonePromise, played_at
 from engine.table import Table, TableError, TableWriter, Variable, open_table, write_entries
 from engine.zones import state_index
 from tests.engine.made_entries import entry_of, states_of
@@ -385,3 +385,23 @@ def test_a_table_is_usable_after_closing(whole: Path) -> None:
         pass
     assert table.entry_for(["I"], level_db=10.0) == ENTRIES[0]
     assert table.device == DEVICE
+
+
+def test_between_levels_the_lower_drive_is_played_louder_while_full_scale_allows_it() -> None:
+    lower, higher = (
+        entry_of(
+            DEVICE,
+            states_of(DEVICE, (0,), ()),
+            wanted_level_db=level_db,
+            frequencies_hz=(hz, hz),
+            amplitudes=(0.2, 0.1),
+        )
+        for level_db, hz in ((10.0, 100.0), (20.0, 200.0))
+    )
+    reachable, beyond = lower.level_db + 3.0, lower.level_db + 9.0
+    limit = max(lower.amplitudes) * 10 ** (5 / 20)
+    assert played_at([lower, higher], reachable, limit).frequencies_hz == lower.frequencies_hz
+    assert played_at([lower, higher], reachable, limit).level_db == pytest.approx(reachable)
+    assert played_at([lower, higher], beyond, limit).frequencies_hz == higher.frequencies_hz
+    assert played_at([lower, higher], beyond, limit).level_db == pytest.approx(beyond)
+    assert played_at([lower, higher], 20.0, limit) == higher

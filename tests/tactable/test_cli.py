@@ -82,13 +82,14 @@ def test_contrast_is_the_difference_of_the_weakest_felt_and_the_strongest_quiet_
     assert entry["level_db"] == pytest.approx(min(levels["felt"]))
 
 
-def test_between_levels_the_next_higher_drive_is_played_softer(built: Path) -> None:
-    entry, higher = (explained(built, "--felt", "I", "--level", level, "--no-alternatives") for level in ("17", "20"))
-    assert entry["level_db"] == pytest.approx(17.0, abs=1e-3)
-    assert entry["drive"]["frequencies_hz"] == higher["drive"]["frequencies_hz"]
-    assert entry["drive"]["amplitudes"] == pytest.approx(
-        [a * 10 ** (-3 / 20) for a in higher["drive"]["amplitudes"]], rel=1e-3
+def test_between_levels_a_tabulated_drive_is_played_louder_or_softer(built: Path) -> None:
+    entry, *tabulated = (
+        explained(built, "--felt", "I", "--level", level, "--no-alternatives") for level in ("17", "10", "20")
     )
+    assert entry["level_db"] == pytest.approx(17.0, abs=1e-3)
+    near = next(each for each in tabulated if each["drive"]["frequencies_hz"] == entry["drive"]["frequencies_hz"])
+    scale = 10 ** ((17.0 - near["level_db"]) / 20)
+    assert entry["drive"]["amplitudes"] == pytest.approx([a * scale for a in near["drive"]["amplitudes"]], rel=1e-3)
 
 
 def test_an_alternative_never_beats_the_entry(built: Path) -> None:

@@ -19,6 +19,7 @@ from firmware_link.serial_port import SerialPort
 from firmware_link.session import Session
 from tactable.emulate import configuration_of
 from tactable.shipped import find_device
+from tests.firmware_link.compiled_core import LIBRARY, make, need
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 PATIENCE_S = 60.0
@@ -83,6 +84,23 @@ def test_it_is_listed_as_simulated_and_any_host_can_open_it_and_it_counts(tmp_pa
     assert summary["boots"][0]["ok"] > 16
     assert summary["faults"]["at_noises"] == 1
     assert not (tmp_path / "tactable").exists() or not list((tmp_path / "tactable").iterdir())
+
+
+def test_the_c_core_is_a_device_like_its_twin(tmp_path: Path) -> None:
+    need("make", "cc")
+    make(tmp_path, "host")
+    words = ("--core", str(tmp_path / LIBRARY), "--faults", "reboot@0s")
+    with emulator(tmp_path, *words) as running:
+        with SerialPort(running.line()["port"]) as port:
+            assert ready_link(port).capabilities is not None
+        summary = running.end()
+    assert [counters["ok"] > 16 for counters in summary["boots"]] == [False, True]
+
+
+def test_a_core_that_is_no_library_is_one_line_and_exit_status_1(tmp_path: Path) -> None:
+    done = run(tmp_path, "emulate", "--core", str(tmp_path / "nothing.so"))
+    assert done.returncode == 1
+    assert "nothing.so is no library of the firmware" in done.stderr
 
 
 def test_a_wrong_fault_is_one_line_and_exit_status_1(tmp_path: Path) -> None:

@@ -1,9 +1,11 @@
 """The command `run`: from touches to an emulated firmware of another process, and how it refuses."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import inf
@@ -18,7 +20,7 @@ from engine.digitizer import DigitizerError
 from engine.sources.recording import RecordingError, write_recording
 from engine.table import TableError, TableWriter, write_entries
 from firmware_link.drive_log import Cause
-from firmware_link.emulator import RunningEmulator, run_emulator
+from firmware_link.emulator import EmulatorLog, RunningEmulator, run_emulator
 from firmware_link.errors import LinkError
 from tactable.run import register
 from tactable.shipped import find_device
@@ -141,6 +143,42 @@ def test_what_was_done_is_told_even_when_the_port_is_lost(folder: Path, emulator
     assert process.returncode == 1
     assert json.loads(told)["touches"].endswith("(SIMULATED)")
     assert said.splitlines()[-1].startswith("tactable: ")
+
+
+def wait_for(emulator: RunningEmulator, sets: int) -> EmulatorLog:
+    """Until the firmware has begun so many drives that sound; nothing else ends it but the run."""
+    while True:
+        log = emulator.log()
+        sounding = [e for e in log.events if e.cause is Cause.SET and any(channel.amplitude for channel in e.channels)]
+        if len(sounding) >= sets:
+            return log
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize("by_signal", [signal.SIGINT, signal.SIGTERM])
+def test_an_unplugged_device_plays_on_when_it_is_back_under_another_name(
+    folder: Path, emulator: RunningEmulator, by_signal: signal.Signals
+) -> None:
+    write_recording(make_recording((Stroke(0.0, 600.0, 0.5, 0.5),)), folder / "resting.hid")
+    paths = ("bar.nc", "--touch", "resting.hid", "--port", emulator.stable_port)
+    before = os.readlink(emulator.stable_port)
+    with started(folder, *paths, "--reconnect", "--effects", "held.toml", "--json") as process:
+        sounded = len(wait_for(emulator, 1).events)
+        emulator.unplug()
+        log = wait_for(emulator, sounded + 1)
+        process.send_signal(by_signal)
+        told, said = process.communicate()
+    assert process.returncode == 0, said
+    assert os.readlink(emulator.stable_port) != before
+    summary = json.loads(told)
+    assert summary["losses_of_the_port"] >= 1
+    assert summary["reconnects"] >= 1
+    assert f"{emulator.stable_port} is open again" in said
+    # A stall of this machine may have ended the drive before the cable did.
+    assert {Cause.HUNG_UP, Cause.LEASE_EXPIRED} & {event.cause for event in log.events}
+    drives = {event.channels for event in log.events if event.cause is Cause.SET}
+    assert len({tuple((c.frequency_hz, c.amplitude) for c in channels) for channels in drives}) == 1
+    assert not any(channel.amplitude for channel in emulator.stop().events[-1].channels)
 
 
 @pytest.mark.parametrize(

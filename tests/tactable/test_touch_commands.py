@@ -208,7 +208,7 @@ def test_every_failed_check_has_its_remedy_and_the_exit_status_tells(bench: Benc
     checks = {check["name"]: check for check in json.loads(result.stdout)}
     assert set(checks) == {"hidapi", "digitizer", "serial port /nowhere/ttyACM0"}
     assert not any(check["passed"] for check in checks.values())
-    assert "dialout" in checks["serial port /nowhere/ttyACM0"]["remedy"]
+    assert 'KERNEL=="ttyACM0", TAG+="uaccess"' in checks["serial port /nowhere/ttyACM0"]["remedy"]
     assert "hidraw" in checks["hidapi"]["remedy"]
 
 
@@ -228,6 +228,18 @@ def test_the_rule_is_printed_for_one_for_all_and_for_a_device_not_there(bench: B
     assert rule.format("04F3:BEEF") in bench.run("doctor", "--emit-udev", "04f3:beef").stdout
     assert rule.format("1234:ABCD") in bench.run("doctor", "--emit-udev", "1234:abcd").stdout
     assert isinstance(bench.run("doctor", "--emit-udev", "bar").exception, DigitizerError)
+
+
+def test_the_rules_of_a_serial_port_are_printed_with_those_of_digitizers(bench: Bench) -> None:
+    bench.hid.plug()
+    usb = PortDescription("/dev/ttyACM0", "bar-1", "bar driver", 0x16C0, 0x0483)
+    bench.ports = (PortDescription("/dev/ttyS0", "/dev/ttyS0", "n/a"), usb)
+    ignored = 'ATTRS{idVendor}=="16c0", ATTRS{idProduct}=="0483", ENV{ID_MM_DEVICE_IGNORE}="1"'
+    for words in ((), ("bar-1",), ("/dev/ttyACM0",)):
+        lines = bench.run("doctor", "--emit-udev", *words).stdout.splitlines()
+        assert ignored in lines
+        assert any("hidraw" in line for line in lines if line[0] != "#") == (not words)
+    assert isinstance(bench.run("doctor", "--emit-udev", "/dev/ttyS0").exception, DigitizerError)
 
 
 def test_no_permission_is_told_with_the_command_that_helps(bench: Bench) -> None:
