@@ -12,9 +12,9 @@ from engine.latency import LatencyRecorder, Stamps
 from engine.renderer import Renderer
 from engine.sources import Source
 from engine.zones import Touch, ZoneTracker
-from firmware_link.errors import LinkError
+from firmware_link.errors import LinkError, LinkLostError
 from firmware_link.link_values import Armed, Capabilities, Event, FaultReceived, Greeted, LinkState
-from firmware_link.session import Session
+from firmware_link.session import Port, Session
 
 NS_PER_S = 1_000_000_000
 # The ring of hidraw holds 63 reports: after a stall all are taken before anything is sent, and the link never waits
@@ -22,6 +22,8 @@ NS_PER_S = 1_000_000_000
 REPORTS_PER_PASS = 64
 # A line that takes nothing is looked after this often, so that the patience of the link still ends.
 BLOCKED_LINE_NS = 5_000_000
+# Without a port nothing else wakes the loop up for a request to stop.
+LOST_PORT_NS = 80_000_000
 # The link fills a drive up with silence.
 _SILENCE = b""
 
@@ -56,6 +58,19 @@ class StopRequest(Protocol):
         """Whether to end."""
 
 
+class Reopening(Protocol):
+    """What finds a lost port again: `ReopeningPort` has it."""
+
+    def lose(self, now_ns: int) -> None:
+        """The port is gone: give it back."""
+
+    def poll(self, now_ns: int) -> Port | None:
+        """The port, opened now if it is time to try; None while it is gone."""
+
+    def next_attempt_ns(self) -> int | None:
+        """When `poll` tries next; None while the port is open."""
+
+
 class StateChange(NamedTuple):
     """One line of the trace: the zones took a new state or level, and what was sent for it."""
 
@@ -76,12 +91,16 @@ class StateChange(NamedTuple):
 
 @dataclass
 class LoopCounters:
-    """What the loop did. A command is a drive that was sent, renewals not counted."""
+    """What the loop did. A command is a drive that was sent, renewals not counted.
+
+    Each loss of the port or of the device behind it is counted, and each new session after that or after a stop.
+    """
 
     reports: int = 0
     frames: int = 0
     state_changes: int = 0
     commands: int = 0
+    losses: int = 0
     reconnects: int = 0
 
 
@@ -116,7 +135,8 @@ class Loop:
 
     `trace` gets a line for each state change, in order. `latency` gets the stamps of each command that a report caused.
     With `reconnect` a device that stopped itself is greeted and armed again, and the state of the moment sent anew;
-    without, that is a LinkError.
+    without, that is a LinkError. With `reopening` so is one whose port was lost or that does not answer, once its port
+    is back; touches are read all the while.
     """
 
     def __init__(
@@ -130,6 +150,7 @@ class Loop:
         clock: Clock,
         *,
         reconnect: bool = False,
+        reopening: Reopening | None = None,
         trace: list[StateChange] | None = None,
         latency: LatencyRecorder | None = None,
     ) -> None:
@@ -143,6 +164,7 @@ class Loop:
         self._link = session.link
         self._clock = clock
         self._reconnect = reconnect
+        self._reopening = reopening
         self._trace = trace
         self._latency = latency
         self._state = 0
@@ -151,9 +173,7 @@ class Loop:
         self._touches: Sequence[Touch] = ()
         self._release_ns: int | None = None  # when the watchdog acts, on the source's axis; None with no contact
         self._pending: _Pending | None = None
-        port, touch = (session.port.fileno(),), source.fileno()
-        self._port = port
-        self._port_and_touch = port if touch is None else (*port, touch)
+        self._watch((session.port.fileno(),))
 
     def run(self, stop: StopRequest | None = None) -> None:
         """Until source, contacts and effects have ended, or `stop` is set; then silence and a STOP.
@@ -164,7 +184,7 @@ class Loop:
             while not self._is_over(stop):
                 self._wait()
                 self._read_touches()
-                self._move_bytes()
+                self._keep_link()
             self._silence()
             self._stop()
         except LinkError:
@@ -181,6 +201,8 @@ class Loop:
     def _wait(self) -> None:
         source, session = self._source, self._session
         deadlines_ns = [_link_deadline_ns(session, self._clock), source.next_time_ns()]
+        if not self._port and self._reopening is not None:
+            deadlines_ns += [self._reopening.next_attempt_ns(), self._clock.now_ns() + LOST_PORT_NS]
         due_ns = (self._release_ns, self._player.next_change_ns)
         deadlines_ns += [source.clock_time_ns(time_ns) for time_ns in due_ns if time_ns is not None]
         self._clock.wait(
@@ -266,6 +288,40 @@ class Loop:
         self._link.set_drive(drive)
         pending = self._pending = _Pending(*state, positions_m, sent_before)
         return pending
+
+    def _keep_link(self) -> None:
+        """Move bytes while there is a port; what was lost is found again, or ends the run."""
+        if not self._port:
+            self._look_for_port()
+            return
+        try:
+            self._move_bytes()
+        except LinkLostError:
+            if self._reopening is None:
+                raise
+            self._lose_port(self._reopening)
+
+    def _lose_port(self, reopening: Reopening) -> None:
+        self.counters.losses += 1
+        if self._is_sent():
+            self._settle()
+        self._session.lose_port()
+        self._watch(())
+        reopening.lose(self._clock.now_ns())
+
+    def _look_for_port(self) -> None:
+        """A port that is back begins with the whole handshake; what is to play by then goes out once it is armed."""
+        port = None if self._reopening is None else self._reopening.poll(self._clock.now_ns())
+        if port is not None:
+            self.counters.reconnects += 1
+            self._session.move_to(port)
+            self._watch((port.fileno(),))
+
+    def _watch(self, port: tuple[int, ...]) -> None:
+        """Wait for the descriptor of the port, if there is one, and for that of the touches."""
+        touch = self._source.fileno()
+        self._port = port
+        self._port_and_touch = port if touch is None else (*port, touch)
 
     def _move_bytes(self) -> None:
         """Write first: a fresh command does not wait for what the device says."""

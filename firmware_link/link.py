@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from firmware_link.bank import encode_bank, hash_of_bank, transfer_messages
 from firmware_link.clock import NS_PER_S, DeviceClock, Exchange
-from firmware_link.errors import LinkError, MessageError
+from firmware_link.errors import LinkError, LinkLostError, MessageError
 from firmware_link.framing import DELIMITER, FrameDecoder, FramingCounters, Signal, encode_message
 from firmware_link.layout import Message
 from firmware_link.line import EXCHANGE_PERIOD_NS, occupied_ns
@@ -56,6 +56,8 @@ STOP_PATIENCE_NS = NS_PER_S
 # A status comes every 100 ms: ten lost in a row are no accident.
 SILENCE_NS = NS_PER_S
 FIRST_EXCHANGES = 16
+# A device that was rebooted or latched since it was greeted says so.
+_FORGOTTEN = (Result.WRONG_BOOT, Result.WRONG_STATE)
 
 
 class Link:
@@ -92,6 +94,7 @@ class Link:
         self._patience_end_ns: int | None = None
         self._line_free_ns = 0
         self._connected_ns = 0
+        self._arming_device_us = 0
 
     @property
     def framing_counters(self) -> FramingCounters:
@@ -173,12 +176,12 @@ class Link:
         return events
 
     def poll(self, now_ns: int) -> None:
-        """Raises LinkError when the device has been silent for too long."""
+        """Raises LinkLostError when the device has been silent for too long."""
         if self._patience_end_ns is None or now_ns < self._patience_end_ns:
             return
         state = self.state
         self.disconnect()
-        raise LinkError(
+        raise LinkLostError(
             f"no answer from the device while {state.value}: check that it is powered, that the port is the right one "
             "and that its firmware speaks this protocol, then connect again"
         )
@@ -323,6 +326,7 @@ class Link:
             self._due_ns = now_ns
             if self.clock.exchanges >= FIRST_EXCHANGES:
                 self.state = LinkState.ARMING
+                self._arming_device_us = self.clock.device_time_us(now_ns)
 
     def _acknowledged(self, ack: Ack, now_ns: int) -> Event | None:
         answer = (self.state, ack.acknowledged_type)
@@ -333,7 +337,8 @@ class Link:
                 return None
             self.disconnect()
             asked, remedy = ("take onset or bank", "them") if is_prepared else ("arm", "the limits")
-            raise LinkError(f"the device refused to {asked} ({ack.result.name}): connect again, or correct {remedy}")
+            refusal = LinkLostError if ack.result in _FORGOTTEN else LinkError
+            raise refusal(f"the device refused to {asked} ({ack.result.name}): connect again, or correct {remedy}")
         self.counters.acknowledged += 1
         if is_prepared:
             del self._preparations[0]
@@ -360,10 +365,13 @@ class Link:
                 self._end_session(LinkState.STOPPED)
         return StatusReceived(status, now_ns)
 
-    def _faulted(self, fault: Fault, sequence: int) -> Event:
+    def _faulted(self, fault: Fault, sequence: int) -> Event | None:
         self.counters.faults += 1
         self._replies.append(self._frame(Ack(fault.type_byte, sequence, Result.OK)))
         if self.state is LinkState.READY:
+            # A fault of before, such as that of a pulled cable, repeats until its acknowledgement has come.
+            if fault.device_time_us < self._arming_device_us:
+                return None
             self._end_session(LinkState.STOPPED)
         return FaultReceived(fault.fault, fault.device_time_us)
 

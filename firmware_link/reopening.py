@@ -24,12 +24,13 @@ P = TypeVar("P", bound=Closable)
 class ReopeningPort(Generic[P]):
     """Opens one port again whenever it was lost; no I/O but by `open_port`, which raises LinkError.
 
+    `port` is the one that is open already; without one, the first `poll` opens it.
     Nothing is sent by itself: a port that is open again needs `Session.connect`, the whole handshake, and whether to
     arm again is for the caller to decide.
     """
 
-    def __init__(self, open_port: Callable[[], P]) -> None:
-        self.port: P | None = None
+    def __init__(self, open_port: Callable[[], P], port: P | None = None) -> None:
+        self.port = port
         self.attempts = 0
         """In vain, since the port was lost."""
         self.reason = ""
@@ -38,11 +39,16 @@ class ReopeningPort(Generic[P]):
         self._pause_ns = FIRST_PAUSE_NS
         self._due_ns = 0
 
-    def lose(self, now_ns: int) -> None:
-        """The port is gone: close what is left of it, and try again after the first pause."""
+    def close(self) -> None:
+        """Give back what is open."""
         if self.port is not None:
             self.port.close()
-        self.port, self.attempts, self._pause_ns = None, 0, FIRST_PAUSE_NS
+            self.port = None
+
+    def lose(self, now_ns: int) -> None:
+        """The port is gone: close what is left of it, and try again after the first pause."""
+        self.close()
+        self.attempts, self._pause_ns = 0, FIRST_PAUSE_NS
         self._due_ns = now_ns + FIRST_PAUSE_NS
 
     def poll(self, now_ns: int) -> P | None:

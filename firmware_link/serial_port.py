@@ -15,7 +15,7 @@ import serial
 from serial.tools import list_ports
 
 from firmware_link.announcement import find_announced
-from firmware_link.errors import LinkError
+from firmware_link.errors import LinkError, LinkLostError
 
 READ_SIZE = 4096
 _BY_ID = Path("/dev/serial/by-id")
@@ -33,19 +33,27 @@ class LowLatency(Enum):
 class PortDescription:
     """One port of this machine; `stable_id` is its by-id path, else its USB serial number, else its path.
 
-    That of an emulator is the link by which it announces itself.
+    That of an emulator is the link by which it announces itself. Vendor and product are numbers of USB, None elsewhere.
     """
 
     path: str
     stable_id: str
     description: str
+    vendor_id: int | None = None
+    product_id: int | None = None
 
 
 def find_ports() -> tuple[PortDescription, ...]:
     """Every serial port of this machine, in the order of its path, then every running emulator."""
     by_id = {str(link.resolve()): str(link) for link in sorted(_BY_ID.iterdir())} if _BY_ID.is_dir() else {}
     real = (
-        PortDescription(port.device, by_id.get(port.device) or port.serial_number or port.device, port.description)
+        PortDescription(
+            path=port.device,
+            stable_id=by_id.get(port.device) or port.serial_number or port.device,
+            description=port.description,
+            vendor_id=port.vid,
+            product_id=port.pid,
+        )
         for port in sorted(list_ports.comports(), key=lambda port: port.device)
     )
     emulated = (
@@ -66,7 +74,7 @@ def path_of(name: str) -> str:
 
 
 class SerialPort:
-    """An open port: reads and writes what is possible at once; any failure is a LinkError, as after an unplug."""
+    """An open port: reads and writes what is possible at once; any failure is a LinkLostError, as after an unplug."""
 
     def __init__(self, name: str, bit_rate_hz: int = 115_200) -> None:
         self.path = path_of(name)
@@ -74,7 +82,7 @@ class SerialPort:
             # pyserial only finds, opens and configures: its own write() spins on a full line (LINK.md).
             self._serial = serial.Serial(self.path, bit_rate_hz, timeout=0, exclusive=True)
         except (OSError, ValueError, termios.error) as error:
-            remedy = _permission_remedy(self.path) if _is_refused(error) else ""
+            remedy = f"; to get {self.path}, {permission_remedy(self.path)}" if _is_refused(error) else ""
             raise LinkError(f"cannot open {self.path} at {bit_rate_hz} bit/s: {error}{remedy}") from error
         try:
             self.low_latency = _set_low_latency(self._serial)
@@ -90,7 +98,7 @@ class SerialPort:
         return self._descriptor
 
     def read(self) -> bytes:
-        """What has come, perhaps nothing; raises LinkError when the port is gone."""
+        """What has come, perhaps nothing; raises LinkLostError when the port is gone."""
         try:
             data = os.read(self._descriptor, READ_SIZE)
         except BlockingIOError:
@@ -102,7 +110,7 @@ class SerialPort:
         return data
 
     def write(self, data: bytes) -> int:
-        """Number of bytes taken, perhaps none; raises LinkError when the port is gone."""
+        """Number of bytes taken, perhaps none; raises LinkLostError when the port is gone."""
         try:
             return os.write(self._descriptor, data)
         except BlockingIOError:
@@ -122,22 +130,22 @@ class SerialPort:
     ) -> None:
         self.close()
 
-    def _gone(self, reason: object) -> LinkError:
-        return LinkError(f"{self.path} is gone ({reason}): plug the device in and connect again")
+    def _gone(self, reason: object) -> LinkLostError:
+        return LinkLostError(f"{self.path} is gone ({reason}): plug the device in and connect again")
 
 
 def _is_refused(error: Exception) -> bool:
     return isinstance(error, OSError) and error.errno in (errno.EACCES, errno.EPERM)
 
 
-def _permission_remedy(path: str) -> str:
-    """What gives a user the port, as the end of a message."""
+def permission_remedy(path: str) -> str:
+    """What gives a user the port: the group that it belongs to, where that helps, or a udev rule."""
     rule = f'SUBSYSTEM=="tty", KERNEL=="{Path(path).resolve().name}", TAG+="uaccess"'
     by_rule = f"put this udev rule into {_RULE_FILE}, run `sudo udevadm control --reload` and plug it in again: {rule}"
     group = _group_with_access(path)
     if group is None:
-        return f"; to get {path}, {by_rule}"
-    return f"; to get {path}, run `sudo usermod -aG {group} $USER` and log in again, or {by_rule}"
+        return by_rule
+    return f"run `sudo usermod -aG {group} $USER` and log in again, or {by_rule}"
 
 
 def _group_with_access(path: str) -> str | None:

@@ -15,10 +15,10 @@ class Port(Protocol):
         """The descriptor, to poll."""
 
     def read(self) -> bytes:
-        """What has come, perhaps nothing; raises LinkError when the port is gone."""
+        """What has come, perhaps nothing; raises LinkLostError when the port is gone."""
 
     def write(self, data: bytes) -> int:
-        """Number of bytes taken, perhaps none; raises LinkError when the port is gone."""
+        """Number of bytes taken, perhaps none; raises LinkLostError when the port is gone."""
 
 
 class Session:
@@ -35,6 +35,16 @@ class Session:
         self._unsent = b""
         self.link.connect(self._monotonic_ns())
 
+    def lose_port(self) -> None:
+        """The port is gone, and what it did not take is never sent."""
+        self._unsent = b""
+        self.link.disconnect()
+
+    def move_to(self, port: Port) -> None:
+        """Start a new session on another port, or on the same one opened again."""
+        self.port = port
+        self.connect()
+
     def exchange(self) -> list[Event]:
         """Read, act, write; raises LinkError when the port is gone or the device does not do its part."""
         try:
@@ -46,14 +56,19 @@ class Session:
         return events
 
     def receive(self) -> list[Event]:
-        """The first half of `exchange`: take in what has come."""
+        """The first half of `exchange`: take in what has come.
+
+        Only then is the device called silent: a host that stalled finds what it said in the meantime.
+        """
         data = self.port.read()
-        return self.link.receive(data, self._monotonic_ns()) if data else []
+        now_ns = self._monotonic_ns()
+        events = self.link.receive(data, now_ns) if data else []
+        self.link.poll(now_ns)
+        return events
 
     def send(self) -> None:
         """The second half of `exchange`: write what is due."""
         now_ns = self._monotonic_ns()
-        self.link.poll(now_ns)
         self._unsent = self._unsent or self.link.outgoing(now_ns)
         if self._unsent:
             self._unsent = self._unsent[self.port.write(self._unsent) :]

@@ -87,7 +87,9 @@ class DemoReport:
     run: LiveRun
     states: tuple[StateReport, ...]
     missed: tuple[StateAndLevel, ...]
-    """What was to be rendered for at least one command and never reached the firmware."""
+    """What was sent in time and never applied by the firmware."""
+    not_rendered: tuple[StateAndLevel, ...]
+    """What was to be rendered and was over before the machine, having stalled, brought it to the firmware."""
     felt: Felt | None
     """None where no state changed."""
 
@@ -127,17 +129,25 @@ def _run_demo(table: Table, recording: Recording) -> DemoReport:
         for key, event in applied.items()
         if (entry := table.entry_at(*key)) is not None
     )
-    return DemoReport(table.device, table.path, recording, speed, run, states, _missed(table, run, applied), felt)
+    missed, not_rendered = find_missed(table, run, applied)
+    return DemoReport(table.device, table.path, recording, speed, run, states, missed, not_rendered, felt)
 
 
-def _missed(table: Table, run: LiveRun, applied: Collection[StateAndLevel]) -> tuple[StateAndLevel, ...]:
-    """Of the states that have an entry: those that were sent, and not applied."""
-    sent = {
-        (change.state, change.level_db)
-        for change in run.trace
-        if change.drive_sequence is not None and change.level_db is not None
-    }
-    return tuple(sorted(key for key in sent.difference(applied) if table.entry_at(*key) is not None))
+def find_missed(
+    table: Table, run: LiveRun, applied: Collection[StateAndLevel]
+) -> tuple[tuple[StateAndLevel, ...], tuple[StateAndLevel, ...]]:
+    """Of the states that have an entry and were not applied: those that should have been, and the others.
+
+    The others were replaced before they were sent, or refused because they came too late.
+    """
+    wanted = dict[StateAndLevel, bool]()
+    for change in run.trace:
+        if change.level_db is None or (change.state, change.level_db) in applied:
+            continue
+        key = (change.state, change.level_db)
+        wanted[key] = wanted.get(key, False) or (change.drive_sequence is not None and not run.came_late(change))
+    known = sorted(key for key in wanted if table.entry_at(*key) is not None)
+    return tuple(key for key in known if wanted[key]), tuple(key for key in known if not wanted[key])
 
 
 def _greatest(run: LiveRun, felt: Felt) -> dict[StateAndLevel, tuple[float, float]]:
@@ -170,11 +180,13 @@ def demo_json(report: DemoReport) -> dict[str, Any]:
         "state_changes": run.counters.state_changes,
         "commands_sent": run.counters.commands,
         "commands_applied": sum(run.applied(change) is not None for change in run.trace),
+        "commands_late": sum(run.came_late(change) for change in run.trace),
         "set_frames_on_the_wire": run.frames_sent,
         "reconnects": run.counters.reconnects,
         "report_to_command": None if latency is None else asdict(latency),
         "states": [_state_json(report.device, state) for state in report.states],
-        "missed_states": [{"state": state, "level_db": finite_or_none(level_db)} for state, level_db in report.missed],
+        "missed_states": [_key_json(*key) for key in report.missed],
+        "states_not_rendered": [_key_json(*key) for key in report.not_rendered],
         "agreement": AGREEMENT,
         "agrees": report.agrees,
     }
@@ -183,6 +195,10 @@ def demo_json(report: DemoReport) -> dict[str, Any]:
 def finite_or_none(level_db: float) -> float | None:
     """JSON has no infinity: None stands for full scale."""
     return level_db if math.isfinite(level_db) else None
+
+
+def _key_json(state: int, level_db: float) -> dict[str, Any]:
+    return {"state": state, "level_db": finite_or_none(level_db)}
 
 
 def _state_json(device: Device, state: StateReport) -> dict[str, Any]:

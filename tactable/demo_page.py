@@ -36,6 +36,9 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
     if report.missed:
         missed = ", ".join(f"{state} at {level_db:g} dB" for state, level_db in report.missed)
         out.print(f"[red]MISSED: states {missed} were sent and never applied.[/red]")
+    if report.not_rendered:
+        late = ", ".join(f"{state} at {level_db:g} dB" for state, level_db in report.not_rendered)
+        out.print(f"[yellow]Not rendered, the machine having stalled: states {late}.[/yellow]")
     if not report.states and not report.missed:
         return
     if report.agrees:

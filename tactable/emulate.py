@@ -2,11 +2,13 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from engine.device import Device
 from firmware_link.announcement import Announcement, own_link
+from firmware_link.c_core import CompiledFirmware, open_library
 from firmware_link.device import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator import termination_descriptor
 from firmware_link.fault_plan import FaultPlan
@@ -35,17 +37,26 @@ def configuration_of(device: Device | None) -> DeviceConfiguration:
 
 
 def emulate(
-    configuration: DeviceConfiguration, plan: FaultPlan, seed: int, tell: Callable[[Emulated], None]
+    configuration: DeviceConfiguration,
+    plan: FaultPlan,
+    seed: int,
+    tell: Callable[[Emulated], None],
+    core: Path | None = None,
 ) -> dict[str, Any]:
-    """Be a device until SIGINT or SIGTERM; what it counted and the faults that were injected, by kind."""
+    """Be a device until SIGINT or SIGTERM; what it counted and the faults that were injected, by kind.
+
+    The device is the library `core` that `make host` builds of the firmware, or without one its twin in Python.
+    """
+    library = None if core is None else open_library(core)
     announcement = Announcement(own_link(os.getpid()))
 
     def on_port(port: str) -> None:
         announcement.point_to(port)
         tell(Emulated(port, str(announcement.link), configuration.number_of_actuators, seed))
 
-    def start(boot_id: int) -> EmulatedFirmware:
-        return EmulatedFirmware(replace(configuration, boot_id=boot_id))
+    def start(boot_id: int) -> EmulatedFirmware | CompiledFirmware:
+        booted = replace(configuration, boot_id=boot_id)
+        return EmulatedFirmware(booted) if library is None else CompiledFirmware(library, booted, keeps_samples=False)
 
     try:
         with termination_descriptor() as termination:
@@ -54,5 +65,6 @@ def emulate(
             server.close()
     finally:
         announcement.close()
-    log = server.log()
-    return {"simulated": True, "boots": [boot["counters"] for boot in log["boots"]], "faults": log["faults"]}
+    cores = [boot.core for boot in server.device.boots]
+    counters = [asdict(core.counters) | asdict(core.framing_counters) for core in cores]
+    return {"simulated": True, "boots": counters, "faults": server.device.fault_counts()}

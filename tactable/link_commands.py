@@ -3,6 +3,7 @@
 import json
 import secrets
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -26,6 +27,9 @@ def register(app: typer.Typer) -> None:
         device_name: Annotated[
             str | None, typer.Option("--device", help="Full scales and actuators of a device file or shipped name.")
         ] = None,
+        core: Annotated[
+            Path | None, typer.Option(metavar="LIBRARY", help="The firmware's C core, built with make host.")
+        ] = None,
         as_json: AsJson = False,
     ) -> None:
         """Be a device on a serial port, SIMULATED, until Ctrl-C."""
@@ -35,7 +39,7 @@ def register(app: typer.Typer) -> None:
         plan = parse_fault_plan(faults)
         configuration = configuration_of(None if device_name is None else find_device(device_name))
         chosen_seed = secrets.randbits(32) if seed is None else seed
-        summary = emulate(configuration, plan, chosen_seed, _print_port_json if as_json else _print_port)
+        summary = emulate(configuration, plan, chosen_seed, _print_port_json if as_json else _print_port, core)
         if as_json:
             _print_line(summary)
         else:

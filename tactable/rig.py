@@ -1,6 +1,7 @@
 """The simulated rig: recorded touches to the engine, the wire, the emulated firmware and the bar. All SIMULATED."""
 
 import itertools
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,8 +16,9 @@ from engine.sources.playback import Playback
 from engine.sources.recording import Recording
 from engine.table import Table
 from engine.zones import ZoneEdges, ZoneState
-from firmware_link.drive_log import Cause, DriveEvent
+from firmware_link.drive_log import Cause, DriveEvent, Outcome, ReceivedFrame
 from firmware_link.emulator import EmulatorLog, run_emulator
+from firmware_link.reopening import ReopeningPort
 from firmware_link.serial_port import SerialPort
 from firmware_link.synthesis import synthesise
 from precompute.assembly import assemble
@@ -37,6 +39,8 @@ _WINDOW_S = 0.5
 _LONGEST_SETTLING_S = 8.0
 _SETTLED = 1e-3
 _US_PER_S = 1e6
+_SEQUENCES = 256
+_SET = "SET"
 
 
 @dataclass(frozen=True)
@@ -51,27 +55,65 @@ class LiveRun:
     log: EmulatorLog
 
     def applied(self, change: StateChange) -> DriveEvent | None:
-        """The drive event in the firmware that a state change caused; None if its command was replaced or lost."""
-        if change.drive_sequence is None:
+        """What the firmware drove once it had taken the command of a state change; None if it never took it.
+
+        A command that came late is refused as stale; its renewals bring the same drive as long as the state lasts.
+        """
+        frame = next((f for f in self._frames(change) if f.outcome is Outcome.ACCEPTED), None)
+        if frame is None:
             return None
+        # A drive that plays already is no event, and several frames of one read have the same time.
+        before = [event for event in self.log.events if _is_before(event, frame)]
+        return before[-1] if before and before[-1].cause is Cause.SET else None
+
+    def came_late(self, change: StateChange) -> bool:
+        """Whether the firmware refused the command and all its renewals, as it does when the machine has stalled."""
+        frames = self._frames(change)
+        return bool(frames) and all(frame.outcome is not Outcome.ACCEPTED for frame in frames)
+
+    def _frames(self, change: StateChange) -> list[ReceivedFrame]:
+        """The command of a state change and its renewals, as the firmware received them; a terminal loses none."""
         since_us = (change.time_ns - self.log.host_ns_at_device_zero) / 1e3
-        events = (e for e in self.log.events if e.cause is Cause.SET and e.device_time_us >= since_us)
-        return next((e for e in events if e.sequence == change.drive_sequence), None)
+        # Sequences come again after that many.
+        frames = [frame for frame in self.log.received if frame.device_time_us >= since_us][:_SEQUENCES]
+        sequences = [frame.sequence for frame in frames]
+        if change.drive_sequence not in sequences:
+            return []
+        command, *later = frames[sequences.index(change.drive_sequence) :]
+        following = (c.drive_sequence for c in self.trace[self.trace.index(change) + 1 :])
+        next_sequence = next((sequence for sequence in following if sequence is not None), None)
+        renewals = itertools.takewhile(lambda frame: frame.sequence != next_sequence, later)
+        return [command, *(frame for frame in renewals if frame.message == _SET)]
 
 
-def play(table: Table, recording: Recording, speed: float, effects: Effects = DEFAULT_EFFECTS) -> LiveRun:
+def play(
+    table: Table, recording: Recording, speed: float, effects: Effects = DEFAULT_EFFECTS, faults: str = ""
+) -> LiveRun:
     """Replay touches at `speed` times real pace through the engine to an emulated firmware behind a pseudo-terminal.
 
+    `faults` is a text for `parse_fault_plan`: stalls and delays; a line that loses frames is no pseudo-terminal.
     Raises what the engine raises: DigitizerError, DescriptorError, LinkError, LimitError, RendererError.
     """
-    # A machine that stalls for 250 ms latches the firmware, as it should: the run greets it again and goes on.
+    # A machine that stalls for 250 ms latches the firmware, as it should: the run greets it again and goes on. If one
+    # of the two processes stalls for a second, the port is opened anew.
     options, trace = LiveOptions(effects, reconnect=True, bit_rate_hz=PTY_BIT_RATE_HZ), list[StateChange]()
     count = len(table.device.actuators)
-    with run_emulator(number_of_actuators=count) as emulator, SerialPort(emulator.port) as port:
-        live = Live(table, Playback(recording, speed), port, SystemClock(), options, trace)
+    with ExitStack() as stack:
+        emulator = stack.enter_context(run_emulator(count, faults=faults))
+        port = SerialPort(emulator.port)
+        reopening = ReopeningPort(lambda: SerialPort(emulator.port), port)
+        stack.callback(reopening.close)
+        live = Live(table, Playback(recording, speed), port, SystemClock(), options, trace, reopening)
         live.run()
         log = emulator.stop()
     return LiveRun(tuple(trace), replace(live.loop.counters), live.frames_sent, live.latency, log)
+
+
+def _is_before(event: DriveEvent, frame: ReceivedFrame) -> bool:
+    """Whether an event was there once a frame had been taken."""
+    if event.device_time_us != frame.device_time_us or event.sequence is None:
+        return event.device_time_us <= frame.device_time_us
+    return (frame.sequence - event.sequence) % _SEQUENCES < _SEQUENCES // 2
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,9 @@ from rich.table import Table as Grid
 
 from engine.loop import SystemClock
 from engine.sources.recording import write_recording
+from tactable.check import Check
 from tactable.shipped import find_device
-from tactable.touch_doctor import Check, Machine, examine, rules_text
+from tactable.touch_doctor import Machine, examine, rules_text
 from tactable.touch_list import list_devices
 from tactable.touch_map import LearntAxis, digitizer_table
 from tactable.touch_record import learn_from_recording, learn_live, opened, record_source, stop_at_signal
@@ -61,7 +62,9 @@ def register(app: typer.Typer, machine: Machine | None = None) -> None:
 
     @app.command()
     def doctor(
-        device: Annotated[str | None, typer.Argument(help="With --emit-udev: the digitizer; default: all.")] = None,
+        device: Annotated[
+            str | None, typer.Argument(help="With --emit-udev: the digitizer or serial port; default: all.")
+        ] = None,
         emit_udev: Annotated[bool, typer.Option("--emit-udev", help="Print the udev rule, and nothing else.")] = False,
         as_json: AsJson = False,
     ) -> None:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from engine.descriptor import DescriptorError
 from engine.digitizer import Digitizer, DigitizerError, open_digitizer
@@ -20,6 +20,8 @@ from engine.sources.hid_devices import (
 )
 from engine.sources.hidraw import read_descriptor
 from firmware_link.serial_port import PortDescription, find_ports
+from tactable.check import Check
+from tactable.port_doctor import SystemFiles, check_ports, port_rules
 
 
 @dataclass(frozen=True)
@@ -29,20 +31,7 @@ class Machine:
     hid: Callable[[], HidSystem] = load_hid_system
     evdev: Callable[[], EvdevModule | None] = load_evdev
     ports: Callable[[], Sequence[PortDescription]] = find_ports
-
-
-@dataclass(frozen=True)
-class Check:
-    """One thing that was looked at; `remedy` is "" where it is well."""
-
-    name: str
-    finding: str
-    remedy: str = ""
-
-    @property
-    def passed(self) -> bool:
-        """Whether it is well."""
-        return not self.remedy
+    files: SystemFiles = field(default_factory=SystemFiles)
 
 
 def open_found(system: HidSystem, device: HidDigitizer) -> Digitizer:
@@ -67,8 +56,9 @@ def examine(machine: Machine) -> list[Check]:
         system = machine.hid()
         found = find_digitizers(system)
     except DigitizerError as error:
-        return [Check("hidapi", str(error), "run `pip install hidapi`"), *_check_ports(machine)]
-    return [_check_backend(system), *_check_digitizers(system, found), *_check_ports(machine)]
+        return [Check("hidapi", str(error), "run `pip install hidapi`"), *check_ports(machine.ports(), machine.files)]
+    checks = [_check_backend(system), *_check_digitizers(system, found)]
+    return [*checks, *check_ports(machine.ports(), machine.files)]
 
 
 def _check_backend(system: HidSystem) -> Check:
@@ -101,38 +91,29 @@ def _rule_remedy(device: HidDigitizer) -> str:
     )
 
 
-def _check_ports(machine: Machine) -> list[Check]:
-    ports = machine.ports()
-    if not ports:
-        return [Check("serial port", "none found", "plug the firmware's board in")]
-    return [
-        Check(f"serial port {port.path}", port.description)
-        if os.access(port.path, os.R_OK | os.W_OK)
-        else Check(
-            f"serial port {port.path}",
-            "no permission",
-            "run `sudo usermod -aG dialout $USER`, then log in again",
-        )
-        for port in ports
-    ]
-
-
 def rules_text(machine: Machine, name: str | None) -> str:
-    """The udev file for one digitizer (by any of its names, or a vendor:product that need not be there) or for all.
+    """The udev file for one digitizer or serial port (by any of its names), or for all of them.
 
-    Raises `DigitizerError` where there is none.
+    A digitizer's vendor:product need not be there. Raises `DigitizerError` where there is no such device.
     """
     number = None if name is None else parse_number(name)
     if number is not None:
-        rules = {udev_rule(*number): name}
+        rules = {udev_rule(*number): name or ""}
     else:
-        found = find_digitizers(machine.hid())
-        chosen = found if name is None else (select_digitizer(name, found),)
-        rules = {udev_rule(device.vendor_id, device.product_id): device.name for device in chosen}
+        ports = [port for port in machine.ports() if name in (None, port.path, port.stable_id)]
+        rules = {rule: port.description for port in ports for rule in port_rules(port)}
+        if name is None or not ports:
+            rules = _digitizer_rules(machine, name) | rules
     if not rules:
-        raise DigitizerError("no digitizer found to write a rule for: plug it in, or give its vendor:product")
+        raise DigitizerError("no digitizer and no USB serial port found to write a rule for: plug one in")
     lines = [f"# tactable: put into {RULE_FILE}; the name must sort before 73-seat-late.rules"]
     lines.append('# Without a seat (a kiosk, a service) write MODE="0660", GROUP="input" in place of TAG+="uaccess".')
     for rule, device_name in rules.items():
         lines += [f"# {device_name}", rule]
     return "\n".join(lines)
+
+
+def _digitizer_rules(machine: Machine, name: str | None) -> dict[str, str]:
+    found = find_digitizers(machine.hid())
+    chosen = found if name is None else (select_digitizer(name, found),)
+    return {udev_rule(device.vendor_id, device.product_id): device.name for device in chosen}

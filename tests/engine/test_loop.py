@@ -25,10 +25,11 @@ from engine.zones import ZoneTracker, state_index
 from firmware_link.device import DeviceConfiguration, EmulatedFirmware
 from firmware_link.drive_log import Cause, DriveEvent
 from firmware_link.emulator import run_emulator
-from firmware_link.errors import LinkError
+from firmware_link.errors import LinkError, LinkLostError
 from firmware_link.link import Link
 from firmware_link.link_values import LinkState
 from firmware_link.messages import DeviceState
+from firmware_link.reopening import ReopeningPort
 from firmware_link.serial_port import SerialPort
 from firmware_link.session import Session
 from tests.engine.descriptors import CONTACT_COUNT, application, finger
@@ -88,6 +89,8 @@ class VirtualLine:
 
     delay_ns: int = 300_000
     takes_bytes: bool = True
+    loses_power: bool = False
+    """With the cable."""
     is_mute: bool = False
     firmware: EmulatedFirmware = field(default_factory=lambda: EmulatedFirmware(DeviceConfiguration(0x5EED)))
     time_ns: int = 5_000 * MS
@@ -98,6 +101,12 @@ class VirtualLine:
         self.stall_at_ns: int | None = None
         self.stall_ns = 400 * MS
         self.waits = 0
+        self.cable_pulled_ns: int | None = None
+        self.cable_back_ns = 0
+        self.is_open = True
+        self.booted_ns = 0
+        self.earlier_logs: list[DriveEvent] = []
+        self.openings_ns: list[int] = []
 
     def now_ns(self) -> int:
         return self.time_ns
@@ -105,44 +114,83 @@ class VirtualLine:
     def fileno(self) -> int:
         return -1
 
+    @property
+    def is_plugged(self) -> bool:
+        return self.cable_pulled_ns is None or self.time_ns < self.cable_pulled_ns
+
+    def open(self) -> VirtualLine:
+        self.openings_ns.append(self.time_ns)
+        if not self.is_plugged and self.time_ns < self.cable_back_ns:
+            raise LinkError("no serial port 'bar'")
+        self.cable_pulled_ns, self.is_open = None, True
+        return self
+
+    def close(self) -> None:
+        self.is_open = False
+
     def write(self, data: bytes) -> int:
+        self._check_cable()
         if not self.takes_bytes:
             return 0
         self._to_device.append((self.time_ns + self.delay_ns, data))
         return len(data)
 
+    def _check_cable(self) -> None:
+        assert self.is_open
+        if not self.is_plugged:
+            raise LinkLostError("bar is gone")
+
     def read(self) -> bytes:
+        self._check_cable()
         data = b"".join(data for time_ns, data in self._to_host if time_ns <= self.time_ns)
         self._to_host = [item for item in self._to_host if item[0] > self.time_ns]
         return data
 
     def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> None:
-        assert (readable, writable) in [((-1,), ()), ((-1,), (-1,))]
+        assert (readable, writable) in ([((-1,), ()), ((-1,), (-1,))] if self.is_open else [((), ())])
         self.waits += 1
         assert until_ns is not None or self._to_host or self._to_device, "the loop would wait for ever"
         end_ns = until_ns if until_ns is not None else self.time_ns + 1_000 * MS
         if self.stall_at_ns is not None and self.time_ns >= self.stall_at_ns:
             self.stall_at_ns, end_ns = None, self.time_ns + self.stall_ns
-            self._run_to(end_ns)
-        while self.time_ns < end_ns and not any(time_ns <= self.time_ns for time_ns, _ in self._to_host):
+            while self.time_ns < end_ns:
+                self._run_to(min(end_ns, self._next_ns()))
+        while self.time_ns < end_ns and not self._is_readable():
             self._run_to(min([end_ns, self._next_ns(), *(time_ns for time_ns, _ in self._to_host)]))
+
+    def _is_readable(self) -> bool:
+        return self.is_open and (not self.is_plugged or any(time_ns <= self.time_ns for time_ns, _ in self._to_host))
 
     def _next_ns(self) -> int:
         deadline_us = self.firmware.next_deadline_us()
         times_ns = [time_ns for time_ns, _ in self._to_device]
+        if self.cable_pulled_ns is not None and self.is_plugged:
+            times_ns.append(self.cable_pulled_ns)
         if deadline_us is not None:
-            times_ns.append(1000 * deadline_us)
+            times_ns.append(self.booted_ns + 1000 * deadline_us)
         return max(self.time_ns + 1, min(times_ns, default=self.time_ns + 1_000 * MS))
 
     def _run_to(self, end_ns: int) -> None:
         while self._to_device and self._to_device[0][0] <= end_ns:
             time_ns, data = self._to_device.pop(0)
-            self._answer(self.firmware.receive(data, time_ns // 1000), time_ns)
-        self._answer(self.firmware.advance(end_ns // 1000), end_ns)
-        self.time_ns = end_ns
+            self._answer(self.firmware.receive(data, self._device_us(time_ns)), time_ns)
+        self._answer(self.firmware.advance(self._device_us(end_ns)), end_ns)
+        was_plugged, self.time_ns = self.is_plugged, end_ns
+        if was_plugged and not self.is_plugged:
+            self._pull_cable()
+
+    def _pull_cable(self) -> None:
+        self.firmware.hang_up(self._device_us(self.time_ns))
+        self._to_device, self._to_host = [], []
+        if self.loses_power:
+            self.earlier_logs += self.firmware.drive_log
+            self.firmware, self.booted_ns = EmulatedFirmware(DeviceConfiguration(0xB007)), self.time_ns
+
+    def _device_us(self, time_ns: int) -> int:
+        return (time_ns - self.booted_ns) // 1000
 
     def _answer(self, data: bytes, time_ns: int) -> None:
-        if data and not self.is_mute:
+        if data and not self.is_mute and self.is_plugged:
             self._to_host.append((time_ns + self.delay_ns, data))
 
 
@@ -154,6 +202,7 @@ class Rig:
     line: VirtualLine = field(default_factory=VirtualLine)
     speed: float | None = 1.0
     reconnect: bool = False
+    reopening: ReopeningPort[VirtualLine] | None = None
     bit_rate_hz: int = BIT_RATE_HZ
     effects: Effects = HELD
     entries: Sequence[Entry] = tuple(ENTRIES)
@@ -178,6 +227,7 @@ class Rig:
             self.session,
             self.line,
             reconnect=self.reconnect,
+            reopening=self.reopening,
             trace=self.trace,
             latency=self.latency,
         )
@@ -356,6 +406,15 @@ def test_a_lost_finger_rests_no_longer_than_it_was_seen() -> None:
         assert Rig(recording_of(*frames), speed=speed, effects=effects).run().states() == [index_of(quiet=[0]), 0] * 2
 
 
+def test_a_host_that_stalled_for_seconds_hears_the_device_before_it_calls_it_silent() -> None:
+    rig = Rig(recording_of(*held(0.0, 4.0, (1, 0.1)), (4.0, report(lifted=[1]))), reconnect=True)
+    rig.line.stall_at_ns, rig.line.stall_ns = rig.start_ns + 300 * MS, 3_000 * MS
+    rig.run()
+    assert rig.loop.counters.reconnects == 1
+    assert rig.states() == [index_of(0), 0]
+    assert rig.played() == [101.0, 0.0, 101.0, 0.0]
+
+
 def test_after_a_stall_effects_are_caught_up_with_in_order_and_the_last_state_is_sent() -> None:
     rig = Rig(recording_of(*held(0.0, 0.3, (1, 0.1)), (0.3, report(lifted=[1]))), effects=DEFAULT_EFFECTS)
     rig.line.stall_at_ns, rig.line.stall_ns = rig.start_ns + 20 * MS, 100 * MS
@@ -421,6 +480,107 @@ def test_a_silence_that_was_due_during_a_reconnect_is_sent_after_it() -> None:
     assert rig.states()[-1] == 0
     assert rig.trace[-1].drive_sequence is not None
     assert rig.line.firmware.state is DeviceState.LATCHED
+
+
+def unplugged(*frames: tuple[float, bytes], back_s: float = 0.75, loses_power: bool = False) -> Rig:
+    """The cable is pulled 0.3 s after the start of a run that waits for it."""
+    line = VirtualLine(loses_power=loses_power)
+    rig = Rig(recording_of(*frames), line, reconnect=True, reopening=ReopeningPort(line.open, line))
+    line.cable_pulled_ns = rig.start_ns + 300 * MS
+    line.cable_back_ns = rig.start_ns + round(1e9 * back_s)
+    return rig
+
+
+@pytest.mark.parametrize("loses_power", [False, True])
+def test_a_device_that_was_unplugged_plays_on_with_the_state_of_the_moment(loses_power: bool) -> None:
+    """Touches are read all the while: in I before, in II and III while the cable is out, still in III after."""
+    moves = [*held(0.0, 0.4, (1, 0.1)), *held(0.4, 0.6, (1, 0.3)), *held(0.6, 1.5, (1, 0.5))]
+    rig = unplugged(*moves, (1.5, report(lifted=[1])), loses_power=loses_power).run()
+    line, counters = rig.line, rig.loop.counters
+    assert (counters.losses, counters.reconnects) == (1, 1)
+    assert rig.states() == [index_of(0), index_of(1), index_of(2), 0]
+    assert [change.drive_sequence is None for change in rig.trace] == [False, True, False, False]
+    log = [*line.earlier_logs, *rig.log]
+    frequencies_hz = [event.channels[0].frequency_hz for event in log if event.cause is Cause.SET]
+    assert frequencies_hz[:2] == pytest.approx([101.0, 104.0])
+    assert [event.cause for event in log] == [Cause.SET, Cause.HUNG_UP, Cause.SET, Cause.SET]
+    assert line.firmware.state is DeviceState.LATCHED
+    assert line.firmware.counters.stale == 0
+
+
+def test_a_lost_port_is_looked_for_with_growing_pauses() -> None:
+    rig = unplugged(*held(0.0, 6.0, (1, 0.1)), back_s=5.0).run()
+    since_ms = [(time_ns - rig.start_ns - 300 * MS) // MS for time_ns in rig.line.openings_ns]
+    assert since_ms == [100, 200, 400, 800, 1600, 3200, 5200]
+    assert rig.played() == [101.0, 0.0, 101.0, 0.0]
+
+
+def test_nothing_is_played_after_the_return_that_ended_before_it() -> None:
+    frames = [*held(0.0, 0.4, (1, 0.1)), (0.4, report(lifted=[1])), (1.5, report(lifted=[1]))]
+    rig = unplugged(*frames).run()
+    assert rig.loop.counters.reconnects == 1
+    assert rig.states() == [index_of(0), 0]
+    assert rig.played() == [101.0, 0.0]
+
+
+def test_a_device_that_answers_no_more_is_greeted_again_on_its_port_opened_anew() -> None:
+    rig = unplugged(*held(0.0, 4.0, (1, 0.1)), (4.0, report(lifted=[1])))
+    rig.line.cable_pulled_ns = None
+    mute_ns, line = rig.start_ns + 300 * MS, rig.line
+
+    class Mute:
+        """Takes the voice of the device away for 1.5 s; the port stays."""
+
+        def is_set(self) -> bool:
+            line.is_mute = mute_ns <= line.time_ns < mute_ns + 1_500 * MS
+            return False
+
+    rig.loop.run(Mute())
+    assert rig.loop.counters.losses == 1
+    assert rig.states() == [index_of(0), 0]
+    assert rig.played()[-2:] == [101.0, 0.0]
+
+
+def test_without_a_way_to_open_it_again_a_lost_port_ends_the_run() -> None:
+    rig = unplugged(*held(0.0, 1.0, (1, 0.1)))
+    rig = replace(rig, line=VirtualLine(), reopening=None)
+    rig.line.cable_pulled_ns = rig.start_ns + 300 * MS
+    with pytest.raises(LinkLostError, match="is gone"):
+        rig.run()
+    assert rig.line.openings_ns == []
+    assert rig.session.link.state is LinkState.DISCONNECTED
+    assert len(rig.trace) == rig.loop.counters.state_changes
+
+
+def test_another_device_on_the_port_ends_the_run() -> None:
+    rig = unplugged(*held(0.0, 2.0, (1, 0.1)), loses_power=True)
+    stranger = EmulatedFirmware(DeviceConfiguration(1, number_of_actuators=3))
+
+    class Exchange:
+        """Puts another device there while the cable is out."""
+
+        def is_set(self) -> bool:
+            if not rig.line.is_open:
+                rig.line.firmware = stranger
+            return False
+
+    with pytest.raises(LinkError, match="another device answered"):
+        rig.loop.run(Exchange())
+    assert stranger.drive_log == []
+    assert stranger.state is DeviceState.IDLE
+
+
+def test_a_request_to_stop_is_seen_while_the_port_is_away() -> None:
+    rig = unplugged(*held(0.0, 10.0, (1, 0.1)), back_s=9.0)
+    stop_ns = rig.start_ns + 4_000 * MS
+
+    class Watch:
+        def is_set(self) -> bool:
+            return rig.line.time_ns >= stop_ns
+
+    rig.loop.run(Watch())
+    assert rig.line.time_ns <= stop_ns + 100 * MS
+    assert rig.states() == [index_of(0), 0]
 
 
 @pytest.mark.parametrize(("is_mute", "remedy"), [(False, "disarmed itself"), (True, "no answer")])

@@ -163,6 +163,24 @@ def test_stop_is_repeated_until_acknowledged_and_nothing_drives_after() -> None:
     assert rig.link.counters.dropped == 1
 
 
+def test_a_fault_of_before_the_session_is_acknowledged_and_does_not_end_it() -> None:
+    rig = VirtualRig()
+    rig.connect()
+    rig.run(20 * MS)
+    rig.firmware.hang_up(rig.device_us())
+    rig.link.disconnect()
+    # The device repeats its fault each 100 ms; the handshake takes less.
+    rig.run(30 * MS)
+    rig.connect()
+    rig.events.clear()
+    rig.run(300 * MS)
+    assert rig.link.state is LinkState.READY
+    assert not [event for event in rig.events if isinstance(event, FaultReceived)]
+    assert rig.link.counters.faults == 1
+    assert rig.link.status is not None
+    assert (rig.link.status.state, rig.link.status.fault) == (DeviceState.ARMED, FaultCode.NONE)
+
+
 def test_a_fault_ends_the_session_and_is_acknowledged() -> None:
     rig = connected()
     rig.is_host_alive = False

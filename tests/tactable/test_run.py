@@ -1,7 +1,6 @@
 """The command `run`: from touches to an emulated firmware of another process, and how it refuses."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -161,7 +160,7 @@ def test_an_unplugged_device_plays_on_when_it_is_back_under_another_name(
 ) -> None:
     write_recording(make_recording((Stroke(0.0, 600.0, 0.5, 0.5),)), folder / "resting.hid")
     paths = ("bar.nc", "--touch", "resting.hid", "--port", emulator.stable_port)
-    before = os.readlink(emulator.stable_port)
+    before = Path(emulator.stable_port).readlink()
     with started(folder, *paths, "--reconnect", "--effects", "held.toml", "--json") as process:
         sounded = len(wait_for(emulator, 1).events)
         emulator.unplug()
@@ -169,7 +168,7 @@ def test_an_unplugged_device_plays_on_when_it_is_back_under_another_name(
         process.send_signal(by_signal)
         told, said = process.communicate()
     assert process.returncode == 0, said
-    assert os.readlink(emulator.stable_port) != before
+    assert Path(emulator.stable_port).readlink() != before
     summary = json.loads(told)
     assert summary["losses_of_the_port"] >= 1
     assert summary["reconnects"] >= 1

@@ -1,0 +1,17 @@
+"""One thing that the doctor looked at: how it is, and what to do about it."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was looked at; `remedy` is "" where it is well."""
+
+    name: str
+    finding: str
+    remedy: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Whether it is well."""
+        return not self.remedy
