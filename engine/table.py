@@ -157,7 +157,7 @@ class Table:
         """Entry of the state with these zones (names) felt and quiet and the others free, at `level_db`.
 
         Between tabulated levels: the next lower drive, played louder, or else the next higher one, softer. Raises
-        DeviceError for an unknown zone, TableError for a zone that is both, and for a state that the table does not hold.
+        DeviceError for an unknown zone, TableError for a zone that is both and for a state the table does not hold.
         """
         index = state_index(self.states_of(felt, quiet))
         entry = self.entry_at(index, level_db)
