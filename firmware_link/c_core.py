@@ -36,7 +36,7 @@ _OPTIONS = (
     "longest_drive_s",
 )
 _SIGNATURES = {
-    "host_open": (ctypes.c_void_p, _u32_p, _u32_p),
+    "host_open": (ctypes.c_void_p, _u32_p, _u32_p, ctypes.c_bool),
     "host_close": (None, ctypes.c_void_p),
     "host_receive": (None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t, ctypes.c_uint64),
     "host_advance": (None, ctypes.c_void_p, ctypes.c_uint64),
@@ -70,17 +70,17 @@ def open_library(path: Path) -> ctypes.CDLL:
 class CompiledFirmware:
     """The C core with virtual time: whoever calls it owns the clock, which must not run backwards.
 
-    Its synthesis runs along: `take_samples` has what the actuators got. Raises LinkError for a configuration that the
+    Its synthesis runs along, and `take_samples` has what the actuators got, where they are kept. Raises LinkError for a configuration that the
     core refuses.
     """
 
-    def __init__(self, library: ctypes.CDLL, configuration: DeviceConfiguration) -> None:
+    def __init__(self, library: ctypes.CDLL, configuration: DeviceConfiguration, *, keeps_samples: bool = True) -> None:
         self.configuration = configuration
         self._library = library
         self._buffer = ctypes.create_string_buffer(_TAKE_SIZE)
         options = [getattr(configuration, name) for name in _OPTIONS]
         full_scales_pm = configuration.full_scales_pm or (FULL_SCALE_PM,) * configuration.number_of_actuators
-        self._host = library.host_open(_words(options), _words(full_scales_pm))
+        self._host = library.host_open(_words(options), _words(full_scales_pm), keeps_samples)
         if not self._host:
             raise LinkError(f"the C core refuses {configuration}")
 

@@ -128,7 +128,8 @@ def _channel_reader(layout: Layout) -> list[str]:
     name, offset = _name(layout), 0
     lines = [
         "",
-        f"static inline struct tactable_{name}_channel tactable_read_{name}_channel(const uint8_t *body, size_t actuator)",
+        f"static inline struct tactable_{name}_channel "
+        f"tactable_read_{name}_channel(const uint8_t *body, size_t actuator)",
         "{",
         f"    const uint8_t *at = body + {layout.length(0)} + {_each(layout)} * actuator;",
         f"    struct tactable_{name}_channel channel;",

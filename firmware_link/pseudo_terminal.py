@@ -6,12 +6,12 @@ import select
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Generic
 
 from firmware_link.bank import encode_bank
 from firmware_link.device import EmulatedFirmware
 from firmware_link.drive_log import encode_events
-from firmware_link.faulty_device import Boot, FaultyDevice
+from firmware_link.faulty_device import Boot, C, FaultyDevice
 from firmware_link.serial_port import READ_SIZE
 
 NS_PER_US = 1_000
@@ -22,13 +22,13 @@ UNSENT_LIMIT = 8192
 HOST_POLL_MS = 10
 
 
-class PseudoTerminalServer:
+class PseudoTerminalServer(Generic[C]):
     """Serves one device on a pseudo-terminal with one poll loop and the monotonic clock.
 
     `on_port` is told the name of each terminal: a new one whenever the port was unplugged.
     """
 
-    def __init__(self, device: FaultyDevice[EmulatedFirmware], on_port: Callable[[str], None]) -> None:
+    def __init__(self, device: FaultyDevice[C], on_port: Callable[[str], None]) -> None:
         self.device = device
         self.path = ""
         self.host_ns_at_zero = time.monotonic_ns()
@@ -63,7 +63,7 @@ class PseudoTerminalServer:
         if self._next is not None:
             os.close(self._next[0])
 
-    def log(self) -> dict[str, Any]:
+    def log(self: "PseudoTerminalServer[EmulatedFirmware]") -> dict[str, Any]:
         """What the device did, for JSON; `read_log` reads it back."""
         return {
             "simulated": True,

@@ -5,8 +5,8 @@ import os
 import shutil
 import subprocess
 import tempfile
-from pathlib import Path
 from ctypes import CDLL
+from pathlib import Path
 
 import numpy as np
 import pytest

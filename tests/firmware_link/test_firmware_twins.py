@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,6 +19,7 @@ from firmware_link.messages import (
     MAGIC,
     Ack,
     Arm,
+    BankBegin,
     ChannelDrive,
     DeviceState,
     Fault,
@@ -43,13 +45,15 @@ ACTUATORS = 2
 RATE_HZ = 40_000
 SAMPLE_US = 25
 SLEW_PER_S = 200
+US_PER_S = 1_000_000
+RAMP_US = US_PER_S // SLEW_PER_S
 CONFIGURATION = DeviceConfiguration(
     BOOT_ID, ACTUATORS, synthesis_rate_hz=RATE_HZ, bank_capacity_bytes=2_000, longest_drive_s=1
 )
 BANK = encode_bank(make_bank(2_000, [hump(1.0, -0.5), hump(0.5, 0.9, duration_us=7_000)]), ACTUATORS)
 TRANSFER = transfer_messages(BANK)
 # C writes 16 bits and moves amplitudes from sample to sample, so what changes may come two steps of the slew late.
-EXAMPLES = int(os.environ.get("TACTABLE_EXAMPLES", "150"))
+EXAMPLES = int(os.environ.get("TACTABLE_EXAMPLES", "300"))
 TOLERANCE = 3 * SLEW_PER_S / RATE_HZ + 1e-3
 
 
@@ -65,6 +69,9 @@ class Twins:
     last: bytes = b""
 
     def send(self, message: Message, step: int = 1) -> None:
+        if isinstance(message, BankBegin):
+            # A waveform that still fades would stand still in C, whose memory the bank takes.
+            self.wait(RAMP_US)
         self.sequence = (self.sequence + step) % 256
         self.last = encode_message(message, self.sequence)
         self.receive(self.last)
@@ -111,7 +118,7 @@ drives = st.tuples(*[st.builds(ChannelDrive, frequencies, amplitudes, phases)] *
     lambda channels: encode_drive(channels, RESOLUTION_HZ)
 )
 ages_us = st.just(0) | st.integers(-60_000, 60_000)
-sequence_steps = st.just(1) | st.integers(0, 255)
+sequence_steps = st.just(1) | st.sampled_from([0, 127, 128, 255])
 limits = st.tuples(*[st.sampled_from([0, 20_000, FULL_SCALE_WORD])] * ACTUATORS)
 shape_words = st.sampled_from([0, 20, 50, 400, 1_000, 2_000])
 
@@ -151,15 +158,26 @@ arms = st.builds(
 )
 ordinary: st.SearchStrategy[Step] = st.one_of(
     waits.map(lambda samples: lambda twins: twins.wait(samples * SAMPLE_US)),
-    st.builds(_set, drives, ages_us, st.sampled_from([40, 40, 255, 0]), st.integers(0, 9), st.sampled_from(SetFlag) | st.just(SetFlag(0)), sequence_steps),
+    st.builds(
+        _set,
+        drives,
+        ages_us,
+        st.sampled_from([40, 40, 255, 0]),
+        st.integers(0, 9),
+        st.sampled_from(SetFlag) | st.just(SetFlag(0)),
+        sequence_steps,
+    ),
     st.builds(_set, drives, st.just(0), st.just(40), st.just(0), st.just(SetFlag.WRITE_PHASE), st.just(1)),
     st.builds(_play, st.integers(0, 2), st.sampled_from([0, 30_000, FULL_SCALE_WORD]), ages_us),
+    st.builds(_play, st.integers(0, 1), st.just(FULL_SCALE_WORD), st.just(0)),
     st.builds(_keep, st.sampled_from([0, 0, 1]), ages_us, sequence_steps),
 )
 rare: st.SearchStrategy[Step] = st.one_of(
     arms.map(_send),
     st.builds(Shape, st.integers(0, 8), st.integers(0, 4), *[shape_words] * 6).map(_send),
-    st.sampled_from([HelloRequest(MAGIC, 1, 0, 9), HelloRequest(MAGIC + 1, 1, 0, 9), Stop(), TimeRequest(2**63)]).map(_send),
+    st.sampled_from([HelloRequest(MAGIC, 1, 0, 9), HelloRequest(MAGIC + 1, 1, 0, 9), Stop(), TimeRequest(2**63)]).map(
+        _send
+    ),
     st.sampled_from(TRANSFER).map(_send),
     messages(ACTUATORS).map(_send),
     st.sampled_from([EMERGENCY_STOP, EMERGENCY_STOP[1:]]).map(_receive),
@@ -190,3 +208,16 @@ def test_the_c_core_is_the_python_core_s_twin(is_ready: bool, steps: list[Step])
         twins.compare_samples()
     finally:
         twins.compiled.close()
+
+
+@pytest.mark.parametrize("wait_us", range(0, 20_000, 500))
+def test_both_have_room_for_a_waveform_again_at_the_same_instant(wait_us: int) -> None:
+    twins = Twins()
+    _ready(twins)
+    for pause_us in (2_000, wait_us, 0):
+        twins.drive(Play(reference(twins.now_us), 0, FULL_SCALE_WORD))
+        twins.wait(pause_us)
+    assert twins.python.counters.refused == (wait_us < RAMP_US)
+    twins.wait(100_000)
+    twins.compare_samples()
+    twins.compiled.close()

@@ -1,8 +1,9 @@
 #!/bin/bash
 # Debian packages and a kernel to a guest: writes `vmlinuz` and `initrd.gz` to the work folder, whose path it prints.
+# Installs what builds the firmware and runs it in QEMU, too.
 #
 #   tests/system/prepare.sh            make what is missing
-#   tests/system/prepare.sh --check    only say what is missing
+#   tests/system/prepare.sh --check    only say what the guest misses
 #
 # The folder is $TACTABLE_SYSTEM_FOLDER, by default ~/.cache/tactable/system; what is there is used again, and several
 # runs at once wait for each other. Packages are installed with apt-get, so missing ones need root on Debian 12.
@@ -44,9 +45,18 @@ missing_packages() {
     echo "${missing[*]}"
 }
 
+missing_firmware_packages() {
+    type -P qemu-system-arm >/dev/null || echo qemu-system-arm
+    type -P make >/dev/null || echo make
+    type -P cc >/dev/null || echo gcc libc6-dev
+    type -P arm-none-eabi-gcc >/dev/null || echo gcc-arm-none-eabi
+    # A library, of which the compiler tells the path once it is there.
+    [[ $(arm-none-eabi-gcc -print-file-name=nano.specs 2>/dev/null) == /* ]] || echo libnewlib-arm-none-eabi
+}
+
 install_packages() {
     local missing
-    read -ra missing <<<"$(missing_packages)"
+    read -ra missing <<<"$(missing_packages) $(missing_firmware_packages | tr '\n' ' ')"
     ((${#missing[@]})) || return 0
     type -P apt-get >/dev/null || fail "${missing[*]} missing, and no apt-get to install them with: install them"
     ((EUID == 0)) || fail "${missing[*]} missing: as root, run apt-get install ${missing[*]}"

@@ -1,0 +1,22 @@
+/* Device time: microseconds since boot. */
+#ifndef TACTABLE_DEVICE_TIME_H
+#define TACTABLE_DEVICE_TIME_H
+
+#include <stdint.h>
+
+#define US_PER_MS 1000u
+#define US_PER_S 1000000u
+#define NEVER_US UINT64_MAX
+
+/* A counter of microseconds that wraps at 2^32, extended; to be read more often than it wraps, each 71 minutes. */
+struct wide_clock {
+    uint64_t now_us;
+};
+
+static inline uint64_t wide_clock_read(struct wide_clock *clock, uint32_t counter_us)
+{
+    clock->now_us += (uint32_t)(counter_us - (uint32_t)clock->now_us);
+    return clock->now_us;
+}
+
+#endif

@@ -1,0 +1,189 @@
+#include "drive.h"
+
+#include "device_time.h"
+#include "session.h"
+
+static uint16_t lesser(uint32_t one, uint32_t other)
+{
+    return (uint16_t)(one < other ? one : other);
+}
+
+/* Hands the targets to the synthesis, all at one instant. */
+static void aim(struct tactable_device *device, bool writes_phase)
+{
+    for (uint8_t i = 0; i < device->configuration.number_of_actuators; i++) {
+        const struct channel *channel = &device->channels.channels[i];
+        const struct synthesis_target target = {
+            .frequency = channel->frequency,
+            .amplitude = lesser(onset_shaped(&device->onset, channel->amplitude), channel->limit),
+            .phase = channel->written_phase,
+            .writes_phase = writes_phase && channel->amplitude != 0,
+        };
+        synthesis_aim(&device->synthesis, i, &target);
+    }
+}
+
+static void hold_samples(struct tactable_device *device)
+{
+    device->hooks.hold_samples(device->hooks.context);
+}
+
+static void release_samples(struct tactable_device *device)
+{
+    device->hooks.release_samples(device->hooks.context);
+}
+
+/* The limits of ARM hold from now on. */
+static void take_limits(struct tactable_device *device)
+{
+    channels_take_limits(&device->channels);
+    device->slew_per_s = device->slew_to_come_per_s;
+    synthesis_slew(&device->synthesis, device->slew_per_s);
+    for (uint8_t i = 0; i < device->configuration.number_of_actuators; i++) {
+        synthesis_limit(&device->synthesis, i, device->channels.channels[i].limit);
+    }
+}
+
+/* What played goes on only to fade. */
+static void take_over(struct tactable_device *device)
+{
+    player_take_over(&device->player, device->now_us, device->slew_per_s);
+    synthesis_fade_waveforms(&device->synthesis);
+}
+
+/* A drive was taken: STATUS tells of it soon. */
+static void applied(struct tactable_device *device, uint8_t sequence, enum tactable_device_state state)
+{
+    device->counters.applied++;
+    device->reports.applied_sequence = sequence;
+    device->applied_time_us = device->now_us;
+    const uint64_t allowed_us = device->reports.status_allowed_us;
+    reports_want_status(&device->reports, allowed_us > device->now_us ? allowed_us : device->now_us);
+    session_enter(device, state);
+}
+
+static enum outcome judge(const struct tactable_device *device, uint16_t clock_reference, uint8_t sequence)
+{
+    if (!session_is_armed(device)) {
+        return OUTCOME_REFUSED;
+    }
+    return lease_is_fresh(&device->lease, clock_reference, sequence, device->now_us) ? OUTCOME_ACCEPTED : OUTCOME_STALE;
+}
+
+/* Takes the drive of a SET; whether any amplitude is above zero. */
+static bool take(struct tactable_device *device, const uint8_t *body, const struct tactable_set *message)
+{
+    hold_samples(device);
+    take_limits(device);
+    take_over(device);
+    const bool was_driving = channels_are_driving(&device->channels);
+    const bool writes_phase = message->flags & TACTABLE_SET_FLAG_WRITE_PHASE;
+    const enum channels_change change = channels_apply(&device->channels, body, writes_phase);
+    const bool is_driving = channels_are_driving(&device->channels);
+    if (!is_driving) {
+        onset_end(&device->onset);
+    } else if (!was_driving) {
+        onset_begin(&device->onset, message->onset, device->now_us);
+    }
+    if (change != CHANNELS_UNCHANGED) {
+        aim(device, change == CHANNELS_WRITTEN);
+    }
+    release_samples(device);
+    return is_driving;
+}
+
+enum outcome drive_set(struct tactable_device *device, const uint8_t *body, uint8_t sequence)
+{
+    struct tactable_set message;
+    if (!tactable_read_set(body, &message)) {
+        return OUTCOME_REFUSED;
+    }
+    const enum outcome outcome = judge(device, message.clock_reference, sequence);
+    if (outcome == OUTCOME_ACCEPTED && message.onset > TACTABLE_NUMBER_OF_SHAPES) {
+        return OUTCOME_REFUSED;
+    }
+    if (outcome != OUTCOME_ACCEPTED) {
+        return outcome;
+    }
+    lease_refresh(&device->lease, sequence, device->now_us);
+    const uint64_t asked_us = (uint64_t)message.lease_ms * US_PER_MS;
+    device->lease.drive_us = asked_us < device->lease.armed_us ? asked_us : device->lease.armed_us;
+    device->lease.renewed_us = device->now_us;
+    const bool is_driving = take(device, body, &message);
+    applied(device, sequence, is_driving ? TACTABLE_DEVICE_STATE_DRIVING : TACTABLE_DEVICE_STATE_ARMED);
+    return OUTCOME_ACCEPTED;
+}
+
+enum outcome drive_play(struct tactable_device *device, const uint8_t *body, uint8_t sequence)
+{
+    struct tactable_play message;
+    struct waveform waveform;
+    if (!tactable_read_play(body, &message)) {
+        return OUTCOME_REFUSED;
+    }
+    const enum outcome outcome = judge(device, message.clock_reference, sequence);
+    if (outcome != OUTCOME_ACCEPTED) {
+        return outcome;
+    }
+    const bool is_there = bank_waveform(&device->bank, message.waveform, &waveform);
+    if (!is_there || !player_has_room(&device->player, device->now_us)) {
+        reports_send_log(device, TACTABLE_LOG_LEVEL_WARNING, TACTABLE_LOG_CODE_PLAY_REFUSED, message.waveform);
+        return OUTCOME_REFUSED;
+    }
+    lease_refresh(&device->lease, sequence, device->now_us);
+    hold_samples(device);
+    take_limits(device);
+    take_over(device);
+    channels_silence(&device->channels);
+    onset_end(&device->onset);
+    aim(device, false);
+    synthesis_play(&device->synthesis, &waveform, message.amplitude);
+    release_samples(device);
+    player_play(&device->player, device->now_us, waveform.length_us, message.amplitude);
+    applied(device, sequence, TACTABLE_DEVICE_STATE_DRIVING);
+    return OUTCOME_ACCEPTED;
+}
+
+enum outcome drive_keep_alive(struct tactable_device *device, const uint8_t *body, uint8_t sequence)
+{
+    struct tactable_keepalive message;
+    if (!tactable_read_keepalive(body, &message)) {
+        return OUTCOME_REFUSED;
+    }
+    const enum outcome outcome = judge(device, message.clock_reference, sequence);
+    if (outcome == OUTCOME_ACCEPTED) {
+        lease_refresh(&device->lease, sequence, device->now_us);
+        if (message.applied_sequence == device->reports.applied_sequence) {
+            device->lease.renewed_us = device->now_us;
+        }
+    }
+    return outcome;
+}
+
+void drive_silence(struct tactable_device *device)
+{
+    if (!channels_are_driving(&device->channels) && device->player.end_us == NEVER_US) {
+        return;
+    }
+    hold_samples(device);
+    channels_silence(&device->channels);
+    onset_end(&device->onset);
+    aim(device, false);
+    take_over(device);
+    release_samples(device);
+}
+
+void drive_step_onset(struct tactable_device *device)
+{
+    onset_advance(&device->onset, device->now_us);
+    hold_samples(device);
+    aim(device, false);
+    release_samples(device);
+}
+
+void drive_release_bank(struct tactable_device *device)
+{
+    hold_samples(device);
+    synthesis_release_bank(&device->synthesis);
+    release_samples(device);
+}

@@ -1,0 +1,13 @@
+/* What the device remembers between drives: shapes and a bank, taken only while it is idle. */
+#ifndef TACTABLE_MEMORY_H
+#define TACTABLE_MEMORY_H
+
+#include <stdint.h>
+
+#include "device.h"
+#include "outcome.h"
+
+/* SHAPE and BANK_*, by their bodies: acknowledged, and a new bank told by LOG. */
+enum outcome memory_keep(struct tactable_device *device, const uint8_t *body, uint8_t sequence);
+
+#endif

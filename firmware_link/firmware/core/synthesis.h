@@ -1,0 +1,81 @@
+/* Targets to samples: phase-continuous oscillators whose amplitudes move by the slew, and waveforms over them.
+ *
+ * An oscillator is a 32-bit phase that wraps with the turn, so its frequency is exact to half of rate/2^32: 5.6 uHz at
+ * 48 kHz. All channels step together; two of one frequency never part.
+ */
+#ifndef TACTABLE_SYNTHESIS_H
+#define TACTABLE_SYNTHESIS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "limits.h"
+#include "voice.h"
+
+/* Of amplitudes and gains: the word 65535, times 2^15. */
+#define SYNTHESIS_FULL_SCALE (65535 * 32768)
+#define SYNTHESIS_WORD_SCALE 32768
+/* One plays, one fades; a fade ends up to a sample later than the player knows. */
+#define SYNTHESIS_VOICES 3u
+
+struct oscillator {
+    uint32_t phase;
+    uint32_t increment; /* each sample */
+};
+
+/* What one actuator is to do from the next sample on, in words. */
+struct synthesis_target {
+    uint16_t frequency;
+    uint16_t amplitude;
+    uint16_t phase;
+    bool writes_phase;
+};
+
+struct synthesis_channel {
+    struct oscillator oscillator;
+    struct oscillator next; /* runs already, and takes over once the amplitude is 0 */
+    bool has_next;
+    int32_t amplitude;
+    int32_t target;
+    int32_t limit; /* of the sum, 2^16 to one step of the output */
+};
+
+struct synthesis {
+    struct synthesis_channel channels[TACTABLE_ACTUATORS];
+    struct voice voices[SYNTHESIS_VOICES];
+    uint32_t rate_hz;
+    uint32_t frequency_resolution_uhz;
+    int32_t slew; /* each sample */
+    uint8_t number_of_actuators;
+    volatile uint32_t samples; /* since boot, for the watchdog */
+};
+
+void synthesis_start(
+    struct synthesis *synthesis, uint8_t number_of_actuators, uint32_t rate_hz, uint32_t frequency_resolution_uhz);
+
+/* The slew, in full scale a second, of all that moves from now on. */
+void synthesis_slew(struct synthesis *synthesis, uint16_t slew_per_s);
+
+/* The greatest amplitude of one actuator, as a word. */
+void synthesis_limit(struct synthesis *synthesis, uint8_t actuator, uint16_t amplitude);
+
+/* A new target for one actuator. Without a phase the one that runs goes on; a phase is that of the next sample. A
+ * channel that sounds fades out as it was, takes the new phase over at 0, where it has run on meanwhile, and fades in. */
+void synthesis_aim(struct synthesis *synthesis, uint8_t actuator, const struct synthesis_target *target);
+
+/* Starts a waveform over what sounds; `amplitude` is a word. */
+void synthesis_play(struct synthesis *synthesis, const struct waveform *waveform, uint16_t amplitude);
+
+/* Lets all waveforms fade. */
+void synthesis_fade_waveforms(struct synthesis *synthesis);
+
+/* The bank is about to change: what still fades holds its displacement instead of reading on. */
+void synthesis_release_bank(struct synthesis *synthesis);
+
+/* Whether nothing sounds. */
+bool synthesis_is_silent(const struct synthesis *synthesis);
+
+/* The displacements of one sample, 32767 = full scale. */
+void synthesis_sample(struct synthesis *synthesis, int16_t *displacements);
+
+#endif
