@@ -1,0 +1,114 @@
+"""A state of the fingers to its click: a short waveform that felt fingers feel and quiet ones do not."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device import Device
+from precompute.click_basis import PLAY_RATE_HZ, compute_bases, compute_responses
+from precompute.click_design import Design, Designer, Plants
+from precompute.click_judge import Verdict, judge_waveform
+from precompute.click_options import DEFAULT_OPTIONS, ClickOptions
+from precompute.click_scenarios import sample_scenarios
+from precompute.entries import tabulated_states
+from precompute.promise import States, touched_zones
+
+Array = NDArray[np.float64]
+
+FULL_SCALE = 32767
+"""Of a sample on the wire; waveforms are rounded to it, towards 0, before they are judged."""
+PEAK = "peak"
+"""The objective of the linear program: the greatest peak under the weakest felt finger."""
+RESIDUAL_S = 0.03
+"""From so long after its end what is left of a click counts as residual, where no brake says when."""
+
+
+@dataclass(frozen=True)
+class Click:
+    """One click: waveform (actuator, time) in fractions of full scale at rate_hz, straight lines between samples.
+
+    achieved: the plants that it was trimmed on have the levels that were asked for; where they have not, the quiet
+    level is exceeded by the least that the wanted one takes, or kept where full scale does not reach the wanted one.
+    bound_db: what no click of its tones and its quiet level exceeds at any instant tried, the weakest felt finger
+    averaged over the scenarios; gap_db: what is left to it, before the click is scaled down to a wanted level.
+    """
+
+    states: States
+    objective: str
+    rate_hz: float
+    length_s: float
+    waveform: Array
+    verdict: Verdict
+    achieved: bool
+    bound_db: float
+    gap_db: float
+
+
+def solve_clicks(device: Device, options: ClickOptions = DEFAULT_OPTIONS) -> Iterator[tuple[Click, float]]:
+    """The click of every tabulated state of the device, with the fraction done."""
+    solver = ClickSolver(device, options)
+    states = tabulated_states(device)
+    # States with the same fingers one after another, so that they share what is computed for them.
+    for done, state in enumerate(sorted(states, key=touched_zones), 1):
+        yield solver.solve(state), done / len(states)
+
+
+class ClickSolver:
+    """Solves states of one device; what states with the same fingers share is computed once."""
+
+    def __init__(self, device: Device, options: ClickOptions = DEFAULT_OPTIONS) -> None:
+        self.device, self.options = device, options
+        counts = (options.scenarios, options.trimmed, options.judged)
+        seeds = np.random.SeedSequence(options.seed).generate_state(len(counts)).tolist()
+        self.scenarios = tuple(
+            sample_scenarios(device, count, seed, options.spreads) for count, seed in zip(counts, seeds, strict=True)
+        )
+        """Those optimised over, trimmed on, judged by."""
+        self._bases = [compute_bases(scenarios) for scenarios in self.scenarios]
+        self.plants_of = lru_cache(maxsize=2)(self._compute_plants)
+        """Responses with a finger in each of some zones (indices, a tuple)."""
+
+    def solve(self, states: States) -> Click:
+        """The click of one state: of the first length that achieves what is wanted, else of the last."""
+        plants = self.plants_of(touched_zones(states))
+        for length_s in self.options.lengths_s:
+            designer = Designer(self.device, self.options, plants, states, length_s)
+            design = designer.design()
+            if design.achieved:
+                break
+        else:
+            design = (designer.least_violation() if designer.quiet else None) or design
+        return self._judged(states, length_s, PEAK, designer, design)
+
+    def judge(self, states: States, length_s: float, waveform: Array, objective: str) -> Click:
+        """Any base displacements (actuator, time), as loud as limits and quiet level allow; it claims no optimum."""
+        designer = Designer(self.device, self.options, self.plants_of(touched_zones(states)), states, length_s)
+        return self._judged(states, length_s, objective, designer, designer.fit(waveform))
+
+    def _judged(self, states: States, length_s: float, objective: str, designer: Designer, design: Design) -> Click:
+        waveform = np.fix(design.waveform * FULL_SCALE) / FULL_SCALE
+        brake_s = self.options.brake_s
+        judged = self.plants_of(touched_zones(states)).judged
+        residual_from_s = length_s + RESIDUAL_S if brake_s is None else brake_s
+        return Click(
+            states=states,
+            objective=objective,
+            rate_hz=PLAY_RATE_HZ,
+            length_s=length_s,
+            waveform=waveform,
+            verdict=judge_waveform(waveform, judged, designer.felt, designer.quiet, residual_from_s),
+            achieved=design.achieved,
+            bound_db=design.bound_db,
+            gap_db=design.gap_db,
+        )
+
+    def _compute_plants(self, touched: tuple[int, ...]) -> Plants:
+        longest_s = max(self.options.lengths_s)
+        optimised, trimmed, judged = (
+            compute_responses(scenarios, bases, touched, longest_s)
+            for scenarios, bases in zip(self.scenarios, self._bases, strict=True)
+        )
+        return Plants(optimised, trimmed, judged)

@@ -1,0 +1,76 @@
+"""Laws of the sampled plants: the nominal one first, spread as asked, seeded, their own mirror image."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from engine.device import Device
+from precompute.click_scenarios import Scenarios, Spreads, sample_scenarios
+from tests.precompute.devices import every_device, mirrored, shipped
+
+Array = NDArray[np.float64]
+DEVICES = every_device()
+any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+
+
+def solid(scenarios: Scenarios) -> Array:
+    """Shape (scenario, parameter): of the bar and the actuators."""
+    columns = (scenarios.bar_stiffness, scenarios.bar_mass, scenarios.stiffness, scenarios.mass)
+    return np.column_stack(columns)
+
+
+def soft(scenarios: Scenarios) -> Array:
+    """Shape (parameter, scenario, zone): of the fingers."""
+    return np.stack([scenarios.finger_mass, scenarios.finger_damping, scenarios.finger_stiffness])
+
+
+@any_device
+def test_the_first_plant_is_the_nominal_one(device: Device) -> None:
+    scenarios = sample_scenarios(device, 8, seed=1)
+    assert scenarios.device_of(0) == device
+    for (position_m, finger), zone in zip(scenarios.fingers_of(0, range(len(device.zones))), device.zones, strict=True):
+        assert position_m == pytest.approx((zone.start_m + zone.stop_m) / 2)
+        assert replace(finger, spread=device.finger.spread) == device.finger
+
+
+@any_device
+def test_the_samples_have_the_spreads_asked_for(device: Device) -> None:
+    scenarios = sample_scenarios(device, 2000, 5, Spreads(stiffness=0.02, mass=0.01, finger=0.3, position_m=0.004))
+    count = len(device.actuators)
+    deviation = [0.02, 0.01, *[0.02] * count, *[0.01] * count]
+    assert solid(scenarios)[1:].std(axis=0) == pytest.approx(deviation, rel=0.02)
+    assert solid(scenarios)[1:].mean(axis=0) == pytest.approx(np.ones(len(deviation)), abs=1e-3)
+    assert abs(soft(scenarios) - 1).max() <= 0.3 and soft(scenarios)[:, 1:].std() == pytest.approx(
+        0.3 / np.sqrt(3), rel=0.01
+    )
+    off_m = scenarios.position_m - scenarios.position_m[0]
+    reach_m = [min(0.004, zone.length_m / 2) for zone in device.zones]
+    assert abs(off_m).max(axis=0) == pytest.approx(reach_m, rel=1e-2) and (abs(off_m) <= reach_m).all()
+
+
+@any_device
+def test_a_mirrored_bar_gets_the_mirrored_plants(device: Device) -> None:
+    here, there = (sample_scenarios(each, 12, seed=3) for each in (device, mirrored(device)))
+    order = np.r_[0, 7:13, 1:7]
+    assert solid(there)[order] == pytest.approx(solid(here))
+    assert soft(there)[:, order, ::-1] == pytest.approx(soft(here))
+    assert device.bar.length_m - there.position_m[order, ::-1] == pytest.approx(here.position_m)
+
+
+def test_a_seed_says_everything_and_another_says_otherwise() -> None:
+    one, again, other = (sample_scenarios(shipped("reference-a"), 10, seed) for seed in (1, 1, 2))
+    assert (solid(one) == solid(again)).all() and (soft(one) == soft(again)).all()
+    assert not (solid(one)[1:] == solid(other)[1:]).any()
+
+
+def test_an_odd_count_is_rounded_up() -> None:
+    assert len(sample_scenarios(shipped("reference-a"), 5, seed=1)) == 1 + 6
+
+
+def test_without_spreads_every_plant_is_the_nominal_one() -> None:
+    device = shipped("reference-d")
+    scenarios = sample_scenarios(device, 4, 1, Spreads(0.0, 0.0, 0.0, 0.0))
+    assert all(scenarios.device_of(s) == device for s in range(5))
+    assert np.ptp(scenarios.position_m, axis=0) == pytest.approx(np.zeros(5))
