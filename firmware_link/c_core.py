@@ -70,8 +70,8 @@ def open_library(path: Path) -> ctypes.CDLL:
 class CompiledFirmware:
     """The C core with virtual time: whoever calls it owns the clock, which must not run backwards.
 
-    Its synthesis runs along, and `take_samples` has what the actuators got, where they are kept. Raises LinkError for a configuration that the
-    core refuses.
+    Its synthesis runs along, and `take_samples` has what the actuators got, where they are kept. Raises LinkError for a
+    configuration that the core refuses.
     """
 
     def __init__(self, library: ctypes.CDLL, configuration: DeviceConfiguration, *, keeps_samples: bool = True) -> None:

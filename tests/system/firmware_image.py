@@ -232,7 +232,8 @@ class ImageTier:
         return self._port.read()
 
     def peaks(self, start_us: int, stop_us: int) -> tuple[float, ...]:
-        self.wait(max(0, stop_us - self._debugger.word("report_time_us")))
+        # A report is on its way when the image stops, and out when it stops again.
+        self.wait(max(0, stop_us - self._debugger.word("report_time_us")) + REPORT_PERIOD_US)
         reports = self._image.reports_within(start_us, stop_us)
         return tuple(max(column) for column in zip(*(report.peaks for report in reports), strict=True)) or (0.0,)
 
@@ -240,6 +241,6 @@ class ImageTier:
         boots = self._image.boots
         self._booted_us = self.now_us()
         self._image.press_reset()
-        self._debugger.run()
-        self._image.wait_for_boot(boots)
+        while self._image.boots == boots:
+            self._debugger.run()
         self.read()
