@@ -15,6 +15,7 @@ from engine.table import TableError, TableWriter, open_table, write_entries
 from precompute.assembly import assemble
 from precompute.entries import solve_entries
 from precompute.grid import compute_grid_response, zone_points
+from precompute.interruption import remembered_interrupt
 from precompute.objective import DEFAULT_OBJECTIVE, OBJECTIVES
 from precompute.tabulate import write_coherent_sweep, write_pair_sweep, write_responses
 
@@ -53,10 +54,19 @@ def build_table(
     """
     if objective not in OBJECTIVES:
         raise TableError(f"there is no objective {objective!r}; choose one of {', '.join(OBJECTIVES)}")
-    with threadpool_limits(1, "blas"):  # unpinned, BLAS costs 100 times on a busy machine
-        _compute_and_write(device, path, created, objective, memory_budget_bytes, progress)
+    with threadpool_limits(1, "blas"), remembered_interrupt() as check:  # unpinned BLAS: 100 times slower when busy
+        checked = _checked(progress, check)
+        _compute_and_write(device, path, created, objective, memory_budget_bytes, checked)
     open_table(path, device=device, code_fingerprint=code_fingerprint(), verify=False).close()
     progress("done", 1.0)
+
+
+def _checked(progress: Progress, check: Callable[[], None]) -> Progress:
+    def checked(step: str, fraction: float) -> None:
+        check()
+        progress(step, fraction)
+
+    return checked
 
 
 def _compute_and_write(
