@@ -6,7 +6,7 @@ from engine.device import Device
 from engine.effects import FULL_SCALE_DB, Effect, EffectError, Effects, Rule, Segment, Trigger
 from engine.section import HIGHEST_LEVEL_DB, Section, read_text
 
-HELD, FULL_SCALE, QUIET = "held", "full scale", "quiet"
+CLICK, HELD, FULL_SCALE, QUIET = "click", "held", "full scale", "quiet"
 _SHORTEST_S, _LEAST_TRAVEL_M = 1e-3, 1e-4  # finer than any digitizer reports
 
 
@@ -37,17 +37,25 @@ def parse_effects(text: str, source: str, device: Device) -> Effects:
 def _read_envelope(part: _Section) -> tuple[Segment, ...]:
     pairs = part.take("envelope")
     if not isinstance(pairs, list) or not pairs:
-        raise part.error("envelope", pairs, 'expected a list of segments such as [["50 ms", "20 dB"]]')
+        raise part.error(
+            "envelope", pairs, 'expected a list of segments such as [["click", "20 dB"]] or [["50 ms", "20 dB"]]'
+        )
     segments = tuple(_read_segment(part, pair) for pair in pairs)
-    if any(segment.duration_ns is None for segment in segments[:-1]):
+    if any(segment.duration_ns is None and not segment.is_click for segment in segments[:-1]):
         raise part.error("envelope", pairs, f"only the last segment may be {HELD!r}: nothing comes after it")
     return segments
 
 
 def _read_segment(part: _Section, pair: object) -> Segment:
     if not isinstance(pair, list) or len(pair) != 2:
-        raise part.error("envelope", pair, 'expected a duration and a level such as ["50 ms", "20 dB"]')
+        raise part.error(
+            "envelope", pair, 'expected a duration and a level such as ["click", "20 dB"] or ["50 ms", "20 dB"]'
+        )
     duration, level = pair
+    if duration == CLICK:
+        if level == QUIET:
+            raise part.error("envelope", pair, "a click is felt: give it a level, or the pause a duration")
+        return Segment(None, _read_level(part, level), is_click=True)
     if duration == HELD:
         return Segment(None, _read_level(part, level))
     duration_s = part.checked("envelope", duration, "s", least=_SHORTEST_S)
@@ -68,7 +76,8 @@ def _read_level(part: _Section, text: object) -> float | None:
 def _read_rule(part: _Section, effects: dict[str, Effect], device: Device) -> Rule:
     on = Trigger(part.word("on", tuple(Trigger)))
     effect = effects[part.word("effect", tuple(effects))]
-    if on is Trigger.LIFT and effect.envelope[-1].duration_ns is None:
+    last = effect.envelope[-1]
+    if on is Trigger.LIFT and last.duration_ns is None and not last.is_click:
         held = f"its envelope ends with {HELD!r}, but a finger that has left holds nothing: give it a duration"
         raise part.error("effect", effect.name, held)
     zones, region_m = _read_place(part, device)

@@ -7,6 +7,8 @@ from engine.zones import Touch
 
 STILL_M = 2e-3
 """A finger that stays within this of where it came to rest is still: a fingertip rolls by a millimetre."""
+DEFAULT_CLICK_NS = 30_000_000
+"""Length of a click where no table says."""
 DRAG_REST_NS = 100_000_000
 """A drag has ended when the finger has gone no further such distance for this long."""
 
@@ -17,13 +19,16 @@ class EffectPlayer:
     Call `take` with the fingers of each frame, and `advance` when `next_change_ns` has come, in the order of their
     times. A finger without an effect is quiet. Of two fingers in one zone one that feels is enough for the zone to be
     felt; of several levels the greatest is wanted: an entry has one for all felt zones, and nobody is to feel less.
+    While a click lasts, `click_length_ns`, it is all that is felt: by the fingers whose click began last.
     """
 
-    def __init__(self, effects: Effects, number_of_zones: int) -> None:
+    def __init__(self, effects: Effects, number_of_zones: int, click_length_ns: int = DEFAULT_CLICK_NS) -> None:
         self.state = 0
         """What the zones are to do, as `engine.zones.state_index` numbers it."""
         self.level_db: float | None = None
         """Wanted in every felt zone; None: no zone is felt."""
+        self.click_ns: int | None = None
+        """When the click began that is to be felt now; None: what is felt is steady."""
         self.next_change_ns: int | None = None
         """When `advance` has something to do; None: time alone changes nothing."""
         self._touch_rules, self._hold_rules = effects.of(Trigger.TOUCH), effects.of(Trigger.HOLD)
@@ -32,6 +37,7 @@ class EffectPlayer:
         self._fingers: dict[int, _Finger] = {}  # by contact id
         self._lifted: list[_Finger] = []  # gone, their last effect still under way
         self._powers = _sums_of_powers(number_of_zones)
+        self._click_length_ns = click_length_ns
 
     def take(self, touches: Sequence[Touch], time_ns: int) -> None:
         """The fingers that touch from now on."""
@@ -52,18 +58,21 @@ class EffectPlayer:
         """What is due by now."""
         for finger in (*self._fingers.values(), *self._lifted):
             if finger.hold_rule is not None and finger.hold_ns <= time_ns:
-                finger.play = _Play(finger.hold_rule, finger.hold_ns, None)
+                finger.play = self._begin(finger.hold_rule, finger.hold_ns, None)
                 finger.hold_rule = None
             if finger.play is not None:
                 finger.play.advance(time_ns)
         self._lifted = [finger for finger in self._lifted if finger.play and finger.play.change_ns is not None]
         self._settle()
 
+    def _begin(self, rule: Rule, start_ns: int, condition_end_ns: int | None) -> "_Play":
+        return _Play(rule, start_ns, condition_end_ns, self._click_length_ns)
+
     def _put_down(self, touch: Touch, time_ns: int) -> None:
         finger = self._fingers[touch.contact_id] = _Finger(touch)
         rule = _first(self._touch_rules, touch)
         if rule is not None:
-            finger.play = _Play(rule, time_ns, None)
+            finger.play = self._begin(rule, time_ns, None)
         self._rest(finger, time_ns)
 
     def _move(self, finger: "_Finger", time_ns: int) -> None:
@@ -84,7 +93,7 @@ class EffectPlayer:
         if steps:
             # The marks stay where they are on the bar: a finger that goes back meets them again.
             finger.mark_m += steps * rule.every_m
-            finger.play = _Play(rule, time_ns, time_ns + DRAG_REST_NS)
+            finger.play = self._begin(rule, time_ns, time_ns + DRAG_REST_NS)
 
     def _rest(self, finger: "_Finger", time_ns: int) -> None:
         """The finger may be coming to rest here: a hold begins unless it moves on."""
@@ -98,13 +107,13 @@ class EffectPlayer:
             finger = self._fingers.pop(contact_id)
             rule = _first(self._lift_rules, finger.touch)
             if rule is not None:
-                finger.hold_rule, finger.play = None, _Play(rule, time_ns, None)
+                finger.hold_rule, finger.play = None, self._begin(rule, time_ns, None)
                 self._lifted.append(finger)
 
     def _settle(self) -> None:
         """Sum up over the fingers; zones as bits."""
         touched = felt = 0
-        level_db = next_ns = None
+        level_db = next_ns = click_ns = None
         for fingers in (self._fingers.values(), self._lifted):
             for finger in fingers:
                 play, zone = finger.play, finger.touch.zone
@@ -112,26 +121,40 @@ class EffectPlayer:
                     touched |= 1 << zone
                 if play is not None:
                     if zone is not None and play.level_db is not None:
-                        felt |= 1 << zone
-                        if level_db is None or play.level_db > level_db:
-                            level_db = play.level_db
+                        if play.click_ns == click_ns:
+                            felt |= 1 << zone
+                            if level_db is None or play.level_db > level_db:
+                                level_db = play.level_db
+                        elif click_ns is None or (play.click_ns is not None and play.click_ns > click_ns):
+                            felt, level_db, click_ns = 1 << zone, play.level_db, play.click_ns
                     if play.change_ns is not None and (next_ns is None or play.change_ns < next_ns):
                         next_ns = play.change_ns
                 if finger.hold_rule is not None and (next_ns is None or finger.hold_ns < next_ns):
                     next_ns = finger.hold_ns
         # Quiet is 1 and felt 2: a felt zone counts as touched and once more.
         self.state = self._powers[touched] + self._powers[felt]
-        self.level_db, self.next_change_ns = level_db, next_ns
+        self.level_db, self.click_ns, self.next_change_ns = level_db, click_ns, next_ns
 
 
 class _Play:
-    """An effect under way: its level now, and when that changes."""
+    """An effect under way: its level now, whether that is a click's, and when that changes."""
 
-    __slots__ = ("_condition_end_ns", "_is_held", "_segments", "change_ns", "level_db", "trigger")
+    __slots__ = (
+        "_click_length_ns",
+        "_condition_end_ns",
+        "_is_held",
+        "_segments",
+        "change_ns",
+        "click_ns",
+        "level_db",
+        "trigger",
+    )
 
-    def __init__(self, rule: Rule, start_ns: int, condition_end_ns: int | None) -> None:
+    def __init__(self, rule: Rule, start_ns: int, condition_end_ns: int | None, click_length_ns: int) -> None:
         self.trigger = rule.on
+        self._click_length_ns = click_length_ns
         self.level_db: float | None = None
+        self.click_ns: int | None = None
         self.change_ns: int | None = start_ns
         self._condition_end_ns = condition_end_ns
         self._segments = iter(rule.effect.envelope)
@@ -150,11 +173,14 @@ class _Play:
 
     def _begin_next(self, start_ns: int) -> None:
         segment = next(self._segments, None)
-        self.level_db = self.change_ns = None
-        self._is_held = segment is not None and segment.duration_ns is None
+        self.level_db = self.change_ns = self.click_ns = None
+        self._is_held = segment is not None and segment.duration_ns is None and not segment.is_click
         if segment is None:
             return
-        if segment.duration_ns is not None:
+        if segment.is_click:
+            self.click_ns = start_ns
+            self.level_db, self.change_ns = segment.level_db, start_ns + self._click_length_ns
+        elif segment.duration_ns is not None:
             self.level_db, self.change_ns = segment.level_db, start_ns + segment.duration_ns
         elif self._condition_end_ns is None or self._condition_end_ns > start_ns:
             self.level_db, self.change_ns = segment.level_db, self._condition_end_ns

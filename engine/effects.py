@@ -1,6 +1,7 @@
 """What fingers feel, as values: effects, and the rules that say which finger gets which, when (tables/EFFECTS.md)."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -34,9 +35,11 @@ class Segment:
     """A stretch of an envelope."""
 
     duration_ns: int | None
-    """None: while the condition lasts that the effect began with; only the last segment."""
+    """None: while the condition lasts that the effect began with; only the last segment. A click has its own length."""
     level_db: float | None
     """Wanted sensation level, dB above threshold; infinite: full scale; None: not felt."""
+    is_click: bool = False
+    """The table's click of the moment's state, instead of its steady drive."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +84,16 @@ class Effects:
     @property
     def levels_db(self) -> tuple[float, ...]:
         """Every level that a finger may be wanted to feel, rising."""
-        segments = (segment for rule in self.rules for segment in rule.effect.envelope)
+        segments = self._segments()
         return tuple(sorted({segment.level_db for segment in segments if segment.level_db is not None}))
+
+    @property
+    def have_clicks(self) -> bool:
+        """Whether any rule plays clicks."""
+        return any(segment.is_click for segment in self._segments())
+
+    def _segments(self) -> Iterator[Segment]:
+        return (segment for rule in self.rules for segment in rule.effect.envelope)
 
     def of(self, trigger: Trigger) -> tuple[Rule, ...]:
         """The rules on one trigger, in order."""
@@ -94,5 +105,10 @@ def burst(level_db: float, duration_ms: int) -> Effect:
     return Effect("burst", (Segment(duration_ms * NS_PER_MS, level_db),))
 
 
-DEFAULT_EFFECTS = Effects((Rule(Trigger.TOUCH, burst(DEFAULT_LEVEL_DB, 50)),))
-"""Every touch feels a burst of 50 ms at 20 dB, then nothing."""
+def click(level_db: float) -> Effect:
+    """One click."""
+    return Effect("click", (Segment(None, level_db, is_click=True),))
+
+
+DEFAULT_EFFECTS = Effects((Rule(Trigger.TOUCH, click(DEFAULT_LEVEL_DB)),))
+"""Every touch feels a click at 20 dB."""

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 from engine.digitizer import RELEASE_AFTER_NS, Digitizer, TouchFrame
 from engine.effect_player import EffectPlayer
 from engine.latency import LatencyRecorder, Stamps
-from engine.renderer import Renderer
+from engine.renderer import SILENCE, DriveCommand, Renderer
 from engine.sources import Source
 from engine.zones import Touch, ZoneTracker
 from firmware_link.errors import LinkError, LinkLostError
@@ -24,8 +24,6 @@ REPORTS_PER_PASS = 64
 BLOCKED_LINE_NS = 5_000_000
 # Without a port nothing else wakes the loop up for a request to stop.
 LOST_PORT_NS = 80_000_000
-# The link fills a drive up with silence.
-_SILENCE = b""
 
 
 class Clock(Protocol):
@@ -81,8 +79,10 @@ class StateChange(NamedTuple):
     state: int
     level_db: float | None
     """Wanted sensation level; None: no zone is felt."""
+    is_click: bool
+    """A click was wanted, not a steady drive."""
     drive_sequence: int | None
-    """Sequence of the SET.
+    """Sequence of the SET or PLAY.
 
     None where the drive stayed the same, a newer one replaced it unsent, or the link was not ready.
     """
@@ -91,7 +91,7 @@ class StateChange(NamedTuple):
 
 @dataclass
 class LoopCounters:
-    """What the loop did. A command is a drive that was sent, renewals not counted.
+    """What the loop did. A command is a drive or a click that was sent, renewals not counted.
 
     Each loss of the port or of the device behind it is counted, and each new session after that or after a stop.
     """
@@ -112,6 +112,7 @@ class _Pending:
     report_index: int | None
     state: int
     level_db: float | None
+    is_click: bool
     finger_positions_m: tuple[float, ...]
     sent_before: int
     stamps: tuple[int, int, int, int, int] | None = None
@@ -169,7 +170,8 @@ class Loop:
         self._latency = latency
         self._state = 0
         self._level_db: float | None = None
-        self._drive = _SILENCE
+        self._click_ns: int | None = None
+        self._held = SILENCE  # what the device drives unless a waveform plays
         self._touches: Sequence[Touch] = ()
         self._release_ns: int | None = None  # when the watchdog acts, on the source's axis; None with no contact
         self._pending: _Pending | None = None
@@ -265,27 +267,30 @@ class Loop:
         return self._take_state()
 
     def _take_state(self) -> bool:
-        state, level_db = self._player.state, self._player.level_db
-        if state == self._state and level_db == self._level_db:
+        player = self._player
+        state, level_db, click_ns = player.state, player.level_db, player.click_ns
+        if state == self._state and level_db == self._level_db and click_ns == self._click_ns:
             return False
-        self._state, self._level_db = state, level_db
+        self._state, self._level_db, self._click_ns = state, level_db, click_ns
         return True
 
     def _command(self, report_index: int | None, now_ns: int) -> _Pending | None:
-        """Hand the drive of a new state to the link, in place of one that is not sent yet; None: it plays already."""
+        """Hand the command of a new state to the link, in place of one not sent yet; None: it plays already."""
         self.counters.state_changes += 1
-        drive = self._renderer.render(self._state, self._level_db) or _SILENCE
+        is_click = self._click_ns is not None
+        command = self._renderer.render(self._state, self._level_db, is_click)
         positions_m = tuple(touch.position_m for touch in self._touches)
-        state = (now_ns, report_index, self._state, self._level_db)
-        if drive == self._drive and self._pending is None:
-            # Sent anew, it would begin anew: fade out and in.
+        state = (now_ns, report_index, self._state, self._level_db, is_click)
+        if command == self._held and (self._pending is None or self._is_sent()):
+            # Sent anew, it would begin anew: fade out and in; and silence would cut a click that still plays.
+            self._settle()
             if self._trace is not None:
                 self._trace.append(StateChange(*state, None, positions_m))
             return None
         self._settle()
         sent_before = self._link.counters.sent
-        self._drive = drive
-        self._link.set_drive(drive)
+        self._held = command if isinstance(command, DriveCommand) else SILENCE
+        command.hand_to(self._link)
         pending = self._pending = _Pending(*state, positions_m, sent_before)
         return pending
 
@@ -348,17 +353,24 @@ class Loop:
             self._latency.record(stamps)
         if self._trace is not None:
             sequence = self._link.drive_sequence if is_sent else None
-            state = (pending.time_ns, pending.report_index, pending.state, pending.level_db)
+            state = (pending.time_ns, pending.report_index, pending.state, pending.level_db, pending.is_click)
             self._trace.append(StateChange(*state, sequence, pending.finger_positions_m))
 
     def _act_on(self, event: Event) -> None:
         match event:
-            case Armed() if self._drive or self._pending is not None:
-                self._link.set_drive(self._drive)
+            case Armed():
+                self._resume()
             case Greeted() if not self._renderer.fits(event.capabilities):
                 raise LinkError("another device answered than the one this run began with: start the run again")
             case FaultReceived() if not self._reconnect:
                 raise LinkError(f"the device disarmed itself ({event.fault.name}): see to it, then start the run again")
+
+    def _resume(self) -> None:
+        """What is to play by now goes out to a device that was armed anew; a click is over."""
+        if self._pending is not None and self._pending.is_click:
+            self._settle()
+        if self._held != SILENCE or self._pending is not None:
+            self._held.hand_to(self._link)
 
     def _act_on_stop(self) -> None:
         if not self._reconnect:
@@ -371,7 +383,7 @@ class Loop:
     def _silence(self) -> None:
         """Leave no drive, whatever is touched, and wait until the port has taken that."""
         if self._state:
-            self._state, self._level_db = 0, None
+            self._state, self._level_db, self._click_ns = 0, None, None
             self._command(None, self._clock.now_ns())
         while self._pending is not None and self._link.state is LinkState.READY:
             _wait_for_link(self._session, self._clock)

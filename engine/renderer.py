@@ -1,14 +1,20 @@
-"""Zone state and level to the drive bytes of their command, encoded once when the table is opened."""
+"""Zone state and level to the command of the link, encoded once when the table is opened."""
 
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
+from types import MappingProxyType
 from typing import NamedTuple
 
+from engine.click import ClickEntry
 from engine.device import Device
 from engine.entry import Entry
 from engine.limits import Drive, clamp
+from firmware_link.link import Link
 from firmware_link.link_values import Capabilities
 from firmware_link.messages import encode_drive
+
+_NO_CLICKS: Mapping[float, Iterable[ClickEntry]] = MappingProxyType({})
+_NO_WAVEFORMS: Mapping[int, int] = MappingProxyType({})
 
 
 class RendererError(ValueError):
@@ -26,16 +32,41 @@ class WhenNotAchieved(StrEnum):
     """It is played as strong as it gets."""
 
 
+class DriveCommand(NamedTuple):
+    """Drive these bytes until something else is commanded; no bytes are silence."""
+
+    drive: bytes
+
+    def hand_to(self, link: Link) -> None:
+        """In place of what is not sent yet."""
+        link.set_drive(self.drive)
+
+
+class PlayCommand(NamedTuple):
+    """Play a waveform of the bank; silence follows."""
+
+    waveform: int
+    amplitude: float
+
+    def hand_to(self, link: Link) -> None:
+        """In place of what is not sent yet."""
+        link.set_play(self.waveform, self.amplitude)
+
+
+Command = DriveCommand | PlayCommand
+SILENCE = DriveCommand(b"")
+
+
 class _Rendered(NamedTuple):
-    drive: bytes | None
+    command: Command
     is_achieved: bool
 
 
 class Renderer:
-    """The drive of every state that has an entry, at every level that is going to be asked for.
+    """The command for every state that has an entry, at every level that is going to be asked for.
 
-    `entries` are given by wanted level. Raises RendererError when table, device and capabilities do not fit, LimitError
-    for an entry that is broken.
+    `entries` and `clicks` are given by wanted level; `waveforms` says where the bank has the click of a state. Raises
+    RendererError when table, device and capabilities do not fit, LimitError for an entry that is broken.
     """
 
     def __init__(
@@ -44,6 +75,8 @@ class Renderer:
         device: Device,
         capabilities: Capabilities,
         when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN,
+        clicks: Mapping[float, Iterable[ClickEntry]] = _NO_CLICKS,
+        waveforms: Mapping[int, int] = _NO_WAVEFORMS,
     ) -> None:
         self.unknown_states = 0
         """How often a felt state was asked for that has no entry."""
@@ -59,40 +92,64 @@ class Renderer:
                 if entry.index in rendered:
                     raise RendererError(f"state {entry.index} has two entries: build the table again")
                 rendered[entry.index] = self._render_entry(entry, device, capabilities)
+        self._clicks = {
+            level_db: {
+                click.index: self._render_click(click, waveforms[click.index])
+                for click in clicks_of_level
+                if click.index in waveforms
+            }
+            for level_db, clicks_of_level in clicks.items()
+        }
+
+    def _render_click(self, click: ClickEntry, waveform: int) -> _Rendered:
+        if self._refuses and not click.achieved:
+            return _Rendered(SILENCE, is_achieved=False)
+        return _Rendered(PlayCommand(waveform, click.amplitude), click.achieved)
 
     def _render_entry(self, entry: Entry, device: Device, capabilities: Capabilities) -> _Rendered:
         _check_zones(entry, device)
         drive = clamp(entry, device)
         _check_frequencies(entry, drive, capabilities)
         if self._refuses and not entry.achieved:
-            return _Rendered(None, is_achieved=False)
-        return _Rendered(encode_drive(drive.channels, capabilities.frequency_resolution_hz), entry.achieved)
+            return _Rendered(SILENCE, is_achieved=False)
+        drive_bytes = encode_drive(drive.channels, capabilities.frequency_resolution_hz)
+        return _Rendered(DriveCommand(drive_bytes), entry.achieved)
 
-    def render(self, state: int, level_db: float | None) -> bytes | None:
-        """Drive bytes for `Link.set_drive`; None for silence: nothing is felt, or there is no entry, or it is refused.
+    def render(self, state: int, level_db: float | None, is_click: bool = False) -> Command:
+        """What to command; SILENCE: nothing is felt, or there is no entry, or it is refused.
 
-        Raises KeyError for a level that no entries were given for.
+        A click that the bank does not hold is the steady drive, for the effect to end. Raises KeyError for a level that
+        no entries were given for.
         """
         if level_db is None:
-            return None
-        rendered = self._rendered[level_db].get(state)
+            return SILENCE
+        rendered = self._clicks[level_db].get(state) if is_click and self._clicks else None
+        rendered = rendered or self._rendered[level_db].get(state)
         if rendered is None:
             self.unknown_states += 1
-            return None
+            return SILENCE
         self.not_achieved_states += not rendered.is_achieved
-        return rendered.drive
+        return rendered.command
 
     @property
     def shortfalls(self) -> dict[float, int]:
         """By level: how many of its states have an entry that does not reach it."""
-        return {
-            level_db: sum(not rendered.is_achieved for rendered in states.values())
-            for level_db, states in self._rendered.items()
-        }
+        return _shortfalls(self._rendered)
+
+    @property
+    def click_shortfalls(self) -> dict[float, int]:
+        """By level: how many clicks do not reach it, or not without being felt by quiet fingers."""
+        return _shortfalls(self._clicks)
 
     def fits(self, capabilities: Capabilities) -> bool:
         """Whether the drives mean the same to this device as to the one that they were encoded for."""
         return _wire_of(capabilities) == self._wire
+
+
+def _shortfalls(rendered: Mapping[float, Mapping[int, _Rendered]]) -> dict[float, int]:
+    return {
+        level_db: sum(not rendered.is_achieved for rendered in states.values()) for level_db, states in rendered.items()
+    }
 
 
 def _wire_of(capabilities: Capabilities) -> tuple[float, ...]:

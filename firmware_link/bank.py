@@ -15,6 +15,7 @@ US_PER_S = 1_000_000
 US_PER_MS = 1_000
 SAMPLE_FULL_SCALE = 32_767
 SHORTEST_WAVEFORM = 2
+SAMPLE_SIZE = 2
 _HEAD = struct.Struct("<HH")
 _HEAD_WORD_SIZE = 2
 _LONGEST_WAVEFORM = 0xFFFF
@@ -42,6 +43,11 @@ def make_bank(sample_rate_hz: int, waveforms: Sequence[NDArray[np.float64]]) -> 
     if not greatest <= 1.0:
         raise MessageError(f"a waveform reaches {greatest:g} of full scale; expected at most 1")
     return Bank(sample_rate_hz, tuple(np.rint(SAMPLE_FULL_SCALE * w).astype(np.int16) for w in waveforms))
+
+
+def bank_size(number_of_actuators: int, lengths: Sequence[int]) -> int:
+    """Bytes of a bank for a device, of waveforms with so many samples."""
+    return _HEAD.size + sum(_HEAD_WORD_SIZE + SAMPLE_SIZE * number_of_actuators * length for length in lengths)
 
 
 def encode_bank(bank: Bank, number_of_actuators: int) -> bytes:

@@ -1,6 +1,6 @@
 """A state of the fingers to its click: a short waveform that felt fingers feel and quiet ones do not."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -13,7 +13,6 @@ from precompute.click_design import Design, Designer, Plants
 from precompute.click_judge import Verdict, judge_waveform
 from precompute.click_options import DEFAULT_OPTIONS, ClickOptions
 from precompute.click_scenarios import sample_scenarios
-from precompute.entries import tabulated_states
 from precompute.promise import States, touched_zones
 
 Array = NDArray[np.float64]
@@ -47,13 +46,12 @@ class Click:
     gap_db: float
 
 
-def solve_clicks(device: Device, options: ClickOptions = DEFAULT_OPTIONS) -> Iterator[tuple[Click, float]]:
-    """The click of every tabulated state of the device, with the fraction done."""
+def solve_clicks(device: Device, options: ClickOptions, states: Sequence[States], workers: int = 1) -> Iterator[Click]:
+    """The clicks of some states of the device, in any order, by so many processes (1: this one)."""
     solver = ClickSolver(device, options)
-    states = tabulated_states(device)
     # States with the same fingers one after another, so that they share what is computed for them.
-    for done, state in enumerate(sorted(states, key=touched_zones), 1):
-        yield solver.solve(state), done / len(states)
+    for state in sorted(states, key=touched_zones):
+        yield solver.solve(state)
 
 
 class ClickSolver:

@@ -4,7 +4,6 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import FrameType
 
 
 @contextmanager
@@ -15,7 +14,7 @@ def remembered_interrupt() -> Iterator[Callable[[], None]]:
     """
     asked = False
 
-    def handle(number: int, frame: FrameType | None) -> None:
+    def handle(*_: object) -> None:
         nonlocal asked
         asked = True
         raise KeyboardInterrupt

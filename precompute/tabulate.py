@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.table import TableWriter, Variable
+from engine.table_file import TableWriter, Variable
 from precompute.assembly import Plant
 from precompute.directions import compute_coherent_figures, pair_directions
 from precompute.grid import SAMPLING_ERROR, GridResponse, estimate_interpolation_error

@@ -82,11 +82,17 @@ def build(
     objective: Annotated[
         str, typer.Option(help="contrast, standard contrast, localized factor, fair share or paper.")
     ] = "contrast",
+    clicks_up_to: Annotated[
+        int | None,
+        typer.Option(min=0, help="Clicks for states of up to so many fingers; default: all, or 3 beyond five zones."),
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes for the clicks; default: one a core.")] = None,
     memory_mib: Annotated[int, typer.Option(min=1, help="Memory for the buffers of the sweep, in MiB.")] = 64,
     as_json: AsJson = False,
 ) -> None:
-    """Build the table of a device."""
+    """Build the table of a device; an interrupted build goes on where its clicks were."""
     from precompute.build import build_table
+    from precompute.cores import available_cores
 
     device = find_device(device_name)
     path = output or Path(f"{device.name}.nc")
@@ -96,6 +102,8 @@ def build(
             path,
             created=_now(),
             objective=objective,
+            clicks_up_to=clicks_up_to,
+            workers=workers or available_cores(),
             memory_budget_bytes=memory_mib << 20,
             progress=progress,
         )
@@ -105,12 +113,14 @@ def build(
             "device": device.name,
             "fingerprint": device.fingerprint,
             "entries": len(table.entries),
+            "clicks": len(table.clicks),
             "bytes": path.stat().st_size,
         }
     if as_json:
         _print_json(summary)
     else:
-        _out.print(f"{path}: {summary['entries']} entries, {path.stat().st_size / 1e6:.0f} MB, for {device.name}")
+        counts = f"{summary['entries']} entries, {summary['clicks']} clicks"
+        _out.print(f"{path}: {counts}, {path.stat().st_size / 1e6:.0f} MB, for {device.name}")
         _out.print(f"fingerprint {device.fingerprint[:16]}; {len(device.inferred)} values of the device are estimates")
 
 

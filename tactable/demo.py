@@ -17,10 +17,13 @@ from engine.sources.recording import Recording
 from engine.table import Table, TableError, open_table
 from engine.zones import ZoneState
 from precompute.build import Progress, build_table, code_fingerprint
+from precompute.cores import available_cores
 from tactable.rig import ENVELOPE_S, Felt, LiveRun, Measured, SimulatedBar, StateAndLevel, first_applied, play
 
 AGREEMENT = 0.02
 """Promised and measured may differ by this fraction."""
+DEMO_FINGERS = 2
+"""A table made for the demo has clicks for so many: all of them take minutes."""
 LONGEST_REPLAY_S = 12.0
 """A longer recording is replayed faster, so that the demo ends within a minute."""
 
@@ -105,7 +108,14 @@ def table_for(device: Device, path: Path, progress: Progress) -> Table:
         return open_table(path, device=device, code_fingerprint=code_fingerprint())
     except TableError:
         path.parent.mkdir(parents=True, exist_ok=True)
-        build_table(device, path, created=datetime.now(UTC).isoformat(timespec="seconds"), progress=progress)
+        build_table(
+            device,
+            path,
+            created=datetime.now(UTC).isoformat(timespec="seconds"),
+            clicks_up_to=DEMO_FINGERS,
+            workers=available_cores(),
+            progress=progress,
+        )
         return open_table(path, device=device, verify=False)
 
 

@@ -3,14 +3,15 @@
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from engine.click import choose_bank
 from engine.digitizer import open_digitizer
-from engine.effect_player import EffectPlayer
+from engine.effect_player import DEFAULT_CLICK_NS, EffectPlayer
 from engine.effects import DEFAULT_EFFECTS, Effects
 from engine.latency import LatencyRecorder
 from engine.limits import link_configuration
-from engine.loop import Clock, Loop, Reopening, StateChange, StopRequest, connect
+from engine.loop import NS_PER_S, Clock, Loop, Reopening, StateChange, StopRequest, connect
 from engine.renderer import Renderer, WhenNotAchieved
 from engine.sources import Source
 from engine.table import Table
@@ -51,19 +52,22 @@ class Live:
         device, effects = table.device, options.effects
         self.digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
         entries = {level_db: table.entries_at(level_db) for level_db in effects.levels_db}
-        self.link = Link(link_configuration(device, options.bit_rate_hz))
+        clicks = {level_db: table.clicks_at(level_db) for level_db in effects.levels_db if effects.have_clicks}
+        configuration = link_configuration(device, options.bit_rate_hz)
         self.latency = LatencyRecorder()
-        session = Session(self.link, port, clock.now_ns)
-        self.capabilities = connect(session, clock)
-        self.renderer = Renderer(entries, device, self.capabilities, options.when_not_achieved)
+        self.capabilities = connect(Session(Link(configuration), port, clock.now_ns), clock)
+        self.bank, waveforms = choose_bank(table.clicks if effects.have_clicks else (), self.capabilities)
+        self.renderer = Renderer(entries, device, self.capabilities, options.when_not_achieved, clicks, waveforms)
         gc.collect()
         # An armed device waits 250 ms for the loop; the drives of eight zones at three levels take longer to encode.
+        self.link = Link(replace(configuration, bank=self.bank))
+        session = Session(self.link, port, clock.now_ns)
         connect(session, clock)
         self.loop = Loop(
             source,
             self.digitizer,
             ZoneTracker(device, self.digitizer.surface),
-            EffectPlayer(effects, len(device.zones)),
+            EffectPlayer(effects, len(device.zones), _click_length_ns(table)),
             self.renderer,
             session,
             clock,
@@ -75,13 +79,18 @@ class Live:
 
     @property
     def frames_sent(self) -> int:
-        """SET frames, renewals of the lease included."""
+        """SET and PLAY frames, renewals of the lease included."""
         return self.link.counters.sent + self.link.counters.renewed
 
     def run(self, stop: StopRequest | None = None) -> None:
         """Until the source has ended or `stop` is set; raises LinkError when the port or the device fails."""
         with _without_collector():
             self.loop.run(stop)
+
+
+def _click_length_ns(table: Table) -> int:
+    """The longest of the table's clicks: so long a click is an effect."""
+    return max((round(NS_PER_S * click.length_s) for click in table.clicks), default=DEFAULT_CLICK_NS)
 
 
 @contextmanager

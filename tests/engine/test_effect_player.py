@@ -8,13 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.effect_player import DRAG_REST_NS, STILL_M, EffectPlayer
-from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger, burst
+from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger, burst, click
 from engine.zones import Touch, ZoneState, state_index
 
 MS = 1_000_000
 MM = 1e-3
 ZONES = 5
 QUIET, FELT = ZoneState.QUIET, ZoneState.FELT
+
+BURSTS = Effects((Rule(Trigger.TOUCH, burst(20.0, 50)),))
 
 Moment = tuple[float, str, float | None]
 """Time in ms, a letter for the state of each zone, level."""
@@ -73,8 +75,8 @@ def pulse(*segments: tuple[float | None, float | None]) -> Effect:
 HELD = pulse((None, 20.0))
 
 
-def test_by_default_a_touch_is_felt_for_50_ms_and_quiet_from_then_on() -> None:
-    seen = Story(DEFAULT_EFFECTS)
+def test_a_burst_is_felt_for_its_time_and_quiet_from_then_on() -> None:
+    seen = Story(BURSTS)
     for time_ms in range(0, 200, 8):
         seen.at(time_ms, touch(1, 10))
     seen.at(200)
@@ -90,7 +92,7 @@ def test_a_lift_ends_what_the_finger_feels() -> None:
 
 
 def test_each_finger_has_its_own_time() -> None:
-    seen = Story(DEFAULT_EFFECTS)
+    seen = Story(BURSTS)
     seen.at(0, touch(1, 10))
     seen.at(30, touch(1, 10), touch(2, 110))
     assert seen.until(1000).moments == [
@@ -102,7 +104,7 @@ def test_each_finger_has_its_own_time() -> None:
 
 
 def test_a_finger_takes_its_effect_along_into_other_zones() -> None:
-    seen = Story(DEFAULT_EFFECTS)
+    seen = Story(BURSTS)
     seen.at(0, touch(1, 10))
     seen.at(16, touch(1, 60))
     seen.at(64, touch(1, 110))
@@ -178,7 +180,7 @@ def test_of_several_levels_the_greatest_is_played() -> None:
 
 
 def test_two_fingers_in_one_zone_are_felt_if_one_of_them_feels() -> None:
-    seen = Story(DEFAULT_EFFECTS)
+    seen = Story(BURSTS)
     seen.at(0, touch(1, 10))
     seen.at(100, touch(1, 10), touch(2, 30))
     seen.at(200, touch(1, 10))
@@ -376,3 +378,78 @@ def test_states_are_numbered_as_everywhere(zones: int) -> None:
     player = EffectPlayer(Effects((rule,)), zones)
     player.take([Touch(zone, 0.0, zone) for zone in range(zones)], 0)
     assert player.state == state_index([QUIET if zone % 2 else FELT for zone in range(zones)])
+
+
+CLICKS = Effects((Rule(Trigger.TOUCH, click(20.0)),))
+
+
+def clicks_of(seen: Story, *frames: tuple[float, tuple[Touch, ...]]) -> list[tuple[float, str, float | None, bool]]:
+    """What is wanted after each frame, and once more at each change in between: time, zones, level, a click or not."""
+    out = list[tuple[float, str, float | None, bool]]()
+
+    def note(time_ms: float) -> None:
+        player = seen.player
+        now = (letters(player.state), player.level_db, player.click_ns is not None)
+        if not out or out[-1][1:] != now:
+            out.append((time_ms, *now))
+
+    for time_ms, touches in frames:
+        while seen.player.next_change_ns is not None and seen.player.next_change_ns <= time_ms * MS:
+            due_ns = seen.player.next_change_ns
+            seen.player.advance(due_ns)
+            note(due_ns / MS)
+        seen.player.take(touches, round(time_ms * MS))
+        note(time_ms)
+    return out
+
+
+def test_by_default_a_touch_is_a_click_at_20_db() -> None:
+    seen = clicks_of(Story(DEFAULT_EFFECTS), (0, (touch(1, 10),)), (100, (touch(1, 10),)))
+    assert seen == [(0, "F----", 20.0, True), (30, "q----", None, False)]
+
+
+def test_the_next_finger_has_its_own_click_and_the_one_before_is_quiet() -> None:
+    one, other = touch(1, 10), touch(2, 110)
+    seen = clicks_of(Story(CLICKS), (0, (one,)), (20, (one, other)), (100, (one, other)))
+    assert seen == [(0, "F----", 20.0, True), (20, "q-F--", 20.0, True), (50, "q-q--", None, False)]
+
+
+def test_fingers_that_come_together_click_together() -> None:
+    seen = clicks_of(Story(CLICKS), (0, (touch(1, 10), touch(2, 110))))
+    assert seen == [(0, "F-F--", 20.0, True)]
+
+
+def test_a_click_interrupts_what_is_held_for_its_length() -> None:
+    held = Rule(Trigger.TOUCH, HELD, zones=frozenset({0}))
+    one, other = touch(1, 10), touch(2, 110)
+    seen = clicks_of(
+        story(held, Rule(Trigger.TOUCH, click(15.0))), (0, (one,)), (50, (one, other)), (200, (one, other))
+    )
+    assert seen == [(0, "F----", 20.0, False), (50, "q-F--", 15.0, True), (80, "F-q--", 20.0, False)]
+
+
+def test_a_texture_is_a_click_for_each_distance() -> None:
+    seen = story(Rule(Trigger.DRAG, click(20.0), every_m=4 * MM))
+    begun = list[int | None]()
+    for time_ms in range(0, 100, 8):
+        seen.at(time_ms, touch(1, 10.01 + time_ms / 7.9))  # a little more than 1 mm each 8 ms
+        begun.append(seen.player.click_ns)
+    starts = [time_ns for time_ns in dict.fromkeys(begun) if time_ns is not None]
+    assert starts == [32 * MS, 64 * MS, 96 * MS]
+
+
+def test_a_click_lasts_as_long_as_the_table_says() -> None:
+    player = EffectPlayer(CLICKS, ZONES, click_length_ns=12 * MS)
+    player.take([touch(1, 10)], 5 * MS)
+    assert player.next_change_ns == 17 * MS
+
+
+def test_an_envelope_may_pause_between_clicks() -> None:
+    double = Effect("double", (Segment(None, 20.0, True), Segment(60 * MS, None), Segment(None, 10.0, True)))
+    seen = clicks_of(Story(Effects((Rule(Trigger.TOUCH, double),))), (0, (touch(1, 10),)), (300, (touch(1, 10),)))
+    assert seen == [
+        (0, "F----", 20.0, True),
+        (30, "q----", None, False),
+        (90, "F----", 10.0, True),
+        (120, "q----", None, False),
+    ]

@@ -6,10 +6,11 @@ from engine.zones import Touch
 MS = 1_000_000
 
 
-def test_by_default_every_touch_feels_50_ms_at_20_db() -> None:
+def test_by_default_every_touch_feels_a_click_at_20_db() -> None:
     (rule,) = DEFAULT_EFFECTS.rules
     assert rule.on is Trigger.TOUCH
-    assert rule.effect.envelope == (Segment(50 * MS, 20.0),)
+    assert rule.effect.envelope == (Segment(None, 20.0, is_click=True),)
+    assert DEFAULT_EFFECTS.have_clicks and not Effects((Rule(Trigger.TOUCH, burst(20.0, 1)),)).have_clicks
     assert rule.covers(Touch(1, 0.1, 2)) and rule.covers(Touch(1, 0.1, None))
     assert DEFAULT_EFFECTS.levels_db == (20.0,)
 

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from engine.click import ClickEntry, choose_bank, played_at
 from engine.device_file import read_device
 from engine.digitizer import RELEASE_AFTER_NS, open_digitizer
 from engine.effect_player import EffectPlayer
-from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger, burst
+from engine.effects import Effect, Effects, Rule, Segment, Trigger, burst
 from engine.entry import Entry
 from engine.latency import LatencyRecorder, Stage
 from engine.limits import link_configuration
@@ -58,6 +59,7 @@ def entry_for(*zones: int, quiet: Sequence[int] = (), level_db: float = LEVEL_DB
 
 
 ENTRIES = [entry_for(*zones) for zones in ((0,), (1,), (2,), (3,), (4,), (0, 2), (1, 3))]
+BURSTS = Effects((Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),))
 HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),))
 
 
@@ -206,18 +208,26 @@ class Rig:
     bit_rate_hz: int = BIT_RATE_HZ
     effects: Effects = HELD
     entries: Sequence[Entry] = tuple(ENTRIES)
+    clicks: Sequence[ClickEntry] = ()
 
     def __post_init__(self) -> None:
         self.trace: list[StateChange] = []
         self.latency = LatencyRecorder(100)
-        self.session = Session(Link(link_configuration(DEVICE, self.bit_rate_hz)), self.line, self.line.now_ns)
-        capabilities = connect(self.session, self.line)
+        configuration = link_configuration(DEVICE, self.bit_rate_hz)
+        session = Session(Link(configuration), self.line, self.line.now_ns)
+        capabilities = connect(session, self.line)
+        bank, waveforms = choose_bank(self.clicks, capabilities)
+        if bank is not None:
+            session = Session(Link(replace(configuration, bank=bank)), self.line, self.line.now_ns)
+            connect(session, self.line)
+        self.session = session
         self.start_ns = self.line.time_ns
         source = Playback(self.recording, self.speed)
         digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
         levels_db = self.effects.levels_db
         by_level = {level: [e for e in self.entries if e.wanted_level_db == level] for level in levels_db}
-        self.renderer = Renderer(by_level, DEVICE, capabilities)
+        clicks = {level: [played_at(click, level) for click in self.clicks] for level in levels_db}
+        self.renderer = Renderer(by_level, DEVICE, capabilities, clicks=clicks, waveforms=waveforms)
         self.loop = Loop(
             source,
             digitizer,
@@ -346,7 +356,7 @@ def test_a_state_without_entry_is_silent_and_counted() -> None:
 
 
 def test_an_effect_ends_at_its_time_without_a_report() -> None:
-    rig = Rig(recording_of((0.0, report((1, 0.1))), (0.1, report(lifted=[1]))), effects=DEFAULT_EFFECTS).run()
+    rig = Rig(recording_of((0.0, report((1, 0.1))), (0.1, report(lifted=[1]))), effects=BURSTS).run()
     assert rig.states() == [index_of(0), index_of(quiet=[0]), 0]
     first, second, _ = rig.trace
     assert (first.level_db, second.level_db) == (LEVEL_DB, None)
@@ -359,7 +369,7 @@ def test_an_effect_ends_at_its_time_without_a_report() -> None:
 def test_a_resting_finger_is_quiet_while_another_one_feels() -> None:
     entries = [entry_for(0), entry_for(2, quiet=[0])]
     frames = [*held(0.0, 0.2, (1, 0.1)), *held(0.2, 0.4, (1, 0.1), (2, 0.5)), (0.4, report(lifted=[1, 2]))]
-    rig = Rig(recording_of(*frames), effects=DEFAULT_EFFECTS, entries=entries).run()
+    rig = Rig(recording_of(*frames), effects=BURSTS, entries=entries).run()
     assert rig.states() == [
         index_of(0),
         index_of(quiet=[0]),
@@ -384,7 +394,7 @@ def test_each_segment_of_an_envelope_is_a_command_at_its_level() -> None:
 def test_a_change_that_keeps_the_drive_sends_nothing() -> None:
     places = [0.1, 0.3, 0.5, 0.7, 0.9]
     frames = [frame for i, place in enumerate(places) for frame in held(0.1 * i, 0.1 * (i + 1), (1, place))]
-    rig = Rig(recording_of(*frames, (0.5, report(lifted=[1]))), effects=DEFAULT_EFFECTS).run()
+    rig = Rig(recording_of(*frames, (0.5, report(lifted=[1]))), effects=BURSTS).run()
     assert rig.states() == [index_of(0), *(index_of(quiet=[zone]) for zone in range(5)), 0]
     assert [change.drive_sequence is None for change in rig.trace] == [False, False, *[True] * 5]
     assert rig.loop.counters.commands == 2
@@ -416,7 +426,7 @@ def test_a_host_that_stalled_for_seconds_hears_the_device_before_it_calls_it_sil
 
 
 def test_after_a_stall_effects_are_caught_up_with_in_order_and_the_last_state_is_sent() -> None:
-    rig = Rig(recording_of(*held(0.0, 0.3, (1, 0.1)), (0.3, report(lifted=[1]))), effects=DEFAULT_EFFECTS)
+    rig = Rig(recording_of(*held(0.0, 0.3, (1, 0.1)), (0.3, report(lifted=[1]))), effects=BURSTS)
     rig.line.stall_at_ns, rig.line.stall_ns = rig.start_ns + 20 * MS, 100 * MS
     rig.run()
     assert rig.states() == [index_of(0), index_of(quiet=[0]), 0]

@@ -17,7 +17,9 @@ import pytest
 from engine.device import Device, DeviceError
 from engine.device_file import parse_device
 from engine.entry import Entry, WorstCase, ZonePromise, played_at
-from engine.table import Table, TableError, TableWriter, Variable, open_table, write_entries
+from engine.entry_group import write_entries
+from engine.table import Table, TableError, open_table
+from engine.table_file import TableWriter, Variable
 from engine.zones import state_index
 from tests.engine.made_entries import entry_of, states_of
 
@@ -294,8 +296,8 @@ def test_a_foreign_netcdf_file_is_refused(tmp_path: Path) -> None:
 def test_a_newer_format_is_refused(whole: Path, tmp_path: Path) -> None:
     path = copied(whole, tmp_path / "newer.nc")
     with h5py.File(path, "a") as file:
-        file.attrs["format_revision"] = 3
-    assert "has format revision 3, this program reads up to 2; update tactable" in refusal(path)
+        file.attrs["format_revision"] = 4
+    assert "has format revision 4, this program reads up to 3; update tactable" in refusal(path)
 
 
 @pytest.mark.parametrize("name", ["code_fingerprint", "device_description", "device_fingerprint", "device_name"])

@@ -54,7 +54,7 @@ GROUPS = {"responses", "sweep", "coherent_sweep", "entries"}
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("tables")
     for name, device in DEVICES.items():
-        build_table(device, folder / f"{name}.nc", created="2024-01-01")
+        build_table(device, folder / f"{name}.nc", created="2024-01-01", clicks_up_to=0)
     return folder
 
 
@@ -177,7 +177,7 @@ def contents(path: Path) -> dict[str, object]:
 
 @pytest.mark.parametrize(("name", "budget"), [("two", 20_000), ("two", 1 << 30), ("three", 50_000)])
 def test_the_memory_budget_does_not_change_a_byte(folder: Path, tmp_path: Path, name: str, budget: int) -> None:
-    build_table(DEVICES[name], tmp_path / "other.nc", created="2024-01-01", memory_budget_bytes=budget)
+    build_table(DEVICES[name], tmp_path / "other.nc", created="2024-01-01", clicks_up_to=0, memory_budget_bytes=budget)
     assert contents(tmp_path / "other.nc") == contents(folder / f"{name}.nc")
 
 
@@ -210,7 +210,7 @@ def test_the_interpolation_error_is_stored_and_not_negative(folder: Path) -> Non
 
 def test_progress_only_grows_and_ends_at_one(tmp_path: Path) -> None:
     told: list[tuple[str, float]] = []
-    build_table(DEVICES["two"], tmp_path / "t.nc", created="", progress=lambda *what: told.append(what))
+    build_table(DEVICES["two"], tmp_path / "t.nc", created="", clicks_up_to=0, progress=lambda *what: told.append(what))
     fractions = [fraction for _, fraction in told]
     assert fractions == sorted(fractions)
     assert told[-1] == ("done", 1.0)
@@ -237,7 +237,9 @@ def test_an_exception_on_the_way_leaves_nothing(
     older.write_bytes((folder / "three.nc").read_bytes())
     for path in (older, tmp_path / "new.nc"):
         with pytest.raises(error):
-            build_table(DEVICES["two"], path, created="", memory_budget_bytes=1, progress=Stop(error, calls))
+            build_table(
+                DEVICES["two"], path, created="", clicks_up_to=0, memory_budget_bytes=1, progress=Stop(error, calls)
+            )
     assert [path.name for path in tmp_path.iterdir()] == ["older.nc"]
     assert older.read_bytes() == (folder / "three.nc").read_bytes()
 
@@ -250,7 +252,7 @@ def test_ctrl_c_of_a_build_leaves_nothing_behind(folder: Path, tmp_path: Path, a
     script = (
         "import sys; from pathlib import Path; from engine.device_file import read_device\n"
         "from precompute.build import build_table\n"
-        "build_table(read_device(Path('device.toml')), Path('table.nc'), created='', memory_budget_bytes=1,\n"
+        "build_table(read_device(Path('device.toml')), Path('table.nc'), created='', clicks_up_to=0, memory_budget_bytes=1,\n"
         "            progress=lambda step, fraction: print(step, flush=True))"
     )
     # The handler is set anew: a shell tells the jobs it runs in the background to ignore Ctrl-C.

@@ -41,7 +41,7 @@ def test_a_state_that_no_table_holds_is_solved_once_and_kept(tmp_path: Path, mon
     device = replace(parse_device(NINE, "nine"), levels_db=(20.0,))
     monkeypatch.setattr("precompute.entries.MOST_TOUCHED_BEYOND", 1)  # a small table
     text = NINE.replace('levels = ["10 dB", "20 dB", "30 dB"]', 'levels = ["20 dB"]')
-    build_table(parse_device(text, "nine"), tmp_path / "nine.nc", created="2026-01-01")
+    build_table(parse_device(text, "nine"), tmp_path / "nine.nc", created="2026-01-01", clicks_up_to=0)
     states = (ZoneState.FELT, ZoneState.QUIET, *(ZoneState.FREE,) * 7)
     with open_table(tmp_path / "nine.nc") as table:
         solved = entries_on_demand(table, states, tmp_path / "kept")
