@@ -18,15 +18,17 @@ from threadpoolctl import threadpool_limits
 from engine.descriptor import DescriptorError
 from engine.device import DeviceError
 from engine.digitizer import DigitizerError, open_digitizer
-from engine.effects import EffectError
+from engine.effect_file import read_effects
+from engine.effects import DEFAULT_EFFECTS, EffectError
 from engine.entry import DEFAULT_LEVEL_DB, played_at
 from engine.limits import LimitError
 from engine.renderer import RendererError
 from engine.sources.recording import RecordingError, read_recording
 from engine.table import TableError, open_table
 from firmware_link.errors import LinkError
-from tactable import bench_effects, link_commands, plot_commands, run, touch_commands
+from tactable import bench_effects, bench_latency, link_commands, plot_commands, run, touch_commands
 from tactable.figure_file import FigureError
+from tactable.latency_report import LatencyReportError
 from tactable.shipped import DEMO_RECORDING, find_device
 
 EXIT_DISAGREES = 3
@@ -43,6 +45,7 @@ touch_commands.register(app)
 link_commands.register(app)
 run.register(app)
 bench_effects.register(bench)
+bench_latency.register(bench)
 app.add_typer(plot_commands.plot, name="plot")
 _errors = Console(stderr=True)
 _out = Console()
@@ -62,6 +65,7 @@ def main() -> None:
         EffectError,
         FigureError,
         LimitError,
+        LatencyReportError,
         LinkError,
         RecordingError,
         RendererError,
@@ -215,6 +219,9 @@ def demo(
     table_path: Annotated[
         Path | None, typer.Option("--table", help="Where the table is or goes; default: a cache.")
     ] = None,
+    effects_path: Annotated[
+        Path | None, typer.Option("--effects", help="Which fingers feel what; default: a click for every touch.")
+    ] = None,
     figure: Annotated[Path, typer.Option("--figure", help="Where the picture goes.")] = Path("tactable-demo.png"),
     as_json: AsJson = False,
 ) -> None:
@@ -225,11 +232,12 @@ def demo(
 
     device = find_device(device_name)
     recording = read_recording(recording_path or DEMO_RECORDING)
+    effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, device)
     path = table_path or _cache_folder() / f"{device.name}-{device.fingerprint[:12]}.nc"
     with _progress(as_json) as progress:
         table = table_for(device, path, progress)
     with table:
-        report = run_demo(table, recording)
+        report = run_demo(table, recording, effects)
     draw_demo(report, figure)
     if as_json:
         _print_json({**demo_json(report), "figure": str(figure)})

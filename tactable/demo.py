@@ -11,72 +11,21 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device
-from engine.entry import Entry
+from engine.effects import DEFAULT_EFFECTS, Effects
 from engine.latency import Stage
 from engine.sources.recording import Recording
 from engine.table import Table, TableError, open_table
 from engine.zones import ZoneState
 from precompute.build import Progress, build_table, code_fingerprint
 from precompute.cores import available_cores
-from tactable.rig import ENVELOPE_S, Felt, LiveRun, Measured, SimulatedBar, StateAndLevel, first_applied, play
+from tactable.demo_reports import AGREEMENT, ClickReport, StateReport
+from tactable.rig import LiveRun, Wanted, first_applied, play, wanted_of
+from tactable.simulated_bar import ENVELOPE_S, Felt, SimulatedBar
 
-AGREEMENT = 0.02
-"""Promised and measured may differ by this fraction."""
 DEMO_FINGERS = 2
 """A table made for the demo has clicks for so many: all of them take minutes."""
 LONGEST_REPLAY_S = 12.0
 """A longer recording is replayed faster, so that the demo ends within a minute."""
-
-
-@dataclass(frozen=True)
-class StateReport:
-    """One state that was rendered at one level: the table's promise, what the held drive did, and the run itself."""
-
-    entry: Entry
-    measured: Measured
-    felt_m_per_s2: float
-    """Greatest under the fingers that were to feel, while the state lasted."""
-    quiet_m_per_s2: float
-    """Greatest under the others; 0 where there were none."""
-
-    def zones_in(self, state: ZoneState) -> list[int]:
-        """Indices of the zones in a state."""
-        return [i for i, zone in enumerate(self.entry.zones) if zone.state is state]
-
-    @property
-    def felt_zones(self) -> list[int]:
-        """Indices of the zones that are to be felt."""
-        return self.zones_in(ZoneState.FELT)
-
-    @property
-    def measured_factor(self) -> float:
-        """Localized factor of the felt zones, measured."""
-        return float(self.measured.share[self.felt_zones].sum())
-
-    @property
-    def disagreement(self) -> float:
-        """Greatest relative difference of localized factor, peaks of felt zones and acceleration at each finger."""
-        entry, measured = self.entry, self.measured
-        pairs = [(entry.localized_factor, self.measured_factor)]
-        pairs += [(entry.zones[i].peak_acceleration_m_per_s2, measured.peak[i]) for i in self.felt_zones]
-        fingers = (zone.acceleration_at_finger_m_per_s2 for zone in entry.zones)
-        pairs += [
-            (promised, found)
-            for promised, found in zip(fingers, measured.at_finger, strict=True)
-            if promised is not None
-        ]
-        return float(max(abs(found / promised - 1) for promised, found in pairs))
-
-    def level_db(self, acceleration_m_per_s2: float) -> float | None:
-        """Sensation level of an acceleration by this state's drive, its tones as strong as under a felt finger.
-
-        None for no acceleration.
-        """
-        zone = self.entry.zones[self.felt_zones[0]]
-        if not acceleration_m_per_s2 or not zone.acceleration_at_finger_m_per_s2 or zone.sensation_level_db is None:
-            return None
-        change = acceleration_m_per_s2 / zone.acceleration_at_finger_m_per_s2
-        return zone.sensation_level_db + 20 * math.log10(change)
 
 
 @dataclass(frozen=True)
@@ -89,9 +38,12 @@ class DemoReport:
     speed: float
     run: LiveRun
     states: tuple[StateReport, ...]
-    missed: tuple[StateAndLevel, ...]
+    """What was rendered by a steady drive."""
+    clicks: tuple[ClickReport, ...]
+    """What was rendered by a click."""
+    missed: tuple[Wanted, ...]
     """What was sent in time and never applied by the firmware."""
-    not_rendered: tuple[StateAndLevel, ...]
+    not_rendered: tuple[Wanted, ...]
     """What was to be rendered and was over before the machine, having stalled, brought it to the firmware."""
     felt: Felt | None
     """None where no state changed."""
@@ -99,7 +51,8 @@ class DemoReport:
     @property
     def agrees(self) -> bool:
         """Whether every state that was rendered keeps its promise, and none was missed."""
-        return not self.missed and all(state.disagreement <= AGREEMENT for state in self.states)
+        found = [each.disagreement for each in self.states] + [each.disagreement for each in self.clicks]
+        return not self.missed and all(disagreement <= AGREEMENT for disagreement in found)
 
 
 def table_for(device: Device, path: Path, progress: Progress) -> Table:
@@ -119,59 +72,62 @@ def table_for(device: Device, path: Path, progress: Progress) -> Table:
         return open_table(path, device=device, verify=False)
 
 
-def run_demo(table: Table, recording: Recording) -> DemoReport:
+def run_demo(table: Table, recording: Recording, effects: Effects = DEFAULT_EFFECTS) -> DemoReport:
     """Replay, render, measure. Raises what `tactable.rig.play` raises."""
     with threadpool_limits(1, "blas"):
-        return _run_demo(table, recording)
+        return _run_demo(table, recording, effects)
 
 
-def _run_demo(table: Table, recording: Recording) -> DemoReport:
+def _run_demo(table: Table, recording: Recording, effects: Effects) -> DemoReport:
     times_s = [report.time_s for report in recording.reports]
     duration_s = times_s[-1] - times_s[0] if times_s else 0.0
     speed = max(1.0, duration_s / LONGEST_REPLAY_S)
-    run = play(table, recording, speed)
+    run = play(table, recording, speed, effects)
     bar = SimulatedBar(table.device)
     applied = first_applied(run)
     felt = bar.feel(run, LONGEST_REPLAY_S + 1.0) if run.trace else None
     greatest = _greatest(run, felt) if felt else {}
     states = tuple(
-        StateReport(entry, bar.measure_held(event, entry), *greatest.get(key, (0.0, 0.0)))
-        for key, event in applied.items()
-        if (entry := table.entry_at(*key)) is not None
+        StateReport(entry, bar.measure_held(event, entry), *greatest.get(wanted, (0.0, 0.0)))
+        for wanted, event in applied.items()
+        if event.waveform is None and (entry := table.entry_at(wanted.state, wanted.level_db)) is not None
+    )
+    clicks = tuple(
+        ClickReport(click, bar.measure_click(event, click.states, run.log.banks), *greatest.get(wanted, (0.0, 0.0)))
+        for wanted, event in applied.items()
+        if event.waveform is not None and (click := table.click_at(wanted.state, wanted.level_db)) is not None
     )
     missed, not_rendered = find_missed(table, run, applied)
-    return DemoReport(table.device, table.path, recording, speed, run, states, missed, not_rendered, felt)
+    return DemoReport(table.device, table.path, recording, speed, run, states, clicks, missed, not_rendered, felt)
 
 
 def find_missed(
-    table: Table, run: LiveRun, applied: Collection[StateAndLevel]
-) -> tuple[tuple[StateAndLevel, ...], tuple[StateAndLevel, ...]]:
-    """Of the states that have an entry and were not applied: those that should have been, and the others.
+    table: Table, run: LiveRun, applied: Collection[Wanted]
+) -> tuple[tuple[Wanted, ...], tuple[Wanted, ...]]:
+    """Of what has an entry and was not applied: what should have been, and the rest.
 
-    The others were replaced before they were sent, or refused because they came too late.
+    The rest was replaced before it was sent, or refused because it came too late.
     """
-    wanted = dict[StateAndLevel, bool]()
+    due = dict[Wanted, bool]()
     for change in run.trace:
-        if change.level_db is None or (change.state, change.level_db) in applied:
+        wanted = wanted_of(change)
+        if wanted is None or wanted in applied:
             continue
-        key = (change.state, change.level_db)
-        wanted[key] = wanted.get(key, False) or (change.drive_sequence is not None and not run.came_late(change))
-    known = sorted(key for key in wanted if table.entry_at(*key) is not None)
-    return tuple(key for key in known if wanted[key]), tuple(key for key in known if not wanted[key])
+        due[wanted] = due.get(wanted, False) or (change.drive_sequence is not None and not run.came_late(change))
+    known = sorted(wanted for wanted in due if table.entry_at(wanted.state, wanted.level_db) is not None)
+    return tuple(wanted for wanted in known if due[wanted]), tuple(wanted for wanted in known if not due[wanted])
 
 
-def _greatest(run: LiveRun, felt: Felt) -> dict[StateAndLevel, tuple[float, float]]:
-    """Greatest acceleration under fingers that were to feel, and under others, while each state lasted, m/s^2."""
-    out: dict[StateAndLevel, tuple[float, float]] = {}
-    starts_s = [(change.time_ns - run.trace[0].time_ns) / 1e9 for change in run.trace]
-    for change, start_s, stop_s in zip(run.trace, starts_s, [*starts_s[1:], np.inf], strict=True):
-        if change.level_db is None:
-            continue
-        key = (change.state, change.level_db)
-        during = (felt.time_s >= start_s) & (felt.time_s + ENVELOPE_S <= stop_s)
+def _greatest(run: LiveRun, felt: Felt) -> dict[Wanted, tuple[float, float]]:
+    """Greatest acceleration under fingers that were to feel, and under others, m/s^2, until something else is felt."""
+    out: dict[Wanted, tuple[float, float]] = {}
+    changes = [(change.time_ns, wanted) for change in run.trace if (wanted := wanted_of(change)) is not None]
+    starts_s = [(time_ns - run.trace[0].time_ns) / 1e9 for time_ns, _ in changes]
+    for (_, wanted), start_s, stop_s in zip(changes, starts_s, [*starts_s[1:], np.inf], strict=True):
+        during = (felt.time_s >= start_s - ENVELOPE_S) & (felt.time_s + ENVELOPE_S <= stop_s)
         found = (float(values[during].max(initial=0.0)) for values in (felt.felt, felt.quiet))
-        before = out.get(key, (0.0, 0.0))
-        out[key] = (max(before[0], next(found)), max(before[1], next(found)))
+        before = out.get(wanted, (0.0, 0.0))
+        out[wanted] = (max(before[0], next(found)), max(before[1], next(found)))
     return out
 
 
@@ -195,8 +151,9 @@ def demo_json(report: DemoReport) -> dict[str, Any]:
         "reconnects": run.counters.reconnects,
         "report_to_command": None if latency is None else asdict(latency),
         "states": [_state_json(report.device, state) for state in report.states],
-        "missed_states": [_key_json(*key) for key in report.missed],
-        "states_not_rendered": [_key_json(*key) for key in report.not_rendered],
+        "clicks": [_click_json(report.device, click) for click in report.clicks],
+        "missed_states": [_key_json(key) for key in report.missed],
+        "states_not_rendered": [_key_json(key) for key in report.not_rendered],
         "agreement": AGREEMENT,
         "agrees": report.agrees,
     }
@@ -207,8 +164,8 @@ def finite_or_none(level_db: float) -> float | None:
     return level_db if math.isfinite(level_db) else None
 
 
-def _key_json(state: int, level_db: float) -> dict[str, Any]:
-    return {"state": state, "level_db": finite_or_none(level_db)}
+def _key_json(wanted: Wanted) -> dict[str, Any]:
+    return {"state": wanted.state, "level_db": finite_or_none(wanted.level_db), "click": wanted.is_click}
 
 
 def _state_json(device: Device, state: StateReport) -> dict[str, Any]:
@@ -245,6 +202,35 @@ def _state_json(device: Device, state: StateReport) -> dict[str, Any]:
         "felt_level_in_run_db": state.level_db(state.felt_m_per_s2),
         "quiet_level_in_run_db": state.level_db(state.quiet_m_per_s2),
         "disagreement": state.disagreement,
+    }
+
+
+def _click_json(device: Device, report: ClickReport) -> dict[str, Any]:
+    click = report.click
+    return {
+        "state": click.index,
+        "felt": [device.zones[i].name for i in report.felt_zones],
+        "quiet": [device.zones[i].name for i in report.zones_in(ZoneState.QUIET)],
+        "wanted_level_db": finite_or_none(click.wanted_level_db),
+        "level_db": click.level_db,
+        "achieved": click.achieved,
+        "amplitude": click.amplitude,
+        "length_s": click.length_s,
+        "exceeds_s": click.exceeds_at_s(),
+        "felt_level_db": asdict(click.felt),
+        "quiet_level_db": None if click.quiet is None else asdict(click.quiet),
+        "zones": [
+            {
+                "name": zone.name,
+                "state": state.name.lower(),
+                "promised_level_db": None if promise is None else promise.level_db,
+                "promised_acceleration_at_finger_m_per_s2": promise and promise.acceleration_at_finger_m_per_s2,
+                "measured_acceleration_at_finger_m_per_s2": _known(report.at_finger[i]),
+            }
+            for i, (zone, state, promise) in enumerate(zip(device.zones, click.states, click.zones, strict=True))
+        ],
+        "greatest_acceleration_under_a_finger_m_per_s2": max(report.felt_m_per_s2, report.quiet_m_per_s2),
+        "disagreement": report.disagreement,
     }
 
 

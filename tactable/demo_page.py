@@ -8,7 +8,9 @@ from rich.table import Table as Grid
 
 from engine.latency import Stage
 from engine.zones import ZoneState
-from tactable.demo import AGREEMENT, DemoReport, StateReport
+from tactable.demo import DemoReport
+from tactable.demo_reports import AGREEMENT, ClickReport, StateReport
+from tactable.rig import Wanted
 
 
 def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
@@ -29,22 +31,74 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
         out.print(f"latency   report due to command written: {figures} (a pseudo-terminal; see README)")
     if report.states:
         out.print(_states(report))
-    else:
+    if report.clicks:
+        out.print(_clicks(report))
+    if not report.states and not report.clicks:
         out.print("No finger touched a zone: nothing to render.")
     out.print(f"estimates {len(report.device.inferred)} values of the device are ESTIMATES (see its file)", style="dim")
     out.print(f"picture   {figure}", highlight=False, soft_wrap=True)
     if report.missed:
-        missed = ", ".join(f"{state} at {level_db:g} dB" for state, level_db in report.missed)
+        missed = ", ".join(map(_name, report.missed))
         out.print(f"[red]MISSED: states {missed} were sent and never applied.[/red]")
     if report.not_rendered:
-        late = ", ".join(f"{state} at {level_db:g} dB" for state, level_db in report.not_rendered)
+        late = ", ".join(map(_name, report.not_rendered))
         out.print(f"[yellow]Not rendered, the machine having stalled: states {late}.[/yellow]")
-    if not report.states and not report.missed:
+    if not report.states and not report.clicks and not report.missed:
         return
     if report.agrees:
         out.print(f"[green]Promised and measured agree within {100 * AGREEMENT:.0f} %.[/green]")
     else:
         out.print(f"[red]Promised and measured DISAGREE by more than {100 * AGREEMENT:.0f} %.[/red]")
+
+
+def _name(wanted: Wanted) -> str:
+    return f"{wanted.state} at {wanted.level_db:g} dB{' (click)' if wanted.is_click else ''}"
+
+
+def _clicks(report: DemoReport) -> Grid:
+    title = "clicks, promised/measured: what the firmware was sent, played from rest, standard fingers in touched zones"
+    grid = Grid(title=title, title_justify="left", box=SIMPLE, padding=(0, 1, 0, 0))
+    names = ("fingers", "played", "at finger\nm/s²", "\ndB", "sampled\ndB", "felt after\nms", "off\n%", "run*\ndB")
+    for name in names:
+        grid.add_column(name, no_wrap=True)
+    for click in report.clicks:
+        grid.add_row(*_click_cells(report, click))
+    grid.caption = (
+        "peak dB above the detection threshold; sampled: 95 % of sampled plants feel more, or less where quiet; "
+        "* greatest in the run, under its own fingers"
+    )
+    grid.caption_justify = "left"
+    return grid
+
+
+def _click_cells(report: DemoReport, found: ClickReport) -> tuple[str, ...]:
+    """A line for each finger, felt ones first."""
+    click, felt, quiet = found.click, found.felt_zones, found.zones_in(ZoneState.QUIET)
+    order = [*felt, *quiet]
+    promised = [zone for i in order if (zone := click.zones[i]) is not None]
+    sampled = [f"≥ {click.felt.low_db:.1f}", *[""] * (len(felt) - 1)]
+    if click.quiet is not None:
+        sampled += [f"≤ {click.quiet.high_db:.1f}", *[""] * (len(quiet) - 1)]
+    in_run = [(felt, found.felt_m_per_s2), (quiet, found.quiet_m_per_s2)]
+    levels = [found.level_db(zones[0], greatest) if zones else None for zones, greatest in in_run]
+    exceeds_s = click.exceeds_at_s()
+    return (
+        "\n".join(f"{report.device.zones[i].name} {click.states[i].name.lower()}" for i in order),
+        f"{1e3 * click.length_s:g} ms {100 * click.amplitude:.0f} %",
+        "\n".join(
+            f"{zone.acceleration_at_finger_m_per_s2:.2f}/{found.at_finger[i]:.2f}"
+            for zone, i in zip(promised, order, strict=True)
+        ),
+        "\n".join(f"{zone.level_db:.1f}" for zone in promised),
+        "\n".join(sampled),
+        "-" if exceeds_s is None else f"{1e3 * exceeds_s:.1f}",
+        f"{100 * found.disagreement:.2f}",
+        "\n".join(
+            line
+            for (zones, _), level_db in zip(in_run, levels, strict=True)
+            for line in ["-" if level_db is None else f"{level_db:.1f}", *[""] * len(zones)][: len(zones)]
+        ),
+    )
 
 
 def _states(report: DemoReport) -> Grid:

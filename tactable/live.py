@@ -53,6 +53,7 @@ class Live:
         self.digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
         entries = {level_db: table.entries_at(level_db) for level_db in effects.levels_db}
         clicks = {level_db: table.clicks_at(level_db) for level_db in effects.levels_db if effects.have_clicks}
+        self.wants_clicks = effects.have_clicks
         configuration = link_configuration(device, options.bit_rate_hz)
         self.latency = LatencyRecorder()
         self.capabilities = connect(Session(Link(configuration), port, clock.now_ns), clock)
@@ -76,6 +77,11 @@ class Live:
             trace=trace,
             latency=self.latency,
         )
+
+    @property
+    def clicks(self) -> int:
+        """How many clicks the device holds."""
+        return 0 if self.bank is None else len(self.bank.waveforms)
 
     @property
     def frames_sent(self) -> int:

@@ -8,21 +8,26 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from engine.click import ClickEntry
 from engine.device import Device
 from engine.zones import ZoneState
 from precompute.assembly import assemble
 from precompute.response import solve_response
-from tactable.demo import DemoReport, StateReport
-from tactable.rig import Felt
+from tactable.demo import DemoReport
+from tactable.demo_reports import ClickReport, StateReport
+from tactable.simulated_bar import Felt
 
 # Okabe and Ito's colours, told apart by the colour-blind.
 _BLUE, _ORANGE, _GREEN, _GREY = "#0072B2", "#D55E00", "#009E73", "#999999"
 _MOST_STATES = 6
+_SHOWN_S = 0.1
+_STYLES = ("-", "--", "-.")
 
 
 def draw_demo(report: DemoReport, path: Path) -> None:
     """Bar, touches and felt acceleration over time; then, for up to six states, promised and measured along the bar."""
-    states = report.states[:_MOST_STATES]
+    states: list[StateReport | ClickReport] = list(report.states)
+    states = [*states, *report.clicks][:_MOST_STATES]
     rows = 3 + (len(states) + 1) // 2
     figure = Figure(figsize=(10, 2.4 * rows), layout="constrained")
     grid = figure.add_gridspec(rows, 2)
@@ -33,7 +38,11 @@ def draw_demo(report: DemoReport, path: Path) -> None:
         _draw_felt(figure.add_subplot(grid[1, :], sharex=touches), report.felt)
         _draw_drive(figure.add_subplot(grid[2, :], sharex=touches), report.device, report.felt)
     for k, state in enumerate(states):
-        _draw_state(figure.add_subplot(grid[3 + k // 2, k % 2]), report.device, state, legend=k == 0)
+        axes = figure.add_subplot(grid[3 + k // 2, k % 2])
+        if isinstance(state, ClickReport):
+            _draw_click(axes, report.device, state)
+        else:
+            _draw_state(axes, report.device, state, legend=k == 0)
     figure.savefig(path, dpi=110)
 
 
@@ -106,6 +115,43 @@ def _draw_state(axes: Axes, device: Device, state: StateReport, *, legend: bool)
     axes.set_ylim(bottom=0)
     if legend:
         axes.legend(fontsize="x-small", loc="upper right", bbox_to_anchor=(1, 0.9))
+
+
+def _draw_click(axes: Axes, device: Device, found: ClickReport) -> None:
+    """Acceleration under each finger, the promised peaks as lines; the bases' displacements in grey."""
+    click, measured = found.click, found.measured
+    shown = measured.time_s <= _SHOWN_S
+    time_ms = 1e3 * measured.time_s[shown]
+    right = axes.twinx()
+    right.plot(time_ms, 100 * measured.drive[shown], color=_GREY, lw=0.6)
+    right.set(ylim=(-110, 110), ylabel="base (% of full scale)")
+    for column, zone in enumerate(found.touched_zones):
+        is_felt = click.states[zone] is ZoneState.FELT
+        colour, promise = (_ORANGE if is_felt else _BLUE), click.zones[zone]
+        assert promise is not None
+        label = f"{device.zones[zone].name} {'felt' if is_felt else 'quiet'}"
+        style = _STYLES[column % len(_STYLES)]
+        axes.plot(time_ms, measured.acceleration[shown, column], style, lw=1.2, color=colour, label=label)
+        peak = promise.acceleration_at_finger_m_per_s2
+        for sign in (-1, 1):
+            axes.axhline(sign * peak, color=colour, lw=0.8, ls=":")
+    title = f"{_click_fingers(device, click)}\nclick at {100 * click.amplitude:.0f} %; dotted: promised peaks"
+    axes.set_title(title, fontsize="small", loc="left")
+    axes.set(xlabel="time (ms)", ylabel="under the finger (m/s²)")
+    axes.margins(y=0.2)
+    axes.set_zorder(right.get_zorder() + 1)
+    axes.patch.set_visible(False)
+    axes.legend(fontsize="x-small", loc="upper right", ncols=2)
+
+
+def _click_fingers(device: Device, click: ClickEntry) -> str:
+    """Such as "III felt 20.0 dB, I quiet -4.2 dB"."""
+    return ", ".join(
+        f"{zone.name} {click.states[i].name.lower()} {promise.level_db:.1f} dB"
+        for kind in (ZoneState.FELT, ZoneState.QUIET)
+        for i, (zone, promise) in enumerate(zip(device.zones, click.zones, strict=True))
+        if promise is not None and click.states[i] is kind
+    )
 
 
 def _fingers(state: StateReport) -> str:

@@ -39,7 +39,7 @@ TouchOption = Annotated[
     typer.Option(metavar="DEVICE|RECORDING", help="A digitizer as `list` shows it, a recording, or `simulated`."),
 ]
 EffectsOption = Annotated[
-    Path | None, typer.Option("--effects", help="Which fingers feel what; default: 50 ms at 20 dB for every touch.")
+    Path | None, typer.Option("--effects", help="Which fingers feel what; default: a click at 20 dB for every touch.")
 ]
 NotAchievedOption = Annotated[
     WhenNotAchieved, typer.Option("--when-not-achieved", help="Where the bar cannot give the wanted level.")
@@ -147,6 +147,12 @@ def _announce(source: Source, port: SerialPort, live: Live, when_not_achieved: W
         for level_db, states in live.renderer.shortfalls.items():
             if states:
                 _note(f"{states} states do not reach {level_db:g} dB: they are played as strong as they get")
+        for level_db, clicks in live.renderer.click_shortfalls.items():
+            if clicks:
+                unfelt = "without being felt by quiet fingers: they are played as strong as they get"
+                _note(f"{clicks} of {live.clicks} clicks do not reach {level_db:g} dB {unfelt}")
+    if live.wants_clicks and not live.clicks:
+        _note("no clicks: the table has none, or the device plays no waveforms; steady drives take their place")
 
 
 def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
@@ -160,6 +166,7 @@ def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
         "touch_frames": counters.frames,
         "state_changes": counters.state_changes,
         "commands_sent": counters.commands,
+        "clicks_in_the_bank": live.clicks,
         "set_frames_on_the_wire": live.frames_sent,
         "unknown_states": live.renderer.unknown_states,
         "not_achieved_states": live.renderer.not_achieved_states,

@@ -9,20 +9,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.effects import Effect, Effects, Rule, Segment, Trigger
+from engine.effects import Effect, Effects, Rule, Segment, Trigger, burst
 from engine.entry import DEFAULT_LEVEL_DB, Entry
 from engine.sources.recording import read_recording
 from engine.table import Table, open_table
 from engine.zones import ZoneState
 from firmware_link.drive_log import Cause, DriveEvent
 from precompute.build import build_table
-from tactable.demo import AGREEMENT, StateReport, find_missed
-from tactable.rig import ENVELOPE_S, Measured, SimulatedBar, StateAndLevel, first_applied, play
+from precompute.click_options import ClickOptions
+from tactable.demo import find_missed
+from tactable.demo_reports import AGREEMENT, ClickReport, StateReport
+from tactable.rig import LiveRun, Wanted, first_applied, play, wanted_of
 from tactable.shipped import DEMO_RECORDING, find_device
+from tactable.simulated_bar import ENVELOPE_S, Measured, SimulatedBar
 from tests.engine.shared_recordings import recording_params
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 SHORTEST_S = 0.5
+CHEAP = ClickOptions(scenarios=8, trimmed=20, judged=20)
+BURSTS = Effects((Rule(Trigger.TOUCH, burst(DEFAULT_LEVEL_DB, 50)),))
 HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_DB),))),))
 
 
@@ -33,7 +38,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Table:
     text = device.text.replace('step = "1 Hz"', 'step = "8 Hz"')
     coarse = replace(device, sweep=replace(device.sweep, step_hz=8.0), text=text)
     path = tmp_path_factory.mktemp("table") / "bar.nc"
-    build_table(coarse, path, created="test")
+    build_table(coarse, path, created="test", clicks_up_to=2, click_options=CHEAP)
     return open_table(path, device=coarse)
 
 
@@ -43,15 +48,15 @@ class Bench:
     def __init__(self, table: Table) -> None:
         self.table = table
         self.bar = SimulatedBar(table.device)
-        self.known: dict[StateAndLevel, StateReport] = {}
+        self.known: dict[Wanted, StateReport] = {}
 
-    def report(self, key: StateAndLevel, event: DriveEvent) -> StateReport:
+    def report(self, wanted: Wanted, event: DriveEvent) -> StateReport:
         """What a state at a level does when the drive that the firmware got is held."""
-        if key not in self.known:
-            entry = self.table.entry_at(*key)
+        if wanted not in self.known:
+            entry = self.table.entry_at(wanted.state, wanted.level_db)
             assert entry is not None
-            self.known[key] = StateReport(entry, self.bar.measure_held(event, entry), 0.0, 0.0)
-        return self.known[key]
+            self.known[wanted] = StateReport(entry, self.bar.measure_held(event, entry), 0.0, 0.0)
+        return self.known[wanted]
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +68,7 @@ def bench(table: Table) -> Bench:
 def test_a_real_recording_renders_what_was_promised(path: Path, table: Table, bench: Bench) -> None:
     recording = read_recording(path)
     duration_s = recording.reports[-1].time_s - recording.reports[0].time_s if recording.reports else 0.0
-    run = play(table, recording, max(1.0, duration_s / SHORTEST_S))
+    run = play(table, recording, max(1.0, duration_s / SHORTEST_S), BURSTS)
     assert run.counters.reports == len(recording.reports)
     for key, event in first_applied(run).items():
         assert bench.report(key, event).disagreement <= AGREEMENT
@@ -72,7 +77,7 @@ def test_a_real_recording_renders_what_was_promised(path: Path, table: Table, be
 def test_every_finger_of_the_demo_touches_is_promised_what_it_gets(table: Table, bench: Bench) -> None:
     """Fingers that feel as long as they touch, so that many states are rendered; quiet ones by a second rule."""
     quiet_in_the_middle = Rule(Trigger.TOUCH, Effect("nothing", (Segment(None, None),)), zones=frozenset({2}))
-    applied = dict[StateAndLevel, DriveEvent]()
+    applied = dict[Wanted, DriveEvent]()
     for effects in (HELD, Effects((quiet_in_the_middle, *HELD.rules))):
         applied |= first_applied(play(table, read_recording(DEMO_RECORDING), 10.0, effects))
     reports = [bench.report(key, event) for key, event in applied.items()]
@@ -89,12 +94,14 @@ def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path) -> None:
     assert report["agrees"]
     assert report["simulated"]
     assert report["touch_frames"] == 692
-    rendered = {(tuple(state["felt"]), tuple(state["quiet"])) for state in report["states"]}
+    rendered = {(tuple(click["felt"]), tuple(click["quiet"])) for click in report["clicks"]}
     alone = {(("I",), ()), (("III",), ()), (("II", "IV"), ())}
-    # A machine that stalls while a burst of 50 ms lasts does not render it, and says so.
+    # A machine that stalls while a click lasts does not render it, and says so.
     assert rendered <= {*alone, (("III",), ("I",)), (("V",), ("I", "III"))}
-    assert len(rendered) + len(report["states_not_rendered"]) == 5
-    assert {state["wanted_level_db"] for state in report["states"]} == {20.0}
+    # The table of the demo has clicks for two fingers: the third gets a steady drive.
+    assert len(report["states"]) <= 1
+    assert len(rendered) + len(report["states"]) + len(report["states_not_rendered"]) == 5
+    assert {click["wanted_level_db"] for click in report["clicks"]} == {20.0}
     assert report["commands_applied"] + report["commands_late"] == report["commands_sent"] > 0
     assert (tmp_path / "demo.png").stat().st_size > 10_000
 
@@ -102,23 +109,23 @@ def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize("faults", ["stall=0.06s/0.2s", "delay=30ms,jitter=30ms", "stall=0.3s/0.9s"])
 def test_a_run_over_a_line_that_stalls_breaks_no_promise(table: Table, faults: str) -> None:
     """The firmware refuses what comes late, and whatever it takes is what the table has for the state."""
-    run = play(table, read_recording(DEMO_RECORDING), 4.0, faults=faults)
+    run = play(table, read_recording(DEMO_RECORDING), 4.0, BURSTS, faults=faults)
     applied = first_applied(run)
-    for (state, level_db), event in applied.items():
-        entry = table.entry_at(state, level_db)
+    for key, event in applied.items():
+        entry = table.entry_at(key.state, key.level_db)
         assert entry is not None
         drives = [(channel.frequency_hz, channel.amplitude) for channel in event.channels if channel.amplitude]
-        wanted = [(hz, amplitude) for hz, amplitude in zip(entry.frequencies_hz, entry.amplitudes, strict=True)]
-        assert drives == [pytest.approx(drive, abs=5e-3) for drive in wanted if drive[1] > 1e-4]
+        tones = zip(entry.frequencies_hz, entry.amplitudes, strict=True)
+        assert drives == [pytest.approx(tone, abs=5e-3) for tone in tones if tone[1] > 1e-4]
     missed, not_rendered = find_missed(table, run, applied)
     assert missed == ()
     assert run.log.faults["to_device.delayed"] > 0 or "delay=" in faults
-    felt = {(change.state, change.level_db) for change in run.trace if change.level_db is not None}
+    felt = {wanted for change in run.trace if (wanted := wanted_of(change)) is not None}
     assert felt == {*applied, *not_rendered}
 
 
 def test_a_command_that_the_firmware_took_and_did_not_drive_is_missed(table: Table) -> None:
-    run = play(table, read_recording(DEMO_RECORDING), 4.0)
+    run = play(table, read_recording(DEMO_RECORDING), 4.0, BURSTS)
     key = next(iter(first_applied(run)))
     silent = tuple(event for event in run.log.events if event.cause is not Cause.SET)
     deaf = replace(run, log=replace(run.log, events=silent))
@@ -130,8 +137,8 @@ def test_a_command_that_the_firmware_took_and_did_not_drive_is_missed(table: Tab
 @pytest.fixture(scope="module")
 def rendered(table: Table) -> tuple[Entry, DriveEvent]:
     """A state with a felt and a quiet finger, and the event that it caused in the firmware."""
-    applied = first_applied(play(table, read_recording(DEMO_RECORDING), 3.0))
-    entries = {key: table.entry_at(*key) for key in applied}
+    applied = first_applied(play(table, read_recording(DEMO_RECORDING), 3.0, BURSTS))
+    entries = {key: table.entry_at(key.state, key.level_db) for key in applied}
     key, entry = next((k, e) for k, e in entries.items() if e is not None and ZoneState.QUIET in e.states)
     return entry, applied[key]
 
@@ -178,12 +185,67 @@ def test_the_level_in_the_run_is_the_promised_one_where_the_acceleration_is(tabl
 
 
 def test_fingers_are_told_apart_by_what_they_are_to_feel(table: Table, bench: Bench) -> None:
-    run = play(table, read_recording(DEMO_RECORDING), 2.0)
+    run = play(table, read_recording(DEMO_RECORDING), 2.0, BURSTS)
     felt = bench.bar.feel(run, 13.0)
     starts_s = [(change.time_ns - run.trace[0].time_ns) / 1e9 for change in run.trace]
+    rings_until_s = 0.0
     for change, start_s, stop_s in zip(run.trace, starts_s, starts_s[1:], strict=False):
-        during = (felt.time_s >= start_s) & (felt.time_s + ENVELOPE_S <= stop_s)
+        during = (felt.time_s >= max(start_s, rings_until_s)) & (felt.time_s + ENVELOPE_S <= stop_s)
         if change.level_db is None:
             assert not felt.felt[during].any()
-        elif during.any():
-            assert felt.felt[during].max() > 0
+        else:
+            rings_until_s = stop_s + 0.2 + ENVELOPE_S
+            assert not during.any() or felt.felt[during].max() > 0
+
+
+@pytest.fixture(scope="module")
+def clicked(table: Table) -> tuple[LiveRun, dict[Wanted, DriveEvent]]:
+    """The demo's touches with a click for each."""
+    run = play(table, read_recording(DEMO_RECORDING), 3.0)
+    return run, {wanted: event for wanted, event in first_applied(run).items() if event.waveform is not None}
+
+
+def click_report(table: Table, bar: SimulatedBar, run: LiveRun, wanted: Wanted, event: DriveEvent) -> ClickReport:
+    click = table.click_at(wanted.state, wanted.level_db)
+    assert click is not None
+    return ClickReport(click, bar.measure_click(event, click.states, run.log.banks), 0.0, 0.0)
+
+
+def test_every_click_of_the_demo_does_what_was_promised(
+    table: Table, bench: Bench, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
+) -> None:
+    run, applied = clicked
+    assert applied
+    assert all(wanted.is_click for wanted in applied)
+    for wanted, event in applied.items():
+        report = click_report(table, bench.bar, run, wanted, event)
+        assert report.disagreement <= AGREEMENT
+        felt = report.felt_zones[0]
+        promise = report.click.zones[felt]
+        assert promise is not None
+        at_promise = report.level_db(felt, promise.acceleration_at_finger_m_per_s2)
+        assert at_promise == pytest.approx(promise.level_db)
+
+
+def test_a_broken_promise_of_a_click_is_found(
+    table: Table, bench: Bench, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
+) -> None:
+    run, applied = clicked
+    (wanted, event), *_ = applied.items()
+    assert event.waveform is not None
+    louder = replace(event, waveform=replace(event.waveform, amplitude=1.03 * event.waveform.amplitude))
+    assert click_report(table, bench.bar, run, wanted, louder).disagreement > AGREEMENT
+    other = replace(event, waveform=replace(event.waveform, index=event.waveform.index + 1))
+    assert click_report(table, bench.bar, run, wanted, other).disagreement > AGREEMENT
+
+
+def test_what_rings_down_counts_as_felt_by_the_finger_that_felt_it(
+    bench: Bench, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
+) -> None:
+    run, _ = clicked
+    first = next(change for change in run.trace if change.is_click)
+    felt = bench.bar.feel(run, 13.0)
+    start_s = (first.time_ns - run.trace[0].time_ns) / 1e9
+    ringing = (felt.time_s >= start_s + 0.03) & (felt.time_s < start_s + 0.15)
+    assert felt.felt[ringing].max() > 0
+    assert not felt.quiet[ringing].any()
