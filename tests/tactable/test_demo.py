@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from engine.device_file import read_device
 from engine.effects import Effect, Effects, Rule, Segment, Trigger, burst
 from engine.entry import DEFAULT_LEVEL_DB, Entry
 from engine.sources.recording import read_recording
@@ -33,13 +34,13 @@ HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_
 
 @pytest.fixture(scope="module")
 def table(tmp_path_factory: pytest.TempPathFactory) -> Table:
-    """reference-a on a coarse sweep: its entries are searched on their own refined grid."""
-    device = find_device("reference-a")
-    text = device.text.replace('step = "1 Hz"', 'step = "8 Hz"')
-    coarse = replace(device, sweep=replace(device.sweep, step_hz=8.0), text=text)
-    path = tmp_path_factory.mktemp("table") / "bar.nc"
-    build_table(coarse, path, created="test", clicks_up_to=2, click_options=CHEAP)
-    return open_table(path, device=coarse)
+    """reference-a on a coarse sweep, beside its description: its entries are searched on their own refined grid."""
+    folder = tmp_path_factory.mktemp("table")
+    text = find_device("reference-a").text.replace('step = "1 Hz"', 'step = "8 Hz"')
+    (folder / "bar.toml").write_text(text, encoding="utf-8")
+    coarse = read_device(folder / "bar.toml")
+    build_table(coarse, folder / "bar.nc", created="test", clicks_up_to=2, click_options=CHEAP)
+    return open_table(folder / "bar.nc", device=coarse)
 
 
 class Bench:
@@ -86,8 +87,9 @@ def test_every_finger_of_the_demo_touches_is_promised_what_it_gets(table: Table,
     assert max(report.disagreement for report in reports) <= AGREEMENT
 
 
-def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path) -> None:
-    words = ["demo", "--json", "--figure", "demo.png", "--table", "a.nc", "--recording", str(DEMO_RECORDING)]
+def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> None:
+    built = ["--device", str(table.path.with_name("bar.toml")), "--table", str(table.path)]
+    words = ["demo", "--json", "--figure", "demo.png", "--recording", str(DEMO_RECORDING), *built]
     done = subprocess.run([TACTABLE, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr + done.stdout
     report = json.loads(done.stdout)
