@@ -12,7 +12,7 @@
 #define SYNTHESIS_RATE_HZ 8000u
 #define BOARD 1u
 #define ACTUATORS 2u
-#define BANK_SIZE 65536u
+#define BANK_SIZE 262144u
 #define FULL_SCALE_PM 520000u
 
 /* CMSDK UARTs: bits of STATE and CTRL. */
