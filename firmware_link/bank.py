@@ -114,27 +114,35 @@ def _check_waveform(index: int, waveform: Samples) -> None:
 
 
 class BankStore:
-    """A device's memory for one bank, and the transfer that fills it; a copy of a step changes nothing."""
+    """A device's memory: the bank that is held and, where there is room, the next one in transfer.
+
+    A copy of a step changes nothing.
+    """
 
     def __init__(self, capacity_bytes: int, longest_waveform_ms: int, number_of_actuators: int) -> None:
         self.bank: Bank | None = None
         self.held_hash = 0
+        self._held_at = self._held_size = self._transfer_at = 0
         self._capacity_bytes = capacity_bytes
         self._longest_waveform_us = longest_waveform_ms * US_PER_MS
         self._number_of_actuators = number_of_actuators
         self._transfer: BankBegin | None = None
         self._taken = bytearray()
 
-    def begin(self, begin: BankBegin) -> Result:
-        """Forget the bank that is held and wait for another."""
+    def begin(self, begin: BankBegin, may_forget: bool) -> Result:
+        """Wait for another bank; without room for both, forget the one that is held if that may be."""
         if begin == self._transfer:
             return Result.OK
         if not begin.bank_hash:
             return Result.OUT_OF_RANGE
         if begin.size_bytes > self._capacity_bytes:
             return Result.NO_ROOM
-        self.bank, self.held_hash = None, 0
-        self._transfer = begin
+        room_at = self._room_at(begin.size_bytes)
+        if room_at is None:
+            if not may_forget:
+                return Result.NO_ROOM
+            self.bank, self.held_hash, room_at = None, 0, 0
+        self._transfer, self._transfer_at = begin, room_at
         self._taken.clear()
         return Result.OK
 
@@ -165,7 +173,15 @@ class BankStore:
         if max(map(bank.length_us, range(len(bank.waveforms)))) > self._longest_waveform_us:
             return Result.OUT_OF_RANGE
         self.bank, self.held_hash = bank, commit.bank_hash
+        self._held_at, self._held_size = self._transfer_at, transfer.size_bytes
         return Result.OK
+
+    def _room_at(self, size_bytes: int) -> int | None:
+        """Where a bank goes in the memory, beside the one that is held: before it or else behind."""
+        if not self.held_hash or size_bytes <= self._held_at:
+            return 0
+        behind = self._held_at + self._held_size
+        return behind if size_bytes <= self._capacity_bytes - behind else None
 
     def end_transfer(self) -> None:
         """Forget an unfinished transfer; the bank that is held stays."""

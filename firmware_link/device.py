@@ -279,9 +279,10 @@ class EmulatedFirmware:
         return Outcome.ACCEPTED
 
     def _keep(self, message: Shape | BankBegin | BankChunk | BankCommit, sequence: int) -> Outcome:
-        """What the device remembers: only while it is idle."""
+        """What the device remembers: shapes only while it is idle."""
         held_hash = self._store.held_hash
-        result = self._take(message) if self.state is DeviceState.IDLE else Result.WRONG_STATE
+        only_idle = isinstance(message, Shape) and self.state is not DeviceState.IDLE
+        result = Result.WRONG_STATE if only_idle or self.state is DeviceState.LATCHED else self._take(message)
         outcome = self._acknowledge(message, sequence, result)
         if self._store.bank is not None and self._store.held_hash != held_hash:
             self.banks[self._store.held_hash] = self._store.bank
@@ -293,7 +294,7 @@ class EmulatedFirmware:
             case Shape():
                 return self._shapes.define(message)
             case BankBegin():
-                return self._store.begin(message)
+                return self._store.begin(message, may_forget=self.state is DeviceState.IDLE)
             case BankChunk():
                 return self._store.take(message)
             case BankCommit():

@@ -640,12 +640,54 @@ def law_a_bank_that_makes_no_sense_is_refused(tier: Tier) -> None:
         assert host.ask(commit) is Result.OUT_OF_RANGE
 
 
-def law_an_armed_device_takes_no_bank(tier: Tier) -> None:
-    host = Host(tier).ready()
+def law_an_armed_device_plays_its_bank_until_the_next_is_whole(tier: Tier) -> None:
+    host = with_bank(tier)
+    other = make_bank(SAMPLE_RATE_HZ, [hump(0.2, 0.8), hump(0.4, 0.4)])
     assert host.hello is not None
+    *steps, commit = transfer_messages(encode_bank(other, host.hello.number_of_actuators))
+    half = len(steps) // 2
+    for message in steps[:half]:
+        assert host.ask(message) is Result.OK
+    started = host.play(0, 0.5)
+    ended = host.status(lambda status: status.state is DeviceState.ARMED)
+    peaks = tier.peaks(started.applied_time_us, ended.device_time_us)
+    assert abs(peaks[0] - 0.5) < 0.01
+    for message in (*steps[half:], commit, commit):
+        assert host.ask(message) is Result.OK
+    started = host.play(0)
+    ended = host.status(lambda status: status.state is DeviceState.ARMED)
+    peaks = tier.peaks(started.applied_time_us, ended.device_time_us)
+    assert abs(peaks[0] - 0.2) < 0.01
+    assert abs(peaks[1] - 0.8) < 0.01
+
+
+def law_a_latched_device_takes_no_bank(tier: Tier) -> None:
+    host = with_bank(tier)
+    assert host.hello is not None
+    assert host.ask(Stop()) is Result.OK
     begin, chunk, *_, commit = transfer_messages(encode_bank(BANK, host.hello.number_of_actuators))
     for message in (begin, chunk, commit):
         assert host.ask(message) is Result.WRONG_STATE
+
+
+def law_a_bank_that_fails_leaves_the_one_that_is_held(tier: Tier) -> None:
+    host = Host(tier)
+    host.greet()
+    bank_hash = host.hand_over(BANK)
+    assert host.ask(BankBegin(5, 100)) is Result.OK
+    assert host.ask(BankCommit(5)) is Result.WRONG_HASH
+    assert host.greet().held_bank_hash == bank_hash
+
+
+def law_without_room_for_both_an_armed_device_keeps_its_bank_and_an_idle_one_forgets_it(tier: Tier) -> None:
+    host = Host(tier)
+    capacity = host.greet().bank_capacity_bytes
+    bank_hash = host.hand_over(BANK)
+    host.ready()
+    assert host.ask(BankBegin(7, capacity)) is Result.NO_ROOM
+    assert host.greet().held_bank_hash == bank_hash
+    assert host.ask(BankBegin(7, capacity)) is Result.OK
+    assert host.greet().held_bank_hash == 0
 
 
 def law_a_waveform_ends_by_itself(tier: Tier) -> None:

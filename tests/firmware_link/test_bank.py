@@ -39,7 +39,7 @@ def transfer(store: BankStore, *steps: BankBegin | BankChunk | BankCommit) -> li
     for step in steps:
         match step:
             case BankBegin():
-                results.append(store.begin(step))
+                results.append(store.begin(step, may_forget=True))
             case BankChunk():
                 results.append(store.take(step))
             case BankCommit():
@@ -145,3 +145,29 @@ def test_chunks_out_of_order_are_refused() -> None:
     )
     assert transfer(store, *steps) == [Result.OK, Result.OK, Result.OUT_OF_RANGE, Result.OUT_OF_RANGE, Result.OK]
     assert transfer(store, BankChunk(384, chunk), BankChunk(576, chunk)) == [Result.OK, Result.OUT_OF_RANGE]
+
+
+@given(st.lists(st.tuples(st.integers(1, 9), st.booleans()), min_size=1, max_size=12))
+def test_a_bank_in_transfer_never_lies_on_the_one_that_is_held(steps: list[tuple[int, bool]]) -> None:
+    """Banks of a few hundred bytes in a memory for three of the smallest; as if they lay in one run of bytes."""
+    small = encode_bank(make_bank(1000, [np.zeros((20, 1))]), 1)
+    store = BankStore(3 * len(small), 1000, 1)
+    for size, may_forget in steps:
+        data = encode_bank(make_bank(1000, [np.zeros((4 * size + 2, 1))]), 1)
+        begin, *rest = transfer_messages(data)
+        assert isinstance(begin, BankBegin)
+        before = (store.held_hash, store._held_at, store._held_size)
+        result = store.begin(begin, may_forget)
+        held, held_at, held_size = before
+        fits_beside = not held or len(data) <= held_at or len(data) <= 3 * len(small) - held_at - held_size
+        if result is not Result.OK:
+            assert len(data) > 3 * len(small) or (not may_forget and not fits_beside)
+            continue
+        assert (store.held_hash == held) == fits_beside or not held
+        if store.held_hash:
+            start, stop = store._transfer_at, store._transfer_at + len(data)
+            assert stop <= held_at or start >= held_at + held_size
+            assert stop <= 3 * len(small)
+        for message in rest:
+            assert (store.take(message) if isinstance(message, BankChunk) else store.commit(message)) is Result.OK  # type: ignore[arg-type]  # begin came first
+        assert store.held_hash == hash_of_bank(data)

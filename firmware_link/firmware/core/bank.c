@@ -12,19 +12,19 @@
 /* A hash of 0 means that no bank is held. */
 #define HASH_INSTEAD_OF_0 1u
 
-static uint16_t sample_rate_hz(const struct bank *bank)
+static uint16_t sample_rate_hz(const uint8_t *bytes)
 {
-    return get_u16(bank->bytes);
+    return get_u16(bytes);
 }
 
-static uint16_t number_of_waveforms(const struct bank *bank)
+static uint16_t number_of_waveforms(const uint8_t *bytes)
 {
-    return get_u16(bank->bytes + 2);
+    return get_u16(bytes + 2);
 }
 
-static uint16_t number_of_samples(const struct bank *bank, uint16_t index)
+static uint16_t number_of_samples(const uint8_t *bytes, uint16_t index)
 {
-    return get_u16(bank->bytes + HEAD_SIZE + LENGTH_SIZE * index);
+    return get_u16(bytes + HEAD_SIZE + LENGTH_SIZE * index);
 }
 
 static uint32_t length_us(uint16_t samples, uint16_t rate_hz)
@@ -43,26 +43,28 @@ static bool is_zero(const uint8_t *bytes, size_t length)
 }
 
 /* Whether all waveforms are within bounds, begin and end at 0, and fill the bytes exactly. */
-static bool is_valid(const struct bank *bank, uint32_t size)
+static bool is_valid(const struct bank *bank)
 {
-    if (size < HEAD_SIZE || sample_rate_hz(bank) == 0 || number_of_waveforms(bank) == 0) {
+    const uint8_t *bytes = bank->bytes + bank->transfer_at;
+    const uint32_t size = bank->taken;
+    if (size < HEAD_SIZE || sample_rate_hz(bytes) == 0 || number_of_waveforms(bytes) == 0) {
         return false;
     }
     const uint32_t instant_size = SAMPLE_SIZE * bank->number_of_actuators;
-    uint32_t at = HEAD_SIZE + LENGTH_SIZE * number_of_waveforms(bank);
+    uint32_t at = HEAD_SIZE + LENGTH_SIZE * number_of_waveforms(bytes);
     if (size < at) {
         return false;
     }
-    for (uint16_t i = 0; i < number_of_waveforms(bank); i++) {
-        const uint16_t samples = number_of_samples(bank, i);
+    for (uint16_t i = 0; i < number_of_waveforms(bytes); i++) {
+        const uint16_t samples = number_of_samples(bytes, i);
         if (samples < SHORTEST_WAVEFORM || (size - at) / instant_size < samples) {
             return false;
         }
         const uint32_t last = at + (samples - 1u) * instant_size;
-        if (!is_zero(bank->bytes + at, instant_size) || !is_zero(bank->bytes + last, instant_size)) {
+        if (!is_zero(bytes + at, instant_size) || !is_zero(bytes + last, instant_size)) {
             return false;
         }
-        if (length_us(samples, sample_rate_hz(bank)) > bank->longest_waveform_us) {
+        if (length_us(samples, sample_rate_hz(bytes)) > bank->longest_waveform_us) {
             return false;
         }
         at = last + instant_size;
@@ -70,7 +72,18 @@ static bool is_valid(const struct bank *bank, uint32_t size)
     return at == size;
 }
 
-enum tactable_result bank_begin(struct bank *bank, const struct tactable_bank_begin *message)
+/* Where a bank of this size goes beside the one that is held; false where there is no room. */
+static bool find_room(struct bank *bank, uint32_t size)
+{
+    if (bank->held_hash == 0 || size <= bank->held_at) {
+        bank->transfer_at = 0;
+        return true;
+    }
+    bank->transfer_at = bank->held_at + bank->held_size;
+    return size <= bank->capacity_bytes - bank->transfer_at;
+}
+
+enum tactable_result bank_begin(struct bank *bank, const struct tactable_bank_begin *message, bool may_forget)
 {
     if (bank->is_transferring && message->bank_hash == bank->transfer_hash && message->size_bytes == bank->transfer_size) {
         return TACTABLE_RESULT_OK;
@@ -81,7 +94,13 @@ enum tactable_result bank_begin(struct bank *bank, const struct tactable_bank_be
     if (message->size_bytes > bank->capacity_bytes) {
         return TACTABLE_RESULT_NO_ROOM;
     }
-    bank->held_hash = 0;
+    if (!find_room(bank, message->size_bytes)) {
+        if (!may_forget) {
+            return TACTABLE_RESULT_NO_ROOM;
+        }
+        bank->held_hash = 0;
+        bank->transfer_at = 0;
+    }
     bank->is_transferring = true;
     bank->transfer_hash = message->bank_hash;
     bank->transfer_size = message->size_bytes;
@@ -103,7 +122,7 @@ enum tactable_result bank_take(struct bank *bank, const struct tactable_bank_chu
     }
     const uint32_t rest = bank->transfer_size - offset;
     const uint32_t size = rest < TACTABLE_BANK_CHUNK_SIZE ? rest : TACTABLE_BANK_CHUNK_SIZE;
-    memcpy(bank->bytes + offset, message->data, size);
+    memcpy(bank->bytes + bank->transfer_at + offset, message->data, size);
     bank->taken += size;
     return TACTABLE_RESULT_OK;
 }
@@ -118,14 +137,16 @@ enum tactable_result bank_commit(struct bank *bank, const struct tactable_bank_c
     if (bank->taken != bank->transfer_size || message->bank_hash != bank->transfer_hash) {
         return TACTABLE_RESULT_WRONG_HASH;
     }
-    const uint32_t crc = crc32_of(bank->bytes, bank->taken, 0);
+    const uint32_t crc = crc32_of(bank->bytes + bank->transfer_at, bank->taken, 0);
     if (message->bank_hash != (crc != 0 ? crc : HASH_INSTEAD_OF_0)) {
         return TACTABLE_RESULT_WRONG_HASH;
     }
-    if (!is_valid(bank, bank->taken)) {
+    if (!is_valid(bank)) {
         return TACTABLE_RESULT_OUT_OF_RANGE;
     }
     bank->held_hash = message->bank_hash;
+    bank->held_at = bank->transfer_at;
+    bank->held_size = bank->transfer_size;
     return TACTABLE_RESULT_OK;
 }
 
@@ -136,17 +157,18 @@ void bank_end_transfer(struct bank *bank)
 
 bool bank_waveform(const struct bank *bank, uint16_t index, struct waveform *waveform)
 {
-    if (bank->held_hash == 0 || index >= number_of_waveforms(bank)) {
+    const uint8_t *bytes = bank->bytes + bank->held_at;
+    if (bank->held_hash == 0 || index >= number_of_waveforms(bytes)) {
         return false;
     }
     const uint32_t instant_size = SAMPLE_SIZE * bank->number_of_actuators;
-    const uint8_t *samples = bank->bytes + HEAD_SIZE + LENGTH_SIZE * number_of_waveforms(bank);
+    const uint8_t *samples = bytes + HEAD_SIZE + LENGTH_SIZE * number_of_waveforms(bytes);
     for (uint16_t i = 0; i < index; i++) {
-        samples += (size_t)number_of_samples(bank, i) * instant_size;
+        samples += (size_t)number_of_samples(bytes, i) * instant_size;
     }
     waveform->samples = samples;
-    waveform->number_of_samples = number_of_samples(bank, index);
-    waveform->sample_rate_hz = sample_rate_hz(bank);
+    waveform->number_of_samples = number_of_samples(bytes, index);
+    waveform->sample_rate_hz = sample_rate_hz(bytes);
     waveform->length_us = length_us(waveform->number_of_samples, waveform->sample_rate_hz);
     return true;
 }

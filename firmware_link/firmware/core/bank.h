@@ -1,4 +1,5 @@
-/* A memory for one bank of waveforms, and the transfer that fills it; a copy of a step changes nothing.
+/* A memory for banks of waveforms: the one that is held and, where there is room, the next one in transfer; a copy of a
+ * step changes nothing.
  *
  * Bytes: `sample_rate_hz u16, waveforms u16`, `samples u16` of each, then the int16 samples of all actuators together.
  */
@@ -16,7 +17,10 @@ struct bank {
     uint32_t capacity_bytes;
     uint32_t longest_waveform_us;
     uint32_t held_hash; /* 0: none */
+    uint32_t held_at;   /* where it begins */
+    uint32_t held_size;
     bool is_transferring;
+    uint32_t transfer_at;
     uint32_t transfer_hash;
     uint32_t transfer_size;
     uint32_t taken; /* bytes of the transfer so far */
@@ -31,7 +35,8 @@ struct waveform {
     uint16_t sample_rate_hz;
 };
 
-enum tactable_result bank_begin(struct bank *bank, const struct tactable_bank_begin *message);
+/* Without room for both, the bank that is held is forgotten if it may be. The transfer's bytes are not touched yet. */
+enum tactable_result bank_begin(struct bank *bank, const struct tactable_bank_begin *message, bool may_forget);
 enum tactable_result bank_take(struct bank *bank, const struct tactable_bank_chunk *message);
 enum tactable_result bank_commit(struct bank *bank, const struct tactable_bank_commit *message);
 

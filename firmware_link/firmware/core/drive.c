@@ -181,9 +181,10 @@ void drive_step_onset(struct tactable_device *device)
     release_samples(device);
 }
 
-void drive_release_bank(struct tactable_device *device)
+void drive_release_transfer(struct tactable_device *device)
 {
     hold_samples(device);
-    synthesis_release_bank(&device->synthesis);
+    const uint8_t *first = device->bank.bytes + device->bank.transfer_at;
+    synthesis_release(&device->synthesis, first, first + device->bank.transfer_size);
     release_samples(device);
 }

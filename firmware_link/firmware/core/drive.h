@@ -18,7 +18,7 @@ void drive_silence(struct tactable_device *device);
 /* The onset goes on. */
 void drive_step_onset(struct tactable_device *device);
 
-/* The bank is about to change under a waveform that may still fade. */
-void drive_release_bank(struct tactable_device *device);
+/* The bytes of the transfer are about to change, under a waveform of an earlier bank that may still sound. */
+void drive_release_transfer(struct tactable_device *device);
 
 #endif

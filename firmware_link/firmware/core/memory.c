@@ -13,8 +13,12 @@ static enum tactable_result begin_bank(struct tactable_device *device, const uin
 {
     struct tactable_bank_begin message;
     tactable_read_bank_begin(body, &message);
-    drive_release_bank(device);
-    return bank_begin(&device->bank, &message);
+    const bool is_idle = device->state == TACTABLE_DEVICE_STATE_IDLE;
+    const enum tactable_result result = bank_begin(&device->bank, &message, is_idle);
+    if (result == TACTABLE_RESULT_OK) {
+        drive_release_transfer(device);
+    }
+    return result;
 }
 
 static enum tactable_result take_chunk(struct tactable_device *device, const uint8_t *body)
@@ -31,10 +35,11 @@ static enum tactable_result commit_bank(struct tactable_device *device, const ui
     return bank_commit(&device->bank, &message);
 }
 
-/* What the device remembers. */
+/* What the device remembers: shapes only while it is idle. */
 static enum tactable_result keep(struct tactable_device *device, const uint8_t *body)
 {
-    if (device->state != TACTABLE_DEVICE_STATE_IDLE) {
+    const bool is_idle = device->state == TACTABLE_DEVICE_STATE_IDLE;
+    if (device->state == TACTABLE_DEVICE_STATE_LATCHED || (body[0] == TACTABLE_SHAPE_TYPE && !is_idle)) {
         return TACTABLE_RESULT_WRONG_STATE;
     }
     switch (body[0]) {

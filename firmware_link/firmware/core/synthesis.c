@@ -104,10 +104,14 @@ void synthesis_fade_waveforms(struct synthesis *synthesis)
     }
 }
 
-void synthesis_release_bank(struct synthesis *synthesis)
+void synthesis_release(struct synthesis *synthesis, const uint8_t *first, const uint8_t *end)
 {
     for (uint8_t i = 0; i < SYNTHESIS_VOICES; i++) {
-        voice_freeze(&synthesis->voices[i], synthesis->number_of_actuators);
+        struct voice *voice = &synthesis->voices[i];
+        if (voice->is_sounding && voice->samples >= first && voice->samples < end) {
+            voice_freeze(voice, synthesis->number_of_actuators);
+            voice->is_fading = true;
+        }
     }
 }
 

@@ -69,8 +69,8 @@ void synthesis_play(struct synthesis *synthesis, const struct waveform *waveform
 /* Lets all waveforms fade. */
 void synthesis_fade_waveforms(struct synthesis *synthesis);
 
-/* The bank is about to change: what still fades holds its displacement instead of reading on. */
-void synthesis_release_bank(struct synthesis *synthesis);
+/* These bytes are about to change: what reads them holds its displacement instead of reading on, and fades. */
+void synthesis_release(struct synthesis *synthesis, const uint8_t *first, const uint8_t *end);
 
 /* Whether nothing sounds. */
 bool synthesis_is_silent(const struct synthesis *synthesis);
