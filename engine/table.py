@@ -15,10 +15,11 @@ from engine.device import Device
 from engine.device_file import parse_device
 from engine.entry import DEFAULT_LEVEL_DB, Entry, played_at
 from engine.entry_group import read_entries
-from engine.table_file import FORMAT, FORMAT_REVISION, TableError, Values, check_bytes
+from engine.table_error import TableError
+from engine.table_file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes
 from engine.zones import ZoneState, state_index
 
-__all__ = ["Table", "TableError", "open_table"]
+__all__ = ["Table", "TableError", "open_table", "states_of"]
 
 
 class Table:
@@ -51,6 +52,12 @@ class Table:
         """Close the file; entries and device stay usable."""
         self._file.close()
 
+    def copy_groups(self, writer: TableWriter, groups: Sequence[str]) -> None:
+        """Write those of these groups that the table has into another one."""
+        for group in groups:
+            if group in self._file.groups:
+                writer.copy(group, self._file.groups[group])
+
     def values(self, group: str, name: str) -> Values:
         """One whole array by its group and name, such as "responses" and "frequency"."""
         return np.asarray(self._file.groups[group].variables[name][...])
@@ -70,16 +77,8 @@ class Table:
         return entry
 
     def states_of(self, felt: Sequence[str], quiet: Sequence[str]) -> tuple[ZoneState, ...]:
-        """State of every zone; raises DeviceError for an unknown zone, TableError for one that is both."""
-        states = [ZoneState.FREE] * len(self.device.zones)
-        for name in quiet:
-            states[self.device.zone_index(name)] = ZoneState.QUIET
-        for name in felt:
-            zone = self.device.zone_index(name)
-            if states[zone] is ZoneState.QUIET:
-                raise TableError(f"zone {name} can't be felt and quiet: name it once")
-            states[zone] = ZoneState.FELT
-        return tuple(states)
+        """As the function `states_of` for the table's device."""
+        return states_of(self.device, felt, quiet)
 
     def entry_at(self, state: int, level_db: float) -> Entry | None:
         """Entry of a state (engine.zones.state_index) at a level, None where there is none."""
@@ -141,6 +140,19 @@ class Table:
             raise TableError(f"{self.path}: there is no actuator pair {pair}; there are {stored.shape[0]}")
         values = np.stack([np.asarray(stored[pair, :, :, :, zone]) for zone in indices])
         return np.moveaxis(combine(values, axis=0), -1, 1)
+
+
+def states_of(device: Device, felt: Sequence[str], quiet: Sequence[str]) -> tuple[ZoneState, ...]:
+    """State of every zone; raises DeviceError for an unknown zone, TableError for one that is both."""
+    states = [ZoneState.FREE] * len(device.zones)
+    for name in quiet:
+        states[device.zone_index(name)] = ZoneState.QUIET
+    for name in felt:
+        zone = device.zone_index(name)
+        if states[zone] is ZoneState.QUIET:
+            raise TableError(f"zone {name} can't be felt and quiet: name it once")
+        states[zone] = ZoneState.FELT
+    return tuple(states)
 
 
 def open_table(

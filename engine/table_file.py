@@ -15,6 +15,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from engine.table_error import TableError
+from engine.table_history import remove_leftovers, replace_table
+
 FORMAT = "tactable table"
 FORMAT_REVISION = 3
 _READ_BYTES = 1 << 24
@@ -22,10 +25,6 @@ _HDF5_SIGNATURE, _HDF5_SUPERBLOCK, _HDF5_END = b"\x89HDF\r\n\x1a\n", 0, 40  # su
 _SEAL, _SEAL_MAGIC = struct.Struct("<12sI"), b"tactable end"
 
 Values = NDArray[Any]
-
-
-class TableError(Exception):
-    """A table that cannot be used: missing, truncated, corrupted, foreign, newer or stale; the message says which."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,10 @@ class Variable:
 
 
 class TableWriter:
-    """Writes a table beside `path` and renames it there on a clean exit; any exception leaves nothing behind."""
+    """Writes a table beside `path` and renames it there on a clean exit; any exception leaves nothing behind.
+
+    What was at `path` is kept (engine.table_history).
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -56,6 +58,7 @@ class TableWriter:
     def __enter__(self) -> "TableWriter":
         if not self.path.parent.is_dir():
             raise TableError(f"{self.path.parent}: no such folder; create it or choose another output")
+        remove_leftovers(self.path)
         try:
             self._file = h5netcdf.File(self._partial, "w", track_order=True)
         except OSError as error:
@@ -70,7 +73,7 @@ class TableWriter:
             if kind is None:
                 _verify_arrays(self._partial, self._checksums)
                 _append_seal(self._partial)
-                self._partial.replace(self.path)
+                replace_table(self._partial, self.path)
         finally:
             self._partial.unlink(missing_ok=True)
 
@@ -84,6 +87,29 @@ class TableWriter:
         stream = self.open_stream(group, variable, data.shape, "str" if is_text(values) else data.dtype)
         stream.append(data)
         stream.close()
+
+    def copy(self, group: str, source: Any) -> None:
+        """Write an open group of another table as it is there, in bounded memory; its arrays are checked as any."""
+        for name, variable in source.variables.items():
+            scale = variable.attrs.get("scale_factor")
+            like = Variable(
+                name,
+                tuple(variable.dimensions),
+                str(variable.attrs["units"]),
+                str(variable.attrs["long_name"]),
+                None if scale is None else float(scale),
+            )
+            shape = tuple(variable.shape)
+            if math.prod(shape) * variable.dtype.itemsize <= _READ_BYTES or len(shape) < 2:
+                values = np.asarray(variable[...])
+                self.write(group, like, values.astype(object) if values.dtype.kind in "SU" else values)
+                continue
+            stream = self.open_stream(group, like, shape, variable.dtype)
+            for row in range(shape[0]):
+                step = max(1, _READ_BYTES // (math.prod(shape[2:]) * variable.dtype.itemsize))
+                for start in range(0, shape[1], step):
+                    stream.append(np.asarray(variable[row, start : start + step]))
+            stream.close()
 
     def open_stream(self, group: str, variable: Variable, shape: tuple[int, ...], dtype: Any) -> "VariableStream":
         """Begin an array that is written in pieces; dimensions are made from the first array that uses them."""

@@ -2,7 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib import metadata
@@ -15,10 +16,10 @@ import precompute
 from engine.click_group import write_clicks
 from engine.device import Device
 from engine.entry_group import write_entries
-from engine.table import open_table
-from engine.table_file import TableError, TableWriter
+from engine.table import Table, TableError, open_table
+from engine.table_file import TableWriter
 from engine.zones import state_index
-from precompute.assembly import assemble
+from precompute.assembly import Plant, assemble
 from precompute.click import solve_clicks
 from precompute.click_options import DEFAULT_OPTIONS, ClickOptions
 from precompute.click_store import ClickStore
@@ -27,6 +28,7 @@ from precompute.entries import solve_entries, tabulated_states
 from precompute.grid import compute_grid_response, zone_points
 from precompute.interruption import remembered_interrupt
 from precompute.objective import DEFAULT_OBJECTIVE, OBJECTIVES
+from precompute.parts import Part, Recipe, rests_on
 from precompute.promise import touched_zones
 from precompute.tabulate import write_coherent_sweep, write_pair_sweep, write_responses
 
@@ -70,6 +72,7 @@ def build_table(
     clicks_up_to: int | None = None,
     click_options: ClickOptions = DEFAULT_OPTIONS,
     workers: int = 1,
+    reuse: bool = True,
     memory_budget_bytes: int = MEMORY_BUDGET_BYTES,
     progress: Progress = _no_progress,
 ) -> None:
@@ -78,14 +81,17 @@ def build_table(
     `created` is the date to note, `objective` a name of precompute.objective.OBJECTIVES. `clicks_up_to`: states of up
     to so many fingers get clicks, by default all of them for up to five zones, of three fingers beyond; 0 is none.
     They are solved by `workers` processes; what is solved when a build is interrupted is kept beside the table for the
-    next. Raises TableError if the table cannot be written, and for another objective.
+    next. With `reuse`, parts that a table at `path` has already, made by this code and resting on nothing that has
+    changed since, are taken over. Raises TableError if the table cannot be written, and for another objective.
     """
-    wanted = _Wanted(objective, _fingers(device, clicks_up_to), click_options, workers)
+    recipe = Recipe(code_fingerprint(), objective, _fingers(device, clicks_up_to), click_options)
     if objective not in OBJECTIVES:
         raise TableError(f"there is no objective {objective!r}; choose one of {', '.join(OBJECTIVES)}")
     with threadpool_limits(1, "blas"), remembered_interrupt() as check:  # unpinned BLAS: 100 times slower when busy
         checked = _checked(progress, check)
-        _compute_and_write(device, path, created, wanted, memory_budget_bytes, checked)
+        builder = _Builder(device, path, recipe, workers, memory_budget_bytes, checked)
+        with _earlier(path, reuse) as earlier:
+            builder.build(created, earlier)
     open_table(path, device=device, code_fingerprint=code_fingerprint(), verify=False).close()
     progress("done", 1.0)
 
@@ -98,16 +104,6 @@ def _checked(progress: Progress, check: Callable[[], None]) -> Progress:
     return checked
 
 
-@dataclass(frozen=True)
-class _Wanted:
-    """What a table is to hold beside responses and sweeps."""
-
-    objective: str
-    clicks_up_to: int
-    click_options: ClickOptions
-    workers: int
-
-
 def _fingers(device: Device, clicks_up_to: int | None) -> int:
     zones = len(device.zones)
     if clicks_up_to is not None:
@@ -115,55 +111,90 @@ def _fingers(device: Device, clicks_up_to: int | None) -> int:
     return zones if zones <= MOST_ZONES_WITH_ALL_CLICKS else MOST_CLICKED_BEYOND
 
 
-def _compute_and_write(
-    device: Device, path: Path, created: str, wanted: _Wanted, memory_budget_bytes: int, progress: Progress
-) -> None:
-    plant = assemble(device)
-    points_m = zone_points(device)
-    progress("responses", 0.0)
-    grid = compute_grid_response(plant, device.sweep.frequency_hz, points_m)
-    with TableWriter(path) as writer:
-        writer.describe(
-            {
-                "title": f"tactable table of {device.name}",
-                "Conventions": "CF-1.10",
-                "device_name": device.name,
-                "device_description": device.text,
-                "device_fingerprint": device.fingerprint,
-                "code_fingerprint": code_fingerprint(),
-                "code_version": metadata.version("tactable"),
-                "created": created,
-                "objective": wanted.objective,
-                "click_options": json.dumps(asdict(wanted.click_options)),
-            }
-        )
+@contextmanager
+def _earlier(path: Path, reuse: bool) -> Iterator[Table | None]:
+    """The sound table of this code that is at `path`, if there is one."""
+    try:
+        table = open_table(path, code_fingerprint=code_fingerprint()) if reuse else None
+    except TableError:
+        table = None
+    with table or nullcontext():
+        yield table
+
+
+@dataclass(frozen=True)
+class _Builder:
+    """One build: the parts of a table, computed or taken over from an earlier one."""
+
+    device: Device
+    path: Path
+    recipe: Recipe
+    workers: int
+    memory_budget_bytes: int
+    progress: Progress
+
+    def build(self, created: str, earlier: Table | None) -> None:
+        device, recipe, progress = self.device, self.recipe, self.progress
+        rests = {part: rests_on(part, device, recipe) for part in Part}
+        known = {part for part in Part if earlier and earlier.attributes.get(part.attribute) == rests[part]}
+        progress("responses", 0.0)
+        plant = assemble(device)
+        with TableWriter(self.path) as writer:
+            writer.describe(
+                {
+                    "title": f"tactable table of {device.name}",
+                    "Conventions": "CF-1.10",
+                    "device_name": device.name,
+                    "device_description": device.text,
+                    "device_fingerprint": device.fingerprint,
+                    "code_fingerprint": recipe.code_fingerprint,
+                    "code_version": metadata.version("tactable"),
+                    "created": created,
+                    "objective": recipe.objective,
+                    "click_options": json.dumps(asdict(recipe.click_options)),
+                    **{part.attribute: rests[part] for part in Part},
+                }
+            )
+            if earlier is not None:
+                for part in sorted(known):
+                    earlier.copy_groups(writer, part.groups)
+                    progress(f"{part} as before", 0.05)
+            if Part.RESPONSES not in known:
+                self._write_responses(writer, plant)
+            if Part.ENTRIES not in known:
+                self._write_entries(writer, plant)
+            store = None if Part.CLICKS in known else self._solve_clicks()
+            if store and store.clicks:
+                write_clicks(writer, [click for _, click in sorted(store.clicks.items())], device)
+        if store:
+            store.path.unlink(missing_ok=True)  # nothing is left to resume
+
+    def _write_responses(self, writer: TableWriter, plant: Plant) -> None:
+        grid = compute_grid_response(plant, self.device.sweep.frequency_hz, zone_points(self.device))
         write_responses(writer, plant, grid)
-        for fraction in write_pair_sweep(writer, grid, memory_budget_bytes):
-            progress("sweep", 0.05 + 0.15 * fraction)
-        progress("coherent sweep", 0.2)
+        for fraction in write_pair_sweep(writer, grid, self.memory_budget_bytes):
+            self.progress("sweep", 0.05 + 0.15 * fraction)
+        self.progress("coherent sweep", 0.2)
         write_coherent_sweep(writer, grid)
-        solved = []
-        share = 0.1 if wanted.clicks_up_to else 0.7
-        for entries, fraction in solve_entries(plant, wanted.objective):
+
+    def _write_entries(self, writer: TableWriter, plant: Plant) -> None:
+        solved, share = [], 0.1 if self.recipe.clicks_up_to else 0.7
+        for entries, fraction in solve_entries(plant, self.recipe.objective):
             solved.append(entries)
-            progress("entries", 0.25 + share * fraction)
+            self.progress("entries", 0.25 + share * fraction)
         solved.sort(key=lambda entries: entries[0].index)
         # Written level by level.
-        write_entries(writer, [entry for level in zip(*solved, strict=True) for entry in level], device)
-        store = _solve_clicks(device, path, wanted, progress)
-        if store.clicks:
-            write_clicks(writer, [click for _, click in sorted(store.clicks.items())], device)
-    store.path.unlink(missing_ok=True)  # nothing is left to resume
+        write_entries(writer, [entry for level in zip(*solved, strict=True) for entry in level], self.device)
 
-
-def _solve_clicks(device: Device, path: Path, wanted: _Wanted, progress: Progress) -> ClickStore:
-    """The clicks, in a store that holds those of an interrupted build already."""
-    belongs_to = f"{device.fingerprint} {code_fingerprint()} {wanted.click_options}"
-    with ClickStore(path, belongs_to) as store:
-        states = [state for state in tabulated_states(device) if len(touched_zones(state)) <= wanted.clicks_up_to]
-        left = [state for state in states if state_index(state) not in store.clicks]
-        tabulator = ClickTabulator(device, wanted.click_options.wanted_db)
-        for click in solve_clicks(device, wanted.click_options, left, wanted.workers):
-            store.add(tabulator.tabulate(click))
-            progress("clicks", 0.35 + 0.6 * len(store.clicks) / len(states))
-    return store
+    def _solve_clicks(self) -> ClickStore:
+        """The clicks, in a store that holds those of an interrupted build already."""
+        device, options = self.device, self.recipe.click_options
+        with ClickStore(self.path, rests_on(Part.CLICKS, device, self.recipe)) as store:
+            most = self.recipe.clicks_up_to
+            states = [state for state in tabulated_states(device) if len(touched_zones(state)) <= most]
+            left = [state for state in states if state_index(state) not in store.clicks]
+            tabulator = ClickTabulator(device, options.wanted_db)
+            for click in solve_clicks(device, options, left, self.workers):
+                store.add(tabulator.tabulate(click))
+                self.progress("clicks", 0.35 + 0.6 * len(store.clicks) / len(states))
+        return store

@@ -16,9 +16,10 @@ import typer
 from typer.testing import CliRunner
 
 from engine.digitizer import DigitizerError
-from engine.sources.recording import RecordingError, write_recording
 from engine.entry_group import write_entries
-from engine.table_file import TableError, TableWriter
+from engine.sources.recording import RecordingError, write_recording
+from engine.table import TableError
+from engine.table_file import TableWriter
 from firmware_link.drive_log import Cause
 from firmware_link.emulator import EmulatorLog, RunningEmulator, run_emulator
 from firmware_link.errors import LinkError
