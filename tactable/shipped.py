@@ -1,5 +1,6 @@
 """What travels with the program: device descriptions by name, the demo's recording."""
 
+import os
 from pathlib import Path
 
 from engine.device import Device, DeviceError
@@ -22,10 +23,20 @@ def shipped_names() -> list[str]:
 
 def find_device(name_or_path: str) -> Device:
     """Read a device by file path or by shipped name. Raises DeviceError with the known names."""
+    return read_device(find_device_file(name_or_path))
+
+
+def find_device_file(name_or_path: str) -> Path:
+    """The file of a device, by its path or by shipped name. Raises DeviceError with the known names."""
     path = Path(name_or_path)
-    if not path.is_file():
-        if name_or_path not in shipped_names():
-            known = ", ".join(shipped_names())
-            raise DeviceError(f"{name_or_path}: is neither a file nor a shipped device; shipped are {known}")
-        path = device_folder() / f"{name_or_path}.toml"
-    return read_device(path)
+    if path.is_file():
+        return path
+    if name_or_path not in shipped_names():
+        known = ", ".join(shipped_names())
+        raise DeviceError(f"{name_or_path}: is neither a file nor a shipped device; shipped are {known}")
+    return device_folder() / f"{name_or_path}.toml"
+
+
+def cache_folder() -> Path:
+    """Where what can be made again is kept, such as the demo's table."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "tactable"
