@@ -112,6 +112,27 @@ class Limits:
 
 
 @dataclass(frozen=True)
+class FittedValue:
+    """A value that a calibration has fitted, by its name in the file; SI, within `low` and `high`.
+
+    Its coordinate is its natural logarithm, or asinh(value / 2 knee) with a `knee` above 0.
+    """
+
+    name: str
+    low: float
+    high: float
+    knee: float
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """What a calibration left unknown: covariance (value, value) of the coordinates of the values it fitted."""
+
+    fitted: tuple[FittedValue, ...]
+    covariance: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
 class Device:
     """One bar with its actuators, zones, finger, digitizer, sweep grid and limits. All lengths from the bar's start."""
 
@@ -129,13 +150,19 @@ class Device:
     limits: Limits
     inferred: tuple[str, ...]
     """Keys whose values are estimates, such as "bar.width" or "actuator[1].mass"."""
+    uncertainty: Uncertainty | None
+    """Of the values that a calibration fitted; None: none was."""
     text: str
     """The description as it was read."""
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 (hex) over every value that the model or the engine uses; wording and marks do not count."""
-        values = {k: v for k, v in asdict(self).items() if k not in ("description", "inferred", "text")}
+        """SHA-256 (hex) over every value that the model or the engine uses; wording and marks do not count.
+
+        What a calibration left unknown does: worst cases are over it. Where and when it was made does not.
+        """
+        idle = ("description", "inferred", "text", *(("uncertainty",) if self.uncertainty is None else ()))
+        values = {k: v for k, v in asdict(self).items() if k not in idle}
         return hashlib.sha256(json.dumps(_rounded(values), sort_keys=True).encode()).hexdigest()
 
     def zone_names(self, indices: Iterable[int]) -> str:

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from engine.device import Actuator, Bar, Device, DeviceError, Finger, Limits, Sweep, TouchAxis, Zone
+from engine.device_uncertainty import read_uncertainty
 from engine.section import Section, read_text
 
 ROMAN = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII", "XIII", "XIV", "XV", "XVI")
@@ -64,6 +65,9 @@ def parse_device(text: str, source: str) -> Device:
     zones, hysteresis_m = _read_zones(top, bar, inferred)
     sweep = section("sweep", _read_sweep)
     _check_bands(source, actuators, sweep)
+    uncertainty = None
+    if "calibration" in top.left:
+        uncertainty = section("calibration", lambda part: read_uncertainty(part, len(actuators)))
     device = Device(
         name=name,
         description=description,
@@ -77,6 +81,7 @@ def parse_device(text: str, source: str) -> Device:
         levels_db=section("feel", _read_levels, default={}),
         limits=section("limits", _read_limits),
         inferred=tuple(inferred),
+        uncertainty=uncertainty,
         text=text,
     )
     top.close()

@@ -41,18 +41,23 @@ class EffectPlayer:
 
     def take(self, touches: Sequence[Touch], time_ns: int) -> None:
         """The fingers that touch from now on."""
-        fingers, follows_moves = self._fingers, self._follows_moves
+        fingers, has_changed = self._fingers, self._follows_moves
         for touch in touches:
-            finger = fingers.get(touch.contact_id)
+            finger = fingers.get(touch[0])
             if finger is None:
                 self._put_down(touch, time_ns)
+                has_changed = True
             else:
+                # Where nothing follows moves, only another zone is news.
+                has_changed = has_changed or finger.touch[2] != touch[2]
                 finger.touch = touch
-                if follows_moves:
+                if self._follows_moves:
                     self._move(finger, time_ns)
         if len(fingers) != len(touches):
             self._lift_all_but({touch.contact_id for touch in touches}, time_ns)
-        self._settle()
+            has_changed = True
+        if has_changed:
+            self._settle()
 
     def advance(self, time_ns: int) -> None:
         """What is due by now."""

@@ -1,8 +1,9 @@
 """Reports to commands: one thread that waits once for touches, the link and time."""
 
+import math
 import select
 import time
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -10,6 +11,7 @@ from engine.digitizer import RELEASE_AFTER_NS, Digitizer, TouchFrame
 from engine.effect_player import EffectPlayer
 from engine.latency import LatencyRecorder, Stamps
 from engine.renderer import SILENCE, DriveCommand, Renderer
+from engine.ring import RingWriter
 from engine.sources import Source
 from engine.zones import Touch, ZoneTracker
 from firmware_link.errors import LinkError, LinkLostError
@@ -22,6 +24,7 @@ NS_PER_S = 1_000_000_000
 REPORTS_PER_PASS = 64
 # A line that takes nothing is looked after this often, so that the patience of the link still ends.
 BLOCKED_LINE_NS = 5_000_000
+_ENDED = (LinkState.STOPPED, LinkState.DISCONNECTED)
 # Without a port nothing else wakes the loop up for a request to stop.
 LOST_PORT_NS = 80_000_000
 
@@ -32,21 +35,23 @@ class Clock(Protocol):
     def now_ns(self) -> int:
         """Monotonic; the session must be given the same."""
 
-    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> None:
-        """Return when a descriptor can be read or written, or at `until_ns`; earlier does no harm."""
+    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Container[int] | None:
+        """Return when a descriptor can be read or written, or at `until_ns`; earlier does no harm.
+
+        Those that can be read; None where that is not known.
+        """
 
 
 class SystemClock:
     """The monotonic clock; waits in the system."""
 
-    def now_ns(self) -> int:
-        """Monotonic time."""
-        return time.monotonic_ns()
+    now_ns = staticmethod(time.monotonic_ns)
+    """Monotonic time; the function itself, for it is called several times between a touch and its command."""
 
-    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> None:
+    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Container[int]:
         """Wait with `select`, which counts in us: `poll` rounds up to whole ms, half a ms late for a playback."""
         timeout_s = None if until_ns is None else max(0, until_ns - time.monotonic_ns()) / NS_PER_S
-        select.select(readable, writable, (), timeout_s)
+        return select.select(readable, writable, (), timeout_s)[0]
 
 
 class StopRequest(Protocol):
@@ -104,18 +109,44 @@ class LoopCounters:
     reconnects: int = 0
 
 
-@dataclass(slots=True)
-class _Pending:
-    """A state change until its command is written; stamps up to COMMAND where a report caused it."""
+class _Pending(NamedTuple):
+    """A state change until its command is written."""
 
     time_ns: int
     report_index: int | None
     state: int
     level_db: float | None
     is_click: bool
-    finger_positions_m: tuple[float, ...]
+    touches: Sequence[Touch]
     sent_before: int
-    stamps: tuple[int, int, int, int, int] | None = None
+    stamps: tuple[int, int, int, int, int] | None
+    """Up to COMMAND, where a report caused it."""
+
+    def change(self, sequence: int | None) -> StateChange:
+        """Its line of the trace."""
+        positions_m = tuple(touch.position_m for touch in self.touches)
+        return StateChange(*self[:5], sequence, positions_m)
+
+
+class _News(NamedTuple):
+    """A report and what is wanted since, or a change that time brought, until there is time to tell."""
+
+    time_ns: int
+    report_index: int | None
+    state: int
+    level_db: float | None
+    is_click: bool
+    touches: Sequence[Touch]
+    report: bytes
+
+
+class _Sent(NamedTuple):
+    """The command that left in a pass."""
+
+    report_index: int | None
+    time_ns: int
+    stamps: Stamps | None
+    sequence: int | None
 
 
 def connect(session: Session, clock: Clock) -> Capabilities:
@@ -137,7 +168,8 @@ class Loop:
     `trace` gets a line for each state change, in order. `latency` gets the stamps of each command that a report caused.
     With `reconnect` a device that stopped itself is greeted and armed again, and the state of the moment sent anew;
     without, that is a LinkError. With `reopening` so is one whose port was lost or that does not answer, once its port
-    is back; touches are read all the while.
+    is back; touches are read all the while. `ring` gets a record for each report, and for each change that time
+    brought, once the command of the pass is written.
     """
 
     def __init__(
@@ -154,6 +186,7 @@ class Loop:
         reopening: Reopening | None = None,
         trace: list[StateChange] | None = None,
         latency: LatencyRecorder | None = None,
+        ring: RingWriter | None = None,
     ) -> None:
         self.counters = LoopCounters()
         self._source = source
@@ -164,16 +197,22 @@ class Loop:
         self._session = session
         self._link = session.link
         self._clock = clock
+        self._now_ns = clock.now_ns
         self._reconnect = reconnect
         self._reopening = reopening
         self._trace = trace
         self._latency = latency
+        self._ring = ring
+        self._news: list[_News] = []
+        self._sent: _Sent | None = None
+        self._read_ns = 0
         self._state = 0
         self._level_db: float | None = None
         self._click_ns: int | None = None
         self._held = SILENCE  # what the device drives unless a waveform plays
         self._touches: Sequence[Touch] = ()
         self._release_ns: int | None = None  # when the watchdog acts, on the source's axis; None with no contact
+        self._due_ns: float = math.inf  # when time alone brings something, on the source's axis
         self._pending: _Pending | None = None
         self._watch((session.port.fileno(),))
 
@@ -184,11 +223,15 @@ class Loop:
         """
         try:
             while not self._is_over(stop):
-                self._wait()
+                readable = self._wait()
                 self._read_touches()
-                self._keep_link()
+                self._keep_link(readable)
+                if self._ring is not None:
+                    self._tell(self._ring)
             self._silence()
             self._stop()
+            if self._ring is not None:
+                self._tell(self._ring)
         except LinkError:
             self._link.disconnect()
             raise
@@ -200,14 +243,14 @@ class Loop:
             return True
         return self._source.ended and self._release_ns is None and self._player.next_change_ns is None
 
-    def _wait(self) -> None:
+    def _wait(self) -> Container[int] | None:
         source, session = self._source, self._session
         deadlines_ns = [_link_deadline_ns(session, self._clock), source.next_time_ns()]
         if not self._port and self._reopening is not None:
-            deadlines_ns += [self._reopening.next_attempt_ns(), self._clock.now_ns() + LOST_PORT_NS]
+            deadlines_ns += [self._reopening.next_attempt_ns(), self._now_ns() + LOST_PORT_NS]
         due_ns = (self._release_ns, self._player.next_change_ns)
         deadlines_ns += [source.clock_time_ns(time_ns) for time_ns in due_ns if time_ns is not None]
-        self._clock.wait(
+        return self._clock.wait(
             min((deadline_ns for deadline_ns in deadlines_ns if deadline_ns is not None), default=None),
             self._port if source.ended else self._port_and_touch,
             self._port if session.wants_to_write() else (),
@@ -215,41 +258,45 @@ class Loop:
 
     def _read_touches(self) -> None:
         """Every report that is there, in order; time acts by itself only on a source that has no more."""
-        source, now_ns = self._source, self._clock.now_ns()
+        source, now_ns = self._source, self._now_ns()
         for _ in range(REPORTS_PER_PASS):
             report = source.read(now_ns)
             if report is None:
                 break
             self._take_report(report)
+            if self._ring is not None:
+                self._note(self._read_ns, source.report_index, report)
         else:
             return
         self._catch_up(source.source_time_ns(now_ns))
 
     def _take_report(self, report: bytes) -> None:
-        read_ns, report_time_ns = self._clock.now_ns(), self._source.report_time_ns
+        source, now_ns = self._source, self._now_ns
+        read_ns, report_time_ns = now_ns(), source.report_time_ns
+        self._read_ns = read_ns
         self.counters.reports += 1
         # After a stall, or in a playback that does not wait, what was due before may be seen only now.
-        self._catch_up(report_time_ns)
+        if self._due_ns <= report_time_ns:
+            self._catch_up(report_time_ns)
         frame = self._digitizer.decode_report(report, report_time_ns)
         if frame is None:
             return
-        frame_ns = self._clock.now_ns()
+        frame_ns = now_ns()
         self.counters.frames += 1
         if self._take_frame(frame):
-            state_ns = self._clock.now_ns()
-            pending = self._command(self._source.report_index, state_ns)
-            if pending is not None:
-                available_ns = self._source.clock_time_ns(report_time_ns)
-                pending.stamps = (available_ns, read_ns, frame_ns, state_ns, self._clock.now_ns())
+            available_ns = source.clock_time_ns(report_time_ns)
+            self._command(source.report_index, now_ns(), (available_ns, read_ns, frame_ns))
 
     def _catch_up(self, source_time_ns: int) -> None:
         """What time alone brings, in order: changes of effects, and the release by the watchdog."""
+        if self._due_ns > source_time_ns:
+            return
         release_ns = self._release_ns
         if release_ns is not None and release_ns <= source_time_ns:
             self._advance_effects(release_ns)
             frame = self._digitizer.expire(release_ns)
             if frame is not None and self._take_frame(frame):
-                self._command(None, self._clock.now_ns())
+                self._command_by_time()
         self._advance_effects(source_time_ns)
 
     def _advance_effects(self, source_time_ns: int) -> None:
@@ -257,50 +304,63 @@ class Loop:
         while player.next_change_ns is not None and player.next_change_ns <= source_time_ns:
             player.advance(player.next_change_ns)
             if self._take_state():
-                self._command(None, self._clock.now_ns())
+                self._command_by_time()
+
+    def _command_by_time(self) -> None:
+        now_ns = self._now_ns()
+        self._command(None, now_ns, None)
+        if self._ring is not None:
+            self._note(now_ns, None, b"")
 
     def _take_frame(self, frame: TouchFrame) -> bool:
         """Whether the frame brings a new state."""
         self._release_ns = frame.time_ns + RELEASE_AFTER_NS if frame.contacts else None
-        self._touches = self._tracker.track(frame)
-        self._player.take(self._touches, frame.time_ns)
+        touches = self._touches = self._tracker.track(frame)
+        self._player.take(touches, frame.time_ns)
         return self._take_state()
 
     def _take_state(self) -> bool:
-        player = self._player
+        player, release_ns = self._player, self._release_ns
+        change_ns = player.next_change_ns
+        if release_ns is not None and (change_ns is None or release_ns < change_ns):
+            change_ns = release_ns
+        self._due_ns = math.inf if change_ns is None else change_ns
         state, level_db, click_ns = player.state, player.level_db, player.click_ns
         if state == self._state and level_db == self._level_db and click_ns == self._click_ns:
             return False
         self._state, self._level_db, self._click_ns = state, level_db, click_ns
         return True
 
-    def _command(self, report_index: int | None, now_ns: int) -> _Pending | None:
-        """Hand the command of a new state to the link, in place of one not sent yet; None: it plays already."""
+    def _command(self, report_index: int | None, state_ns: int, stamps: tuple[int, int, int] | None) -> None:
+        """Hand the command of a new state to the link, in place of one not sent yet, unless it plays already.
+
+        `stamps` are those up to FRAME, where a report caused it.
+        """
         self.counters.state_changes += 1
         is_click = self._click_ns is not None
         command = self._renderer.render(self._state, self._level_db, is_click)
-        positions_m = tuple(touch.position_m for touch in self._touches)
-        state = (now_ns, report_index, self._state, self._level_db, is_click)
+        state = (state_ns, report_index, self._state, self._level_db, is_click, self._touches)
         if command == self._held and (self._pending is None or self._is_sent()):
             # Sent anew, it would begin anew: fade out and in; and silence would cut a click that still plays.
             self._settle()
             if self._trace is not None:
-                self._trace.append(StateChange(*state, None, positions_m))
-            return None
-        self._settle()
+                self._trace.append(_Pending(*state, 0, None).change(None))
+            return
+        if self._pending is not None:
+            self._settle()
         sent_before = self._link.counters.sent
         self._held = command if isinstance(command, DriveCommand) else SILENCE
         command.hand_to(self._link)
-        pending = self._pending = _Pending(*state, positions_m, sent_before)
-        return pending
+        handed = None if stamps is None else (*stamps, state_ns, self._now_ns())
+        self._pending = _Pending(*state, sent_before, handed)
 
-    def _keep_link(self) -> None:
+    def _keep_link(self, readable: Container[int] | None) -> None:
         """Move bytes while there is a port; what was lost is found again, or ends the run."""
         if not self._port:
             self._look_for_port()
             return
         try:
-            self._move_bytes()
+            self._move_bytes(readable)
         except LinkLostError:
             if self._reopening is None:
                 raise
@@ -312,11 +372,11 @@ class Loop:
             self._settle()
         self._session.lose_port()
         self._watch(())
-        reopening.lose(self._clock.now_ns())
+        reopening.lose(self._now_ns())
 
     def _look_for_port(self) -> None:
         """A port that is back begins with the whole handshake; what is to play by then goes out once it is armed."""
-        port = None if self._reopening is None else self._reopening.poll(self._clock.now_ns())
+        port = None if self._reopening is None else self._reopening.poll(self._now_ns())
         if port is not None:
             self.counters.reconnects += 1
             self._session.move_to(port)
@@ -328,14 +388,18 @@ class Loop:
         self._port = port
         self._port_and_touch = port if touch is None else (*port, touch)
 
-    def _move_bytes(self) -> None:
+    def _move_bytes(self, readable: Container[int] | None = None) -> None:
         """Write first: a fresh command does not wait for what the device says."""
-        self._session.send()
-        if self._is_sent() and not self._session.wants_to_write():
+        session = self._session
+        session.send()
+        if self._pending is not None and not session.wants_to_write() and self._is_sent():
             self._settle()
-        for event in self._session.receive():
-            self._act_on(event)
-        if self._link.state in (LinkState.STOPPED, LinkState.DISCONNECTED):
+        if readable is None or self._port[0] in readable:
+            for event in session.receive():
+                self._act_on(event)
+        else:
+            session.check_patience()
+        if self._link.state in _ENDED:
             self._act_on_stop()
 
     def _is_sent(self) -> bool:
@@ -343,18 +407,46 @@ class Loop:
 
     def _settle(self) -> None:
         """End of the pending change: written, replaced, or never to be sent."""
-        pending, is_sent = self._pending, self._is_sent()
-        self._pending = None
+        pending, settled_ns = self._pending, self._now_ns()
         if pending is None:
             return
+        is_sent = self._is_sent()
+        self._pending = None
         self.counters.commands += is_sent
+        if is_sent and self._ring is not None:
+            stamps = None if pending.stamps is None else (*pending.stamps, settled_ns)
+            self._sent = _Sent(pending.report_index, pending.time_ns, stamps, self._link.drive_sequence)
         if is_sent and pending.stamps and self._latency is not None and not self._session.wants_to_write():
-            stamps: Stamps = (*pending.stamps, self._clock.now_ns())
-            self._latency.record(stamps)
+            self._latency.record((*pending.stamps, settled_ns))
         if self._trace is not None:
-            sequence = self._link.drive_sequence if is_sent else None
-            state = (pending.time_ns, pending.report_index, pending.state, pending.level_db, pending.is_click)
-            self._trace.append(StateChange(*state, sequence, pending.finger_positions_m))
+            self._trace.append(pending.change(self._link.drive_sequence if is_sent else None))
+
+    def _note(self, time_ns: int, report_index: int | None, report: bytes) -> None:
+        """Keep what there is to tell until the command of the pass is written: nobody waits for a record."""
+        is_click = self._click_ns is not None
+        self._news.append(_News(time_ns, report_index, self._state, self._level_db, is_click, self._touches, report))
+
+    def _tell(self, ring: RingWriter) -> None:
+        """Records of the pass; a command that left later than its report has one more, without the report."""
+        sent, self._sent = self._sent, None
+        if sent is not None and all(news.report_index != sent.report_index for news in self._news):
+            self._note(sent.time_ns, sent.report_index, b"")
+        counters, link = self.counters, self._link.counters
+        counts = (
+            counters.reports,
+            counters.frames,
+            counters.state_changes,
+            counters.commands,
+            link.coalesced,
+            self._digitizer.counters.lost_frames,
+        )
+        drive = self._held.drive
+        for time_ns, index, state, level_db, is_click, touches, report in self._news:
+            stamps, sequence = (0, time_ns, 0, 0, 0, 0), None
+            if sent is not None and sent.report_index == index:
+                stamps, sequence = sent.stamps or stamps, sent.sequence
+            ring.write(stamps, index, state, level_db, is_click, sequence, counts, touches, drive, report)
+        self._news.clear()
 
     def _act_on(self, event: Event) -> None:
         match event:
@@ -384,13 +476,13 @@ class Loop:
         """Leave no drive, whatever is touched, and wait until the port has taken that."""
         if self._state:
             self._state, self._level_db, self._click_ns = 0, None, None
-            self._command(None, self._clock.now_ns())
+            self._command(None, self._now_ns(), None)
         while self._pending is not None and self._link.state is LinkState.READY:
             _wait_for_link(self._session, self._clock)
             self._move_bytes()
 
     def _stop(self) -> None:
-        self._link.stop(self._clock.now_ns())
+        self._link.stop(self._now_ns())
         while self._link.state is LinkState.STOPPING:
             _wait_for_link(self._session, self._clock)
             self._session.send()

@@ -49,17 +49,18 @@ class TouchPosition:
         active_m = axis.active_length_m
         if active_m is None:
             active_m = self._length_m - axis.start_margin_m - axis.end_margin_m
-        self._reads_x = axis.axis == "x"
+        self._column = 1 if axis.axis == "x" else 2  # of a contact: half the time of asking for it by name
         self._start_m = axis.start_margin_m
         self._zero = field.logical_maximum if axis.flip else field.logical_minimum
-        self._span = field.logical_maximum - field.logical_minimum
-        self._active_m = -active_m if axis.flip else active_m
+        span = field.logical_maximum - field.logical_minimum
+        self._m_per_unit = (-active_m if axis.flip else active_m) / span
 
     def position_m(self, contact: Contact) -> float:
         """Where the contact is: from 0 to the length of the bar."""
-        value = contact.x if self._reads_x else contact.y
-        position_m = self._start_m + (value - self._zero) / self._span * self._active_m
-        return min(max(position_m, 0.0), self._length_m)
+        position_m = self._start_m + (contact[self._column] - self._zero) * self._m_per_unit
+        if 0.0 <= position_m <= self._length_m:
+            return position_m
+        return 0.0 if position_m < 0.0 else self._length_m
 
 
 class ZoneEdges:
@@ -89,16 +90,24 @@ class ZoneTracker:
     def __init__(self, device: Device, surface: Surface) -> None:
         self._position = TouchPosition(device, surface)
         self._edges = ZoneEdges(device)
-        self._zones: dict[int, int | None] = {}  # by contact id
+        self._touches: dict[int, tuple[Contact, Touch]] = {}  # by contact id; one that has not moved is taken as it was
 
     def track(self, frame: TouchFrame) -> list[Touch]:
         """The fingers of a frame in its order, those in gaps between zones included; hovering contacts are none."""
-        previous, zones = self._zones, {}
+        previous, zones = self._touches, {}
+        position_of, zone_at = self._position.position_m, self._edges.zone_at
         touches = []
         for contact in frame.contacts:
-            if contact.tip:
-                contact_id, position_m = contact.contact_id, self._position.position_m(contact)
-                zone = zones[contact_id] = self._edges.zone_at(position_m, previous.get(contact_id))
-                touches.append(_new(Touch, (contact_id, position_m, zone)))
-        self._zones = zones
+            contact_id, _, _, tip, _ = contact
+            if tip:
+                last = previous.get(contact_id)
+                if last is not None and last[0] is contact:
+                    touch = last[1]
+                else:
+                    position_m = position_of(contact)
+                    zone = zone_at(position_m, None if last is None else last[1].zone)
+                    touch = _new(Touch, (contact_id, position_m, zone))
+                zones[contact_id] = (contact, touch)
+                touches.append(touch)
+        self._touches = zones
         return touches

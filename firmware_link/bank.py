@@ -2,7 +2,7 @@
 
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,14 +94,18 @@ def hash_of_bank(data: bytes) -> int:
     return zlib.crc32(data) or _HASH_INSTEAD_OF_0
 
 
-def transfer_messages(data: bytes) -> list[BankBegin | BankChunk | BankCommit]:
+def transfer_steps(data: bytes) -> Iterator[BankBegin | BankChunk | BankCommit]:
     """What hands a bank over, in order, each to be acknowledged before the next."""
     bank_hash = hash_of_bank(data)
-    chunks = [
-        BankChunk(offset, data[offset : offset + BANK_CHUNK_SIZE].ljust(BANK_CHUNK_SIZE, b"\0"))
-        for offset in range(0, len(data), BANK_CHUNK_SIZE)
-    ]
-    return [BankBegin(bank_hash, len(data)), *chunks, BankCommit(bank_hash)]
+    yield BankBegin(bank_hash, len(data))
+    for offset in range(0, len(data), BANK_CHUNK_SIZE):
+        yield BankChunk(offset, data[offset : offset + BANK_CHUNK_SIZE].ljust(BANK_CHUNK_SIZE, b"\0"))
+    yield BankCommit(bank_hash)
+
+
+def transfer_messages(data: bytes) -> list[BankBegin | BankChunk | BankCommit]:
+    """All steps of a transfer."""
+    return list(transfer_steps(data))
 
 
 def _check_waveform(index: int, waveform: Samples) -> None:

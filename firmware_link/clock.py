@@ -65,6 +65,7 @@ class DeviceClock:
         self.contradictions = 0
         self.drift = 0.0
         self._bounds: OffsetBounds | None = None
+        self._middle_ns = 0.0
         self._bounds_at_ns = 0
         self._regression = _DecayedRegression()
 
@@ -80,7 +81,7 @@ class DeviceClock:
             self._bounds = common or bounds
         else:
             self._bounds = bounds
-        self._bounds_at_ns = now_ns
+        self._middle_ns, self._bounds_at_ns = self._bounds.middle_ns, now_ns
         self.exchanges += 1
         self._regression.update(now_ns / NS_PER_S, bounds.middle_ns / NS_PER_S, bounds.half_width_ns / NS_PER_S)
         self.drift = self._regression.slope()
@@ -96,7 +97,7 @@ class DeviceClock:
         if self._bounds is None:
             raise ValueError("the clocks have not been compared yet")
         drifted_ns = (host_ns - self._bounds_at_ns) * self.drift
-        return int((host_ns + self._bounds.middle_ns + drifted_ns) // NS_PER_US)
+        return int((host_ns + self._middle_ns + drifted_ns) // NS_PER_US)
 
 
 class _DecayedRegression:

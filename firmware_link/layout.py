@@ -4,8 +4,9 @@ import enum
 import re
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from operator import attrgetter
 from typing import Any, ClassVar, NamedTuple, get_args, get_type_hints
 
 from firmware_link.errors import MessageError
@@ -61,6 +62,7 @@ class Layout:
     def __init__(self, message: type[Message]) -> None:
         hints = get_type_hints(message, include_extras=True)
         self.message = message
+        self._type_byte = message.type_byte
         self.words: list[tuple[str, Word]] = []
         self.converters: list[Callable[[Any], Any]] = []
         self.repeated: tuple[str, PerActuator] | None = None
@@ -73,6 +75,9 @@ class Layout:
                 self.words.append((field.name, mark))
                 self.converters.append(kind)
         self._fixed = struct.Struct("<BB" + _codes(self.words))
+        self._values_of = _getter([name for name, _ in self.words])
+        self._blocks = [(name, word) for name, word in self.words if word.block_size is not None]
+        self._repeated_of = attrgetter(self.repeated[0]) if self.repeated else None
         self._repeated_codes = _codes(self.repeated[1].words) if self.repeated else ""
         self._repeated_size = struct.calcsize(f"<{self._repeated_codes}")
         self.definition = self._compute_definition()
@@ -85,10 +90,16 @@ class Layout:
     def encode(self, message: Message, sequence: int) -> bytes:
         """Body of a message; raises MessageError for a value that does not fit its word."""
         try:
-            words = [_exact(name, word, getattr(message, name)) for name, word in self.words]
-            return self._fixed.pack(self.message.type_byte, sequence, *words) + self._encode_repeated(message)
+            for name, word in self._blocks:
+                _check_length(name, word, getattr(message, name))
+            body = self._fixed.pack(self._type_byte, sequence, *self._values_of(message))
+            return body if self._repeated_of is None else body + self._encode_repeated(self._repeated_of(message))
         except struct.error as error:
             raise MessageError(f"{message} with sequence {sequence} does not fit its words: {error}") from error
+
+    def pack(self, sequence: int, *words: int) -> bytes:
+        """The body up to what is repeated, of words that are known to fit: half the time of `encode`."""
+        return self._fixed.pack(self._type_byte, sequence, *words)
 
     def decode(self, body: bytes) -> Message:
         """The message of a body of valid length; raises MessageError for a value that its meaning does not know."""
@@ -115,16 +126,12 @@ class Layout:
         name = f"{self.message.wire_name} {self.message.type_byte:#04x} {self.message.sender}"
         return f"{name}: {', '.join(self.field_texts())}"
 
-    def _encode_repeated(self, message: Message) -> bytes:
-        if self.repeated is None:
-            return b""
-        values = getattr(message, self.repeated[0])
+    def _encode_repeated(self, values: Any) -> bytes:
         if not self.repeated_is_raw:
             return struct.pack(f"<{len(values)}{self._repeated_codes}", *values)
         if len(values) % self._repeated_size:
-            raise MessageError(
-                f"{self.repeated[0]} has {len(values)} bytes; expected {self._repeated_size} an actuator"
-            )
+            name = self.repeated[0] if self.repeated else ""
+            raise MessageError(f"{name} has {len(values)} bytes; expected {self._repeated_size} an actuator")
         return bytes(values)
 
     def _decode_repeated(self, data: bytes) -> bytes | tuple[int, ...]:
@@ -137,11 +144,17 @@ def _codes(words: list[tuple[str, Word]] | tuple[tuple[str, Word], ...]) -> str:
     return "".join(_CODES.get(word.kind) or f"{word.block_size}s" for _, word in words)
 
 
-def _exact(name: str, word: Word, value: Any) -> Any:
-    """The value; `struct` would fill a short block up and cut a long one."""
-    if word.block_size is not None and len(value) != word.block_size:
+def _getter(names: Sequence[str]) -> Callable[[Message], tuple[Any, ...]]:
+    """All of a message's words in one call: a command is encoded between a touch and its answer."""
+    if len(names) < 2:
+        return lambda message: tuple(getattr(message, name) for name in names)
+    return attrgetter(*names)
+
+
+def _check_length(name: str, word: Word, value: bytes) -> None:
+    """`struct` would fill a short block up and cut a long one."""
+    if len(value) != word.block_size:
         raise MessageError(f"{name} has {len(value)} bytes; expected {word.block_size}")
-    return value
 
 
 def _word_text(name: str, word: Word) -> str:

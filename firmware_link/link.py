@@ -1,15 +1,19 @@
 """Host side of the wire without I/O: bytes and time in, events and bytes out."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
-from firmware_link.bank import encode_bank, hash_of_bank, transfer_messages
+from firmware_link.bank import Bank, encode_bank, hash_of_bank, transfer_messages
+from firmware_link.bank_transfer import BankTransfer
 from firmware_link.clock import NS_PER_S, DeviceClock, Exchange
 from firmware_link.errors import LinkError, LinkLostError, MessageError
-from firmware_link.framing import DELIMITER, FrameDecoder, FramingCounters, Signal, encode_message
+from firmware_link.framing import DELIMITER, FrameDecoder, FramingCounters, Signal, encode_frame, encode_message
 from firmware_link.layout import Message
 from firmware_link.line import EXCHANGE_PERIOD_NS, occupied_ns
 from firmware_link.link_values import (
     Armed,
+    BankRefused,
+    BankReplaced,
     Capabilities,
     Event,
     FaultReceived,
@@ -44,6 +48,7 @@ from firmware_link.messages import (
     TimeRequest,
     decode_body,
     encode_amplitude,
+    encode_set_body,
 )
 from firmware_link.onset import make_shape
 from firmware_link.outbox import Outbox, WantedDrive, WantedWaveform
@@ -56,6 +61,8 @@ STOP_PATIENCE_NS = NS_PER_S
 # A status comes every 100 ms: ten lost in a row are no accident.
 SILENCE_NS = NS_PER_S
 FIRST_EXCHANGES = 16
+# The hot path: without the search in the class.
+_READY = LinkState.READY
 # A device that was rebooted or latched since it was greeted says so.
 _FORGOTTEN = (Result.WRONG_BOOT, Result.WRONG_STATE)
 
@@ -93,8 +100,10 @@ class Link:
         self._due_ns = 0
         self._patience_end_ns: int | None = None
         self._line_free_ns = 0
+        self._occupied_by_size_ns: dict[int, int] = {}
         self._connected_ns = 0
         self._arming_device_us = 0
+        self._transfer: BankTransfer | None = None
 
     @property
     def framing_counters(self) -> FramingCounters:
@@ -107,7 +116,7 @@ class Link:
         self.capabilities, self.status, self.drive_sequence = None, None, None
         self.clock = DeviceClock()
         self._nonce = now_ns % 2**32
-        self._preparations, self._replies = [], []
+        self._preparations, self._replies, self._transfer = [], [], None
         self._outbox.start(b"", self.configuration.lease_ms)
         self._connected_ns = self._due_ns = self._line_free_ns = now_ns
         self._patience_end_ns = now_ns + int(self.configuration.handshake_timeout_s * NS_PER_S)
@@ -118,15 +127,17 @@ class Link:
         The device gets silence on actuators beyond those of the drive. `onset` numbers the configured ones from 1, 0
         is none. Raises LinkError for a drive too long or an onset that is not configured.
         """
-        if self.state is not LinkState.READY:
+        if self.state is not _READY:
             self.counters.dropped += 1
             return
         size = len(self._outbox.silent_drive)
-        if len(drive) > size:
-            raise LinkError(f"a drive of {len(drive)} bytes; the device takes {size}")
-        if not 0 <= onset <= len(self.configuration.onsets):
+        if len(drive) != size:
+            if len(drive) > size:
+                raise LinkError(f"a drive of {len(drive)} bytes; the device takes {size}")
+            drive = drive.ljust(size, b"\0")
+        if onset and not 0 < onset <= len(self.configuration.onsets):
             raise LinkError(f"onset {onset} is not configured; there are {len(self.configuration.onsets)}")
-        self._outbox.put(WantedDrive(drive.ljust(size, b"\0"), onset))
+        self._outbox.put(WantedDrive(drive, onset))
 
     def set_play(self, waveform: int, amplitude: float = 1.0) -> None:
         """Play a waveform of the bank next, in place of what sounds; silence follows. As `set_drive` otherwise.
@@ -140,6 +151,18 @@ class Link:
         if bank is None or not 0 <= waveform < len(bank.waveforms):
             raise LinkError(f"waveform {waveform} is not in the bank of this link: configure a bank that has it")
         self._outbox.put(WantedWaveform(waveform, encode_amplitude(amplitude), bank.length_us(waveform)))
+
+    def replace_bank(self, bank: Bank, data: bytes) -> None:
+        """Hand another bank over while the device plays the one it has; `data` are its bytes for the device.
+
+        BankReplaced or BankRefused tells the end. Waveforms wait while the device changes over; one that waits then
+        means the new bank. An end of the session ends the transfer too. Raises LinkError unless READY, and for a bank
+        that the device has no room for at all.
+        """
+        if self.state is not _READY or self.capabilities is None:
+            raise LinkError("no bank is handed over before the device is armed: configure it, or wait")
+        _check_bank(self.capabilities, len(data), max(map(bank.length_us, range(len(bank.waveforms)))))
+        self._transfer = BankTransfer(bank, data, lambda message: (self._frame(message), self._sequence))
 
     def set_silent(self) -> None:
         """Ramp every actuator to zero and stay armed; nothing to send where all is silent already."""
@@ -190,26 +213,38 @@ class Link:
         """What to write now, at most one SET; nothing while the last write still occupies the line."""
         if now_ns < self._line_free_ns:
             return b""
-        frames = self._next_frame(now_ns) + b"".join(self._replies)
-        self._replies = []
-        self._line_free_ns = now_ns + self._occupied_ns(len(frames))
+        frames = self._next_frame(now_ns)
+        if self._replies:
+            frames += b"".join(self._replies)
+            self._replies = []
+        if frames:
+            self._line_free_ns = now_ns + self._occupied_ns(len(frames))
         return frames
 
     def next_deadline_ns(self) -> int | None:
         """When `outgoing` or `poll` has something to do without new bytes, perhaps in the past; None for never."""
-        if self.state is LinkState.DISCONNECTED:
+        if self.state is _READY:
+            send_ns = min(self._due_ns, self._outbox.due_ns(self._line_free_ns))
+            if self._transfer is not None:
+                send_ns = min(send_ns, self._transfer.due_ns)
+        elif self.state is LinkState.DISCONNECTED:
             return None
-        send_ns = [] if self.state is LinkState.STOPPED else [self._due_ns]
-        if self.state is LinkState.READY:
-            send_ns.append(self._outbox.due_ns(self._line_free_ns))
+        elif self.state is LinkState.STOPPED and not self._replies:
+            return self._patience_end_ns
+        else:
+            send_ns = self._line_free_ns if self.state is LinkState.STOPPED else self._due_ns
         if self._replies:
-            send_ns.append(self._line_free_ns)
-        deadlines_ns = [max(min(send_ns), self._line_free_ns)] if send_ns else []
-        if self._patience_end_ns is not None:
-            deadlines_ns.append(self._patience_end_ns)
-        return min(deadlines_ns, default=None)
+            send_ns = min(send_ns, self._line_free_ns)
+        deadline_ns = max(send_ns, self._line_free_ns)
+        return deadline_ns if self._patience_end_ns is None else min(deadline_ns, self._patience_end_ns)
 
     def _next_frame(self, now_ns: int) -> bytes:
+        if self.state is _READY:  # first: the others have time
+            return (
+                self._drive_frame(now_ns)
+                or self._transfer_frame(now_ns)
+                or self._repeat(self._time_request, EXCHANGE_PERIOD_NS, now_ns)
+            )
         match self.state:
             case LinkState.GREETING:
                 return self._repeat(self._hello_request, RETRY_NS, now_ns)
@@ -219,8 +254,6 @@ class Link:
                 return self._repeat(self._time_request, RETRY_NS, now_ns)
             case LinkState.ARMING:
                 return self._repeat(self._arm_request, RETRY_NS, now_ns)
-            case LinkState.READY:
-                return self._drive_frame(now_ns) or self._repeat(self._time_request, EXCHANGE_PERIOD_NS, now_ns)
             case LinkState.STOPPING:
                 return self._repeat(lambda _: self._frame(Stop()), STOP_RETRY_NS, now_ns)
         return b""
@@ -233,7 +266,11 @@ class Link:
         return data
 
     def _occupied_ns(self, size: int) -> int:
-        return occupied_ns(self.configuration.transport, self.configuration.bit_rate_hz, size)
+        duration_ns = self._occupied_by_size_ns.get(size)
+        if duration_ns is None:
+            duration_ns = occupied_ns(self.configuration.transport, self.configuration.bit_rate_hz, size)
+            self._occupied_by_size_ns[size] = duration_ns
+        return duration_ns
 
     def _frame(self, message: Message) -> bytes:
         self._sequence = (self._sequence + 1) % 256
@@ -250,12 +287,26 @@ class Link:
         return self._frame(self._arm) if self._arm else b""
 
     def _drive_frame(self, now_ns: int) -> bytes:
+        wanted = self._outbox.next_drive(now_ns)
+        if wanted is not None:
+            self._sequence = self.drive_sequence = (self._sequence + 1) % 256
+            drive, onset = wanted
+            return encode_frame(
+                encode_set_body(self._clock_reference(now_ns), self._outbox.lease_ms, onset, drive, self._sequence)
+            )
         message, is_command = self._outbox.next_message(now_ns, self._clock_reference, self.drive_sequence)
         if message is None:
             return b""
         frame = self._frame(message)
         if is_command:
             self.drive_sequence = self._sequence
+        return frame
+
+    def _transfer_frame(self, now_ns: int) -> bytes:
+        if self._transfer is None:
+            return b""
+        frame = self._transfer.next_frame(now_ns)
+        self._outbox.holds_waveforms = self._transfer.is_committing
         return frame
 
     def _clock_reference(self, now_ns: int) -> int:
@@ -329,6 +380,8 @@ class Link:
                 self._arming_device_us = self.clock.device_time_us(now_ns)
 
     def _acknowledged(self, ack: Ack, now_ns: int) -> Event | None:
+        if self._transfer is not None and self._transfer.answers(ack):
+            return self._handed_over(self._transfer, ack.result, now_ns)
         answer = (self.state, ack.acknowledged_type)
         is_prepared = self.state is LinkState.PREPARING and self._answers_preparation(ack)
         if ack.result is not Result.OK:
@@ -356,6 +409,19 @@ class Link:
             return Stopped()
         return None
 
+    def _handed_over(self, transfer: BankTransfer, result: Result, now_ns: int) -> Event | None:
+        """One step of a bank: on to the next, or the end."""
+        is_taken = result is Result.OK
+        self.counters.acknowledged += is_taken
+        self.counters.refused += not is_taken
+        if is_taken and not transfer.go_on(now_ns):
+            return None
+        self._transfer, self._outbox.holds_waveforms = None, False
+        if not is_taken:
+            return BankRefused(result)
+        self.configuration = replace(self.configuration, bank=transfer.bank)
+        return BankReplaced()
+
     def _reported(self, status: Status, now_ns: int) -> Event:
         self.counters.statuses += 1
         self.status = status
@@ -376,7 +442,7 @@ class Link:
         return FaultReceived(fault.fault, fault.device_time_us)
 
     def _end_session(self, state: LinkState) -> None:
-        self.state, self._patience_end_ns = state, None
+        self.state, self._patience_end_ns, self._transfer = state, None, None
         self._outbox.clear()
 
 
@@ -401,7 +467,7 @@ def _check_fit(hello: Hello, configuration: LinkConfiguration) -> None:
     configuration.check_rate(hello.number_of_actuators)
 
 
-def _check_bank(hello: Hello, size_bytes: int, longest_us: int) -> None:
+def _check_bank(hello: Hello | Capabilities, size_bytes: int, longest_us: int) -> None:
     if Features.WAVEFORMS not in hello.features:
         raise LinkError("the device plays no waveforms: connect another device or configure no bank")
     if size_bytes > hello.bank_capacity_bytes:

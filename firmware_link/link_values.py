@@ -7,7 +7,17 @@ from enum import Enum
 from firmware_link.bank import Bank
 from firmware_link.errors import LinkError
 from firmware_link.line import Transport, command_rate_hz
-from firmware_link.messages import NUMBER_OF_SHAPES, SHAPE_STEPS, FaultCode, Features, Hello, LogCode, LogLevel, Status
+from firmware_link.messages import (
+    NUMBER_OF_SHAPES,
+    SHAPE_STEPS,
+    FaultCode,
+    Features,
+    Hello,
+    LogCode,
+    LogLevel,
+    Result,
+    Status,
+)
 from firmware_link.onset import OnsetStep
 
 _NO_FEATURES = Features(0)
@@ -152,11 +162,23 @@ class LogReceived:
 
 
 @dataclass(frozen=True)
+class BankReplaced:
+    """The device plays the bank of `Link.replace_bank` from now on."""
+
+
+@dataclass(frozen=True)
+class BankRefused:
+    """The device keeps the bank that it had."""
+
+    result: Result
+
+
+@dataclass(frozen=True)
 class Stopped:
     """The device acknowledged STOP."""
 
 
-Event = Greeted | Armed | StatusReceived | FaultReceived | LogReceived | Stopped
+Event = Greeted | Armed | StatusReceived | FaultReceived | LogReceived | BankReplaced | BankRefused | Stopped
 
 
 @dataclass

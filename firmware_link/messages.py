@@ -423,6 +423,18 @@ def encode_body(message: Message, sequence: int) -> bytes:
     return _LAYOUTS[message.type_byte].encode(message, sequence)
 
 
+_pack_set = _LAYOUTS[Set.type_byte].pack
+_WRITES_PHASE = int(SetFlag.WRITE_PHASE)
+
+
+def encode_set_body(clock_reference: int, lease_ms: int, onset: int, drive: bytes, sequence: int) -> bytes:
+    """Body of a SET that writes the phase, as `encode_body` makes it, for the way from a touch to its command.
+
+    The values are those of a link that is ready: they are known to fit.
+    """
+    return _pack_set(sequence, clock_reference, _WRITES_PHASE, lease_ms, onset) + drive
+
+
 def decode_body(body: bytes) -> tuple[int, Message]:
     """Sequence number and message of a body that `framing` accepted; raises MessageError for an unknown meaning."""
     return body[1], _LAYOUTS[body[0]].decode(body)

@@ -16,6 +16,9 @@ SILENT_RENEWAL_NS = 80 * NS_PER_MS
 RENEWALS_PER_LEASE = 3
 # A frame may reach the device so much sooner after the one before than it left.
 JITTER_US = 2_000
+_NEVER_NS = 1 << 63
+# The hot path: without the search in the class.
+_WRITE_PHASE = SetFlag.WRITE_PHASE
 
 
 class WantedDrive(NamedTuple):
@@ -41,23 +44,28 @@ class Outbox:
         """Zeros for every actuator of the device."""
         self._counters = counters
         self._slew_limit_per_s = slew_limit_per_s
-        self._lease_ms = 0
+        self.lease_ms = self._spacing_ns = self._renewal_ns = 0
         self._slot: WantedDrive | WantedWaveform | None = None
         self._sounding = WantedDrive(b"", 0)
         self._player = Player()
         self._play_end_ns: int | None = None
+        self.holds_waveforms = False
+        """Waveforms wait: the bank is being changed."""
         self._renewal_due_ns = 0
         self._spaced_ns = 0
 
     def start(self, silent_drive: bytes, lease_ms: int) -> None:
         """Begin a session, in silence."""
-        self.silent_drive, self._lease_ms = silent_drive, lease_ms
+        self.silent_drive, self.lease_ms = silent_drive, lease_ms
+        self._renewal_ns = lease_ms * NS_PER_MS // RENEWALS_PER_LEASE
+        self._spacing_ns = -(-lease_ms * NS_PER_MS // LONGEST_SEQUENCE_LEAD)
         self.clear()
 
     def clear(self) -> None:
         """Nothing waits and nothing sounds."""
         self._slot, self._sounding, self._play_end_ns = None, WantedDrive(self.silent_drive, 0), None
         self._player = Player()
+        self.holds_waveforms = False
 
     @property
     def is_silent(self) -> bool:
@@ -77,14 +85,29 @@ class Outbox:
         """When `next_message` has one, perhaps in the past."""
         return min(self._renewal_due_ns, self._slot_due_ns(now_ns))
 
+    def next_drive(self, now_ns: int) -> WantedDrive | None:
+        """The drive that waits and is due, with no waveform to take over from: what most touches bring.
+
+        Where it is None, `next_message` says what to send, if anything.
+        """
+        wanted = self._slot
+        if type(wanted) is not WantedDrive or now_ns < self._spaced_ns or self._player.end_us is not None:
+            return None
+        self._slot, self._sounding, self._play_end_ns = None, wanted, None
+        self._counters.sent += 1
+        self._spaced_ns = now_ns + self._spacing_ns
+        self._renewal_due_ns = now_ns + (self._renewal_ns if wanted[0] != self.silent_drive else SILENT_RENEWAL_NS)
+        return wanted
+
     def next_message(
         self, now_ns: int, clock_reference: Callable[[int], int], sequence: int | None
     ) -> tuple[Set | Play | KeepAlive | None, bool]:
         """What is due now, and whether it is a command and no renewal of the one that went out with `sequence`."""
-        if self._slot is not None and now_ns >= self._slot_due_ns(now_ns):
-            wanted, self._slot = self._slot, None
+        wanted = self._slot
+        if wanted is not None and now_ns >= self._slot_due_ns(now_ns):
+            self._slot = None
             self._counters.sent += 1
-            self._spaced_ns = now_ns + -(-self._lease_ms * NS_PER_MS // LONGEST_SEQUENCE_LEAD)
+            self._spaced_ns = now_ns + self._spacing_ns
             if isinstance(wanted, WantedWaveform):
                 return self._play(wanted, now_ns, clock_reference(now_ns)), True
             self._sounding = wanted
@@ -102,6 +125,8 @@ class Outbox:
         if self._slot is None:
             return self._renewal_due_ns
         if isinstance(self._slot, WantedWaveform):
+            if self.holds_waveforms:
+                return _NEVER_NS
             return max(self._spaced_ns, self._player.room_us(now_ns // NS_PER_US) * NS_PER_US)
         return self._spaced_ns
 
@@ -109,15 +134,15 @@ class Outbox:
         # Silence is renewed by SET too: had the SET that silenced been lost, anything else might hold the old drive.
         self._take_over(now_ns)
         self._play_end_ns = None
-        lease_ns = self._lease_ms * NS_PER_MS
-        is_driving = any(self._sounding.drive)
-        self._renewal_due_ns = now_ns + (lease_ns // RENEWALS_PER_LEASE if is_driving else SILENT_RENEWAL_NS)
-        return Set(clock_reference, SetFlag.WRITE_PHASE, self._lease_ms, self._sounding.onset, self._sounding.drive)
+        drive, onset = self._sounding
+        is_driving = drive != self.silent_drive
+        self._renewal_due_ns = now_ns + (self._renewal_ns if is_driving else SILENT_RENEWAL_NS)
+        return Set(clock_reference, _WRITE_PHASE, self.lease_ms, onset, drive)
 
     def _play(self, wanted: WantedWaveform, now_ns: int, clock_reference: int) -> Play:
         self._take_over(now_ns)
         # The device plays from when the frame comes, at most one lease later: a SET before that end would cut it.
-        length_us = wanted.length_us + self._lease_ms * US_PER_MS
+        length_us = wanted.length_us + self.lease_ms * US_PER_MS
         self._player.start(now_ns // NS_PER_US, length_us, wanted.amplitude)
         self._sounding = WantedDrive(self.silent_drive, 0)
         self._play_end_ns = now_ns + length_us * NS_PER_US
@@ -125,4 +150,5 @@ class Outbox:
         return Play(clock_reference, wanted.waveform, wanted.amplitude)
 
     def _take_over(self, now_ns: int) -> None:
-        self._player.take_over(now_ns // NS_PER_US, self._slew_limit_per_s, JITTER_US)
+        if self._player.end_us is not None:
+            self._player.take_over(now_ns // NS_PER_US, self._slew_limit_per_s, JITTER_US)

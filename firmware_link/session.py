@@ -66,12 +66,17 @@ class Session:
         self.link.poll(now_ns)
         return events
 
+    def check_patience(self) -> None:
+        """In place of `receive` where nothing has come; raises LinkLostError when the device is silent for too long."""
+        self.link.poll(self._monotonic_ns())
+
     def send(self) -> None:
         """The second half of `exchange`: write what is due."""
-        now_ns = self._monotonic_ns()
-        self._unsent = self._unsent or self.link.outgoing(now_ns)
-        if self._unsent:
-            self._unsent = self._unsent[self.port.write(self._unsent) :]
+        data = self._unsent or self.link.outgoing(self._monotonic_ns())
+        if data:
+            # Kept where the port fails: the whole of it was not taken.
+            self._unsent = data
+            self._unsent = data[self.port.write(data) :]
 
     def wants_to_write(self) -> bool:
         """Whether the port should be polled for writing too."""

@@ -1,11 +1,14 @@
 """A state of the fingers to its click: a short waveform that felt fingers feel and quiet ones do not."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
 
 from engine.device import Device
 from precompute.click_basis import PLAY_RATE_HZ, compute_bases, compute_responses
@@ -14,6 +17,7 @@ from precompute.click_judge import Verdict, judge_waveform
 from precompute.click_options import DEFAULT_OPTIONS, ClickOptions
 from precompute.click_scenarios import sample_scenarios
 from precompute.promise import States, touched_zones
+from precompute.workers import solve_in_processes
 
 Array = NDArray[np.float64]
 
@@ -23,6 +27,8 @@ PEAK = "peak"
 """The objective of the linear program: the greatest peak under the weakest felt finger."""
 RESIDUAL_S = 0.03
 """From so long after its end what is left of a click counts as residual, where no brake says when."""
+_MOST_TOGETHER = 16
+"""States that one process solves before it asks for others: fewer share less, more keep some processes waiting."""
 
 
 @dataclass(frozen=True)
@@ -47,11 +53,29 @@ class Click:
 
 
 def solve_clicks(device: Device, options: ClickOptions, states: Sequence[States], workers: int = 1) -> Iterator[Click]:
-    """The clicks of some states of the device, in any order, by so many processes (1: this one)."""
-    solver = ClickSolver(device, options)
-    # States with the same fingers one after another, so that they share what is computed for them.
-    for state in sorted(states, key=touched_zones):
-        yield solver.solve(state)
+    """The clicks of some states of the device, in any order, by so many processes (1: this one).
+
+    They are the same however many solve them. Raises WorkerError where a process was killed.
+    """
+    chunks = _chunks(states)
+    if workers == 1:
+        solver = ClickSolver(device, options)
+        yield from (solver.solve(state) for chunk in chunks for state in chunk)
+    else:
+        yield from solve_in_processes(partial(_begin, device, options), chunks, workers)
+
+
+def _begin(device: Device, options: ClickOptions) -> Callable[[States], Click]:
+    return ClickSolver(device, options).solve
+
+
+def _chunks(states: Sequence[States]) -> list[list[States]]:
+    """States with the same fingers together, so that they share what is computed for them; the longest work first."""
+    alike = [list(group) for _, group in groupby(sorted(states, key=touched_zones), key=touched_zones)]
+    chunks = [
+        group[start : start + _MOST_TOGETHER] for group in alike for start in range(0, len(group), _MOST_TOGETHER)
+    ]
+    return sorted(chunks, key=lambda chunk: -len(chunk) * len(touched_zones(chunk[0])))
 
 
 class ClickSolver:
@@ -65,12 +89,29 @@ class ClickSolver:
             sample_scenarios(device, count, seed, options.spreads) for count, seed in zip(counts, seeds, strict=True)
         )
         """Those optimised over, trimmed on, judged by."""
-        self._bases = [compute_bases(scenarios) for scenarios in self.scenarios]
-        self.plants_of = lru_cache(maxsize=2)(self._compute_plants)
+        self._threads = ThreadpoolController()
+        with self._one_thread():
+            self._bases = [compute_bases(scenarios) for scenarios in self.scenarios]
+        self.plants_of = lru_cache(maxsize=1)(self._compute_plants)
         """Responses with a finger in each of some zones (indices, a tuple)."""
 
     def solve(self, states: States) -> Click:
         """The click of one state: of the first length that achieves what is wanted, else of the last."""
+        with self._one_thread():
+            return self._solve(states)
+
+    def judge(self, states: States, length_s: float, waveform: Array, objective: str) -> Click:
+        """Any base displacements (actuator, time), as loud as limits and quiet level allow; it claims no optimum."""
+        with self._one_thread():
+            designer = Designer(self.device, self.options, self.plants_of(touched_zones(states)), states, length_s)
+            return self._judged(states, length_s, objective, designer, designer.fit(waveform))
+
+    def _one_thread(self) -> AbstractContextManager[object]:
+        """Of BLAS: programs are small, and sums in another order end in another click."""
+        limited: AbstractContextManager[object] = self._threads.limit(limits=1, user_api="blas")
+        return limited
+
+    def _solve(self, states: States) -> Click:
         plants = self.plants_of(touched_zones(states))
         for length_s in self.options.lengths_s:
             designer = Designer(self.device, self.options, plants, states, length_s)
@@ -80,11 +121,6 @@ class ClickSolver:
         else:
             design = (designer.least_violation() if designer.quiet else None) or design
         return self._judged(states, length_s, PEAK, designer, design)
-
-    def judge(self, states: States, length_s: float, waveform: Array, objective: str) -> Click:
-        """Any base displacements (actuator, time), as loud as limits and quiet level allow; it claims no optimum."""
-        designer = Designer(self.device, self.options, self.plants_of(touched_zones(states)), states, length_s)
-        return self._judged(states, length_s, objective, designer, designer.fit(waveform))
 
     def _judged(self, states: States, length_s: float, objective: str, designer: Designer, design: Design) -> Click:
         waveform = np.fix(design.waveform * FULL_SCALE) / FULL_SCALE

@@ -1,5 +1,6 @@
 """Sampled plants and windowed tones to what every finger feels of each tone, over time."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -10,9 +11,10 @@ from numpy.typing import NDArray
 from engine.device import Device
 from precompute.assembly import assemble
 from precompute.click_scenarios import Scenarios
+from precompute.click_weighting import LENGTH_S as FILTER_S
 from precompute.click_weighting import threshold_filter
 from precompute.modal import Basis, ModalModel, compute_basis, compute_modal_model
-from precompute.transient import _integrals
+from precompute.transient import step_integrals
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -57,11 +59,26 @@ class Responses:
     spectrum: Complex
     steps: int
 
+    def under(self, fingers: Sequence[int]) -> "Responses":
+        """Those of some fingers only."""
+        return Responses(self.spectrum[:, list(fingers)], self.steps)
+
+    def first(self, scenarios: int) -> "Responses":
+        """Those of the first scenarios only."""
+        return Responses(self.spectrum[:scenarios], self.steps)
+
+    def mean(self) -> "Responses":
+        """One scenario, in which everything is felt as on average."""
+        return Responses(self.spectrum.mean(axis=0, keepdims=True), self.steps)
+
     def play(self, waveform: Array) -> Array:
         """Weighted acceleration (scenario, finger, time) at LOOK_RATE_HZ of base displacements (actuator, time)."""
         size = _transform_size(self.steps)
         drive = scipy.fft.rfft(between(waveform), size)
-        felt: Array = scipy.fft.irfft(np.einsum("spaf,af->spf", self.spectrum, drive), size)
+        total = self.spectrum[:, :, 0] * drive[0]
+        for actuator in range(1, len(drive)):
+            total += self.spectrum[:, :, actuator] * drive[actuator]
+        felt: Array = scipy.fft.irfft(total, size)
         return felt[..., : self.steps]
 
     def play_each(self, tones: Tones) -> Array:
@@ -152,13 +169,13 @@ def _sample_response(model: ModalModel, position_m: Array, steps: int) -> Array:
     step_s, modes = 1 / LOOK_RATE_HZ, len(model.basis.square_omega)
     kept = np.flatnonzero(model.pole.imag >= 0)  # of a conjugate pair one is enough, counted twice
     pole, spring, damper = model.pole[kept], model.spring[kept], model.damper[kept]
-    phi_1, phi_2 = (integral[:, None] for integral in _integrals(pole, step_s))
+    phi_1, phi_2 = (integral[:, None] for integral in step_integrals(pole, step_s))
     rising = (phi_1 * damper + phi_2 * spring) / step_s
     falling = np.exp(pole * step_s)[:, None] * rising + phi_1 * spring - rising
     place = model.basis.at(position_m)
     seen = place @ (model.vector[modes:, kept] * pole * np.where(pole.imag > 0, 2.0, 1.0))
     out = np.empty((len(position_m), spring.shape[1], steps))
-    decay = np.exp(np.outer(pole, step_s * np.arange(steps - 1)))
+    decay = _powers(np.exp(pole * step_s), steps - 1)
     for actuator in range(spring.shape[1]):
         out[:, actuator, 0] = (seen @ rising[:, actuator]).real
         out[:, actuator, 1:] = ((seen * falling[:, actuator]) @ decay).real
@@ -166,6 +183,14 @@ def _sample_response(model: ModalModel, position_m: Array, steps: int) -> Array:
     out[..., 0] += direct + rate
     out[..., 1] -= rate
     return out
+
+
+def _powers(base: Complex, count: int) -> Complex:
+    """Shape (base, count): the powers from 0 on, each of two factors, for every exponential takes its time."""
+    block = math.isqrt(count) + 1
+    small, large = base[:, None] ** np.arange(block), base[:, None] ** (block * np.arange(block))
+    powers: Complex = (large[:, :, None] * small[:, None, :]).reshape(len(base), -1)[:, :count]
+    return powers
 
 
 def _spread_over(band_hz: tuple[float, float], spacing_hz: float) -> Array:
@@ -178,5 +203,6 @@ def _spread_over(band_hz: tuple[float, float], spacing_hz: float) -> Array:
 
 
 def _transform_size(steps: int) -> int:
-    """Long enough that nothing comes round: filter and click together are no longer than what is looked at."""
-    return int(scipy.fft.next_fast_len(2 * steps, real=True))
+    """Long enough that nothing comes round: a click, what its last sample does, and the filter, one after another."""
+    click, taps = steps - round(RING_S * LOOK_RATE_HZ), round(FILTER_S * LOOK_RATE_HZ)
+    return int(scipy.fft.next_fast_len(click + steps + taps, real=True))

@@ -39,9 +39,10 @@ def energy_contrast(solver: ClickSolver, states: States, length_s: float) -> Arr
 
 
 def gated_drive(solver: ClickSolver, states: States, length_s: float) -> Array:
-    """The best steady entry at full scale, switched on for that long with the ramp of the device's limits."""
-    entry = EntrySolver(assemble(solver.device)).solve(states)[-1]
-    return gate(entry, length_s, solver.device.limits.slew_per_s)
+    """A steady entry switched on for that long with the ramp of the device's limits: of its levels the best so."""
+    entries = EntrySolver(assemble(solver.device)).solve(states)
+    gated = [gate(entry, length_s, solver.device.limits.slew_per_s) for entry in entries]
+    return max(gated, key=lambda drive: solver.judge(states, length_s, drive, "").verdict.felt.low_db)
 
 
 def gate(entry: Entry, length_s: float, slew_per_s: float) -> Array:

@@ -18,12 +18,12 @@ class ClickOptions:
 
     lengths_s: tuple[float, ...] = (0.03,)
     wanted_db: float | None = None
-    quiet_db: float = 0.0
+    quiet_db: float = 0.4
     brake_s: float | None = None
     slew_per_s: float | None = None
-    crowding: float = 1.0
+    crowding: float = 1.5
     scenarios: int = 40
-    trimmed: int = 200
+    trimmed: int = 800
     judged: int = 200
     seed: int = 1
     spreads: Spreads = DEFAULT_SPREADS

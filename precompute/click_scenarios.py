@@ -88,7 +88,7 @@ class Scenarios:
 def sample_scenarios(device: Device, count: int, seed: int, spreads: Spreads = DEFAULT_SPREADS) -> Scenarios:
     """The nominal plant and `count` sampled ones (a seeded Latin hypercube; an odd count is rounded up).
 
-    Half of the samples are the mirror images of the others, so that a mirrored bar gets mirrored clicks.
+    Every other sample is the mirror image of the one before, so that a mirrored bar gets mirrored clicks.
     """
     zones, actuators = len(device.zones), len(device.actuators)
     half = (count + 1) // 2
@@ -96,8 +96,8 @@ def sample_scenarios(device: Device, count: int, seed: int, spreads: Spreads = D
     solid, touch = points[:, : 2 + 2 * actuators], points[:, 2 + 2 * actuators :].reshape(half, 4, zones)
     image = touch[:, :, ::-1].copy()
     image[:, 0] = 1 - image[:, 0]
-    normal = np.concatenate([np.zeros((1, solid.shape[1])), *[ndtri(solid)] * 2])
-    even = 2 * np.concatenate([np.full((1, 4, zones), 0.5), touch, image]) - 1
+    normal = np.concatenate([np.zeros((1, solid.shape[1])), _alternating(ndtri(solid), ndtri(solid))])
+    even = 2 * np.concatenate([np.full((1, 4, zones), 0.5), _alternating(touch, image)]) - 1
     middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
     reach_m = np.array([min(spreads.position_m, zone.length_m / 2) for zone in device.zones])
     stiff, heavy = 1 + spreads.stiffness * normal[:, ::2], 1 + spreads.mass * normal[:, 1::2]
@@ -112,3 +112,9 @@ def sample_scenarios(device: Device, count: int, seed: int, spreads: Spreads = D
         finger_stiffness=1 + spreads.finger * even[:, 3],
         position_m=middle_m + reach_m * even[:, 0],
     )
+
+
+def _alternating(one: Array, other: Array) -> Array:
+    """Their rows in turn."""
+    rows: Array = np.stack([one, other], axis=1).reshape(-1, *one.shape[1:])
+    return rows

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precompute.click_basis import LOOK_RATE_HZ
-from precompute.click_program import TOLERANCE, Optimum, Program
+from precompute.click_program import ENDLESS, TOLERANCE, Optimum, Program
 
 Array = NDArray[np.float64]
 
@@ -17,7 +17,10 @@ AFTER_S = 2e-3
 """Instants are tried from the middle of the click until so long after its end."""
 NEGLIGIBLE = 1e-2
 """Instants that promise no more than this beyond the best, relative, are left: 0.09 dB."""
-_MOST = 24
+_COARSE = 2e-3
+"""So closely an aim is solved to be compared with others."""
+_LIKELY = 0.75
+"""Where in the click the best instants lie most often; what is tried first prunes the others."""
 _ASCENTS = 6
 
 
@@ -36,56 +39,76 @@ class Aim:
 
 @dataclass(frozen=True)
 class Strongest:
-    """The best weights of the tones; `bound`: no weights do better at any aim that was tried."""
+    """The best weights of the tones, and what they are best for."""
 
     aim: Aim
     optimum: Optimum
-    bound: float
-
-    def scaled(self, factor: float) -> "Strongest":
-        """The same for limits that are all so many times as wide."""
-        return Strongest(self.aim, self.optimum.scaled(factor), self.bound * factor)
 
 
-def search_click(program: Program, course: Array, length_s: float) -> Strongest:
-    """Maximise the weakest felt finger; course (finger, time, tone) averaged over the scenarios.
+class Search:
+    """Maximises the weakest felt finger; course (finger, time, tone) averaged over the scenarios.
 
-    Every aim is bounded by the rows that are already in; those that promise most are solved, until none promises more
-    than the best. All fingers are tried at common instants; then each goes to its own peak, as long as that helps.
+    An aim is solved until its bound promises no more than the best. Bounds hold whatever the limit of the watched
+    courses, so that under another limit only the aims that still promise more are solved once more. All fingers are
+    tried at common instants; then each goes to its own peak, as long as that helps.
     """
-    aims = _aims(len(course), length_s)
-    promised = np.array([program.bound(aim.rows(course)) for aim in aims])
-    best, chosen = Optimum(np.zeros(course.shape[2]), 0.0, np.inf), aims[0]
-    for tried, index in enumerate(np.argsort(-promised).tolist()):
-        floor = best.value * (1 + NEGLIGIBLE)
-        if promised[index] <= floor or tried >= _MOST:
-            break
-        found = program.maximise(aims[index].rows(course), floor)
-        promised[index] = min(promised[index], found.bound)
-        if found.value > best.value:
-            best, chosen = found, aims[index]
-    chosen, best = _ascend(program, course, chosen, best)
-    return Strongest(chosen, best, max(float(promised.max()), best.bound))
+
+    def __init__(self, program: Program, course: Array, length_s: float) -> None:
+        self._program, self._course = program, course
+        self._aims = _aims(len(course), length_s)
+        self._bounds = [ENDLESS] * len(self._aims)
+        self._first = 0
+
+    def strongest(self, limit: float) -> Strongest:
+        """The best that was found of all aims where watched courses keep to `limit`."""
+        self._program.set_limit(limit)
+        best = self._maximise(self._first, 0.0)
+        untried = set(range(len(self._aims))) - {self._first}
+        while untried:
+            index = max(untried, key=lambda untried_one: (self._bounds[untried_one].at(limit), -untried_one))
+            floor = best.value * (1 + NEGLIGIBLE)
+            if self._bounds[index].at(limit) <= floor:
+                break
+            untried.discard(index)
+            found = self._maximise(index, floor)
+            if found.value > best.value:
+                best, self._first = found, index
+        return self._ascend(Strongest(self._aims[self._first], best))
+
+    def improve(self, aim: Aim, limit: float) -> Optimum:
+        """The best for one aim where watched courses keep to `limit`."""
+        self._program.set_limit(limit)
+        return self._program.maximise(aim.rows(self._course))
+
+    def bound(self, limit: float) -> float:
+        """What no weights exceed at any of the aims where watched courses keep to `limit`."""
+        return max(bound.at(limit) for bound in self._bounds)
+
+    def _maximise(self, index: int, floor: float) -> Optimum:
+        found = self._program.maximise(self._aims[index].rows(self._course), floor, _COARSE)
+        self._bounds[index] = found.bound
+        return found
+
+    def _ascend(self, best: Strongest) -> Strongest:
+        """Each finger to where its course is greatest: the value can only rise."""
+        for _ in range(_ASCENTS):
+            felt = self._course @ best.optimum.weight
+            instant = np.abs(felt).argmax(axis=1)
+            moved = Aim(instant, np.sign(felt[np.arange(len(felt)), instant]))
+            found = self._program.maximise(moved.rows(self._course))
+            if found.value <= best.optimum.value * (1 + 10 * TOLERANCE):
+                break
+            best = Strongest(moved, found)
+        return best
 
 
 def _aims(fingers: int, length_s: float) -> list[Aim]:
-    """Common instants, and every choice of signs; the first is positive, for limits are even."""
-    instants = np.arange(length_s / 2, length_s + AFTER_S, STEP_S) * LOOK_RATE_HZ
+    """Common instants, the likely ones first, and every choice of signs; the first is positive, for limits are even."""
+    instants_s = np.arange(length_s / 2, length_s + AFTER_S, STEP_S)
+    instants_s = instants_s[np.argsort(abs(instants_s - _LIKELY * length_s), kind="stable")]
     signs = [np.array([1.0, *rest]) for rest in itertools.product((1.0, -1.0), repeat=fingers - 1)]
     return [
-        Aim(np.full(fingers, round(instant), dtype=np.int64), sign) for instant in instants.tolist() for sign in signs
+        Aim(np.full(fingers, round(instant_s * LOOK_RATE_HZ), dtype=np.int64), sign)
+        for instant_s in instants_s.tolist()
+        for sign in signs
     ]
-
-
-def _ascend(program: Program, course: Array, aim: Aim, best: Optimum) -> tuple[Aim, Optimum]:
-    """Each finger to where its course is greatest: the value can only rise."""
-    for _ in range(_ASCENTS):
-        felt = course @ best.weight
-        instant = np.abs(felt).argmax(axis=1)
-        sign = np.sign(felt[np.arange(len(felt)), instant])
-        moved = Aim(instant, sign)
-        found = program.maximise(moved.rows(course))
-        if found.value <= best.value * (1 + 10 * TOLERANCE):
-            break
-        aim, best = moved, found
-    return aim, best

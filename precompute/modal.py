@@ -69,8 +69,8 @@ def compute_modal_model(basis: Basis, fingers: Sequence[tuple[float, Finger]] = 
     """Damped modes with fingers (position in metres, finger) added to the untouched bar's basis."""
     count = len(basis.square_omega)
     M, K, C = np.eye(count), np.diag(basis.square_omega), basis.damping.copy()
-    for position_m, finger in fingers:
-        row = basis.at(np.array([position_m]))[0]
+    rows = basis.at(np.array([position_m for position_m, _ in fingers]))
+    for row, (_, finger) in zip(rows, fingers, strict=True):
         outer = np.outer(row, row)
         M += finger.mass_kg * outer
         K += finger.stiffness_n_per_m * outer

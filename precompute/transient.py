@@ -72,7 +72,7 @@ class TransientPlant:
         pole, spring, damper = model.pole[kept], model.spring[kept], model.damper[kept]
         # Exact for u linear within a step: z' = s z + spring (u0 + rate t) + damper rate.
         grow = np.exp(pole * step_s)
-        phi_1, phi_2 = _integrals(pole, step_s)
+        phi_1, phi_2 = step_integrals(pole, step_s)
         forced = (phi_1[:, None] * spring) @ before.T + (phi_1[:, None] * damper + phi_2[:, None] * spring) @ rate.T
         state = model.inverse[kept] @ self._state
         z = np.empty_like(forced)
@@ -86,7 +86,7 @@ class TransientPlant:
         return velocity, mode_acceleration
 
 
-def _integrals(pole: Complex, step_s: float) -> tuple[Complex, Complex]:
+def step_integrals(pole: Complex, step_s: float) -> tuple[Complex, Complex]:
     """Integrals over one step of exp(pole t) and of exp(pole (step - t)) t; their limits for a pole near zero."""
     slow = abs(pole) * step_s < 1e-9
     safe = np.where(slow, 1.0, pole)

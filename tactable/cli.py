@@ -4,15 +4,12 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from threadpoolctl import threadpool_limits
 
 from engine.descriptor import DescriptorError
@@ -23,12 +20,31 @@ from engine.effects import DEFAULT_EFFECTS, EffectError
 from engine.entry import DEFAULT_LEVEL_DB, played_at
 from engine.limits import LimitError
 from engine.renderer import RendererError
+from engine.ring import RingError
 from engine.sources.recording import RecordingError, read_recording
-from engine.table import TableError, open_table
+from engine.table import Table, TableError, open_table
+from engine.zones import ZoneState
 from firmware_link.errors import LinkError
-from tactable import bench_effects, bench_latency, link_commands, plot_commands, run, touch_commands
+from precompute.calibration_error import CalibrationError
+from precompute.fleet.unit import FleetError
+from tactable import (
+    bench_calibrate,
+    bench_commands,
+    bench_effects,
+    bench_latency,
+    build_commands,
+    calibrate_commands,
+    diff_commands,
+    fleet_commands,
+    link_commands,
+    plot_click_commands,
+    plot_commands,
+    run,
+    touch_commands,
+)
 from tactable.figure_file import FigureError
 from tactable.latency_report import LatencyReportError
+from tactable.progress import shown_progress
 from tactable.shipped import DEMO_RECORDING, find_device
 
 EXIT_DISAGREES = 3
@@ -41,11 +57,18 @@ app = typer.Typer(
 )
 bench = typer.Typer(no_args_is_help=True, help="Measure speed on this machine, against floors measured beside it.")
 app.add_typer(bench, name="bench")
+build_commands.register(app)
 touch_commands.register(app)
+calibrate_commands.register(app)
 link_commands.register(app)
+diff_commands.register(app)
+fleet_commands.register(app)
 run.register(app)
+bench_commands.register(bench)
+bench_calibrate.register(bench)
 bench_effects.register(bench)
 bench_latency.register(bench)
+plot_click_commands.register(plot_commands.plot)
 app.add_typer(plot_commands.plot, name="plot")
 _errors = Console(stderr=True)
 _out = Console()
@@ -59,16 +82,19 @@ def main() -> None:
     try:
         app()
     except (
+        CalibrationError,
         DescriptorError,
         DeviceError,
         DigitizerError,
         EffectError,
         FigureError,
+        FleetError,
         LimitError,
         LatencyReportError,
         LinkError,
         RecordingError,
         RendererError,
+        RingError,
         TableError,
         OSError,
     ) as error:
@@ -80,55 +106,6 @@ def main() -> None:
 
 
 @app.command()
-def build(
-    device_name: DeviceName,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="The table; default NAME.nc here.")] = None,
-    objective: Annotated[
-        str, typer.Option(help="contrast, standard contrast, localized factor, fair share or paper.")
-    ] = "contrast",
-    clicks_up_to: Annotated[
-        int | None,
-        typer.Option(min=0, help="Clicks for states of up to so many fingers; default: all, or 3 beyond five zones."),
-    ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes for the clicks; default: one a core.")] = None,
-    memory_mib: Annotated[int, typer.Option(min=1, help="Memory for the buffers of the sweep, in MiB.")] = 64,
-    as_json: AsJson = False,
-) -> None:
-    """Build the table of a device; an interrupted build goes on where its clicks were."""
-    from precompute.build import build_table
-    from precompute.cores import available_cores
-
-    device = find_device(device_name)
-    path = output or Path(f"{device.name}.nc")
-    with _progress(as_json) as progress:
-        build_table(
-            device,
-            path,
-            created=_now(),
-            objective=objective,
-            clicks_up_to=clicks_up_to,
-            workers=workers or available_cores(),
-            memory_budget_bytes=memory_mib << 20,
-            progress=progress,
-        )
-    with open_table(path, verify=False) as table:
-        summary = {
-            "table": str(path),
-            "device": device.name,
-            "fingerprint": device.fingerprint,
-            "entries": len(table.entries),
-            "clicks": len(table.clicks),
-            "bytes": path.stat().st_size,
-        }
-    if as_json:
-        _print_json(summary)
-    else:
-        counts = f"{summary['entries']} entries, {summary['clicks']} clicks"
-        _out.print(f"{path}: {counts}, {path.stat().st_size / 1e6:.0f} MB, for {device.name}")
-        _out.print(f"fingerprint {device.fingerprint[:16]}; {len(device.inferred)} values of the device are estimates")
-
-
-@app.command()
 def explain(
     table_path: Annotated[Path, typer.Argument(metavar="TABLE", help="A built table.")],
     felt: Annotated[str, typer.Option(help="Zones to be felt, such as I,III,V.")],
@@ -137,27 +114,47 @@ def explain(
         str, typer.Option(help="Wanted level in dB above the detection threshold, or full.")
     ] = f"{DEFAULT_LEVEL_DB:g}",
     alternatives: Annotated[bool, typer.Option(help="Show what lost, and why.")] = True,
+    click: Annotated[bool, typer.Option("--click", help="The click of the state instead of its steady drive.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Say what the table does for a state, what it promises, and what lost."""
+    names = _zone_names(felt)
+    if not names:
+        raise TableError("--felt names no zone; give at least one, such as --felt I,III")
+    level_db = _level(level)
+    explain_it = _explain_click if click else _explain_entry
+    with open_table(table_path) as table, threadpool_limits(1, "blas"):
+        explain_it(table, table.states_of(names, _zone_names(quiet)), level_db, alternatives, as_json)
+
+
+def _explain_entry(
+    table: Table, states: tuple[ZoneState, ...], level_db: float, alternatives: bool, as_json: bool
+) -> None:
     from precompute.alternatives import solve_alternatives
     from precompute.assembly import assemble
     from precompute.on_demand import entries_on_demand
     from tactable.explain import entry_json, print_entry
 
-    names = _zone_names(felt)
-    if not names:
-        raise TableError("--felt names no zone; give at least one, such as --felt I,III")
-    level_db = _level(level)
-    with open_table(table_path) as table, threadpool_limits(1, "blas"):
-        states = table.states_of(names, _zone_names(quiet))
-        tabulated = entries_on_demand(table, states, _cache_folder() / "states")
-        entry = played_at(tabulated, level_db, table.device.limits.amplitude)
-        rivals = solve_alternatives(assemble(table.device), states, entry) if alternatives else []
-        if as_json:
-            _print_json(entry_json(table, entry, rivals))
-        else:
-            print_entry(_out, table, entry, rivals)
+    tabulated = entries_on_demand(table, states, _cache_folder() / "states")
+    entry = played_at(tabulated, level_db, table.device.limits.amplitude)
+    rivals = solve_alternatives(assemble(table.device), states, entry) if alternatives else []
+    if as_json:
+        _print_json(entry_json(table, entry, rivals))
+    else:
+        print_entry(_out, table, entry, rivals)
+
+
+def _explain_click(
+    table: Table, states: tuple[ZoneState, ...], level_db: float, alternatives: bool, as_json: bool
+) -> None:
+    from tactable.click_source import ClickSource
+    from tactable.explain_click import click_json, explain_click, print_click
+
+    explained = explain_click(ClickSource(table), states, level_db, rivals=alternatives)
+    if as_json:
+        _print_json(click_json(table, explained))
+    else:
+        print_click(_out, table, explained)
 
 
 def _zone_names(text: str) -> list[str]:
@@ -234,7 +231,7 @@ def demo(
     recording = read_recording(recording_path or DEMO_RECORDING)
     effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, device)
     path = table_path or _cache_folder() / f"{device.name}-{device.fingerprint[:12]}.nc"
-    with _progress(as_json) as progress:
+    with shown_progress(as_json) as progress:
         table = table_for(device, path, progress)
     with table:
         report = run_demo(table, recording, effects)
@@ -330,15 +327,6 @@ def _counts(option: str, text: str) -> list[int]:
 
 def _print_json(value: object) -> None:
     print(json.dumps(value, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
-
-
-@contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """A progress bar with the time that is left, on standard error."""
-    columns = (TextColumn("{task.description:>16}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=_errors, transient=True, disable=quiet or not _errors.is_terminal) as shown:
-        task = shown.add_task("starting", total=1.0)
-        yield lambda step, fraction: shown.update(task, description=step, completed=fraction)
 
 
 def _cache_folder() -> Path:

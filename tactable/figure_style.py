@@ -3,12 +3,14 @@
 import math
 import textwrap
 from collections.abc import Sequence
-
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING
 
 from engine.device import Device
 from engine.zones import ZoneState
+
+if TYPE_CHECKING:  # as in figure_file: pages use the words of this module, and draw nothing
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # Okabe and Ito's colours, told apart by the colour-blind.
 BLUE, VERMILLION, GREEN, GREY, BLACK = "#0072B2", "#D55E00", "#009E73", "#999999", "#000000"
@@ -41,7 +43,7 @@ def state_text(device: Device, states: Sequence[ZoneState]) -> str:
     return ", ".join(f"{names} {kind.name.lower()}" for kind, names in named.items() if names)
 
 
-def draw_zones(axes: Axes, device: Device, states: Sequence[ZoneState]) -> None:
+def draw_zones(axes: "Axes", device: Device, states: Sequence[ZoneState]) -> None:
     """Zones as bands over the bar (mm), coloured by state, named above it."""
     for zone, state in zip(device.zones, states, strict=True):
         start_mm, stop_mm = 1e3 * zone.start_m, 1e3 * zone.stop_m
@@ -60,7 +62,7 @@ def draw_zones(axes: Axes, device: Device, states: Sequence[ZoneState]) -> None:
         )
 
 
-def draw_actuators(axes: Axes, device: Device) -> None:
+def draw_actuators(axes: "Axes", device: Device) -> None:
     """A triangle under the bar (mm) for each actuator, with its name."""
     for actuator in device.actuators:
         place_mm = 1e3 * actuator.position_m
@@ -77,7 +79,7 @@ def draw_actuators(axes: Axes, device: Device) -> None:
         )
 
 
-def draw_note(figure: Figure, device: Device, *estimates: str) -> None:
+def draw_note(figure: "Figure", device: Device, *estimates: str) -> None:
     """Below everything: that it is computed, and what rests on estimates."""
     listed = [f"{len(device.inferred)} values of the device that its file names"] if device.inferred else []
     known = [*estimates, *listed]

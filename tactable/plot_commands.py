@@ -38,11 +38,11 @@ def state(
 ) -> None:
     """One state along the bar: acceleration under the fingers it may meet, against the detection threshold."""
     check_paths(output, csv_path)
-    with _opened(table_path) as table:
+    with opened_table(table_path) as table:
         from tactable.figure_state import plot_state
 
-        entry = table.entry_for(_named("--felt", felt), _names(quiet), _checked_level(level_db))
-        _deliver(plot_state(table, entry), output, csv_path, as_json)
+        entry = table.entry_for(named_zones("--felt", felt), names_in(quiet), checked_level(level_db))
+        deliver(plot_state(table, entry), output, csv_path, as_json)
 
 
 @plot.command()
@@ -56,11 +56,11 @@ def pareto(
 ) -> None:
     """One state: the contrast at every level that can be reached, and what the paper's objective gives."""
     check_paths(output, csv_path)
-    with _opened(table_path) as table:
+    with opened_table(table_path) as table:
         from tactable.figure_pareto import plot_pareto
 
-        states = table.states_of(_named("--felt", felt), _named("--quiet", quiet))
-        _deliver(plot_pareto(table, states), output, csv_path, as_json)
+        states = table.states_of(named_zones("--felt", felt), named_zones("--quiet", quiet))
+        deliver(plot_pareto(table, states), output, csv_path, as_json)
 
 
 @plot.command("contrast-map")
@@ -73,10 +73,10 @@ def contrast_map(
 ) -> None:
     """All states of two fingers: the contrast of the felt one over the quiet one."""
     check_paths(output, csv_path)
-    with _opened(table_path) as table:
+    with opened_table(table_path) as table:
         from tactable.figure_contrast_map import plot_contrast_map
 
-        _deliver(plot_contrast_map(table, _checked_level(level_db)), output, csv_path, as_json)
+        deliver(plot_contrast_map(table, checked_level(level_db)), output, csv_path, as_json)
 
 
 @plot.command()
@@ -92,15 +92,15 @@ def factor(
 ) -> None:
     """Localized factor of zones over the frequencies of two actuators."""
     check_paths(output, csv_path)
-    with _opened(table_path) as table:
+    with opened_table(table_path) as table:
         from tactable.figure_factor import pair_drive, plot_factor
 
-        drive = pair_drive(table.device, _names(pair), _numbers("--amplitudes", amplitudes))
-        _deliver(plot_factor(table, _named("--zones", zones), _names(fingers), drive), output, csv_path, as_json)
+        drive = pair_drive(table.device, names_in(pair), _numbers("--amplitudes", amplitudes))
+        deliver(plot_factor(table, named_zones("--zones", zones), names_in(fingers), drive), output, csv_path, as_json)
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Table]:
+def opened_table(path: Path) -> Iterator[Table]:
     """The table, refused where other code built it: its entries and what is computed anew would not fit together."""
     from threadpoolctl import threadpool_limits
 
@@ -110,12 +110,14 @@ def _opened(path: Path) -> Iterator[Table]:
         yield table
 
 
-def _names(text: str) -> list[str]:
+def names_in(text: str) -> list[str]:
+    """Names between commas."""
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
-def _named(option: str, text: str) -> list[str]:
-    names = _names(text)
+def named_zones(option: str, text: str) -> list[str]:
+    """Names of at least one zone; raises FigureError for none."""
+    names = names_in(text)
     if not names:
         raise FigureError(f"{option} names no zone; give at least one, such as {option} I,III")
     return names
@@ -123,18 +125,20 @@ def _named(option: str, text: str) -> list[str]:
 
 def _numbers(option: str, text: str) -> list[float]:
     try:
-        return [float(part) for part in _names(text)]
+        return [float(part) for part in names_in(text)]
     except ValueError:
         raise FigureError(f"{option} {text!r}: expected numbers, such as {option} 1,0.6") from None
 
 
-def _checked_level(level_db: float) -> float:
+def checked_level(level_db: float) -> float:
+    """The level; raises FigureError for what is no number."""
     if math.isnan(level_db):
         raise FigureError("--level nan: expected dB above the detection threshold, such as --level 20")
     return level_db
 
 
-def _deliver(picture: Picture, output: Path, csv_path: Path | None, as_json: bool) -> None:
+def deliver(picture: Picture, output: Path, csv_path: Path | None, as_json: bool) -> None:
+    """Write the picture and its data, and say what they show."""
     write_picture(picture, output)
     if csv_path is not None:
         write_columns(picture, csv_path)

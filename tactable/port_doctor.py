@@ -36,6 +36,11 @@ class SystemFiles:
         text = self._read(self._tty(port) / "device" / "latency_timer").strip()
         return int(text) if text.isdecimal() else None
 
+    def governors(self) -> set[str]:
+        """How the kernel chooses the speed of the processors; empty where it does not."""
+        paths = (self.root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
+        return {self._read(path).strip() for path in paths} - {""}
+
     def _tty(self, port: PortDescription) -> Path:
         return self.root / "sys/class/tty" / Path(port.path).name
 

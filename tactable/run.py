@@ -16,6 +16,7 @@ from engine.effect_file import read_effects
 from engine.effects import DEFAULT_EFFECTS, Effects
 from engine.latency import Stage
 from engine.loop import Clock, StopRequest, SystemClock
+from engine.realtime import ALL_STEPS, Step, parse_steps
 from engine.renderer import WhenNotAchieved
 from engine.sources import Source
 from engine.sources.playback import Playback
@@ -26,6 +27,7 @@ from firmware_link.errors import LinkError
 from firmware_link.reopening import ReopeningPort, stable_name_of
 from firmware_link.serial_port import SerialPort
 from tactable.live import Live, LiveOptions
+from tactable.ring_recorder import recorder_of, ring_for
 from tactable.shipped import find_device
 from tactable.touch_doctor import Machine
 from tactable.touch_record import opened, stop_at_signal
@@ -40,6 +42,14 @@ TouchOption = Annotated[
 ]
 EffectsOption = Annotated[
     Path | None, typer.Option("--effects", help="Which fingers feel what; default: a click at 20 dB for every touch.")
+]
+RealTimeOption = Annotated[
+    str,
+    typer.Option(
+        "--realtime",
+        metavar="STEPS",
+        help=f"all, none, or some of {', '.join(ALL_STEPS)}; all,-priority leaves one out.",
+    ),
 ]
 NotAchievedOption = Annotated[
     WhenNotAchieved, typer.Option("--when-not-achieved", help="Where the bar cannot give the wanted level.")
@@ -78,6 +88,13 @@ def register(app: typer.Typer, machine: Machine | None = None) -> None:
         reconnect: Annotated[
             bool, typer.Option("--reconnect", help="Greet and arm again a device that stopped itself or was unplugged.")
         ] = False,
+        steps: RealTimeOption = "collector",
+        recording_path: Annotated[
+            Path | None, typer.Option("--record", help="Another process writes the touches here, in hid-recorder form.")
+        ] = None,
+        ring_path: Annotated[
+            Path | None, typer.Option("--ring", help="Shared memory for other processes that look on (engine/ring.py).")
+        ] = None,
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
     ) -> None:
         """Play a table: what fingers do on a digitizer becomes what they feel, until Ctrl-C."""
@@ -85,14 +102,18 @@ def register(app: typer.Typer, machine: Machine | None = None) -> None:
         device = None if device_name is None else find_device(device_name)
         with open_table(table_path, device=device) as table, ExitStack() as stack:
             effects = _effects_of(effects_path, table.device)
-            options = LiveOptions(effects, when_not_achieved, reconnect, bit_rate_hz)
-            source = stack.enter_context(_opened(asked, touch))
+            options = LiveOptions(effects, when_not_achieved, reconnect, bit_rate_hz, real_time_steps(steps))
+            source, bus = stack.enter_context(_opened(asked, touch))
+            ring = stack.enter_context(ring_for(ring_path, recording_path))
             stop = stack.enter_context(stop_at_signal())
             port = SerialPort(port_name, bit_rate_hz)
             name = stable_name_of(port_name) if reconnect else port_name
             reopening = ReopeningPort(_told(lambda: SerialPort(name, bit_rate_hz)), port)
             stack.callback(reopening.close)
-            live = Live(table, source, port, clock, options, reopening=reopening if reconnect else None)
+            found_again = reopening if reconnect else None
+            live = Live(table, source, port, clock, options, reopening=found_again, ring=ring)
+            if ring is not None and recording_path is not None:
+                stack.enter_context(recorder_of(ring.path, recording_path, source, bus))
             _announce(source, port, live, when_not_achieved)
             start_ns = clock.now_ns()
             try:
@@ -102,18 +123,30 @@ def register(app: typer.Typer, machine: Machine | None = None) -> None:
                 _print_summary(where | run_json(live, source, clock.now_ns() - start_ns), as_json)
 
 
+def real_time_steps(text: str) -> tuple[Step, ...]:
+    """The steps that an option names; a word that is none is a usage error."""
+    try:
+        return parse_steps(text)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+
+
 def _effects_of(path: Path | None, device: Device) -> Effects:
     return DEFAULT_EFFECTS if path is None else read_effects(path, device)
 
 
 @contextmanager
-def _opened(machine: Machine, name: str) -> Iterator[Source]:
-    """A recording where there is such a file, else a digitizer; devices are files too, but not plain ones."""
+def _opened(machine: Machine, name: str) -> Iterator[tuple[Source, int]]:
+    """A recording where there is such a file, else a digitizer; devices are files too, but not plain ones.
+
+    With the number of its bus.
+    """
     if Path(name).is_file():
-        yield Playback(read_recording(Path(name)))
+        recording = read_recording(Path(name))
+        yield Playback(recording), recording.bus
         return
-    with opened(machine, name) as (source, _):
-        yield source
+    with opened(machine, name) as found:
+        yield found
 
 
 def _told(open_port: Callable[[], SerialPort]) -> Callable[[], SerialPort]:
@@ -174,6 +207,7 @@ def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
         "reconnects": counters.reconnects,
         "digitizer": asdict(live.digitizer.counters),
         "link": asdict(live.link.counters),
+        "realtime": [{**asdict(outcome), "in_force": outcome.in_force} for outcome in live.outcomes],
         "report_to_command": None if latency is None else asdict(latency),
     }
 
@@ -187,6 +221,9 @@ def _print_summary(summary: dict[str, Any], as_json: bool) -> None:
     rare = ("unknown_states", "not_achieved_states", "losses_of_the_port", "reconnects")
     told += [f"{summary[name]} {name.replace('_', ' ')}" for name in rare if summary[name]]
     _out.print(f"{summary['duration_s']:.1f} s: {', '.join(told)}", highlight=False, soft_wrap=True)
+    for step in summary["realtime"]:
+        if not step["in_force"]:
+            _out.print(f"{step['step']}: {step['finding']}; {step['remedy']}", markup=False, soft_wrap=True)
     if latency := summary["report_to_command"]:
         figures = f"median {latency['p50_ns'] / 1e6:.2f} ms, greatest {latency['max_ns'] / 1e6:.2f} ms"
         _out.print(f"report to command: {figures} of {latency['count']}", highlight=False)

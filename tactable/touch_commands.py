@@ -14,7 +14,10 @@ from rich.table import Table as Grid
 from engine.loop import SystemClock
 from engine.sources.recording import write_recording
 from tactable.check import Check
+from tactable.layer_doctor import check_layers, measure_layers
+from tactable.machine_doctor import check_machine
 from tactable.shipped import find_device
+from tactable.table_doctor import check_kernels, check_tables
 from tactable.touch_doctor import Machine, examine, rules_text
 from tactable.touch_list import list_devices
 from tactable.touch_map import LearntAxis, digitizer_table
@@ -66,9 +69,17 @@ def register(app: typer.Typer, machine: Machine | None = None) -> None:
             str | None, typer.Argument(help="With --emit-udev: the digitizer or serial port; default: all.")
         ] = None,
         emit_udev: Annotated[bool, typer.Option("--emit-udev", help="Print the udev rule, and nothing else.")] = False,
+        tables: Annotated[
+            list[Path] | None, typer.Option("--table", help="Also this table; default: those in this folder.")
+        ] = None,
+        bit_rate_hz: Annotated[int, typer.Option("--bit-rate", min=1, help="The port will have, bit/s.")] = 115_200,
+        measures: Annotated[bool, typer.Option("--measure/--no-measure", help="Which layer costs most.")] = True,
         as_json: AsJson = False,
     ) -> None:
-        """Look whether touches can be read and commands be written here; exit status 1 where something fails."""
+        """Look whether touches can be read and commands be written here, how fast, and what to do about it.
+
+        Exit status 1 where something fails; what is only slow is told.
+        """
         if emit_udev:
             rules = rules_text(asked, device)
             if as_json:
@@ -76,12 +87,18 @@ def register(app: typer.Typer, machine: Machine | None = None) -> None:
             else:
                 print(rules)  # noqa: T201  # for a file
             return
-        checks = examine(asked)
+        checks = [
+            *examine(asked),
+            *check_machine(asked.files),
+            *check_tables(tables or sorted(Path().glob("*.nc"))),
+            check_kernels(),
+            *(check_layers(measure_layers(bit_rate_hz)) if measures else ()),
+        ]
         if as_json:
             _print_json([{**asdict(check), "passed": check.passed} for check in checks])
         else:
             _print_checks(checks)
-        if not all(check.passed for check in checks):
+        if not all(check.passed or not check.needed for check in checks):
             raise typer.Exit(1)
 
     @app.command("map")
@@ -157,7 +174,7 @@ def map_json(learnt: LearntAxis) -> dict[str, Any]:
 
 def _print_checks(checks: list[Check]) -> None:
     for check in checks:
-        mark, style = ("ok  ", "green") if check.passed else ("FAIL", "red")
+        mark, style = ("ok  ", "green") if check.passed else ("FAIL", "red") if check.needed else ("slow", "yellow")
         _out.print(f"{mark} {check.name}: {check.finding}", style=style, markup=False, soft_wrap=True)
         if not check.passed:
             _out.print(f"     {check.remedy}", markup=False, soft_wrap=True)

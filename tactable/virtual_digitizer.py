@@ -19,15 +19,22 @@ _FINGER = bytes.fromhex(
     "26 ff 03 46 7f 00 09 31 81 02"  # Y, 0..1023 = 1.27 cm
     "45 00 55 00 65 00 c0"
 )
-DESCRIPTOR = (
-    bytes.fromhex("05 0d 09 04 a1 01 85 01")  # touch screen, report 1
-    + _FINGER * SLOTS
-    + bytes.fromhex(
-        "05 0d 55 0c 66 01 10 47 ff ff 00 00 27 ff ff 00 00 75 10 95 01 09 56 81 02"  # scan time, 100 us
-        "45 00 55 00 65 00 09 54 25 7f 75 08 81 02"  # contact count
-        "85 02 09 55 25 0a 75 08 95 01 b1 02 c0"  # feature: contact count maximum
+
+
+def descriptor_of(slots: int) -> bytes:
+    """Descriptor of a touch screen of ten fingers whose reports have so many slots."""
+    return (
+        bytes.fromhex("05 0d 09 04 a1 01 85 01")  # touch screen, report 1
+        + _FINGER * slots
+        + bytes.fromhex(
+            "05 0d 55 0c 66 01 10 47 ff ff 00 00 27 ff ff 00 00 75 10 95 01 09 56 81 02"  # scan time, 100 us
+            "45 00 55 00 65 00 09 54 25 7f 75 08 81 02"  # contact count
+            "85 02 09 55 25 0a 75 08 95 01 b1 02 c0"  # feature: contact count maximum
+        )
     )
-)
+
+
+DESCRIPTOR = descriptor_of(SLOTS)
 
 
 @dataclass(frozen=True)
@@ -56,21 +63,21 @@ def _reports(strokes: Sequence[Stroke]) -> Iterator[Report]:
         now = {i for i, stroke in enumerate(strokes) if stroke.start_s <= time_s < stroke.stop_s}
         if shown := sorted(now | down):
             fingers = [(i, i in now, strokes[i].place_at(min(time_s, strokes[i].stop_s))) for i in shown]
-            yield Report(index, time_s, _report(fingers, time_s))
+            yield Report(index, time_s, report_of(fingers, time_s))
             index += 1
         down = now
 
 
-def _report(fingers: Sequence[tuple[int, bool, float]], time_s: float) -> bytes:
+def report_of(fingers: Sequence[tuple[int, bool, float]], time_s: float, slots: int = SLOTS) -> bytes:
     """Report 1 with (finger, down, place) in each slot; a lifted finger is reported once without its tip."""
-    slots = b"".join(
+    filled = b"".join(
         bytes((down, number % 16))
         + round(place * X_MAXIMUM).to_bytes(2, "little")
         + (Y_MAXIMUM // 2).to_bytes(2, "little")
-        for number, down, place in fingers[:SLOTS]
+        for number, down, place in fingers[:slots]
     )
     scan_time = round(time_s * 10_000) % 65_536
-    return b"\x01" + slots.ljust(6 * SLOTS, b"\0") + scan_time.to_bytes(2, "little") + bytes((len(fingers),))
+    return b"\x01" + filled.ljust(6 * slots, b"\0") + scan_time.to_bytes(2, "little") + bytes((len(fingers),))
 
 
 DEMO_STROKES = (

@@ -20,6 +20,7 @@ from engine.latency import LatencyRecorder, Stage
 from engine.limits import link_configuration
 from engine.loop import Loop, StateChange, SystemClock, connect
 from engine.renderer import Renderer
+from engine.ring import RingWriter
 from engine.sources.playback import Playback
 from engine.sources.recording import Recording, Report, read_recording
 from engine.zones import ZoneTracker, state_index
@@ -207,6 +208,7 @@ class Rig:
     reopening: ReopeningPort[VirtualLine] | None = None
     bit_rate_hz: int = BIT_RATE_HZ
     effects: Effects = HELD
+    ring: RingWriter | None = None
     entries: Sequence[Entry] = tuple(ENTRIES)
     clicks: Sequence[ClickEntry] = ()
 
@@ -240,6 +242,7 @@ class Rig:
             reopening=self.reopening,
             trace=self.trace,
             latency=self.latency,
+            ring=self.ring,
         )
 
     def run(self) -> Rig:

@@ -63,7 +63,18 @@ def test_a_gate_opens_and_closes_by_the_slew(solver: ClickSolver) -> None:
     tones = np.sin(2 * np.pi * np.outer(entry.frequencies_hz, time_s) + np.array(entry.phases_rad)[:, None])
     assert waveform[:, inside] == pytest.approx((np.array(entry.amplitudes)[:, None] * tones)[:, inside])
     assert waveform[:, 8] == pytest.approx(np.array(entry.amplitudes) * tones[:, 8] * 0.4)
-    assert waveform == pytest.approx(gated_drive(replace_limits(solver), states("F--q-"), 0.02))
+
+
+def test_the_gated_drive_is_the_entry_that_is_felt_most_so(solver: ClickSolver) -> None:
+    state, limited = states("F--q-"), replace_limits(solver)
+
+    def felt_db(drive: np.ndarray) -> float:
+        return limited.judge(state, 0.02, drive, "").verdict.felt.low_db
+
+    own = gated_drive(limited, state, 0.02)
+    gated = [gate(entry, 0.02, slew_per_s=200.0) for entry in EntrySolver(assemble(solver.device)).solve(state)]
+    assert any(np.allclose(own, drive) for drive in gated)
+    assert felt_db(own) == pytest.approx(max(map(felt_db, gated)))
 
 
 def replace_limits(solver: ClickSolver) -> ClickSolver:

@@ -17,7 +17,8 @@ from typer.testing import CliRunner
 
 from engine.digitizer import DigitizerError
 from engine.entry_group import write_entries
-from engine.sources.recording import RecordingError, write_recording
+from engine.ring import Record, RingReader
+from engine.sources.recording import RecordingError, read_recording, write_recording
 from engine.table import TableError
 from engine.table_file import TableWriter
 from firmware_link.drive_log import Cause
@@ -213,3 +214,34 @@ def test_a_zone_that_the_device_has_not_is_refused_in_one_line(folder: Path) -> 
     assert done.returncode == 1
     assert done.stderr.startswith("tactable: wrong.toml: rule[1].zones: 'VI': reference-a has no such zone")
     assert done.stderr.count("\n") == 1
+
+
+def test_another_process_records_what_is_touched(folder: Path, emulator: RunningEmulator, tmp_path: Path) -> None:
+    recorded = tmp_path / "again.hid"
+    summary, _, _ = played(folder, emulator, "--record", str(recorded), "--realtime", "collector")
+    before, again = read_recording(folder / "two.hid"), read_recording(recorded)
+    assert [report.data for report in again.reports] == [report.data for report in before.reports]
+    assert (again.name, again.bus, again.descriptor) == (before.name, before.bus, before.descriptor)
+    assert summary["realtime"] == [
+        {"step": "collector", "finding": "collected, frozen and off", "remedy": "", "in_force": True}
+    ]
+
+
+def test_a_ring_shows_a_run_to_whoever_looks_and_goes_with_it(folder: Path, emulator: RunningEmulator) -> None:
+    ring = folder / "ring"
+    words = ["bar.nc", "--touch", "simulated", "--port", emulator.port, "--reconnect", "--ring", "ring"]
+    with started(folder, *words) as process, RingReader(ring, from_start=True) as reader:
+        records = list[Record]()
+        while len(records) < 20:
+            records += reader.read()
+        process.send_signal(signal.SIGINT)
+        process.communicate()
+    assert [record.report_index for record in records if record.report][:3] == [0, 1, 2]
+    assert any(record.touches for record in records)
+    assert not ring.exists()
+
+
+def test_a_step_that_is_none_is_a_usage_error(folder: Path) -> None:
+    done = tactable(folder, "bar.nc", "--touch", "two.hid", "--port", "/nowhere", "--realtime", "nice")
+    assert done.returncode == 2
+    assert "is unknown: write all, none" in " ".join(done.stderr.replace("│", " ").split())

@@ -206,8 +206,9 @@ def test_every_failed_check_has_its_remedy_and_the_exit_status_tells(bench: Benc
     result = bench.run("doctor", "--json")
     assert result.exit_code == 1
     checks = {check["name"]: check for check in json.loads(result.stdout)}
-    assert set(checks) == {"hidapi", "digitizer", "serial port /nowhere/ttyACM0"}
-    assert not any(check["passed"] for check in checks.values())
+    failed = {name for name, check in checks.items() if check["needed"] and not check["passed"]}
+    assert failed == {"hidapi", "digitizer", "serial port /nowhere/ttyACM0"}
+    assert all(check["remedy"] for check in checks.values() if not check["passed"])
     assert 'KERNEL=="ttyACM0", TAG+="uaccess"' in checks["serial port /nowhere/ttyACM0"]["remedy"]
     assert "hidraw" in checks["hidapi"]["remedy"]
 

@@ -1,0 +1,61 @@
+"""The least sum of absolute residuals (paper eq. (12)) by a sequence of linear programs in a trust region."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+Array = NDArray[np.float64]
+Linearised = Callable[[Array], tuple[Array, Array]]
+
+_FIRST_STEP = 0.1  # of a natural logarithm
+_LONGEST_STEP = 1.0
+_SHORTEST_STEP = 1e-13
+_ITERATIONS = 100
+_NOTHING = 1e-300
+
+
+def solve_least_absolute(linearised: Linearised, start: Array, low: Array, high: Array, tolerance: float) -> Array:
+    """The point near `start` within bounds (parameter,) where sum |residual| is least.
+
+    `linearised` gives residuals (datum,) and their derivatives (datum, parameter). As many residuals as there are
+    parameters end at 0, so the steps converge as Newton's do. Ends where a step promises less than `tolerance` of it.
+    """
+    point, step = start, _FIRST_STEP
+    residual, slope = linearised(point)
+    cost = float(np.abs(residual).sum())
+    for _ in range(_ITERATIONS):
+        move = _solve_program(residual, slope, np.maximum(low - point, -step), np.minimum(high - point, step))
+        promised = cost - float(np.abs(residual + slope @ move).sum())
+        if promised <= tolerance * cost or step < _SHORTEST_STEP:
+            break
+        candidate = np.clip(point + move, low, high)
+        there = linearised(candidate)
+        kept = (cost - float(np.abs(there[0]).sum())) / promised
+        if kept > 0:
+            point, (residual, slope) = candidate, there
+            cost = float(np.abs(residual).sum())
+        step = min(2 * step, _LONGEST_STEP) if kept > 0.75 else step if kept > 0.25 else step / 4
+    return point
+
+
+def _solve_program(residual: Array, slope: Array, low: Array, high: Array) -> Array:
+    """The move within bounds that makes sum |residual + slope move| least, as the multipliers of the dual program.
+
+    maximise residual^T u + low^T v - high^T w, |u| <= 1, v, w >= 0, slope^T u = v - w: as few rows as parameters.
+    """
+    data, parameters = slope.shape
+    scale = np.maximum(np.abs(slope).max(axis=0), _NOTHING)
+    size = max(float(np.abs(residual).max()), _NOTHING)
+    program = linprog(
+        -np.concatenate([residual / size, low * scale / size, -high * scale / size]),
+        A_eq=np.hstack([(slope / scale).T, -np.eye(parameters), np.eye(parameters)]),
+        b_eq=np.zeros(parameters),
+        bounds=[(-1.0, 1.0)] * data + [(0.0, None)] * (2 * parameters),
+        method="highs-ds",
+    )
+    if program.x is None:
+        return np.zeros(parameters)
+    move: Array = np.clip(program.eqlin.marginals * size / scale, low, high)
+    return move

@@ -1,0 +1,65 @@
+"""A table and a state to its click: the table's own, or solved when it is asked for, by the table's options."""
+
+import json
+from dataclasses import fields
+from functools import cached_property
+from math import inf
+from typing import Any
+
+from engine.click import ClickEntry, played_at
+from engine.table import Table, TableError
+from engine.zones import ZoneState, state_index
+from precompute.click import ClickSolver
+from precompute.click_options import DEFAULT_OPTIONS, ClickOptions
+from precompute.click_scenarios import Spreads
+from precompute.click_table import ClickTabulator
+from precompute.promise import States
+
+
+class ClickSource:
+    """The clicks of a table's device, and the solver that judges them as the table's were judged."""
+
+    def __init__(self, table: Table) -> None:
+        self.table = table
+        self.options = read_click_options(table)
+        """What the table's clicks were made with; the defaults where it has none."""
+
+    @cached_property
+    def solver(self) -> ClickSolver:
+        """Of the table's device and options; its plants take a second."""
+        return ClickSolver(self.table.device, self.options)
+
+    def holds(self, states: States) -> bool:
+        """Whether the table has the click of a state; else `solve_click` takes seconds."""
+        return self.table.click_at(state_index(states), inf) is not None
+
+    def solve_click(self, states: States) -> ClickEntry:
+        """The click of any state, as strong as it is; raises TableError where no finger is felt."""
+        if ZoneState.FELT not in states:
+            raise TableError(f"{self.table.path}: a click is for felt fingers: name at least one, such as --felt I")
+        own = self.table.click_at(state_index(states), inf)
+        if own is not None:
+            return own
+        solved = ClickTabulator(self.table.device, self.options.wanted_db).tabulate(self.solver.solve(states))
+        return played_at(solved, inf)
+
+
+def read_click_options(table: Table) -> ClickOptions:
+    """The attribute `click_options`; raises TableError for options that this program does not know."""
+    text = table.attributes.get("click_options")
+    if text is None:
+        return DEFAULT_OPTIONS
+    values = _known_values(table, json.loads(str(text)), ClickOptions)
+    if isinstance(values.get("spreads"), dict):
+        values["spreads"] = Spreads(**_known_values(table, values["spreads"], Spreads))
+    return ClickOptions(**values)
+
+
+def _known_values(table: Table, values: dict[str, Any], kind: type[ClickOptions | Spreads]) -> dict[str, Any]:
+    """Values of the fields of `kind`, lists as tuples."""
+    unknown = sorted(set(values) - {field.name for field in fields(kind)})
+    if unknown:
+        raise TableError(
+            f"{table.path}: its clicks were made with options unknown here: {', '.join(unknown)}; build it again"
+        )
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}

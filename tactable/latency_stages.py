@@ -1,0 +1,167 @@
+"""Stamps of commands to durations of stages, percentiles, misses, and the layer that costs most."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Stamps = NDArray[np.float64]
+"""Shape (sample, point): ns after the report was due, NaN where a point was not measured."""
+Values = NDArray[np.float64]
+
+MISSES_MS = (1, 5, 10, 20, 50)
+_PERCENTILES = (50.0, 90.0, 99.0, 99.9, 99.99)
+# A percentile with fewer samples beyond it is one of them, and no estimate of anything.
+_LEAST_BEYOND = 10
+_US = 1e3
+_MS = 1e6
+
+
+class Point(IntEnum):
+    """What had just happened, one clock for all; each is the end of a stage, the first the start of all."""
+
+    DUE = 0
+    """The report should have been sent."""
+    SENT = 1
+    """The digitizer gave it away."""
+    READ = 2
+    FRAME = 3
+    STATE = 4
+    COMMAND = 5
+    WRITTEN = 6
+    """The port had taken the whole command."""
+    RECEIVED = 7
+    """The other end of the line had it."""
+    APPLIED = 8
+    """The firmware drove it."""
+    AT_FINGER = 9
+    """What the table promises: a click passes the threshold, or a steady drive has risen to 90 %."""
+
+
+@dataclass(frozen=True)
+class StageOf:
+    """From one point to the next: its name, the layer that is to blame for it, and what lies in it."""
+
+    name: str
+    layer: str
+    meaning: str
+
+
+STAGES = {
+    Point.SENT: StageOf("digitizer", "digitizer", "due until sent: the digitizer, or here its stand-in, was late"),
+    Point.READ: StageOf("wake-up", "host", "sent until read: the operating system wakes the engine"),
+    Point.FRAME: StageOf("decode", "engine", "read until the touch frame is complete"),
+    Point.STATE: StageOf("state", "engine", "zones, effects and state"),
+    Point.COMMAND: StageOf("look-up", "engine", "drive of the state, handed to the link"),
+    Point.WRITTEN: StageOf("encode and write", "link", "command frame made, and taken by the port"),
+    Point.RECEIVED: StageOf("line", "link", "taken by the port until the other end has it"),
+    Point.APPLIED: StageOf("device", "device", "received until the firmware drives it"),
+    Point.AT_FINGER: StageOf("bar (promised)", "bar", "driven until felt: from the table, not measured"),
+}
+SHORT_OF_PROMISE = tuple(point for point in STAGES if point is not Point.AT_FINGER)
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Microseconds over `count` samples; None where too few lie beyond a percentile to tell it. Jitter is p90 - p10."""
+
+    count: int
+    p50_us: float
+    p90_us: float | None
+    p99_us: float | None
+    p99_9_us: float | None
+    p99_99_us: float | None
+    max_us: float
+    jitter_us: float
+
+
+def figures_of(durations_ns: Values) -> Figures | None:
+    """None without a sample; each percentile is one of the samples."""
+    durations_ns = durations_ns[np.isfinite(durations_ns)]
+    if not len(durations_ns):
+        return None
+    low_ns, *values_ns = np.percentile(durations_ns, [10, *_PERCENTILES], method="inverted_cdf").tolist()
+    beyond = [len(durations_ns) * (1 - percentile / 100) for percentile in _PERCENTILES]
+    told = [value / _US if count >= _LEAST_BEYOND else None for value, count in zip(values_ns, beyond, strict=True)]
+    return Figures(
+        count=len(durations_ns),
+        p50_us=values_ns[0] / _US,
+        p90_us=told[1],
+        p99_us=told[2],
+        p99_9_us=told[3],
+        p99_99_us=told[4],
+        max_us=float(durations_ns.max()) / _US,
+        jitter_us=(values_ns[1] - low_ns) / _US,
+    )
+
+
+def durations_of(stamps: Stamps, point: Point) -> Values:
+    """Ns of the stage that ends with a point, from the last point before it that was measured."""
+    before = stamps[:, :point]
+    known = np.where(np.isfinite(before), np.arange(int(point)), -1).max(axis=1)
+    rows = np.arange(len(stamps))
+    durations: Values = stamps[:, point] - before[rows, known]
+    return durations
+
+
+def last_measured(stamps: Stamps) -> Point:
+    """The last point that most samples have, promises aside: a firmware tells of some commands when it applied them."""
+    measured = [point for point in SHORT_OF_PROMISE if 2 * np.isfinite(stamps[:, point]).sum() > len(stamps)]
+    return measured[-1] if measured else Point.DUE
+
+
+def stages_json(stamps: Stamps) -> dict[str, Any]:
+    """Figures of every stage that was measured, of the whole way to WRITTEN, and of that beginning with SENT."""
+    stages = {stage.name: figures_of(durations_of(stamps, point)) for point, stage in STAGES.items()}
+    wholes = {
+        "due to written": figures_of(stamps[:, Point.WRITTEN]),
+        "sent to written": figures_of(stamps[:, Point.WRITTEN] - stamps[:, Point.SENT]),
+        "read to written": figures_of(stamps[:, Point.WRITTEN] - stamps[:, Point.READ]),
+        f"due to {last_measured(stamps).name.lower()}": figures_of(stamps[:, last_measured(stamps)]),
+    }
+    told = {name: asdict(figures) for name, figures in (wholes | stages).items() if figures is not None}
+    return {"stages": told, "misses": misses_of(stamps[:, Point.WRITTEN])}
+
+
+def misses_of(durations_ns: Values) -> dict[str, int]:
+    """How many took longer than each of the limits; what was never written counts too."""
+    late = ~(durations_ns[:, None] <= _MS * np.array(MISSES_MS))
+    return {f"{limit} ms": int(count) for limit, count in zip(MISSES_MS, late.sum(axis=0), strict=True)}
+
+
+def blame(stamps: Stamps) -> dict[str, Any] | None:
+    """Which layer the median is mostly spent in, and which one the slowest hundredth lost its time in.
+
+    The second compares each stage of the slowest samples with its own median. None without a sample.
+    """
+    durations = {stage: durations_of(stamps, point) for point, stage in STAGES.items() if point in SHORT_OF_PROMISE}
+    known = {stage: values for stage, values in durations.items() if np.isfinite(values).any()}
+    if not known:
+        return None
+    whole = stamps[:, Point.WRITTEN]
+    slowest = whole >= np.nanpercentile(whole, 99)
+    medians = {stage: float(np.nanmedian(values)) for stage, values in known.items()}
+    excess = {stage: float(np.nansum(values[slowest] - medians[stage])) for stage, values in known.items()}
+    return {"typical": _greatest(medians), "slowest": _greatest(excess)}
+
+
+def _greatest(costs: Mapping[StageOf, float]) -> dict[str, Any]:
+    """The costliest layer, its costliest stage, and the layer's share of all."""
+    layers: dict[str, float] = {}
+    for stage, cost in costs.items():
+        layers[stage.layer] = layers.get(stage.layer, 0.0) + max(0.0, cost)
+    layer = max(layers, key=lambda name: layers[name])
+    stage = max((stage for stage in costs if stage.layer == layer), key=lambda stage: costs[stage])
+    total = sum(layers.values())
+    return {"layer": layer, "stage": stage.name, "share": layers[layer] / total if total else 0.0}
+
+
+def us(value: float | None) -> str:
+    """Microseconds with about three digits; a dash where there are too few samples to say."""
+    if value is None or not math.isfinite(value):
+        return "-"
+    return f"{value:.1f}" if value < 1000 else f"{value:.0f}"

@@ -1,0 +1,44 @@
+"""Tables and compiled kernels to checks: fresh or stale, there or to be made first."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from engine.table import TableError, open_table
+from tactable.check import Check
+
+
+def check_tables(paths: Sequence[Path]) -> list[Check]:
+    """Each table: whole, and built by the code that is installed."""
+    return [_check_table(path) for path in paths]
+
+
+def _check_table(path: Path) -> Check:
+    from precompute.build import code_fingerprint  # the solver behind it takes a second to import
+
+    name = f"table {path}"
+    try:
+        with open_table(path) as table:
+            device, built_by = table.device.name, str(table.attributes.get("code_fingerprint", ""))
+    except TableError as error:
+        return Check(name, str(error), "build it again: `tactable build DEVICE`")
+    if built_by != code_fingerprint():
+        remedy = f"build it again: `tactable build {device} -o {path}`"
+        return Check(name, f"for {device}, built by another version of the code", remedy, needed=False)
+    return Check(name, f"for {device}, whole and fresh")
+
+
+def check_kernels(folder: Path | None = None) -> Check:
+    """Whether the compiled kernels of `build` are kept: they take half a minute to make."""
+    where = folder or Path(
+        os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parent.parent / "precompute" / "__pycache__"
+    )
+    kept = len(list(where.rglob("*.nbi"))) if where.is_dir() else 0
+    if kept:
+        return Check("compiled kernels", f"{kept} are kept in {where}")
+    if os.access(where if where.is_dir() else where.parent, os.W_OK):
+        return Check(
+            "compiled kernels", "none yet: the first build makes them", "run `tactable demo` once", needed=False
+        )
+    remedy = "set NUMBA_CACHE_DIR to a folder that you may write to"
+    return Check("compiled kernels", f"{where} cannot be written: each build compiles anew", remedy, needed=False)

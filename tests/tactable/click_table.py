@@ -1,0 +1,18 @@
+"""A small table with clicks: three zones, few plants, every state of one and of two fingers."""
+
+from pathlib import Path
+
+from engine.device_file import parse_device
+from precompute.build import build_table
+from precompute.click_options import ClickOptions
+from tests.precompute.test_build import SMALL
+
+CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=4, trimmed=10, judged=20)
+FINGERS = 2
+
+
+def build_click_table(folder: Path, clicks_up_to: int = FINGERS) -> Path:
+    """Build it in `folder`."""
+    path = folder / "bar.nc"
+    build_table(parse_device(SMALL, "bar.toml"), path, created="", clicks_up_to=clicks_up_to, click_options=CHEAP)
+    return path

@@ -1,0 +1,21 @@
+"""What the tests of clicks share: one small table."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from engine.table import open_table
+from tactable.click_source import ClickSource
+from tests.tactable.click_table import build_click_table
+
+
+@pytest.fixture(scope="session")
+def click_table(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build_click_table(tmp_path_factory.mktemp("clicks"))
+
+
+@pytest.fixture(scope="session")
+def source(click_table: Path) -> Iterator[ClickSource]:
+    with open_table(click_table) as table:
+        yield ClickSource(table)
