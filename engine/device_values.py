@@ -43,7 +43,7 @@ def device_values(device: Device) -> dict[str, Value]:
 
 
 def _uncertainty_values(uncertainty: Uncertainty) -> dict[str, Value]:
-    """What a calibration left unknown: the standard deviation of every fitted coordinate, and how they hang together."""
+    """What a calibration left unknown: the standard deviation of every fitted coordinate, and the correlations."""
     names, covariance = [value.name for value in uncertainty.fitted], uncertainty.covariance
     deviation = [math.sqrt(row[i]) for i, row in enumerate(covariance)]
     correlation = (

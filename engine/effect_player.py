@@ -37,10 +37,11 @@ class EffectPlayer:
         self._fingers: dict[int, _Finger] = {}  # by contact id
         self._lifted: list[_Finger] = []  # gone, their last effect still under way
         self._powers = _sums_of_powers(number_of_zones)
-        self._click_length_ns = click_length_ns
+        self.click_length_ns = click_length_ns
+        """Of the clicks that begin from now on."""
 
-    def take(self, touches: Sequence[Touch], time_ns: int) -> None:
-        """The fingers that touch from now on."""
+    def take(self, touches: Sequence[Touch], time_ns: int) -> bool:
+        """The fingers that touch from now on; False where that changes nothing for sure."""
         fingers, has_changed = self._fingers, self._follows_moves
         for touch in touches:
             finger = fingers.get(touch[0])
@@ -58,6 +59,7 @@ class EffectPlayer:
             has_changed = True
         if has_changed:
             self._settle()
+        return has_changed
 
     def advance(self, time_ns: int) -> None:
         """What is due by now."""
@@ -71,14 +73,15 @@ class EffectPlayer:
         self._settle()
 
     def _begin(self, rule: Rule, start_ns: int, condition_end_ns: int | None) -> "_Play":
-        return _Play(rule, start_ns, condition_end_ns, self._click_length_ns)
+        return _Play(rule, start_ns, condition_end_ns, self.click_length_ns)
 
     def _put_down(self, touch: Touch, time_ns: int) -> None:
         finger = self._fingers[touch.contact_id] = _Finger(touch)
         rule = _first(self._touch_rules, touch)
         if rule is not None:
             finger.play = self._begin(rule, time_ns, None)
-        self._rest(finger, time_ns)
+        if self._hold_rules:
+            self._rest(finger, time_ns)
 
     def _move(self, finger: "_Finger", time_ns: int) -> None:
         if self._drag_rules:

@@ -4,18 +4,28 @@ import math
 import select
 import time
 from collections.abc import Container, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 from engine.digitizer import RELEASE_AFTER_NS, Digitizer, TouchFrame
 from engine.effect_player import EffectPlayer
 from engine.latency import LatencyRecorder, Stamps
 from engine.renderer import SILENCE, DriveCommand, Renderer
+from engine.rendering import Rendering
 from engine.ring import RingWriter
 from engine.sources import Source
 from engine.zones import Touch, ZoneTracker
 from firmware_link.errors import LinkError, LinkLostError
-from firmware_link.link_values import Armed, Capabilities, Event, FaultReceived, Greeted, LinkState
+from firmware_link.link_values import (
+    Armed,
+    BankRefused,
+    BankReplaced,
+    Capabilities,
+    Event,
+    FaultReceived,
+    Greeted,
+    LinkState,
+)
 from firmware_link.session import Port, Session
 
 NS_PER_S = 1_000_000_000
@@ -74,6 +84,16 @@ class Reopening(Protocol):
         """When `poll` tries next; None while the port is open."""
 
 
+class Updates(Protocol):
+    """Where new tables come from while a loop runs, verified and rendered by somebody else."""
+
+    def fileno(self) -> int:
+        """Readable when `poll` has something to do."""
+
+    def poll(self) -> Rendering | None:
+        """The newest, once it is here whole; never waits."""
+
+
 class StateChange(NamedTuple):
     """One line of the trace: the zones took a new state or level, and what was sent for it."""
 
@@ -107,6 +127,8 @@ class LoopCounters:
     commands: int = 0
     losses: int = 0
     reconnects: int = 0
+    swaps: int = 0
+    """Changes over to another table."""
 
 
 class _Pending(NamedTuple):
@@ -169,7 +191,8 @@ class Loop:
     With `reconnect` a device that stopped itself is greeted and armed again, and the state of the moment sent anew;
     without, that is a LinkError. With `reopening` so is one whose port was lost or that does not answer, once its port
     is back; touches are read all the while. `ring` gets a record for each report, and for each change that time
-    brought, once the command of the pass is written.
+    brought, once the command of the pass is written. With `updates` it changes over to each table that comes;
+    `bank_data` are the bytes of the bank that the link is configured with.
     """
 
     def __init__(
@@ -187,6 +210,8 @@ class Loop:
         trace: list[StateChange] | None = None,
         latency: LatencyRecorder | None = None,
         ring: RingWriter | None = None,
+        updates: Updates | None = None,
+        bank_data: bytes = b"",
     ) -> None:
         self.counters = LoopCounters()
         self._source = source
@@ -203,6 +228,10 @@ class Loop:
         self._trace = trace
         self._latency = latency
         self._ring = ring
+        self._updates = updates
+        self._bank_data = bank_data
+        self._next: Rendering | None = None  # what to change over to
+        self._is_handed_over = self._needs_session = False
         self._news: list[_News] = []
         self._sent: _Sent | None = None
         self._read_ns = 0
@@ -226,6 +255,8 @@ class Loop:
                 readable = self._wait()
                 self._read_touches()
                 self._keep_link(readable)
+                if self._updates is not None:
+                    self._look_for_update(self._updates, readable)
                 if self._ring is not None:
                     self._tell(self._ring)
             self._silence()
@@ -314,22 +345,28 @@ class Loop:
 
     def _take_frame(self, frame: TouchFrame) -> bool:
         """Whether the frame brings a new state."""
-        self._release_ns = frame.time_ns + RELEASE_AFTER_NS if frame.contacts else None
+        time_ns = frame.time_ns
+        self._release_ns = time_ns + RELEASE_AFTER_NS if frame.contacts else None
         touches = self._touches = self._tracker.track(frame)
-        self._player.take(touches, frame.time_ns)
-        return self._take_state()
+        if self._player.take(touches, time_ns):
+            return self._take_state()
+        self._note_due()
+        return False
 
     def _take_state(self) -> bool:
-        player, release_ns = self._player, self._release_ns
-        change_ns = player.next_change_ns
-        if release_ns is not None and (change_ns is None or release_ns < change_ns):
-            change_ns = release_ns
-        self._due_ns = math.inf if change_ns is None else change_ns
+        player = self._player
+        self._note_due()
         state, level_db, click_ns = player.state, player.level_db, player.click_ns
         if state == self._state and level_db == self._level_db and click_ns == self._click_ns:
             return False
         self._state, self._level_db, self._click_ns = state, level_db, click_ns
         return True
+
+    def _note_due(self) -> None:
+        due_ns, release_ns = self._player.next_change_ns, self._release_ns
+        if release_ns is not None and (due_ns is None or release_ns < due_ns):
+            due_ns = release_ns
+        self._due_ns = math.inf if due_ns is None else due_ns
 
     def _command(self, report_index: int | None, state_ns: int, stamps: tuple[int, int, int] | None) -> None:
         """Hand the command of a new state to the link, in place of one not sent yet, unless it plays already.
@@ -366,6 +403,41 @@ class Loop:
                 raise
             self._lose_port(self._reopening)
 
+    def _look_for_update(self, updates: Updates, readable: Container[int] | None) -> None:
+        """Another table: its bank goes over while the old one plays; then all changes at once, between two frames."""
+        if readable is None or updates.fileno() in readable:
+            rendering = updates.poll()
+            if rendering is not None and rendering.renderer.suits_device_of(self._renderer):
+                self._next, self._is_handed_over, self._needs_session = rendering, False, False
+        coming, link = self._next, self._link
+        if coming is None or self._is_handed_over or link.state is not LinkState.READY:
+            return
+        if self._needs_session or replace(coming.configuration, bank=None) != replace(link.configuration, bank=None):
+            self._change_session(coming)
+        elif coming.bank is None or coming.bank_data == self._bank_data:
+            self._swap(coming)
+        else:
+            link.replace_bank(coming.bank, coming.bank_data)
+            self._is_handed_over = True
+
+    def _change_session(self, coming: Rendering) -> None:
+        """Other limits, or a device without room for two banks: a new session, in a moment that nobody touches."""
+        if self._release_ns is not None or self._player.next_change_ns is not None:
+            return
+        self._swap(coming)
+        self._link.reconfigure(coming.configuration)
+        self._session.connect()
+
+    def _swap(self, coming: Rendering) -> None:
+        self.counters.swaps += 1
+        self._next = None
+        self._renderer, self._bank_data = coming.renderer, coming.bank_data
+        self._tracker = ZoneTracker(coming.device, self._digitizer.surface)
+        self._player.click_length_ns = coming.click_length_ns
+        waits = self._pending is not None and not self._is_sent()
+        if waits or (self._level_db is not None and self._click_ns is None):
+            self._command_by_time()
+
     def _lose_port(self, reopening: Reopening) -> None:
         self.counters.losses += 1
         if self._is_sent():
@@ -387,6 +459,8 @@ class Loop:
         touch = self._source.fileno()
         self._port = port
         self._port_and_touch = port if touch is None else (*port, touch)
+        if self._updates is not None:
+            self._port_and_touch += (self._updates.fileno(),)
 
     def _move_bytes(self, readable: Container[int] | None = None) -> None:
         """Write first: a fresh command does not wait for what the device says."""
@@ -452,6 +526,10 @@ class Loop:
         match event:
             case Armed():
                 self._resume()
+            case BankReplaced() if self._next is not None:
+                self._swap(self._next)
+            case BankRefused():
+                self._is_handed_over, self._needs_session = False, True
             case Greeted() if not self._renderer.fits(event.capabilities):
                 raise LinkError("another device answered than the one this run began with: start the run again")
             case FaultReceived() if not self._reconnect:
@@ -459,6 +537,7 @@ class Loop:
 
     def _resume(self) -> None:
         """What is to play by now goes out to a device that was armed anew; a click is over."""
+        self._is_handed_over = False
         if self._pending is not None and self._pending.is_click:
             self._settle()
         if self._held != SILENCE or self._pending is not None:

@@ -141,6 +141,10 @@ class Renderer:
         """By level: how many clicks do not reach it, or not without being felt by quiet fingers."""
         return _shortfalls(self._clicks)
 
+    def suits_device_of(self, other: "Renderer") -> bool:
+        """Whether both were encoded for devices that read drives alike."""
+        return self._wire == other._wire
+
     def fits(self, capabilities: Capabilities) -> bool:
         """Whether the drives mean the same to this device as to the one that they were encoded for."""
         return _wire_of(capabilities) == self._wire

@@ -164,6 +164,16 @@ class Link:
         _check_bank(self.capabilities, len(data), max(map(bank.length_us, range(len(bank.waveforms)))))
         self._transfer = BankTransfer(bank, data, lambda message: (self._frame(message), self._sequence))
 
+    def reconfigure(self, configuration: LinkConfiguration) -> None:
+        """Limits, onsets and bank from the next `connect` on."""
+        self.configuration = configuration
+        limits = configuration.amplitude_limits or (1.0,) * configuration.number_of_actuators
+        self._amplitude_limits = tuple(encode_amplitude(limit) for limit in limits)
+        self._shapes = tuple(make_shape(index, steps) for index, steps in enumerate(configuration.onsets))
+        self._lease_ms = configuration.lease_ms
+        self._outbox = Outbox(self.counters, configuration.slew_limit_per_s)
+        self._occupied_by_size_ns = {}
+
     def set_silent(self) -> None:
         """Ramp every actuator to zero and stay armed; nothing to send where all is silent already."""
         if not self._outbox.is_silent:

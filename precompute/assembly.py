@@ -86,6 +86,13 @@ class Plant:
         length_m = np.diff(self.node_m)[element]
         return Sampler(element, shape_functions((position_m - self.node_m[element]) / length_m, length_m))
 
+    def known_field(self, frequency_hz: Array) -> NDArray[np.complex128] | None:  # noqa: ARG002  # a model has none
+        """Displacement (frequency, actuator, degree of freedom) of the untouched bar where it was measured, else None.
+
+        Metres at full scale.
+        """
+        return None
+
     def with_fingers(self, position_m: Sequence[float], finger: Finger | Sequence[Finger]) -> "Plant":
         """The plant with a grounded finger at each position, assembled into the matrices (PHYSICS.md section 3.7)."""
         fingers = [finger] * len(position_m) if isinstance(finger, Finger) else list(finger)

@@ -27,6 +27,9 @@ from precompute.click_table import ClickTabulator
 from precompute.entries import solve_entries, tabulated_states
 from precompute.grid import compute_grid_response, zone_points
 from precompute.interruption import remembered_interrupt
+from precompute.measured_plant import measured_plant
+from precompute.measured_response import MeasuredResponses
+from precompute.measured_table import source_attributes, write_measured
 from precompute.objective import DEFAULT_OBJECTIVE, OBJECTIVES
 from precompute.parts import Part, Recipe, rests_on
 from precompute.promise import touched_zones
@@ -73,6 +76,7 @@ def build_table(
     click_options: ClickOptions = DEFAULT_OPTIONS,
     workers: int = 1,
     reuse: bool = True,
+    responses: MeasuredResponses | None = None,
     memory_budget_bytes: int = MEMORY_BUDGET_BYTES,
     progress: Progress = _no_progress,
 ) -> None:
@@ -82,14 +86,16 @@ def build_table(
     to so many fingers get clicks, by default all of them for up to five zones, of three fingers beyond; 0 is none.
     They are solved by `workers` processes; what is solved when a build is interrupted is kept beside the table for the
     next. With `reuse`, parts that a table at `path` has already, made by this code and resting on nothing that has
-    changed since, are taken over. Raises TableError if the table cannot be written, and for another objective.
+    changed since, are taken over. With `responses` the bar moves as it was measured; what fingers do to it, rise times
+    and clicks stay the model's. Raises TableError if the table cannot be written, and for another objective.
     """
-    recipe = Recipe(code_fingerprint(), objective, _fingers(device, clicks_up_to), click_options)
+    sha256 = "" if responses is None else responses.sha256
+    recipe = Recipe(code_fingerprint(), objective, _fingers(device, clicks_up_to), click_options, sha256)
     if objective not in OBJECTIVES:
         raise TableError(f"there is no objective {objective!r}; choose one of {', '.join(OBJECTIVES)}")
     with threadpool_limits(1, "blas"), remembered_interrupt() as check:  # unpinned BLAS: 100 times slower when busy
         checked = _checked(progress, check)
-        builder = _Builder(device, path, recipe, workers, memory_budget_bytes, checked)
+        builder = _Builder(device, path, recipe, workers, responses, memory_budget_bytes, checked)
         with _earlier(path, reuse) as earlier:
             builder.build(created, earlier)
     open_table(path, device=device, code_fingerprint=code_fingerprint(), verify=False).close()
@@ -130,6 +136,7 @@ class _Builder:
     path: Path
     recipe: Recipe
     workers: int
+    responses: MeasuredResponses | None
     memory_budget_bytes: int
     progress: Progress
 
@@ -138,7 +145,7 @@ class _Builder:
         rests = {part: rests_on(part, device, recipe) for part in Part}
         known = {part for part in Part if earlier and earlier.attributes.get(part.attribute) == rests[part]}
         progress("responses", 0.0)
-        plant = assemble(device)
+        plant = assemble(device) if self.responses is None else measured_plant(device, self.responses)
         with TableWriter(self.path) as writer:
             writer.describe(
                 {
@@ -152,6 +159,7 @@ class _Builder:
                     "created": created,
                     "objective": recipe.objective,
                     "click_options": json.dumps(asdict(recipe.click_options)),
+                    **source_attributes(self.responses),
                     **{part.attribute: rests[part] for part in Part},
                 }
             )
@@ -176,6 +184,8 @@ class _Builder:
             self.progress("sweep", 0.05 + 0.15 * fraction)
         self.progress("coherent sweep", 0.2)
         write_coherent_sweep(writer, grid)
+        if self.responses is not None:
+            write_measured(writer, self.device, self.responses)
 
     def _write_entries(self, writer: TableWriter, plant: Plant) -> None:
         solved, share = [], 0.1 if self.recipe.clicks_up_to else 0.7

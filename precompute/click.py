@@ -58,6 +58,8 @@ def solve_clicks(device: Device, options: ClickOptions, states: Sequence[States]
     They are the same however many solve them. Raises WorkerError where a process was killed.
     """
     chunks = _chunks(states)
+    if not chunks:
+        return
     if workers == 1:
         solver = ClickSolver(device, options)
         yield from (solver.solve(state) for chunk in chunks for state in chunk)

@@ -30,6 +30,8 @@ MODES = 16
 """Those up to 4 kHz on the published bar; the others change what is felt by less than 0.1 %."""
 
 _ALIKE = 1e-3
+_AT_ONCE = 16
+"""Scenarios played at once: what they take stays near the processor."""
 
 
 @dataclass(frozen=True)
@@ -74,22 +76,35 @@ class Responses:
     def play(self, waveform: Array) -> Array:
         """Weighted acceleration (scenario, finger, time) at LOOK_RATE_HZ of base displacements (actuator, time)."""
         size = _transform_size(self.steps)
-        drive = scipy.fft.rfft(between(waveform), size)
-        total = self.spectrum[:, :, 0] * drive[0]
-        for actuator in range(1, len(drive)):
-            total += self.spectrum[:, :, actuator] * drive[actuator]
-        felt: Array = scipy.fft.irfft(total, size)
-        return felt[..., : self.steps]
+        return _played(self.spectrum, scipy.fft.rfft(between(waveform), size), size)[..., : self.steps]
 
-    def play_each(self, tones: Tones) -> Array:
-        """Weighted acceleration (scenario, finger, time, tone) of every tone by itself."""
+    def peaks(self, waveform: Array, fingers: Sequence[int]) -> Array:
+        """Greatest magnitudes (scenario, finger) of what `play` gives, of some fingers, without keeping all of it."""
+        size, peaks = _transform_size(self.steps), list[Array]()
+        drive = scipy.fft.rfft(between(waveform), size)
+        for start in range(0, len(self.spectrum), _AT_ONCE):
+            spectrum = self.spectrum[start : start + _AT_ONCE, list(fingers)]
+            peaks.append(np.abs(_played(spectrum, drive, size)[..., : self.steps]).max(axis=2))
+        return np.concatenate(peaks)
+
+    def play_each(self, tones: Tones, every: int = 1) -> Array:
+        """Weighted acceleration (scenario, finger, time, tone) of every tone by itself, at each `every`th instant."""
         size = _transform_size(self.steps)
         drive = scipy.fft.rfft(between(tones.wave), size)
-        out = np.empty((*self.spectrum.shape[:2], self.steps, len(drive)))
+        out = np.empty((*self.spectrum.shape[:2], -(-self.steps // every), len(drive)))
         for scenario, spectrum in enumerate(self.spectrum):
             felt = scipy.fft.irfft(spectrum[:, tones.actuator] * drive, size)
-            out[scenario] = felt[..., : self.steps].transpose(0, 2, 1)
+            out[scenario] = felt[..., : self.steps : every].transpose(0, 2, 1)
         return out
+
+
+def _played(spectrum: Complex, drive: Complex, size: int) -> Array:
+    """Summed over the actuators: (scenario, finger, time)."""
+    total = spectrum[:, :, 0] * drive[0]
+    for actuator in range(1, len(drive)):
+        total += spectrum[:, :, actuator] * drive[actuator]
+    felt: Array = scipy.fft.irfft(total, size)
+    return felt
 
 
 def make_tones(device: Device, length_s: float, crowding: float = 1.0) -> Tones:

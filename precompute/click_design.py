@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.zones import ZoneState
-from precompute.click_basis import LOOK_RATE_HZ, LOOKS, PLAY_RATE_HZ, RING_S, Responses, Tones, independent, make_tones
+from precompute.click_basis import LOOKS, PLAY_RATE_HZ, RING_S, Responses, Tones, independent, make_tones
 from precompute.click_judge import decibels
 from precompute.click_options import ClickOptions
 from precompute.click_program import Optimum, Program
@@ -61,34 +61,37 @@ class Designer:
     """Designs the click of one state and length."""
 
     def __init__(self, device: Device, options: ClickOptions, plants: Plants, states: States, length_s: float) -> None:
-        self._options, self._length_s = options, length_s
+        self._options, self._length_s, self._plants = options, length_s, plants
         self.felt, self.quiet = fingers_of(states, ZoneState.FELT), fingers_of(states, ZoneState.QUIET)
-        self._trimmed_felt, self._trimmed_quiet = (plants.trimmed.under(kind) for kind in (self.felt, self.quiet))
         self._tones = independent(make_tones(device, length_s, options.crowding))
         self._amplitude = device.limits.amplitude
         program = Program(
             drive_rows(self._tones, self._amplitude, options.slew_per_s),
-            self._watched(plants.optimised),
+            self._watched(),
             len(self.felt),
         )
         course = plants.optimised.under(self.felt).mean().play_each(self._tones)[0]
-        self._search = Search(program, course, length_s)
+        self.search = Search(program, course, length_s)
+
+    def waveform(self, weight: Array) -> Array:
+        """Base displacements (actuator, time) of weights of the tones (tone,) that the search is over."""
+        return self._tones.waveform(weight)
 
     def design(self) -> Design:
         """As strong as can be within the quiet level, or as wanted."""
         limit_db = self._options.quiet_db
-        strongest = self._search.strongest(_factor(limit_db))
+        strongest = self.search.strongest(_factor(limit_db))
         if not self.quiet:
             return self._settle(Trimmed(limit_db, strongest.optimum, limit_db))
-        rough = self._trim(strongest, limit_db, self._trimmed_quiet.first(_ROUGHLY), _ROUGH_DB)
-        strongest = self._search.strongest(_factor(rough.limit_db))
-        return self._settle(self._trim(strongest, rough.limit_db, self._trimmed_quiet, _CLOSE_DB))
+        rough = self._trim(strongest, limit_db, self._plants.trimmed.first(_ROUGHLY), _ROUGH_DB)
+        strongest = self.search.strongest(_factor(rough.limit_db))
+        return self._settle(self._trim(strongest, rough.limit_db, self._plants.trimmed, _CLOSE_DB))
 
     def fit(self, waveform: Array) -> Design:
         """Any waveform, as loud as the drive's amplitude and the quiet level allow, or as wanted; the bound is none."""
         full = waveform * (self._amplitude / np.abs(waveform).max())
         if self.quiet:
-            full *= _factor(min(0.0, self._options.quiet_db - _strongest_db(self._trimmed_quiet, full)))
+            full *= _factor(min(0.0, self._options.quiet_db - self._strongest_db(self._plants.trimmed, full)))
         return self._as_wanted(full, np.inf, np.inf)
 
     def least_violation(self) -> Design | None:
@@ -97,7 +100,7 @@ class Designer:
         None where the drive alone does not reach it.
         """
         wanted_db = self._options.wanted_db
-        aim = self._search.strongest(_factor(self._options.quiet_db)).aim
+        aim = self.search.strongest(_factor(self._options.quiet_db)).aim
         assert wanted_db is not None  # nothing else can be out of reach
         low_db, high_db = self._options.quiet_db, self._options.quiet_db + _MOST_EXCESS_DB
         for _ in range(_HALVINGS):
@@ -111,19 +114,19 @@ class Designer:
         waveform *= _factor(-spare_db)
         return Design(waveform, achieved=False, bound_db=np.inf, gap_db=np.inf)
 
-    def _watched(self, plants: Responses) -> Array:
+    def _watched(self) -> Array:
         """Courses (course, time, tone) that keep to the quiet level, at the samples of the waveform."""
-        steps = round((self._length_s + RING_S) * LOOK_RATE_HZ)
-        quiet = plants.under(self.quiet).play_each(self._tones)[:, :, :steps:LOOKS]
+        optimised, steps = self._plants.optimised, round((self._length_s + RING_S) * PLAY_RATE_HZ)
+        quiet = optimised.under(self.quiet).play_each(self._tones, LOOKS)[:, :, :steps]
         watched = [quiet.reshape(-1, *quiet.shape[2:])]
         if self._options.brake_s is not None:
-            felt = plants.under(self.felt).play_each(self._tones)[:, :, :steps:LOOKS]
+            felt = optimised.under(self.felt).play_each(self._tones, LOOKS)[:, :, :steps]
             felt[:, :, : round(self._options.brake_s * PLAY_RATE_HZ)] = 0
             watched.append(felt.reshape(-1, *felt.shape[2:]))
         return np.concatenate(watched)
 
     def _best_for(self, aim: Aim, limit_db: float) -> Array:
-        return self._tones.waveform(self._search.improve(aim, _factor(limit_db)).weight)
+        return self.waveform(self.search.improve(aim, _factor(limit_db)).weight)
 
     def _trim(self, strongest: Strongest, limit_db: float, plants: Responses, close_db: float) -> Trimmed:
         trimmed = self._trimmed(limit_db, strongest.optimum, plants)
@@ -132,19 +135,19 @@ class Designer:
             if abs(over_db) < close_db:
                 break
             limit_db -= over_db
-            trimmed = self._trimmed(limit_db, self._search.improve(strongest.aim, _factor(limit_db)), plants)
+            trimmed = self._trimmed(limit_db, self.search.improve(strongest.aim, _factor(limit_db)), plants)
         return trimmed
 
     def _trimmed(self, limit_db: float, optimum: Optimum, plants: Responses) -> Trimmed:
-        return Trimmed(limit_db, optimum, _strongest_db(plants, self._tones.waveform(optimum.weight)))
+        return Trimmed(limit_db, optimum, self._strongest_db(plants, self.waveform(optimum.weight)))
 
     def _settle(self, trimmed: Trimmed) -> Design:
         """No louder than the quiet level allows, with the bound that the search has proven at that limit."""
         optimum, limit = trimmed.optimum, _factor(trimmed.limit_db)
         change_db = min(0.0, self._options.quiet_db - trimmed.quiet_db)
-        bound_db = float(decibels(max(self._search.bound(limit), optimum.bound.at(limit))))
+        bound_db = float(decibels(max(self.search.bound(limit), optimum.bound.at(limit))))
         gap_db = bound_db - float(decibels(optimum.value)) - change_db
-        return self._as_wanted(self._tones.waveform(optimum.weight) * _factor(change_db), bound_db, gap_db)
+        return self._as_wanted(self.waveform(optimum.weight) * _factor(change_db), bound_db, gap_db)
 
     def _as_wanted(self, waveform: Array, bound_db: float, gap_db: float) -> Design:
         wanted_db = self._options.wanted_db
@@ -155,14 +158,13 @@ class Designer:
 
     def _felt_db(self, waveform: Array) -> float:
         """What the weakest felt finger exceeds in 95 % of the trimmed plants."""
-        peak = np.abs(self._trimmed_felt.play(waveform))[1:].max(axis=2)
+        peak = self._plants.trimmed.peaks(waveform, self.felt)[1:]
         return float(np.percentile(decibels(peak.min(axis=1)), 5))
 
-
-def _strongest_db(quiet: Responses, waveform: Array) -> float:
-    """What the strongest quiet finger keeps to in 95 % of the plants."""
-    peak = np.abs(quiet.play(waveform))[1:].max(axis=2)
-    return float(np.percentile(decibels(peak.max(axis=1)), 95))
+    def _strongest_db(self, plants: Responses, waveform: Array) -> float:
+        """What the strongest quiet finger keeps to in 95 % of the plants."""
+        peak = plants.peaks(waveform, self.quiet)[1:]
+        return float(np.percentile(decibels(peak.max(axis=1)), 95))
 
 
 def fingers_of(states: States, kind: ZoneState) -> list[int]:

@@ -46,13 +46,12 @@ def judge_waveform(
     waveform: Array, responses: Responses, felt: Sequence[int], quiet: Sequence[int], residual_from_s: float
 ) -> Verdict:
     """Verdict on base displacements (actuator, time); felt, quiet: which fingers of the responses, nominal first."""
-    course = np.abs(responses.play(waveform))
-    level_db = decibels(course.max(axis=2))
-    nominal = course[0, list(felt)]
+    level_db = decibels(responses.peaks(waveform, [*felt, *quiet]))
+    nominal = np.abs(responses.first(1).under(felt).play(waveform)[0])
     above = nominal > 1
     return Verdict(
-        felt=_levels(level_db[:, list(felt)].min(axis=1)),
-        quiet=_levels(level_db[:, list(quiet)].max(axis=1)) if quiet else None,
+        felt=_levels(level_db[:, : len(felt)].min(axis=1)),
+        quiet=_levels(level_db[:, len(felt) :].max(axis=1)) if quiet else None,
         exceeds_s=float(above.argmax(axis=1).max() / LOOK_RATE_HZ) if above.any(axis=1).all() else None,
         peak_s=float(nominal.argmax(axis=1).max() / LOOK_RATE_HZ),
         residual_from_s=residual_from_s,

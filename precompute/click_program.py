@@ -81,6 +81,11 @@ class Program:
         self._first_watched = self._first_kept + len(kept)
         self._add_limits(kept, 1.0)
 
+    @property
+    def rows(self) -> int:
+        """How many of the watched rows are in."""
+        return len(self._order)
+
     def set_limit(self, limit: float) -> None:
         """Change what the watched courses keep to."""
         self._limit = limit

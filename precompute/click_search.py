@@ -22,6 +22,8 @@ _COARSE = 2e-3
 _LIKELY = 0.75
 """Where in the click the best instants lie most often; what is tried first prunes the others."""
 _ASCENTS = 6
+_CLIMBED = 4
+"""Of what was found at common instants, so many are climbed from."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ class Search:
 
     An aim is solved until its bound promises no more than the best. Bounds hold whatever the limit of the watched
     courses, so that under another limit only the aims that still promise more are solved once more. All fingers are
-    tried at common instants; then each goes to its own peak, as long as that helps.
+    tried at common instants; from the best of these each goes to its own peak, as long as that helps.
     """
 
     def __init__(self, program: Program, course: Array, length_s: float) -> None:
@@ -58,22 +60,29 @@ class Search:
         self._aims = _aims(len(course), length_s)
         self._bounds = [ENDLESS] * len(self._aims)
         self._first = 0
+        self._before: Strongest | None = None
 
     def strongest(self, limit: float) -> Strongest:
         """The best that was found of all aims where watched courses keep to `limit`."""
         self._program.set_limit(limit)
-        best = self._maximise(self._first, 0.0)
-        untried = set(range(len(self._aims))) - {self._first}
+        tried = [self._maximise(self._first, 0.0)]
+        best, untried = tried[0], set(range(len(self._aims))) - {self._first}
         while untried:
             index = max(untried, key=lambda untried_one: (self._bounds[untried_one].at(limit), -untried_one))
             floor = best.value * (1 + NEGLIGIBLE)
             if self._bounds[index].at(limit) <= floor:
                 break
             untried.discard(index)
-            found = self._maximise(index, floor)
-            if found.value > best.value:
-                best, self._first = found, index
-        return self._ascend(Strongest(self._aims[self._first], best))
+            tried.append(self._maximise(index, floor))
+            if tried[-1].value > best.value:
+                best, self._first = tried[-1], index
+        if self._before is not None:
+            tried.append(self.improve(self._before.aim, limit))
+        # With one finger the best instant is where the climb ends; several have peaks that no common instant tells.
+        climbed = 1 if len(self._course) == 1 else _CLIMBED
+        likely = sorted(tried, key=lambda found: -self._peak_aim(found.weight)[1])[:climbed]
+        self._before = max((self._climb(found.weight) for found in likely), key=lambda found: found.optimum.value)
+        return self._before
 
     def improve(self, aim: Aim, limit: float) -> Optimum:
         """The best for one aim where watched courses keep to `limit`."""
@@ -89,17 +98,24 @@ class Search:
         self._bounds[index] = found.bound
         return found
 
-    def _ascend(self, best: Strongest) -> Strongest:
-        """Each finger to where its course is greatest: the value can only rise."""
+    def _climb(self, weight: Array) -> Strongest:
+        """Each finger to where its course is greatest, again and again: the value can only rise."""
+        best: Strongest | None = None
         for _ in range(_ASCENTS):
-            felt = self._course @ best.optimum.weight
-            instant = np.abs(felt).argmax(axis=1)
-            moved = Aim(instant, np.sign(felt[np.arange(len(felt)), instant]))
-            found = self._program.maximise(moved.rows(self._course))
-            if found.value <= best.optimum.value * (1 + 10 * TOLERANCE):
-                break
-            best = Strongest(moved, found)
+            aim, _ = self._peak_aim(weight)
+            found = self._program.maximise(aim.rows(self._course))
+            if best is not None and found.value <= best.optimum.value * (1 + 10 * TOLERANCE):
+                return best
+            best, weight = Strongest(aim, found), found.weight
+        assert best is not None
         return best
+
+    def _peak_aim(self, weight: Array) -> tuple[Aim, float]:
+        """Where every felt finger has its peak, and the smallest of the peaks."""
+        felt = self._course @ weight
+        instant = np.abs(felt).argmax(axis=1)
+        peak = felt[np.arange(len(felt)), instant]
+        return Aim(instant, np.sign(peak)), float(np.abs(peak).min())
 
 
 def _aims(fingers: int, length_s: float) -> list[Aim]:

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from engine.click import ClickEntry, ClickZone, LevelSpread
 from engine.device import Device
 from engine.zones import ZoneState
-from firmware_link.bank import SAMPLE_FULL_SCALE
 from precompute.assembly import assemble
-from precompute.click import Click
-from precompute.click_basis import PLAY_RATE_HZ, RING_S
+from precompute.click import FULL_SCALE, Click
+from precompute.click_basis import LOOK_RATE_HZ, LOOKS, PLAY_RATE_HZ, RING_S
 from precompute.click_weighting import threshold_filter
 from precompute.modal import compute_basis
 from precompute.promise import touched_zones
@@ -19,8 +18,8 @@ from precompute.transient import TransientPlant
 
 Array = NDArray[np.float64]
 
-_LOOKS = 4
-"""Instants of the nominal plant for each sample: at 400 Hz a peak between them is missed by less than 0.1 %."""
+_STEPS = 12
+"""Of the nominal plant for each sample: at the corners between samples the acceleration turns sharply."""
 _SILENT = 1e-15
 
 
@@ -33,14 +32,13 @@ class ClickTabulator:
         self._levels_db = (*device.levels_db, np.inf)
         self._basis = compute_basis(assemble(device))
         self._middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
-        self._rate_hz = _LOOKS * PLAY_RATE_HZ
-        self._filter = threshold_filter(self._rate_hz)
+        self._filter = threshold_filter(LOOK_RATE_HZ)
 
     def tabulate(self, click: Click) -> ClickEntry:
         """The line of one click."""
         verdict, touched = click.verdict, touched_zones(click.states)
-        samples = np.rint(SAMPLE_FULL_SCALE * click.waveform.T).astype(np.int16)
-        acceleration, weighted = self._nominal(samples / SAMPLE_FULL_SCALE, touched)
+        samples = np.rint(FULL_SCALE * click.waveform.T).astype(np.int16)
+        acceleration, weighted = self._nominal(samples / FULL_SCALE, touched)
         felt = weighted[:, [click.states[zone] is ZoneState.FELT for zone in touched]]
         zones: dict[int, ClickZone] = {
             zone: ClickZone(float(acceleration[:, i].max()), _decibels(weighted[:, i].max()))
@@ -66,22 +64,23 @@ class ClickTabulator:
         )
 
     def _nominal(self, waveform: Array, touched: tuple[int, ...]) -> tuple[Array, Array]:
-        """Acceleration (time, finger), and the same over threshold, magnitudes, of (sample, actuator)."""
-        places_m = self._middle_m[list(touched)]
-        plant = TransientPlant(self._basis, places_m, self._rate_hz)
+        """Magnitudes (time, finger) of (sample, actuator): acceleration, and over threshold at LOOK_RATE_HZ."""
+        places_m, rate_hz = self._middle_m[list(touched)], _STEPS * PLAY_RATE_HZ
+        plant = TransientPlant(self._basis, places_m, rate_hz)
         plant.touch([(place_m, self._device.finger) for place_m in places_m.tolist()])
-        at = np.arange((len(waveform) - 1) * _LOOKS + 1) / _LOOKS
+        at = np.arange((len(waveform) - 1) * _STEPS + 1) / _STEPS
         moved = np.column_stack([np.interp(at, np.arange(len(waveform)), column) for column in waveform.T])
-        rest = np.zeros((round(RING_S * self._rate_hz), moved.shape[1]))
+        rest = np.zeros((round(RING_S * rate_hz), moved.shape[1]))
         acceleration, _ = plant.run(np.concatenate([moved, rest]))
-        weighted = np.stack([np.convolve(course, self._filter)[: len(course)] for course in acceleration.T], axis=1)
+        looked_at = acceleration[:: _STEPS // LOOKS].T
+        weighted = np.stack([np.convolve(course, self._filter)[: len(course)] for course in looked_at], axis=1)
         return abs(acceleration), abs(weighted)
 
     def _exceeds_s(self, felt: Array, level_db: float, full_db: float) -> float | None:
         above = felt * 10 ** (min(0.0, level_db - full_db) / 20) > 1
         if not above.any(axis=0).all():
             return None
-        return float(above.argmax(axis=0).max() / self._rate_hz)
+        return float(above.argmax(axis=0).max() / LOOK_RATE_HZ)
 
 
 def _decibels(value: float) -> float:

@@ -23,9 +23,10 @@ _COARSE_NOISE = 0.1  # what the first look takes for noise
 _TIE = 3.0  # widths of the bounds
 _SCREENED = 64
 _NEAR = 1e-6  # of the width of the bounds
-_ROUNDS = 15
+_ROUNDS, _ROUNDS_L1 = 15, 2  # the least sum of absolute residuals knows no noise, only its tie does
 _SETTLED = 0.02
 _TOLERANCE = 1e-13
+_LEAST_PROMISE = 1e-10  # of the cost: a linear program promises no less than its rounding
 _ROUGH = 1e-5  # of the cost: a hundredth of a standard deviation
 
 
@@ -90,7 +91,7 @@ def fit(problem: Problem, loss: Loss, starts: int, seed: int) -> Fit:
 def settle(problem: Problem, loss: Loss, first: Array) -> Fit:
     """Minimise near `first`, noise and parameters in turn until the noise stays."""
     value, noise = first, max(_noise(problem, first), SMALLEST_NOISE)
-    for _ in range(_ROUNDS):
+    for _ in range(_ROUNDS_L1 if loss is Loss.L1 else _ROUNDS):
         value, cost = minimise(problem, loss, noise, value)
         last, noise = noise, max(_noise(problem, value), SMALLEST_NOISE)
         if abs(noise - last) <= _SETTLED * last:
@@ -155,20 +156,18 @@ def _cauchy(z: Array) -> Array:
 
 def _minimise_squares(problem: Problem, rho: Rho, noise: float, first: Array, tolerance: float) -> tuple[Array, float]:
     """Cost: half of the sum of rho((residual / noise)^2), and of the squared ties."""
-    free, ties = problem.free, int(problem.free.sum())
+    free, ties = problem.free, len(problem.start)
 
     def tied(z: Array) -> Array:
         return np.concatenate([rho(z[:-ties]), _plain(z[-ties:])], axis=1)
 
     def residual(x: Array) -> Array:
         value = problem.whole(x, first)
-        return np.concatenate(
-            [problem.misfit.at(value).log_residual / noise, ((value - problem.start) / problem.tie)[free]]
-        )
+        return np.concatenate([problem.misfit.at(value).log_residual / noise, (value - problem.start) / problem.tie])
 
     def slope(x: Array) -> Array:
         jacobian = problem.misfit.at(problem.whole(x, first)).log_slope[:, free] / noise
-        return np.concatenate([jacobian, np.diag(1 / problem.tie[free])])
+        return np.concatenate([jacobian, np.diag(1 / problem.tie)[:, free]])
 
     low, high = problem.low[free], problem.high[free]
     inside = np.clip(first[free], low + 1e-6 * (high - low), high - 1e-6 * (high - low))
@@ -193,9 +192,11 @@ def _minimise_absolute(problem: Problem, noise: float, first: Array, tolerance: 
     def linearised(x: Array) -> tuple[Array, Array]:
         value = problem.whole(x, first)
         misfit = problem.misfit.at(value)
-        tie = (np.sqrt(2) / problem.tie)[free]
-        residual = np.concatenate([misfit.plain_residual / unit, tie * (value - problem.start)[free]])
-        return residual, np.concatenate([misfit.plain_slope[:, free] / unit, np.diag(tie)])
+        tie = np.sqrt(2) / problem.tie
+        residual = np.concatenate([misfit.plain_residual / unit, tie * (value - problem.start)])
+        return residual, np.concatenate([misfit.plain_slope[:, free] / unit, np.diag(tie)[:, free]])
 
-    found = solve_least_absolute(linearised, first[free], problem.low[free], problem.high[free], tolerance)
+    found = solve_least_absolute(
+        linearised, first[free], problem.low[free], problem.high[free], max(tolerance, _LEAST_PROMISE)
+    )
     return problem.whole(found, first), float(np.abs(linearised(found)[0]).sum())

@@ -12,7 +12,7 @@ Linearised = Callable[[Array], tuple[Array, Array]]
 _FIRST_STEP = 0.1  # of a natural logarithm
 _LONGEST_STEP = 1.0
 _SHORTEST_STEP = 1e-13
-_ITERATIONS = 100
+_ITERATIONS = 60
 _NOTHING = 1e-300
 
 

@@ -11,27 +11,28 @@ from threadpoolctl import threadpool_limits
 from engine.entry import Entry, WorstCase, ZonePromise
 from engine.table import Table
 from engine.zones import ZoneState, state_index
-from precompute.assembly import assemble
 from precompute.build import code_fingerprint
 from precompute.entries import EntrySolver
+from precompute.measured_table import plant_of
 from precompute.promise import States
 
 
 def entries_on_demand(table: Table, states: States, folder: Path) -> list[Entry]:
     """The entries of any state of the table's device, one a tabulated level: the table's own, or solved and kept.
 
-    What `folder` holds of another device, code or objective has another name and is not looked at.
+    What `folder` holds of another device, code, objective or measurement has another name and is not looked at.
     """
     index, objective = state_index(states), str(table.attributes["objective"])
     own = [entry for level_db in table.levels_db if (entry := table.entry_at(index, level_db)) is not None]
     if own:
         return own
-    name = f"{table.fingerprint[:16]}-{code_fingerprint()[:16]}-{objective.replace(' ', '-')}-{index}.json"
+    source = str(table.attributes.get("responses_sha256", "model"))[:16]
+    name = f"{table.fingerprint[:16]}-{source}-{code_fingerprint()[:16]}-{objective.replace(' ', '-')}-{index}.json"
     path = folder / name
     if path.is_file():
         return [_entry_of(values) for values in json.loads(path.read_text(encoding="utf-8"))]
     with threadpool_limits(1, "blas"):
-        entries = EntrySolver(assemble(table.device), objective).solve(states)
+        entries = EntrySolver(plant_of(table), objective).solve(states)
     folder.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{name}.{os.getpid()}.partial")
     try:

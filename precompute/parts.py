@@ -25,7 +25,7 @@ class Part(StrEnum):
     @property
     def groups(self) -> tuple[str, ...]:
         """The groups of the file that hold it."""
-        return ("responses", "sweep", "coherent_sweep") if self is Part.RESPONSES else (self.value,)
+        return ("responses", "sweep", "coherent_sweep", "measured") if self is Part.RESPONSES else (self.value,)
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,8 @@ class Recipe:
     objective: str
     clicks_up_to: int
     click_options: ClickOptions
+    responses_sha256: str = ""
+    """Of the file of measured responses; "": they are the model's."""
 
 
 # The untouched bar.
@@ -52,8 +54,9 @@ def rests_on(part: Part, device: Device, recipe: Recipe) -> str:
     match part:
         case Part.RESPONSES:
             values = {key: values[key] for key in _RESPONSES}
+            chosen["responses"] = recipe.responses_sha256
         case Part.ENTRIES:
-            chosen["objective"] = recipe.objective
+            chosen |= {"objective": recipe.objective, "responses": recipe.responses_sha256}
         case Part.CLICKS:
             values.pop("sweep")
             chosen |= {"clicks_up_to": recipe.clicks_up_to, "options": asdict(recipe.click_options)}

@@ -31,7 +31,7 @@ def solve_response(
 ) -> Response:
     """G(omega) = (K + j omega C - omega^2 M)^-1 F(omega), F_i = (k_i + j omega c_i) alpha_i (PHYSICS.md section 1).
 
-    A column for each actuator, then one for a unit force at each position of `touched_m`.
+    A column for each actuator, as measured where it was, then one for a unit force at each position of `touched_m`.
     """
     actuators = plant.device.actuators
     touched = plant.sampler(np.zeros(0) if touched_m is None else touched_m)
@@ -50,4 +50,7 @@ def solve_response(
         np.array([a.damping_n_s_per_m * a.full_scale_m for a in actuators] + [0.0] * points),
         out,
     )
+    known = plant.known_field(np.asarray(frequency_hz, dtype=np.float64))
+    if known is not None:
+        out[:, : len(actuators)] = known
     return Response(plant, np.asarray(frequency_hz, dtype=np.float64), out)

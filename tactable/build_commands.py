@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -15,6 +15,7 @@ from rich.console import Console
 from engine.device import Device, DeviceError
 from engine.table import TableError, open_table
 from engine.table_history import previous_of, roll_back
+from precompute.calibration_error import CalibrationError
 from tactable.progress import shown_progress
 from tactable.shipped import find_device, find_device_file
 
@@ -44,6 +45,11 @@ def register(app: typer.Typer) -> None:
         reuse: Annotated[
             bool, typer.Option(help="Take over what the table that is there has and no change of the device affects.")
         ] = True,
+        responses: Annotated[
+            Path | None,
+            typer.Option(metavar="FILE", help="Measured responses instead of the model's (tables/MEASUREMENTS.md)."),
+        ] = None,
+        sensor_mass: Annotated[str, typer.Option(help="Of the accelerometer, where that file has none.")] = "0 g",
         memory_mib: Annotated[int, typer.Option(min=1, help="Memory for the buffers of the sweep, in MiB.")] = 64,
         watch: Annotated[
             bool, typer.Option("--watch", help="Build again whenever the device file changes, until Ctrl-C.")
@@ -51,7 +57,10 @@ def register(app: typer.Typer) -> None:
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
     ) -> None:
         """Build the table of a device; an interrupted build goes on where its clicks were."""
-        job = BuildJob(output, objective, clicks_up_to, workers, reuse, memory_mib, as_json)
+        from tactable.calibrate_options import read_option
+
+        mass_kg = read_option("--sensor-mass", sensor_mass, "kg")
+        job = BuildJob(output, objective, clicks_up_to, workers, reuse, responses, mass_kg, memory_mib, as_json)
         if not watch:
             job.run(find_device(device_name))
             return
@@ -85,6 +94,9 @@ class BuildJob:
     clicks_up_to: int | None
     workers: int | None
     reuse: bool
+    responses: Path | None
+    """Measured; None: the model's."""
+    sensor_mass_kg: float
     memory_mib: int
     as_json: bool
 
@@ -92,23 +104,29 @@ class BuildJob:
         """Build and say what came of it. Raises TableError."""
         from precompute.build import build_table
         from precompute.cores import available_cores
+        from precompute.measured_response import read_responses
 
         path = self.output or Path(f"{device.name}.nc")
+        measured = None if self.responses is None else read_responses(self.responses, device, self.sensor_mass_kg)
         with shown_progress(self.as_json) as progress:
             build_table(
                 device,
                 path,
                 created=datetime.now(UTC).isoformat(timespec="seconds"),
                 objective=self.objective,
-                clicks_up_to=self.clicks_up_to,
+                # Clicks are of the model in time: with measured responses only those that are asked for.
+                clicks_up_to=0 if measured and self.clicks_up_to is None else self.clicks_up_to,
                 workers=self.workers or available_cores(),
                 reuse=self.reuse,
+                responses=measured,
                 memory_budget_bytes=self.memory_mib << 20,
                 progress=progress,
             )
         self._tell(device, path)
 
     def _tell(self, device: Device, path: Path) -> None:
+        from precompute.measured_table import doubts_of
+
         with open_table(path, verify=False) as table:
             summary: dict[str, Any] = {
                 "table": str(path),
@@ -117,6 +135,8 @@ class BuildJob:
                 "entries": len(table.entries),
                 "clicks": len(table.clicks),
                 "bytes": path.stat().st_size,
+                "source": str(table.attributes["source"]),
+                **({} if self.responses is None else doubts_of(table)),
             }
         if self.as_json:
             print(json.dumps(summary, indent=2), flush=True)  # noqa: T201  # as above
@@ -124,6 +144,20 @@ class BuildJob:
         counts = f"{summary['entries']} entries, {summary['clicks']} clicks"
         _out.print(f"{path}: {counts}, {path.stat().st_size / 1e6:.0f} MB, for {device.name}")
         _out.print(f"fingerprint {device.fingerprint[:16]}; {len(device.inferred)} values of the device are estimates")
+        if self.responses is not None:
+            _out.print(f"built from {summary['source']} in {self.responses}; {_doubts_text(summary)}", soft_wrap=True)
+
+
+def _doubts_text(summary: Mapping[str, Any]) -> str:
+    model, hz, places = (
+        f"{100 * max(summary[key].values()):.2g} %"
+        for key in ("model_disagreement", "between_frequencies_error", "between_places_error")
+    )
+    clicks = "there are no clicks" if summary["clicks"] == 0 else "clicks are the model's too"
+    return (
+        f"ESTIMATE: what fingers do and rise times are the model's, which is {model} off the measured responses; "
+        f"{clicks}. Read between frequencies up to {hz} wrong, between places up to {places}"
+    )
 
 
 def watch_device(path: Path, build: Callable[[Device], None]) -> None:
@@ -138,7 +172,7 @@ def watch_device(path: Path, build: Callable[[Device], None]) -> None:
             seen = found
             try:
                 build(find_device(str(path)))
-            except (DeviceError, TableError) as error:
+            except (CalibrationError, DeviceError, TableError) as error:
                 _errors.print(f"tactable: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
             _errors.print(f"{path}: waiting for a change; Ctrl-C ends", style="dim", markup=False, soft_wrap=True)
         time.sleep(LOOK_S)

@@ -51,6 +51,7 @@ def calibrate(
     seed: Annotated[int, typer.Option(min=0, help="Of the places to start from.")] = 0,
     accept: Annotated[str, typer.Option(help="A greater typical misfit is exit status 3.")] = "20 %",
     strict: Annotated[bool, typer.Option("--strict", help="So is a parameter not known within a factor of 2.")] = False,
+    compare: Annotated[bool, typer.Option(help="Fit the paper's way too: every drive alone, then the average.")] = True,
     as_json: AsJson = False,
 ) -> None:
     """Fit a device to measured accelerations; a new folder gets the new device file, the raw data and a report."""
@@ -75,7 +76,7 @@ def calibrate(
     raw = measurements_path.read_bytes()
     with threadpool_limits(1, "blas"):
         found = fit_device(device, measurements, names, chosen, bounds=bounds, starts=starts, seed=seed)
-        report = calibration_report(found, fit_pairwise(device, found))
+        report = calibration_report(found, fit_pairwise(device, found) if compare else None)
     write_new_folder(folder, calibration_files(found, report, raw, measurements_path.suffix.lower(), _now()))
     doubts = _doubts(report, accepted, strict)
     if as_json:

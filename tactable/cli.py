@@ -26,7 +26,7 @@ from engine.table import Table, TableError, open_table
 from engine.zones import ZoneState
 from firmware_link.errors import LinkError
 from precompute.calibration_error import CalibrationError
-from precompute.fleet.unit import FleetError
+from precompute.fleet.fleet_error import FleetError
 from tactable import (
     bench_calibrate,
     bench_commands,
@@ -131,13 +131,13 @@ def _explain_entry(
     table: Table, states: tuple[ZoneState, ...], level_db: float, alternatives: bool, as_json: bool
 ) -> None:
     from precompute.alternatives import solve_alternatives
-    from precompute.assembly import assemble
+    from precompute.measured_table import plant_of
     from precompute.on_demand import entries_on_demand
     from tactable.explain import entry_json, print_entry
 
     tabulated = entries_on_demand(table, states, _cache_folder() / "states")
     entry = played_at(tabulated, level_db, table.device.limits.amplitude)
-    rivals = solve_alternatives(assemble(table.device), states, entry) if alternatives else []
+    rivals = solve_alternatives(plant_of(table), states, entry) if alternatives else []
     if as_json:
         _print_json(entry_json(table, entry, rivals))
     else:

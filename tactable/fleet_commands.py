@@ -23,7 +23,7 @@ def register(app: typer.Typer) -> None:
 def fleet(
     source: Annotated[
         Path,
-        typer.Argument(metavar="DIR|MANIFEST|STUDY", help="A folder of folders, or a .toml or .csv (docs/fleet.md)."),
+        typer.Argument(metavar="DIR|MANIFEST|STUDY", help="A folder of folders, .toml or .csv (docs/fleet.md)."),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the results; what is there is kept.")],
     scheduler: Annotated[
@@ -45,11 +45,12 @@ def fleet(
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON for machines.")] = False,
 ) -> None:
     """Calibrate, build and verify many devices; run again, it goes on where it was. Exit status 3: a unit failed."""
+    from precompute.fleet.fleet_error import FleetError
     from precompute.fleet.plan import plan_fleet
     from precompute.fleet.pool import run_here, run_on_processes, run_on_scheduler
     from precompute.fleet.run import run_fleet
     from precompute.fleet.summary import summarise, summary_csv, summary_json
-    from precompute.fleet.unit import FleetError, Recipe
+    from precompute.fleet.unit import Recipe
     from precompute.fleet.whole_file import write_whole
     from tactable.calibrate_options import read_option
     from tactable.fleet_page import print_fleet

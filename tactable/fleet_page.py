@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text
 
-from precompute.fleet.summary import OUTLYING, Column, Summary, status_of
+from precompute.fleet.summary import FEWEST, OUTLYING, Column, Summary, status_of
 
 _SHOWN = 20
 
@@ -36,7 +36,7 @@ def print_fleet(out: Console, summary: Summary, path: Path) -> None:
         )
     _more(out, len(summary.outliers))
     if not summary.outliers:
-        _line(out, f"no unit stands out by more than {OUTLYING} spreads")
+        _line(out, f"no unit stands out by more than {OUTLYING} spreads; of fewer than {FEWEST} none ever does")
     _line(out, f"all of it: {path}")
 
 

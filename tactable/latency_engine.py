@@ -133,7 +133,7 @@ def _run(table: Table, segment: Segment, descriptors: list[int], control: socket
         )
         trace: list[StateChange] = []
         steps = tuple(Step(step) for step in segment.steps)
-        options = LiveOptions(HELD, WhenNotAchieved.GO_ON, False, segment.bit_rate_hz, steps, segment.processor)
+        options = LiveOptions(HELD, WhenNotAchieved.GO_ON, True, segment.bit_rate_hz, steps, segment.processor)
         stack.enter_context(_busy_thread(segment.has_busy_thread))
         live = Live(table, source, port, SystemClock(), options, trace)
         with live.armed():

@@ -5,7 +5,7 @@ import math
 import shlex
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from tactable.latency_floor import build_echo_engine
 from tactable.latency_load import load_running
 from tactable.latency_page import page_html, page_markdown
 from tactable.latency_plan import Plan
-from tactable.latency_process import measure_in_process
+from tactable.latency_process import measure_in_process, together
 from tactable.latency_report import LatencyReportError, Run, read_samples, run_json, write_samples
 from tactable.latency_run import Bench, Condition, Measured, Way
 from tactable.latency_source import Stall
@@ -89,18 +89,17 @@ def measure(
             "stall": None if stall is None else asdict(stall),
         },
         "table": _table_json(table),
-        "in_process": [measure_in_process(table, stream, count) for stream, count in _in_process(table, recordings)],
+        "in_process": _in_process(table, recordings),
     }
     return document, run
 
 
-def _in_process(table: Table, recordings: Sequence[Path]) -> Iterator[tuple[Stream, int]]:
-    for fingers in (1, 10):
-        yield tapping(fingers, 1_000, table.device), _IN_PROCESS_REPORTS
-    for path in recordings:
-        recording = read_recording(path)
-        if recording.reports:
-            yield replayed(recording), len(recording.reports)
+def _in_process(table: Table, recordings: Sequence[Path]) -> list[dict[str, Any]]:
+    """One tapping finger, ten, and each recording, then all of them."""
+    made = [measure_in_process(table, tapping(count, 1_000, table.device), _IN_PROCESS_REPORTS) for count in (1, 10)]
+    read = [recording for recording in map(read_recording, recordings) if recording.reports]
+    recorded = [measure_in_process(table, replayed(recording), len(recording.reports)) for recording in read]
+    return [part.figures_json() for part in (*made, *recorded, *([together(recorded)] if len(recorded) > 1 else []))]
 
 
 def _table_json(table: Table) -> dict[str, Any]:

@@ -137,18 +137,20 @@ def _facts(conditions: Sequence[Mapping[str, Any]]) -> list[str]:
             lines.append(
                 f"{c['name']}: {c['reports_sent']} reports, {c['reports_lost']} lost, {c['commands']} commands, "
                 f"{c['replaced_unsent']} replaced unsent by newer ones, {c['stale_sent']} stale ones sent, "
-                f"{order[c['order_kept']]}, clocks within {c['clock_bounds_us']:.0f} us"
+                f"{c['sessions_lost']} sessions lost, {order[c['order_kept']]}, "
+                f"clocks within {c['clock_bounds_us']:.0f} us"
             )
     return lines
 
 
 def _process_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    names = ("report_to_bytes", "report_to_answer", "of_one_finger", "of_ten_fingers")
     cells = []
     for row in rows:
-        ready, waits = row["report_to_bytes"] or {}, row["report_to_wait"] or {}
-        figures = [us(figures.get(key)) for figures in (ready, waits) for key in ("p50_us", "p99_us")]
+        found = [row[name] or {} for name in names]
+        figures = [f"{us(figures.get('p50_us'))} / {us(figures.get('p99_us'))}" for figures in found]
         cells.append([row["stream"], str(row["reports"]), *figures])
-    head = ["stream", "reports", "to bytes: median", "p99", "to waiting again: median", "p99"]
+    head = ["stream", "reports", "with a command: median / p99", "all reports", "one finger", "ten fingers or more"]
     return _table(head, cells)
 
 

@@ -2,13 +2,14 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from itertools import islice
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from engine.digitizer import open_digitizer
 from engine.renderer import WhenNotAchieved
 from engine.table import Table
 from tactable.latency_device import LightDevice
@@ -47,10 +48,9 @@ class _Memory:
         self.vendor_id, self.product_id = stream.vendor_id, stream.product_id
         self.report_index = -1
         self.report_time_ns = 0
-        self.to_bytes_ns: list[int] = []
-        """From each report in hand to the bytes of its command."""
-        self.to_wait_ns: list[int] = []
-        """From each report in hand until the loop waits again, its command written or none to write."""
+        self.answer_ns: list[int] = []
+        """From each report in hand until the loop asks for more, or to the bytes of its command where it has one."""
+        self.has_command: list[bool] = []
         self._reports = list(islice(stream.packets(), count))
         self._clock = clock
         self._device = LightDevice(number_of_actuators, clock.now_ns())
@@ -58,6 +58,7 @@ class _Memory:
         self._asked = 0
         self._in_hand_ns = 0
         self._is_taken = True
+        self._is_asked_again = True
         self._pass_of = 0
 
     @property
@@ -71,14 +72,16 @@ class _Memory:
         """A report comes with each wait."""
 
     def read_report(self, now_ns: int) -> bytes | None:
+        if not self._is_asked_again:
+            self.answer_ns.append(time.monotonic_ns() - self._in_hand_ns)
+            self.has_command.append(False)
+            self._is_asked_again = True
         if self._pass_of == self._clock.waited_ns or self.ended:
             return None
-        if self._in_hand_ns:
-            self.to_wait_ns.append(self._clock.waited_ns - self._in_hand_ns)
         self._pass_of = self._clock.waited_ns
         self.report_index += 1
         self.report_time_ns = now_ns
-        self._is_taken = False
+        self._is_asked_again = self._is_taken = False
         report = self._reports[self.report_index]
         self._in_hand_ns = time.monotonic_ns()
         return report
@@ -91,8 +94,8 @@ class _Memory:
 
     def write(self, data: bytes) -> int:
         if not self._is_taken:
-            self.to_bytes_ns.append(time.monotonic_ns() - self._in_hand_ns)
-            self._is_taken = True
+            self.answer_ns[-1] = time.monotonic_ns() - self._in_hand_ns
+            self.has_command[-1] = self._is_taken = True
         self._written.append(data)
         return len(data)
 
@@ -121,18 +124,61 @@ class _MemoryPort:
         self.fileno, self.write, self.read = memory.fileno, memory.write, memory.read_port
 
 
-def measure_in_process(table: Table, stream: Stream, count: int) -> dict[str, Any]:
-    """Figures over `count` reports: until the bytes of a command are ready, and until the loop waits again."""
+@dataclass(frozen=True)
+class InProcess:
+    """Every report of a stream: ns until its answer, whether that was a command, and how many fingers it told of."""
+
+    stream: str
+    simulated: bool
+    answer_ns: Times
+    has_command: NDArray[np.bool_]
+    fingers: NDArray[np.int64]
+
+    def figures_json(self) -> dict[str, Any]:
+        """Figures over the reports that bring a command, over all, and over those of one and of ten fingers or more."""
+        chosen = {
+            "report_to_bytes": self.has_command,
+            "report_to_answer": np.ones_like(self.has_command),
+            "of_one_finger": self.fingers == 1,
+            "of_ten_fingers": self.fingers >= 10,
+        }
+        found = {name: figures_of(self.answer_ns[where]) for name, where in chosen.items()}
+        told = {name: None if figures is None else asdict(figures) for name, figures in found.items()}
+        return {"stream": self.stream, "simulated": self.simulated, "reports": len(self.answer_ns)} | told
+
+
+def together(parts: Sequence[InProcess]) -> InProcess:
+    """All reports of several streams."""
+    return InProcess(
+        f"all {len(parts)} recordings",
+        any(part.simulated for part in parts),
+        np.concatenate([part.answer_ns for part in parts]),
+        np.concatenate([part.has_command for part in parts]),
+        np.concatenate([part.fingers for part in parts]),
+    )
+
+
+def measure_in_process(table: Table, stream: Stream, count: int) -> InProcess:
+    """The answers to `count` reports: the bytes of a command are ready, or it is known that there is none."""
     clock = _PacedClock()
     memory = _MemorySource(stream, count, len(table.device.actuators), clock)
     options = LiveOptions(HELD, WhenNotAchieved.GO_ON, reconnect=True, bit_rate_hz=_MEMORY_BIT_RATE_HZ)
-    live = Live(table, memory, _MemoryPort(memory), clock, options)
-    live.run()
-    to_bytes, to_wait = (figures_of(np.array(times, np.float64)) for times in (memory.to_bytes_ns, memory.to_wait_ns))
-    return {
-        "stream": stream.name,
-        "simulated": stream.simulated,
-        "reports": count,
-        "report_to_bytes": None if to_bytes is None else asdict(to_bytes),
-        "report_to_wait": None if to_wait is None else asdict(to_wait),
-    }
+    Live(table, memory, _MemoryPort(memory), clock, options).run()
+    return InProcess(
+        stream.name,
+        stream.simulated,
+        np.array(memory.answer_ns, np.float64),
+        np.array(memory.has_command, np.bool_),
+        np.array(_fingers(stream, count), np.int64),
+    )
+
+
+def _fingers(stream: Stream, count: int) -> list[int]:
+    """How many contacts there are after each report."""
+    digitizer = open_digitizer(stream.descriptor, stream.vendor_id, stream.product_id)
+    counts, fingers = [], 0
+    for number, report in enumerate(islice(stream.packets(), count)):
+        frame = digitizer.decode_report(report, number * _PERIOD_NS)
+        fingers = fingers if frame is None else len(frame.contacts)
+        counts.append(fingers)
+    return counts

@@ -14,7 +14,15 @@ from tactable.latency_run import Condition, Measured
 from tactable.latency_stages import STAGES, Point, Stamps, Values, blame, stages_json
 
 FORMAT, REVISION = "tactable latency", 1
-_SUMMED = ("reports_sent", "reports_lost", "commands", "replaced_unsent", "stale_sent", "released_by_watchdog")
+_SUMMED = (
+    "reports_sent",
+    "reports_lost",
+    "commands",
+    "replaced_unsent",
+    "stale_sent",
+    "sessions_lost",
+    "released_by_watchdog",
+)
 
 
 class LatencyReportError(ValueError):

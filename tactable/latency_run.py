@@ -185,6 +185,7 @@ class Bench:
             "reports_sent": schedule.next,
             "reports_lost": schedule.next - answer["loop"]["reports"],
             "commands": answer["loop"]["commands"],
+            "sessions_lost": answer["loop"]["reconnects"],
             "replaced_unsent": answer["link"]["coalesced"],
             "stale_sent": _stale(samples),
             "order_kept": None if expired else [*zip(reports, states, strict=True)] == expected,

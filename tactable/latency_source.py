@@ -1,5 +1,6 @@
 """A schedule to reports that go out when they are due, whatever the engine does with them, and to what comes back."""
 
+import contextlib
 import os
 import select
 import signal
@@ -200,12 +201,16 @@ class Apparatus:
             except BlockingIOError:
                 self._is_full = True
                 return
+            except (BrokenPipeError, ConnectionResetError):  # the engine has ended; it says why
+                self._is_full = True
+                return
             self._packet = None
             schedule.next += 1
             due_ns = schedule.due_ns()
         if due_ns is None and not self._keeps_open:
             self._keeps_open = True
-            self._touch.shutdown(socket.SHUT_WR)
+            with contextlib.suppress(OSError):  # the engine has ended
+                self._touch.shutdown(socket.SHUT_WR)
 
     def _serve_link(self, link: socket.socket, device: Device, is_readable: bool) -> None:
         data = b""

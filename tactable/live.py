@@ -1,23 +1,24 @@
 """A table, a source of touches and a port to a run of the engine: what `tactable run` and the simulated rig share."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from engine.click import choose_bank
 from engine.digitizer import open_digitizer
-from engine.effect_player import DEFAULT_CLICK_NS, EffectPlayer
+from engine.effect_player import EffectPlayer
 from engine.effects import DEFAULT_EFFECTS, Effects
 from engine.latency import LatencyRecorder
 from engine.limits import link_configuration
-from engine.loop import NS_PER_S, Clock, Loop, Reopening, StateChange, StopRequest, connect
+from engine.loop import Clock, Loop, Reopening, StateChange, StopRequest, Updates, connect
 from engine.realtime import Outcome, Step, real_time
-from engine.renderer import Renderer, WhenNotAchieved
+from engine.renderer import WhenNotAchieved
+from engine.rendering import render_table
 from engine.ring import RingWriter
 from engine.sources import Source
 from engine.table import Table
 from engine.zones import ZoneTracker
 from firmware_link.link import Link
+from firmware_link.link_values import Capabilities
 from firmware_link.session import Port, Session
 
 
@@ -39,7 +40,8 @@ class LiveOptions:
 class Live:
     """The engine between a source and a port: greeted and encoded when it is made, then `run`.
 
-    With `reopening` a run outlasts the loss of its port: the device is greeted and armed again once it is back.
+    With `reopening` a run outlasts the loss of its port: the device is greeted and armed again once it is back. With
+    `watch`, which is told the device's capabilities, it changes over to new tables.
     Its parts hold the counters, during the run and after it. Raises what they raise: DigitizerError, DescriptorError,
     LinkError, LimitError, RendererError.
     """
@@ -54,18 +56,17 @@ class Live:
         trace: list[StateChange] | None = None,
         reopening: Reopening | None = None,
         ring: RingWriter | None = None,
+        watch: Callable[[Capabilities], Updates] | None = None,
     ) -> None:
-        device, effects = table.device, options.effects
+        effects = options.effects
         self.digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
-        entries = {level_db: table.entries_at(level_db) for level_db in effects.levels_db}
-        clicks = {level_db: table.clicks_at(level_db) for level_db in effects.levels_db if effects.have_clicks}
         self.wants_clicks = effects.have_clicks
-        configuration = link_configuration(device, options.bit_rate_hz)
         self.latency = LatencyRecorder()
-        self.capabilities = connect(Session(Link(configuration), port, clock.now_ns), clock)
-        self.bank, waveforms = choose_bank(table.clicks if effects.have_clicks else (), self.capabilities)
-        self.renderer = Renderer(entries, device, self.capabilities, options.when_not_achieved, clicks, waveforms)
-        self.link = Link(replace(configuration, bank=self.bank))
+        greeting = Link(link_configuration(table.device, options.bit_rate_hz))
+        self.capabilities = connect(Session(greeting, port, clock.now_ns), clock)
+        rendering = render_table(table, effects, self.capabilities, options.when_not_achieved, options.bit_rate_hz)
+        self.bank, self.renderer = rendering.bank, rendering.renderer
+        self.link = Link(rendering.configuration)
         self.outcomes: tuple[Outcome, ...] = ()
         """What became of each real-time step, once it runs."""
         self._options, self._clock = options, clock
@@ -73,8 +74,8 @@ class Live:
         self.loop = Loop(
             source,
             self.digitizer,
-            ZoneTracker(device, self.digitizer.surface),
-            EffectPlayer(effects, len(device.zones), _click_length_ns(table)),
+            ZoneTracker(table.device, self.digitizer.surface),
+            EffectPlayer(effects, len(table.device.zones), rendering.click_length_ns),
             self.renderer,
             session,
             clock,
@@ -83,6 +84,8 @@ class Live:
             trace=trace,
             latency=self.latency,
             ring=ring,
+            updates=None if watch is None else watch(self.capabilities),
+            bank_data=rendering.bank_data,
         )
 
     @property
@@ -109,8 +112,3 @@ class Live:
         with real_time(self._options.steps, processor=self._options.processor) as self.outcomes:
             connect(self._session, self._clock)
             yield
-
-
-def _click_length_ns(table: Table) -> int:
-    """The longest of the table's clicks: so long a click is an effect."""
-    return max((round(NS_PER_S * click.length_s) for click in table.clicks), default=DEFAULT_CLICK_NS)

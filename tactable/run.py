@@ -15,7 +15,7 @@ from engine.device import Device
 from engine.effect_file import read_effects
 from engine.effects import DEFAULT_EFFECTS, Effects
 from engine.latency import Stage
-from engine.loop import Clock, StopRequest, SystemClock
+from engine.loop import Clock, StopRequest, SystemClock, Updates
 from engine.realtime import ALL_STEPS, Step, parse_steps
 from engine.renderer import WhenNotAchieved
 from engine.sources import Source
@@ -24,11 +24,13 @@ from engine.sources.recording import read_recording
 from engine.table import open_table
 from firmware_link.device import BOARD_EMULATED
 from firmware_link.errors import LinkError
+from firmware_link.link_values import Capabilities
 from firmware_link.reopening import ReopeningPort, stable_name_of
 from firmware_link.serial_port import SerialPort
 from tactable.live import Live, LiveOptions
 from tactable.ring_recorder import recorder_of, ring_for
 from tactable.shipped import find_device
+from tactable.table_watch import TableWatch, Watched, identity_of
 from tactable.touch_doctor import Machine
 from tactable.touch_record import opened, stop_at_signal
 
@@ -95,10 +97,14 @@ def register(app: typer.Typer, machine: Machine | None = None) -> None:
         ring_path: Annotated[
             Path | None, typer.Option("--ring", help="Shared memory for other processes that look on (engine/ring.py).")
         ] = None,
+        watch: Annotated[
+            bool, typer.Option(help="Change over to a new table that takes this one's place, once it is verified.")
+        ] = True,
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
     ) -> None:
         """Play a table: what fingers do on a digitizer becomes what they feel, until Ctrl-C."""
         clock = SystemClock()
+        identity = identity_of(table_path) if table_path.is_file() else (0, 0, 0)
         device = None if device_name is None else find_device(device_name)
         with open_table(table_path, device=device) as table, ExitStack() as stack:
             effects = _effects_of(effects_path, table.device)
@@ -111,7 +117,15 @@ def register(app: typer.Typer, machine: Machine | None = None) -> None:
             reopening = ReopeningPort(_told(lambda: SerialPort(name, bit_rate_hz)), port)
             stack.callback(reopening.close)
             found_again = reopening if reconnect else None
-            live = Live(table, source, port, clock, options, reopening=found_again, ring=ring)
+            zones = tuple(zone.name for zone in table.device.zones)
+
+            def watched(capabilities: Capabilities) -> Updates:
+                asked = Watched(table_path, identity, zones, effects, capabilities, when_not_achieved, bit_rate_hz)
+                return stack.enter_context(TableWatch(asked))
+
+            live = Live(
+                table, source, port, clock, options, reopening=found_again, ring=ring, watch=watched if watch else None
+            )
             if ring is not None and recording_path is not None:
                 stack.enter_context(recorder_of(ring.path, recording_path, source, bus))
             _announce(source, port, live, when_not_achieved)
@@ -203,6 +217,7 @@ def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
         "set_frames_on_the_wire": live.frames_sent,
         "unknown_states": live.renderer.unknown_states,
         "not_achieved_states": live.renderer.not_achieved_states,
+        "changes_of_table": counters.swaps,
         "losses_of_the_port": counters.losses,
         "reconnects": counters.reconnects,
         "digitizer": asdict(live.digitizer.counters),
@@ -218,7 +233,7 @@ def _print_summary(summary: dict[str, Any], as_json: bool) -> None:
         return
     names = ("reports", "touch_frames", "state_changes", "commands_sent", "set_frames_on_the_wire")
     told = [f"{summary[name]} {name.replace('_', ' ')}" for name in names]
-    rare = ("unknown_states", "not_achieved_states", "losses_of_the_port", "reconnects")
+    rare = ("unknown_states", "not_achieved_states", "changes_of_table", "losses_of_the_port", "reconnects")
     told += [f"{summary[name]} {name.replace('_', ' ')}" for name in rare if summary[name]]
     _out.print(f"{summary['duration_s']:.1f} s: {', '.join(told)}", highlight=False, soft_wrap=True)
     for step in summary["realtime"]:

@@ -28,8 +28,8 @@ def compute_figures(table: Table) -> dict[str, float | None]:
         "worst_expected_contrast_db": _of(min, expected_db),
         "median_expected_contrast_db": _of(statistics.median, expected_db),
         "worst_contrast_db": _of(min, worst_db),
-        "least_full_level_db": min(entry.level_db for entry in table.entries_of(math.inf)),
-        "slowest_t90_s": max(entry.t90_s for entry in usual),
+        "least_full_level_db": _of(min, [entry.level_db for entry in table.entries_of(math.inf)]),
+        "slowest_t90_s": _of(max, [entry.t90_s for entry in usual]),
         "out_of_reach": sum(not entry.achieved for entry in table.entries),
         "clicks": len(table.clicks),
         "weakest_click_db": _of(min, [click.level_db for click in table.clicks]),
@@ -37,4 +37,5 @@ def compute_figures(table: Table) -> dict[str, float | None]:
 
 
 def _of(pick: Callable[[list[float]], float], values: list[float]) -> float | None:
-    return pick(values) if values else None
+    picked = pick(values) if values else math.inf
+    return picked if math.isfinite(picked) else None

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from engine.section import Section
-from precompute.fleet.unit import FleetError
+from precompute.fleet.fleet_error import FleetError
 
 
 class ManifestSection(Section):

@@ -4,7 +4,8 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from precompute.fleet.unit import FleetError, Job, Outcome
+from precompute.fleet.fleet_error import FleetError
+from precompute.fleet.unit import Job, Outcome
 from precompute.fleet.work import Progress, describe_error, run_in_worker, run_job
 
 Pool = Callable[[Sequence[Job], Progress], Iterator[Outcome]]

@@ -13,6 +13,8 @@ from precompute.fleet.unit import Outcome, Unit
 
 OUTLYING = 3.5
 """Robust standard deviations from the median beyond which a unit stands out (Iglewicz and Hoaglin, 1993)."""
+FEWEST = 8
+"""Of fewer units none stands out."""
 _NORMAL_MAD = 1.4826  # standard deviation of normal noise over its median absolute deviation
 _LEAST_SPREAD = 1e-6  # of the median: rounding is no spread
 
@@ -66,7 +68,7 @@ def summarise(units: Sequence[Unit], outcomes: Sequence[Outcome]) -> Summary:
             continue
         column = _column(name, values)
         columns.append(column)
-        if not _is_chosen(name, chosen):
+        if len(values) >= FEWEST and not _is_chosen(name, chosen):
             deviations = ((unit, value, (value - column.median) / column.spread) for unit, value in values.items())
             outliers += [Outlier(unit, name, value, d) for unit, value, d in deviations if abs(d) > OUTLYING]
     return Summary(tuple(outcomes), tuple(columns), tuple(sorted(outliers, key=lambda o: -abs(o.deviation))))

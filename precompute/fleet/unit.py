@@ -9,15 +9,12 @@ from pathlib import Path
 
 from engine.device_values import Value
 from precompute.build import code_fingerprint
+from precompute.fleet.fleet_error import FleetError
 from precompute.misfit import Loss
 from precompute.objective import DEFAULT_OBJECTIVE, OBJECTIVES
 
 NAME = re.compile(r"[\w+-][\w.+-]{0,63}")
 """Of a unit: its results go to a folder of this name."""
-
-
-class FleetError(ValueError):
-    """A fleet that cannot be run as described; the message names the file, the place in it, and what would do."""
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,13 @@ from engine.device_file import parse_device
 from engine.device_values import device_values
 from engine.section import read_text
 from engine.table import open_table
+from engine.table_history import remove_leftovers
 from precompute.build import build_table, code_fingerprint
 from precompute.fleet.calibrated import calibrate_unit
 from precompute.fleet.device_text import with_values
 from precompute.fleet.figures import compute_figures
-from precompute.fleet.unit import FleetError, Job, Outcome
+from precompute.fleet.fleet_error import FleetError
+from precompute.fleet.unit import Job, Outcome
 from precompute.fleet.whole_file import write_whole
 
 TABLE = "table.nc"
@@ -43,7 +45,8 @@ def run_in_worker(job: Job) -> Outcome:
         threads = numba.get_num_threads()
         numba.set_num_threads(1)
         try:
-            return run_job(job)
+            done = kept_outcome(job)  # by a worker that was killed before it could tell
+            return run_job(job) if done is None else replace(done, is_kept=False)
         finally:
             numba.set_num_threads(threads)
 
@@ -60,6 +63,8 @@ def run_job(job: Job, progress: Progress = no_progress) -> Outcome:
 
 def describe_error(error: Exception) -> str:
     """One line; those that are not for users with their type."""
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"{error.filename}: {error.strerror}"
     is_ours = isinstance(error, ValueError | OSError) or type(error).__name__ == "TableError"
     text = " ".join(str(error).split())
     return text if is_ours and text else f"{type(error).__name__}: {text}"
@@ -81,6 +86,8 @@ def _run(job: Job, progress: Progress) -> Outcome:
         raise FleetError("this worker has another version of tactable; install the same everywhere")
     job.folder.mkdir(parents=True, exist_ok=True)
     (job.folder / OUTCOME).unlink(missing_ok=True)
+    for name in (DEVICE, OUTCOME):
+        remove_leftovers(job.folder / name)
     device, doubts = _prepare(job, progress)
     write_whole(job.folder / DEVICE, device.text)
     path, recipe = job.folder / TABLE, job.recipe

@@ -453,3 +453,15 @@ def test_an_envelope_may_pause_between_clicks() -> None:
         (90, "F----", 10.0, True),
         (120, "q----", None, False),
     ]
+
+
+def test_where_nothing_is_said_to_change_nothing_does() -> None:
+    effects = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, 20.0),))),))
+    player = EffectPlayer(effects, 5)
+    seen = list[bool]()
+    for touches in ([], [Touch(1, 0.01, 0)], [Touch(1, 0.02, 0)], [Touch(1, 0.06, 1)], [Touch(1, 0.06, 1)], []):
+        before = (player.state, player.level_db, player.next_change_ns)
+        seen.append(player.take(touches, 0))
+        if not seen[-1]:
+            assert (player.state, player.level_db, player.next_change_ns) == before
+    assert seen == [False, True, False, True, False, True]

@@ -25,6 +25,7 @@ from firmware_link.messages import (
     decode_drive,
     encode_body,
     encode_drive,
+    encode_set_body,
     has_exact_length,
     protocol_table,
     seed_of,
@@ -123,3 +124,17 @@ def test_the_worked_example_of_the_document_is_true() -> None:
     for example in (drive, body, encode_frame(body), encode_message(Stop(), 8), bank, play):
         assert f"\n    {example.hex(' ')}\n" in PROTOCOL
     assert len(encode_frame(body)) == 25
+
+
+@given(
+    st.integers(0, 65_535),
+    st.integers(0, 100),
+    st.integers(0, 8),
+    st.binary(min_size=12, max_size=12),
+    st.integers(0, 255),
+)
+def test_the_quick_way_to_a_set_is_the_other_way(
+    reference: int, lease_ms: int, onset: int, drive: bytes, sequence: int
+) -> None:
+    message = Set(reference, SetFlag.WRITE_PHASE, lease_ms, onset, drive)
+    assert encode_set_body(reference, lease_ms, onset, drive, sequence) == encode_body(message, sequence)

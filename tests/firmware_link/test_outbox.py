@@ -73,3 +73,34 @@ def test_what_is_cleared_is_not_sent() -> None:
     box.clear()
     assert box.is_silent
     assert all(message.drive == SILENCE for _, message in run(box, 0, 100 * MS, MS, None) if isinstance(message, Set))
+
+
+@unhurried
+@given(st.lists(st.tuples(st.integers(0, 5_000_000), st.one_of(st.none(), st.binary(min_size=12, max_size=12)))))
+def test_the_quick_way_sends_what_the_other_way_sends_at_the_same_times(
+    steps: list[tuple[int, bytes | None]],
+) -> None:
+    quick, plain, now_ns = outbox(), outbox(), 0
+    for step_ns, drive in steps:
+        now_ns += step_ns
+        if drive is not None:
+            quick.put(WantedDrive(drive, 0))
+            plain.put(WantedDrive(drive, 0))
+        wanted = quick.next_drive(now_ns)
+        expected, _ = plain.next_message(now_ns, lambda _: 0, 7)
+        if wanted is None:
+            assert quick.next_message(now_ns, lambda _: 0, 7)[0] == expected
+        else:
+            assert isinstance(expected, Set)
+            assert (wanted.drive, wanted.onset) == (expected.drive, expected.onset)
+        assert quick.due_ns(now_ns) == plain.due_ns(now_ns)
+        assert quick.is_silent == plain.is_silent
+
+
+def test_a_waveform_that_sounds_is_taken_over_the_other_way() -> None:
+    box = outbox()
+    box.put(WantedWaveform(0, 65_535, 200_000))
+    assert isinstance(box.next_message(0, lambda _: 0, 7)[0], Play)
+    box.put(WantedDrive(DRIVE, 0))
+    assert box.next_drive(MS) is None
+    assert isinstance(box.next_message(MS, lambda _: 0, 7)[0], Set)

@@ -4,7 +4,7 @@ from engine.zones import ZoneState
 from precompute.click_options import ClickOptions
 from precompute.promise import States
 
-CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=6, trimmed=20, judged=20)
+CHEAP = ClickOptions(lengths_s=(0.02,), quiet_db=0.0, crowding=1.0, scenarios=6, trimmed=20, judged=20)
 """Few plants: enough for laws, not for figures."""
 
 _KINDS = {"-": ZoneState.FREE, "q": ZoneState.QUIET, "F": ZoneState.FELT}

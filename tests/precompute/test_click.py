@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from engine.device import Device
 from engine.zones import ZoneState
 from precompute.click import FULL_SCALE, Click, ClickSolver, solve_clicks
-from precompute.click_basis import LOOK_RATE_HZ, PLAY_RATE_HZ, RING_S, make_tones
+from precompute.click_basis import LOOK_RATE_HZ, LOOKS, PLAY_RATE_HZ, RING_S, make_tones
 from precompute.click_design import Designer, fingers_of
 from precompute.click_options import ClickOptions
 from precompute.promise import touched_zones
@@ -68,7 +68,7 @@ def test_quiet_fingers_keep_to_their_level_at_all_times(letters: str) -> None:
 def test_felt_fingers_feel_what_quiet_ones_do_not(letters: str) -> None:
     verdict = click_of(letters).verdict
     if verdict.quiet is not None:
-        assert verdict.felt.low_db >= verdict.quiet.high_db + (10 if letters in ("F--q-", "q--F-") else 2)
+        assert verdict.felt.low_db >= verdict.quiet.high_db + (10 if letters in ("F--q-", "q--F-") else 1.5)
     assert verdict.exceeds_s is not None and verdict.exceeds_s < verdict.peak_s < 0.03
 
 
@@ -144,11 +144,11 @@ def test_the_program_violates_none_of_its_own_limits(letters: str) -> None:
     device, state = shipped("reference-a"), states(letters)
     solver = solver_of(device)
     designer = Designer(device, CHEAP, solver.plants_of(touched_zones(state)), state, 0.02)
-    weight = designer._search(0.0).optimum.weight  # the law is of the program; a design is scaled after it
-    waveform = designer._tones.waveform(weight)
+    waveform = designer.waveform(designer.search.strongest(0.8).optimum.weight)  # a design is scaled after it
     assert abs(waveform).max() <= 1 + 1e-6
-    course = solver.plants_of(touched_zones(state)).optimised.play(waveform)[:, designer.quiet]
-    assert abs(course).max(initial=0.0) <= 1 + 1e-6
+    course = abs(solver.plants_of(touched_zones(state)).optimised.play(waveform)[:, designer.quiet])
+    assert course[..., ::LOOKS].max(initial=0.0) <= 0.8 + 1e-6
+    assert course.max(initial=0.0) <= 0.8 * 10 ** (0.3 / 20)  # between the samples of the waveform
 
 
 @pytest.mark.parametrize("letters", ["F--q-", "Fq-F-"])
@@ -219,10 +219,18 @@ def test_what_full_scale_does_not_reach_keeps_to_the_quiet_level() -> None:
     assert (click.waveform == click_of("F--q-").waveform).all()
 
 
-def test_every_tabulated_state_gets_its_click_with_the_fraction_done() -> None:
+def test_every_state_that_is_asked_for_gets_its_click() -> None:
     device = random_device(seed=4, actuators=3)
-    device = replace(device, zones=device.zones[:2])
-    clicks, done = zip(*solve_clicks(device, CHEAP), strict=True)
-    assert len({click.states for click in clicks}) == 3**2 - 2**2
-    assert list(done) == pytest.approx(np.arange(1, 6) / 5)
+    wanted = [states(letters) for letters in ("F---", "qF--", "F-q-", "-qF-")]
+    clicks = list(solve_clicks(device, CHEAP, wanted))
+    assert {click.states for click in clicks} == set(wanted) and len(clicks) == len(wanted)
     assert all(click.waveform.shape[0] == 3 for click in clicks)
+
+
+def test_clicks_are_the_same_by_however_many_processes() -> None:
+    device = shipped("reference-a")
+    wanted = [states(letters) for letters in ("F--q-", "q--F-", "-F---", "--F-q")]
+    one, two = ({click.states: click for click in solve_clicks(device, CHEAP, wanted, n)} for n in (1, 2))
+    assert set(one) == set(two) == set(wanted)
+    for state in wanted:
+        assert (one[state].waveform == two[state].waveform).all() and one[state].verdict == two[state].verdict

@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from precompute.click_basis import LOOK_RATE_HZ
-from precompute.click_program import Program
-from precompute.click_search import AFTER_S, NEGLIGIBLE, STEP_S, Aim, Strongest, search_click
+from precompute.click_program import TOLERANCE, Program
+from precompute.click_search import AFTER_S, NEGLIGIBLE, STEP_S, Aim, Search, Strongest
 
 Array = NDArray[np.float64]
 LENGTH_S = 0.02
@@ -21,21 +21,31 @@ def problem(seed: int, fingers: int) -> tuple[Array, Array, Array]:
     return random.normal(size=(40, 12)), watched, course
 
 
-def found(seed: int, fingers: int) -> tuple[Strongest, Array]:
+def search(seed: int, fingers: int) -> tuple[Search, Array]:
     kept, watched, course = problem(seed, fingers)
-    return search_click(Program(kept, watched, fingers), course, LENGTH_S), course
+    return Search(Program(kept, watched, fingers), course, LENGTH_S), course
+
+
+def found(seed: int, fingers: int) -> tuple[Strongest, Array]:
+    searched, course = search(seed, fingers)
+    return searched.strongest(1.0), course
 
 
 @cases
-def test_no_common_instant_does_better_than_the_bound(seed: int, fingers: int) -> None:
-    strongest, _ = found(seed, fingers)
-    kept, watched, course = problem(seed, fingers)
+@pytest.mark.parametrize("limit", [1.0, 0.6])
+def test_no_common_instant_does_better_than_the_bound(seed: int, fingers: int, limit: float) -> None:
+    """Nor under another limit than the one before."""
+    searched, course = search(seed, fingers)
+    searched.strongest(1.0)
+    strongest, bound = searched.strongest(limit), searched.bound(limit)
+    kept, watched, _ = problem(seed, fingers)
+    program = Program(kept, watched, fingers)
+    program.set_limit(limit)
     for instant in np.round(INSTANTS).astype(int).tolist():
         for signs in np.ndindex(*[2] * (fingers - 1)):
             aim = Aim(np.full(fingers, instant), np.array([1.0, *(1 - 2.0 * np.array(signs))]))
-            value = Program(kept, watched, fingers).maximise(aim.rows(course)).value
-            assert value <= strongest.bound * (1 + 1e-6)
-    assert strongest.bound <= strongest.optimum.value * (1 + 2 * NEGLIGIBLE)
+            assert program.maximise(aim.rows(course)).value <= bound * (1 + 1e-6)
+    assert bound <= strongest.optimum.value * (1 + 2 * NEGLIGIBLE)
 
 
 @cases
@@ -47,8 +57,12 @@ def test_its_value_is_what_the_weakest_finger_feels_at_its_instant(seed: int, fi
     assert abs(felt).max(axis=1).min() <= strongest.optimum.value * 1.05
 
 
-def test_limits_twice_as_wide_give_twice_as_much() -> None:
-    one, _ = found(0, 1)
-    two = one.scaled(2.0)
-    assert (two.optimum.value, two.bound) == pytest.approx((2 * one.optimum.value, 2 * one.bound))
-    assert two.optimum.weight == pytest.approx(2 * one.optimum.weight)
+@cases
+def test_an_aim_is_improved_at_any_limit(seed: int, fingers: int) -> None:
+    searched, course = search(seed, fingers)
+    strongest = searched.strongest(1.0)
+    kept, watched, _ = problem(seed, fingers)
+    program = Program(kept, watched, fingers)
+    program.set_limit(0.8)
+    expected = program.maximise(strongest.aim.rows(course)).value
+    assert searched.improve(strongest.aim, 0.8).value == pytest.approx(expected, rel=2 * TOLERANCE)

@@ -51,7 +51,7 @@ def test_a_drive_is_named_as_one_says_it() -> None:
     ],
 )
 def test_a_row_that_cannot_be_is_refused_by_place_column_and_value(changes: dict[str, Any], message: str) -> None:
-    bad = {}
+    bad: dict[str, Any] = {}
     for key, value in changes.items():
         column = np.array(getattr(READ, key))
         column[1] = value

@@ -113,6 +113,14 @@ def test_a_stall_is_found_in_its_layer_and_nothing_stale_follows_it(table: Path,
     assert condition["misses"]["5 ms"] > 0
 
 
+def test_at_8000_reports_a_second_none_is_lost_and_order_is_kept(table: Path, tmp_path: Path) -> None:
+    """Ten minutes of it: docs/latency.md."""
+    words = ("--rates", "8000", "--loads", "idle", "--seconds", "1", "--rounds", "1", "--no-ablations", "--no-echo")
+    (condition,) = report(tmp_path, str(table), *words, *GENTLE)["conditions"]
+    assert (condition["reports_sent"], condition["reports_lost"], condition["stale_sent"]) == (8_000, 0, 0)
+    assert condition["order_kept"] or condition["released_by_watchdog"]
+
+
 def test_a_run_is_no_worse_than_itself_and_worse_than_a_faster_one(
     measured: tuple[Path, dict[str, Any]], table: Path, tmp_path: Path
 ) -> None:

@@ -26,6 +26,7 @@ FACTS = {
     "commands": 400,
     "replaced_unsent": 0,
     "stale_sent": 0,
+    "sessions_lost": 0,
     "released_by_watchdog": 0,
     "order_kept": True,
     "clock_bounds_us": 20.0,

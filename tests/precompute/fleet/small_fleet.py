@@ -1,0 +1,46 @@
+"""Devices that build in a second, and folders of them."""
+
+from pathlib import Path
+
+import numpy as np
+
+from engine.device_file import read_device
+from precompute.measurement import lay_out
+from precompute.measurement_csv import write_csv
+from precompute.simulated_measurements import Flaws, even_places, simulate_measurements
+from tests.precompute.devices import SHIPPED
+
+_CHANGES = {
+    'step = "1 Hz"': 'step = "40 Hz"',
+    "amplitude_steps = 5": "amplitude_steps = 1",
+    "phase_steps = 36": "phase_steps = 4",
+    "count = 5": "count = 2",
+    '"10 dB", "20 dB", "30 dB"': '"20 dB"',
+    '"5 mm"': '"20 mm"',
+}
+
+
+def small_text(stiffness: str = "18.9 kN/m") -> str:
+    """A coarse reference-a with two zones, its left actuator with this stiffness."""
+    text = (SHIPPED / "reference-a.toml").read_text(encoding="utf-8")
+    for old, new in {**_CHANGES, "18.9 kN/m": stiffness}.items():
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
+def write_unit(folder: Path, text: str) -> Path:
+    """A unit's folder with its device.toml."""
+    folder.mkdir(parents=True)
+    (folder / "device.toml").write_text(text, encoding="utf-8")
+    return folder
+
+
+def write_measurements(folder: Path, true: str) -> None:
+    """Measurements of the device that the text `true` describes, for a unit in `folder` that is described otherwise."""
+    described = read_device(folder / "device.toml")
+    other = folder / "true.txt"
+    other.write_text(true, encoding="utf-8")
+    layout = lay_out(np.array([(150.0, 130.0), (150.0, 200.0), (150.0, 230.0)]), even_places(described, 22), 2e-3)
+    measured = simulate_measurements(read_device(other), layout, Flaws(), 0)
+    (folder / "measurements.csv").write_text(write_csv(measured, described, "SIMULATED"), encoding="utf-8")
