@@ -48,6 +48,7 @@ from firmware_link.messages import (
     TimeRequest,
     decode_body,
     encode_amplitude,
+    encode_play_body,
     encode_set_body,
 )
 from firmware_link.onset import make_shape
@@ -101,6 +102,7 @@ class Link:
         self._patience_end_ns: int | None = None
         self._line_free_ns = 0
         self._occupied_by_size_ns: dict[int, int] = {}
+        self._waveforms: dict[tuple[int, float], WantedWaveform] = {}  # those that were asked for
         self._connected_ns = 0
         self._arming_device_us = 0
         self._transfer: BankTransfer | None = None
@@ -147,10 +149,16 @@ class Link:
         if self.state is not LinkState.READY:
             self.counters.dropped += 1
             return
+        wanted = self._waveforms.get((waveform, amplitude))
+        if wanted is None:
+            wanted = self._waveforms[waveform, amplitude] = self._find_waveform(waveform, amplitude)
+        self._outbox.put(wanted)
+
+    def _find_waveform(self, waveform: int, amplitude: float) -> WantedWaveform:
         bank = self.configuration.bank
         if bank is None or not 0 <= waveform < len(bank.waveforms):
             raise LinkError(f"waveform {waveform} is not in the bank of this link: configure a bank that has it")
-        self._outbox.put(WantedWaveform(waveform, encode_amplitude(amplitude), bank.length_us(waveform)))
+        return WantedWaveform(waveform, encode_amplitude(amplitude), bank.length_us(waveform))
 
     def replace_bank(self, bank: Bank, data: bytes) -> None:
         """Hand another bank over while the device plays the one it has; `data` are its bytes for the device.
@@ -172,7 +180,7 @@ class Link:
         self._shapes = tuple(make_shape(index, steps) for index, steps in enumerate(configuration.onsets))
         self._lease_ms = configuration.lease_ms
         self._outbox = Outbox(self.counters, configuration.slew_limit_per_s)
-        self._occupied_by_size_ns = {}
+        self._occupied_by_size_ns, self._waveforms = {}, {}
 
     def set_silent(self) -> None:
         """Ramp every actuator to zero and stay armed; nothing to send where all is silent already."""
@@ -304,6 +312,11 @@ class Link:
             return encode_frame(
                 encode_set_body(self._clock_reference(now_ns), self._outbox.lease_ms, onset, drive, self._sequence)
             )
+        waveform = self._outbox.next_waveform(now_ns)
+        if waveform is not None:
+            self._sequence = self.drive_sequence = (self._sequence + 1) % 256
+            index, amplitude, _ = waveform
+            return encode_frame(encode_play_body(self._clock_reference(now_ns), index, amplitude, self._sequence))
         message, is_command = self._outbox.next_message(now_ns, self._clock_reference, self.drive_sequence)
         if message is None:
             return b""
@@ -430,6 +443,7 @@ class Link:
         if not is_taken:
             return BankRefused(result)
         self.configuration = replace(self.configuration, bank=transfer.bank)
+        self._waveforms = {}
         return BankReplaced()
 
     def _reported(self, status: Status, now_ns: int) -> Event:

@@ -423,7 +423,7 @@ def encode_body(message: Message, sequence: int) -> bytes:
     return _LAYOUTS[message.type_byte].encode(message, sequence)
 
 
-_pack_set = _LAYOUTS[Set.type_byte].pack
+_pack_set, _pack_play = _LAYOUTS[Set.type_byte].pack, _LAYOUTS[Play.type_byte].pack
 _WRITES_PHASE = int(SetFlag.WRITE_PHASE)
 
 
@@ -433,6 +433,11 @@ def encode_set_body(clock_reference: int, lease_ms: int, onset: int, drive: byte
     The values are those of a link that is ready: they are known to fit.
     """
     return _pack_set(sequence, clock_reference, _WRITES_PHASE, lease_ms, onset) + drive
+
+
+def encode_play_body(clock_reference: int, waveform: int, amplitude: int, sequence: int) -> bytes:
+    """Body of a PLAY, as `encode_set_body` otherwise."""
+    return _pack_play(sequence, clock_reference, waveform, amplitude)
 
 
 def decode_body(body: bytes) -> tuple[int, Message]:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from firmware_link.line import LONGEST_SEQUENCE_LEAD
 from firmware_link.link_values import LinkCounters
-from firmware_link.messages import KeepAlive, Play, Set, SetFlag
+from firmware_link.messages import KeepAlive, Set, SetFlag
 from firmware_link.player import Player
 
 NS_PER_MS = 1_000_000
@@ -44,9 +44,9 @@ class Outbox:
         """Zeros for every actuator of the device."""
         self._counters = counters
         self._slew_limit_per_s = slew_limit_per_s
-        self.lease_ms = self._spacing_ns = self._renewal_ns = 0
+        self.lease_ms = self._lease_us = self._spacing_ns = self._renewal_ns = 0
         self._slot: WantedDrive | WantedWaveform | None = None
-        self._sounding = WantedDrive(b"", 0)
+        self._sounding = self._silence = WantedDrive(b"", 0)
         self._player = Player()
         self._play_end_ns: int | None = None
         self.holds_waveforms = False
@@ -57,13 +57,15 @@ class Outbox:
     def start(self, silent_drive: bytes, lease_ms: int) -> None:
         """Begin a session, in silence."""
         self.silent_drive, self.lease_ms = silent_drive, lease_ms
+        self._lease_us = lease_ms * US_PER_MS
         self._renewal_ns = lease_ms * NS_PER_MS // RENEWALS_PER_LEASE
         self._spacing_ns = -(-lease_ms * NS_PER_MS // LONGEST_SEQUENCE_LEAD)
         self.clear()
 
     def clear(self) -> None:
         """Nothing waits and nothing sounds."""
-        self._slot, self._sounding, self._play_end_ns = None, WantedDrive(self.silent_drive, 0), None
+        self._silence = WantedDrive(self.silent_drive, 0)
+        self._slot, self._sounding, self._play_end_ns = None, self._silence, None
         self._player = Player()
         self.holds_waveforms = False
 
@@ -86,9 +88,9 @@ class Outbox:
         return min(self._renewal_due_ns, self._slot_due_ns(now_ns))
 
     def next_drive(self, now_ns: int) -> WantedDrive | None:
-        """The drive that waits and is due, with no waveform to take over from: what most touches bring.
+        """The drive that waits and is due, with no waveform to take over from.
 
-        Where it is None, `next_message` says what to send, if anything.
+        Where it and `next_waveform` are None, `next_message` says what to send, if anything.
         """
         wanted = self._slot
         if type(wanted) is not WantedDrive or now_ns < self._spaced_ns or self._player.end_us is not None:
@@ -99,17 +101,43 @@ class Outbox:
         self._renewal_due_ns = now_ns + (self._renewal_ns if wanted[0] != self.silent_drive else SILENT_RENEWAL_NS)
         return wanted
 
+    def next_waveform(self, now_ns: int) -> WantedWaveform | None:
+        """The waveform that waits and is due; as `next_drive` otherwise."""
+        wanted = self._slot
+        if type(wanted) is not WantedWaveform or now_ns < self._spaced_ns or self.holds_waveforms:
+            return None
+        player, now_us = self._player, now_ns // NS_PER_US
+        if player.end_us is not None and player.end_us <= now_us:
+            player.finish()
+        if not player.is_idle and not self._make_room(player, now_us):
+            return None
+        self._slot, self._sounding = None, self._silence
+        self._counters.sent += 1
+        self._spaced_ns = now_ns + self._spacing_ns
+        # The device plays from when the frame comes, at most one lease later: a SET before that end would cut it.
+        length_us = wanted[2] + self._lease_us
+        player.start(now_us, length_us, wanted[1])
+        self._play_end_ns = end_ns = now_ns + length_us * NS_PER_US
+        silent_ns = now_ns + SILENT_RENEWAL_NS
+        self._renewal_due_ns = silent_ns if silent_ns < end_ns else end_ns
+        return wanted
+
+    def _make_room(self, player: Player, now_us: int) -> bool:
+        """The waveform before fades from now on; False while too many fade already."""
+        if not player.has_room(now_us):
+            return False
+        player.take_over(now_us, self._slew_limit_per_s, JITTER_US)
+        return True
+
     def next_message(
         self, now_ns: int, clock_reference: Callable[[int], int], sequence: int | None
-    ) -> tuple[Set | Play | KeepAlive | None, bool]:
+    ) -> tuple[Set | KeepAlive | None, bool]:
         """What is due now, and whether it is a command and no renewal of the one that went out with `sequence`."""
         wanted = self._slot
-        if wanted is not None and now_ns >= self._slot_due_ns(now_ns):
+        if isinstance(wanted, WantedDrive) and now_ns >= self._spaced_ns:
             self._slot = None
             self._counters.sent += 1
             self._spaced_ns = now_ns + self._spacing_ns
-            if isinstance(wanted, WantedWaveform):
-                return self._play(wanted, now_ns, clock_reference(now_ns)), True
             self._sounding = wanted
             return self._set(now_ns, clock_reference(now_ns)), True
         if now_ns < self._renewal_due_ns:
@@ -138,16 +166,6 @@ class Outbox:
         is_driving = drive != self.silent_drive
         self._renewal_due_ns = now_ns + (self._renewal_ns if is_driving else SILENT_RENEWAL_NS)
         return Set(clock_reference, _WRITE_PHASE, self.lease_ms, onset, drive)
-
-    def _play(self, wanted: WantedWaveform, now_ns: int, clock_reference: int) -> Play:
-        self._take_over(now_ns)
-        # The device plays from when the frame comes, at most one lease later: a SET before that end would cut it.
-        length_us = wanted.length_us + self.lease_ms * US_PER_MS
-        self._player.start(now_ns // NS_PER_US, length_us, wanted.amplitude)
-        self._sounding = WantedDrive(self.silent_drive, 0)
-        self._play_end_ns = now_ns + length_us * NS_PER_US
-        self._renewal_due_ns = min(now_ns + SILENT_RENEWAL_NS, self._play_end_ns)
-        return Play(clock_reference, wanted.waveform, wanted.amplitude)
 
     def _take_over(self, now_ns: int) -> None:
         if self._player.end_us is not None:

@@ -16,12 +16,19 @@ class Player:
         self._amplitude = 0
         self._fade_ends_us: list[int] = []
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether none has been started that is not known to have ended."""
+        return self.end_us is None and not self._fade_ends_us
+
     def has_room(self, now_us: int) -> bool:
         """Whether another waveform may start."""
         return self.room_us(now_us) <= now_us
 
     def room_us(self, now_us: int) -> int:
         """When another waveform may start, if nothing else does: now, or when enough of them have faded."""
+        if not self._fade_ends_us:
+            return now_us
         fading_us = sorted(end_us for end_us in self._fade_ends_us if end_us > now_us)
         excess = len(fading_us) + (self.end_us is not None) - WAVEFORMS_AT_ONCE
         return now_us if excess < 0 else fading_us[excess]
