@@ -305,18 +305,13 @@ class Link:
         return self._frame(self._arm) if self._arm else b""
 
     def _drive_frame(self, now_ns: int) -> bytes:
-        wanted = self._outbox.next_drive(now_ns)
+        wanted = self._outbox.next_command(now_ns)
         if wanted is not None:
-            self._sequence = self.drive_sequence = (self._sequence + 1) % 256
-            drive, onset = wanted
-            return encode_frame(
-                encode_set_body(self._clock_reference(now_ns), self._outbox.lease_ms, onset, drive, self._sequence)
-            )
-        waveform = self._outbox.next_waveform(now_ns)
-        if waveform is not None:
-            self._sequence = self.drive_sequence = (self._sequence + 1) % 256
-            index, amplitude, _ = waveform
-            return encode_frame(encode_play_body(self._clock_reference(now_ns), index, amplitude, self._sequence))
+            sequence = self._sequence = self.drive_sequence = (self._sequence + 1) % 256
+            reference = self._clock_reference(now_ns)
+            if type(wanted) is WantedDrive:
+                return encode_frame(encode_set_body(reference, self._outbox.lease_ms, wanted[1], wanted[0], sequence))
+            return encode_frame(encode_play_body(reference, wanted[0], wanted[1], sequence))  # type: ignore[arg-type]  # a waveform
         message, is_command = self._outbox.next_message(now_ns, self._clock_reference, self.drive_sequence)
         if message is None:
             return b""

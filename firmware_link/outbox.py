@@ -87,39 +87,38 @@ class Outbox:
         """When `next_message` has one, perhaps in the past."""
         return min(self._renewal_due_ns, self._slot_due_ns(now_ns))
 
-    def next_drive(self, now_ns: int) -> WantedDrive | None:
-        """The drive that waits and is due, with no waveform to take over from.
+    def next_command(self, now_ns: int) -> WantedDrive | WantedWaveform | None:
+        """What waits and is due: what most touches bring. A drive that takes over from a waveform is left.
 
-        Where it and `next_waveform` are None, `next_message` says what to send, if anything.
+        Where it is None, `next_message` says what to send, if anything.
         """
         wanted = self._slot
-        if type(wanted) is not WantedDrive or now_ns < self._spaced_ns or self._player.end_us is not None:
+        if wanted is None or now_ns < self._spaced_ns:
             return None
-        self._slot, self._sounding, self._play_end_ns = None, wanted, None
+        player = self._player
+        if type(wanted) is WantedDrive:
+            if player.end_us is not None:
+                return None
+            self._sounding, self._play_end_ns = wanted, None
+            self._renewal_due_ns = now_ns + (self._renewal_ns if wanted[0] != self.silent_drive else SILENT_RENEWAL_NS)
+        else:
+            now_us = now_ns // NS_PER_US
+            end_us = player.end_us
+            if end_us is not None and end_us <= now_us:
+                end_us = player.end_us = None
+            is_free = end_us is None and not player.fade_ends_us
+            if self.holds_waveforms or not (is_free or self._make_room(player, now_us)):
+                return None
+            # The device plays from when the frame comes, at most one lease later: a SET before that end would cut it.
+            length_us = wanted[2] + self._lease_us  # type: ignore[misc]  # a waveform: the other kind is above
+            player.start(now_us, length_us, wanted[1])
+            self._sounding = self._silence
+            self._play_end_ns = end_ns = now_ns + length_us * NS_PER_US
+            silent_ns = now_ns + SILENT_RENEWAL_NS
+            self._renewal_due_ns = silent_ns if silent_ns < end_ns else end_ns
+        self._slot = None
         self._counters.sent += 1
         self._spaced_ns = now_ns + self._spacing_ns
-        self._renewal_due_ns = now_ns + (self._renewal_ns if wanted[0] != self.silent_drive else SILENT_RENEWAL_NS)
-        return wanted
-
-    def next_waveform(self, now_ns: int) -> WantedWaveform | None:
-        """The waveform that waits and is due; as `next_drive` otherwise."""
-        wanted = self._slot
-        if type(wanted) is not WantedWaveform or now_ns < self._spaced_ns or self.holds_waveforms:
-            return None
-        player, now_us = self._player, now_ns // NS_PER_US
-        if player.end_us is not None and player.end_us <= now_us:
-            player.finish()
-        if not player.is_idle and not self._make_room(player, now_us):
-            return None
-        self._slot, self._sounding = None, self._silence
-        self._counters.sent += 1
-        self._spaced_ns = now_ns + self._spacing_ns
-        # The device plays from when the frame comes, at most one lease later: a SET before that end would cut it.
-        length_us = wanted[2] + self._lease_us
-        player.start(now_us, length_us, wanted[1])
-        self._play_end_ns = end_ns = now_ns + length_us * NS_PER_US
-        silent_ns = now_ns + SILENT_RENEWAL_NS
-        self._renewal_due_ns = silent_ns if silent_ns < end_ns else end_ns
         return wanted
 
     def _make_room(self, player: Player, now_us: int) -> bool:

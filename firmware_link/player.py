@@ -14,12 +14,8 @@ class Player:
         self.end_us: int | None = None
         """When the waveform that plays ends by itself; None while none plays."""
         self._amplitude = 0
-        self._fade_ends_us: list[int] = []
-
-    @property
-    def is_idle(self) -> bool:
-        """Whether none has been started that is not known to have ended."""
-        return self.end_us is None and not self._fade_ends_us
+        self.fade_ends_us: list[int] = []
+        """When those that were taken over have faded."""
 
     def has_room(self, now_us: int) -> bool:
         """Whether another waveform may start."""
@@ -27,9 +23,9 @@ class Player:
 
     def room_us(self, now_us: int) -> int:
         """When another waveform may start, if nothing else does: now, or when enough of them have faded."""
-        if not self._fade_ends_us:
+        if not self.fade_ends_us:
             return now_us
-        fading_us = sorted(end_us for end_us in self._fade_ends_us if end_us > now_us)
+        fading_us = sorted(end_us for end_us in self.fade_ends_us if end_us > now_us)
         excess = len(fading_us) + (self.end_us is not None) - WAVEFORMS_AT_ONCE
         return now_us if excess < 0 else fading_us[excess]
 
@@ -39,11 +35,10 @@ class Player:
 
     def take_over(self, now_us: int, slew_per_s: int, margin_us: int = 0) -> None:
         """Let the one that plays fade; it may sound for `margin_us` longer than its fade."""
-        if self.end_us is None:
-            return
-        fade_us = -(-self._amplitude * US_PER_S // (FULL_SCALE_WORD * slew_per_s))
-        sounding = [end_us for end_us in self._fade_ends_us if end_us > now_us]
-        self._fade_ends_us = [*sounding, min(self.end_us, now_us + fade_us + margin_us)]
+        self.fade_ends_us = [end_us for end_us in self.fade_ends_us if end_us > now_us]
+        if self.end_us is not None and self.end_us > now_us:
+            fade_us = -(-self._amplitude * US_PER_S // (FULL_SCALE_WORD * slew_per_s))
+            self.fade_ends_us.append(min(self.end_us, now_us + fade_us + margin_us))
         self.end_us = None
 
     def finish(self) -> None:

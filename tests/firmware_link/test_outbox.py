@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_link.link_values import LinkCounters
-from firmware_link.messages import KeepAlive, Play, Set
+from firmware_link.messages import KeepAlive, Play, Set, SetFlag
 from firmware_link.outbox import Outbox, WantedDrive, WantedWaveform
 from tests.firmware_link.strategies import unhurried
 
@@ -24,6 +24,16 @@ def outbox() -> Outbox:
     return box
 
 
+def next_of(box: Outbox, now_ns: int) -> Set | Play | KeepAlive | None:
+    """As a link asks: a command first."""
+    wanted = box.next_command(now_ns)
+    if isinstance(wanted, WantedWaveform):
+        return Play(0, wanted.waveform, wanted.amplitude)
+    if wanted is not None:
+        return Set(0, SetFlag.WRITE_PHASE, LEASE_MS, wanted.onset, wanted.drive)
+    return box.next_message(now_ns, lambda _: 0, 7)[0]
+
+
 def run(box: Outbox, start_ns: int, stop_ns: int, step_ns: int, wanted: WantedDrive | WantedWaveform | None) -> Sent:
     """Ask as often as each step, wanting something anew each time."""
     sent: Sent = []
@@ -31,8 +41,7 @@ def run(box: Outbox, start_ns: int, stop_ns: int, step_ns: int, wanted: WantedDr
         if wanted is not None:
             box.put(wanted)
         due_ns = box.due_ns(now_ns)
-        played = box.next_waveform(now_ns)
-        message = Play(0, *played[:2]) if played else box.next_message(now_ns, lambda _: 0, 7)[0]
+        message = next_of(box, now_ns)
         assert (message is not None) == (due_ns <= now_ns)
         if message is not None:
             sent.append((now_ns, message))
@@ -87,12 +96,13 @@ def test_the_quick_way_sends_what_the_other_way_sends_at_the_same_times(
         if drive is not None:
             quick.put(WantedDrive(drive, 0))
             plain.put(WantedDrive(drive, 0))
-        wanted = quick.next_drive(now_ns)
+        wanted = quick.next_command(now_ns)
         expected, _ = plain.next_message(now_ns, lambda _: 0, 7)
         if wanted is None:
             assert quick.next_message(now_ns, lambda _: 0, 7)[0] == expected
         else:
             assert isinstance(expected, Set)
+            assert isinstance(wanted, WantedDrive)
             assert (wanted.drive, wanted.onset) == (expected.drive, expected.onset)
         assert quick.due_ns(now_ns) == plain.due_ns(now_ns)
         assert quick.is_silent == plain.is_silent
@@ -101,7 +111,7 @@ def test_the_quick_way_sends_what_the_other_way_sends_at_the_same_times(
 def test_a_waveform_that_sounds_is_taken_over_the_other_way() -> None:
     box = outbox()
     box.put(WantedWaveform(0, 65_535, 200_000))
-    assert box.next_waveform(0) is not None
+    assert isinstance(next_of(box, 0), Play)
     box.put(WantedDrive(DRIVE, 0))
-    assert box.next_drive(MS) is None
+    assert box.next_command(MS) is None
     assert isinstance(box.next_message(MS, lambda _: 0, 7)[0], Set)

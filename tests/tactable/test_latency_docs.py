@@ -17,7 +17,8 @@ TEXT = (Path(__file__).parents[2] / "docs" / "latency.md").read_text(encoding="u
 def test_every_option_that_it_shows_exists() -> None:
     app = typer.Typer()
     register(app)
-    known = {option for parameter in get_command(app).params for option in parameter.opts}
+    parameters = get_command(app).params
+    known = {option for parameter in parameters for option in (*parameter.opts, *parameter.secondary_opts)}
     lines = [line for line in TEXT.splitlines() if line.startswith("tactable bench latency")]
     shown = {word for line in lines for word in shlex.split(line, comments=True) if word.startswith("-")}
     assert len(lines) >= 6
