@@ -229,7 +229,8 @@ def _wrong_markdown(wrong: Sequence[dict[str, Any]]) -> str:
 def _pairwise_markdown(report: dict[str, Any]) -> str:
     found = report["pairwise"]
     if found is None:
-        return "Not done: not asked for, or impossible; it needs from 2 to 24 drives, each with more readings than there are parameters."
+        needs = "it needs from 2 to 24 drives, each with more readings than there are parameters"
+        return f"Not done: not asked for, or impossible; {needs}."
     rows = [
         [p["name"], quantity_text(found["average"][p["name"]], p["unit"], 5), quantity_text(p["value"], p["unit"], 5)]
         for p in report["parameters"]

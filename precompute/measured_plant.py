@@ -29,7 +29,7 @@ class MeasuredPlant(Plant):
 
     def known_field(self, frequency_hz: Array) -> Complex:
         """As measured."""
-        acceleration = self._over_frequency(frequency_hz)
+        acceleration: Complex = self._over_frequency(frequency_hz)
         omega = 2 * np.pi * frequency_hz[:, None, None]
         field: Complex = -(acceleration / omega**2) @ self._along_bar.T
         return field
@@ -39,7 +39,7 @@ class MeasuredPlant(Plant):
         raise ValueError(f"{finger} at {position_m} cannot be assembled into measured responses")
 
     @cached_property
-    def _over_frequency(self) -> CubicSpline:
+    def _over_frequency(self) -> "CubicSpline[np.complex128]":
         """(frequency, actuator, place), m/s^2."""
         return CubicSpline(self.responses.frequency_hz, self.responses.acceleration)
 

@@ -1,11 +1,12 @@
-"""A state's steady entry to a short burst that plain firmware can play: timed amplitude steps, then silence."""
+"""A state to a burst that firmware without waveforms can play: a drive behind timed amplitude steps, then silence."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import differential_evolution
+from scipy.optimize import Bounds, differential_evolution
 
 from engine.entry import Entry
 from engine.zones import ZoneState
@@ -15,150 +16,192 @@ from precompute.click import RESIDUAL_S, ClickSolver
 from precompute.click_basis import PLAY_RATE_HZ, Responses
 from precompute.click_design import fingers_of
 from precompute.click_judge import Verdict, decibels, judge_waveform
-from precompute.promise import touched_zones
+from precompute.drive import on_the_wire
+from precompute.promise import States, touched_zones
 
 Array = NDArray[np.float64]
+Steps = tuple[OnsetStep, ...]
 
 _SOFTEST_END = 0.1
-"""Of full scale, relative to the loudest step: gains are given relative to the last one."""
+"""What follows the steps is no softer than so, relative to the loudest: the wire gives gains relative to it."""
 _SHORTEST = 0.3
 """Of the longest burst."""
-_POPULATION, _GENERATIONS = 8, 24
+_STOPS = 15
+_COURSE = 2 * SHAPE_STEPS + 2
+_POPULATION, _GENERATIONS = 7, 30
+"""Of differential evolution, the first for each unknown."""
 _FITS = 3
 _US_PER_S = 1e6
 
 
 @dataclass(frozen=True)
-class ShapedOnset:
-    """A burst: the entry at `amplitude` times its own amplitudes, behind the steps, until `stop_s` after its start.
+class Tone:
+    """What a SET asks for, per actuator: frequencies, amplitudes as fractions of full scale, phases of a sine."""
 
-    Steps hold a gain on that amplitude until their time, common to all actuators, as a SHAPE of the wire does; every
-    change passes the slew of the device's limits. waveform: the base displacements (actuator, time) that follow.
+    frequencies_hz: tuple[float, ...]
+    amplitudes: tuple[float, ...]
+    phases_rad: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ShapedOnset:
+    """A burst of one state: `tone` behind the steps, until `stop_s` after its start, when the amplitudes are set to 0.
+
+    Steps hold a gain on the amplitudes until their time, common to all actuators, as a SHAPE of the wire does; every
+    change passes the slew of the device's limits. waveform: the base displacements (actuator, time) that follow, at
+    precompute.click_basis.PLAY_RATE_HZ; verdict: of plants that it was not found by.
     """
 
-    entry: Entry
-    steps: tuple[OnsetStep, ...]
+    states: States
+    tone: Tone
+    steps: Steps
     stop_s: float
-    amplitude: float
     waveform: Array
     verdict: Verdict
 
 
 def solve_onset(solver: ClickSolver, entry: Entry) -> ShapedOnset:
-    """The burst of the entry, no longer than the clicks of the solver, that its felt fingers feel most.
+    """The burst of a steady entry's own drive that its felt fingers feel most.
 
-    The quiet level is that of the solver's options: kept in 95 % of the plants that it trims on. Found by differential
-    evolution (seeded) over the optimised plants; what the firmware rounds is rounded here.
+    No longer than the clicks of the solver; quiet fingers keep to the level of its options in 95 % of the plants that
+    it trims on. Found by differential evolution (seeded) over its optimised plants, so another may be better.
     """
-    shaper = _Shaper(solver, entry)
-
-    def loss(x: Array) -> float:
-        return -shaper.reach_db(*shaper.shape(x), shaper.optimised)
-
-    found = differential_evolution(
-        loss,
-        [(0.0, 1.0)] * (2 * SHAPE_STEPS + 2),
-        popsize=_POPULATION,
-        maxiter=_GENERATIONS,
-        rng=np.random.default_rng(solver.options.seed),
-        polish=False,
-        init="sobol",
-    )
-    return shaper.fitted(*shaper.shape(found.x))
+    shaper, tone = _Shaper(solver, entry.states), _tone_of(entry)
+    point = _evolve(lambda x: -shaper.reach_db(tone, *shaper.course(x)), _COURSE, solver.options.seed)
+    return shaper.fitted(tone, *shaper.course(point))
 
 
-def fit_steps(solver: ClickSolver, entry: Entry, steps: Sequence[OnsetStep]) -> ShapedOnset:
-    """The burst of the entry behind given steps, of the length and the loudness that its felt fingers feel most."""
-    shaper = _Shaper(solver, entry)
-    stops_s = np.linspace(_SHORTEST, 1.0, 15) * shaper.longest_s
-    best_s = max(stops_s.tolist(), key=lambda stop_s: shaper.reach_db(tuple(steps), stop_s, shaper.optimised))
-    return shaper.fitted(tuple(steps), best_s)
+def solve_burst(solver: ClickSolver, states: States) -> ShapedOnset:
+    """The same with any drive in the bands of the actuators: a burst is over before its drive is steady."""
+    shaper, actuators = _Shaper(solver, states), solver.device.actuators
+    low_hz, high_hz = np.array([actuator.band_hz for actuator in actuators]).T
+
+    def parts(x: Array) -> tuple[Tone, Steps, float]:
+        frequency, amplitude, phase = x[_COURSE:].reshape(3, -1)
+        frequency_hz = on_the_wire(low_hz + (high_hz - low_hz) * frequency)
+        amplitude = amplitude / max(float(amplitude.max()), 1.0 / _US_PER_S)
+        tone = Tone(tuple(frequency_hz.tolist()), tuple(amplitude.tolist()), tuple((2 * np.pi * phase).tolist()))
+        return tone, *shaper.course(x[:_COURSE])
+
+    point = _evolve(lambda x: -shaper.reach_db(*parts(x)), _COURSE + 3 * len(actuators), solver.options.seed)
+    return shaper.fitted(*parts(point))
+
+
+def fit_steps(solver: ClickSolver, onset: ShapedOnset, steps: Sequence[OnsetStep]) -> ShapedOnset:
+    """The burst with other steps, of the length and the loudness that its felt fingers feel most."""
+    shaper = _Shaper(solver, onset.states)
+    stops_s = [*(np.linspace(_SHORTEST, 1.0, _STOPS) * shaper.longest_s).tolist(), onset.stop_s]
+    best_s = max(stops_s, key=lambda stop_s: shaper.reach_db(onset.tone, tuple(steps), stop_s))
+    return shaper.fitted(onset.tone, tuple(steps), best_s)
 
 
 def share_steps(solver: ClickSolver, onsets: Sequence[ShapedOnset], most: int) -> list[ShapedOnset]:
-    """The same states with at most so many different shapes among them, for devices remember few.
+    """The same bursts with at most so many different shapes among them, for a device remembers few.
 
-    Shapes are taken from the onsets one after another, each time the one that helps the sum of felt levels most
-    (greedy k-medoids); every state then plays the best of them.
+    Shapes are taken from the bursts one after another, each time the one that adds most to the sum of felt levels
+    (greedy k-medoids); every burst then has the best of them.
     """
-    felt_db = np.empty((len(onsets), len(onsets)))
-    fitted = [[fit_steps(solver, onset.entry, other.steps) for other in onsets] for onset in onsets]
-    for row, bursts in enumerate(fitted):
-        felt_db[row] = [burst.verdict.felt.low_db for burst in bursts]
+    fitted = [[fit_steps(solver, onset, other.steps) for other in onsets] for onset in onsets]
+    felt_db = np.array([[burst.verdict.felt.low_db for burst in row] for row in fitted])
     chosen = list[int]()
     for _ in range(min(most, len(onsets))):
-        have = felt_db[:, chosen].max(axis=1, initial=-np.inf)[:, None]
-        chosen.append(int(np.maximum(felt_db, have).sum(axis=0).argmax()))
-    return [bursts[max(chosen, key=lambda shape: felt_db[row, shape])] for row, bursts in enumerate(fitted)]
+        have_db = felt_db[:, chosen].max(axis=1, initial=-np.inf)[:, None]
+        chosen.append(int(np.maximum(felt_db, have_db).sum(axis=0).argmax()))
+    return [row[max(chosen, key=levels_db.__getitem__)] for row, levels_db in zip(fitted, felt_db, strict=True)]
 
 
 class _Shaper:
-    """The bursts of one entry, and what is felt of them."""
+    """The bursts of one state, and what is felt of them."""
 
-    def __init__(self, solver: ClickSolver, entry: Entry) -> None:
-        self._entry, self._options, self._limits = entry, solver.options, solver.device.limits
-        self._felt, self._quiet = (fingers_of(entry.states, kind) for kind in (ZoneState.FELT, ZoneState.QUIET))
-        plants = solver.plants_of(touched_zones(entry.states))
-        self.optimised, self._trimmed, self._judged = plants.optimised, plants.trimmed, plants.judged
+    def __init__(self, solver: ClickSolver, states: States) -> None:
+        self._states, self._options, self._limits = states, solver.options, solver.device.limits
+        self._felt, self._quiet = (fingers_of(states, kind) for kind in (ZoneState.FELT, ZoneState.QUIET))
+        self._plants = solver.plants_of(touched_zones(states))
         self._length_s = max(self._options.lengths_s)
-        loudest = max(entry.amplitudes)
-        self._full = self._limits.amplitude / loudest
+        self._time_s = np.arange(round(self._length_s * PLAY_RATE_HZ) + 1) / PLAY_RATE_HZ
         self.longest_s = self._length_s - self._limits.amplitude / self._limits.slew_per_s
-        time_s = np.arange(round(self._length_s * PLAY_RATE_HZ) + 1) / PLAY_RATE_HZ
-        turn = 2 * np.pi * np.outer(entry.frequencies_hz, time_s) + np.array(entry.phases_rad)[:, None]
-        self._time_s, self._tone = time_s, np.sin(turn)
+        """It must have faded when the length is over."""
 
-    def shape(self, x: Array) -> tuple[tuple[OnsetStep, ...], float]:
-        """Steps and stop of a point of the unit cube: when each step ends, how loud they and what follows are, stop."""
-        until, level, stop = np.sort(x[:SHAPE_STEPS]), x[SHAPE_STEPS:-1], x[-1]
-        level = np.maximum(level / level.max(), [*[0.0] * SHAPE_STEPS, _SOFTEST_END])
-        stop_s = float(_SHORTEST + (1 - _SHORTEST) * stop) * self.longest_s
-        tick = SHAPE_TIME_US / _US_PER_S
-        steps = tuple(
-            OnsetStep(round(float(end) * stop_s / tick) * tick, round(float(gain) * SHAPE_FULL_GAIN) / SHAPE_FULL_GAIN)
-            for end, gain in zip(until, level[:-1] / level[-1], strict=True)
-        )
-        return steps, stop_s
+    def course(self, x: Array) -> tuple[Steps, float]:
+        """Steps and stop of a point (_COURSE,) of the unit cube: ends of steps, how loud they and the rest are."""
+        stop_s = float(_SHORTEST + (1 - _SHORTEST) * x[_COURSE - 1]) * self.longest_s
+        level = x[SHAPE_STEPS:-1] / max(float(x[SHAPE_STEPS:-1].max()), 1.0 / SHAPE_FULL_GAIN)
+        gain = level[:-1] / max(float(level[-1]), _SOFTEST_END)
+        tick_s = SHAPE_TIME_US / _US_PER_S
+        ends_s = np.round(np.sort(x[:SHAPE_STEPS]) * stop_s / tick_s) * tick_s
+        rounded = np.round(gain * SHAPE_FULL_GAIN) / SHAPE_FULL_GAIN
+        return tuple(OnsetStep(*step) for step in zip(ends_s.tolist(), rounded.tolist(), strict=True)), stop_s
 
-    def reach_db(self, steps: tuple[OnsetStep, ...], stop_s: float, plants: Responses) -> float:
+    def reach_db(self, tone: Tone, steps: Steps, stop_s: float) -> float:
         """What the weakest felt finger exceeds in 95 % of the plants, as loud as full scale and quiet level allow."""
-        waveform = self._waveform(steps, stop_s, self._loudest(steps))
-        felt_db, quiet_db = self._levels_db(plants, waveform)
+        waveform = self._waveform(tone, steps, stop_s, self._loudest(tone, steps))
+        felt_db, quiet_db = self._levels_db(self._plants.optimised, waveform)
         return felt_db + min(0.0, self._options.quiet_db - quiet_db)
 
-    def fitted(self, steps: tuple[OnsetStep, ...], stop_s: float) -> ShapedOnset:
+    def fitted(self, tone: Tone, steps: Steps, stop_s: float) -> ShapedOnset:
         """As loud as full scale and, in the trimmed plants, the quiet level allow; judged by others."""
-        amplitude = self._loudest(steps)
+        factor = self._loudest(tone, steps)
         for _ in range(_FITS):  # a softer drive has shorter ramps: not all of it gets softer
-            _, quiet_db = self._levels_db(self._trimmed, self._waveform(steps, stop_s, amplitude))
-            amplitude *= 10 ** (min(0.0, self._options.quiet_db - quiet_db) / 20)
-        waveform = self._waveform(steps, stop_s, amplitude)
-        residual_from_s = self._length_s + RESIDUAL_S if self._options.brake_s is None else self._options.brake_s
-        verdict = judge_waveform(waveform, self._judged, self._felt, self._quiet, residual_from_s)
-        return ShapedOnset(self._entry, steps, stop_s, amplitude, waveform, verdict)
+            _, quiet_db = self._levels_db(self._plants.trimmed, self._waveform(tone, steps, stop_s, factor))
+            factor *= 10 ** (min(0.0, self._options.quiet_db - quiet_db) / 20)
+        waveform = self._waveform(tone, steps, stop_s, factor)
+        brake_s = self._options.brake_s
+        residual_from_s = self._length_s + RESIDUAL_S if brake_s is None else brake_s
+        verdict = judge_waveform(waveform, self._plants.judged, self._felt, self._quiet, residual_from_s)
+        amplitudes = tuple(factor * amplitude for amplitude in tone.amplitudes)
+        return ShapedOnset(
+            self._states, Tone(tone.frequencies_hz, amplitudes, tone.phases_rad), steps, stop_s, waveform, verdict
+        )
 
-    def _loudest(self, steps: tuple[OnsetStep, ...]) -> float:
-        return self._full / max(1.0, *[step.gain for step in steps])
+    def _loudest(self, tone: Tone, steps: Steps) -> float:
+        """The factor with which the loudest step is at the limit."""
+        return self._limits.amplitude / (max(tone.amplitudes) * max(1.0, *[step.gain for step in steps]))
 
     def _levels_db(self, plants: Responses, waveform: Array) -> tuple[float, float]:
-        """The weakest felt finger's 5 %, the strongest quiet one's 95 %; without one the quiet level asked for."""
+        """The weakest felt finger's 5 %, the strongest quiet one's 95 %; with nothing quiet the level asked for."""
         level_db = decibels(plants.peaks(waveform, [*self._felt, *self._quiet])[1:])
         felt_db = float(np.percentile(level_db[:, : len(self._felt)].min(axis=1), 5))
         if not self._quiet:
             return felt_db, self._options.quiet_db
         return felt_db, float(np.percentile(level_db[:, len(self._felt) :].max(axis=1), 95))
 
-    def _waveform(self, steps: tuple[OnsetStep, ...], stop_s: float, amplitude: float) -> Array:
+    def _waveform(self, tone: Tone, steps: Steps, stop_s: float, factor: float) -> Array:
         """Shape (actuator, time): every amplitude follows its target at the slew, from silence to silence."""
-        gain = np.ones(len(self._time_s))
-        for step in reversed(steps):
-            gain[self._time_s < step.until_s] = step.gain
-        gain[self._time_s >= stop_s] = 0
-        most = self._limits.slew_per_s / PLAY_RATE_HZ
-        reached = np.zeros(len(self._entry.amplitudes))
-        target = np.minimum(np.outer(gain, amplitude * np.array(self._entry.amplitudes)), self._limits.amplitude)
-        envelope = np.empty(target.shape)
-        for index, wanted in enumerate(target):
-            envelope[index] = reached
-            reached = reached + np.clip(wanted - reached, -most, most)
-        return envelope.T * self._tone
+        starts_s = [0.0, *[min(step.until_s, stop_s) for step in steps], stop_s, self._length_s]
+        gains = [*[step.gain for step in steps], 1.0, 0.0]
+        turn = 2 * np.pi * np.outer(tone.frequencies_hz, self._time_s) + np.array(tone.phases_rad)[:, None]
+        waveform: Array = np.sin(turn)
+        for row, amplitude in zip(waveform, tone.amplitudes, strict=True):
+            targets = [min(gain * factor * amplitude, self._limits.amplitude) for gain in gains]
+            row *= self._slewed(starts_s, targets)
+        waveform[:, [0, -1]] = 0  # where rounding leaves something
+        return waveform
+
+    def _slewed(self, starts_s: Sequence[float], targets: Sequence[float]) -> Array:
+        """An amplitude over time that moves from 0 towards each target from its start on, at the slew."""
+        knots_s, reached = [0.0], [0.0]
+        for (start_s, stop_s), target in zip(pairwise(starts_s), targets, strict=True):
+            change = target - reached[-1]
+            needed_s = abs(change) / self._limits.slew_per_s
+            share = min(1.0, (stop_s - start_s) / needed_s) if needed_s else 1.0
+            knots_s += [start_s + share * needed_s, stop_s]
+            reached += [reached[-1] + share * change] * 2
+        return np.interp(self._time_s, knots_s, reached)
+
+
+def _tone_of(entry: Entry) -> Tone:
+    return Tone(entry.frequencies_hz, entry.amplitudes, entry.phases_rad)
+
+
+def _evolve(loss: Callable[[Array], float], unknowns: int, seed: int) -> Array:
+    """The best point found in the unit cube (unknowns,)."""
+    found = differential_evolution(
+        loss,
+        Bounds([0.0] * unknowns, [1.0] * unknowns),
+        popsize=_POPULATION,
+        maxiter=_GENERATIONS,
+        rng=np.random.default_rng(seed),
+        polish=False,
+        init="sobol",
+    )
+    return np.asarray(found.x, dtype=np.float64)

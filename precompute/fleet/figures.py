@@ -4,7 +4,7 @@ import math
 import statistics
 from collections.abc import Callable
 
-from engine.entry import DEFAULT_LEVEL_DB
+from engine.entry import DEFAULT_LEVEL_DB, Entry
 from engine.table import Table, TableError
 from precompute.entries import tabulated_states
 
@@ -14,14 +14,13 @@ def compute_figures(table: Table) -> dict[str, float | None]:
 
     Contrasts are of the tabulated level next to 20 dB.
     """
-    levels_db = [level_db for level_db in table.levels_db if math.isfinite(level_db)]
     states = len(tabulated_states(table.device))
     for level_db in table.levels_db:
         if len(table.entries_of(level_db)) != states:
             raise TableError(
                 f"{table.path}: {len(table.entries_of(level_db))} entries at {level_db:g} dB, not {states}"
             )
-    usual = table.entries_of(min(levels_db, key=lambda level_db: abs(level_db - DEFAULT_LEVEL_DB)))
+    usual = usual_entries(table)
     expected_db = [e.expected_contrast_db for e in usual if e.expected_contrast_db is not None]
     worst_db = [e.worst_case.contrast_db for e in usual if e.worst_case.contrast_db is not None]
     return {
@@ -34,6 +33,11 @@ def compute_figures(table: Table) -> dict[str, float | None]:
         "clicks": len(table.clicks),
         "weakest_click_db": _of(min, [click.level_db for click in table.clicks]),
     }
+
+
+def usual_entries(table: Table) -> tuple[Entry, ...]:
+    """Those of the tabulated level next to 20 dB."""
+    return table.entries_of(min(table.levels_db, key=lambda level_db: abs(level_db - DEFAULT_LEVEL_DB)))
 
 
 def _of(pick: Callable[[list[float]], float], values: list[float]) -> float | None:

@@ -17,18 +17,23 @@ _DIGITS = 8
 
 
 def units_of_study(top: ManifestSection, folder: Path) -> Iterator[Unit]:
-    """The table [study]: every combination of the listed values, or with a `count` a sample between two of each."""
+    """The table [study]: every combination of the listed values, or with a `count` a sample between two of each.
+
+    With `judge`, the name of a table, its drives are judged on every variation, and no table is built.
+    """
     part = ManifestSection(top.source, "study", top.take("study"))
     device = part.file("device", folder)
+    judged = part.file("judge", folder) if "judge" in part.left else None
     is_sampled = "count" in part.left
     count = part.integer("count", 1, _MOST_UNITS, 1)
     seed = part.integer("seed", 0, 2**31 - 1, 0)
     listed = _listed(ManifestSection(part.source, "study.values", part.take("values")))
+    part.known.append("judge")
     part.refuse_rest()
     rows = _sample(listed, count, seed, part) if is_sampled else _grid(listed, part)
     digits = len(str(len(rows) - 1))
     for i, row in enumerate(rows):
-        yield Unit(f"{i:0{digits}d}", device, None, row)
+        yield Unit(f"{i:0{digits}d}", device, None, row, judged)
 
 
 def _listed(part: ManifestSection) -> dict[str, list[str]]:

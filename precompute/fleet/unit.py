@@ -21,13 +21,15 @@ NAME = re.compile(r"[\w+-][\w.+-]{0,63}")
 class Unit:
     """One device of a fleet.
 
-    `values` replace those of its file, by name as in actuator[1].stiffness, as text with a unit.
+    `values` replace those of its file, by name as in actuator[1].stiffness, as text with a unit. With a `judged` table
+    no other is built: what its drives do on this device is what is asked.
     """
 
     name: str
     device: Path
     measurements: Path | None = None
     values: Mapping[str, str] = field(default_factory=dict)
+    judged: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,8 @@ class Outcome:
     seconds: float = 0.0
     error: str | None = None
     fingerprint: str = ""
-    table_crc32: int = 0
+    table_crc32: int | None = None
+    """None: no table was built."""
     values: Mapping[str, Value] = field(default_factory=dict)
     figures: Mapping[str, float | None] = field(default_factory=dict)
     doubts: tuple[str, ...] = ()
@@ -90,8 +93,9 @@ class Outcome:
 
 def make_job(unit: Unit, recipe: Recipe, out: Path, created: str) -> Job:
     """Raises OSError where a file of the unit cannot be read."""
-    files = [unit.device, *([unit.measurements] if unit.measurements else [])]
-    parts = [code_fingerprint(), json.dumps(asdict(recipe)), json.dumps(dict(unit.values))]
+    files = [file for file in (unit.device, unit.measurements, unit.judged) if file is not None]
+    wanted = {**asdict(recipe), "values": dict(unit.values), "judge": unit.judged is not None}
+    parts = [code_fingerprint(), json.dumps(wanted)]
     parts += [hashlib.sha256(path.read_bytes()).hexdigest() for path in files]
     key = hashlib.sha256("\0".join(parts).encode()).hexdigest()
     return Job(unit, recipe, out / unit.name, created, code_fingerprint(), key)

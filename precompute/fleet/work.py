@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numba
+from threadpoolctl import threadpool_limits
 
 from engine.device import Device, DeviceError
 from engine.device_file import parse_device
@@ -21,6 +22,7 @@ from precompute.fleet.calibrated import calibrate_unit
 from precompute.fleet.device_text import with_values
 from precompute.fleet.figures import compute_figures
 from precompute.fleet.fleet_error import FleetError
+from precompute.fleet.judge import judge_table
 from precompute.fleet.unit import Job, Outcome
 from precompute.fleet.whole_file import write_whole
 
@@ -75,7 +77,9 @@ def kept_outcome(job: Job) -> Outcome | None:
     try:
         values = json.loads((job.folder / OUTCOME).read_text(encoding="utf-8"))
         outcome = Outcome(**{**values, "doubts": tuple(values["doubts"]), "is_kept": True})
-        is_whole = outcome.key == job.key and outcome.table_crc32 == _checksum(job.folder / TABLE)
+        is_whole = outcome.key == job.key and (
+            outcome.table_crc32 is None or outcome.table_crc32 == _checksum(job.folder / TABLE)
+        )
     except (OSError, ValueError, TypeError, KeyError):
         return None
     return outcome if is_whole else None
@@ -90,6 +94,28 @@ def _run(job: Job, progress: Progress) -> Outcome:
         remove_leftovers(job.folder / name)
     device, doubts = _prepare(job, progress)
     write_whole(job.folder / DEVICE, device.text)
+    table_crc32 = None
+    if job.unit.judged is None:
+        figures = _build(job, device, progress)
+        table_crc32 = _checksum(job.folder / TABLE)
+    else:
+        with open_table(job.unit.judged) as table, threadpool_limits(1, "blas"):
+            figures = judge_table(table, device)
+    outcome = Outcome(
+        name=job.unit.name,
+        key=job.key,
+        fingerprint=device.fingerprint,
+        table_crc32=table_crc32,
+        values=device_values(device),
+        figures=figures,
+        doubts=doubts,
+    )
+    write_whole(job.folder / OUTCOME, outcome.as_json())
+    return outcome
+
+
+def _build(job: Job, device: Device, progress: Progress) -> dict[str, float | None]:
+    """The figures of the device's table, built and verified."""
     path, recipe = job.folder / TABLE, job.recipe
     build_table(
         device,
@@ -100,18 +126,7 @@ def _run(job: Job, progress: Progress) -> Outcome:
         progress=progress,
     )
     with open_table(path, device=device, code_fingerprint=job.code_fingerprint) as table:
-        figures = compute_figures(table)
-    outcome = Outcome(
-        name=job.unit.name,
-        key=job.key,
-        fingerprint=device.fingerprint,
-        table_crc32=_checksum(path),
-        values=device_values(device),
-        figures=figures,
-        doubts=doubts,
-    )
-    write_whole(job.folder / OUTCOME, outcome.as_json())
-    return outcome
+        return compute_figures(table)
 
 
 def _prepare(job: Job, progress: Progress) -> tuple[Device, tuple[str, ...]]:

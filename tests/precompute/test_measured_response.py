@@ -208,7 +208,7 @@ def test_sweeps_of_both_tables_agree(tables: tuple[Path, Path]) -> None:
             [getattr(table, figure)(["I"]) for table in (modelled, from_measured)]
             for figure in ("localized_factor", "peak_acceleration")
         )
-    assert np.nanmax(abs(factors[1] - factors[0])) < 1e-4
+    assert np.nanmax(abs(factors[1] - factors[0])) < 5e-4  # elements of 20 mm
     assert np.nanmax(abs(peaks[1] - peaks[0])) < 2e-3 * np.nanmax(peaks[0])
 
 

@@ -14,7 +14,8 @@ import pytest
 
 from engine.device_file import read_device
 from engine.table import open_table
-from precompute.build import code_fingerprint
+from precompute.build import build_table, code_fingerprint
+from precompute.fleet.figures import usual_entries
 from precompute.fleet.plan import plan_fleet
 from precompute.fleet.pool import Pool, run_here, run_on_processes
 from precompute.fleet.run import run_fleet
@@ -200,3 +201,28 @@ def test_killed_at_any_instant_it_goes_on_and_no_half_file_is_taken(tmp_path: Pa
     for name, outcome in outcomes.items():
         assert outcome.error is None
         assert_complete(out / name)
+
+
+def test_drives_judged_on_their_own_bar_lose_nothing_and_on_another_something(tmp_path: Path) -> None:
+    text = small_text()
+    table, study = tmp_path / "own.nc", tmp_path / "study.toml"
+    folder = write_unit(tmp_path / "bar", text)
+    device = read_device(folder / "device.toml")
+    build_table(device, table, created="", clicks_up_to=0)
+    study.write_text(
+        '[study]\ndevice = "bar/device.toml"\njudge = "own.nc"\n[study.values]\n'
+        '"actuator[1].stiffness" = ["18.9 kN/m", "21 kN/m"]\n"zones.count" = ["2", "3"]\n',
+        encoding="utf-8",
+    )
+    outcomes = run(study, tmp_path / "out")
+    same, other, *foreign = [outcomes[name] for name in ("0", "2", "1", "3")]
+    with open_table(table) as opened:
+        expected_db = [entry.expected_contrast_db for entry in usual_entries(opened)]
+    promised_db = [contrast_db for contrast_db in expected_db if contrast_db is not None]
+    assert same.figures["worst_expected_contrast_db"] == pytest.approx(min(promised_db))
+    for figure in ("greatest_contrast_lost_db", "greatest_level_lost_db", "greatest_level_gained_db"):
+        assert same.figures[figure] == pytest.approx(0.0, abs=1e-6)
+        assert abs(other.figures[figure] or 0.0) > 0.01
+    assert all("zones I, II" in (outcome.error or "") for outcome in foreign)
+    assert not list((tmp_path / "out").rglob("*.nc"))
+    assert [outcome.is_kept for outcome in run(study, tmp_path / "out").values()] == [True, False, True, False]
