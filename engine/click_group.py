@@ -11,7 +11,7 @@ from engine.table_file import TableWriter, Variable
 from engine.zones import ZoneState
 from firmware_link.bank import SAMPLE_FULL_SCALE
 
-_SPREAD = ("nominal", "5 %", "50 %", "95 %")
+SPREAD = ("nominal", "5 %", "50 %", "95 %")
 _FULL_SCALE = 1.0
 _ROW = ("state",)
 
@@ -55,7 +55,7 @@ def write_clicks(writer: TableWriter, clicks: Sequence[ClickEntry], device: Devi
 
     write(Variable.names("actuator"), [actuator.name for actuator in device.actuators])
     write(Variable.names("zone"), [zone.name for zone in device.zones])
-    write(Variable("spread", ("spread",), "1", "nominal plant, and how many sampled plants lie below"), list(_SPREAD))
+    write(Variable("spread", ("spread",), "1", "nominal plant, and how many sampled plants lie below"), list(SPREAD))
     write(Variable("sample", ("sample",), "s", "time from the click's start"), np.arange(longest) / rate_hz)
     level = Variable("level", ("level",), "dB", "that the click is played at; infinite: as it is")
     write(level, np.array(levels_db, dtype=np.float64))
@@ -67,8 +67,8 @@ def write_clicks(writer: TableWriter, clicks: Sequence[ClickEntry], device: Devi
     write(WAVEFORM, waveform)
     write(SAMPLES, np.array([len(click.samples) for click in clicks], dtype=np.int64))
     write(ZONE_STATE, np.array([click.states for click in clicks], dtype=np.int64))
-    write(FELT, np.array([_numbers(click.felt) for click in clicks]))
-    write(QUIET, np.array([_numbers(click.quiet) for click in clicks]))
+    write(FELT, np.array([spread_numbers(click.felt) for click in clicks]))
+    write(QUIET, np.array([spread_numbers(click.quiet) for click in clicks]))
     write(EXCEEDS, np.array([list(click.exceeds_s.values()) for click in clicks], dtype=np.float64))
     zones = [click.zones for click in clicks]
     at_finger = [[np.nan if z is None else z.acceleration_at_finger_m_per_s2 for z in row] for row in zones]
@@ -117,7 +117,8 @@ def _rate_hz(group: Any) -> int:
     return round(1 / float(second_s - first_s))
 
 
-def _numbers(spread: LevelSpread | None) -> list[float]:
+def spread_numbers(spread: LevelSpread | None) -> list[float]:
+    """One for each of SPREAD; NaN where there is nothing."""
     if spread is None:
-        return [np.nan] * len(_SPREAD)
+        return [np.nan] * len(SPREAD)
     return [spread.nominal_db, spread.low_db, spread.middle_db, spread.high_db]

@@ -66,6 +66,20 @@ class Finger:
 
 
 @dataclass(frozen=True)
+class Spread:
+    """What is not known of a device; clicks are made for all that lies within it.
+
+    stiffness, mass: relative standard deviations, normal, of the bar and of every actuator. finger: its mass, damping
+    and stiffness, evenly within plus and minus this fraction. finger_position_m: about the middle of its zone, evenly.
+    """
+
+    stiffness: float
+    mass: float
+    finger: float
+    finger_position_m: float
+
+
+@dataclass(frozen=True)
 class TouchAxis:
     """How the digitizer lies on the bar: which logical axis, which way round, from where to where.
 
@@ -143,6 +157,7 @@ class Device:
     zones: tuple[Zone, ...]
     zone_hysteresis_m: float
     finger: Finger
+    spread: Spread
     touch_axis: TouchAxis
     sweep: Sweep
     levels_db: tuple[float, ...]

@@ -8,12 +8,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from engine.device import Actuator, Bar, Device, DeviceError, Finger, Limits, Sweep, TouchAxis, Zone
+from engine.device import Actuator, Bar, Device, DeviceError, Finger, Limits, Spread, Sweep, TouchAxis, Zone
 from engine.device_uncertainty import read_uncertainty
 from engine.section import Section, read_text
 
 ROMAN = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII", "XIII", "XIV", "XV", "XVI")
 _LARGEST_SPREAD = 1000
+_WIDEST_SPREAD = 0.2
+"""Standard deviation of a stiffness or a mass: five of them are still above 0."""
 _MOST_STEPS = 100_000
 _LEVELS, _MOST_LEVELS = ("10 dB", "20 dB", "30 dB"), 16
 _SHORTEST_ZONE = 1e-3
@@ -76,6 +78,7 @@ def parse_device(text: str, source: str) -> Device:
         zones=zones,
         zone_hysteresis_m=hysteresis_m,
         finger=section("finger", _read_finger),
+        spread=section("spread", _read_spread, default={}),
         touch_axis=section("digitizer", lambda part: _read_touch_axis(part, bar)),
         sweep=sweep,
         levels_db=section("feel", _read_levels, default={}),
@@ -208,6 +211,21 @@ def _read_finger(part: _Section) -> Finger:
         damping_n_s_per_m=part.quantity("damping", "N*s/m"),
         stiffness_n_per_m=part.quantity("stiffness", "N/m"),
         spread=float(spread),
+    )
+
+
+def _read_spread(part: _Section) -> Spread:
+    def fraction(key: str, default: str, below: float) -> float:
+        value = part.quantity(key, "", default=default)
+        if value >= below:
+            raise part.error(key, f"{100 * value:g} %", f"expected less than {100 * below:g} %")
+        return value
+
+    return Spread(
+        stiffness=fraction("stiffness", "1 %", _WIDEST_SPREAD),
+        mass=fraction("mass", "1 %", _WIDEST_SPREAD),
+        finger=fraction("finger", "30 %", 1.0),
+        finger_position_m=part.quantity("finger_position", "m", default="4 mm"),
     )
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+from engine.burst import needs_bursts
 from engine.click import choose_bank
 from engine.device import Device
 from engine.effect_player import DEFAULT_CLICK_NS
@@ -22,10 +23,12 @@ class Rendering:
     device: Device
     renderer: Renderer
     configuration: LinkConfiguration
-    """Limits of the device, and the bank of clicks."""
+    """Limits of the device, the bank of clicks, the shapes of bursts."""
     bank_data: bytes
     """The bank as the device takes it; empty without one."""
     click_length_ns: int
+    bursts: int = 0
+    """How many states have a burst for a click."""
 
     @property
     def bank(self) -> Bank | None:
@@ -40,15 +43,27 @@ def render_table(
     when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN,
     bit_rate_hz: int = 115_200,
 ) -> Rendering:
-    """Everything encoded. Raises RendererError and LimitError for what does not fit the device."""
+    """Everything encoded; bursts for clicks where the device plays no waveforms but shapes onsets.
+
+    Raises RendererError and LimitError for what does not fit the device.
+    """
     device, levels_db = table.device, effects.levels_db
     entries = {level_db: table.entries_at(level_db) for level_db in levels_db}
     clicks = {level_db: table.clicks_at(level_db) for level_db in levels_db if effects.have_clicks}
     bank, waveforms = choose_bank(table.clicks if effects.have_clicks else (), capabilities)
+    shapes = table.shapes if effects.have_clicks and needs_bursts(capabilities) else ()
+    bursts = {level_db: table.bursts_at(level_db) for level_db in levels_db} if shapes else {}
     return Rendering(
         device,
-        Renderer(entries, device, capabilities, when_not_achieved, clicks, waveforms),
-        replace(link_configuration(device, bit_rate_hz), bank=bank),
+        Renderer(entries, device, capabilities, when_not_achieved, clicks, waveforms, bursts),
+        replace(link_configuration(device, bit_rate_hz), bank=bank, onsets=shapes),
         b"" if bank is None else encode_bank(bank, capabilities.number_of_actuators),
-        max((round(NS_PER_S * click.length_s) for click in table.clicks), default=DEFAULT_CLICK_NS),
+        _click_length_ns(table, len(shapes) > 0),
+        len(table.bursts) if shapes else 0,
     )
+
+
+def _click_length_ns(table: Table, with_bursts: bool) -> int:
+    """How long everything lasts that a click may be."""
+    click_ns = max((round(NS_PER_S * click.length_s) for click in table.clicks), default=DEFAULT_CLICK_NS)
+    return max([click_ns, *[round(NS_PER_S * burst.stop_s) for burst in table.bursts if with_bursts]])

@@ -1,4 +1,4 @@
-"""A built table, open: its device, its entries and clicks, its sweep (tables/FORMAT.md)."""
+"""A built table, open: its device, its entries, clicks and bursts, its sweep (tables/FORMAT.md)."""
 
 import math
 from collections.abc import Sequence
@@ -8,6 +8,9 @@ from typing import Any
 import h5netcdf
 import numpy as np
 
+from engine.burst import BurstEntry, Shape
+from engine.burst import played_at as burst_played_at
+from engine.burst_group import read_bursts, read_shapes
 from engine.click import ClickEntry
 from engine.click import played_at as click_played_at
 from engine.click_group import read_clicks
@@ -41,6 +44,12 @@ class Table:
         self.clicks: tuple[ClickEntry, ...] = () if clicks is None else tuple(read_clicks(clicks, self.device))
         """One a state, as tabulated; a table may have none."""
         self._click_of = {click.index: click for click in self.clicks}
+        bursts = file.groups.get("bursts")
+        self.shapes: tuple[Shape, ...] = () if bursts is None else read_shapes(bursts)
+        """Of the bursts."""
+        self.bursts: tuple[BurstEntry, ...] = () if bursts is None else tuple(read_bursts(bursts))
+        """One a state, as tabulated; most tables have none."""
+        self._burst_of = {burst.index: burst for burst in self.bursts}
 
     def __enter__(self) -> "Table":
         return self
@@ -52,15 +61,24 @@ class Table:
         """Close the file; entries and device stay usable."""
         self._file.close()
 
-    def copy_groups(self, writer: TableWriter, groups: Sequence[str]) -> None:
-        """Write those of these groups that the table has into another one."""
-        for group in groups:
-            if group in self._file.groups:
-                writer.copy(group, self._file.groups[group])
+    def copy_groups(self, writer: TableWriter, groups: Sequence[str]) -> bool:
+        """Write those of these groups that the table has into another one; whether it has any."""
+        found = [group for group in groups if group in self._file.groups]
+        for group in found:
+            writer.copy(group, self._file.groups[group])
+        return bool(found)
 
     def values(self, group: str, name: str) -> Values:
         """One whole array by its group and name, such as "responses" and "frequency"."""
         return np.asarray(self._file.groups[group].variables[name][...])
+
+    def checksums(self) -> dict[str, int]:
+        """CRC-32 of every array, by its group and name, such as "responses/frequency"."""
+        return {
+            f"{group}/{name}": int(variable.attrs["crc32"])
+            for group, found in self._file.groups.items()
+            for name, variable in found.variables.items()
+        }
 
     def entry_for(self, felt: Sequence[str], quiet: Sequence[str] = (), level_db: float = DEFAULT_LEVEL_DB) -> Entry:
         """Entry of the state with these zones (names) felt and quiet and the others free, at `level_db`.
@@ -107,6 +125,15 @@ class Table:
     def clicks_at(self, level_db: float) -> tuple[ClickEntry, ...]:
         """Every click, played at one level."""
         return tuple(click_played_at(click, level_db) for click in self.clicks)
+
+    def burst_at(self, state: int, level_db: float) -> BurstEntry | None:
+        """Burst of a state (engine.zones.state_index) played at a level, None where there is none."""
+        burst = self._burst_of.get(state)
+        return None if burst is None else burst_played_at(burst, level_db)
+
+    def bursts_at(self, level_db: float) -> tuple[BurstEntry, ...]:
+        """Every burst, played at one level."""
+        return tuple(burst_played_at(burst, level_db) for burst in self.bursts)
 
     def entries_at(self, level_db: float) -> tuple[Entry, ...]:
         """Entry of every state at one level."""

@@ -25,6 +25,7 @@ from engine.zones import ZoneState
 
 _PROVENANCE = ("created", "code_fingerprint", "code_version")
 _DEVICE = ("title", "device_name", "device_description", "device_fingerprint")
+_COMPARED = ("responses", "sweep", "coherent_sweep", "entries", "clicks")  # value by value, or derived from such
 _RESTS_ON = "_rest_on"  # fingerprints of the same
 _Key = tuple[tuple[str, ...], tuple[str, ...], float | None]
 _Part = TypeVar("_Part", Entry, ClickEntry)
@@ -62,7 +63,8 @@ class TableDiff:
     """What changed from one table to another.
 
     notes: what could not be compared, in sentences. response_percent: greatest change of a unit response by actuator,
-    relative to its greatest; those beyond the tolerance.
+    relative to its greatest; those beyond the tolerance. arrays: of groups that are not compared value by value, such
+    as bursts or measured responses, those that are not the same bytes.
     """
 
     tolerance: Tolerance
@@ -71,13 +73,14 @@ class TableDiff:
     options: tuple[Change, ...]
     provenance: tuple[Change, ...]
     response_percent: Mapping[str, float]
+    arrays: tuple[str, ...]
     entries: PartDiff
     clicks: PartDiff
 
     @property
     def differs(self) -> bool:
         """Whether they are made for different things or promise different ones; who made them when does not count."""
-        parts = (self.notes, self.device, self.options, self.response_percent)
+        parts = (self.notes, self.device, self.options, self.response_percent, self.arrays)
         return any(parts) or self.entries.differs or self.clicks.differs
 
 
@@ -106,6 +109,7 @@ def compare_tables(before: Table, after: Table, tolerance: Tolerance | None = No
         options=compare_values(*({k: v for k, v in values.items() if k not in _PROVENANCE} for values in (own, other))),
         provenance=compare_values(*({k: values.get(k) for k in _PROVENANCE} for values in (own, other))),
         response_percent=response_percent,
+        arrays=_other_arrays(before, after),
         entries=entries,
         clicks=clicks,
     )
@@ -153,6 +157,12 @@ def _compare_responses(before: Table, after: Table, tolerance: Tolerance) -> tup
     size = 100 * abs(changed - values).max(axis=(0, 2, 3)) / abs(values).max(axis=(0, 2, 3))
     names = _names(before.device.actuators)
     return [], {name: float(s) for name, s in zip(names, size, strict=True) if s > 100 * tolerance.ratio}
+
+
+def _other_arrays(before: Table, after: Table) -> tuple[str, ...]:
+    own, other = before.checksums(), after.checksums()
+    changed = (name for name in own | other if own.get(name) != other.get(name))
+    return tuple(name for name in changed if name.partition("/")[0] not in _COMPARED)
 
 
 def _key(table: Table, states: Sequence[ZoneState], level_db: float | None) -> _Key:

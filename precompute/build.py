@@ -5,7 +5,7 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass
-from functools import cache
+from functools import cache, partial
 from importlib import metadata
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 import engine
 import precompute
+from engine.burst_group import write_bursts
 from engine.click_group import write_clicks
 from engine.device import Device
 from engine.entry_group import write_entries
@@ -20,6 +21,7 @@ from engine.table import Table, TableError, open_table
 from engine.table_file import TableWriter
 from engine.zones import state_index
 from precompute.assembly import Plant, assemble
+from precompute.burst_table import solve_bursts
 from precompute.click import solve_clicks
 from precompute.click_options import DEFAULT_OPTIONS, ClickOptions
 from precompute.click_store import ClickStore
@@ -32,7 +34,7 @@ from precompute.measured_response import MeasuredResponses
 from precompute.measured_table import source_attributes, write_measured
 from precompute.objective import DEFAULT_OBJECTIVE, OBJECTIVES
 from precompute.parts import Part, Recipe, rests_on
-from precompute.promise import touched_zones
+from precompute.promise import States, touched_zones
 from precompute.tabulate import write_coherent_sweep, write_pair_sweep, write_responses
 
 MOST_ZONES_WITH_ALL_CLICKS = 5
@@ -52,6 +54,8 @@ def code_fingerprint() -> str:
     """SHA-256 (hex) over the sources that decide what is in a table."""
     here, there = Path(precompute.__file__).parent, Path(engine.__file__).parent
     names = (
+        "burst",
+        "burst_group",
         "click",
         "click_group",
         "device",
@@ -73,6 +77,7 @@ def build_table(
     created: str,
     objective: str = DEFAULT_OBJECTIVE,
     clicks_up_to: int | None = None,
+    bursts_up_to: int = 0,
     click_options: ClickOptions = DEFAULT_OPTIONS,
     workers: int = 1,
     reuse: bool = True,
@@ -84,13 +89,14 @@ def build_table(
 
     `created` is the date to note, `objective` a name of precompute.objective.OBJECTIVES. `clicks_up_to`: states of up
     to so many fingers get clicks, by default all of them for up to five zones, of three fingers beyond; 0 is none.
-    They are solved by `workers` processes; what is solved when a build is interrupted is kept beside the table for the
-    next. With `reuse`, parts that a table at `path` has already, made by this code and resting on nothing that has
-    changed since, are taken over. With `responses` the bar moves as it was measured; what fingers do to it, rise times
-    and clicks stay the model's. Raises TableError if the table cannot be written, and for another objective.
+    `bursts_up_to`: the same of bursts, for devices that play no waveforms; by default none. Clicks and bursts are
+    solved by `workers` processes; the clicks solved when a build is interrupted are kept beside the table for the next.
+    With `reuse`, parts that a table at `path` has already, made by this code and resting on nothing that has
+    changed since, are taken over. With `responses` the bar moves as it was measured; what fingers do to it, rise times,
+    clicks and bursts stay the model's. Raises TableError if the table cannot be written, and for another objective.
     """
     sha256 = "" if responses is None else responses.sha256
-    recipe = Recipe(code_fingerprint(), objective, _fingers(device, clicks_up_to), click_options, sha256)
+    recipe = Recipe(code_fingerprint(), objective, _fingers(device, clicks_up_to), click_options, sha256, bursts_up_to)
     if objective not in OBJECTIVES:
         raise TableError(f"there is no objective {objective!r}; choose one of {', '.join(OBJECTIVES)}")
     with threadpool_limits(1, "blas"), remembered_interrupt() as check:  # unpinned BLAS: 100 times slower when busy
@@ -165,8 +171,8 @@ class _Builder:
             )
             if earlier is not None:
                 for part in sorted(known):
-                    earlier.copy_groups(writer, part.groups)
-                    progress(f"{part} as before", 0.05)
+                    if earlier.copy_groups(writer, part.groups):
+                        progress(f"{part} as before", 0.05)
             if Part.RESPONSES not in known:
                 self._write_responses(writer, plant)
             if Part.ENTRIES not in known:
@@ -174,6 +180,8 @@ class _Builder:
             store = None if Part.CLICKS in known else self._solve_clicks()
             if store and store.clicks:
                 write_clicks(writer, [click for _, click in sorted(store.clicks.items())], device)
+            if Part.BURSTS not in known and recipe.bursts_up_to:
+                self._write_bursts(writer)
         if store:
             store.path.unlink(missing_ok=True)  # nothing is left to resume
 
@@ -188,7 +196,7 @@ class _Builder:
             write_measured(writer, self.device, self.responses)
 
     def _write_entries(self, writer: TableWriter, plant: Plant) -> None:
-        solved, share = [], 0.1 if self.recipe.clicks_up_to else 0.7
+        solved, share = [], 0.1 if self.recipe.clicks_up_to or self.recipe.bursts_up_to else 0.7
         for entries, fraction in solve_entries(plant, self.recipe.objective):
             solved.append(entries)
             self.progress("entries", 0.25 + share * fraction)
@@ -200,11 +208,22 @@ class _Builder:
         """The clicks, in a store that holds those of an interrupted build already."""
         device, options = self.device, self.recipe.click_options
         with ClickStore(self.path, rests_on(Part.CLICKS, device, self.recipe)) as store:
-            most = self.recipe.clicks_up_to
-            states = [state for state in tabulated_states(device) if len(touched_zones(state)) <= most]
+            states, share = self._states(self.recipe.clicks_up_to), 0.3 if self.recipe.bursts_up_to else 0.6
             left = [state for state in states if state_index(state) not in store.clicks]
             tabulator = ClickTabulator(device, options.wanted_db)
             for click in solve_clicks(device, options, left, self.workers):
                 store.add(tabulator.tabulate(click))
-                self.progress("clicks", 0.35 + 0.6 * len(store.clicks) / len(states))
+                self.progress("clicks", 0.35 + share * len(store.clicks) / len(states))
         return store
+
+    def _write_bursts(self, writer: TableWriter) -> None:
+        options, states = self.recipe.click_options, self._states(self.recipe.bursts_up_to)
+        told = partial(self._tell_bursts, 0.65 if self.recipe.clicks_up_to else 0.35)
+        write_bursts(writer, *solve_bursts(self.device, options, states, self.workers, told), self.device)
+
+    def _tell_bursts(self, done: float, fraction: float) -> None:
+        self.progress("bursts", done + (0.95 - done) * fraction)
+
+    def _states(self, fingers: int) -> list[States]:
+        """Those of up to so many fingers."""
+        return [state for state in tabulated_states(self.device) if len(touched_zones(state)) <= fingers]

@@ -57,7 +57,7 @@ def solve_clicks(device: Device, options: ClickOptions, states: Sequence[States]
 
     They are the same however many solve them. Raises WorkerError where a process was killed.
     """
-    chunks = _chunks(states)
+    chunks = chunks_of(states)
     if not chunks:
         return
     if workers == 1:
@@ -71,7 +71,7 @@ def _begin(device: Device, options: ClickOptions) -> Callable[[States], Click]:
     return ClickSolver(device, options).solve
 
 
-def _chunks(states: Sequence[States]) -> list[list[States]]:
+def chunks_of(states: Sequence[States]) -> list[list[States]]:
     """States with the same fingers together, so that they share what is computed for them; the longest work first."""
     alike = [list(group) for _, group in groupby(sorted(states, key=touched_zones), key=touched_zones)]
     chunks = [
@@ -87,9 +87,7 @@ class ClickSolver:
         self.device, self.options = device, options
         counts = (options.scenarios, options.trimmed, options.judged)
         seeds = np.random.SeedSequence(options.seed).generate_state(len(counts)).tolist()
-        self.scenarios = tuple(
-            sample_scenarios(device, count, seed, options.spreads) for count, seed in zip(counts, seeds, strict=True)
-        )
+        self.scenarios = tuple(sample_scenarios(device, count, seed) for count, seed in zip(counts, seeds, strict=True))
         """Those optimised over, trimmed on, judged by."""
         self._threads = ThreadpoolController()
         with self._one_thread():

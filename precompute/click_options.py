@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-from precompute.click_scenarios import DEFAULT_SPREADS, Spreads
-
 
 @dataclass(frozen=True)
 class ClickOptions:
@@ -26,7 +24,6 @@ class ClickOptions:
     trimmed: int = 800
     judged: int = 200
     seed: int = 1
-    spreads: Spreads = DEFAULT_SPREADS
 
 
 DEFAULT_OPTIONS = ClickOptions()

@@ -1,6 +1,6 @@
 """A device to the plants it may turn out to be: bar, actuators and fingers varied within what is not known of them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,36 +9,22 @@ from scipy.special import ndtri
 from scipy.stats import qmc
 
 from engine.device import Device, Finger
+from precompute.calibrated_device import sample_devices
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Spreads:
-    """What is not known of a device (PHYSICS.md section 4); stiffness and mass of the bar and of every actuator.
-
-    stiffness, mass: relative standard deviations, normal. finger: its mass, damping and stiffness, evenly within plus
-    and minus this fraction. position_m: of the finger about the middle of its zone, evenly, within the zone.
-    """
-
-    stiffness: float = 0.01
-    mass: float = 0.01
-    finger: float = 0.3
-    position_m: float = 0.004
-
-
-DEFAULT_SPREADS = Spreads()
-
-
-@dataclass(frozen=True)
 class Scenarios:
-    """Sampled plants of one device, the nominal one first; relative to nominal unless the name has a unit.
+    """Sampled plants of one device, the nominal one first; factors unless the name has a unit.
 
-    bar_stiffness, bar_mass (scenario,); stiffness, mass (scenario, actuator): of the actuators; finger_mass,
-    finger_damping, finger_stiffness, position_m (scenario, zone): of the finger that may lie in each zone.
+    calibrated (scenario,): devices that the measurements of a calibration do not tell apart, the same one where there
+    was none. Beside it bar_stiffness, bar_mass (scenario,); stiffness, mass (scenario, actuator): of the actuators;
+    finger_mass, finger_damping, finger_stiffness, position_m (scenario, zone): of the finger that may lie in each zone.
     """
 
     device: Device
+    calibrated: tuple[Device, ...]
     bar_stiffness: Array
     bar_mass: Array
     stiffness: Array
@@ -54,7 +40,7 @@ class Scenarios:
 
     def device_of(self, scenario: int) -> Device:
         """The device with the bar and the actuators of one scenario."""
-        base = self.device
+        base = self.calibrated[scenario]
         bar = replace(
             base.bar,
             youngs_modulus_pa=base.bar.youngs_modulus_pa * float(self.bar_stiffness[scenario]),
@@ -85,11 +71,13 @@ class Scenarios:
         ]
 
 
-def sample_scenarios(device: Device, count: int, seed: int, spreads: Spreads = DEFAULT_SPREADS) -> Scenarios:
+def sample_scenarios(device: Device, count: int, seed: int) -> Scenarios:
     """The nominal plant and `count` sampled ones (a seeded Latin hypercube; an odd count is rounded up).
 
-    Every other sample is the mirror image of the one before, so that a mirrored bar gets mirrored clicks.
+    They lie within the spread of the device; what a calibration has fitted varies as that has left it. Every other
+    sample is the mirror image of the one before, so that a mirrored bar gets mirrored clicks.
     """
+    spread = device.spread
     zones, actuators = len(device.zones), len(device.actuators)
     half = (count + 1) // 2
     points = qmc.LatinHypercube(2 + 2 * actuators + 4 * zones, seed=seed).random(half)
@@ -99,18 +87,40 @@ def sample_scenarios(device: Device, count: int, seed: int, spreads: Spreads = D
     normal = np.concatenate([np.zeros((1, solid.shape[1])), _alternating(ndtri(solid), ndtri(solid))])
     even = 2 * np.concatenate([np.full((1, 4, zones), 0.5), _alternating(touch, image)]) - 1
     middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
-    reach_m = np.array([min(spreads.position_m, zone.length_m / 2) for zone in device.zones])
-    stiff, heavy = 1 + spreads.stiffness * normal[:, ::2], 1 + spreads.mass * normal[:, 1::2]
+    reach_m = np.array([min(spread.finger_position_m, zone.length_m / 2) for zone in device.zones])
+    guessed = ~_fitted(device)
+    stiff = 1 + spread.stiffness * guessed[0] * normal[:, ::2]
+    heavy = 1 + spread.mass * guessed[1] * normal[:, 1::2]
     return Scenarios(
         device=device,
+        calibrated=(device, *_calibrated(device, half, seed)),
         bar_stiffness=stiff[:, 0],
         bar_mass=heavy[:, 0],
         stiffness=stiff[:, 1:],
         mass=heavy[:, 1:],
-        finger_mass=1 + spreads.finger * even[:, 1],
-        finger_damping=1 + spreads.finger * even[:, 2],
-        finger_stiffness=1 + spreads.finger * even[:, 3],
+        finger_mass=1 + spread.finger * even[:, 1],
+        finger_damping=1 + spread.finger * even[:, 2],
+        finger_stiffness=1 + spread.finger * even[:, 3],
         position_m=middle_m + reach_m * even[:, 0],
+    )
+
+
+def _calibrated(device: Device, pairs: int, seed: int) -> Iterator[Device]:
+    """Each twice."""
+    if device.uncertainty is None:
+        return (device for _ in range(2 * pairs))
+    return (each for each in sample_devices(device, device.uncertainty, pairs, seed) for _ in range(2))
+
+
+def _fitted(device: Device) -> NDArray[np.bool_]:
+    """Whether a calibration has fitted the stiffness and the mass (2, part) of the bar and of every actuator."""
+    names = {value.name for value in device.uncertainty.fitted} if device.uncertainty is not None else set[str]()
+    own = [("actuator", f"actuator[{i}]") for i in range(1, len(device.actuators) + 1)]
+    return np.array(
+        [
+            [bar in names, *[not names.isdisjoint(f"{part}.{key}" for part in parts) for parts in own]]
+            for bar, key in (("bar.youngs_modulus", "stiffness"), ("bar.density", "mass"))
+        ]
     )
 
 

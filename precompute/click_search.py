@@ -11,8 +11,11 @@ from precompute.click_program import ENDLESS, TOLERANCE, Optimum, Program
 
 Array = NDArray[np.float64]
 
-STEP_S = 2e-3
-"""Instants tried lie this far apart; from the best one the search goes on to the peaks around it."""
+STEP_S = 4e-3
+"""Instants tried lie this far apart; from the best ones the search goes on to the peaks around them.
+
+Four times as many bring less than 0.1 dB on average, and take more than twice as long.
+"""
 AFTER_S = 2e-3
 """Instants are tried from the middle of the click until so long after its end."""
 NEGLIGIBLE = 1e-2

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
 
+from engine.burst import SHAPE_FULL_GAIN, SHAPE_STEPS, SHAPE_TIME_US, OnsetStep
 from engine.entry import Entry
 from engine.zones import ZoneState
-from firmware_link.messages import SHAPE_FULL_GAIN, SHAPE_STEPS, SHAPE_TIME_US
-from firmware_link.onset import OnsetStep
 from precompute.click import RESIDUAL_S, ClickSolver
 from precompute.click_basis import PLAY_RATE_HZ, Responses
 from precompute.click_design import fingers_of
@@ -95,16 +94,20 @@ def fit_steps(solver: ClickSolver, onset: ShapedOnset, steps: Sequence[OnsetStep
     return shaper.fitted(onset.tone, tuple(steps), best_s)
 
 
-def share_steps(solver: ClickSolver, onsets: Sequence[ShapedOnset], most: int) -> list[ShapedOnset]:
-    """The same bursts with at most so many different shapes among them, for a device remembers few.
+def fit_each(solver: ClickSolver, onset: ShapedOnset, steps: Sequence[Steps]) -> list[ShapedOnset]:
+    """The burst with each of these steps."""
+    return [fit_steps(solver, onset, each) for each in steps]
 
-    Shapes are taken from the bursts one after another, each time the one that adds most to the sum of felt levels
-    (greedy k-medoids); every burst then has the best of them.
+
+def choose_steps(fitted: Sequence[Sequence[ShapedOnset]], most: int) -> list[ShapedOnset]:
+    """The burst of each row, with at most so many different steps among them, for a device remembers few.
+
+    Row by row one state's bursts, all rows with the same steps in the same order. Steps are taken one after another,
+    each time those that add most to the sum of felt levels (greedy k-medoids).
     """
-    fitted = [[fit_steps(solver, onset, other.steps) for other in onsets] for onset in onsets]
     felt_db = np.array([[burst.verdict.felt.low_db for burst in row] for row in fitted])
     chosen = list[int]()
-    for _ in range(min(most, len(onsets))):
+    for _ in range(min(most, len(fitted))):
         have_db = felt_db[:, chosen].max(axis=1, initial=-np.inf)[:, None]
         chosen.append(int(np.maximum(felt_db, have_db).sum(axis=0).argmax()))
     return [row[max(chosen, key=levels_db.__getitem__)] for row, levels_db in zip(fitted, felt_db, strict=True)]

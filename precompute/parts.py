@@ -16,6 +16,7 @@ class Part(StrEnum):
     RESPONSES = "responses"
     ENTRIES = "entries"
     CLICKS = "clicks"
+    BURSTS = "bursts"
 
     @property
     def attribute(self) -> str:
@@ -38,6 +39,7 @@ class Recipe:
     click_options: ClickOptions
     responses_sha256: str = ""
     """Of the file of measured responses; "": they are the model's."""
+    bursts_up_to: int = 0
 
 
 # The untouched bar.
@@ -60,4 +62,7 @@ def rests_on(part: Part, device: Device, recipe: Recipe) -> str:
         case Part.CLICKS:
             values.pop("sweep")
             chosen |= {"clicks_up_to": recipe.clicks_up_to, "options": asdict(recipe.click_options)}
+        case Part.BURSTS:
+            values.pop("sweep")
+            chosen |= {"bursts_up_to": recipe.bursts_up_to, "options": asdict(recipe.click_options)}
     return hashlib.sha256(json.dumps(chosen | values, sort_keys=True).encode()).hexdigest()

@@ -29,6 +29,7 @@ from precompute.calibration_error import CalibrationError
 from precompute.fleet.fleet_error import FleetError
 from tactable import (
     bench_calibrate,
+    bench_clicks,
     bench_commands,
     bench_effects,
     bench_latency,
@@ -66,6 +67,7 @@ fleet_commands.register(app)
 run.register(app)
 bench_commands.register(bench)
 bench_calibrate.register(bench)
+bench_clicks.register(bench)
 bench_effects.register(bench)
 bench_latency.register(bench)
 plot_click_commands.register(plot_commands.plot)

@@ -11,7 +11,6 @@ from engine.table import Table, TableError
 from engine.zones import ZoneState, state_index
 from precompute.click import ClickSolver
 from precompute.click_options import DEFAULT_OPTIONS, ClickOptions
-from precompute.click_scenarios import Spreads
 from precompute.click_table import ClickTabulator
 from precompute.promise import States
 
@@ -49,17 +48,11 @@ def read_click_options(table: Table) -> ClickOptions:
     text = table.attributes.get("click_options")
     if text is None:
         return DEFAULT_OPTIONS
-    values = _known_values(table, json.loads(str(text)), ClickOptions)
-    if isinstance(values.get("spreads"), dict):
-        values["spreads"] = Spreads(**_known_values(table, values["spreads"], Spreads))
-    return ClickOptions(**values)
-
-
-def _known_values(table: Table, values: dict[str, Any], kind: type[ClickOptions | Spreads]) -> dict[str, Any]:
-    """Values of the fields of `kind`, lists as tuples."""
-    unknown = sorted(set(values) - {field.name for field in fields(kind)})
+    values: dict[str, Any] = json.loads(str(text))
+    unknown = sorted(set(values) - {field.name for field in fields(ClickOptions)})
     if unknown:
         raise TableError(
             f"{table.path}: its clicks were made with options unknown here: {', '.join(unknown)}; build it again"
         )
-    return {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
+    known: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
+    return ClickOptions(**known)

@@ -103,7 +103,7 @@ class ClickReport:
         """Greatest relative difference of the acceleration at each finger."""
         pairs = zip(self.click.zones, self.at_finger.tolist(), strict=True)
         promised = ((zone.acceleration_at_finger_m_per_s2, found) for zone, found in pairs if zone is not None)
-        return max(abs(found / wanted - 1) for wanted, found in promised)
+        return float(max(abs(found / wanted - 1) for wanted, found in promised))
 
     def level_db(self, zone: int, acceleration_m_per_s2: float) -> float | None:
         """Level of an acceleration by this click, its course as under the finger in a zone; None for none."""

@@ -63,6 +63,7 @@ def diff_json(found: TableDiff) -> dict[str, Any]:
         "options": [_change_json(change) for change in found.options],
         "provenance": [_change_json(change) for change in found.provenance],
         "response_percent": found.response_percent,
+        "arrays": found.arrays,
         "entries": _part_json(found.entries),
         "clicks": _part_json(found.clicks),
     }
@@ -114,6 +115,8 @@ def print_diff(out: Console, found: TableDiff) -> None:
             _line(out, f"{title}: {_change_text(change)}")
     for name, percent in found.response_percent.items():
         _line(out, f"response of {name}: changed by up to {percent:.3g} % of its greatest")
+    if found.arrays:
+        _line(out, f"other arrays that are not the same: {', '.join(found.arrays)}")
     for title, part in (("entries", found.entries), ("clicks", found.clicks)):
         _print_part(out, title, part, limit)
 

@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from engine.click import ClickEntry, ClickZone, LevelSpread, played_at
+from engine.device import Spread
 from engine.table import Table
 from engine.zones import ZoneState
 from precompute.click_judge import Levels
@@ -104,8 +105,8 @@ def print_click(out: Console, table: Table, explained: Explained) -> None:
         out.print(_softer_grid(explained.softer))
     if explained.rivals:
         out.print(_rival_grid(explained))
-    out.print(f"made with: {_option_words(options)}", markup=False, highlight=False, soft_wrap=True)
-    estimates = ", ".join([*device.inferred, "spreads of the sampled plants", "detection threshold (8 dB)"])
+    out.print(f"made with: {_option_words(options, device.spread)}", markup=False, highlight=False, soft_wrap=True)
+    estimates = ", ".join([*device.inferred, "detection threshold (8 dB)"])
     out.print(f"ESTIMATES: {estimates}", style="dim", markup=False, highlight=False, soft_wrap=True)
 
 
@@ -194,8 +195,7 @@ def _rival_figures(
     )
 
 
-def _option_words(options: ClickOptions) -> str:
-    spreads = options.spreads
+def _option_words(options: ClickOptions, spread: Spread) -> str:
     lengths = ", ".join(f"{1e3 * length_s:g}" for length_s in options.lengths_s)
     wanted = "as strong as can be" if options.wanted_db is None else f"no stronger than {options.wanted_db:g} dB"
     brake = "no brake" if options.brake_s is None else f"braked by {1e3 * options.brake_s:g} ms"
@@ -204,8 +204,8 @@ def _option_words(options: ClickOptions) -> str:
         f"{lengths} ms, {wanted}, quiet fingers at {options.quiet_db:g} dB at most in 95 % of the plants, {brake}, "
         f"{slew}, tones {1 / options.crowding:g}/length apart; optimised over {options.scenarios} plants, "
         f"trimmed on {options.trimmed}, judged by {options.judged} others (seed {options.seed}); standard deviations "
-        f"of stiffness {100 * spreads.stiffness:g} % and mass {100 * spreads.mass:g} %, finger within "
-        f"{100 * spreads.finger:g} % and {1e3 * spreads.position_m:g} mm"
+        f"of stiffness {100 * spread.stiffness:g} % and mass {100 * spread.mass:g} %, finger within "
+        f"{100 * spread.finger:g} % and {1e3 * spread.finger_position_m:g} mm"
     )
 
 

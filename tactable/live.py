@@ -66,6 +66,8 @@ class Live:
         self.capabilities = connect(Session(greeting, port, clock.now_ns), clock)
         rendering = render_table(table, effects, self.capabilities, options.when_not_achieved, options.bit_rate_hz)
         self.bank, self.renderer = rendering.bank, rendering.renderer
+        self.bursts = rendering.bursts
+        """How many states have a shaped burst for a click."""
         self.link = Link(rendering.configuration)
         self.outcomes: tuple[Outcome, ...] = ()
         """What became of each real-time step, once it runs."""

@@ -32,7 +32,7 @@ def run_on_processes(workers: int) -> Pool:
             n_workers=min(workers, len(jobs)),
             threads_per_worker=1,
             memory_limit=None,  # a build bounds its own
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",
             silence_logs=logging.CRITICAL,
         )
         with cluster, distributed.Client(cluster) as client:

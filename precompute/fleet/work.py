@@ -15,7 +15,7 @@ from engine.device import Device, DeviceError
 from engine.device_file import parse_device
 from engine.device_values import device_values
 from engine.section import read_text
-from engine.table import open_table
+from engine.table import TableError, open_table
 from engine.table_history import remove_leftovers
 from precompute.build import build_table, code_fingerprint
 from precompute.fleet.calibrated import calibrate_unit
@@ -67,7 +67,7 @@ def describe_error(error: Exception) -> str:
     """One line; those that are not for users with their type."""
     if isinstance(error, OSError) and error.filename and error.strerror:
         return f"{error.filename}: {error.strerror}"
-    is_ours = isinstance(error, ValueError | OSError) or type(error).__name__ == "TableError"
+    is_ours = isinstance(error, ValueError | OSError | TableError)
     text = " ".join(str(error).split())
     return text if is_ours and text else f"{type(error).__name__}: {text}"
 

@@ -1,10 +1,12 @@
-"""A table file made by hand: entries and clicks as they are given, responses of one number."""
+"""A table file made by hand: entries, clicks and bursts as they are given, responses of one number."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from engine.burst import BurstEntry, Shape
+from engine.burst_group import write_bursts
 from engine.click import ClickEntry
 from engine.click_group import write_clicks
 from engine.device import Device
@@ -21,10 +23,13 @@ def write_table(
     entries: Sequence[Entry],
     clicks: Sequence[ClickEntry] = (),
     *,
+    bursts: Sequence[BurstEntry] = (),
+    shapes: Sequence[Shape] = (),
     response: float = 1.0,
+    others: Mapping[str, float] | None = None,
     **attributes: str,
 ) -> Path:
-    """Write it; `response` is every acceleration of it, `attributes` replace those in PLAIN."""
+    """Write it; `response` is every acceleration of it, `attributes` replace those in PLAIN, `others` are groups."""
     everywhere = np.full((2, len(device.actuators), len(device.zones), 2, 2), response)
     with TableWriter(path) as writer:
         own = {"device_name": device.name, "device_description": device.text, "device_fingerprint": device.fingerprint}
@@ -37,6 +42,10 @@ def write_table(
             writer.write("responses", Variable(name, dimensions, "1", "made by hand"), values)
         writer.write("responses", Variable.names("actuator"), [actuator.name for actuator in device.actuators])
         write_entries(writer, entries, device)
+        for group, number in (others or {}).items():
+            writer.write(group, Variable("number", (), "1", "made by hand"), np.array(number))
         if clicks:
             write_clicks(writer, clicks, device)
+        if bursts:
+            write_bursts(writer, bursts, shapes, device)
     return path

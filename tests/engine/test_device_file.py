@@ -17,7 +17,19 @@ from tactable.virtual_digitizer import DESCRIPTOR, X_MAXIMUM
 
 SHIPPED = Path(__file__).parents[2] / "tables" / "devices"
 TEXT = (SHIPPED / "reference-a.toml").read_text(encoding="utf-8")
-SECTIONS = ("", "bar", "actuator[1]", "actuator[2]", "zones", "finger", "digitizer", "sweep", "feel", "limits")
+SECTIONS = (
+    "",
+    "bar",
+    "actuator[1]",
+    "actuator[2]",
+    "zones",
+    "finger",
+    "spread",
+    "digitizer",
+    "sweep",
+    "feel",
+    "limits",
+)
 KEYS = [
     (section, key)
     for section, body in zip(SECTIONS, re.split(r"^(?=\[)", TEXT, flags=re.MULTILINE), strict=True)
@@ -105,6 +117,11 @@ WRONG = [
     ("zones", "hysteresis", '"2 %"', "is a plain number; expected a length"),
     ("finger", "mass", '"0.1 N"', "is a force; expected a mass"),
     ("finger", "spread", "0.5", "expected a factor of at least 1"),
+    ("spread", "stiffness", '"-1 %"', "expected at least 0"),
+    ("spread", "stiffness", '"20 %"', "expected less than 20 %"),
+    ("spread", "mass", '"1 g"', "mass"),
+    ("spread", "finger", '"100 %"', "expected less than 100 %"),
+    ("spread", "finger_position", '"4 %"', "expected a length"),
     ("finger", "spread", "nan", "expected a factor of at least 1"),
     ("finger", "spread", "inf", "expected a factor of at least 1"),
     ("finger", "spread", '"3"', "expected a factor of at least 1"),
@@ -164,6 +181,7 @@ def test_a_missing_key_is_named_or_has_a_documented_default(section: str, key: s
         ("actuator[2]", "name"),
         ("zones", "hysteresis"),
         ("finger", "spread"),
+        *(("spread", key) for key in ("stiffness", "mass", "finger", "finger_position")),
         *(("digitizer", key) for key in ("axis", "flip", "start_margin", "end_margin")),
         ("sweep", "phase_steps"),
         ("feel", "levels"),
@@ -513,6 +531,8 @@ SAME = [
     ("finger", "mass", '"100 mg"'),
     ("finger", "stiffness", '"1 N/mm"'),
     ("finger", "spread", "3"),
+    ("spread", "finger_position", '"0.4 cm"'),
+    ("spread", "mass", '"1.00 %"'),
     ("digitizer", "end_margin", '"0 %"'),
     ("sweep", "step", '"0.001 kHz"'),
     ("limits", "ramp", '"0.005 s"'),
@@ -565,7 +585,8 @@ OTHER = {
     [*(pair for pair in KEYS if pair[1] not in ("inferred", "description")), ("digitizer", "active_length")],
 )
 def test_any_other_value_has_another_fingerprint(section: str, key: str) -> None:
-    written = re.search(rf'^{key} = "([0-9.e-]+) (.*)"', TEXT, re.MULTILINE)
+    body = dict(zip(SECTIONS, re.split(r"^(?=\[)", TEXT, flags=re.MULTILINE), strict=True))[section]
+    written = re.search(rf'^{key} = "([0-9.e-]+) ([^"]*)"', body, re.MULTILINE)
     value = OTHER.get(key) or (written and f'"{float(written[1]) * 1.001:.12g} {written[2]}"')
     assert value
     assert fingerprint(changed(section, key, value)) != fingerprint(TEXT)
@@ -590,11 +611,12 @@ ESTIMATES = (  # PHYSICS.md section 1: L, B, h, lumped masses, mesh, zone edges,
     *("actuator[1].mass", "actuator[2].mass", "actuator[1].band", "actuator[2].band"),
     *("zones.count", "sweep.start", "sweep.stop", "limits.amplitude"),
     *("finger.mass", "finger.damping", "finger.stiffness", "finger.spread"),
+    *("spread.stiffness", "spread.mass", "spread.finger", "spread.finger_position"),
 )
 
 
 @pytest.mark.parametrize("estimate", ESTIMATES)
-@pytest.mark.parametrize("name", ["reference-a", "reference-d"])
+@pytest.mark.parametrize("name", ["reference-a", "reference-d", "reference-t"])
 def test_every_estimate_of_the_shipped_devices_is_marked(name: str, estimate: str) -> None:
     assert estimate in read_device(SHIPPED / f"{name}.toml").inferred
 
@@ -606,8 +628,9 @@ def test_what_the_paper_publishes_is_not_marked_in_reference_a() -> None:
     assert not published & set(read_device(SHIPPED / "reference-a.toml").inferred)
 
 
-def test_every_physical_value_of_reference_d_is_inferred() -> None:
-    device = read_device(SHIPPED / "reference-d.toml")
+@pytest.mark.parametrize("name", ["reference-d", "reference-t"])
+def test_every_physical_value_of_a_made_up_device_is_inferred(name: str) -> None:
+    device = read_device(SHIPPED / f"{name}.toml")
     physical = {f"bar.{key}" for _, key in KEYS if _ == "bar" and key != "inferred"}
     physical |= {f"{s}.{key}" for s, key in KEYS if s.startswith("actuator") and key not in ("inferred", "name")}
     assert physical <= set(device.inferred)

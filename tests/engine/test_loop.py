@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from engine.burst import BurstEntry, Shape, needs_bursts
+from engine.burst import played_at as burst_played_at
 from engine.click import ClickEntry, choose_bank, played_at
 from engine.device_file import read_device
 from engine.digitizer import RELEASE_AFTER_NS, open_digitizer
@@ -211,6 +213,8 @@ class Rig:
     ring: RingWriter | None = None
     entries: Sequence[Entry] = tuple(ENTRIES)
     clicks: Sequence[ClickEntry] = ()
+    bursts: Sequence[BurstEntry] = ()
+    shapes: tuple[Shape, ...] = ()
 
     def __post_init__(self) -> None:
         self.trace: list[StateChange] = []
@@ -219,8 +223,10 @@ class Rig:
         session = Session(Link(configuration), self.line, self.line.now_ns)
         capabilities = connect(session, self.line)
         bank, waveforms = choose_bank(self.clicks, capabilities)
-        if bank is not None:
-            session = Session(Link(replace(configuration, bank=bank)), self.line, self.line.now_ns)
+        shapes = self.shapes if needs_bursts(capabilities) else ()
+        if bank is not None or shapes:
+            configuration = replace(configuration, bank=bank, onsets=shapes)
+            session = Session(Link(configuration), self.line, self.line.now_ns)
             connect(session, self.line)
         self.session = session
         self.start_ns = self.line.time_ns
@@ -229,7 +235,8 @@ class Rig:
         levels_db = self.effects.levels_db
         by_level = {level: [e for e in self.entries if e.wanted_level_db == level] for level in levels_db}
         clicks = {level: [played_at(click, level) for click in self.clicks] for level in levels_db}
-        self.renderer = Renderer(by_level, DEVICE, capabilities, clicks=clicks, waveforms=waveforms)
+        bursts = {level: [burst_played_at(each, level) for each in self.bursts] for level in levels_db if shapes}
+        self.renderer = Renderer(by_level, DEVICE, capabilities, clicks=clicks, waveforms=waveforms, bursts=bursts)
         self.loop = Loop(
             source,
             digitizer,

@@ -22,6 +22,7 @@ from firmware_link.drive_log import Cause
 from firmware_link.link import Link
 from firmware_link.link_values import Capabilities
 from firmware_link.session import Session
+from tests.engine.made_bursts import SHAPES
 from tests.engine.made_clicks import click_of
 from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
 from tests.engine.test_loop import DEVICE, HELD, MS, VirtualLine, held, recording_of, report
@@ -89,7 +90,7 @@ class SwapRig:
         configuration = link_configuration(DEVICE, 1_000_000)
         self.capabilities = connect(Session(Link(configuration), self.line, self.line.now_ns), self.line)
         first = self.rendering(100.0, self.clicks)
-        session = Session(Link(first.configuration), self.line, self.line.now_ns)
+        session = self.session = Session(Link(first.configuration), self.line, self.line.now_ns)
         connect(session, self.line)
         self.trace: list[StateChange] = []
         self.updates = Later(self.line)
@@ -215,3 +216,17 @@ def test_1000_changes_lose_no_report_and_no_command() -> None:
     late_ns = [change.time_ns - due for change, due in zip(touched, due_ns, strict=True)]
     assert max(late_ns) == 0
     assert all(change.level_db in (LEVEL_DB, None, inf) for change in rig.trace)
+
+
+def test_a_table_with_other_shapes_comes_with_a_new_session_once_nobody_touches() -> None:
+    frames = [
+        *held(0.0, 0.2, (1, 0.1)),
+        (0.2, report(lifted=[1])),
+        *held(0.6, 0.7, (1, 0.1)),
+        (0.7, report(lifted=[1])),
+    ]
+    rig = SwapRig(recording_of(*frames))
+    coming = rig.rendering(150.0)
+    rig.run((50.0, replace(coming, configuration=replace(coming.configuration, onsets=SHAPES))))
+    assert (rig.played_hz(), rig.loop.counters.swaps) == ([100.0, 0.0, 150.0, 0.0], 1)
+    assert rig.session.link.configuration.onsets == SHAPES

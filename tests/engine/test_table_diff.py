@@ -198,6 +198,13 @@ def test_responses_that_changed_are_told_by_actuator(compare: Compare) -> None:
     assert found.differs
 
 
+def test_arrays_of_other_groups_are_compared_by_their_bytes(compare: Compare) -> None:
+    found = compare(others={"measured": 1.0})
+    assert found.arrays == ("measured/number",)
+    assert found.differs
+    assert compare().arrays == ()
+
+
 def test_other_zones_are_matched_by_name_and_it_is_said(compare: Compare) -> None:
     four = parse_device(TEXT.replace("count = 5", "count = 4"), "four")
     kept = [(felt, quiet) for felt, quiet in STATES if max(felt + quiet) < 4]

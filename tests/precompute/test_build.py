@@ -252,7 +252,8 @@ def test_ctrl_c_of_a_build_leaves_nothing_behind(folder: Path, tmp_path: Path, a
     script = (
         "import sys; from pathlib import Path; from engine.device_file import read_device\n"
         "from precompute.build import build_table\n"
-        "build_table(read_device(Path('device.toml')), Path('table.nc'), created='', clicks_up_to=0, memory_budget_bytes=1,\n"
+        "build_table(read_device(Path('device.toml')), Path('table.nc'), created='', clicks_up_to=0,\n"
+        "            memory_budget_bytes=1,\n"
         "            progress=lambda step, fraction: print(step, flush=True))"
     )
     # The handler is set anew: a shell tells the jobs it runs in the background to ignore Ctrl-C.

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.device import Device
-from precompute.click_scenarios import Scenarios, Spreads, sample_scenarios
+from engine.device import Device, FittedValue, Spread, Uncertainty
+from precompute.click_scenarios import Scenarios, sample_scenarios
 from tests.precompute.devices import every_device, mirrored, shipped
 
 Array = NDArray[np.float64]
@@ -37,7 +37,8 @@ def test_the_first_plant_is_the_nominal_one(device: Device) -> None:
 
 @any_device
 def test_the_samples_have_the_spreads_asked_for(device: Device) -> None:
-    scenarios = sample_scenarios(device, 2000, 5, Spreads(stiffness=0.02, mass=0.01, finger=0.3, position_m=0.004))
+    spread = Spread(stiffness=0.02, mass=0.01, finger=0.3, finger_position_m=0.004)
+    scenarios = sample_scenarios(replace(device, spread=spread), 2000, 5)
     count = len(device.actuators)
     deviation = [0.02, 0.01, *[0.02] * count, *[0.01] * count]
     assert solid(scenarios)[1:].std(axis=0) == pytest.approx(deviation, rel=0.02)
@@ -70,7 +71,32 @@ def test_an_odd_count_is_rounded_up() -> None:
 
 
 def test_without_spreads_every_plant_is_the_nominal_one() -> None:
-    device = shipped("reference-d")
-    scenarios = sample_scenarios(device, 4, 1, Spreads(0.0, 0.0, 0.0, 0.0))
+    device = replace(shipped("reference-d"), spread=Spread(0.0, 0.0, 0.0, 0.0))
+    scenarios = sample_scenarios(device, 4, 1)
     assert all(scenarios.device_of(s) == device for s in range(5))
     assert np.ptp(scenarios.position_m, axis=0) == pytest.approx(np.zeros(5))
+
+
+def test_what_a_calibration_has_fitted_varies_as_that_has_left_it_and_only_so() -> None:
+    """Two stiffnesses and the modulus, known to 0.2 %, those of the actuators together."""
+    base = shipped("reference-a")
+    names = ("actuator[1].stiffness", "actuator[2].stiffness", "bar.youngs_modulus")
+    values = [base.actuators[0].stiffness_n_per_m, base.actuators[1].stiffness_n_per_m, base.bar.youngs_modulus_pa]
+    covariance = 4e-6 * np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    fitted = tuple(FittedValue(name, 0.5 * value, 2 * value, 0.0) for name, value in zip(names, values, strict=True))
+    device = replace(base, uncertainty=Uncertainty(fitted, tuple(map(tuple, covariance.tolist()))))
+    scenarios = sample_scenarios(device, 800, seed=3)
+    found = [scenarios.device_of(s) for s in range(len(scenarios))]
+    stiffness = np.log([[a.stiffness_n_per_m for a in each.actuators] + [each.bar.youngs_modulus_pa] for each in found])
+    assert np.cov(stiffness[1:].T) == pytest.approx(covariance, rel=0.2, abs=5e-7)
+    density = np.array([each.bar.density_kg_per_m3 for each in found]) / base.bar.density_kg_per_m3
+    assert density[1:].std() == pytest.approx(base.spread.mass, rel=0.05)
+    assert found[0] == device
+    assert (stiffness[1::2] == stiffness[2::2]).all()  # mirror images are the same bar
+
+
+def test_a_stiffness_that_all_actuators_share_is_fitted_for_each() -> None:
+    base = shipped("reference-a")
+    fitted = (FittedValue("actuator.mass", 1e-3, 1.0, 0.0),)
+    scenarios = sample_scenarios(replace(base, uncertainty=Uncertainty(fitted, ((0.0,),))), 6, seed=3)
+    assert (scenarios.mass == 1).all() and (scenarios.bar_mass[1:] != 1).all() and (scenarios.stiffness[1:] != 1).all()

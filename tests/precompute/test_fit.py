@@ -38,6 +38,13 @@ def test_other_starts_leave_a_basin_that_is_not_the_least() -> None:
     assert np.exp(several.coordinate[:2]) == pytest.approx([11e3, 37e3], rel=1e-6)
 
 
+def test_a_doubtful_basin_earns_more_starts_than_were_asked() -> None:
+    """Neither of the first two starts leads to this bar."""
+    stiffness = {"actuator[1].stiffness": 44.01e3, "actuator[2].stiffness": 9.41e3}
+    found = fit(problem_of(default_names(DEVICE), {**TRUTH, **stiffness}, Flaws(), {}), Loss.ROBUST, 2, seed=0)
+    assert np.exp(found.coordinate[:2]) == pytest.approx(list(stiffness.values()), rel=1e-6)
+
+
 def test_what_no_reading_tells_stays_where_it_was() -> None:
     names = ("actuator[1].stiffness", "bar.mass_damping")
     found = fit(problem_of(names, {}, Flaws(noise=0.05), {}), Loss.ROBUST, 1, seed=0)

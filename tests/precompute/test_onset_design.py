@@ -27,7 +27,7 @@ from precompute.click import ClickSolver
 from precompute.click_basis import PLAY_RATE_HZ
 from precompute.click_objectives import gated_drive
 from precompute.entries import EntrySolver
-from precompute.onset_design import ShapedOnset, fit_steps, share_steps, solve_burst, solve_onset
+from precompute.onset_design import ShapedOnset, choose_steps, fit_each, fit_steps, solve_burst, solve_onset
 from precompute.promise import touched_zones
 from tests.firmware_link.strategies import RESOLUTION_HZ
 from tests.firmware_link.virtual_rig import BOOT_ID, BareHost, reference
@@ -124,7 +124,8 @@ def test_steps_that_are_shared_are_few_and_cost_no_more_than_they_must(
     solver: ClickSolver, bursts: dict[tuple[str, str], ShapedOnset]
 ) -> None:
     own = list(bursts.values())
-    shared = {count: share_steps(solver, own, count) for count in (1, 2, 4)}
+    fitted = [fit_each(solver, burst, [other.steps for other in own]) for burst in own]
+    shared = {count: choose_steps(fitted, count) for count in (1, 2, 4)}
     total_db = {count: sum(each.verdict.felt.low_db for each in found) for count, found in shared.items()}
     for count, found in shared.items():
         assert len({each.steps for each in found}) <= count

@@ -44,8 +44,5 @@ def test_options_that_are_not_known_are_refused_and_none_are_the_defaults(click_
         table.attributes["click_options"] = json.dumps({**values, "colour": 3})
         with pytest.raises(TableError, match=r"unknown here: colour; build it again"):
             read_click_options(table)
-        table.attributes["click_options"] = json.dumps({**values, "spreads": {"taste": 1.0}})
-        with pytest.raises(TableError, match="taste"):
-            read_click_options(table)
         del table.attributes["click_options"]
         assert read_click_options(table) == DEFAULT_OPTIONS
