@@ -23,14 +23,14 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("built")
     text = (device_folder() / "reference-a.toml").read_text(encoding="utf-8")
     (folder / "bar.toml").write_text(text.replace('step = "1 Hz"', 'step = "8 Hz"'), encoding="utf-8")
-    done = tactable("build", "bar.toml", "-o", "bar.nc", "--json", folder=folder)
+    done = tactable("build", "bar.toml", "-o", "bar.nc", "--clicks-up-to", "1", "--json", folder=folder)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["entries"] == 211 * 4
     return folder
 
 
 def test_the_shipped_devices_are_found_by_name() -> None:
-    assert shipped_names() == ["reference-a", "reference-d"]
+    assert shipped_names() == ["reference-a", "reference-d", "reference-t"]
     assert [find_device(name).name for name in shipped_names()] == shipped_names()
 
 
