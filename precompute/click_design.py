@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,13 +66,15 @@ class Designer:
         self.felt, self.quiet = fingers_of(states, ZoneState.FELT), fingers_of(states, ZoneState.QUIET)
         self._tones = independent(make_tones(device, length_s, options.crowding))
         self._amplitude = device.limits.amplitude
+
+    @cached_property
+    def search(self) -> Search:
+        """Over the optimised plants; whoever only fits a waveform does not need it."""
         program = Program(
-            drive_rows(self._tones, self._amplitude, options.slew_per_s),
-            self._watched(),
-            len(self.felt),
+            drive_rows(self._tones, self._amplitude, self._options.slew_per_s), self._watched(), len(self.felt)
         )
-        course = plants.optimised.under(self.felt).mean().play_each(self._tones)[0]
-        self.search = Search(program, course, length_s)
+        course = self._plants.optimised.under(self.felt).mean().play_each(self._tones)[0]
+        return Search(program, course, self._length_s)
 
     def waveform(self, weight: Array) -> Array:
         """Base displacements (actuator, time) of weights of the tones (tone,) that the search is over."""

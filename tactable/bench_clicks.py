@@ -80,7 +80,7 @@ def run_clicks_bench(
 ) -> dict[str, Any]:
     """Felt and quiet levels of every ordered pair of zones, three ways, each as loud as limits and quiet level allow.
 
-    SIMULATED; `told` the fraction done.
+    The steady drive is the entry of the level at which it is felt most when gated. SIMULATED; `told` the fraction done.
     """
     zones = len(device.zones)
     # Both orders of a pair have the same fingers, and are solved by one process.
