@@ -77,6 +77,7 @@ def main() -> None:
                 kills += 1
                 time.sleep(_GOING_S if workers else 0.0)
                 complete.append(check(folder / "out"))
+                print(f"kill {kills}: {complete[-1]} of {UNITS + 1} units complete", flush=True)  # noqa: T201
             else:
                 assert child.returncode == 0
                 assert check(folder / "out") == UNITS + 1
