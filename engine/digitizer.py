@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -82,15 +83,16 @@ class Digitizer:
         self.quirks = quirks_for(vendor_id, product_id, is_win8=surface.is_win8, is_serial=contacts == 1)
         self.counters = DigitizerCounters()
         self.maximum_contacts = _maximum_contacts(surface, self.quirks)
-        self._plans = {report.report_id: _build_plan(report, surface, self.quirks) for report in surface.reports}
-        self._uses_report_ids = surface.uses_report_ids
-        self._count_is_accurate = self.quirks.count_is_accurate and has_count
+        # What of it the fast path compiles too.
+        self.plans = {report.report_id: _build_plan(report, surface, self.quirks) for report in surface.reports}
+        self.uses_report_ids = surface.uses_report_ids
+        self.count_is_accurate = self.quirks.count_is_accurate and has_count
         self._key = self.quirks.key
         self._is_numbered = self._key is Key.SLOT_IS_CONTACT_NUMBER
         self._frame_may_be_empty = self.quirks.frame_may_be_empty
         self._ignores_duplicates = self.quirks.ignores_duplicates
         self._unseen_means_up = self.quirks.unseen_means_up
-        self._count_is_apart = has_count and not any(plan.slots and plan.count for plan in self._plans.values())
+        self.count_is_apart = has_count and not any(plan.slots and plan.count for plan in self.plans.values())
         self._active: dict[int, Contact] = {}  # by key, oldest first
         self._seen: set[int] = set()  # keys this frame mentioned
         self._taken = 0  # contacts active or mentioned in this frame
@@ -102,7 +104,7 @@ class Digitizer:
         self._report_ns = 0
         self._frame_ns = 0
         self._is_shown = False  # the last frame listed a contact
-        self._held: list[tuple[_Plan, bytes]] = []  # reports that wait for their count
+        self._held: list[tuple[ReportPlan, bytes]] = []  # reports that wait for their count
         self._announced: int | None = None  # count that waits for its reports
 
     def decode_report(self, report: bytes, now_ns: int) -> TouchFrame | None:
@@ -110,8 +112,8 @@ class Digitizer:
 
         The frame it completes; `None` when the frame goes on or the report is another collection's or too short.
         """
-        report_id = report[0] if self._uses_report_ids and report else 0
-        plan = self._plans.get(report_id)
+        report_id = report[0] if self.uses_report_ids and report else 0
+        plan = self.plans.get(report_id)
         if plan is None:
             self.counters.foreign_reports += 1
             return None
@@ -120,14 +122,14 @@ class Digitizer:
             return None
         is_late = now_ns - self._report_ns > FRAME_SILENCE_NS
         self._report_ns = now_ns
-        if self._count_is_apart:
+        if self.count_is_apart:
             return self._decode_apart(plan, report, now_ns, is_late)
         scan_time, count = plan.scan_time, plan.count
         ticks = self._ticks
         if scan_time is not None:
             ticks = _from_bytes(report[scan_time.start : scan_time.stop], "little") >> scan_time.shift & scan_time.mask
         # A lost report shifts the frames after it only where the count says which slots to read.
-        if self._received and self._count_is_accurate and (is_late or ticks != self._ticks):
+        if self._received and self.count_is_accurate and (is_late or ticks != self._ticks):
             self.counters.lost_frames += 1
             self._start_frame()
         if count is not None:
@@ -149,7 +151,15 @@ class Digitizer:
         self._is_shown = False
         return TouchFrame(now_ns, ())
 
-    def _decode_apart(self, plan: _Plan, report: bytes, now_ns: int, is_late: bool) -> TouchFrame | None:
+    def moment(self) -> tuple[int, int, int, int, int]:
+        """Contacts received, expected, ticks, contacts counted and the last report's time: how far the frame is."""
+        return self._received, self._expected, self._ticks, self._taken, self._report_ns
+
+    def active(self) -> tuple[Iterable[Contact], Container[int]]:
+        """Contacts in range so far, and the identifiers that this frame mentioned."""
+        return self._active.values(), self._seen
+
+    def _decode_apart(self, plan: ReportPlan, report: bytes, now_ns: int, is_late: bool) -> TouchFrame | None:
         """Contacts and their count in different reports, whichever comes first: each waits for the other."""
         if is_late:
             self._held.clear()
@@ -171,13 +181,13 @@ class Digitizer:
         self._announced = None
         return self._complete_frame(plan, _read(plan.scan_time, report) if plan.scan_time else 0, now_ns)
 
-    def _take_contacts(self, plan: _Plan, report: bytes) -> None:
+    def _take_contacts(self, plan: ReportPlan, report: bytes) -> None:
         """Take the contacts of a report in order, until the frame has as many as it announced.
 
         A position is clamped, not dropped: a finger on the rim reads a few units outside and must not be lost there.
         """
         active, seen, received = self._active, self._seen, self._received
-        wanted = self._expected if self._count_is_accurate else received + len(plan.slots)
+        wanted = self._expected if self.count_is_accurate else received + len(plan.slots)
         is_numbered, ignores_duplicates = self._is_numbered, self._ignores_duplicates
         for memory, place, tip_at, id_at, valid_at, hover_at, confidence_at, x_at, y_at in plan.slots:
             if received >= wanted:
@@ -233,7 +243,7 @@ class Digitizer:
             return 1 <= contact_id <= self.maximum_contacts
         return contact_id < self.maximum_contacts
 
-    def _complete_frame(self, plan: _Plan, ticks: int, now_ns: int) -> TouchFrame:
+    def _complete_frame(self, plan: ReportPlan, ticks: int, now_ns: int) -> TouchFrame:
         active = self._active
         if self._unseen_means_up:
             for contact_id in active.keys() - self._seen:
@@ -286,7 +296,7 @@ def _rank(surface: Surface) -> tuple[bool, int, bool, int]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Bits:
+class Bits:
     """A field in the bytes start..stop of a report."""
 
     start: int
@@ -297,44 +307,44 @@ class _Bits:
 
 # Shift and mask of a flag or number; shift, mask, sign bit and range of a position. `(value ^ sign) - sign` reads
 # `value` as two's complement.
-_Number = tuple[int, int]
-_Position = tuple[int, int, int, int, int]
+NumberBits = tuple[int, int]
+PositionBits = tuple[int, int, int, int, int]
 
 
-class _Slot(NamedTuple):
+class SlotPlan(NamedTuple):
     """A contact in some bytes of a report; a mask of 0 stands for a field the device does not have."""
 
     memory: list[Any]
     """The bits of the contact that it held last, and that contact."""
     place: slice
-    tip: _Number
-    contact_id: _Number
-    valid: _Number
-    hover: _Number
-    confidence: _Number
-    x: _Position
-    y: _Position
+    tip: NumberBits
+    contact_id: NumberBits
+    valid: NumberBits
+    hover: NumberBits
+    confidence: NumberBits
+    x: PositionBits
+    y: PositionBits
 
 
 @dataclass(frozen=True, slots=True)
-class _Plan:
+class ReportPlan:
     """A report layout compiled for decoding."""
 
     needed_bytes: int
-    slots: tuple[_Slot, ...]
-    count: _Bits | None
-    scan_time: _Bits | None
+    slots: tuple[SlotPlan, ...]
+    count: Bits | None
+    scan_time: Bits | None
 
 
-def _build_plan(report: ReportLayout, surface: Surface, quirks: QuirkClass) -> _Plan:
+def _build_plan(report: ReportLayout, surface: Surface, quirks: QuirkClass) -> ReportPlan:
     slots = tuple(_build_slot(contact, surface, quirks) for contact in report.contacts)
     count = None if report.contact_count is None else _bits(report.contact_count)
     scan_time = None if report.scan_time is None else _bits(report.scan_time)
     stops = [*(slot.place.stop for slot in slots), *(part.stop for part in (count, scan_time) if part is not None)]
-    return _Plan(max(stops), slots, count, scan_time)
+    return ReportPlan(max(stops), slots, count, scan_time)
 
 
-def _build_slot(contact: ContactLayout, surface: Surface, quirks: QuirkClass) -> _Slot:
+def _build_slot(contact: ContactLayout, surface: Surface, quirks: QuirkClass) -> SlotPlan:
     validity = {
         Validity.ALWAYS: None,
         Validity.IN_RANGE: contact.in_range,
@@ -346,7 +356,7 @@ def _build_slot(contact: ContactLayout, surface: Surface, quirks: QuirkClass) ->
     fields = [field for field in used if field is not None]
     start = min(field.bit for field in fields) // 8
     stop = max(field.bit + field.size_bits + 7 for field in fields) // 8
-    return _Slot(
+    return SlotPlan(
         memory=[None, None],
         place=slice(start, stop),
         tip=_shift_and_mask(contact.tip, start),
@@ -359,9 +369,9 @@ def _build_slot(contact: ContactLayout, surface: Surface, quirks: QuirkClass) ->
     )
 
 
-def _bits(field: Field) -> _Bits:
+def _bits(field: Field) -> Bits:
     start = field.bit // 8
-    return _Bits(start, (field.bit + field.size_bits + 7) // 8, *_shift_and_mask(field, start))
+    return Bits(start, (field.bit + field.size_bits + 7) // 8, *_shift_and_mask(field, start))
 
 
 def _shift_and_mask(field: Field | None, start: int) -> tuple[int, int]:
@@ -374,7 +384,7 @@ def _limits(field: Field, axis: Field) -> tuple[int, int, int]:
     return sign, axis.logical_minimum, axis.logical_maximum
 
 
-def _read(bits: _Bits, report: bytes) -> int:
+def _read(bits: Bits, report: bytes) -> int:
     if bits.stop - bits.start == 1:  # every contact count: 4 times as fast
         return report[bits.start] >> bits.shift & bits.mask
     return _from_bytes(report[bits.start : bits.stop], "little") >> bits.shift & bits.mask

@@ -1,6 +1,7 @@
 """Touches and time to what is to be felt now: the state of all zones, and the level."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from engine.effects import Effects, Rule, Trigger
 from engine.zones import Touch
@@ -72,6 +73,15 @@ class EffectPlayer:
         self._lifted = [finger for finger in self._lifted if finger.play and finger.play.change_ns is not None]
         self._settle()
 
+    @property
+    def follows_moves(self) -> bool:
+        """Whether a finger that moves within its zone may change what is felt."""
+        return self._follows_moves
+
+    def fingers(self) -> tuple[list["Feeling"], list["Feeling"]]:
+        """Those that touch, and those lifted whose effect goes on."""
+        return [_feeling(finger) for finger in self._fingers.values()], [_feeling(each) for each in self._lifted]
+
     def _begin(self, rule: Rule, start_ns: int, condition_end_ns: int | None) -> "_Play":
         return _Play(rule, start_ns, condition_end_ns, self.click_length_ns)
 
@@ -142,6 +152,19 @@ class EffectPlayer:
         # Quiet is 1 and felt 2: a felt zone counts as touched and once more.
         self.state = self._powers[touched] + self._powers[felt]
         self.level_db, self.click_ns, self.next_change_ns = level_db, click_ns, next_ns
+
+
+class Feeling(NamedTuple):
+    """A finger and what its effect gives it now."""
+
+    touch: Touch
+    level_db: float | None
+    click_ns: int | None
+
+
+def _feeling(finger: "_Finger") -> Feeling:
+    play = finger.play
+    return Feeling(finger.touch, None, None) if play is None else Feeling(finger.touch, play.level_db, play.click_ns)
 
 
 class _Play:

@@ -9,10 +9,13 @@ from typing import NamedTuple, Protocol
 
 from engine.digitizer import RELEASE_AFTER_NS, Digitizer, TouchFrame
 from engine.effect_player import EffectPlayer
+from engine.fast_path import Answer, FastPath
+from engine.fast_table import FastTable
 from engine.latency import LatencyRecorder, Stamps
 from engine.renderer import SILENCE, DriveCommand, Renderer
 from engine.rendering import Rendering
 from engine.ring import RingWriter
+from engine.scan_time import ScanTimes
 from engine.sources import Source
 from engine.zones import Touch, ZoneTracker
 from firmware_link.errors import LinkError, LinkLostError
@@ -129,6 +132,10 @@ class LoopCounters:
     reconnects: int = 0
     swaps: int = 0
     """Changes over to another table."""
+    answered: int = 0
+    """Commands that the fast path wrote before the loop knew of them."""
+    mispredicted: int = 0
+    """Those that were not the loop's: the run went on without the fast path, in a new session."""
 
 
 class _Pending(NamedTuple):
@@ -187,12 +194,14 @@ def connect(session: Session, clock: Clock) -> Capabilities:
 class Loop:
     """Runs touches of one source to one link that `connect` made ready; clock, source and session are the caller's.
 
-    `trace` gets a line for each state change, in order. `latency` gets the stamps of each command that a report caused.
+    `trace` gets a line for each state change, in order. `latency` gets the stamps of each command that a report caused,
+    `scan_times` those of each frame of a digitizer that has a clock.
     With `reconnect` a device that stopped itself is greeted and armed again, and the state of the moment sent anew;
     without, that is a LinkError. With `reopening` so is one whose port was lost or that does not answer, once its port
     is back; touches are read all the while. `ring` gets a record for each report, and for each change that time
     brought, once the command of the pass is written. With `updates` it changes over to each table that comes;
-    `bank_data` are the bytes of the bank that the link is configured with.
+    `bank_data` are the bytes of the bank that the link is configured with. `fast` waits in place of the clock, and
+    answers what it can from `fast_table`.
     """
 
     def __init__(
@@ -209,9 +218,12 @@ class Loop:
         reopening: Reopening | None = None,
         trace: list[StateChange] | None = None,
         latency: LatencyRecorder | None = None,
+        scan_times: ScanTimes | None = None,
         ring: RingWriter | None = None,
         updates: Updates | None = None,
         bank_data: bytes = b"",
+        fast: FastPath | None = None,
+        fast_table: FastTable | None = None,
     ) -> None:
         self.counters = LoopCounters()
         self._source = source
@@ -227,9 +239,14 @@ class Loop:
         self._reopening = reopening
         self._trace = trace
         self._latency = latency
+        self._scan_times = scan_times
         self._ring = ring
         self._updates = updates
         self._bank_data = bank_data
+        self._fast = fast
+        self._answer: Answer | None = None  # what the fast path took during the wait
+        if fast is not None:
+            fast.refit(tracker, fast_table)
         self._next: Rendering | None = None  # what to change over to
         self._is_handed_over = self._needs_session = False
         self._news: list[_News] = []
@@ -284,29 +301,61 @@ class Loop:
             deadlines_ns += [self._reopening.next_attempt_ns(), self._now_ns() + LOST_PORT_NS]
         due_ns = (self._release_ns, self._player.next_change_ns)
         deadlines_ns += [source.clock_time_ns(time_ns) for time_ns in due_ns if time_ns is not None]
+        until_ns = min((deadline_ns for deadline_ns in deadlines_ns if deadline_ns is not None), default=None)
+        if self._fast is not None and not session.wants_to_write():
+            packets = self._fast.packet_fileno()
+            if packets is not None:
+                return self._wait_fast(self._fast, packets, until_ns)
         return self._clock.wait(
-            min((deadline_ns for deadline_ns in deadlines_ns if deadline_ns is not None), default=None),
+            until_ns,
             self._port if source.ended else self._port_and_touch,
             self._port if session.wants_to_write() else (),
         )
 
+    def _wait_fast(self, fast: FastPath, packets: int, until_ns: int | None) -> Container[int]:
+        """Wait, and let a report be answered before the loop takes it."""
+        others = self._port if self._updates is None else (*self._port, self._updates.fileno())
+        is_idle = self._port and self._pending is None
+        readable, self._answer = fast.wait(
+            until_ns,
+            (packets, *others),
+            self._link if is_idle else None,
+            self._port[0] if self._port else -1,
+            self._due_ns,
+            (self._state, self._level_db, self._click_ns),
+            self._held,
+        )
+        return readable
+
     def _read_touches(self) -> None:
         """Every report that is there, in order; time acts by itself only on a source that has no more."""
         source, now_ns = self._source, self._now_ns()
+        if self._answer is not None and self._fast is not None:
+            answer = self._answer
+            self._take_report(self._fast.report_of(answer), answer)
+            self._answer = None
+            if answer.frame:
+                return  # there was no other report
         for _ in range(REPORTS_PER_PASS):
             report = source.read(now_ns)
             if report is None:
                 break
             self._take_report(report)
-            if self._ring is not None:
-                self._note(self._read_ns, source.report_index, report)
         else:
             return
         self._catch_up(source.source_time_ns(now_ns))
 
-    def _take_report(self, report: bytes) -> None:
+    def _take_report(self, report: bytes, answer: Answer | None = None) -> None:
+        """With an `answer` the report was read during the wait, and perhaps its command written."""
+        self._follow_report(report, answer)
+        if answer is not None and answer.frame:
+            self._confirm(answer)
+        if self._ring is not None:
+            self._note(self._read_ns, self._source.report_index, report)
+
+    def _follow_report(self, report: bytes, answer: Answer | None) -> None:
         source, now_ns = self._source, self._now_ns
-        read_ns, report_time_ns = now_ns(), source.report_time_ns
+        read_ns, report_time_ns = now_ns() if answer is None else answer.read_ns, source.report_time_ns
         self._read_ns = read_ns
         self.counters.reports += 1
         # After a stall, or in a playback that does not wait, what was due before may be seen only now.
@@ -315,11 +364,28 @@ class Loop:
         frame = self._digitizer.decode_report(report, report_time_ns)
         if frame is None:
             return
-        frame_ns = now_ns()
+        if self._scan_times is not None and frame.scan_time_ns is not None:
+            self._scan_times.record(frame.time_ns, frame.scan_time_ns)
+        is_answered = answer is not None and bool(answer.frame)
+        frame_ns = now_ns() if answer is None or not is_answered else answer.frame_ns
         self.counters.frames += 1
         if self._take_frame(frame):
             available_ns = source.clock_time_ns(report_time_ns)
-            self._command(source.report_index, now_ns(), (available_ns, read_ns, frame_ns))
+            state_ns = now_ns() if answer is None or not is_answered else answer.state_ns
+            command_ns = None if answer is None or not is_answered else answer.command_ns
+            self._command(source.report_index, state_ns, (available_ns, read_ns, frame_ns), command_ns)
+
+    def _confirm(self, answer: Answer) -> None:
+        """The command is out: what the link would send must be the same."""
+        if self._session.confirm(answer.frame, answer.written, answer.asked_ns):
+            self.counters.answered += 1
+            if self._pending is not None and not self._session.wants_to_write() and self._is_sent():
+                self._settle(answer.written_ns)
+            return
+        # A fault of the fast path: begin anew, without it.
+        self.counters.mispredicted += 1
+        self._fast = None
+        self._session.connect()
 
     def _catch_up(self, source_time_ns: int) -> None:
         """What time alone brings, in order: changes of effects, and the release by the watchdog."""
@@ -371,10 +437,16 @@ class Loop:
             due_ns = release_ns
         self._due_ns = math.inf if due_ns is None else due_ns
 
-    def _command(self, report_index: int | None, state_ns: int, stamps: tuple[int, int, int] | None) -> None:
+    def _command(
+        self,
+        report_index: int | None,
+        state_ns: int,
+        stamps: tuple[int, int, int] | None,
+        command_ns: int | None = None,
+    ) -> None:
         """Hand the command of a new state to the link, in place of one not sent yet, unless it plays already.
 
-        `stamps` are those up to FRAME, where a report caused it.
+        `stamps` are those up to FRAME, where a report caused it; `command_ns` is when it was known, if not now.
         """
         self.counters.state_changes += 1
         is_click = self._click_ns is not None
@@ -391,7 +463,7 @@ class Loop:
         sent_before = self._link.counters.sent
         self._held, self._stop_ns = command if isinstance(command, DriveCommand) else SILENCE, None
         command.hand_to(self._link)
-        handed = None if stamps is None else (*stamps, state_ns, self._now_ns())
+        handed = None if stamps is None else (*stamps, state_ns, command_ns or self._now_ns())
         self._pending = _Pending(*state, sent_before, handed)
 
     def _end_burst(self) -> None:
@@ -443,6 +515,8 @@ class Loop:
         self._next = None
         self._renderer, self._bank_data = coming.renderer, coming.bank_data
         self._tracker = ZoneTracker(coming.device, self._digitizer.surface)
+        if self._fast is not None:
+            self._fast.refit(self._tracker, coming.fast_table)
         self._player.click_length_ns = coming.click_length_ns
         waits = self._pending is not None and not self._is_sent()
         if waits or (self._level_db is not None and self._click_ns is None):
@@ -489,9 +563,9 @@ class Loop:
     def _is_sent(self) -> bool:
         return self._pending is not None and self._link.counters.sent != self._pending.sent_before
 
-    def _settle(self) -> None:
-        """End of the pending change: written, replaced, or never to be sent."""
-        pending, settled_ns = self._pending, self._now_ns()
+    def _settle(self, settled_ns: int | None = None) -> None:
+        """End of the pending change: written, replaced, or never to be sent; now, if no time is given."""
+        pending, settled_ns = self._pending, settled_ns or self._now_ns()
         if pending is None:
             return
         is_sent = self._is_sent()

@@ -1,6 +1,6 @@
 """Zone state and level to the command of the link, encoded once when the table is opened."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from enum import StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
@@ -149,6 +149,20 @@ class Renderer:
             return SILENCE
         self.not_achieved_states += not rendered.is_achieved
         return rendered.command
+
+    @property
+    def levels_db(self) -> tuple[float, ...]:
+        """What may be asked for."""
+        return tuple(self._rendered)
+
+    def commands(self) -> Iterator[tuple[float, bool, int, Command]]:
+        """Level, whether a click is asked for, state and command: all that `render` returns beside silence."""
+        for level_db, steady in self._rendered.items():
+            clicks = self._clicks.get(level_db, {})
+            for state, rendered in steady.items():
+                yield level_db, False, state, rendered.command
+            for state, rendered in (steady | clicks).items():
+                yield level_db, True, state, rendered.command
 
     @property
     def shortfalls(self) -> dict[float, int]:

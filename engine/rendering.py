@@ -7,6 +7,7 @@ from engine.click import choose_bank
 from engine.device import Device
 from engine.effect_player import DEFAULT_CLICK_NS
 from engine.effects import Effects
+from engine.fast_table import FastTable, make_fast_table
 from engine.limits import link_configuration
 from engine.renderer import Renderer, WhenNotAchieved
 from engine.table import Table
@@ -29,6 +30,8 @@ class Rendering:
     click_length_ns: int
     bursts: int = 0
     """How many states have a burst for a click."""
+    fast_table: FastTable | None = None
+    """The same commands as the fast path reads them; None where they are too many or too long."""
 
     @property
     def bank(self) -> Bank | None:
@@ -53,13 +56,16 @@ def render_table(
     bank, waveforms = choose_bank(table.clicks if effects.have_clicks else (), capabilities)
     shapes = table.shapes if effects.have_clicks and needs_bursts(capabilities) else ()
     bursts = {level_db: table.bursts_at(level_db) for level_db in levels_db} if shapes else {}
+    renderer = Renderer(entries, device, capabilities, when_not_achieved, clicks, waveforms, bursts)
+    configuration = replace(link_configuration(device, bit_rate_hz), bank=bank, onsets=shapes)
     return Rendering(
         device,
-        Renderer(entries, device, capabilities, when_not_achieved, clicks, waveforms, bursts),
-        replace(link_configuration(device, bit_rate_hz), bank=bank, onsets=shapes),
+        renderer,
+        configuration,
         b"" if bank is None else encode_bank(bank, capabilities.number_of_actuators),
         _click_length_ns(table, len(shapes) > 0),
         len(table.bursts) if shapes else 0,
+        make_fast_table(renderer, capabilities, len(device.zones), configuration.lease_ms),
     )
 
 

@@ -44,32 +44,32 @@ class TouchPosition:
     """
 
     def __init__(self, device: Device, surface: Surface) -> None:
-        axis, self._length_m = device.touch_axis, device.bar.length_m
+        axis, self.length_m = device.touch_axis, device.bar.length_m
         field = surface.x if axis.axis == "x" else surface.y
         active_m = axis.active_length_m
         if active_m is None:
-            active_m = self._length_m - axis.start_margin_m - axis.end_margin_m
-        self._column = 1 if axis.axis == "x" else 2  # of a contact: half the time of asking for it by name
-        self._start_m = axis.start_margin_m
-        self._zero = field.logical_maximum if axis.flip else field.logical_minimum
+            active_m = self.length_m - axis.start_margin_m - axis.end_margin_m
+        self.column = 1 if axis.axis == "x" else 2  # of a contact: half the time of asking for it by name
+        self.start_m = axis.start_margin_m
+        self.zero = field.logical_maximum if axis.flip else field.logical_minimum
         span = field.logical_maximum - field.logical_minimum
-        self._m_per_unit = (-active_m if axis.flip else active_m) / span
+        self.m_per_unit = (-active_m if axis.flip else active_m) / span
 
     def position_m(self, contact: Contact) -> float:
         """Where the contact is: from 0 to the length of the bar."""
-        position_m = self._start_m + (contact[self._column] - self._zero) * self._m_per_unit
-        if 0.0 <= position_m <= self._length_m:
+        position_m = self.start_m + (contact[self.column] - self.zero) * self.m_per_unit
+        if 0.0 <= position_m <= self.length_m:
             return position_m
-        return 0.0 if position_m < 0.0 else self._length_m
+        return 0.0 if position_m < 0.0 else self.length_m
 
 
 class ZoneEdges:
     """The zone of a position, with hysteresis; zones are in order and may leave gaps."""
 
     def __init__(self, device: Device) -> None:
-        self._starts_m = [zone.start_m for zone in device.zones]
-        self._stops_m = [zone.stop_m for zone in device.zones]
-        self._hysteresis_m = device.zone_hysteresis_m
+        self.starts_m = [zone.start_m for zone in device.zones]
+        self.stops_m = [zone.stop_m for zone in device.zones]
+        self.hysteresis_m = device.zone_hysteresis_m
 
     def zone_at(self, position_m: float, previous: int | None = None) -> int | None:
         """Index of the zone, None in a gap; a contact stays in `previous` until the hysteresis past its edge.
@@ -77,25 +77,25 @@ class ZoneEdges:
         An edge that two zones share belongs to the second.
         """
         if previous is not None:
-            start_m = self._starts_m[previous] - self._hysteresis_m
-            if start_m <= position_m <= self._stops_m[previous] + self._hysteresis_m:
+            start_m = self.starts_m[previous] - self.hysteresis_m
+            if start_m <= position_m <= self.stops_m[previous] + self.hysteresis_m:
                 return previous
-        zone = bisect_right(self._starts_m, position_m) - 1
-        return zone if zone >= 0 and position_m <= self._stops_m[zone] else None
+        zone = bisect_right(self.starts_m, position_m) - 1
+        return zone if zone >= 0 and position_m <= self.stops_m[zone] else None
 
 
 class ZoneTracker:
     """Follows every contact that touches over the zones of one bar."""
 
     def __init__(self, device: Device, surface: Surface) -> None:
-        self._position = TouchPosition(device, surface)
-        self._edges = ZoneEdges(device)
+        self.position = TouchPosition(device, surface)
+        self.edges = ZoneEdges(device)
         self._touches: dict[int, tuple[Contact, Touch]] = {}  # by contact id; one that has not moved is taken as it was
 
     def track(self, frame: TouchFrame) -> list[Touch]:
         """The fingers of a frame in its order, those in gaps between zones included; hovering contacts are none."""
         previous, zones = self._touches, {}
-        position_of, zone_at = self._position.position_m, self._edges.zone_at
+        position_of, zone_at = self.position.position_m, self.edges.zone_at
         touches = []
         for contact in frame.contacts:
             contact_id, _, _, tip, _ = contact
@@ -111,3 +111,7 @@ class ZoneTracker:
                 touches.append(touch)
         self._touches = zones
         return touches
+
+    def zones(self) -> list[tuple[int, int | None]]:
+        """Contact and zone of each finger of the last frame."""
+        return [(contact_id, touch[2]) for contact_id, (_, touch) in self._touches.items()]

@@ -92,6 +92,10 @@ class DeviceClock:
             raise ValueError("the clocks have not been compared yet")
         return self._bounds.widened(host_ns - self._bounds_at_ns)
 
+    def line(self) -> tuple[int, float, float]:
+        """Host time of the last exchange, middle of the bounds then, ns, and drift: what `device_time_us` uses."""
+        return self._bounds_at_ns, self._middle_ns, self.drift
+
     def device_time_us(self, host_ns: int) -> int:
         """Device time at a host time, by the middle of the bounds and the drift since; raises ValueError as above."""
         if self._bounds is None:

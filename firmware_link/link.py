@@ -11,6 +11,7 @@ from firmware_link.framing import DELIMITER, FrameDecoder, FramingCounters, Sign
 from firmware_link.layout import Message
 from firmware_link.line import EXCHANGE_PERIOD_NS, occupied_ns
 from firmware_link.link_values import (
+    Ahead,
     Armed,
     BankRefused,
     BankReplaced,
@@ -255,6 +256,16 @@ class Link:
             send_ns = min(send_ns, self._line_free_ns)
         deadline_ns = max(send_ns, self._line_free_ns)
         return deadline_ns if self._patience_end_ns is None else min(deadline_ns, self._patience_end_ns)
+
+    def ahead(self, now_ns: int) -> Ahead | None:
+        """What the next command would be sent with, if nothing else happens before; None where something waits."""
+        if self.state is not _READY or self._replies:
+            return None
+        free_from_ns = self._outbox.free_from_ns(now_ns)
+        if free_from_ns is None:
+            return None
+        lease_ms, drive_size = self._outbox.lease_ms, len(self._outbox.silent_drive)
+        return Ahead(lease_ms, drive_size, self._line_free_ns, *free_from_ns, self._sequence, *self.clock.line())
 
     def _next_frame(self, now_ns: int) -> bytes:
         if self.state is _READY:  # first: the others have time

@@ -16,7 +16,7 @@ SILENT_RENEWAL_NS = 80 * NS_PER_MS
 RENEWALS_PER_LEASE = 3
 # A frame may reach the device so much sooner after the one before than it left.
 JITTER_US = 2_000
-_NEVER_NS = 1 << 63
+_NEVER_NS = (1 << 63) - 1
 # The hot path: without the search in the class.
 _WRITE_PHASE = SetFlag.WRITE_PHASE
 
@@ -120,6 +120,14 @@ class Outbox:
         self._counters.sent += 1
         self._spaced_ns = now_ns + self._spacing_ns
         return wanted
+
+    def free_from_ns(self, now_ns: int) -> tuple[int, int] | None:
+        """From when on a drive, and a waveform, would be sent at once; None while something waits."""
+        if self._slot is not None:
+            return None
+        if self.holds_waveforms:
+            return self._spaced_ns, _NEVER_NS
+        return self._spaced_ns, max(self._spaced_ns, self._player.room_us(now_ns // NS_PER_US) * NS_PER_US)
 
     def _make_room(self, player: Player, now_us: int) -> bool:
         """The waveform before fades from now on; False while too many fade already."""

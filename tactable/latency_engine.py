@@ -1,6 +1,7 @@
 """The engine under measurement: a process of its own that runs one segment after another on the sockets it is given."""
 
 import contextlib
+import ctypes
 import json
 import math
 import socket
@@ -32,7 +33,7 @@ from firmware_link.serial_port import SerialPort
 from firmware_link.session import Port
 from tactable.latency_sockets import SocketPort, SocketSource
 from tactable.latency_stream import HELD
-from tactable.live import Live, LiveOptions
+from tactable.live import Live, LiveOptions, fast_library
 
 SOCKET_BIT_RATE_HZ = 1_000_000_000
 """A socket pair is no line: what is written is there."""
@@ -58,6 +59,7 @@ class Segment:
     port: str | None = None
     """A serial port; None: the second socket."""
     bit_rate_hz: int = SOCKET_BIT_RATE_HZ
+    has_fast_path: bool = True
 
 
 class EngineProcess:
@@ -101,6 +103,7 @@ class EngineProcess:
 def main() -> None:
     """Open the table, then run a segment for each message until the other end closes."""
     control = socket.socket(fileno=int(sys.argv[1]))
+    library = fast_library()
     with open_table(Path(sys.argv[2])) as table:
         _say(control, {"device": table.device.name})
         while True:
@@ -111,7 +114,8 @@ def main() -> None:
             if not message:
                 return
             try:
-                _run(table, Segment(**json.loads(message)), descriptors, control)
+                segment = Segment(**json.loads(message))
+                _run(table, segment, descriptors, control, library if segment.has_fast_path else None)
             except (DescriptorError, DigitizerError, LimitError, LinkError, RendererError, OSError) as error:
                 _say(control, {"error": str(error)})
 
@@ -120,7 +124,9 @@ def _say(control: socket.socket, message: dict[str, Any]) -> None:
     control.send(json.dumps(message).encode())
 
 
-def _run(table: Table, segment: Segment, descriptors: list[int], control: socket.socket) -> None:
+def _run(
+    table: Table, segment: Segment, descriptors: list[int], control: socket.socket, fast: ctypes.CDLL | None
+) -> None:
     numbers = (segment.vendor_id, segment.product_id)
     with ExitStack() as stack:
         for descriptor in descriptors:
@@ -133,7 +139,7 @@ def _run(table: Table, segment: Segment, descriptors: list[int], control: socket
         )
         trace: list[StateChange] = []
         steps = tuple(Step(step) for step in segment.steps)
-        options = LiveOptions(HELD, WhenNotAchieved.GO_ON, True, segment.bit_rate_hz, steps, segment.processor)
+        options = LiveOptions(HELD, WhenNotAchieved.GO_ON, True, segment.bit_rate_hz, steps, segment.processor, fast)
         stack.enter_context(_busy_thread(segment.has_busy_thread))
         live = Live(table, source, port, SystemClock(), options, trace)
         with live.armed():
@@ -221,12 +227,16 @@ def _samples(live: Live, source: SocketSource, trace: list[StateChange]) -> dict
 
 
 def _promises(table: Table, samples: dict[str, Any]) -> dict[str, Any]:
-    """Ns from each drive until it is felt, as the table promises: its rise to 90 %; NaN for silence."""
+    """Ns from each drive until it is felt by the finger that is last to feel it, as the model says; NaN for silence."""
+    from tactable.latency_felt import FeltStart  # a solver, which the engine does without
+
     state_of = dict(zip(samples["change_ns"].tolist(), samples["change_state"].tolist(), strict=True))
     states = [state_of[int(time_ns)] for time_ns in samples["stamps_ns"][:, Stage.STATE]]
     entries = {state: table.entry_at(state, DEFAULT_LEVEL_DB) for state in set(states)}
-    rise_ns = {state: math.nan if entry is None else 1e9 * entry.t90_s for state, entry in entries.items()}
-    return {"promise_ns": np.array([rise_ns[state] for state in states])}
+    start = FeltStart(table.device)
+    felt_s = {state: None if entry is None else start.first_exceeds_s(entry) for state, entry in entries.items()}
+    felt_ns = {state: math.nan if after_s is None else 1e9 * after_s for state, after_s in felt_s.items()}
+    return {"promise_ns": np.array([felt_ns[state] for state in states])}
 
 
 def _index(report: int | None) -> int:

@@ -28,6 +28,7 @@ from tactable.latency_run import Bench, Condition, Measured, Way
 from tactable.latency_source import Stall
 from tactable.latency_stages import Point, Stamps, Values
 from tactable.latency_stream import Stream, replayed, tapping
+from tactable.live import fast_library
 
 _IN_PROCESS_REPORTS = 4_000
 _US = 1e3
@@ -96,9 +97,11 @@ def measure(
 
 def _in_process(table: Table, recordings: Sequence[Path]) -> list[dict[str, Any]]:
     """One tapping finger, ten, and each recording, then all of them."""
-    made = [measure_in_process(table, tapping(count, 1_000, table.device), _IN_PROCESS_REPORTS) for count in (1, 10)]
+    fast = fast_library()
+    taps = [tapping(count, 1_000, table.device) for count in (1, 10)]
+    made = [measure_in_process(table, stream, _IN_PROCESS_REPORTS, fast) for stream in taps]
     read = [recording for recording in map(read_recording, recordings) if recording.reports]
-    recorded = [measure_in_process(table, replayed(recording), len(recording.reports)) for recording in read]
+    recorded = [measure_in_process(table, replayed(recording), len(recording.reports), fast) for recording in read]
     return [part.figures_json() for part in (*made, *recorded, *([together(recorded)] if len(recorded) > 1 else []))]
 
 

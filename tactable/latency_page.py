@@ -136,7 +136,8 @@ def _facts(conditions: Sequence[Mapping[str, Any]]) -> list[str]:
             order = {True: "order kept", False: "ORDER NOT KEPT", None: "order not judged: the watchdog released"}
             lines.append(
                 f"{c['name']}: {c['reports_sent']} reports, {c['reports_lost']} lost, {c['commands']} commands, "
-                f"{c['replaced_unsent']} replaced unsent by newer ones, {c['stale_sent']} stale ones sent, "
+                f"{c.get('answered_by_fast_path', 0)} by the fast path, {c['replaced_unsent']} replaced unsent "
+                f"by newer ones, {c['stale_sent']} stale ones sent, "
                 f"{c['sessions_lost']} sessions lost, {order[c['order_kept']]}, "
                 f"clocks within {c['clock_bounds_us']:.0f} us"
             )
@@ -150,7 +151,7 @@ def _process_table(rows: Sequence[Mapping[str, Any]]) -> str:
         found = [row[name] or {} for name in names]
         figures = [f"{us(figures.get('p50_us'))} / {us(figures.get('p99_us'))}" for figures in found]
         cells.append([row["stream"], str(row["reports"]), *figures])
-    head = ["stream", "reports", "with a command: median / p99", "all reports", "one finger", "ten fingers or more"]
+    head = ["stream", "reports", "to a command: median / p99", "until the loop is done", "one finger", "ten fingers"]
     return _table(head, cells)
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from engine.realtime import Step
 from tactable.latency_load import Load
-from tactable.latency_run import ECHO, TACTABLE, Condition
+from tactable.latency_run import ECHO, LONG_WAY, TACTABLE, Condition
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Plan:
     has_echo: bool
     """The C echo engine is there, as a floor."""
     ablates: bool
-    """Without each step, and without all."""
+    """Without each step, without all, and without the fast path."""
 
     @property
     def middle_hz(self) -> int:
@@ -33,6 +33,7 @@ class Plan:
         both = [Condition(engine, rate_hz, load, self.steps) for rate_hz in self.rates_hz for engine in engines]
         if self.ablates and load is self._ablation_load:
             both += [Condition(TACTABLE, self.middle_hz, load, steps) for steps in self._ablations()]
+            both.append(Condition(LONG_WAY, self.middle_hz, load, self.steps))
         return tuple(both)
 
     @property

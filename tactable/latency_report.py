@@ -18,6 +18,8 @@ _SUMMED = (
     "reports_sent",
     "reports_lost",
     "commands",
+    "answered_by_fast_path",
+    "mispredicted",
     "replaced_unsent",
     "stale_sent",
     "sessions_lost",

@@ -31,6 +31,7 @@ from tactable.latency_stream import Stream, expected_states
 Times = NDArray[np.int64]
 
 TACTABLE, ECHO = "tactable", "C echo"
+LONG_WAY = "tactable without fast path"
 PTY_BIT_RATE_HZ = 2_000_000
 # A SET comes within a fraction of a lease, or a stall of the line; its sequence comes again after 256 frames.
 _LONGEST_WAY_NS = 200_000_000
@@ -171,6 +172,7 @@ class Bench:
             str(path),
             port,
             self._way.bit_rate_hz,
+            condition.engine != LONG_WAY,
         )
 
     def _facts(
@@ -185,6 +187,8 @@ class Bench:
             "reports_sent": schedule.next,
             "reports_lost": schedule.next - answer["loop"]["reports"],
             "commands": answer["loop"]["commands"],
+            "answered_by_fast_path": answer["loop"]["answered"],
+            "mispredicted": answer["loop"]["mispredicted"],
             "sessions_lost": answer["loop"]["reconnects"],
             "replaced_unsent": answer["link"]["coalesced"],
             "stale_sent": _stale(samples),

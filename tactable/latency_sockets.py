@@ -47,8 +47,18 @@ class SocketSource:
         if not packet:
             self.ended = True
             return None
+        return self.take_packet(packet, time.monotonic_ns(), is_last=False)
+
+    packet_head = STAMPS.size
+
+    def packet_fileno(self) -> int:
+        """The socket."""
+        return self._socket
+
+    def take_packet(self, packet: bytes, now_ns: int, *, is_last: bool) -> bytes:  # noqa: ARG002  # a PacketSource
+        """The report in a packet that was read at `now_ns`."""
         self.report_index += 1
-        self.read_ns[self.report_index] = time.monotonic_ns()
+        self.read_ns[self.report_index] = now_ns
         self.report_time_ns, self.sent_ns[self.report_index] = STAMPS.unpack_from(packet)
         return packet[STAMPS.size :]
 

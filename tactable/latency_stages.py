@@ -39,7 +39,7 @@ class Point(IntEnum):
     APPLIED = 8
     """The firmware drove it."""
     AT_FINGER = 9
-    """What the table promises: a click passes the threshold, or a steady drive has risen to 90 %."""
+    """The drive first passes the detection threshold, of the felt finger that is last, as the model says."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ STAGES = {
     Point.WRITTEN: StageOf("encode and write", "link", "command frame made, and taken by the port"),
     Point.RECEIVED: StageOf("line", "link", "taken by the port until the other end has it"),
     Point.APPLIED: StageOf("device", "device", "received until the firmware drives it"),
-    Point.AT_FINGER: StageOf("bar (promised)", "bar", "driven until felt: from the table, not measured"),
+    Point.AT_FINGER: StageOf("bar (promised)", "bar", "driven until it passes the threshold at the finger: by the model, not measured"),
 }
 SHORT_OF_PROMISE = tuple(point for point in STAGES if point is not Point.AT_FINGER)
 

@@ -1,5 +1,6 @@
 """A table, a source of touches and a port to a run of the engine: what `tactable run` and the simulated rig share."""
 
+import ctypes
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -7,6 +8,7 @@ from dataclasses import dataclass
 from engine.digitizer import open_digitizer
 from engine.effect_player import EffectPlayer
 from engine.effects import DEFAULT_EFFECTS, Effects
+from engine.fast_path import FastPath, FastPathError, PacketSource, compile_fast_path
 from engine.latency import LatencyRecorder
 from engine.limits import link_configuration
 from engine.loop import Clock, Loop, Reopening, StateChange, StopRequest, Updates, connect
@@ -14,12 +16,14 @@ from engine.realtime import Outcome, Step, real_time
 from engine.renderer import WhenNotAchieved
 from engine.rendering import render_table
 from engine.ring import RingWriter
+from engine.scan_time import ScanTimes
 from engine.sources import Source
 from engine.table import Table
 from engine.zones import ZoneTracker
 from firmware_link.link import Link
 from firmware_link.link_values import Capabilities
 from firmware_link.session import Port, Session
+from tactable.shipped import cache_folder
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,16 @@ class LiveOptions:
     """What to ask of the machine while it runs: the loop makes no cycles, and to collect all that lives takes 0.1 s."""
     processor: int | None = None
     """For the affinity; None: the last."""
+    fast: ctypes.CDLL | None = None
+    """The compiled step from a report to its command, where the source has packets; None: the loop does all."""
+
+
+def fast_library() -> ctypes.CDLL | None:
+    """The compiled step, made when it is first asked for; None where it cannot be made here."""
+    try:
+        return compile_fast_path(cache_folder())
+    except FastPathError:
+        return None
 
 
 class Live:
@@ -57,11 +71,12 @@ class Live:
         reopening: Reopening | None = None,
         ring: RingWriter | None = None,
         watch: Callable[[Capabilities], Updates] | None = None,
+        fast_path: Callable[..., FastPath] = FastPath,
     ) -> None:
-        effects = options.effects
+        effects, self._make_fast_path = options.effects, fast_path
         self.digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
         self.wants_clicks = effects.have_clicks
-        self.latency = LatencyRecorder()
+        self.latency, self.scan_times = LatencyRecorder(), ScanTimes()
         greeting = Link(link_configuration(table.device, options.bit_rate_hz))
         self.capabilities = connect(Session(greeting, port, clock.now_ns), clock)
         rendering = render_table(table, effects, self.capabilities, options.when_not_achieved, options.bit_rate_hz)
@@ -69,15 +84,18 @@ class Live:
         self.bursts = rendering.bursts
         """How many states have a shaped burst for a click."""
         self.link = Link(rendering.configuration)
+        self.no_fast_path = ""
+        """Why there is none, where one was asked for."""
         self.outcomes: tuple[Outcome, ...] = ()
         """What became of each real-time step, once it runs."""
         self._options, self._clock = options, clock
         session = self._session = Session(self.link, port, clock.now_ns)
+        player = EffectPlayer(effects, len(table.device.zones), rendering.click_length_ns)
         self.loop = Loop(
             source,
             self.digitizer,
             ZoneTracker(table.device, self.digitizer.surface),
-            EffectPlayer(effects, len(table.device.zones), rendering.click_length_ns),
+            player,
             self.renderer,
             session,
             clock,
@@ -85,10 +103,23 @@ class Live:
             reopening=reopening,
             trace=trace,
             latency=self.latency,
+            scan_times=self.scan_times,
             ring=ring,
             updates=None if watch is None else watch(self.capabilities),
             bank_data=rendering.bank_data,
+            fast=None if options.fast is None else self._fast_path(options.fast, source, player),
+            fast_table=rendering.fast_table,
         )
+
+    def _fast_path(self, library: ctypes.CDLL, source: Source, player: EffectPlayer) -> FastPath | None:
+        if not isinstance(source, PacketSource):
+            return None
+        try:
+            rules = self._options.effects
+            return self._make_fast_path(library, source, self.digitizer, player, rules, self._clock.now_ns)
+        except FastPathError as error:
+            self.no_fast_path = str(error)
+            return None
 
     @property
     def clicks(self) -> int:

@@ -1,9 +1,10 @@
-"""Tables and compiled kernels to checks: fresh or stale, there or to be made first."""
+"""Tables and what is compiled to checks: fresh or stale, there or to be made first."""
 
 import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from engine.fast_path import FastPathError, compile_fast_path
 from engine.table import TableError, open_table
 from tactable.check import Check
 
@@ -26,6 +27,16 @@ def _check_table(path: Path) -> Check:
         remedy = f"build it again: `tactable build {device} -o {path}`"
         return Check(name, f"for {device}, built by another version of the code", remedy, needed=False)
     return Check(name, f"for {device}, whole and fresh")
+
+
+def check_fast_path(folder: Path) -> Check:
+    """Whether the compiled step from a report to its command is there, or can be made; it is made here."""
+    try:
+        compile_fast_path(folder)
+    except FastPathError as error:
+        finding, _, remedy = str(error).partition(": ")
+        return Check("fast path", finding, remedy or "run without it", needed=False)
+    return Check("fast path", f"compiled in {folder}")
 
 
 def check_kernels(folder: Path | None = None) -> Check:

@@ -16,8 +16,8 @@ from engine.sources.recording import write_recording
 from tactable.check import Check
 from tactable.layer_doctor import check_layers, measure_layers
 from tactable.machine_doctor import check_machine
-from tactable.shipped import find_device
-from tactable.table_doctor import check_kernels, check_tables
+from tactable.shipped import cache_folder, find_device
+from tactable.table_doctor import check_fast_path, check_kernels, check_tables
 from tactable.touch_doctor import Machine, examine, rules_text
 from tactable.touch_list import list_devices
 from tactable.touch_map import LearntAxis, digitizer_table
@@ -92,6 +92,7 @@ def register(app: typer.Typer, machine: Machine | None = None) -> None:
             *check_machine(asked.files),
             *check_tables(tables or sorted(Path().glob("*.nc"))),
             check_kernels(),
+            check_fast_path(cache_folder()),
             *(check_layers(measure_layers(bit_rate_hz)) if measures else ()),
         ]
         if as_json:

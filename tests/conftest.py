@@ -1,10 +1,14 @@
 """What all tests share: examples may take as long as a busy machine needs, and BLAS runs on one thread."""
 
+import ctypes
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
+
+from engine.fast_path import FastPathError, compile_fast_path
 
 settings.register_profile("tactable", deadline=None)
 settings.load_profile("tactable")
@@ -15,3 +19,12 @@ def one_blas_thread() -> Iterator[None]:
     """Unpinned, BLAS costs 100 times on a busy machine."""
     with threadpool_limits(1, "blas"):
         yield
+
+
+@pytest.fixture(scope="session")
+def fast_library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
+    """The compiled step; without a compiler its tests are skipped by name."""
+    try:
+        return compile_fast_path(Path(tmp_path_factory.mktemp("fast_path")))
+    except FastPathError as error:
+        pytest.skip(str(error))

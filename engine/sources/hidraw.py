@@ -120,10 +120,26 @@ class HidrawSource:
             self._read_ns = now_ns
             self._end_burst()
             return None
+        self._count_report(now_ns)
+        return report
+
+    packet_head = 0
+
+    def packet_fileno(self) -> int | None:
+        """The node itself, each read of which is one report; None while it is lost, and where hidapi reads."""
+        return None if self._channel is None or self._poll is None else self._channel.fileno()
+
+    def take_packet(self, packet: bytes, now_ns: int, *, is_last: bool) -> bytes:
+        """A report that somebody else read at `now_ns`, the last that was there or not."""
+        self._count_report(now_ns)
+        if is_last:
+            self._end_burst()
+        return packet
+
+    def _count_report(self, now_ns: int) -> None:
         self._burst += 1
         self.report_index += 1
         self.report_time_ns = now_ns + self._skipped_ns
-        return report
 
     def source_time_ns(self, now_ns: int) -> int:
         """Clock time and what overflows skipped."""

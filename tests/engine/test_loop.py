@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import struct
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
@@ -18,6 +20,7 @@ from engine.digitizer import RELEASE_AFTER_NS, open_digitizer
 from engine.effect_player import EffectPlayer
 from engine.effects import Effect, Effects, Rule, Segment, Trigger, burst
 from engine.entry import Entry
+from engine.fast_table import make_fast_table
 from engine.latency import LatencyRecorder, Stage
 from engine.limits import link_configuration
 from engine.loop import Loop, StateChange, SystemClock, connect
@@ -39,7 +42,9 @@ from firmware_link.session import Session
 from tests.engine.descriptors import CONTACT_COUNT, application, finger
 from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
 from tests.engine.shared_recordings import recording_params
+from tests.engine.virtual_fast_path import Packets, VirtualFastPath
 
+RUNS_BOTH_WAYS = True
 MS = 1_000_000
 DEVICE = read_device(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
 DESCRIPTOR = application(finger(), finger(), CONTACT_COUNT)
@@ -215,6 +220,8 @@ class Rig:
     clicks: Sequence[ClickEntry] = ()
     bursts: Sequence[BurstEntry] = ()
     shapes: tuple[Shape, ...] = ()
+    library: ClassVar[ctypes.CDLL | None] = None
+    """Of the fast path: the loop's tests hold with it and without."""
 
     def __post_init__(self) -> None:
         self.trace: list[StateChange] = []
@@ -230,18 +237,21 @@ class Rig:
             connect(session, self.line)
         self.session = session
         self.start_ns = self.line.time_ns
-        source = Playback(self.recording, self.speed)
+        source = Packets(self.recording, self.speed)
         digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
         levels_db = self.effects.levels_db
         by_level = {level: [e for e in self.entries if e.wanted_level_db == level] for level in levels_db}
         clicks = {level: [played_at(click, level) for click in self.clicks] for level in levels_db}
         bursts = {level: [burst_played_at(each, level) for each in self.bursts] for level in levels_db if shapes}
         self.renderer = Renderer(by_level, DEVICE, capabilities, clicks=clicks, waveforms=waveforms, bursts=bursts)
+        player = EffectPlayer(self.effects, len(DEVICE.zones))
+        rules = (digitizer, player, self.effects)
+        self.fast_table = make_fast_table(self.renderer, capabilities, len(DEVICE.zones), configuration.lease_ms)
         self.loop = Loop(
             source,
             digitizer,
             ZoneTracker(DEVICE, digitizer.surface),
-            EffectPlayer(self.effects, len(DEVICE.zones)),
+            player,
             self.renderer,
             self.session,
             self.line,
@@ -250,10 +260,13 @@ class Rig:
             trace=self.trace,
             latency=self.latency,
             ring=self.ring,
+            fast=None if self.library is None else VirtualFastPath(self.library, source, *rules, self.line),
+            fast_table=self.fast_table,
         )
 
     def run(self) -> Rig:
         self.loop.run()
+        assert self.loop.counters.mispredicted == 0
         return self
 
     @property

@@ -14,6 +14,7 @@ from tests.engine.made_bursts import SHAPES, burst_of
 from tests.engine.made_entries import LEVEL_DB, states_of
 from tests.engine.test_loop import DEVICE, MS, Rig, VirtualLine, entry_for, held, index_of, recording_of, report
 
+RUNS_BOTH_WAYS = True
 ALONE = burst_of(DEVICE, states_of(DEVICE, [0]), frequency_hz=150.0, stop_s=0.02)
 OTHER = burst_of(DEVICE, states_of(DEVICE, [2], [0]), frequency_hz=160.0, shape=1, stop_s=0.015)
 LEVEL = 10 ** ((LEVEL_DB - 26.0) / 20)

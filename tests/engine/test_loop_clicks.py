@@ -7,6 +7,7 @@ from tests.engine.made_clicks import click_of
 from tests.engine.made_entries import LEVEL_DB, states_of
 from tests.engine.test_loop import DEVICE, MS, Rig, VirtualLine, entry_for, held, index_of, recording_of, report
 
+RUNS_BOTH_WAYS = True
 STATES = [states_of(DEVICE, [0]), states_of(DEVICE, [2], [0]), states_of(DEVICE, [0, 2]), states_of(DEVICE, [1])]
 CLICKS = [click_of(DEVICE, states, level_db=26.0) for states in STATES]
 SOFT = 10 ** (-6 / 20)

@@ -10,6 +10,7 @@ from engine.ring import Record, RingReader, RingWriter
 from tests.engine.made_entries import LEVEL_DB
 from tests.engine.test_loop import BIT_RATE_HZ, HELD, Rig, held, recording_of, report
 
+RUNS_BOTH_WAYS = True
 BURST = Effects((Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),))
 
 

@@ -71,11 +71,13 @@ def test_no_report_is_lost_no_command_stale_and_order_is_kept(measured: tuple[Pa
         assert condition["reports_sent"] == 0.6 * condition["rate_hz"]
         assert (condition["reports_lost"], condition["stale_sent"]) == (0, 0)
         assert condition["order_kept"] or condition["released_by_watchdog"]
+        assert condition["mispredicted"] == 0
+        assert condition["answered_by_fast_path"] >= 0.5 * condition["commands"] * HAS_COMPILER
         assert condition["commands"] + condition["replaced_unsent"] >= 0.9 * condition["reports_sent"]
         assert {step["step"] for step in condition["steps"]} == {Step.COLLECTOR, Step.SWITCH_INTERVAL}
         stages = condition["stages"]
         assert {"digitizer", "wake-up", "decode", "state", "look-up", "encode and write", "line"} <= stages.keys()
-        assert stages["bar (promised)"]["p50_us"] == pytest.approx(100_000)  # the made entries' t90 of 0.1 s
+        assert 0 < stages["bar (promised)"]["p50_us"] < 100_000  # the made entries' t90
 
 
 def test_what_a_reader_must_know_is_in_the_report(measured: tuple[Path, dict[str, Any]], table: Path) -> None:
@@ -88,6 +90,8 @@ def test_what_a_reader_must_know_is_in_the_report(measured: tuple[Path, dict[str
     assert {"processor", "governor", "clock_source", "virtual_machine"} <= document["environment"].keys()
     assert [row["stream"].split()[0] for row in document["in_process"]] == ["1", "10"]
     assert all(row["report_to_bytes"]["count"] > 0 for row in document["in_process"])
+    if HAS_COMPILER:
+        assert all(row["by_fast_path"] == row["report_to_bytes"]["count"] for row in document["in_process"])
 
 
 @pytest.mark.skipif(not HAS_COMPILER, reason="there is no C compiler")

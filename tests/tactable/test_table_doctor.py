@@ -1,5 +1,6 @@
 """Tables and kernels: fresh, stale, broken, and where kernels are kept."""
 
+import ctypes
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,7 @@ from engine.entry_group import write_entries
 from engine.table_file import TableWriter
 from precompute.build import code_fingerprint
 from tactable.shipped import find_device
-from tactable.table_doctor import check_kernels, check_tables
+from tactable.table_doctor import check_fast_path, check_kernels, check_tables
 from tests.engine.made_entries import entry_of, felt_states
 
 DEVICE = find_device("reference-a")
@@ -43,3 +44,15 @@ def test_kernels_that_are_kept_pass_and_others_say_how(tmp_path: Path, monkeypat
     assert check_kernels(tmp_path).passed
     monkeypatch.setattr("os.access", lambda *_: False)
     assert "NUMBA_CACHE_DIR" in check_kernels(tmp_path / "nowhere").remedy
+
+
+def test_the_fast_path_is_made_or_its_compiler_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    check = check_fast_path(tmp_path)
+    assert (check.passed, check.needed) == (False, False)
+    assert check.remedy.startswith("install one (gcc)")
+
+
+def test_a_fast_path_that_is_compiled_passes(tmp_path: Path, fast_library: ctypes.CDLL) -> None:
+    assert fast_library is not None
+    assert check_fast_path(tmp_path).passed

@@ -1,0 +1,63 @@
+"""Scan Time to the digitizer's own period, and to what transport and host add to it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_LONGEST_PERIOD_NS = 30_000_000
+"""Frames of one touch come sooner one after the other: what is longer is a pause."""
+_FEWEST = 50
+
+
+@dataclass(frozen=True)
+class ScanPeriods:
+    """Of frames that followed one another: the digitizer's period by its own clock, and how host time departs from it.
+
+    The device's 100 us are 92-131 us: its period is scaled to host time over all frames. `jitter` is by how much the
+    host's interval between two frames differs from the device's, which has steps of 0.1 ms itself.
+    """
+
+    frames: int
+    period_ns: int
+    """Median."""
+    longest_period_ns: int
+    """The 99th percentile: a digitizer that leaves scans out."""
+    jitter_p50_ns: int
+    jitter_p99_ns: int
+    tick_ns: int
+    """What the device calls 100 us."""
+
+
+class ScanTimes:
+    """Host and scan time of the last `capacity` frames; recording allocates nothing that stays."""
+
+    def __init__(self, capacity: int = 65_536) -> None:
+        if capacity < 2:
+            raise ValueError(f"capacity is {capacity}; expected at least 2")
+        self._count = 0
+        self._times_ns = np.zeros((capacity, 2), np.int64)
+
+    def record(self, time_ns: int, scan_time_ns: int) -> None:
+        """Keep one frame's times, in place of the oldest where all are taken."""
+        self._times_ns[self._count % len(self._times_ns)] = time_ns, scan_time_ns
+        self._count += 1
+
+    def summarise(self) -> ScanPeriods | None:
+        """Over intervals between frames of one touch; None with fewer than 50, or where the scan time stands still."""
+        kept = self._times_ns[: self._count] if self._count < len(self._times_ns) else self._in_order()
+        host_ns, scan_ns = np.diff(kept, axis=0).T
+        # A reset of the counter shows as an interval that is the host's own.
+        follows = (host_ns < _LONGEST_PERIOD_NS) & (host_ns > 0) & (scan_ns > 0) & (scan_ns < 2 * _LONGEST_PERIOD_NS)
+        host_ns, scan_ns = host_ns[follows], scan_ns[follows]
+        if len(host_ns) < _FEWEST:
+            return None
+        scale = host_ns.sum() / scan_ns.sum()
+        jitter_ns = abs(host_ns - scale * scan_ns)
+        period_ns, longest_ns = np.percentile(scale * scan_ns, [50, 99], method="inverted_cdf")
+        p50_ns, p99_ns = np.percentile(jitter_ns, [50, 99], method="inverted_cdf")
+        return ScanPeriods(
+            len(host_ns), round(period_ns), round(longest_ns), round(p50_ns), round(p99_ns), round(1e5 * scale)
+        )
+
+    def _in_order(self) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
+        return np.roll(self._times_ns, -(self._count % len(self._times_ns)), axis=0)
