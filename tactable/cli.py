@@ -13,7 +13,7 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from engine.descriptor import DescriptorError
-from engine.device import DeviceError
+from engine.device import Device, DeviceError
 from engine.digitizer import DigitizerError, open_digitizer
 from engine.effect_file import read_effects
 from engine.effects import DEFAULT_EFFECTS, EffectError
@@ -38,9 +38,11 @@ from tactable import (
     diff_commands,
     fleet_commands,
     link_commands,
+    plot_bar_commands,
     plot_click_commands,
     plot_commands,
     run,
+    study_commands,
     touch_commands,
 )
 from tactable.figure_file import FigureError
@@ -70,8 +72,10 @@ bench_calibrate.register(bench)
 bench_clicks.register(bench)
 bench_effects.register(bench)
 bench_latency.register(bench)
+plot_bar_commands.register(plot_commands.plot)
 plot_click_commands.register(plot_commands.plot)
 app.add_typer(plot_commands.plot, name="plot")
+app.add_typer(study_commands.study, name="study")
 _errors = Console(stderr=True)
 _out = Console()
 
@@ -221,15 +225,56 @@ def demo(
     effects_path: Annotated[
         Path | None, typer.Option("--effects", help="Which fingers feel what; default: a click for every touch.")
     ] = None,
-    figure: Annotated[Path, typer.Option("--figure", help="Where the picture goes.")] = Path("tactable-demo.png"),
+    figure: Annotated[
+        Path | None, typer.Option("--figure", help="Where the picture goes; default: tactable-demo.png.")
+    ] = None,
+    headless: Annotated[
+        bool, typer.Option("--headless", help="No page: recorded touches, and a report; so with --json, --figure, too.")
+    ] = False,
+    no_open: Annotated[bool, typer.Option("--no-open", help="Print the page's address and open no browser.")] = False,
+    host: Annotated[
+        str | None, typer.Option("--host", help="Bind the page to this address instead of 127.0.0.1.")
+    ] = None,
+    page_port: Annotated[int, typer.Option("--page-port", min=0, max=65_535, help="Of the page; 0: any free.")] = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Touches to felt zones without hardware, and whether the simulated bar does what the table promised."""
+    """Touches to felt zones without hardware: a page to touch; or a report, whether what was promised is what is done.
+
+    Without a browser, and with --headless, --json, --figure, --recording or --table, it is the report.
+    """
+    device = find_device(device_name)
+    is_report = headless or as_json or any(path is not None for path in (figure, recording_path, table_path))
+    is_asked_for = no_open or host is not None or page_port != 0
+    if is_report and is_asked_for:
+        raise typer.BadParameter("--no-open, --host and --page-port are the page's; leave out what asks for the report")
+    if not is_report:
+        from tactable.page.opening import Address, has_browser, show_demo
+
+        opens_browser = not no_open and host is None and has_browser()
+        if opens_browser or is_asked_for:
+            address = Address(host or "127.0.0.1", page_port, opens_browser)
+            show_demo(device_name, device, effects_path, _cache_folder(), address, _tell)
+            return
+        _tell("no browser here: the report instead of the page; --no-open prints an address to open elsewhere")
+    _report_demo(device, recording_path, table_path, effects_path, figure or Path("tactable-demo.png"), as_json)
+
+
+def _tell(line: str) -> None:
+    _errors.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def _report_demo(
+    device: Device,
+    recording_path: Path | None,
+    table_path: Path | None,
+    effects_path: Path | None,
+    figure: Path,
+    as_json: bool,
+) -> None:
     from tactable.demo import demo_json, run_demo, table_for
     from tactable.demo_page import print_demo
     from tactable.plots import draw_demo
 
-    device = find_device(device_name)
     recording = read_recording(recording_path or DEMO_RECORDING)
     effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, device)
     path = table_path or _cache_folder() / f"{device.name}-{device.fingerprint[:12]}.nc"

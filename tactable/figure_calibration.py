@@ -1,7 +1,6 @@
 """A calibration to a picture: measured against fitted along the bar, one panel a drive (paper's Figures 6 and 7)."""
 
 import io
-from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,14 +8,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from precompute.calibration import Calibration
-from precompute.measurement import lay_out
-from precompute.measurement_model import MeasurementModel
 from tactable.figure_file import Picture
+from tactable.figure_response import reading_along
 from tactable.figure_style import BLACK, BLUE, GREY, VERMILLION, draw_actuators
 
 Array = NDArray[np.float64]
 
-_PLACES = 201
 _DOTS_PER_INCH = 120
 _COLUMNS, _MOST_PANELS = 3, 12
 
@@ -57,22 +54,9 @@ def calibration_png(calibration: Calibration) -> bytes:
     return buffer.getvalue()
 
 
-def fitted_along(calibration: Calibration, row: int) -> tuple[Array, Array]:
-    """Places (place,) in metres and what a reading there would be (place,), m/s^2, driven as `row`."""
-    measurements, device = calibration.measurements, calibration.device
-    place_m = np.linspace(0.0, device.bar.length_m, _PLACES)
-    along = replace(
-        lay_out(measurements.frequency_hz[row : row + 1], place_m, float(measurements.sensor_mass_kg[row])),
-        amplitude=np.repeat(measurements.amplitude[row : row + 1], _PLACES, axis=0),
-        finger_m=np.full(_PLACES, measurements.finger_m[row]),
-    )
-    found = MeasurementModel(device, along, ()).predict(np.zeros(0))
-    return place_m, np.exp(found.log_acceleration.real)
-
-
 def _draw(axes: Axes, calibration: Calibration, rows: NDArray[np.int64]) -> None:
     measurements = calibration.measurements
-    place_m, level = fitted_along(calibration, int(rows[0]))
+    place_m, level = reading_along(calibration.device, measurements, int(rows[0]))
     axes.plot(1e3 * place_m, level, color=BLUE, lw=1.5, label="fitted")
     for is_wrong, colour, name in ((False, BLACK, "measured"), (True, VERMILLION, "measured, taken for wrong")):
         chosen = rows[calibration.is_wrong[rows] == is_wrong]

@@ -21,6 +21,8 @@ from tactable.figure_style import COLOUR_MAP, FINGER_NOTE, GREY, VERMILLION, dra
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+_PANELS, _PANEL_INCHES, _LARGE_PANEL_INCHES = 3, 3.4, 4.4
+"""Panels in a row and their sides, of many and of one or two."""
 _ON_GRID = 1e-6
 """An amplitude this close to one of the sweep is it."""
 
@@ -53,25 +55,40 @@ def pair_drive(device: Device, names: Sequence[str], amplitudes: Sequence[float]
     return PairDrive(pair, (first, second))
 
 
-def plot_factor(table: Table, zones: Sequence[str], fingers: Sequence[str], drive: PairDrive) -> Picture:
-    """Picture of `zones` together from the table's sweep; beside it the same with standard fingers in zones `fingers`.
+def plot_factor(
+    table: Table, combinations: Sequence[Sequence[str]], fingers: Sequence[str], drive: PairDrive
+) -> Picture:
+    """Picture of each combination of zones from the table's sweep; beside it with standard fingers in zones `fingers`.
 
     Raises DeviceError for unknown zones, TableError where the table has no sweep.
     """
     device = table.device
-    maps = {"untouched": read_factor(table, zones, drive)}
-    if fingers:
-        maps[f"with a finger in {' and '.join(fingers)}"] = compute_factor(device, zones, fingers, drive)
-    figure = Figure(figsize=(1.6 + 4.4 * len(maps), 5.2), layout="constrained")
-    panels = list(np.atleast_1d(figure.subplots(1, len(maps), sharey=True)))
+    maps = {
+        _map_name(zones, state, len(combinations) > 1): factor
+        for zones in combinations
+        for state, factor in _maps_of(table, zones, fingers, drive).items()
+    }
+    columns = min(len(maps), _PANELS if len(combinations) > 1 else len(maps))
+    rows = -(-len(maps) // columns)
+    size = _PANEL_INCHES if len(combinations) > 1 else _LARGE_PANEL_INCHES
+    figure = Figure(figsize=(1.6 + size * columns, 1.3 + 0.87 * size * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     every = np.stack(list(maps.values()))
     scale = (float(np.nanmin(every)), float(np.nanmax(every)))
-    for axes, (name, factor) in zip(panels, maps.items(), strict=True):
-        image = _draw(axes, device, drive, factor, scale)
+    for axes, (name, factor) in zip(panels.ravel(), maps.items(), strict=False):
+        image = _draw(axes, device, factor, scale)
         axes.set_title(f"{name}: {_greatest_text(device, factor)}", fontsize="small")
-    panels[0].set_ylabel(_axis_text(device, drive, 1))
-    figure.colorbar(image, ax=panels, label=f"localized factor of {', '.join(zones)} (1)", pad=0.02)
-    caption = f"{device.name}: localized factor of {', '.join(zones)}"
+    for axes in panels.ravel()[len(maps) :]:
+        axes.set_visible(False)
+    for axes in panels[:, 0]:
+        axes.set_ylabel(_axis_text(device, drive, 1))
+    for column in range(columns):
+        last = [row for row in range(rows) if row * columns + column < len(maps)][-1]
+        panels[last, column].set_xlabel(_axis_text(device, drive, 0))
+        panels[last, column].tick_params(labelbottom=True)
+    words = "each zone" if len(combinations) > 1 else ", ".join(combinations[0])
+    figure.colorbar(image, ax=panels, label=f"localized factor of {words} (1)", pad=0.02)
+    caption = f"{device.name}: localized factor of {words}"
     legend = "on the diagonal one frequency: there fields add, in phase"
     if np.isnan(every).any():
         legend += "; grey: out of an actuator's band"
@@ -83,7 +100,7 @@ def plot_factor(table: Table, zones: Sequence[str], fingers: Sequence[str], driv
         {
             "device": device.name,
             "fingerprint": table.fingerprint,
-            "zones": list(zones),
+            "zones": [list(zones) for zones in combinations],
             "fingers": list(fingers),
             "actuators": [device.actuators[i].name for i in drive.actuators],
             "amplitudes": list(drive.amplitudes),
@@ -92,6 +109,18 @@ def plot_factor(table: Table, zones: Sequence[str], fingers: Sequence[str], driv
         },
         f"{caption}: " + "; ".join(f"{name} {_greatest_text(device, factor)}" for name, factor in maps.items()),
     )
+
+
+def _maps_of(table: Table, zones: Sequence[str], fingers: Sequence[str], drive: PairDrive) -> dict[str, Array]:
+    """Factors (frequency_1, frequency_2) by what lies on the bar."""
+    maps = {"untouched": read_factor(table, zones, drive)}
+    if fingers:
+        maps[f"with a finger in {' and '.join(fingers)}"] = compute_factor(table.device, zones, fingers, drive)
+    return maps
+
+
+def _map_name(zones: Sequence[str], state: str, is_one_of_many: bool) -> str:
+    return f"{', '.join(zones)} {state}" if is_one_of_many else state
 
 
 def read_factor(table: Table, zones: Sequence[str], drive: PairDrive) -> Array:
@@ -130,7 +159,7 @@ def _combine(gram: Complex, drive: PairDrive) -> Array:
     return energy
 
 
-def _draw(axes: Axes, device: Device, drive: PairDrive, factor: Array, scale: tuple[float, float]) -> AxesImage:
+def _draw(axes: Axes, device: Device, factor: Array, scale: tuple[float, float]) -> AxesImage:
     sweep = device.sweep
     edges_hz = (sweep.start_hz - sweep.step_hz / 2, sweep.stop_hz + sweep.step_hz / 2)
     axes.set_facecolor(GREY)  # where an actuator is out of its band
@@ -147,7 +176,6 @@ def _draw(axes: Axes, device: Device, drive: PairDrive, factor: Array, scale: tu
     axes.plot(
         best["frequency_1_hz"], best["frequency_2_hz"], "o", ms=10, mew=2, mfc="none", color=VERMILLION, clip_on=False
     )
-    axes.set_xlabel(_axis_text(device, drive, 0))
     return image
 
 

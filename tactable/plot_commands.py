@@ -80,9 +80,35 @@ def contrast_map(
 
 
 @plot.command()
+def rise(
+    table_path: TablePath,
+    felt: Annotated[str, typer.Option(help="Zones that are felt: draw the course of this state; none: all.")] = "",
+    quiet: Quiet = "",
+    level_db: Level = DEFAULT_LEVEL_DB,
+    output: Output = Path("rise.png"),
+    csv_path: CsvPath = None,
+    as_json: AsJson = False,
+) -> None:
+    """Rise times of all states, or one state from rest: how long until every felt finger has what is promised."""
+    check_paths(output, csv_path)
+    if quiet and not felt:
+        raise FigureError(f"--quiet {quiet} is of one state; name what is felt in it, such as --felt I")
+    with opened_table(table_path) as table:
+        from tactable.figure_course import plot_course
+        from tactable.figure_rise import plot_rise
+
+        level = checked_level(level_db)
+        if felt:
+            picture = plot_course(table, table.entry_for(named_zones("--felt", felt), names_in(quiet), level))
+        else:
+            picture = plot_rise(table, level)
+        deliver(picture, output, csv_path, as_json)
+
+
+@plot.command()
 def factor(
     table_path: TablePath,
-    zones: Annotated[str, typer.Option(help="Zones whose share of the energy is drawn, such as I,III,V.")],
+    zones: Annotated[str, typer.Option(help="Zones whose common share is drawn, such as I,III; none: each.")] = "",
     fingers: Annotated[str, typer.Option(help="Zones with a finger: draw the bar with these fingers too.")] = "",
     amplitudes: Annotated[str, typer.Option(help="Of the two actuators, fractions of full scale.")] = "1,1",
     pair: Annotated[str, typer.Option(help="Names of two actuators; default: the first two.")] = "",
@@ -96,7 +122,7 @@ def factor(
         from tactable.figure_factor import pair_drive, plot_factor
 
         drive = pair_drive(table.device, names_in(pair), _numbers("--amplitudes", amplitudes))
-        deliver(plot_factor(table, named_zones("--zones", zones), names_in(fingers), drive), output, csv_path, as_json)
+        deliver(plot_factor(table, _combinations(table, zones), names_in(fingers), drive), output, csv_path, as_json)
 
 
 @contextmanager
@@ -121,6 +147,11 @@ def named_zones(option: str, text: str) -> list[str]:
     if not names:
         raise FigureError(f"{option} names no zone; give at least one, such as {option} I,III")
     return names
+
+
+def _combinations(table: Table, text: str) -> list[list[str]]:
+    """The zones that are named, together; every zone by itself where the text is empty."""
+    return [named_zones("--zones", text)] if text else [[zone.name] for zone in table.device.zones]
 
 
 def _numbers(option: str, text: str) -> list[float]:

@@ -7,7 +7,8 @@ import pytest
 
 from precompute.calibration import calibrate
 from precompute.measurement import Kind
-from tactable.figure_calibration import calibration_png, fitted_along, plot_calibration
+from tactable.figure_calibration import calibration_png, plot_calibration
+from tactable.figure_response import reading_along
 from tests.precompute.calibrations import DEVICE, noisy_calibration
 from tests.precompute.measured import NAN, read_bar
 
@@ -25,7 +26,7 @@ def test_there_is_a_panel_for_every_drive_with_all_its_readings() -> None:
 def test_the_curve_goes_through_noiseless_readings() -> None:
     read = read_bar(DEVICE, {"actuator.full_scale": 0.4e-6}, points=41)
     found = calibrate(DEVICE, read, ["actuator.full_scale"], starts=1)
-    place_m, level = fitted_along(found, 50)
+    place_m, level = reading_along(found.device, read, 50)
     first = slice(41, 82)
     assert np.interp(read.position_m[first], place_m, level) == pytest.approx(
         np.abs(read.acceleration[first]), rel=0.05

@@ -15,6 +15,8 @@ FIGURES = {
     "state": ("state", "bar.nc", "--felt", "I", "--quiet", "III"),
     "pareto": ("pareto", "bar.nc", "--felt", "I", "--quiet", "III"),
     "contrast-map": ("contrast-map", "bar.nc", "--level", "inf"),
+    "rise": ("rise", "bar.nc"),
+    "course": ("rise", "bar.nc", "--felt", "I", "--quiet", "III"),
     "factor": ("factor", "bar.nc", "--zones", "I,III", "--fingers", "II", "--amplitudes", "1,0.4"),
 }
 
@@ -63,8 +65,14 @@ def test_without_options_a_picture_goes_here_and_a_line_says_what_it_shows(
     assert tactable_plot(*FIGURES[name]) == 0
     caption, written = capsys.readouterr().out.splitlines()
     assert caption.startswith("reference-a")
-    assert written == f"written: {name}.png"
-    assert (built / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+    assert written == f"written: {FIGURES[name][0]}.png"
+    assert (built / f"{FIGURES[name][0]}.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_without_zones_the_factor_of_each_is_drawn(tactable_plot: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    assert tactable_plot("factor", "bar.nc", "--json") == 0
+    summary = strict_json(capsys.readouterr().out)
+    assert summary["zones"] == [["I"], ["II"], ["III"]] and len(summary["greatest"]) == 3
 
 
 def test_a_level_that_full_scale_stands_for_is_null_in_json(
@@ -91,6 +99,9 @@ def test_a_level_that_full_scale_stands_for_is_null_in_json(
         (("state", "bar.nc", "--felt", "I", "--csv", "bar.nc"), ("bar.nc", ".csv")),
         (("pareto", "bar.nc", "--felt", "I", "--quiet", ","), ("--quiet names no zone",)),
         (("contrast-map", "bar.nc", "-o", "nowhere/map.png"), ("nowhere", "no such folder")),
+        (("rise", "bar.nc", "--level", "nan"), ("--level nan",)),
+        (("rise", "bar.nc", "--quiet", "III"), ("--quiet III", "--felt I")),
+        (("factor", "bar.nc", "--zones", ","), ("--zones names no zone",)),
         (("factor", "bar.nc", "--zones", "I", "--amplitudes", "1,high"), ("--amplitudes '1,high'",)),
         (("factor", "bar.nc", "--zones", "I", "--amplitudes", "1,0.5"), ("'1,0.5'", "0.4")),
         (("factor", "bar.nc", "--zones", "I", "--pair", "up,down"), ("'up,down'", "left,right")),

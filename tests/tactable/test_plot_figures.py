@@ -16,9 +16,11 @@ from precompute.assembly import assemble
 from precompute.steady import compute_steady_state
 from precompute.threshold import detection_threshold
 from tactable.figure_contrast_map import plot_contrast_map
+from tactable.figure_course import compute_rising, plot_course
 from tactable.figure_factor import PairDrive, compute_factor, pair_drive, plot_factor, read_factor
 from tactable.figure_file import FigureError, Picture, check_paths, write_columns, write_picture
 from tactable.figure_pareto import STEP_DB, Front, plot_pareto, solve_front, solve_paper_drive
+from tactable.figure_rise import plot_rise
 from tactable.figure_state import compute_envelope, plot_state
 from tests.precompute.dense_model import DenseModel
 from tests.tactable.plot_table import build_small_table
@@ -176,6 +178,49 @@ def test_what_is_not_achieved_is_hatched(table: Table) -> None:
     assert not [patch for patch in plot_contrast_map(table, 20.0).figure.axes[0].patches if patch.get_hatch()]
 
 
+# ---- rise times ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("level_db", [20.0, 33.0, inf])
+def test_the_rise_times_are_those_of_the_entries(table: Table, level_db: float) -> None:
+    columns = plot_rise(table, level_db).columns
+    assert len(columns["t90 (s)"]) == 19  # every state of three zones with a felt finger
+    for k, (felt, quiet) in enumerate(zip(columns["felt zones"], columns["quiet zones"], strict=True)):
+        entry = table.entry_for(str(felt).split(), str(quiet).split(), level_db)
+        assert columns["t90 (s)"][k] == entry.t90_s
+        assert columns["worst t90 (s)"][k] == entry.worst_case.t90_s >= entry.t90_s
+
+
+def test_the_distribution_reaches_every_state_at_the_slowest(table: Table) -> None:
+    picture = plot_rise(table, 20.0)
+    standard = next(line for line in picture.figure.axes[1].lines if line.get_label() == "standard fingers")
+    time_ms, risen = (np.asarray(data, dtype=np.float64) for data in standard.get_data())
+    assert (np.diff(time_ms) >= 0).all() and risen[-1] == pytest.approx(100.0)
+    assert time_ms[-1] == pytest.approx(1e3 * max(entry.t90_s for entry in table.entries_at(20.0)))
+
+
+def test_the_course_of_a_state_is_risen_when_its_entry_says_and_stays_near_what_it_promises(table: Table) -> None:
+    for felt, quiet in ((["I"], []), (["III"], ["I"]), (["I"], ["II", "III"])):
+        entry = table.entry_for(felt, quiet, 20.0)
+        rising = compute_rising(table, entry)
+        own = rising.level_db[rising.zones.index(table.device.zone_index(felt[0]))]
+        promised_db = entry.zones[table.device.zone_index(felt[0])].sensation_level_db
+        outside = np.flatnonzero(abs(10 ** ((own - promised_db) / 20) - 1) > 0.1)
+        assert rising.time_s[outside[-1]] == pytest.approx(entry.t90_s, abs=2e-3)
+
+
+def test_the_contrast_of_a_course_is_felt_over_quiet_at_each_moment(table: Table) -> None:
+    entry = table.entry_for(["I"], ["II", "III"], 20.0)
+    columns = plot_course(table, entry).columns
+    level_db = {
+        name: np.asarray(columns[f"level of {name} (dB above threshold)"])
+        for name in ("I felt", "II quiet", "III quiet")
+    }
+    quiet_db = np.maximum(level_db["II quiet"], level_db["III quiet"])
+    assert np.asarray(columns["contrast (dB)"]) == pytest.approx(level_db["I felt"] - quiet_db)
+    assert "contrast (dB)" not in plot_course(table, table.entry_for(["I"], [], 20.0)).columns
+
+
 # ---- localized factor ------------------------------------------------------------------------------------
 
 
@@ -207,11 +252,21 @@ def test_out_of_its_band_an_actuator_has_no_factor(table: Table) -> None:
 
 def test_fingers_add_a_panel_of_the_same_scale(table: Table) -> None:
     drive = pair_drive(table.device, [], [1.0, 1.0])
-    alone, beside = (plot_factor(table, ["I"], fingers, drive) for fingers in ([], ["I"]))
+    alone, beside = (plot_factor(table, [["I"]], fingers, drive) for fingers in ([], ["I"]))
     assert len(alone.figure.axes) == 2  # with the colour bar
     assert len(beside.figure.axes) == 3
     assert len({axes.images[0].get_clim() for axes in beside.figure.axes[:2]}) == 1
     assert len(beside.summary["greatest"]) == 2
+
+
+def test_every_zone_has_a_panel_and_its_share_and_they_add_up_to_what_covers_the_bar(table: Table) -> None:
+    drive = pair_drive(table.device, [], [1.0, 1.0])
+    picture = plot_factor(table, [["I"], ["II"], ["III"]], [], drive)
+    assert len(picture.figure.axes) == 4  # with the colour bar
+    shares = [picture.columns[f"localized factor {name} untouched (1)"] for name in ("I", "II", "III")]
+    assert np.sum(shares, axis=0) == pytest.approx(1.0, abs=1e-5)
+    together = plot_factor(table, [["I", "III"]], [], drive).columns["localized factor untouched (1)"]
+    assert np.asarray(together) == pytest.approx(np.asarray(shares[0]) + np.asarray(shares[2]), abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -239,21 +294,23 @@ def pictures(table: Table, state: tuple[ZoneState, ...]) -> dict[str, Picture]:
         "state": plot_state(table, table.entry_for(["I"], ["III"])),
         "pareto": plot_pareto(table, state),
         "contrast-map": plot_contrast_map(table, 20.0),
-        "factor": plot_factor(table, ["I"], ["I"], PairDrive((0, 1), (1.0, 1.0))),
+        "rise": plot_rise(table, 20.0),
+        "course": plot_course(table, table.entry_for(["I"], ["III"])),
+        "factor": plot_factor(table, [["I"]], ["I"], PairDrive((0, 1), (1.0, 1.0))),
     }
 
 
-@pytest.mark.parametrize("name", ["state", "pareto", "contrast-map", "factor"])
+@pytest.mark.parametrize("name", ["state", "pareto", "contrast-map", "rise", "course", "factor"])
 def test_every_axis_and_every_column_has_its_unit(pictures: dict[str, Picture], name: str) -> None:
     picture = pictures[name]
-    words = {"drive", "felt zone", "quiet zone"}
+    words = {"drive", "felt zone", "quiet zone", "felt zones", "quiet zones", "family"}
     assert all(header.endswith(")") for header in picture.columns if header not in words)
     labels = [label for axes in picture.figure.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
     assert len(labels) >= 2
     assert all(label.endswith((")", "finger in zone")) for label in labels)
 
 
-@pytest.mark.parametrize("name", ["state", "pareto", "contrast-map", "factor"])
+@pytest.mark.parametrize("name", ["state", "pareto", "contrast-map", "rise", "course", "factor"])
 def test_every_picture_says_what_is_estimated(table: Table, pictures: dict[str, Picture], name: str) -> None:
     note = " ".join(pictures[name].figure.get_supxlabel().split())
     assert "Computed, not measured. ESTIMATES" in note
@@ -262,7 +319,7 @@ def test_every_picture_says_what_is_estimated(table: Table, pictures: dict[str, 
     assert set(table.device.inferred) <= set(pictures[name].summary["estimated"])
 
 
-@pytest.mark.parametrize("name", ["state", "pareto", "contrast-map", "factor"])
+@pytest.mark.parametrize("name", ["state", "pareto", "contrast-map", "rise", "course", "factor"])
 def test_the_csv_is_the_data(pictures: dict[str, Picture], name: str, tmp_path: Path) -> None:
     write_columns(pictures[name], tmp_path / "data.csv")
     with (tmp_path / "data.csv").open(newline="", encoding="utf-8") as file:
