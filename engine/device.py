@@ -4,10 +4,13 @@ import hashlib
 import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from engine.section import read_text
 
 
 class DeviceError(ValueError):
@@ -169,6 +172,18 @@ class Device:
     """Of the values that a calibration fitted; None: none was."""
     text: str
     """The description as it was read."""
+
+    @classmethod
+    def read(cls, path: Path | str) -> "Device":
+        """Read and validate a description in TOML. Raises DeviceError; OSError when there is no such file.
+
+        >>> device = Device.read("my-bar.toml")
+        >>> device.zone_names(range(3)), device.actuators[0].band_hz
+        ('I, II, III', (60.0, 300.0))
+        """
+        from engine.device_file import parse_device  # which makes devices
+
+        return parse_device(read_text(Path(path), DeviceError), str(path))
 
     @property
     def fingerprint(self) -> str:

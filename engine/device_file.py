@@ -3,14 +3,13 @@
 import itertools
 import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
 from engine.device import Actuator, Bar, Device, DeviceError, Finger, Limits, Spread, Sweep, TouchAxis, Zone
 from engine.device_uncertainty import read_uncertainty
-from engine.section import Section, read_text
+from engine.section import Section
 
 ROMAN = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII", "XIII", "XIV", "XV", "XVI")
 _LARGEST_SPREAD = 1000
@@ -44,9 +43,7 @@ class _Section(Section):
         return [".".join(part for part in (self.path, mark) if part) for mark in self.marks]
 
 
-def read_device(path: Path) -> Device:
-    """Read and validate the description of one bar. Raises DeviceError; OSError when there is no such file."""
-    return parse_device(read_text(path, DeviceError), str(path))
+read_device = Device.read
 
 
 def parse_device(text: str, source: str) -> Device:

@@ -26,7 +26,10 @@ __all__ = ["Table", "TableError", "open_table", "states_of"]
 
 
 class Table:
-    """An open table: its device, its entries, and views of the sweep for any zone combination."""
+    """An open table: its device, its entries, and views of the sweep for any zone combination.
+
+    `Table.open` makes one. It is a context manager: the file is closed at its end, entries and device stay usable.
+    """
 
     def __init__(self, path: Path, file: h5netcdf.File) -> None:
         self.path = path
@@ -50,6 +53,39 @@ class Table:
         self.bursts: tuple[BurstEntry, ...] = () if bursts is None else tuple(read_bursts(bursts))
         """One a state, as tabulated; most tables have none."""
         self._burst_of = {burst.index: burst for burst in self.bursts}
+
+    @classmethod
+    def open(
+        cls, path: Path | str, *, device: Device | None = None, code_fingerprint: str | None = None, verify: bool = True
+    ) -> "Table":
+        """Open and verify a table; raises TableError if it is unusable or does not belong to `device` or the code.
+
+        >>> with Table.open("my-bar.nc") as table:
+        ...     print(table.device.name, len(table.entries), "entries at", table.levels_db, "dB")
+        my-bar 38 entries at (20.0, inf) dB
+        """
+        path = Path(path)
+        sealed = check_bytes(path, verify)
+        try:
+            file = h5netcdf.File(path, "r", decode_vlen_strings=True)
+        except (OSError, KeyError, RuntimeError, ValueError) as error:
+            raise TableError(f"{path}: is corrupted ({error}); build it again") from error
+        try:
+            _check_format(path, file)
+            if not sealed:
+                raise TableError(f"{path}: is corrupted: it was changed after it was built; build it again")
+            table = cls(path, file)
+            if table.device.fingerprint != table.fingerprint or (device and device.fingerprint != table.fingerprint):
+                name = device.name if device else table.device.name
+                raise TableError(f"{path}: is stale: it was built for another state of {name!r}; build it again")
+            if code_fingerprint and table.attributes["code_fingerprint"] != code_fingerprint:
+                raise TableError(f"{path}: is stale: it was built by another version of the code; build it again")
+        except BaseException as error:
+            file.close()
+            if isinstance(error, KeyError | ValueError | OSError | RuntimeError | TypeError):
+                raise TableError(f"{path}: is corrupted ({error}); build it again") from error
+            raise
+        return table
 
     def __enter__(self) -> "Table":
         return self
@@ -85,6 +121,11 @@ class Table:
 
         Between tabulated levels: the next lower drive, played louder, or else the next higher one, softer. Raises
         DeviceError for an unknown zone, TableError for a zone that is both and for a state the table does not hold.
+
+        >>> with Table.open("my-bar.nc") as table:
+        ...     entry = table.entry_for(["I"], quiet=["III"], level_db=20)
+        >>> f"{entry.level_db:.0f} dB, reached: {entry.achieved}, {len(entry.frequencies_hz)} actuators"
+        '20 dB, reached: True, 2 actuators'
         """
         index = state_index(self.states_of(felt, quiet))
         entry = self.entry_at(index, level_db)
@@ -157,7 +198,7 @@ class Table:
         return self._combine("dead_spot", zones, pair, np.min)
 
     def _combine(self, name: str, zones: Sequence[str], pair: int, combine: Any) -> Values:
-        indices = sorted({self.device.zone_index(zone) for zone in zones})
+        indices = sorted({self.device.zone_index(zone) for zone in _listed(zones)})
         if not indices:
             raise TableError(f"{self.path}: name at least one zone")
         if "sweep" not in self._file.groups:
@@ -172,9 +213,9 @@ class Table:
 def states_of(device: Device, felt: Sequence[str], quiet: Sequence[str]) -> tuple[ZoneState, ...]:
     """State of every zone; raises DeviceError for an unknown zone, TableError for one that is both."""
     states = [ZoneState.FREE] * len(device.zones)
-    for name in quiet:
+    for name in _listed(quiet):
         states[device.zone_index(name)] = ZoneState.QUIET
-    for name in felt:
+    for name in _listed(felt):
         zone = device.zone_index(name)
         if states[zone] is ZoneState.QUIET:
             raise TableError(f"zone {name} can't be felt and quiet: name it once")
@@ -182,31 +223,14 @@ def states_of(device: Device, felt: Sequence[str], quiet: Sequence[str]) -> tupl
     return tuple(states)
 
 
-def open_table(
-    path: Path, *, device: Device | None = None, code_fingerprint: str | None = None, verify: bool = True
-) -> Table:
-    """Open and verify a table; raises TableError if it is unusable or does not belong to `device` or the code."""
-    sealed = check_bytes(path, verify)
-    try:
-        file = h5netcdf.File(path, "r", decode_vlen_strings=True)
-    except (OSError, KeyError, RuntimeError, ValueError) as error:
-        raise TableError(f"{path}: is corrupted ({error}); build it again") from error
-    try:
-        _check_format(path, file)
-        if not sealed:
-            raise TableError(f"{path}: is corrupted: it was changed after it was built; build it again")
-        table = Table(path, file)
-        if table.device.fingerprint != table.fingerprint or (device and device.fingerprint != table.fingerprint):
-            name = device.name if device else table.device.name
-            raise TableError(f"{path}: is stale: it was built for another state of {name!r}; build it again")
-        if code_fingerprint and table.attributes["code_fingerprint"] != code_fingerprint:
-            raise TableError(f"{path}: is stale: it was built by another version of the code; build it again")
-    except BaseException as error:
-        file.close()
-        if isinstance(error, KeyError | ValueError | OSError | RuntimeError | TypeError):
-            raise TableError(f"{path}: is corrupted ({error}); build it again") from error
-        raise
-    return table
+def _listed(zones: Sequence[str]) -> Sequence[str]:
+    """The names; "III" would be three times "I"."""
+    if isinstance(zones, str):
+        raise TableError(f"zones {zones!r}: is one text; give a list of names, such as [{zones!r}]")
+    return zones
+
+
+open_table = Table.open
 
 
 def _check_format(path: Path, file: h5netcdf.File) -> None:

@@ -5,6 +5,7 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
 from functools import cache, partial
 from importlib import metadata
 from pathlib import Path
@@ -16,6 +17,7 @@ import precompute
 from engine.burst_group import write_bursts
 from engine.click_group import write_clicks
 from engine.device import Device
+from engine.device_file import parse_device
 from engine.entry_group import write_entries
 from engine.table import Table, TableError, open_table
 from engine.table_file import TableWriter
@@ -26,16 +28,18 @@ from precompute.click import solve_clicks
 from precompute.click_options import DEFAULT_OPTIONS, ClickOptions
 from precompute.click_store import ClickStore
 from precompute.click_table import ClickTabulator
-from precompute.entries import solve_entries, tabulated_states
+from precompute.entries import prepare_entries, solve_entries, tabulated_states
 from precompute.grid import compute_grid_response, zone_points
 from precompute.interruption import remembered_interrupt
 from precompute.measured_plant import measured_plant
 from precompute.measured_response import MeasuredResponses
 from precompute.measured_table import source_attributes, write_measured
 from precompute.objective import DEFAULT_OBJECTIVE, OBJECTIVES
-from precompute.parts import Part, Recipe, rests_on
+from precompute.parts import KEPT_FOR_NOW, OUTDATED, Part, Recipe, plays_on, rests_on
 from precompute.promise import States, touched_zones
+from precompute.sampled_bars import sampled_words
 from precompute.tabulate import write_coherent_sweep, write_pair_sweep, write_responses
+from precompute.workers import Crew
 
 MOST_ZONES_WITH_ALL_CLICKS = 5
 MOST_CLICKED_BEYOND = 3
@@ -72,39 +76,52 @@ def code_fingerprint() -> str:
 
 def build_table(
     device: Device,
-    path: Path,
+    path: Path | str,
     *,
-    created: str,
+    created: str | None = None,
     objective: str = DEFAULT_OBJECTIVE,
     clicks_up_to: int | None = None,
     bursts_up_to: int = 0,
     click_options: ClickOptions = DEFAULT_OPTIONS,
     workers: int = 1,
+    crew: Crew | None = None,
     reuse: bool = True,
+    clicks_later: bool = False,
+    completes: bool = False,
     responses: MeasuredResponses | None = None,
     memory_budget_bytes: int = MEMORY_BUDGET_BYTES,
     progress: Progress = _no_progress,
 ) -> None:
     """Compute, write and verify the table of `device`; only then it takes the place of what was at `path`.
 
-    `created` is the date to note, `objective` a name of precompute.objective.OBJECTIVES. `clicks_up_to`: states of up
-    to so many fingers get clicks, by default all of them for up to five zones, of three fingers beyond; 0 is none.
-    `bursts_up_to`: the same of bursts, for devices that play no waveforms; by default none. Clicks and bursts are
-    solved by `workers` processes; the clicks solved when a build is interrupted are kept beside the table for the next.
-    With `reuse`, parts that a table at `path` has already, made by this code and resting on nothing that has
-    changed since, are taken over. With `responses` the bar moves as it was measured; what fingers do to it, rise times,
-    clicks and bursts stay the model's. Raises TableError if the table cannot be written, and for another objective.
+    `created` is the date to note, by default now; `objective` a name of precompute.objective.OBJECTIVES.
+    `clicks_up_to`: states of up to so many fingers get clicks, by default all of them for up to five zones, of three
+    fingers beyond; 0 is none. `bursts_up_to`: the same of bursts, for devices that play no waveforms; by default none.
+    Entries, clicks and bursts are solved by `workers` processes, entries by a `crew` that waits already, if there is
+    one; the clicks solved when a build is interrupted are kept beside the table for the next. With `reuse`, parts that
+    a table at `path` has already, made by this code and resting on nothing that has changed since, are taken over.
+    With `clicks_later` so are its clicks and bursts whatever has changed, marked as outdated (precompute.parts); a
+    build without makes them. The table that was at `path` is kept as the previous one; a build that `completes` it
+    keeps the one before. With `responses` the bar moves as it was measured; what fingers do to it, rise times, clicks
+    and bursts stay the model's. Raises TableError if the table cannot be written, for another objective, and for a
+    device whose values are not those of its text, which is what a table holds.
+
+    >>> build_table(Device.read("my-bar.toml"), "my-bar.nc", clicks_up_to=0)
     """
+    path = Path(path)
+    if parse_device(device.text, device.name).fingerprint != device.fingerprint:
+        raise TableError(f"{device.name}: was changed after it was read; write its text anew and read that")
     sha256 = "" if responses is None else responses.sha256
     recipe = Recipe(code_fingerprint(), objective, _fingers(device, clicks_up_to), click_options, sha256, bursts_up_to)
     if objective not in OBJECTIVES:
         raise TableError(f"there is no objective {objective!r}; choose one of {', '.join(OBJECTIVES)}")
     with threadpool_limits(1, "blas"), remembered_interrupt() as check:  # unpinned BLAS: 100 times slower when busy
         checked = _checked(progress, check)
-        builder = _Builder(device, path, recipe, workers, responses, memory_budget_bytes, checked)
+        builder = _Builder(
+            device, path, recipe, workers, crew, clicks_later, completes, responses, memory_budget_bytes, checked
+        )
         with _earlier(path, reuse) as earlier:
-            builder.build(created, earlier)
-    open_table(path, device=device, code_fingerprint=code_fingerprint(), verify=False).close()
+            builder.build(created or datetime.now(UTC).isoformat(timespec="seconds"), earlier)
     progress("done", 1.0)
 
 
@@ -142,6 +159,9 @@ class _Builder:
     path: Path
     recipe: Recipe
     workers: int
+    crew: Crew | None
+    clicks_later: bool
+    completes: bool
     responses: MeasuredResponses | None
     memory_budget_bytes: int
     progress: Progress
@@ -150,9 +170,11 @@ class _Builder:
         device, recipe, progress = self.device, self.recipe, self.progress
         rests = {part: rests_on(part, device, recipe) for part in Part}
         known = {part for part in Part if earlier and earlier.attributes.get(part.attribute) == rests[part]}
+        wanted = self._wanted()
+        later = {part for part in KEPT_FOR_NOW if self.clicks_later and part in wanted - known}
         progress("responses", 0.0)
         plant = assemble(device) if self.responses is None else measured_plant(device, self.responses)
-        with TableWriter(self.path) as writer:
+        with TableWriter(self.path, self._check, completes=self.completes) as writer:
             writer.describe(
                 {
                     "title": f"tactable table of {device.name}",
@@ -164,26 +186,50 @@ class _Builder:
                     "code_version": metadata.version("tactable"),
                     "created": created,
                     "objective": recipe.objective,
+                    "clicks_up_to": recipe.clicks_up_to,
+                    "bursts_up_to": recipe.bursts_up_to,
                     "click_options": json.dumps(asdict(recipe.click_options)),
+                    "spread_over": sampled_words(device, is_measured=self.responses is not None),
                     **source_attributes(self.responses),
-                    **{part.attribute: rests[part] for part in Part},
+                    **{part.attribute: rests[part] for part in Part if part not in later},
+                    **({OUTDATED: " ".join(sorted(later))} if later else {}),
                 }
             )
             if earlier is not None:
-                for part in sorted(known):
+                for part in sorted(known | {part for part in later if plays_on(earlier.device, device)}):
                     if earlier.copy_groups(writer, part.groups):
                         progress(f"{part} as before", 0.05)
-            if Part.RESPONSES not in known:
-                self._write_responses(writer, plant)
-            if Part.ENTRIES not in known:
-                self._write_entries(writer, plant)
-            store = None if Part.CLICKS in known else self._solve_clicks()
+            with self._crew(known) as crew:
+                if Part.RESPONSES not in known:
+                    self._write_responses(writer, plant)
+                if Part.ENTRIES not in known:
+                    self._write_entries(writer, plant, crew)
+            store = self._solve_clicks() if Part.CLICKS in wanted - known - later else None
             if store and store.clicks:
                 write_clicks(writer, [click for _, click in sorted(store.clicks.items())], device)
-            if Part.BURSTS not in known and recipe.bursts_up_to:
+            if Part.BURSTS in wanted - known - later:
                 self._write_bursts(writer)
+            progress("verify", 0.96)
         if store:
             store.path.unlink(missing_ok=True)  # nothing is left to resume
+
+    def _wanted(self) -> set[Part]:
+        """The parts that the table is to have."""
+        wanted = {Part.CLICKS: self.recipe.clicks_up_to, Part.BURSTS: self.recipe.bursts_up_to}
+        return {part for part in Part if wanted.get(part, 1)}
+
+    def _check(self, written: Path) -> None:
+        open_table(written, device=self.device, code_fingerprint=self.recipe.code_fingerprint, verify=False).close()
+        self.progress("put in place", 0.99)
+
+    @contextmanager
+    def _crew(self, known: set[Part]) -> Iterator[Crew]:
+        if self.crew is not None:
+            yield self.crew
+            return
+        with Crew(0 if Part.ENTRIES in known else self.workers - 1) as crew:
+            crew.prepare(prepare_entries)
+            yield crew
 
     def _write_responses(self, writer: TableWriter, plant: Plant) -> None:
         grid = compute_grid_response(plant, self.device.sweep.frequency_hz, zone_points(self.device))
@@ -195,9 +241,9 @@ class _Builder:
         if self.responses is not None:
             write_measured(writer, self.device, self.responses)
 
-    def _write_entries(self, writer: TableWriter, plant: Plant) -> None:
+    def _write_entries(self, writer: TableWriter, plant: Plant, crew: Crew) -> None:
         solved, share = [], 0.1 if self.recipe.clicks_up_to or self.recipe.bursts_up_to else 0.7
-        for entries, fraction in solve_entries(plant, self.recipe.objective):
+        for entries, fraction in solve_entries(plant, self.recipe.objective, crew):
             solved.append(entries)
             self.progress("entries", 0.25 + share * fraction)
         solved.sort(key=lambda entries: entries[0].index)

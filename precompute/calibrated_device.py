@@ -9,6 +9,7 @@ import tomlkit
 from numpy.typing import NDArray
 
 from engine.device import Device, FittedValue, Uncertainty
+from engine.device_file import parse_device
 from precompute.calibration import Calibration
 from precompute.parameters import Parameter, find_parameters, with_values
 from precompute.quantity_text import quantity_text
@@ -38,6 +39,12 @@ def calibrated_text(calibration: Calibration, provenance: Mapping[str, str]) -> 
                 marks.remove(parameter.key)
     document["calibration"] = _calibration_table(calibration, provenance)
     return tomlkit.dumps(document)
+
+
+def calibrated_device(calibration: Calibration) -> Device:
+    """The device with the fitted values and a description that says them: to build a table, or to write to a file."""
+    provenance = {"loss": calibration.loss.value}
+    return parse_device(calibrated_text(calibration, provenance), calibration.device.name)
 
 
 def _tables(document: Any, parameter: Parameter) -> list[Any]:

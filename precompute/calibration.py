@@ -103,6 +103,12 @@ def calibrate(
     """Fit `parameters` (names as in the device file; default: the paper's six) of `device` to `measurements`.
 
     `bounds` are SI. Raises ParameterError for names and bounds, MeasurementError where the rows cannot say anything.
+
+    >>> device = Device.read("reference-a.toml")
+    >>> found = calibrate(device, read_measurements("measured.csv", device))
+    >>> left = found.estimates[0]
+    >>> left.parameter.name, 20e3 < left.low < left.value < left.high < 21e3, left.known.value
+    ('actuator[1].stiffness', True, 'known')
     """
     names = default_names(device) if parameters is None else tuple(parameters)
     chosen = find_parameters(device, names, bounds or {}, _sensor_mass_kg(measurements))

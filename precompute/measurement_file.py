@@ -10,11 +10,12 @@ from precompute.measurement_csv import parse_csv
 _NETCDF, _UNIVERSAL = (".nc", ".nc4"), (".uff", ".unv", ".uf")
 
 
-def read_measurements(path: Path, device: Device, sensor_mass_kg: float = 0.0) -> Measurements:
+def read_measurements(path: Path | str, device: Device, sensor_mass_kg: float = 0.0) -> Measurements:
     """CSV, NetCDF or a universal file, by its ending. `sensor_mass_kg` is for files that do not say it.
 
     Raises MeasurementError; OSError when there is no such file.
     """
+    path = Path(path)
     ending = path.suffix.lower()
     if ending == ".csv":
         return parse_csv(read_text(path, MeasurementError), device, sensor_mass_kg, str(path))

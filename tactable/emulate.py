@@ -11,6 +11,7 @@ from firmware_link.announcement import Announcement, own_link
 from firmware_link.c_core import CompiledFirmware, open_library
 from firmware_link.device import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator import termination_descriptor
+from firmware_link.errors import LinkError
 from firmware_link.fault_plan import FaultPlan
 from firmware_link.faulty_device import FaultyDevice
 from firmware_link.pseudo_terminal import PseudoTerminalServer
@@ -42,17 +43,22 @@ def emulate(
     seed: int,
     tell: Callable[[Emulated], None],
     core: Path | None = None,
+    link: Path | None = None,
 ) -> dict[str, Any]:
     """Be a device until SIGINT or SIGTERM; what it counted and the faults that were injected, by kind.
 
-    The device is the library `core` that `make host` builds of the firmware, or without one its twin in Python.
+    The device is the library `core` that `make host` builds of the firmware, or without one its twin in Python. `link`
+    becomes a symbolic link to its port, whatever that is called. Raises LinkError where something else is there.
     """
     library = None if core is None else open_library(core)
-    announcement = Announcement(own_link(os.getpid()))
+    if link is not None and link.exists() and not link.is_symlink():
+        raise LinkError(f"{link}: is there already and is no link to a port; choose another name")
+    announcements = [Announcement(own_link(os.getpid())), *([] if link is None else [Announcement(link)])]
 
     def on_port(port: str) -> None:
-        announcement.point_to(port)
-        tell(Emulated(port, str(announcement.link), configuration.number_of_actuators, seed))
+        for announcement in announcements:
+            announcement.point_to(port)
+        tell(Emulated(port, str(announcements[-1].link), configuration.number_of_actuators, seed))
 
     def start(boot_id: int) -> EmulatedFirmware | CompiledFirmware:
         booted = replace(configuration, boot_id=boot_id)
@@ -64,7 +70,8 @@ def emulate(
             server.serve([termination])
             server.close()
     finally:
-        announcement.close()
+        for announcement in announcements:
+            announcement.close()
     cores = [boot.core for boot in server.device.boots]
     counters = [asdict(core.counters) | asdict(core.framing_counters) for core in cores]
     return {"simulated": True, "boots": counters, "faults": server.device.fault_counts()}

@@ -30,6 +30,9 @@ def register(app: typer.Typer) -> None:
         core: Annotated[
             Path | None, typer.Option(metavar="LIBRARY", help="The firmware's C core, built with make host.")
         ] = None,
+        link: Annotated[
+            Path | None, typer.Option(metavar="PATH", help="Where a symbolic link to the port shall be meanwhile.")
+        ] = None,
         as_json: AsJson = False,
     ) -> None:
         """Be a device on a serial port, SIMULATED, until Ctrl-C."""
@@ -39,7 +42,7 @@ def register(app: typer.Typer) -> None:
         plan = parse_fault_plan(faults)
         configuration = configuration_of(None if device_name is None else find_device(device_name))
         chosen_seed = secrets.randbits(32) if seed is None else seed
-        summary = emulate(configuration, plan, chosen_seed, _print_port_json if as_json else _print_port, core)
+        summary = emulate(configuration, plan, chosen_seed, _print_port_json if as_json else _print_port, core, link)
         if as_json:
             _print_line(summary)
         else:

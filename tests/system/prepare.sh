@@ -1,6 +1,6 @@
 #!/bin/bash
 # Debian packages and a kernel to a guest: writes `vmlinuz` and `initrd.gz` to the work folder, whose path it prints.
-# Installs what builds the firmware and runs it in QEMU, too.
+# Installs what builds the firmware and runs it in QEMU, and Octave, too.
 #
 #   tests/system/prepare.sh            make what is missing
 #   tests/system/prepare.sh --check    only say what the guest misses
@@ -54,9 +54,14 @@ missing_firmware_packages() {
     [[ $(arm-none-eabi-gcc -print-file-name=nano.specs 2>/dev/null) == /* ]] || echo libnewlib-arm-none-eabi
 }
 
+missing_octave_packages() {
+    type -P octave-cli >/dev/null || echo octave
+    [[ -n $(dpkg-query -W -f '${Version}' octave-netcdf 2>/dev/null) ]] || echo octave-netcdf
+}
+
 install_packages() {
     local missing
-    read -ra missing <<<"$(missing_packages) $(missing_firmware_packages | tr '\n' ' ')"
+    read -ra missing <<<"$(missing_packages) $({ missing_firmware_packages; missing_octave_packages; } | tr '\n' ' ')"
     ((${#missing[@]})) || return 0
     type -P apt-get >/dev/null || fail "${missing[*]} missing, and no apt-get to install them with: install them"
     ((EUID == 0)) || fail "${missing[*]} missing: as root, run apt-get install ${missing[*]}"

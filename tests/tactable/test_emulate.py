@@ -97,6 +97,21 @@ def test_the_c_core_is_a_device_like_its_twin(tmp_path: Path) -> None:
     assert [counters["ok"] > 16 for counters in summary["boots"]] == [False, True]
 
 
+def test_a_link_leads_to_the_port_while_it_runs_and_replaces_nothing_else(tmp_path: Path) -> None:
+    link = tmp_path / "board"
+    with emulator(tmp_path, "--link", str(link)) as running:
+        said = running.line()
+        assert said["stable_name"] == str(link)
+        assert str(link.readlink()) == said["port"]
+        running.end()
+        assert not link.is_symlink()
+    link.write_text("mine", encoding="utf-8")
+    done = run(tmp_path, "emulate", "--link", str(link))
+    assert done.returncode == 1
+    assert "is there already and is no link to a port; choose another name" in done.stderr
+    assert link.read_text(encoding="utf-8") == "mine"
+
+
 def test_a_core_that_is_no_library_is_one_line_and_exit_status_1(tmp_path: Path) -> None:
     done = run(tmp_path, "emulate", "--core", str(tmp_path / "nothing.so"))
     assert done.returncode == 1

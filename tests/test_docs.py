@@ -1,0 +1,153 @@
+"""The pages in docs/ do what they say: every command, every snippet, every link."""
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from engine.device import DeviceError
+from engine.device_file import parse_device
+from tactable import Device, build_table
+from tests.documents import (
+    ROOT,
+    Block,
+    Command,
+    Page,
+    check_command,
+    is_alike,
+    read_blocks,
+    read_commands,
+    relative_links,
+)
+from tests.small_device import small_text
+
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A table of my-bar.toml as first-hour.md builds it, for the pages that come after."""
+    folder = tmp_path_factory.mktemp("built")
+    (folder / "my-bar.toml").write_text(small_text(), encoding="utf-8")
+    build_table(Device.read(folder / "my-bar.toml"), folder / "my-bar.nc", clicks_up_to=1)
+    return folder
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_every_command_and_snippet_runs(
+    path: Path, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "runtime"))
+    monkeypatch.setenv("COLUMNS", "100")
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    (folder / "tables").symlink_to(ROOT / "tables")  # a page is read in a checkout
+    for name in ("my-bar.toml", "my-bar.nc"):
+        shutil.copy(built / name, folder / name)
+    with Page(folder) as page:
+        for block in read_blocks(path):
+            page.run(block)
+
+
+@pytest.mark.parametrize("path", [ROOT / "README.md", *PAGES], ids=lambda path: path.name)
+def test_every_link_leads_to_a_file(path: Path) -> None:
+    assert [str(target) for target in relative_links(path) if not target.exists()] == []
+
+
+def test_every_page_is_in_the_index() -> None:
+    listed = {target.resolve() for target in relative_links(ROOT / "docs" / "README.md")}
+    assert {path.resolve() for path in PAGES} <= {*listed, (ROOT / "docs" / "README.md").resolve()}
+
+
+def known_keys(section: str) -> list[str]:
+    """The keys that a description may have in `section`, as the refusal of another key tells them."""
+    text = small_text()
+    if section == "zone":
+        text = text.replace("count = 3", "").replace('inferred = ["count", "hysteresis"]', "")
+        text += '[[zone]]\nname = "I"\nstart = "0 mm"\nstop = "9 mm"\nqqqqqq = 1\n'
+    elif section == "":
+        text = f"qqqqqq = 1\n{text}"
+    else:
+        place = "[[actuator]]" if section == "actuator" else f"[{section}]"
+        text = text.replace(place, f"{place}\nqqqqqq = 1", 1)
+    with pytest.raises(DeviceError, match="known keys are") as refused:
+        parse_device(text, "my-bar.toml")
+    return str(refused.value).partition("known keys are ")[2].split(", ")
+
+
+def documented_keys() -> dict[str, list[str]]:
+    """The keys in the first columns of devices.md, by section."""
+    found: dict[str, list[str]] = {}
+    section = ""
+    for line in (ROOT / "docs" / "devices.md").read_text(encoding="utf-8").splitlines():
+        if heading := re.match(r"## (?:`\[+(\w+)|At the top)", line):
+            section = heading[1] or ""
+        elif own := re.match(r"\| key of `\[+(\w+)", line):
+            section = own[1]
+        elif row := re.match(r"\| `(\w+)` \|", line):
+            found.setdefault(section, []).append(row[1])
+    return found
+
+
+def test_the_page_about_devices_has_every_key_and_no_other() -> None:
+    documented = documented_keys()
+    tables = {"", "bar", "actuator", "zones", "zone", "finger", "spread", "digitizer", "sweep", "feel", "limits"}
+    assert set(documented) == tables
+    read = {section: set(known_keys(section)) - (set() if section else tables) for section in tables}
+    assert {section: set(keys) for section, keys in documented.items()} == read
+
+
+def test_a_block_of_a_console_is_its_commands_with_what_they_print() -> None:
+    block = Block("page:1", "console", (), "$ tactable list \\\n  --json\n{}\n$ tactable list # exit status 1 or 3\n")
+    first, second = read_commands(block)
+    assert (first.words, first.expected, first.statuses) == (["tactable", "list", "--json"], "{}\n", {0})
+    assert (second.words, second.expected, second.statuses) == (["tactable", "list"], None, {1, 3})
+
+
+@pytest.mark.parametrize(
+    ("expected", "fits"),
+    [
+        ("one\ntwo   2.5\nthree\n", True),
+        ("one\n...\nthree\n", True),
+        ("one\n...\ntwo ...\n...\nthree\n...\n", True),
+        ("one\nthree\n", False),
+        ("one\n...\ntwo 2.50\nthree", False),
+        ("two 2.5\nthree", False),
+        ("...\ntwo 2.5", False),
+    ],
+)
+def test_an_ellipsis_stands_for_anything_and_nothing_else_does(expected: str, fits: bool) -> None:
+    assert is_alike(expected, "one\ntwo 2.5\nthree\n") is fits
+
+
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        ("tactable lsit", "there is no command 'lsit'"),
+        ("tactable plot", "names no command"),
+        ("tactable run bar.nc --touch simulated", "Missing option '--port'"),
+        ("tactable run bar.nc --touch simulated --port P --fro 3", "No such option: --fro"),
+        ("tactable run bar.nc --touch simulated --port P --for long", "Invalid value for '--for'"),
+    ],
+)
+def test_a_command_that_is_not_run_must_exist_all_the_same(line: str, complaint: str) -> None:
+    with pytest.raises(AssertionError, match=complaint):
+        check_command(Command(line, None))
+
+
+@pytest.mark.parametrize(
+    ("language", "text", "complaint"),
+    [
+        ("sh", "tactable explain nothing.nc --felt I", "exit status 1"),
+        ("console", "$ tactable emulate --faults help\nnothing of the kind\n", "nothing of the kind"),
+        ("pycon", ">>> 1 + 1\n3\n", "Expected"),
+    ],
+)
+def test_a_block_that_does_not_do_what_it_says_is_found(
+    language: str, text: str, complaint: str, tmp_path: Path
+) -> None:
+    with Page(tmp_path) as page, pytest.raises(AssertionError, match=complaint):
+        page.run(Block("page:1", language, (), text))
