@@ -6,11 +6,13 @@ does not, or where something is rare, the loop's own way is all there is.
 """
 
 import ctypes
+import os
 import shutil
 import struct
 import subprocess
 import sys
 import tempfile
+import weakref
 import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -136,7 +138,10 @@ class FastPath:
         self._rules = [rule for rule in effects.rules if rule.on in _TRIGGERS]
         if len(self._rules) > _MOST_RULES:
             raise FastPathError(f"more than {_MOST_RULES} rules for touches and lifts: reports take the long way")
-        self._fast = _Fast()
+        self._fast = _Fast(timer=library.fast_open_timer(), armed_ns=NONE)
+        if self._fast.timer < 0:
+            raise FastPathError("the system gives no timer: reports take the long way")
+        weakref.finalize(self, os.close, self._fast.timer)
         self._address = ctypes.addressof(self._fast)
         self._memory = memoryview((ctypes.c_uint8 * ctypes.sizeof(_Fast)).from_buffer(self._fast)).cast("B")
         self._table: FastTable | None = None
@@ -369,7 +374,7 @@ class _Rule(ctypes.Structure):
 class _Fast(ctypes.Structure):
     _fields_ = [
         *_numbers("uses_report_ids packet_head plans key count_is_accurate frame_may_be_empty ignores_duplicates"),
-        *_numbers("unseen_means_up maximum_contacts zones rules follows_moves states zero"),
+        *_numbers("unseen_means_up maximum_contacts zones rules follows_moves states zero timer armed_ns"),
         *((name, _d) for name in ("start_m", "m_per_unit", "length_m", "hysteresis_m")),
         ("zone_start_m", _d * _MOST_ZONES),
         ("zone_stop_m", _d * _MOST_ZONES),
