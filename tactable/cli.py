@@ -33,6 +33,7 @@ from tactable import (
     bench_commands,
     bench_effects,
     bench_latency,
+    bench_recalibrate,
     build_commands,
     calibrate_commands,
     diff_commands,
@@ -69,6 +70,7 @@ fleet_commands.register(app)
 run.register(app)
 bench_commands.register(bench)
 bench_calibrate.register(bench)
+bench_recalibrate.register(bench)
 bench_clicks.register(bench)
 bench_effects.register(bench)
 bench_latency.register(bench)

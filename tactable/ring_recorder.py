@@ -23,9 +23,9 @@ _US_PER_S = 1e6
 
 
 @contextmanager
-def ring_for(path: Path | None, recording_path: Path | None) -> Iterator[RingWriter | None]:
+def ring_for(path: Path | None, *, is_needed: bool) -> Iterator[RingWriter | None]:
     """A ring where one is asked for or needed, removed at the end; None otherwise. Raises RingError."""
-    if path is None and recording_path is None:
+    if path is None and not is_needed:
         yield None
         return
     where = _MEMORY if _MEMORY.is_dir() else None

@@ -1,5 +1,6 @@
 """The command `run`: touches of a digitizer to the drives of a table, out over a serial port, until Ctrl-C."""
 
+import ctypes
 import json
 import math
 from collections.abc import Callable, Iterator
@@ -14,6 +15,7 @@ from rich.console import Console
 from engine.device import Device
 from engine.effect_file import read_effects
 from engine.effects import DEFAULT_EFFECTS, Effects
+from engine.fast_path import FastPathError, compile_fast_path
 from engine.latency import Stage
 from engine.loop import Clock, StopRequest, SystemClock, Updates
 from engine.realtime import ALL_STEPS, Step, parse_steps
@@ -28,8 +30,9 @@ from firmware_link.link_values import Capabilities
 from firmware_link.reopening import ReopeningPort, stable_name_of
 from firmware_link.serial_port import SerialPort
 from tactable.live import Live, LiveOptions
+from tactable.page.attach import PageOf, page_of
 from tactable.ring_recorder import recorder_of, ring_for
-from tactable.shipped import find_device
+from tactable.shipped import cache_folder, find_device
 from tactable.table_watch import TableWatch, Watched, identity_of
 from tactable.touch_doctor import Machine
 from tactable.touch_record import opened, stop_at_signal
@@ -82,7 +85,7 @@ def register(app: typer.Typer, machine: Machine | None = None) -> None:
         port_name: Annotated[str, typer.Option("--port", help="The firmware's serial port, as `list` shows it.")],
         effects_path: EffectsOption = None,
         when_not_achieved: NotAchievedOption = WhenNotAchieved.WARN,
-        seconds: Annotated[float, typer.Option("--for", min=0.0, help="End after this time.")] = math.inf,
+        seconds: Annotated[float, typer.Option("--for", min=0.0, help="End after this time of playing.")] = math.inf,
         device_name: Annotated[
             str | None, typer.Option("--device", help="Refuse the table unless it belongs to this device.")
         ] = None,
@@ -100,6 +103,12 @@ def register(app: typer.Typer, machine: Machine | None = None) -> None:
         watch: Annotated[
             bool, typer.Option(help="Change over to a new table that takes this one's place, once it is verified.")
         ] = True,
+        page: Annotated[bool, typer.Option("--page", help="Another process shows the run to browsers.")] = False,
+        page_host: Annotated[str, typer.Option("--page-host", help="Bind the page to this address.")] = "127.0.0.1",
+        page_port: Annotated[int, typer.Option("--page-port", min=0, max=65_535, help="Of the page; 0: any free.")] = 0,
+        fast: Annotated[
+            bool, typer.Option("--fast-path/--no-fast-path", help="Answer what it can in one compiled step.")
+        ] = True,
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
     ) -> None:
         """Play a table: what fingers do on a digitizer becomes what they feel, until Ctrl-C."""
@@ -108,9 +117,11 @@ def register(app: typer.Typer, machine: Machine | None = None) -> None:
         device = None if device_name is None else find_device(device_name)
         with open_table(table_path, device=device) as table, ExitStack() as stack:
             effects = _effects_of(effects_path, table.device)
-            options = LiveOptions(effects, when_not_achieved, reconnect, bit_rate_hz, real_time_steps(steps))
+            options = LiveOptions(
+                effects, when_not_achieved, reconnect, bit_rate_hz, real_time_steps(steps), fast=_compiled(fast)
+            )
             source, bus = stack.enter_context(_opened(asked, touch))
-            ring = stack.enter_context(ring_for(ring_path, recording_path))
+            ring = stack.enter_context(ring_for(ring_path, is_needed=page or recording_path is not None))
             stop = stack.enter_context(stop_at_signal())
             port = SerialPort(port_name, bit_rate_hz)
             name = stable_name_of(port_name) if reconnect else port_name
@@ -128,13 +139,26 @@ def register(app: typer.Typer, machine: Machine | None = None) -> None:
             )
             if ring is not None and recording_path is not None:
                 stack.enter_context(recorder_of(ring.path, recording_path, source, bus))
+            if ring is not None and page:
+                shown = PageOf(ring.path, table_path, live.capabilities.frequency_resolution_hz, page_host, page_port)
+                for line in stack.enter_context(page_of(shown)):
+                    _note(line)
             _announce(source, port, live, when_not_achieved)
             start_ns = clock.now_ns()
             try:
-                live.run(Deadline(stop, clock, start_ns + seconds * _NS_PER_S))
+                with live.armed():
+                    live.loop.run(Deadline(stop, clock, clock.now_ns() + seconds * _NS_PER_S))
             finally:
                 where = {"table": str(table_path), "device": table.device.name, "port": port.path}
                 _print_summary(where | run_json(live, source, clock.now_ns() - start_ns), as_json)
+
+
+def _compiled(is_wanted: bool) -> ctypes.CDLL | None:
+    try:
+        return compile_fast_path(cache_folder()) if is_wanted else None
+    except FastPathError as error:
+        _note(f"commands take the loop's own way: {error}")
+        return None
 
 
 def real_time_steps(text: str) -> tuple[Step, ...]:
@@ -200,13 +224,16 @@ def _announce(source: Source, port: SerialPort, live: Live, when_not_achieved: W
                 _note(f"{clicks} of {live.clicks or live.bursts} clicks do not reach {level_db:g} dB {unfelt}")
     if live.bursts:
         _note(f"the device plays no waveforms: shaped bursts take the place of the clicks of {live.bursts} states")
-    elif live.wants_clicks and not live.clicks:
+    if live.no_fast_path:
+        _note(live.no_fast_path)
+    if live.wants_clicks and not live.clicks and not live.bursts:
         _note("no clicks: the table has none, or the device plays no waveforms; steady drives take their place")
 
 
 def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
     """What a run did, as plain values."""
     counters, latency = live.loop.counters, live.latency.summarise(Stage.AVAILABLE, Stage.WRITTEN)
+    scans = live.scan_times.summarise()
     return {
         "touches": source.name,
         "simulated_firmware": live.capabilities.board == BOARD_EMULATED,
@@ -215,6 +242,8 @@ def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
         "touch_frames": counters.frames,
         "state_changes": counters.state_changes,
         "commands_sent": counters.commands,
+        "commands_by_fast_path": counters.answered,
+        "commands_mispredicted": counters.mispredicted,
         "clicks_in_the_bank": live.clicks,
         "states_with_a_burst": live.bursts,
         "set_frames_on_the_wire": live.frames_sent,
@@ -227,6 +256,7 @@ def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
         "link": asdict(live.link.counters),
         "realtime": [{**asdict(outcome), "in_force": outcome.in_force} for outcome in live.outcomes],
         "report_to_command": None if latency is None else asdict(latency),
+        "scan_time": None if scans is None else asdict(scans),
     }
 
 
@@ -236,7 +266,14 @@ def _print_summary(summary: dict[str, Any], as_json: bool) -> None:
         return
     names = ("reports", "touch_frames", "state_changes", "commands_sent", "set_frames_on_the_wire")
     told = [f"{summary[name]} {name.replace('_', ' ')}" for name in names]
-    rare = ("unknown_states", "not_achieved_states", "changes_of_table", "losses_of_the_port", "reconnects")
+    rare = (
+        "commands_mispredicted",
+        "unknown_states",
+        "not_achieved_states",
+        "changes_of_table",
+        "losses_of_the_port",
+        "reconnects",
+    )
     told += [f"{summary[name]} {name.replace('_', ' ')}" for name in rare if summary[name]]
     _out.print(f"{summary['duration_s']:.1f} s: {', '.join(told)}", highlight=False, soft_wrap=True)
     for step in summary["realtime"]:
@@ -245,3 +282,9 @@ def _print_summary(summary: dict[str, Any], as_json: bool) -> None:
     if latency := summary["report_to_command"]:
         figures = f"median {latency['p50_ns'] / 1e6:.2f} ms, greatest {latency['max_ns'] / 1e6:.2f} ms"
         _out.print(f"report to command: {figures} of {latency['count']}", highlight=False)
+    if scans := summary["scan_time"]:
+        period_ms, jitter_ms = scans["period_ns"] / 1e6, scans["jitter_p99_ns"] / 1e6
+        text = (
+            f"digitizer: a frame each {period_ms:.1f} ms by its own clock; host and transport add up to {jitter_ms:.1f}"
+        )
+        _out.print(f"{text} ms (99 %)", highlight=False)

@@ -1,0 +1,45 @@
+"""A page to look on at a run: a process of its own, fed by the ring alone, which the loop never waits for."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class PageOf:
+    """What the page is to show, and where it is to be."""
+
+    ring: Path
+    table: Path
+    frequency_resolution_hz: float
+    host: str
+    port: int
+
+
+@contextmanager
+def page_of(shown: PageOf) -> Iterator[list[str]]:
+    """A process that serves the page, until the end; what people are to be told. Raises OSError where it can't."""
+    words = [str(shown.ring), str(shown.table), repr(shown.frequency_resolution_hz), shown.host, str(shown.port)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tactable.page.live_process", *words],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,  # Ctrl-C is for the run: this one ends with it
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    try:
+        line = process.stdout.readline()
+        told: dict[str, Any] = json.loads(line) if line else {"error": f"status {process.wait()}"}
+        if "error" in told:
+            raise OSError(f"no page at {shown.host}, port {shown.port}: {told['error']}")
+        yield told["lines"]
+    finally:
+        process.stdin.close()
+        process.wait()
+        process.stdout.close()

@@ -1,0 +1,167 @@
+"""The switches of the page to the table that plays and the rules that say which finger feels."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from engine.device import Device
+from engine.effect_file import read_effects
+from engine.effects import FULL_SCALE_DB, Effect, Effects, Rule, Segment, Trigger
+from engine.entry import DEFAULT_LEVEL_DB
+from precompute.objective import DEFAULT_OBJECTIVE
+from tactable.shipped import shipped_names
+
+DRAG_STEP_M = 0.01
+HOLD_NS = 500_000_000
+_NOTHING = Effect("nothing", (Segment(None, None),))
+
+
+class ChoiceError(ValueError):
+    """A switch that there is not, or a position that it has not: which, and what it has."""
+
+
+class Source(StrEnum):
+    """Where the drive comes from."""
+
+    CLICK = "click"
+    """Our click of the state."""
+    STEADY = "steady"
+    """Our steady entry of the state, as long as the finger touches."""
+    PAPER = "paper"
+    """The steady entry that the published objective chooses."""
+
+    @property
+    def objective(self) -> str:
+        """Of the table, as precompute.objective names it."""
+        return "paper" if self is Source.PAPER else DEFAULT_OBJECTIVE
+
+
+class Rules(StrEnum):
+    """What a finger does to feel."""
+
+    TOUCH = "touch"
+    HOLD = "hold"
+    DRAG = "drag"
+    LIFT = "lift"
+    FILE = "file"
+    """As a rule file says; level, source and quiet zones are the file's then."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The position of every switch. quiet_zones: names; a finger there never feels."""
+
+    device: str
+    source: Source = Source.CLICK
+    rules: Rules = Rules.TOUCH
+    level_db: float = DEFAULT_LEVEL_DB
+    quiet_zones: tuple[str, ...] = ()
+    is_loaded: bool = True
+    """The fingers are in the simulated plant."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Its switches as plain values; None is full scale."""
+        return {
+            "device": self.device,
+            "source": self.source.value,
+            "rules": self.rules.value,
+            "level_db": self.level_db if math.isfinite(self.level_db) else None,
+            "quiet_zones": list(self.quiet_zones),
+            "is_loaded": self.is_loaded,
+        }
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> "Choice":
+        """The choice that `as_json` wrote."""
+        level_db = FULL_SCALE_DB if values["level_db"] is None else values["level_db"]
+        return cls(
+            device=values["device"],
+            source=Source(values["source"]),
+            rules=Rules(values["rules"]),
+            level_db=level_db,
+            quiet_zones=tuple(values["quiet_zones"]),
+            is_loaded=values["is_loaded"],
+        )
+
+
+@dataclass(frozen=True)
+class Offered:
+    """What can be chosen; `rule_file` is one that was given on the command line."""
+
+    devices: tuple[str, ...]
+    rule_file: Path | None = None
+
+    @property
+    def rules(self) -> tuple[Rules, ...]:
+        """All but the file's where there is none."""
+        return tuple(rules for rules in Rules if rules is not Rules.FILE or self.rule_file is not None)
+
+
+def offered(device_name: str, rule_file: Path | None = None) -> Offered:
+    """The shipped devices, and one more where another is asked for."""
+    return Offered(tuple(dict.fromkeys((device_name, *shipped_names()))), rule_file)
+
+
+def changed(choice: Choice, switches: Mapping[str, Any], device: Device, offers: Offered) -> Choice:
+    """The choice after some switches were moved; another device starts with no quiet zone. Raises ChoiceError."""
+    for name, value in switches.items():
+        choice = _moved(choice, name, value, device, offers)
+    return choice
+
+
+def _moved(choice: Choice, name: str, value: Any, device: Device, offers: Offered) -> Choice:
+    match name:
+        case "device":
+            other: str = _one_of(name, value, offers.devices)
+            return replace(choice, device=other, quiet_zones=() if other != choice.device else choice.quiet_zones)
+        case "source":
+            return replace(choice, source=Source(_one_of(name, value, tuple(Source))))
+        case "rules":
+            return replace(choice, rules=Rules(_one_of(name, value, offers.rules)))
+        case "level_db":
+            levels = (*device.levels_db, None)
+            level = _one_of(name, value, levels)
+            return replace(choice, level_db=FULL_SCALE_DB if level is None else level)
+        case "quiet_zones":
+            names = tuple(zone.name for zone in device.zones)
+            if not isinstance(value, list):
+                raise ChoiceError(f"quiet_zones is {value!r}; expected a list of zones")
+            return replace(choice, quiet_zones=tuple(dict.fromkeys(_one_of(name, each, names) for each in value)))
+        case "is_loaded":
+            return replace(choice, is_loaded=_one_of(name, value, (True, False)))
+    raise ChoiceError(f"there is no switch {name!r}; there are {', '.join(Choice('').as_json())}")
+
+
+def _one_of(name: str, value: Any, positions: tuple[Any, ...]) -> Any:
+    for position in positions:
+        # True is 1 to Python.
+        if position == value and isinstance(position, bool) == isinstance(value, bool):
+            return position
+    raise ChoiceError(f"{name} is {value!r}; expected one of {', '.join(map(str, positions))}")
+
+
+def effects_of(choice: Choice, device: Device, rule_file: Path | None) -> Effects:
+    """The rules of a choice. Raises EffectError where its file does not suit the device; OSError without it."""
+    if choice.rules is Rules.FILE and rule_file is not None:
+        return read_effects(rule_file, device)
+    is_click = choice.source is Source.CLICK
+    feel = Effect("feel", (_segment(choice, is_click),))
+    on = Trigger(choice.rules.value)
+    quiet = frozenset(device.zone_index(name) for name in choice.quiet_zones)
+    rules = [_rule(on, _NOTHING, quiet)] if quiet else []
+    return Effects((*rules, _rule(on, feel, None)))
+
+
+def _rule(on: Trigger, effect: Effect, zones: frozenset[int] | None) -> Rule:
+    after_ns, every_m = HOLD_NS if on is Trigger.HOLD else 0, DRAG_STEP_M if on is Trigger.DRAG else 0.0
+    return Rule(on, effect, zones, after_ns=after_ns, every_m=every_m)
+
+
+def _segment(choice: Choice, is_click: bool) -> Segment:
+    """A lift holds nothing: it is felt for a while."""
+    if choice.rules is Rules.LIFT and not is_click:
+        return Segment(HOLD_NS, choice.level_db)
+    return Segment(None, choice.level_db, is_click=is_click)

@@ -1,0 +1,325 @@
+"""The simulated rig as a show: browsers' fingers to the real engine, an emulated firmware and the bar. SIMULATED."""
+
+import asyncio
+import contextlib
+import json
+import math
+import os
+from asyncio.subprocess import PIPE, Process
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from engine.device import Device, DeviceError
+from engine.ring import RingError, RingReader
+from engine.sources.pointer import PointerEvent, PointerFeed
+from engine.table import Table
+from tactable.emulate import configuration_of
+from tactable.page import engine_process, firmware_process
+from tactable.page.choices import Choice, ChoiceError, Offered, changed
+from tactable.page.engine_process import Order
+from tactable.page.firmware_process import Applied, decode_applied
+from tactable.page.live_bar import LiveBar
+from tactable.page.messages import encode_picture
+from tactable.page.pointers import Pointers
+from tactable.page.scene import device_json
+from tactable.page.tables import Builder, ended, open_newest, order_for
+from tactable.page.view import View
+from tactable.shipped import find_device
+
+SHORTEST_BACK_OFF_S, LONGEST_BACK_OFF_S = 0.25, 5.0
+_LINE_BYTES = 1 << 22  # a bank of clicks is told in one line
+
+
+class ProcessError(Exception):
+    """A process of the rig ended: which, and what it said."""
+
+
+class _Firmware:
+    """The process of the emulated firmware, asked once a tick."""
+
+    def __init__(self, process: Process, port: str, number_of_actuators: int) -> None:
+        self.process, self.port = process, port
+        self._actuators = number_of_actuators
+        self._answers: list[Applied] = []
+        self._is_asked = False
+        self._reader = asyncio.create_task(self._read())
+
+    @classmethod
+    async def start(cls, device: Device) -> "_Firmware":
+        """Raises ProcessError when it does not start."""
+        configuration = configuration_of(device)
+        process = await asyncio.create_subprocess_exec(
+            *firmware_process.command_of(configuration),
+            stdin=PIPE,
+            stdout=PIPE,
+            limit=_LINE_BYTES,
+            start_new_session=True,
+        )
+        greeting = await _line(process, "the emulated firmware")
+        return cls(process, greeting["port"], configuration.number_of_actuators)
+
+    async def _read(self) -> None:
+        assert self.process.stdout is not None
+        async for line in self.process.stdout:
+            self._is_asked = False
+            self._answers.append(decode_applied(json.loads(line), self._actuators))
+
+    def ask(self) -> list[Applied]:
+        """What was answered since; and ask again."""
+        assert self.process.stdin is not None
+        answers, self._answers = self._answers, []
+        if not self._is_asked and self.process.returncode is None:
+            self._is_asked = True
+            self.process.stdin.write(b"\n")
+        return answers
+
+    async def end(self) -> None:
+        """End the process."""
+        self._reader.cancel()
+        await ended(self.process)
+
+
+class _Engine:
+    """The process of the engine, its end of the pointers' pipe, and its ring."""
+
+    def __init__(self, process: Process, feed: PointerFeed, ring: Path) -> None:
+        self.process, self.feed, self.ring = process, feed, ring
+
+    @classmethod
+    async def start(cls, ring: Path) -> "_Engine":
+        """A process that waits for orders; its `ring` is there once the first one plays."""
+        reading, writing = os.pipe()
+        os.set_blocking(writing, False)
+        try:
+            process = await asyncio.create_subprocess_exec(
+                *engine_process.command_of(reading, ring),
+                stdin=PIPE,
+                stdout=PIPE,
+                pass_fds=[reading],
+                start_new_session=True,
+            )
+        finally:
+            os.close(reading)
+        return cls(process, PointerFeed(writing), ring)
+
+    async def play(self, order: Order) -> dict[str, Any]:
+        """Change over; what the run says once it is ready. Raises ProcessError."""
+        assert self.process.stdin is not None
+        self.process.stdin.write(order.line())
+        return await _line(self.process, "the engine")
+
+    async def end(self) -> None:
+        """End the process; a polite kill would leave its ring, the end of its input does not."""
+        assert self.process.stdin is not None
+        self.process.stdin.close()
+        self.feed.close()
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self.process.wait(), 1.0)
+        await ended(self.process)
+        self.ring.unlink(missing_ok=True)
+
+
+async def _line(process: Process, name: str) -> dict[str, Any]:
+    assert process.stdout is not None
+    line = await process.stdout.readline()
+    told: dict[str, Any] = json.loads(line) if line else {"error": f"it ended with status {await process.wait()}"}
+    if "error" in told:
+        raise ProcessError(f"{name}: {told['error']}")
+    return told
+
+
+class DemoShow:
+    """The rig of one choice at a time. `cache` keeps tables, `work` the ring."""
+
+    def __init__(self, choice: Choice, device: Device, offers: Offered, cache: Path, work: Path) -> None:
+        self.scene_number = 0
+        self.restarts = 0
+        """Processes that ended by themselves and were started again."""
+        self._choice, self._device, self._offers = choice, device, offers
+        self._cache, self._work = cache, work
+        self._builder = Builder(self._tell)
+        self._pointers = Pointers()
+        self._firmware: _Firmware | None = None
+        self._engine: _Engine | None = None
+        self._reader: RingReader | None = None
+        self.view: View | None = None
+        """What browsers see; None until the engine runs."""
+        self._plays: Choice | None = None
+        self._table: Table | None = None
+        self._boot: tuple[int, int] = (0, 0)
+        self._rings = 0
+        self._status, self._trouble = "starting", ""
+        self._news = asyncio.Event()
+
+    @property
+    def process_ids(self) -> tuple[int, ...]:
+        """Of the emulated firmware and the engine, those that there are."""
+        return tuple(part.process.pid for part in (self._firmware, self._engine) if part is not None)
+
+    # What browsers do and see.
+
+    def scene(self) -> dict[str, Any]:
+        """What changes seldom, for JSON."""
+        building, table = self._builder.now, self._table
+        return {
+            "mode": "demo",
+            "device": device_json(self._device if self.view is None or table is None else table.device),
+            "devices": list(self._offers.devices),
+            "rules": [rules.value for rules in self._offers.rules],
+            "levels_db": [*self._device.levels_db, None],
+            "choice": self._choice.as_json(),
+            "status": self._status,
+            "trouble": self._trouble,
+            "restarts": self.restarts,
+            "building": None if building is None else asdict(building),
+            "clicks": 0 if table is None else len(table.clicks),
+            "plays": None if self._plays is None else self._plays.as_json(),
+        }
+
+    def touch(self, browser: int, events: Sequence[PointerEvent]) -> None:
+        """Pointers of a browser."""
+        self._pointers.take(browser, events)
+
+    def leave(self, browser: int) -> None:
+        """A browser is gone."""
+        self._pointers.leave(browser)
+
+    def choose(self, switches: dict[str, Any]) -> None:
+        """Move switches; what is no switch is told, and changes nothing."""
+        try:
+            choice = changed(self._choice, switches, self._device, self._offers)
+            if choice.device != self._choice.device:
+                self._device = find_device(choice.device)
+                if choice.level_db not in (*self._device.levels_db, math.inf):
+                    choice = replace(choice, level_db=self._device.levels_db[0])
+            self._choice, self._trouble = choice, ""
+            self._builder.forgive()
+        except (ChoiceError, DeviceError) as error:
+            self._trouble = str(error)
+        self._tell()
+
+    def sound(self, finger: int) -> bytes | None:
+        """What a finger felt."""
+        return None if self.view is None else self.view.sound(finger)
+
+    def tick(self) -> tuple[list[bytes], bool]:
+        """Let the bar move as the firmware drove it."""
+        view, firmware, reader = self.view, self._firmware, self._reader
+        if view is None or firmware is None or reader is None:
+            return [], False
+        messages = []
+        for applied in firmware.ask():
+            boot = (firmware.process.pid, applied.host_ns_at_device_zero)
+            if boot != self._boot:
+                self._boot, view.zero_ns = boot, applied.host_ns_at_device_zero
+                view.bar.begin(applied.until_us)
+            view.read(reader.read())
+            view.bar.take(applied.events, applied.banks)
+            messages += view.move(applied.until_us, is_loaded=self._choice.is_loaded)
+        picture = view.picture()
+        return [*messages, encode_picture(picture)], bool(picture.fingers) or view.is_moving
+
+    def _tell(self) -> None:
+        self.scene_number += 1
+        self._news.set()
+
+    # The processes behind it.
+
+    async def run(self) -> None:
+        """Build, start, change over, and start again what ended, until it is cancelled."""
+        back_off_s = SHORTEST_BACK_OFF_S
+        try:
+            while True:
+                self._news.clear()
+                try:
+                    await self._follow()
+                    back_off_s = SHORTEST_BACK_OFF_S
+                except (ProcessError, RingError, OSError) as error:
+                    self._status, self._trouble = "restarting", str(error)
+                    self.restarts += 1
+                    self.scene_number += 1
+                    await self._end_rig()
+                    await asyncio.sleep(back_off_s)
+                    back_off_s = min(2 * back_off_s, LONGEST_BACK_OFF_S)
+                    continue
+                await self._wait()
+        finally:
+            self._builder.stop()
+            await self._end_rig()
+
+    async def _wait(self) -> None:
+        """Until somebody chose, a table is usable, or a process has ended."""
+        waits: list[asyncio.Task[Any]] = [asyncio.create_task(self._news.wait())]
+        waits += [
+            asyncio.create_task(part.process.wait()) for part in (self._firmware, self._engine) if part is not None
+        ]
+        try:
+            await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for wait in waits:
+                wait.cancel()
+
+    async def _follow(self) -> None:
+        """Make what plays what is chosen."""
+        for part, name in ((self._firmware, "the emulated firmware"), (self._engine, "the engine")):
+            if part is not None and part.process.returncode is not None:
+                raise ProcessError(f"{name} ended with status {part.process.returncode}")
+        choice, device = self._choice, self._device
+        order = order_for(choice.device, device, choice.source, self._cache)
+        table = self._table
+        has_all = table is not None and table.path == order.path and table.fingerprint == device.fingerprint
+        if has_all:
+            self._builder.stop()
+        else:
+            table = await asyncio.to_thread(open_newest, order, device)
+            if table is None or table.path != order.path:
+                self._builder.ask(order)
+            if table is None:
+                self._status = "building" if self.view is None else self._status
+                return
+            if self._table is not None and table.path == self._table.path:
+                table.close()
+                table = self._table
+        if self._plays is not None and table is self._table and replace(choice, is_loaded=True) == self._plays:
+            return
+        assert table is not None
+        await self._change_over(choice, device, table)
+
+    async def _change_over(self, choice: Choice, device: Device, table: Table) -> None:
+        if self._firmware is None or self.view is None or self.view.table.fingerprint != table.fingerprint:
+            if self._firmware is not None:
+                await self._end_rig()
+            self._firmware = await _Firmware.start(device)
+        if self._engine is None:
+            self._rings += 1
+            self._engine = await _Engine.start(self._work / f"ring-{os.getpid()}-{self._rings}")
+        order = Order(table.path, self._firmware.port, choice, self._offers.rule_file)
+        await self._engine.play(order)
+        if self._reader is None:
+            self._reader = RingReader(self._engine.ring, from_start=True)
+        resolution_hz = configuration_of(device).frequency_resolution_uhz * 1e-6
+        before = self.view
+        view = View(table, LiveBar(device) if before is None else before.bar, resolution_hz)
+        if before is None:
+            self._boot = (0, 0)
+        else:
+            view.zero_ns = before.zero_ns
+        if self._table is not None and self._table is not table:
+            self._table.close()
+        self.view, self._table, self._plays = view, table, replace(choice, is_loaded=True)
+        self._pointers.feed(self._engine.feed)
+        self._status, self._trouble = "running", ""
+        self.scene_number += 1
+
+    async def _end_rig(self) -> None:
+        self._pointers.feed(None)
+        if self._reader is not None:
+            self._reader.close()
+        engine, firmware = self._engine, self._firmware
+        self._engine = self._firmware = self._reader = self.view = self._plays = None
+        if engine is not None:
+            await engine.end()
+        if firmware is not None:
+            await firmware.end()

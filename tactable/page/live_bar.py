@@ -1,0 +1,201 @@
+"""What actuators are told and where fingers are, as time goes on, to how the bar moves and what is felt. SIMULATED."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from engine.device import Device
+from engine.ring import MOST_TOUCHES
+from firmware_link.bank import Bank
+from firmware_link.drive_log import Cause, ChannelTarget, DriveEvent
+from firmware_link.synthesis import US_PER_S, synthesise
+from precompute.assembly import assemble
+from precompute.click_weighting import threshold_filter
+from precompute.modal import compute_basis
+from precompute.transient import TransientPlant
+from tactable.page.messages import LOWEST_DB
+from tactable.page.past import Past
+
+Array = NDArray[np.float64]
+
+RATE_HZ = 12_000
+"""40 samples in a period of 300 Hz: straight lines between them cost 0.2 % of the amplitude."""
+MODES = 24
+"""Up to 9 kHz: the levels are those of all modes within 0.05 dB."""
+POINTS = 61
+KEPT_S = 1.0
+"""So long a past can be seen slowed, and heard."""
+POWER_S = 0.1
+"""The level of a steady drive is taken over so long."""
+LONGEST_STEP_S = 2.0
+"""A server that stalled for longer leaves out what was missed: the bar starts from rest, so long ago."""
+STILL_M = 2e-4
+"""A finger that moves less leaves the plant as it is: to change it costs as much as 20 ms of motion."""
+_COLUMNS = POINTS + MOST_TOUCHES
+_SILENT = 10 ** (LOWEST_DB / 20)
+_SETTLED_US = 1_000_000  # no waveform, fade or onset is longer
+
+
+@dataclass(frozen=True, slots=True)
+class BarFinger:
+    """A finger on the bar."""
+
+    number: int
+    position_m: float
+
+
+@dataclass(frozen=True)
+class Moved:
+    """One stretch of time. levels_db (point,) evenly along the bar; peak_db, power_db: by finger.
+
+    Greatest, and its tones added in power; dB over the detection threshold, none below LOWEST_DB.
+    """
+
+    levels_db: Array
+    peak_db: Mapping[int, float]
+    power_db: Mapping[int, float]
+
+
+class LiveBar:
+    """The time-domain plant of a device on the firmware's time, stretch after stretch.
+
+    `take` what the firmware drives, then `advance`.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        self.now_us = 0.0
+        self.grid_m = np.linspace(0.0, device.bar.length_m, POINTS)
+        self._basis = compute_basis(assemble(device)).lowest(MODES)
+        self._taps = threshold_filter(RATE_HZ)
+        self._banks: dict[int, Bank] = {}
+        silent = tuple(ChannelTarget(0.0, 0.0, None) for _ in device.actuators)
+        self._silence = DriveEvent(0, Cause.NEW_SESSION, None, device.limits.slew_per_s, silent)
+        self._log = [self._silence]
+        self._fingers: tuple[BarFinger, ...] = ()
+        self._columns: dict[
+            int, int
+        ] = {}  # by finger, the newest last; one that left keeps its own while there is room
+        self._is_loaded = True
+        self._rest()
+
+    def begin(self, now_us: float) -> None:
+        """Start here, at rest: the time of a device that was booted anew."""
+        self._log, self.now_us = [self._silence], now_us
+        self._rest()
+
+    def _rest(self) -> None:
+        """The bar at rest, and all of the past forgotten."""
+        kept = round(KEPT_S * RATE_HZ)
+        self._motion, self._weighted = Past(kept, POINTS), Past(kept, _COLUMNS)
+        self._unweighted = np.zeros((len(self._taps) - 1, _COLUMNS))
+        self._loud_us = -np.inf
+        self._plant = TransientPlant(self._basis, self.grid_m, RATE_HZ)
+        self._place()
+
+    def take(self, events: Sequence[DriveEvent], banks: Mapping[int, Bank]) -> None:
+        """Drive events in the order of their times, and banks that their waveforms are in."""
+        self._banks.update(banks)
+        self._log.extend(events)
+
+    def touch(self, fingers: Sequence[BarFinger], *, is_loaded: bool) -> None:
+        """The fingers from now on, at most as many as a ring tells; they load the bar, or only feel."""
+        is_still = is_loaded == self._is_loaded and len(fingers) == len(self._fingers)
+        if is_still and all(
+            new.number == old.number and abs(new.position_m - old.position_m) < STILL_M
+            for new, old in zip(fingers, self._fingers, strict=True)
+        ):
+            return
+        self._fingers, self._is_loaded = tuple(fingers), is_loaded
+        self._place()
+
+    def _place(self) -> None:
+        here = {finger.number for finger in self._fingers}
+        for number in here - self._columns.keys():
+            taken = set(self._columns.values())
+            column = next((c for c in range(POINTS, _COLUMNS) if c not in taken), None)
+            if column is None:
+                column = self._columns.pop(next(number for number in self._columns if number not in here))
+            self._columns[number] = column
+            self._weighted.forget(column)
+            self._unweighted[:, column] = 0.0
+        places_m = [finger.position_m for finger in self._fingers]
+        self._plant.look_at(np.concatenate([self.grid_m, places_m]))
+        self._plant.touch([(place_m, self.device.finger) for place_m in places_m] if self._is_loaded else ())
+
+    def advance(self, until_us: float) -> Moved | None:
+        """Let the bar move; None while nothing does."""
+        if until_us - self.now_us > LONGEST_STEP_S * US_PER_S:
+            self.now_us = until_us - LONGEST_STEP_S * US_PER_S
+            self._rest()
+        start_us, self.now_us = self.now_us, max(self.now_us, until_us)
+        self._forget_log()
+        displacement = synthesise(self._log, start_us, self.now_us, RATE_HZ, self._banks)
+        is_idle = not displacement.any() and start_us - self._loud_us > US_PER_S * len(self._taps) / RATE_HZ
+        if is_idle or not len(displacement):
+            self._motion.push(np.zeros((len(displacement), POINTS)))
+            self._weighted.push(np.zeros((len(displacement), _COLUMNS)))
+            return None
+        acceleration = np.zeros((len(displacement), _COLUMNS))
+        columns = [self._columns[finger.number] for finger in self._fingers]
+        acceleration[:, [*range(POINTS), *columns]] = self._plant.run(displacement)[0]
+        self._motion.push(acceleration[:, :POINTS])
+        self._weighted.push(self._weigh(acceleration))
+        newest = abs(self._weighted.last(len(displacement))).max(axis=0)
+        if newest.max() > _SILENT:
+            self._loud_us = self.now_us
+        power = np.sqrt(2 * np.square(self._weighted.last(round(POWER_S * RATE_HZ))[:, columns]).mean(axis=0))
+        numbers = [finger.number for finger in self._fingers]
+        return Moved(
+            levels_db=decibels(newest[:POINTS]),
+            peak_db=dict(zip(numbers, decibels(newest[columns]).tolist(), strict=True)),
+            power_db=dict(zip(numbers, decibels(power).tolist(), strict=True)),
+        )
+
+    def _weigh(self, acceleration: Array) -> Array:
+        """Acceleration over threshold (time, column); the filter's past is carried over."""
+        course = np.concatenate([self._unweighted, acceleration])
+        self._unweighted = course[-len(self._unweighted) :].copy()
+        count = scipy.fft.next_fast_len(len(course), real=True)
+        spectrum = scipy.fft.rfft(course, count, axis=0) * scipy.fft.rfft(self._taps, count)[:, None]
+        # What wraps around falls on the past, which is cut off.
+        weighted: Array = scipy.fft.irfft(spectrum, count, axis=0)[len(self._unweighted) : len(course)]
+        return weighted
+
+    def _forget_log(self) -> None:
+        """Of what was settled long ago only the last event counts, if it says every phase."""
+        settled = [
+            index
+            for index, event in enumerate(self._log)
+            if self.now_us - event.device_time_us > _SETTLED_US
+            and all(channel.phase_rad is not None or not channel.amplitude for channel in event.channels)
+        ]
+        if settled:
+            del self._log[: settled[-1]]
+
+    def motion(self, since_us: float, duration_s: float, every: int) -> Array | None:
+        """Acceleration (step, point), each so many-th sample of a moment; None where it is not over, or forgotten."""
+        passed, count = _sample_at(self.now_us) - _sample_at(since_us), round(duration_s * RATE_HZ)
+        if not count <= passed <= self._motion.kept:
+            return None
+        return self._motion.last(passed)[:count:every].copy()
+
+    def felt(self, number: int) -> Array | None:
+        """Acceleration over threshold (time,) under a finger in the last KEPT_S; None for one that is not known."""
+        column = self._columns.get(number)
+        return None if column is None else self._weighted.last(self._weighted.kept)[:, column].copy()
+
+
+def _sample_at(time_us: float) -> int:
+    """Number of the first sample from a time on, as `synthesise` counts them."""
+    return math.ceil(time_us * RATE_HZ / US_PER_S)
+
+
+def decibels(ratio: Array) -> Array:
+    """Of ratios of amplitudes; LOWEST_DB at least."""
+    level_db: Array = 20 * np.log10(np.maximum(ratio, _SILENT))
+    return level_db

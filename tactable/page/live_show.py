@@ -1,0 +1,86 @@
+"""A live engine as a show: its ring, and the bar as its commands would move it. Nothing here reaches the engine."""
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from engine.ring import RingReader
+from engine.sources.pointer import PointerEvent
+from engine.table import Table, TableError, open_table
+from tactable.page.live_bar import LiveBar
+from tactable.page.messages import encode_picture
+from tactable.page.ring_drive import RingDrive
+from tactable.page.scene import device_json
+from tactable.page.view import View
+from tactable.table_watch import LOOK_S, identity_of
+
+BEHIND_NS = 30_000_000
+"""The picture is so old: records of a command come after it."""
+_NS_PER_US = 1000
+
+
+class LiveShow:
+    """One run of a table, looked on; a new table at its path is taken up as the run takes it up."""
+
+    def __init__(self, reader: RingReader, table_path: Path, frequency_resolution_hz: float) -> None:
+        self.scene_number = 0
+        self._reader, self._table_path, self._resolution_hz = reader, table_path, frequency_resolution_hz
+        self._identity = identity_of(table_path)
+        self._take_up(open_table(table_path, verify=False))
+
+    def _take_up(self, table: Table) -> None:
+        self._table = table
+        self._drive = RingDrive(table, self._resolution_hz)
+        self._view = View(table, LiveBar(table.device), self._resolution_hz)
+        self.scene_number += 1
+
+    def scene(self) -> dict[str, Any]:
+        """What changes seldom, for JSON."""
+        return {
+            "mode": "live",
+            "device": device_json(self._table.device),
+            "status": "running",
+            "trouble": "",
+            "restarts": 0,
+            "building": None,
+            "clicks": len(self._table.clicks),
+            "plays": {},
+            "choice": {},
+        }
+
+    def tick(self) -> tuple[list[bytes], bool]:
+        """Read the ring, and let the bar move."""
+        view, records = self._view, list(self._reader.read())
+        view.read(records)
+        view.bar.take(self._drive.events(records), self._drive.banks)
+        messages = view.move((time.monotonic_ns() - BEHIND_NS) / _NS_PER_US, is_loaded=True)
+        picture = view.picture()
+        return [*messages, encode_picture(picture)], bool(picture.fingers) or view.is_moving
+
+    def touch(self, browser: int, events: Sequence[PointerEvent]) -> None:
+        """The fingers are those of a digitizer; a browser's are none."""
+
+    def leave(self, browser: int) -> None:
+        """Nothing of a browser is left."""
+
+    def choose(self, switches: dict[str, Any]) -> None:
+        """A run has no switches."""
+
+    def sound(self, finger: int) -> bytes | None:
+        """What a finger felt."""
+        return self._view.sound(finger)
+
+    async def run(self) -> None:
+        """Look for another table, until it is cancelled."""
+        while True:
+            await asyncio.sleep(LOOK_S)
+            with contextlib.suppress(OSError, TableError):  # away for a moment, or none that the run takes
+                found = identity_of(self._table_path)
+                if found != self._identity:
+                    self._identity = found
+                    table = await asyncio.to_thread(open_table, self._table_path)
+                    self._table.close()
+                    self._take_up(table)

@@ -1,0 +1,282 @@
+"""What the page's server and a browser tell each other: the only definition of the bytes, in both directions.
+
+Little-endian binary frames of one WebSocket. Each begins with VERSION (u8) and its kind (u8). To the browser:
+
+    SCENE   0x01  JSON: device, switches, what the rig does; whenever one of them changes
+    PICTURE 0x02  what happens now, up to 60 a second, see `Picture`
+    MOTION  0x03  a moment of the moving bar, to be shown slowed: u8 points, u8 is_click, u16 steps, u32 command,
+                  f32 s a step, f32 m/s^2 for 1, then i16 (step, point)
+    SOUND   0x04  what a finger felt: u32 finger, u32 samples a second, then i16 (sample,)
+
+From the browser:
+
+    TOUCHES 0x81  up to 64 times: u32 pointer, u8 phase (0 down, 1 move, 2 up, 3 cancel), f32 x, f32 y
+    CHOICE  0x82  JSON of at most MOST_CHOICE_BYTES: the switches that change
+    LISTEN  0x83  u32 finger, as a picture numbers it
+
+Anything else is refused by a `PageMessageError`, whose `code` closes the WebSocket.
+"""
+
+import json
+import math
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.sources.pointer import Phase, PointerEvent
+
+VERSION = 1
+MOST_TOUCHES = 64
+MOST_CHOICE_BYTES = 2048
+MOST_BYTES = 2 + MOST_CHOICE_BYTES
+"""Of a message from a browser; longer ones close the WebSocket before they are read."""
+LOWEST_DB = -60.0
+"""No level is told below that."""
+NO_ZONE = 255
+
+_HEAD = struct.Struct("<BB")
+_TOUCH = struct.Struct("<IBff")
+_FINGER_NUMBER = struct.Struct("<I")
+# time, six counters, command, its state, its age, wanted level, stages last, stages median, how many, kind, flags,
+# four lengths
+_PICTURE = struct.Struct("<d6IIIff5I5IIBB4B")
+_FINGER = struct.Struct("<IBBfff")
+_CHANNEL = struct.Struct("<fff")
+_MOTION = struct.Struct("<BBHIff")
+_SOUND = struct.Struct("<II")
+_PER_DB = 100
+_WORD = 32_767
+_PHASES = (Phase.DOWN, Phase.MOVE, Phase.UP, Phase.CANCEL)
+Array = NDArray[np.float64]
+
+
+class Kind(IntEnum):
+    """Second byte of every message."""
+
+    SCENE = 0x01
+    PICTURE = 0x02
+    MOTION = 0x03
+    SOUND = 0x04
+    TOUCHES = 0x81
+    CHOICE = 0x82
+    LISTEN = 0x83
+
+
+class CloseCode(IntEnum):
+    """Why the server closes a WebSocket."""
+
+    NOT_BINARY = 1003
+    MALFORMED = 1007
+    TOO_BIG = 1009
+    CROWDED = 1013
+    OTHER_VERSION = 4001
+
+
+class PageMessageError(ValueError):
+    """A message that is none of a browser's: what is wrong with it, and the code to close with."""
+
+    def __init__(self, code: CloseCode, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+
+
+class Drive(IntEnum):
+    """What plays, or played last."""
+
+    SILENCE = 0
+    STEADY = 1
+    CLICK = 2
+
+
+@dataclass(frozen=True, slots=True)
+class FingerPicture:
+    """A finger as the engine has it: `level_db` is what it feels now, `felt_db` the most since the last command."""
+
+    number: int
+    zone: int | None
+    state: int
+    """Of its zone, engine.zones.ZoneState."""
+    position_m: float
+    level_db: float
+    felt_db: float
+
+
+@dataclass(frozen=True, slots=True)
+class ZonePicture:
+    """State of a zone, and what its finger was promised by the last command and gets; None: nothing is known."""
+
+    state: int
+    promised_db: float | None
+    simulated_db: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelPicture:
+    """What an actuator was told last."""
+
+    frequency_hz: float
+    amplitude: float
+    phase_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """What happens now. On the wire: the fixed part, then fingers, zones, channels, levels, in this order.
+
+    fixed: f64 time_s, 6 u32 counters, u32 command, u32 state, f32 age_s, f32 wanted_db, 5 u32 last_ns,
+    5 u32 median_ns, u32 latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing), then u8 of fingers, zones, channels
+    and levels.
+    finger: u32 number, u8 zone (255: none), u8 state, f32 position_m, f32 level_db, f32 felt_db.
+    zones: a u8 state each, then an i16 promised and an i16 simulated each, of 0.01 dB (-32768: none).
+    channel: f32 hz, f32 amplitude, f32 rad. level: i16 of 0.01 dB.
+    """
+
+    time_s: float
+    counters: tuple[int, int, int, int, int, int]
+    """As engine.ring.RingCounters."""
+    command: int
+    """Counts commands; 0 before the first."""
+    state: int
+    """Of all zones, that the command is for (engine.zones.state_index)."""
+    age_s: float
+    """Of the last command."""
+    wanted_db: float
+    """Its level; infinite: full scale."""
+    last_ns: tuple[int, int, int, int, int]
+    """Of the last command that a report caused: from each stage of engine.latency.Stage to the next."""
+    median_ns: tuple[int, int, int, int, int]
+    """The same of the last commands, `latencies` of them."""
+    latencies: int
+    drive: Drive
+    is_loaded: bool
+    """The fingers are in the plant."""
+    is_playing: bool
+    """The command still drives."""
+    fingers: tuple[FingerPicture, ...]
+    zones: tuple[ZonePicture, ...]
+    channels: tuple[ChannelPicture, ...]
+    levels_db: Array
+    """Shape (point,), evenly from end to end: what a finger would feel there, dB over threshold."""
+
+
+def encode_scene(scene: dict[str, Any]) -> bytes:
+    """A SCENE; raises ValueError for what JSON has no word for."""
+    return _HEAD.pack(VERSION, Kind.SCENE) + json.dumps(scene, allow_nan=False).encode()
+
+
+def encode_picture(picture: Picture) -> bytes:
+    """A PICTURE."""
+    counts = [len(part) for part in (picture.fingers, picture.zones, picture.channels, picture.levels_db)]
+    fixed = _PICTURE.pack(
+        picture.time_s,
+        *picture.counters,
+        picture.command,
+        picture.state,
+        picture.age_s,
+        picture.wanted_db,
+        *picture.last_ns,
+        *picture.median_ns,
+        picture.latencies,
+        picture.drive,
+        picture.is_loaded | picture.is_playing << 1,
+        *counts,
+    )
+    fingers = [_finger_bytes(finger) for finger in picture.fingers]
+    states = bytes(zone.state for zone in picture.zones)
+    pairs = [(zone.promised_db, zone.simulated_db) for zone in picture.zones]
+    told = np.array([_centibels(level_db) for pair in pairs for level_db in pair], dtype="<i2").tobytes()
+    channels = [_CHANNEL.pack(c.frequency_hz, c.amplitude, c.phase_rad) for c in picture.channels]
+    levels = np.rint(_PER_DB * np.clip(picture.levels_db, LOWEST_DB, -LOWEST_DB)).astype("<i2").tobytes()
+    return b"".join((_HEAD.pack(VERSION, Kind.PICTURE), fixed, *fingers, states, told, *channels, levels))
+
+
+def _finger_bytes(finger: FingerPicture) -> bytes:
+    zone = NO_ZONE if finger.zone is None else finger.zone
+    return _FINGER.pack(finger.number, zone, finger.state, finger.position_m, finger.level_db, finger.felt_db)
+
+
+def _centibels(level_db: float | None) -> int:
+    if level_db is None:
+        return -_WORD - 1
+    return round(_PER_DB * min(max(level_db, LOWEST_DB), -LOWEST_DB))
+
+
+def encode_motion(acceleration: Array, step_s: float, command: int, *, is_click: bool) -> bytes:
+    """A MOTION of accelerations (step, point) in m/s^2."""
+    steps, points = acceleration.shape
+    scale = max(float(abs(acceleration).max(initial=0.0)), 1e-9)
+    words = np.rint(acceleration * (_WORD / scale)).astype("<i2").tobytes()
+    return _HEAD.pack(VERSION, Kind.MOTION) + _MOTION.pack(points, is_click, steps, command, step_s, scale) + words
+
+
+def encode_sound(finger: int, rate_hz: int, samples: NDArray[np.int16]) -> bytes:
+    """A SOUND of samples (time,)."""
+    return _HEAD.pack(VERSION, Kind.SOUND) + _SOUND.pack(finger, rate_hz) + samples.astype("<i2").tobytes()
+
+
+Asked = tuple[PointerEvent, ...] | dict[str, Any] | int
+"""What a browser asks: touches, switches, or to hear a finger."""
+
+
+def decode_message(data: bytes) -> Asked:
+    """What a browser sent. Raises PageMessageError for what is no message of this version."""
+    if len(data) > MOST_BYTES:
+        raise PageMessageError(CloseCode.TOO_BIG, f"a message of {len(data)} bytes; expected at most {MOST_BYTES}")
+    if len(data) < _HEAD.size:
+        raise PageMessageError(CloseCode.MALFORMED, f"a message of {len(data)} bytes has no head")
+    version, kind = _HEAD.unpack_from(data)
+    if version != VERSION:
+        raise PageMessageError(CloseCode.OTHER_VERSION, f"version {version}; expected {VERSION}: load the page again")
+    body = data[_HEAD.size :]
+    if kind == Kind.TOUCHES:
+        return _decode_touches(body)
+    if kind == Kind.CHOICE:
+        return _decode_choice(body)
+    if kind == Kind.LISTEN and len(body) == _FINGER_NUMBER.size:
+        number: int = _FINGER_NUMBER.unpack(body)[0]
+        return number
+    raise PageMessageError(CloseCode.MALFORMED, f"{len(body)} bytes of kind 0x{kind:02x}: none that a browser sends")
+
+
+def encode_touches(events: Sequence[PointerEvent]) -> bytes:
+    """A TOUCHES, as the page's script makes it."""
+    parts = (_TOUCH.pack(event.pointer_id, _PHASES.index(event.phase), event.x, event.y) for event in events)
+    return _HEAD.pack(VERSION, Kind.TOUCHES) + b"".join(parts)
+
+
+def encode_choice(switches: dict[str, Any]) -> bytes:
+    """A CHOICE, as the page's script makes it."""
+    return _HEAD.pack(VERSION, Kind.CHOICE) + json.dumps(switches).encode()
+
+
+def encode_listen(finger: int) -> bytes:
+    """A LISTEN, as the page's script makes it."""
+    return _HEAD.pack(VERSION, Kind.LISTEN) + _FINGER_NUMBER.pack(finger)
+
+
+def _decode_touches(body: bytes) -> tuple[PointerEvent, ...]:
+    count, rest = divmod(len(body), _TOUCH.size)
+    if rest or not 1 <= count <= MOST_TOUCHES:
+        raise PageMessageError(CloseCode.MALFORMED, f"{len(body)} bytes are no 1 to {MOST_TOUCHES} touches")
+    return tuple(_decode_touch(*values) for values in _TOUCH.iter_unpack(body))
+
+
+def _decode_touch(pointer_id: int, phase: int, x: float, y: float) -> PointerEvent:
+    if phase >= len(_PHASES) or not (math.isfinite(x) and math.isfinite(y)):
+        raise PageMessageError(CloseCode.MALFORMED, f"pointer {pointer_id}: phase {phase} at ({x}, {y})")
+    return PointerEvent(pointer_id, x, y, _PHASES[phase])
+
+
+def _decode_choice(body: bytes) -> dict[str, Any]:
+    try:
+        switches = json.loads(body)
+    except (ValueError, RecursionError) as error:
+        raise PageMessageError(CloseCode.MALFORMED, f"switches that are no JSON: {error}") from error
+    if not isinstance(switches, dict):
+        raise PageMessageError(CloseCode.MALFORMED, f"switches are {type(switches).__name__}; expected an object")
+    return switches

@@ -1,0 +1,59 @@
+"""Records of a ring to what the firmware drives of their commands: for a device that tells nothing of it."""
+
+from collections.abc import Iterable, Mapping
+
+from engine.latency import Stage
+from engine.ring import Record
+from engine.table import Table
+from firmware_link.bank import Bank
+from firmware_link.drive_log import Cause, ChannelTarget, DriveEvent, PlayedWaveform
+from firmware_link.messages import decode_drive
+
+_BANK = 1
+_NS_PER_US = 1000
+
+
+class RingDrive:
+    """Follows the commands of one run of a table; `banks` has its clicks.
+
+    What is driven is taken for what was written: nothing is known of frames that were lost or came late.
+    """
+
+    def __init__(self, table: Table, frequency_resolution_hz: float) -> None:
+        self._table, self._resolution_hz = table, frequency_resolution_hz
+        self._limits, self._actuators = table.device.limits, len(table.device.actuators)
+        self._index_of = {click.index: index for index, click in enumerate(table.clicks)}
+        rate_hz = table.clicks[0].sample_rate_hz if table.clicks else 1
+        self.banks: Mapping[int, Bank] = {_BANK: Bank(rate_hz, tuple(click.samples for click in table.clicks))}
+        self._drive = b""
+
+    def events(self, records: Iterable[Record]) -> list[DriveEvent]:
+        """In the order of their times, on the host's clock in microseconds."""
+        found = (self._event(record) for record in records)
+        return [event for event in found if event is not None]
+
+    def _event(self, record: Record) -> DriveEvent | None:
+        before, self._drive = self._drive, record.drive
+        is_sent = record.drive_sequence is not None
+        if not is_sent and not (before and not record.drive):  # the end of a burst is told without a sequence
+            return None
+        time_us = (record.stamps_ns[Stage.WRITTEN] or record.time_ns) // _NS_PER_US
+        waveform = self._waveform(record) if is_sent else None
+        cause = Cause.SET if waveform is None else Cause.PLAY
+        channels = self._channels(record.drive)
+        return DriveEvent(time_us, cause, record.drive_sequence, self._limits.slew_per_s, channels, waveform)
+
+    def _waveform(self, record: Record) -> PlayedWaveform | None:
+        if record.level_db is None or not record.is_click or record.drive:
+            return None
+        click = self._table.click_at(record.state, record.level_db)
+        return None if click is None else PlayedWaveform(_BANK, self._index_of[click.index], click.amplitude)
+
+    def _channels(self, drive: bytes) -> tuple[ChannelTarget, ...]:
+        limit = self._limits.amplitude
+        channels = decode_drive(drive, self._resolution_hz)[: self._actuators]
+        if not channels:
+            return (ChannelTarget(0.0, 0.0, None, limit),) * self._actuators
+        return tuple(
+            ChannelTarget(c.frequency_hz, c.amplitude, c.phase_rad if c.amplitude else None, limit) for c in channels
+        )

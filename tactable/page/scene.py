@@ -1,0 +1,17 @@
+"""What of a device the page draws, as plain values."""
+
+from typing import Any
+
+from engine.device import Device
+
+
+def device_json(device: Device) -> dict[str, Any]:
+    """Name, length, zones, actuators, and how many of its values are estimates."""
+    return {
+        "name": device.name,
+        "description": device.description,
+        "length_m": device.bar.length_m,
+        "zones": [{"name": zone.name, "start_m": zone.start_m, "stop_m": zone.stop_m} for zone in device.zones],
+        "actuators": [{"name": each.name, "position_m": each.position_m} for each in device.actuators],
+        "estimates": len(device.inferred),
+    }

@@ -1,0 +1,83 @@
+"""Who may see the page: token, Host and Origin of a request, and what its answer forbids the browser."""
+
+import ipaddress
+import secrets
+from dataclasses import dataclass, field
+
+_TOKEN_BYTES = 24
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+POLICY = "; ".join(
+    (
+        "default-src 'none'",
+        "script-src 'self'",
+        "style-src 'self'",
+        "connect-src 'self'",
+        "img-src 'self'",
+        "base-uri 'none'",
+        "form-action 'none'",
+        "frame-ancestors 'none'",
+    )
+)
+HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "Cache-Control": "no-store",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+"""Of every answer: nothing from elsewhere, nothing inline, no frame around it, no address passed on."""
+
+
+def new_token() -> str:
+    """One that nobody guesses."""
+    return secrets.token_urlsafe(_TOKEN_BYTES)
+
+
+@dataclass(frozen=True)
+class Door:
+    """Where the page is: `host` is what it is bound to, `port` the port it got."""
+
+    host: str
+    port: int
+    token: str = field(repr=False)
+
+    @property
+    def url(self) -> str:
+        """The address to open."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"http://{host}:{self.port}/{self.token}/"
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only this machine reaches it."""
+        return self.host in LOOPBACK
+
+    def knows(self, token: str) -> bool:
+        """Whether it is the token; takes as long for every wrong one."""
+        return secrets.compare_digest(token.encode(), self.token.encode())
+
+    def admits_host(self, header: str | None) -> bool:
+        """Whether a Host header names this server: on loopback its own names, else its name or any address.
+
+        Never another name: one that leads here is a page of somebody else's.
+        """
+        name, separator, port = (header or "").rpartition(":")
+        if not separator or port != str(self.port):
+            return False
+        name = name.removeprefix("[").removesuffix("]")
+        if self.is_loopback:
+            return name in LOOPBACK
+        return name == self.host or name in LOOPBACK or _is_address(name)
+
+    def admits_origin(self, origin: str | None, host: str | None) -> bool:
+        """Whether an Origin header is that of a page of this very server."""
+        return self.admits_host(host) and origin == f"http://{host}"
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,69 @@
+// The page: bytes in, pictures out, fingers back.
+
+import { Bar } from "./bar.js";
+import { Fingers } from "./fingers.js";
+import { Panel, byId } from "./panel.js";
+import { Sound } from "./sound.js";
+import { Wire } from "./wire.js";
+
+const PANEL_MS = 125;
+const HEARD_AFTER_MS = 550; // The server keeps what was felt 0.4 s after a command.
+
+let scene = null, heard = 0, panel_ms = 0, isDrawn = false;
+const sound = new Sound();
+const wire = new Wire({
+  scene(found) {
+    scene = found;
+    panel.scene = found;
+    bar.device = found.device;
+    fingers.zones = found.device.zones.map((zone) => (zone.start_m + zone.stop_m) / 2 / found.device.length_m);
+  },
+  picture() { bar.dirty = true; },
+  motion(motion) { bar.show(motion); },
+  sound(found) { sound.play(found); },
+  state(text, isUp) { panel.state(text, isUp); },
+});
+const panel = new Panel(wire);
+const bar = new Bar(byId("bar"), wire.picture);
+const fingers = new Fingers(byId("bar"), wire, () => bar.place());
+
+const ear = byId("ear");
+for (let number = 1; number <= 10; number++) ear.add(new Option(`${number}`, `${number - 1}`));
+
+byId("keep").addEventListener("change", (event) => { fingers.keeps = event.target.checked; });
+byId("lift").addEventListener("click", () => fingers.liftAll());
+byId("show-me").addEventListener("click", () => {
+  const zones = scene?.device.zones, length_m = scene?.device.length_m;
+  if (!zones) return;
+  const middle = (zone) => (zone.start_m + zone.stop_m) / 2 / length_m;
+  fingers.startTour(middle(zones[Math.max(zones.length - 2, 0)]), middle(zones[0]));
+});
+byId("hear").addEventListener("click", () => { sound.wake(); wire.listen(Number(ear.value)); });
+byId("always").addEventListener("change", () => sound.wake());
+fingers.onUse = () => { byId("lift").hidden = !fingers.anyKept; };
+
+function listen() {
+  const { command } = wire.picture;
+  if (command === heard) return;
+  heard = command;
+  if (command && byId("always").checked) setTimeout(() => wire.listen(Number(ear.value)), HEARD_AFTER_MS);
+}
+
+function frame(now_ms) {
+  bar.draw(now_ms);
+  if (scene && !isDrawn) {
+    isDrawn = true;
+    performance.mark("first-drawing");
+  }
+  if (now_ms - panel_ms > PANEL_MS) {
+    panel_ms = now_ms;
+    panel.update(wire.picture, wire.received);
+    listen();
+  }
+  requestAnimationFrame(frame);
+}
+
+// For tests and the curious.
+window.tactable = { wire, bar, fingers, panel, sound, get scene() { return scene; } };
+wire.connect();
+requestAnimationFrame(frame);

@@ -1,0 +1,384 @@
+// The bar across the page: zones, fingers, the level along it over the threshold, and how it moves, slowed.
+
+import { NOTHING } from "./wire.js";
+
+export const State = { FREE: 0, QUIET: 1, FELT: 2 };
+export const SLOWED = 50;
+const LOWEST_DB = -20, HIGHEST_DB = 40;
+const FALL_DB_PER_S = 30; // A click of 30 ms stays in sight.
+const FRESH_S = 3;
+const GHOST_MS = 1500;
+const PAUSE_MS = 700;
+const PASSES = 3;
+const SLOTS = 32;
+const RADIUS = 15;
+
+export function stateAt(index, zone) { return Math.floor(index / 3 ** zone) % 3; }
+
+// What a zone did in the last command, as long as that is fresh: FREE otherwise.
+export function commandState(picture, zone) {
+  if (!picture.command || zone >= picture.zoneCount || picture.promised[zone] === NOTHING) return State.FREE;
+  if (!picture.isPlaying && picture.age_s > FRESH_S) return State.FREE;
+  return stateAt(picture.state, zone);
+}
+
+export function levelText(db) { return db <= -59.9 ? "nothing" : `${db < 0 ? "−" : ""}${Math.abs(db).toFixed(1)} dB`; }
+
+export class Bar {
+  constructor(canvas, picture) {
+    this.canvas = canvas;
+    this.picture = picture;
+    this.frames = 0;
+    this.dirty = true;
+    this._context = canvas.getContext("2d");
+    this._device = null;
+    this._shown = new Float32Array(256).fill(LOWEST_DB);
+    this._most = new Float32Array(256).fill(LOWEST_DB);
+    this._mostOf = 0;
+    this._bend = new Float32Array(256);
+    this._motion = null;
+    this._motionStart_ms = 0;
+    this._slots = Array.from({ length: SLOTS }, () =>
+      ({ number: -1, position_m: 0, level_db: 0, state: 0, seen_ms: -1e9 }));
+    this._labels = new Float32Array(3 * SLOTS);
+    this._last_ms = 0;
+    this._still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    this._dark = matchMedia("(prefers-color-scheme: dark)");
+    this._dark.addEventListener("change", () => this._readColours());
+    this._readColours();
+    new ResizeObserver(() => this._resize()).observe(canvas);
+    this._resize();
+  }
+
+  _readColours() {
+    const style = getComputedStyle(document.documentElement), colour = (name) => style.getPropertyValue(name).trim();
+    this._colour = {
+      ink: colour("--ink"), muted: colour("--muted"), line: colour("--line"), felt: colour("--felt"),
+      quiet: colour("--quiet"), level: colour("--level"), metal: colour("--metal"), edge: colour("--metal-edge"),
+      paper: colour("--paper"), font: getComputedStyle(document.body).fontFamily,
+    };
+    this.dirty = true;
+  }
+
+  _resize() {
+    const box = this.canvas.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
+    if (!box.width) return;
+    this._width = box.width;
+    this._height = box.height;
+    this.canvas.width = Math.round(box.width * ratio);
+    this.canvas.height = Math.round(box.height * ratio);
+    this._ratio = ratio;
+    const narrow = box.width < 560;
+    this._left = narrow ? 40 : 58;
+    this._right = box.width - (narrow ? 14 : 24);
+    this._top = 26;
+    this._floor = Math.round(box.height * 0.6);
+    this._middle = Math.round(box.height * 0.765);
+    this._thick = narrow ? 9 : 11;
+    this._narrow = narrow;
+    this.dirty = true;
+  }
+
+  set device(device) { this._device = device; this._motion = null; this.dirty = true; }
+
+  // Where the bar lies in the canvas, for pointers.
+  place() { return { left: this._left, width: this._right - this._left, height: this._height }; }
+
+  show(motion) {
+    this._motion = motion;
+    this._motionStart_ms = performance.now();
+  }
+
+  _x(position_m) { return this._left + (this._right - this._left) * (position_m / this._device.length_m); }
+
+  _y(db) {
+    const share = (Math.min(Math.max(db, LOWEST_DB), HIGHEST_DB) - LOWEST_DB) / (HIGHEST_DB - LOWEST_DB);
+    return this._floor - share * (this._floor - this._top);
+  }
+
+  // One frame; nothing where nothing has changed.
+  draw(now_ms) {
+    const passed_s = Math.min((now_ms - this._last_ms) / 1000, 0.1);
+    this._last_ms = now_ms;
+    if (!this._device || !this._width) return;
+    const falls = this._fall(passed_s), moves = this._move(now_ms), fades = this._note(now_ms);
+    if (!this.dirty && !falls && !moves && !fades) return;
+    this.dirty = false;
+    this.frames++;
+    const c = this._context;
+    c.setTransform(this._ratio, 0, 0, this._ratio, 0, 0);
+    c.clearRect(0, 0, this._width, this._height);
+    this._drawZones(c);
+    this._drawScale(c);
+    this._drawLevels(c);
+    this._drawBar(c);
+    this._drawFingers(c, now_ms);
+  }
+
+  _fall(passed_s) {
+    const { levels, levelCount, command } = this.picture;
+    let falls = false;
+    if (command !== this._mostOf) {
+      this._mostOf = command;
+      this._most.fill(LOWEST_DB);
+    }
+    for (let i = 0; i < levelCount; i++) {
+      const before = this._shown[i], fallen = Math.max(before - FALL_DB_PER_S * passed_s, LOWEST_DB);
+      this._shown[i] = Math.max(levels[i], fallen);
+      this._most[i] = Math.max(levels[i], this._most[i]);
+      falls ||= this._shown[i] > LOWEST_DB || before > LOWEST_DB;
+    }
+    return falls;
+  }
+
+  // Bend of the bar at each point, -1 to 1.
+  _move(now_ms) {
+    const motion = this._motion;
+    if (!motion) return false;
+    const once_ms = 1000 * motion.steps * motion.step_s * SLOWED, pause_ms = motion.isClick ? PAUSE_MS : 0;
+    const since_ms = now_ms - this._motionStart_ms;
+    const passes = !motion.isClick && this.picture.isPlaying && this.picture.command === motion.command ? Infinity : PASSES;
+    if (since_ms < 0 || since_ms > passes * (once_ms + pause_ms)) {
+      this._motion = null;
+      this._bend.fill(0);
+      return true;
+    }
+    const in_ms = this._still ? 0.3 * once_ms : since_ms % (once_ms + pause_ms);
+    const at = Math.min(in_ms / once_ms, 1) * (motion.steps - 1), step = Math.min(Math.floor(at), motion.steps - 2), part = at - step;
+    // A click is drawn in and out: its moment ends before the bar is still.
+    const ease = motion.isClick ? Math.min(1, (1 - in_ms / (once_ms + pause_ms)) * 4) : 1;
+    for (let i = 0; i < motion.points; i++) {
+      const a = motion.words[step * motion.points + i], b = motion.words[(step + 1) * motion.points + i];
+      this._bend[i] = ease * (a + (b - a) * part) / 32767;
+    }
+    this._motionAt_ms = (at * motion.step_s) * 1000;
+    return true;
+  }
+
+  // Fingers, and those that left a moment ago.
+  _note(now_ms) {
+    const picture = this.picture;
+    for (let i = 0; i < picture.fingerCount; i++) {
+      const finger = picture.fingers[i];
+      let slot = this._slots.find((each) => each.number === finger.number && now_ms - each.seen_ms < GHOST_MS);
+      slot ??= this._slots.reduce((oldest, each) => (each.seen_ms < oldest.seen_ms ? each : oldest));
+      const state = finger.zone === 255 ? State.FREE : commandState(picture, finger.zone);
+      slot.number = finger.number;
+      slot.position_m = finger.position_m;
+      slot.state = state;
+      slot.level_db = picture.drive === 1 ? finger.level_db : finger.felt_db;
+      slot.seen_ms = now_ms;
+    }
+    return this._slots.some((slot) => now_ms - slot.seen_ms < GHOST_MS);
+  }
+
+  _drawZones(c) {
+    const { zones } = this._device, colour = this._colour;
+    c.textAlign = "center";
+    c.textBaseline = "alphabetic";
+    for (let zone = 0; zone < zones.length; zone++) {
+      const x0 = this._x(zones[zone].start_m), x1 = this._x(zones[zone].stop_m);
+      const state = commandState(this.picture, zone), touched = this.picture.states[zone] !== State.FREE;
+      const fresh = this.picture.isPlaying ? 1 : Math.max(0, 1 - this.picture.age_s / FRESH_S);
+      if (state !== State.FREE) {
+        c.globalAlpha = 0.05 + 0.13 * fresh;
+        c.fillStyle = state === State.FELT ? colour.felt : colour.quiet;
+        c.fillRect(x0, this._top, x1 - x0, this._height - this._top - 34);
+        c.globalAlpha = 1;
+      }
+      c.strokeStyle = colour.line;
+      c.lineWidth = 1;
+      c.beginPath();
+      for (const x of [x0, x1]) { c.moveTo(x, this._top); c.lineTo(x, this._height - 34); }
+      c.stroke();
+      const middle = (x0 + x1) / 2;
+      c.fillStyle = colour.ink;
+      c.font = `600 14px ${colour.font}`;
+      c.fillText(zones[zone].name, middle, this._height - 17);
+      c.font = `12px ${colour.font}`;
+      c.fillStyle = state === State.FELT ? colour.felt : state === State.QUIET ? colour.quiet : colour.muted;
+      const text = state === State.FELT ? "felt" : state === State.QUIET ? "quiet" : touched ? "touched" : "free";
+      c.fillText(text, middle, this._height - 2);
+    }
+  }
+
+  _drawScale(c) {
+    const colour = this._colour;
+    c.font = `11px ${colour.font}`;
+    c.textBaseline = "middle";
+    c.textAlign = "right";
+    c.fillStyle = colour.muted;
+    c.strokeStyle = colour.line;
+    c.lineWidth = 1;
+    for (let db = LOWEST_DB; db <= HIGHEST_DB; db += 20) {
+      const y = this._y(db);
+      if (db) { c.beginPath(); c.moveTo(this._left, y); c.lineTo(this._right, y); c.stroke(); }
+      c.fillText(db < 0 ? `−${-db}` : `${db}`, this._left - 7, y);
+    }
+    c.textAlign = "left";
+    c.textBaseline = "alphabetic";
+    c.fillText(this._narrow ? "dB over threshold" : "level along the bar, dB above the detection threshold", this._left - (this._narrow ? 30 : 44), 13);
+    c.setLineDash([5, 4]);
+    c.strokeStyle = colour.ink;
+    c.beginPath();
+    c.moveTo(this._left, this._y(0));
+    c.lineTo(this._right, this._y(0));
+    c.stroke();
+    c.setLineDash([]);
+    c.fillStyle = colour.ink;
+    c.textAlign = "right";
+    c.fillText("just felt", this._right - 4, this._y(0) - 5);
+  }
+
+  _levelPath(c, values) {
+    const count = this.picture.levelCount, step = (this._right - this._left) / (count - 1);
+    c.beginPath();
+    c.moveTo(this._left, this._y(values[0]));
+    for (let i = 1; i < count; i++) c.lineTo(this._left + i * step, this._y(values[i]));
+  }
+
+  _drawLevels(c) {
+    if (this.picture.levelCount < 2) return;
+    const colour = this._colour;
+    for (const [bottom, alpha] of [[this._floor, 0.1], [this._y(0), 0.2]]) {
+      c.save();
+      c.beginPath();
+      c.rect(this._left, this._top - 2, this._right - this._left, bottom - this._top + 2);
+      c.clip();
+      this._levelPath(c, this._shown);
+      c.lineTo(this._right, this._floor);
+      c.lineTo(this._left, this._floor);
+      c.closePath();
+      c.globalAlpha = alpha;
+      c.fillStyle = colour.level;
+      c.fill();
+      c.restore();
+    }
+    // What moves now as an area, the most since the command as a line.
+    c.strokeStyle = colour.level;
+    c.lineWidth = 2;
+    c.lineJoin = "round";
+    this._levelPath(c, this._most);
+    c.stroke();
+  }
+
+  _bendAt(share) {
+    const count = this._motion ? this._motion.points : 0;
+    if (!count) return 0;
+    const at = share * (count - 1), i = Math.min(Math.floor(at), count - 2);
+    return (this._bend[i] + (this._bend[i + 1] - this._bend[i]) * (at - i)) * this._reach();
+  }
+
+  _reach() { return Math.min(30, this._height * 0.07); }
+
+  _drawBar(c) {
+    const colour = this._colour, width = this._right - this._left, steps = 120, half = this._thick / 2;
+    for (const actuator of this._device.actuators) {
+      const x = this._x(actuator.position_m), y = this._middle + this._reach() + 12;
+      c.strokeStyle = colour.muted;
+      c.lineWidth = 1.5;
+      c.beginPath();
+      c.moveTo(x, this._middle + this._bendAt((x - this._left) / width));
+      c.lineTo(x, y);
+      c.stroke();
+      c.fillStyle = colour.muted;
+      c.beginPath();
+      c.moveTo(x, y - 2);
+      c.lineTo(x - 6, y + 8);
+      c.lineTo(x + 6, y + 8);
+      c.closePath();
+      c.fill();
+    }
+    c.beginPath();
+    for (let i = 0; i <= steps; i++) c.lineTo(this._left + (width * i) / steps, this._middle - half + this._bendAt(i / steps));
+    for (let i = steps; i >= 0; i--) c.lineTo(this._left + (width * i) / steps, this._middle + half + this._bendAt(i / steps));
+    c.closePath();
+    c.fillStyle = colour.metal;
+    c.fill();
+    c.strokeStyle = colour.edge;
+    c.lineWidth = 1;
+    c.stroke();
+    c.font = `11px ${colour.font}`;
+    c.textAlign = "right";
+    c.fillStyle = colour.muted;
+    if (this._motion) {
+      const what = this._narrow ? `slowed ${SLOWED}×` : `the bar's acceleration, slowed ${SLOWED} times`;
+      c.fillText(`${what}: ${this._motionAt_ms.toFixed(0)} ms`, this._right, this._floor + 16);
+    }
+  }
+
+  _drawFingers(c, now_ms) {
+    const colour = this._colour, width = this._right - this._left;
+    let labels = 0;
+    for (const slot of this._slots) {
+      const age_ms = now_ms - slot.seen_ms;
+      if (age_ms >= GHOST_MS) continue;
+      const x = this._x(slot.position_m), y = this._middle + this._bendAt((x - this._left) / width);
+      const tone = slot.state === State.FELT ? colour.felt : slot.state === State.QUIET ? colour.quiet : colour.muted;
+      const isHere = age_ms < 100;
+      c.globalAlpha = isHere ? 1 : Math.max(0, 0.8 * (1 - age_ms / GHOST_MS));
+      if (slot.state !== State.FREE) labels = this._drawLevelOf(c, slot, x, y, tone, labels);
+      c.lineWidth = 3;
+      c.strokeStyle = tone;
+      c.fillStyle = colour.paper;
+      if (!isHere) c.setLineDash([4, 4]);
+      c.beginPath();
+      c.arc(x, y, RADIUS, 0, 2 * Math.PI);
+      c.globalAlpha *= 0.88;
+      c.fill();
+      c.globalAlpha /= 0.88;
+      c.stroke();
+      c.setLineDash([]);
+      c.fillStyle = colour.ink;
+      c.font = `600 12px ${colour.font}`;
+      c.textAlign = "center";
+      c.textBaseline = "middle";
+      c.fillText(`${slot.number + 1}`, x, y + 0.5);
+      c.textBaseline = "alphabetic";
+      c.globalAlpha = 1;
+    }
+  }
+
+  // A stem to the level, the level in words; labels keep clear of one another.
+  _drawLevelOf(c, slot, x, y, tone, labels) {
+    const colour = this._colour, level_y = this._y(slot.level_db), text = levelText(slot.level_db);
+    c.strokeStyle = tone;
+    c.lineWidth = 1.5;
+    c.beginPath();
+    c.moveTo(x, y - RADIUS);
+    c.lineTo(x, level_y);
+    c.stroke();
+    c.fillStyle = tone;
+    c.beginPath();
+    c.arc(x, level_y, 5, 0, 2 * Math.PI);
+    c.fill();
+    c.font = `600 13px ${colour.font}`;
+    const word = slot.state === State.FELT ? "felt" : "quiet", box = Math.max(c.measureText(text).width, 34) + 12;
+    const label_x = Math.min(Math.max(x, this._left + box / 2), this._right - box / 2);
+    let label_y = Math.max(level_y - 42, 2);
+    for (let i = 0; i < labels; i++) {
+      const apart = Math.abs(this._labels[3 * i] - label_x) < (this._labels[3 * i + 2] + box) / 2;
+      if (apart && Math.abs(this._labels[3 * i + 1] - label_y) < 34) { label_y = this._labels[3 * i + 1] + 35; i = -1; }
+    }
+    this._labels[3 * labels] = label_x;
+    this._labels[3 * labels + 1] = label_y;
+    this._labels[3 * labels + 2] = box;
+    c.save();
+    c.globalAlpha *= 0.92;
+    c.fillStyle = colour.paper;
+    c.beginPath();
+    c.roundRect(label_x - box / 2, label_y, box, 33, 6);
+    c.fill();
+    c.restore();
+    c.strokeStyle = tone;
+    c.lineWidth = 1;
+    c.stroke();
+    c.textAlign = "center";
+    c.fillStyle = colour.ink;
+    c.fillText(text, label_x, label_y + 14);
+    c.font = `11px ${colour.font}`;
+    c.fillStyle = tone;
+    c.fillText(word, label_x, label_y + 27);
+    return Math.min(labels + 1, SLOTS - 1);
+  }
+}

@@ -1,0 +1,210 @@
+// Everything beside the bar: switches, the promise against the simulation, the command, latencies, counters.
+
+import { NOTHING } from "./wire.js";
+import { State, stateAt } from "./bar.js";
+
+const SOURCES = { click: "Our click", steady: "Our steady drive", paper: "The paper's drive" };
+const RULES = {
+  touch: "when it touches", hold: "after resting 0.5 s", drag: "every 10 mm of a drag", lift: "when it lifts",
+  file: "as the rule file says",
+};
+const STAGES = ["read", "frame", "state", "command", "written"];
+const COUNTERS = ["reports", "frames", "state changes", "commands", "replaced", "lost frames"];
+const WORDS = { [State.FREE]: "none", [State.QUIET]: "quiet", [State.FELT]: "felt" };
+
+export function byId(id) { return document.getElementById(id); }
+
+// Text that is the same is left alone: the page lays itself out again only for news.
+function say(element, text) { if (element.textContent !== text) element.textContent = text; }
+
+function rows(body, count, columns) {
+  while (body.rows.length > count) body.deleteRow(-1);
+  while (body.rows.length < count) {
+    const row = body.insertRow();
+    for (let i = 0; i < columns; i++) row.insertCell();
+  }
+  return body.rows;
+}
+
+function decibels(word) { return word === NOTHING ? "–" : `${(word / 100).toFixed(1)} dB`.replace("-", "−"); }
+
+function microseconds(ns) { return `${(ns / 1000).toFixed(ns < 99500 ? 1 : 0)} µs`; }
+
+function choices(fieldset, name, options, kind, onChoose) {
+  const box = fieldset.querySelector(".choices"), key = JSON.stringify(options);
+  if (box.dataset.key === key) return;
+  box.dataset.key = key;
+  box.replaceChildren(...options.map(([value, text]) => {
+    const label = document.createElement("label"), input = document.createElement("input"), span = document.createElement("span");
+    label.className = "choice";
+    input.type = kind;
+    input.name = name;
+    input.value = JSON.stringify(value);
+    input.addEventListener("change", () => onChoose(value, input.checked));
+    span.textContent = text;
+    label.append(input, span);
+    return label;
+  }));
+}
+
+function check(fieldset, is) {
+  for (const input of fieldset.querySelectorAll("input")) input.checked = is(JSON.parse(input.value));
+}
+
+export class Panel {
+  constructor(wire) {
+    this._wire = wire;
+    this._scene = null;
+    this._bars = [];
+    byId("loaded").addEventListener("change", (event) => wire.choose({ is_loaded: event.target.checked }));
+    byId("switches").addEventListener("submit", (event) => event.preventDefault());
+    const stages = byId("stages");
+    for (const name of STAGES) {
+      const bar = document.createElement("span");
+      bar.title = name;
+      stages.append(bar);
+      this._bars.push(bar);
+    }
+    const counters = byId("counters");
+    for (const name of [...COUNTERS, "pictures", "restarts"]) {
+      const term = document.createElement("dt"), value = document.createElement("dd");
+      term.textContent = name;
+      value.textContent = "0";
+      counters.append(term, value);
+    }
+    this._counts = counters.querySelectorAll("dd");
+  }
+
+  state(text, isUp) {
+    this._isUp = isUp;
+    this._connection = text;
+    this._sayStatus();
+  }
+
+  set scene(scene) {
+    this._scene = scene;
+    const { device, choice } = scene, isDemo = scene.mode === "demo", wire = this._wire;
+    say(byId("device-name"), device.name);
+    const badge = byId("badge");
+    badge.hidden = false;
+    say(badge, isDemo ? "SIMULATED: digitizer, firmware and bar" : "SIMULATED: the bar's motion");
+    byId("switches").hidden = !isDemo;
+    for (const id of ["actions", "hint"]) byId(id).hidden = !isDemo;
+    say(byId("last-key"), `${Math.min(device.zones.length, 9)}`);
+    say(byId("estimates"), device.estimates
+      ? `${device.estimates} values of ${device.name} are ESTIMATES; its file names them. The threshold is good to 8 dB between people.`
+      : "The threshold is good to 8 dB between people.");
+    if (isDemo) this._showSwitches(scene, choice, wire);
+    this._sayStatus();
+    this._sayNotice();
+  }
+
+  _showSwitches(scene, choice, wire) {
+    const choose = (name) => (value) => wire.choose({ [name]: value });
+    choices(byId("source"), "source", Object.entries(SOURCES), "radio", choose("source"));
+    choices(byId("rules"), "rules", scene.rules.map((rule) => [rule, RULES[rule]]), "radio", choose("rules"));
+    choices(byId("level"), "level", scene.levels_db.map((db) => [db, db === null ? "full scale" : `${db} dB`]), "radio", choose("level_db"));
+    choices(byId("devices"), "device", scene.devices.map((name) => [name, name.split("/").at(-1).replace(/\.toml$/, "")]), "radio", choose("device"));
+    const zones = scene.device.zones.map(({ name }) => [name, name]);
+    choices(byId("zones"), "zone", zones, "checkbox", (zone, feels) => {
+      const quiet = this._scene.choice.quiet_zones.filter((name) => name !== zone);
+      wire.choose({ quiet_zones: feels ? quiet : [...quiet, zone] });
+    });
+    check(byId("source"), (value) => value === choice.source);
+    check(byId("rules"), (value) => value === choice.rules);
+    check(byId("level"), (value) => value === choice.level_db);
+    check(byId("devices"), (value) => value === choice.device);
+    check(byId("zones"), (value) => !choice.quiet_zones.includes(value));
+    byId("loaded").checked = choice.is_loaded;
+    for (const id of ["source", "level", "zones"]) byId(id).disabled = choice.rules === "file";
+  }
+
+  _sayStatus() {
+    const status = byId("status"), scene = this._scene;
+    let text = this._connection ?? "connecting", kind = this._isUp ? "wait" : "down";
+    if (this._isUp && scene) {
+      const plays = scene.status === "running" && scene.plays !== null;
+      text = plays ? "engine runs" : scene.status === "building" ? "building a table" : `engine ${scene.status}`;
+      kind = plays ? "up" : "wait";
+    }
+    say(status, text);
+    status.dataset.kind = kind;
+  }
+
+  _sayNotice() {
+    const scene = this._scene, notice = byId("notice"), parts = [];
+    say(byId("command-note"), scene.clicks
+      ? "The table has clicks for one and for two fingers; with a third on the bar a steady drive takes the click's place."
+      : "");
+    if (scene.trouble) parts.push(scene.trouble);
+    const building = scene.building;
+    if (building?.error) parts.push(`The table of ${building.device} was not built: ${building.error}`);
+    else if (building) {
+      const percent = Math.round(100 * building.fraction), what = building.objective === "paper" ? "the paper's table" : "the table";
+      const what_now = building.step === "clicks" ? "; until its clicks are there, steady drives take their place" : ", once; it is kept";
+      parts.push(`Building ${what} of ${building.device}: ${building.step}, ${percent} %${what_now}`);
+    }
+    notice.hidden = !parts.length;
+    say(notice, parts.join(" · "));
+  }
+
+  // A few times a second, from the newest picture.
+  update(picture, received) {
+    const scene = this._scene;
+    if (!scene) return;
+    this._showPromise(picture, scene);
+    this._showCommand(picture, scene);
+    this._showLatency(picture);
+    for (let i = 0; i < COUNTERS.length; i++) say(this._counts[i], picture.counters[i].toLocaleString("en"));
+    say(this._counts[COUNTERS.length], received.toLocaleString("en"));
+    say(this._counts[COUNTERS.length + 1], `${scene.restarts}`);
+  }
+
+  _showPromise(picture, scene) {
+    const { zones } = scene.device, found = rows(byId("promise").tBodies[0], zones.length, 4);
+    for (let zone = 0; zone < zones.length; zone++) {
+      const cells = found[zone].cells, isPromised = zone < picture.zoneCount && picture.promised[zone] !== NOTHING;
+      const state = isPromised ? stateAt(picture.state, zone) : State.FREE;
+      say(cells[0], zones[zone].name);
+      say(cells[1], WORDS[state]);
+      cells[1].className = WORDS[state];
+      say(cells[2], isPromised ? decibels(picture.promised[zone]) : "–");
+      say(cells[3], isPromised ? decibels(picture.simulated[zone]) : "–");
+    }
+  }
+
+  _showCommand(picture, scene) {
+    const isClick = picture.drive === 2, level = Number.isFinite(picture.wanted_db) ? `${picture.wanted_db.toFixed(0)} dB` : "full scale";
+    let text = "none yet";
+    if (picture.command) {
+      const now = picture.isPlaying ? "plays" : `${picture.age_s.toFixed(1)} s ago`;
+      text = `${isClick ? `click of state ${picture.state}, from the firmware's bank` : `steady drive of state ${picture.state}`}, ${level}; ${now}`;
+    }
+    say(byId("command"), text);
+    const { actuators } = scene.device, found = rows(byId("channels").tBodies[0], actuators.length, 4);
+    for (let i = 0; i < actuators.length; i++) {
+      const cells = found[i].cells, has = picture.command && i < picture.channelCount;
+      say(cells[0], actuators[i].name);
+      say(cells[1], !has ? "–" : isClick ? "waveform" : `${picture.frequency_hz[i].toFixed(2)} Hz`);
+      say(cells[2], has ? `${(100 * picture.amplitude[i]).toFixed(1)} %` : "–");
+      say(cells[3], !has || isClick ? "–" : `${((picture.phase_rad[i] * 180) / Math.PI).toFixed(0)}°`);
+    }
+  }
+
+  _showLatency(picture) {
+    let last = 0, median = 0;
+    for (let i = 0; i < STAGES.length; i++) {
+      last += picture.last_ns[i];
+      median += picture.median_ns[i];
+    }
+    say(byId("total"), picture.latencies ? `${microseconds(last)} last, ${microseconds(median)} median of ${picture.latencies}` : "no touch yet");
+    const found = rows(byId("latency").tBodies[0], STAGES.length, 3);
+    for (let i = 0; i < STAGES.length; i++) {
+      const cells = found[i].cells;
+      say(cells[0], STAGES[i]);
+      say(cells[1], picture.latencies ? microseconds(picture.last_ns[i]) : "–");
+      say(cells[2], picture.latencies ? microseconds(picture.median_ns[i]) : "–");
+      this._bars[i].style.flexGrow = `${median ? picture.median_ns[i] / median : 0}`;
+    }
+  }
+}

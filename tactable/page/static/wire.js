@@ -1,0 +1,182 @@
+// The page's end of tactable/page/messages.py: bytes to pictures, and what the browser sends; finds a lost server again.
+
+export const VERSION = 1;
+export const Kind = { SCENE: 1, PICTURE: 2, MOTION: 3, SOUND: 4, TOUCHES: 0x81, CHOICE: 0x82, LISTEN: 0x83 };
+export const Phase = { DOWN: 0, MOVE: 1, UP: 2, CANCEL: 3 };
+export const NOTHING = -32768;
+const MOST_TOUCHES = 64;
+const MOST_FINGERS = 16;
+const STAGES = 5;
+const FIRST_BACK_OFF_MS = 250;
+const LONGEST_BACK_OFF_MS = 4000;
+const FATAL = new Set([1003, 1007, 4001]);
+
+// One picture, filled again and again: a page that runs for hours makes no garbage with it.
+export function makePicture() {
+  return {
+    time_s: 0, counters: new Uint32Array(6), command: 0, state: 0, age_s: 0, wanted_db: 0,
+    last_ns: new Uint32Array(STAGES), median_ns: new Uint32Array(STAGES), latencies: 0, drive: 0,
+    isLoaded: true, isPlaying: false, fingerCount: 0,
+    fingers: Array.from({ length: MOST_FINGERS }, () =>
+      ({ number: 0, zone: 255, state: 0, position_m: 0, level_db: -60, felt_db: -60 })),
+    zoneCount: 0, states: new Uint8Array(64), promised: new Int16Array(64), simulated: new Int16Array(64),
+    channelCount: 0, frequency_hz: new Float32Array(64), amplitude: new Float32Array(64), phase_rad: new Float32Array(64),
+    levelCount: 0, levels: new Float32Array(256),
+  };
+}
+
+export function decodePicture(view, picture) {
+  let at = 2;
+  picture.time_s = view.getFloat64(at, true); at += 8;
+  for (let i = 0; i < 6; i++, at += 4) picture.counters[i] = view.getUint32(at, true);
+  picture.command = view.getUint32(at, true); at += 4;
+  picture.state = view.getUint32(at, true); at += 4;
+  picture.age_s = view.getFloat32(at, true); at += 4;
+  picture.wanted_db = view.getFloat32(at, true); at += 4;
+  for (let i = 0; i < STAGES; i++, at += 4) picture.last_ns[i] = view.getUint32(at, true);
+  for (let i = 0; i < STAGES; i++, at += 4) picture.median_ns[i] = view.getUint32(at, true);
+  picture.latencies = view.getUint32(at, true); at += 4;
+  picture.drive = view.getUint8(at++);
+  const flags = view.getUint8(at++);
+  picture.isLoaded = Boolean(flags & 1);
+  picture.isPlaying = Boolean(flags & 2);
+  picture.fingerCount = Math.min(view.getUint8(at++), MOST_FINGERS);
+  picture.zoneCount = view.getUint8(at++);
+  picture.channelCount = view.getUint8(at++);
+  picture.levelCount = view.getUint8(at++);
+  for (let i = 0; i < picture.fingerCount; i++, at += 18) {
+    const finger = picture.fingers[i];
+    finger.number = view.getUint32(at, true);
+    finger.zone = view.getUint8(at + 4);
+    finger.state = view.getUint8(at + 5);
+    finger.position_m = view.getFloat32(at + 6, true);
+    finger.level_db = view.getFloat32(at + 10, true);
+    finger.felt_db = view.getFloat32(at + 14, true);
+  }
+  for (let i = 0; i < picture.zoneCount; i++) picture.states[i] = view.getUint8(at++);
+  for (let i = 0; i < picture.zoneCount; i++, at += 4) {
+    picture.promised[i] = view.getInt16(at, true);
+    picture.simulated[i] = view.getInt16(at + 2, true);
+  }
+  for (let i = 0; i < picture.channelCount; i++, at += 12) {
+    picture.frequency_hz[i] = view.getFloat32(at, true);
+    picture.amplitude[i] = view.getFloat32(at + 4, true);
+    picture.phase_rad[i] = view.getFloat32(at + 8, true);
+  }
+  for (let i = 0; i < picture.levelCount; i++, at += 2) picture.levels[i] = view.getInt16(at, true) / 100;
+}
+
+export function decodeMotion(view) {
+  const points = view.getUint8(2), steps = view.getUint16(4, true);
+  const words = new Int16Array(points * steps);
+  for (let i = 0, at = 18; i < words.length; i++, at += 2) words[i] = view.getInt16(at, true);
+  return {
+    points, steps, words, isClick: Boolean(view.getUint8(3)), command: view.getUint32(6, true),
+    step_s: view.getFloat32(10, true), scale: view.getFloat32(14, true),
+  };
+}
+
+export function decodeSound(view) {
+  const samples = new Float32Array((view.byteLength - 10) / 2);
+  for (let i = 0, at = 10; i < samples.length; i++, at += 2) samples[i] = view.getInt16(at, true) / 32767;
+  return { finger: view.getUint32(2, true), rate_hz: view.getUint32(6, true), samples };
+}
+
+// The connection. `on` has scene(object), picture(), motion(object), sound(object), state(text, isUp).
+export class Wire {
+  constructor(on) {
+    this.picture = makePicture();
+    this.received = 0;
+    this.connections = 0;
+    this._on = on;
+    this._socket = null;
+    this._backOff_ms = FIRST_BACK_OFF_MS;
+    this._touches = new DataView(new ArrayBuffer(2 + 13 * MOST_TOUCHES));
+    this._touches.setUint8(0, VERSION);
+    this._touches.setUint8(1, Kind.TOUCHES);
+    this._count = 0;
+  }
+
+  get isUp() { return this._socket !== null && this._socket.readyState === WebSocket.OPEN; }
+
+  connect() {
+    const address = new URL("socket", location.href);
+    address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
+    const socket = new WebSocket(address);
+    this._socket = socket;
+    socket.binaryType = "arraybuffer";
+    socket.onmessage = (event) => this._take(event.data);
+    socket.onopen = () => { this.connections++; this._on.state("connected", true); };
+    socket.onclose = (event) => this._lost(event);
+  }
+
+  _lost(event) {
+    this._socket = null;
+    this._count = 0;
+    if (FATAL.has(event.code)) {
+      this._on.state(`closed: ${event.reason || event.code}; load the page again`, false);
+      return;
+    }
+    this._on.state("reconnecting", false);
+    setTimeout(() => this.connect(), this._backOff_ms * (0.75 + 0.5 * Math.random()));
+    this._backOff_ms = Math.min(2 * this._backOff_ms, LONGEST_BACK_OFF_MS);
+  }
+
+  _take(data) {
+    const view = new DataView(data);
+    this._backOff_ms = FIRST_BACK_OFF_MS;
+    if (view.getUint8(0) !== VERSION) {
+      this._on.state("the server speaks another version; load the page again", false);
+      return;
+    }
+    this.received++;
+    switch (view.getUint8(1)) {
+      case Kind.SCENE:
+        this._on.scene(JSON.parse(new TextDecoder().decode(new Uint8Array(data, 2))));
+        break;
+      case Kind.PICTURE:
+        decodePicture(view, this.picture);
+        this._on.picture();
+        break;
+      case Kind.MOTION:
+        this._on.motion(decodeMotion(view));
+        break;
+      case Kind.SOUND:
+        this._on.sound(decodeSound(view));
+        break;
+    }
+  }
+
+  // Collected until `flush`.
+  touch(finger, phase, x, y) {
+    const at = 2 + 13 * this._count++;
+    this._touches.setUint32(at, finger, true);
+    this._touches.setUint8(at + 4, phase);
+    this._touches.setFloat32(at + 5, x, true);
+    this._touches.setFloat32(at + 9, y, true);
+    if (this._count === MOST_TOUCHES) this.flush();
+  }
+
+  flush() {
+    if (this._count && this.isUp) this._socket.send(new Uint8Array(this._touches.buffer, 0, 2 + 13 * this._count));
+    this._count = 0;
+  }
+
+  choose(switches) {
+    if (!this.isUp) return;
+    const text = new TextEncoder().encode(JSON.stringify(switches));
+    const message = new Uint8Array(2 + text.length);
+    message.set([VERSION, Kind.CHOICE]);
+    message.set(text, 2);
+    this._socket.send(message);
+  }
+
+  listen(finger) {
+    if (!this.isUp) return;
+    const message = new DataView(new ArrayBuffer(6));
+    message.setUint8(0, VERSION);
+    message.setUint8(1, Kind.LISTEN);
+    message.setUint32(2, finger, true);
+    this._socket.send(message);
+  }
+}

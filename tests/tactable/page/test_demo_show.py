@@ -1,0 +1,199 @@
+"""The simulated rig as a show, with its processes: fingers in, pictures out, and what happens when one of them dies."""
+
+import asyncio
+import os
+import shutil
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from engine.sources.pointer import Phase, PointerEvent
+from engine.zones import ZoneState
+from tactable.page import tables
+from tactable.page.choices import Choice, offered
+from tactable.page.demo_show import DemoShow
+from tactable.page.messages import Drive, Kind, Picture
+from tactable.page.tables import cached_table
+from tactable.shipped import find_device
+from tests.precompute.test_build import SMALL
+
+TICK_S = 1 / 60
+FIRST, LAST = PointerEvent(1, 1 / 6, 0.5, Phase.DOWN), PointerEvent(2, 5 / 6, 0.5, Phase.DOWN)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, click_table: Path) -> Path:
+    """The description of a small bar, and a cache with its table."""
+    folder = tmp_path_factory.mktemp("demo")
+    (folder / "small.toml").write_text(SMALL, encoding="utf-8")
+    device = find_device(str(folder / "small.toml"))
+    (folder / "cache").mkdir()
+    shutil.copy(click_table, cached_table(device, folder / "cache"))
+    return folder
+
+
+class Rig:
+    """A show, and the hand of its only browser; time passes only while it waits for something."""
+
+    def __init__(self, show: DemoShow, loop: asyncio.AbstractEventLoop) -> None:
+        self.show = show
+        self.told: list[bytes] = []
+        self._loop = loop
+        self._pressed: dict[int, PointerEvent] = {}
+
+    def press(self, *events: PointerEvent) -> None:
+        self._pressed |= {event.pointer_id: event for event in events}
+        self.show.touch(1, events)
+
+    def lift(self) -> None:
+        self.show.touch(1, [replace(event, phase=Phase.UP) for event in self._pressed.values()])
+        self._pressed.clear()
+
+    def wait(self, condition: Callable[[], bool]) -> None:
+        """Until it holds; fingers that are down say so again and again."""
+
+        async def wait() -> None:
+            while not condition():
+                self.show.touch(1, [replace(event, phase=Phase.MOVE) for event in self._pressed.values()])
+                messages, _ = self.show.tick()
+                self.told += [message for message in messages if message[1] != Kind.PICTURE]
+                await asyncio.sleep(TICK_S)
+
+        self._loop.run_until_complete(wait())
+
+    def until(self, condition: Callable[[Picture], bool]) -> Picture:
+        """The first picture for which it holds."""
+        self.wait(lambda: self.show.view is not None and condition(self.show.view.picture()))
+        assert self.show.view is not None
+        return self.show.view.picture()
+
+    def choose(self, **switches: object) -> None:
+        """Move switches, and wait until what is chosen plays."""
+        self.show.choose(switches)
+        self.wait(lambda: self.show.scene()["plays"] == {**self.show.scene()["choice"], "is_loaded": True})
+
+
+@contextmanager
+def running(folder: Path) -> Iterator[Rig]:
+    """A show that runs whenever its rig does something, and is over at the end."""
+    name = str(folder / "small.toml")
+    loop = asyncio.new_event_loop()
+    show = DemoShow(Choice(name), find_device(name), offered(name), folder / "cache", folder)
+    runs = loop.create_task(show.run())
+    try:
+        yield Rig(show, loop)
+    finally:
+        runs.cancel()
+        loop.run_until_complete(asyncio.gather(runs, return_exceptions=True))
+        loop.close()
+
+
+@pytest.fixture(scope="module")
+def shared(folder: Path) -> Iterator[Rig]:
+    with running(folder) as rig:
+        yield rig
+
+
+@pytest.fixture
+def rig(shared: Rig) -> Iterator[Rig]:
+    """The rig as it plays at first, with no finger on it."""
+    shared.choose(source="click", quiet_zones=[], level_db=20, is_loaded=True)
+    yield shared
+    shared.lift()
+    shared.until(lambda picture: not picture.fingers)
+
+
+def test_a_click_goes_from_finger_to_bar_and_is_felt_as_promised(rig: Rig) -> None:
+    rig.press(LAST)
+    rig.until(lambda picture: picture.command == 1)
+    rig.until(lambda picture: picture.age_s > 3.0)
+    rig.press(FIRST)
+    picture = rig.until(lambda picture: picture.command == 2 and picture.age_s > 0.6)
+    assert picture.drive is Drive.CLICK
+    assert [finger.zone for finger in picture.fingers] == [2, 0]
+    assert picture.state == 2 + 9 * 1  # I felt, III quiet
+    felt, _, quiet = picture.zones
+    assert felt.promised_db is not None and quiet.promised_db is not None
+    assert felt.simulated_db == pytest.approx(felt.promised_db, abs=0.5)
+    assert quiet.simulated_db is not None and quiet.simulated_db < felt.promised_db - 6
+    assert sum(picture.last_ns) > 0
+    assert {message[1] for message in rig.told} == {Kind.MOTION}
+    assert rig.show.sound(0) is not None
+
+
+def test_switches_change_over_without_a_new_process(rig: Rig) -> None:
+    processes = rig.show.process_ids
+    rig.choose(source="steady", quiet_zones=["III"], level_db=10)
+    rig.press(FIRST, LAST)
+    picture = rig.until(lambda picture: picture.state == 2 + 9 * 1 and picture.age_s > 2.0)
+    assert (picture.drive, picture.wanted_db, picture.is_playing) == (Drive.STEADY, 10.0, True)
+    assert [zone.state for zone in picture.zones] == [ZoneState.FELT, ZoneState.FREE, ZoneState.QUIET]
+    for zone in (picture.zones[0], picture.zones[2]):
+        assert zone.simulated_db == pytest.approx(zone.promised_db, abs=0.2)
+    assert rig.show.process_ids == processes
+
+
+def test_fingers_that_load_nothing_break_the_promise(rig: Rig) -> None:
+    rig.choose(source="steady")
+    rig.press(FIRST)
+    loaded = rig.until(lambda picture: picture.command > 0 and picture.age_s > 2.0)
+    rig.choose(is_loaded=False)
+    free = rig.until(lambda picture: not picture.is_loaded and picture.age_s > 4.0)
+    assert loaded.zones[0].simulated_db == pytest.approx(loaded.zones[0].promised_db, abs=0.2)
+    assert free.zones[0].simulated_db is not None and loaded.zones[0].simulated_db is not None
+    assert abs(free.zones[0].simulated_db - loaded.zones[0].simulated_db) > 0.5
+
+
+def test_a_switch_that_there_is_not_is_told_and_changes_nothing(rig: Rig) -> None:
+    before = rig.show.scene()["choice"]
+    rig.show.choose({"level_db": 17})
+    assert "level_db" in rig.show.scene()["trouble"]
+    assert rig.show.scene()["choice"] == before
+    rig.choose(level_db=30)
+    assert rig.show.scene()["trouble"] == ""
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_process_that_dies_is_started_again_and_the_show_goes_on(rig: Rig, which: int) -> None:
+    before, restarts = rig.show.process_ids, rig.show.restarts
+    os.kill(before[which], signal.SIGKILL)
+    rig.wait(lambda: rig.show.restarts > restarts)
+    assert "ended with status -9" in rig.show.scene()["trouble"]
+    rig.choose()
+    assert not set(before) & set(rig.show.process_ids)
+    rig.press(FIRST)
+    rig.until(lambda picture: picture.command > 0 and picture.age_s > 0.1)
+
+
+def test_a_missing_table_is_built_and_plays_steady_drives_before_it_has_clicks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Clicks of one finger only, so that it takes seconds; and nothing of the rig is left behind."""
+    monkeypatch.setattr(tables, "DEMO_FINGERS", 1)
+    (tmp_path / "small.toml").write_text(SMALL, encoding="utf-8")
+    seen, clicks = set[str | None](), set[int]()
+
+    def has_clicks(show: DemoShow) -> bool:
+        scene = show.scene()
+        seen.update({scene["status"], (scene["building"] or {}).get("step")})
+        if scene["status"] == "running":
+            clicks.add(scene["clicks"])
+        return any(clicks)
+
+    with running(tmp_path) as own:
+        own.wait(lambda: has_clicks(own.show))
+        assert own.show.scene()["building"] is None
+        processes = own.show.process_ids
+    assert clicks == {0, 3}
+    assert {"building", "running", "clicks"} <= seen
+    (table,) = (tmp_path / "cache").glob("*.nc")
+    assert table == cached_table(find_device(str(tmp_path / "small.toml")), tmp_path / "cache")
+    assert len(processes) == 2
+    for process in processes:
+        with pytest.raises(ProcessLookupError):
+            os.kill(process, 0)
+    assert not list(tmp_path.glob("ring-*"))

@@ -1,0 +1,106 @@
+"""A page that looks on at `tactable run`: another process, which the run neither waits for nor needs."""
+
+import asyncio
+import json
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from websockets.asyncio.client import connect
+from websockets.typing import Origin
+
+from engine.sources.recording import write_recording
+from firmware_link.emulator import RunningEmulator, run_emulator
+from tactable.page.messages import Kind
+from tactable.virtual_digitizer import Stroke, make_recording
+
+TACTABLE = str(Path(sys.executable).parent / "tactable")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, click_table: Path) -> Path:
+    """A table, and touches that take as long as a test may need: a tap in I and one in III every second."""
+    folder = tmp_path_factory.mktemp("live")
+    (folder / "bar.nc").write_bytes(click_table.read_bytes())
+    strokes = [Stroke(t + 0.5 * k, t + 0.5 * k + 0.3, x, x) for t in range(600) for k, x in ((0, 1 / 6), (1, 5 / 6))]
+    write_recording(make_recording(strokes), folder / "taps.hid")
+    return folder
+
+
+@pytest.fixture
+def emulator() -> Iterator[RunningEmulator]:
+    with run_emulator() as running:
+        yield running
+
+
+@contextmanager
+def started(folder: Path, emulator: RunningEmulator, *words: str) -> Iterator["subprocess.Popen[str]"]:
+    command = [TACTABLE, "run", "bar.nc", "--touch", "taps.hid", "--port", emulator.port, "--reconnect", *words]
+    with subprocess.Popen(command, cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        yield process
+
+
+def address_of(process: "subprocess.Popen[str]") -> str:
+    """What the run says of its page."""
+    assert process.stderr is not None
+    while not (found := re.search(r"http://\S+", line := process.stderr.readline())):
+        assert line, process.poll()
+    return found[0]
+
+
+async def looked_on(address: str, commands: int) -> tuple[dict[str, Any], list[bytes]]:
+    """The scene, and everything that comes until so many commands and a motion were seen."""
+    origin = Origin(address[: address.index("/", 7)])
+    scene, told, kinds = dict[str, Any](), list[bytes](), set[int]()
+    async with connect(address.replace("http:", "ws:") + "socket", origin=origin) as socket:
+        while True:
+            message = await socket.recv()
+            assert isinstance(message, bytes)
+            kinds.add(message[1])
+            if message[1] == Kind.SCENE:
+                scene = json.loads(message[2:])
+            told.append(message)
+            if (
+                Kind.MOTION in kinds
+                and int.from_bytes(told[-1][34:38], "little") >= commands
+                and told[-1][1] == Kind.PICTURE
+            ):
+                return scene, told
+
+
+def test_a_run_is_shown_with_what_its_commands_do_to_the_bar(folder: Path, emulator: RunningEmulator) -> None:
+    with started(folder, emulator, "--page", "--json") as process:
+        scene, told = asyncio.run(looked_on(address_of(process), 3))
+        process.send_signal(signal.SIGINT)
+        summary, said = process.communicate()
+    assert process.returncode == 0, said
+    assert json.loads(summary)["commands_sent"] >= 3
+    assert scene["mode"] == "live"
+    assert [zone["name"] for zone in scene["device"]["zones"]] == ["I", "II", "III"]
+    assert {message[1] for message in told} == {Kind.SCENE, Kind.PICTURE, Kind.MOTION}
+
+
+def test_a_page_that_is_killed_leaves_the_run_as_it_is(folder: Path, emulator: RunningEmulator) -> None:
+    with started(folder, emulator, "--page", "--for", "6", "--json") as process:
+        address_of(process)
+        pages = subprocess.run(
+            ["ps", "--ppid", str(process.pid), "-o", "pid=,args="], capture_output=True, text=True, check=True
+        ).stdout
+        (page,) = [int(line.split()[0]) for line in pages.splitlines() if "live_process" in line]
+        subprocess.run(["kill", "-9", str(page)], check=True)
+        summary, said = process.communicate()
+    assert process.returncode == 0, said
+    assert json.loads(summary)["commands_sent"] >= 3
+
+
+def test_a_page_that_finds_no_place_is_refused_before_the_run_begins(folder: Path, emulator: RunningEmulator) -> None:
+    with started(folder, emulator, "--page", "--page-host", "192.0.2.1") as process:
+        _, said = process.communicate()
+    assert process.returncode == 1
+    assert said.splitlines()[-1].startswith("tactable: no page at 192.0.2.1")

@@ -1,0 +1,163 @@
+"""What the page's server and a browser tell each other: round trips, and what is refused by which code."""
+
+import json
+import math
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from engine.sources.pointer import Phase, PointerEvent
+from tactable.page.messages import (
+    MOST_BYTES,
+    MOST_TOUCHES,
+    VERSION,
+    ChannelPicture,
+    CloseCode,
+    Drive,
+    FingerPicture,
+    Kind,
+    PageMessageError,
+    Picture,
+    ZonePicture,
+    decode_message,
+    encode_choice,
+    encode_listen,
+    encode_motion,
+    encode_picture,
+    encode_scene,
+    encode_sound,
+    encode_touches,
+)
+
+FLOATS = st.floats(width=32, allow_nan=False, allow_infinity=False)
+EVENTS = st.builds(PointerEvent, st.integers(0, 2**32 - 1), FLOATS, FLOATS, st.sampled_from(Phase))
+STAGES = (1, 2, 3, 4, 5)
+PICTURE = Picture(
+    time_s=1.5,
+    counters=(1, 2, 3, 4, 5, 6),
+    command=7,
+    state=29,
+    age_s=0.25,
+    wanted_db=math.inf,
+    last_ns=STAGES,
+    median_ns=STAGES,
+    latencies=9,
+    drive=Drive.STEADY,
+    is_loaded=True,
+    is_playing=True,
+    fingers=(FingerPicture(3, None, 0, 0.125, 20.5, 21.5), FingerPicture(4, 2, 1, 0.25, -60.0, -3.0)),
+    zones=(ZonePicture(2, 20.0, None), ZonePicture(0, None, None)),
+    channels=(ChannelPicture(183.25, 0.5, -1.0),),
+    levels_db=np.array([-99.0, 0.123, 99.0]),
+)
+
+
+def refused(data: bytes) -> CloseCode:
+    with pytest.raises(PageMessageError) as caught:
+        decode_message(data)
+    return caught.value.code
+
+
+@given(st.lists(EVENTS, min_size=1, max_size=MOST_TOUCHES))
+def test_touches_come_back_as_they_were(events: list[PointerEvent]) -> None:
+    assert decode_message(encode_touches(events)) == tuple(events)
+
+
+@given(
+    st.dictionaries(
+        st.text(max_size=20), st.none() | st.booleans() | st.floats(allow_nan=False) | st.text(max_size=20), max_size=8
+    )
+)
+def test_switches_come_back_as_they_were(switches: dict[str, object]) -> None:
+    assert decode_message(encode_choice(switches)) == switches
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_finger_to_hear_comes_back(finger: int) -> None:
+    assert decode_message(encode_listen(finger)) == finger
+
+
+@given(st.binary(max_size=2 * MOST_BYTES))
+def test_any_bytes_are_a_message_or_refused(data: bytes) -> None:
+    try:
+        decode_message(data)
+    except PageMessageError as error:
+        assert error.code in CloseCode
+
+
+@given(st.binary(max_size=64), st.sampled_from(Kind))
+def test_any_body_of_a_kind_is_a_message_or_refused(body: bytes, kind: Kind) -> None:
+    try:
+        decode_message(bytes([VERSION, kind]) + body)
+    except PageMessageError as error:
+        assert error.code is CloseCode.MALFORMED
+
+
+@pytest.mark.parametrize(
+    ("data", "code"),
+    [
+        (b"", CloseCode.MALFORMED),
+        (bytes([VERSION]), CloseCode.MALFORMED),
+        (bytes([VERSION + 1, Kind.LISTEN]) + bytes(4), CloseCode.OTHER_VERSION),
+        (bytes([VERSION, Kind.SCENE]) + b"{}", CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.LISTEN]) + bytes(3), CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.TOUCHES]), CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.TOUCHES]) + bytes(13 * (MOST_TOUCHES + 1)), CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.TOUCHES]) + struct.pack("<IBff", 1, 4, 0.5, 0.5), CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.TOUCHES]) + struct.pack("<IBff", 1, 0, math.nan, 0.5), CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.CHOICE]) + b"[1]", CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.CHOICE]) + b"{", CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.CHOICE]) + b"\xff", CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.CHOICE]) + b"[" * 2000, CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.CHOICE]) + b" " * MOST_BYTES, CloseCode.TOO_BIG),
+    ],
+)
+def test_what_is_no_message_is_refused_by_a_code(data: bytes, code: CloseCode) -> None:
+    assert refused(data) is code
+
+
+def test_a_picture_lies_as_its_definition_says() -> None:
+    data = encode_picture(PICTURE)
+    assert data[:2] == bytes([VERSION, Kind.PICTURE])
+    fixed = struct.unpack_from("<d6IIIff5I5IIBB4B", data, 2)
+    assert fixed[:10] == (1.5, 1, 2, 3, 4, 5, 6, 7, 29, 0.25)
+    assert math.isinf(fixed[10])
+    assert fixed[11:] == (*STAGES, *STAGES, 9, Drive.STEADY, 3, 2, 2, 1, 3)
+    at = 2 + struct.calcsize("<d6IIIff5I5IIBB4B")
+    fingers = [struct.unpack_from("<IBBfff", data, at + 18 * i) for i in range(2)]
+    assert fingers == [(3, 255, 0, 0.125, 20.5, 21.5), (4, 2, 1, 0.25, -60.0, -3.0)]
+    assert data[at + 36 : at + 38] == bytes([2, 0])
+    assert struct.unpack_from("<4h", data, at + 38) == (2000, -32768, -32768, -32768)
+    assert struct.unpack_from("<fff", data, at + 46) == (183.25, 0.5, -1.0)
+    assert struct.unpack_from("<3h", data, at + 58) == (-6000, 12, 6000)
+    assert len(data) == at + 64
+
+
+def test_a_motion_is_told_to_its_greatest_acceleration() -> None:
+    acceleration = np.array([[0.0, 1.0], [-2.0, 0.5], [2.0, 0.0]])
+    data = encode_motion(acceleration, 0.001, 5, is_click=True)
+    points, is_click, steps, command, step_s, scale = struct.unpack_from("<BBHIff", data, 2)
+    assert (points, is_click, steps, command) == (2, 1, 3, 5)
+    assert step_s == pytest.approx(0.001)
+    words = np.frombuffer(data[18:], "<i2").reshape(3, 2)
+    assert words * scale / 32767 == pytest.approx(acceleration, abs=1e-4)
+
+
+def test_a_bar_at_rest_is_a_motion_too() -> None:
+    assert not any(encode_motion(np.zeros((2, 3)), 0.001, 1, is_click=False)[18:])
+
+
+def test_a_sound_has_its_finger_its_rate_and_its_samples() -> None:
+    samples = np.array([0, 1, -32767], np.int16)
+    data = encode_sound(3, 12_000, samples)
+    assert struct.unpack_from("<II", data, 2) == (3, 12_000)
+    assert np.frombuffer(data[10:], "<i2").tolist() == samples.tolist()
+
+
+def test_a_scene_is_json_that_browsers_read() -> None:
+    assert json.loads(encode_scene({"device": "ä"})[2:]) == {"device": "ä"}
+    with pytest.raises(ValueError, match="JSON"):
+        encode_scene({"level_db": math.inf})

@@ -1,0 +1,133 @@
+"""The address that people open: when there is a browser, what is told, and what is the report instead."""
+
+import stat
+import webbrowser
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from tactable import cli
+from tactable.page import opening
+from tactable.page.opening import announcement, has_browser, token_for
+from tactable.page.security import Door
+
+SCREEN = {"DISPLAY": ":0"}
+
+
+@pytest.fixture
+def reported(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """The figures of the reports that were asked for; none is made."""
+    figures: list[Path] = []
+
+    def report(
+        _device: object, _recording: object, _table: object, _effects: object, figure: Path, _json: bool
+    ) -> None:
+        figures.append(figure)
+
+    monkeypatch.setattr(cli, "_report_demo", report)
+    return figures
+
+
+@pytest.fixture
+def shown(monkeypatch: pytest.MonkeyPatch) -> list[opening.Address]:
+    """Where pages were asked for; none is served."""
+    addresses: list[opening.Address] = []
+
+    def show(_name: str, _device: object, _rules: object, _cache: Path, address: opening.Address, _say: object) -> None:
+        addresses.append(address)
+
+    monkeypatch.setattr(opening, "show_demo", show)
+    return addresses
+
+
+def demo(*words: str) -> str:
+    found = CliRunner().invoke(cli.app, ["demo", *words])
+    assert found.exception is None or isinstance(found.exception, SystemExit), found.exception
+    return found.output
+
+
+def test_a_browser_needs_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(webbrowser, "get", lambda: webbrowser.GenericBrowser("true"))
+    assert not has_browser({}, "linux")
+    assert has_browser(SCREEN, "linux")
+    assert has_browser({"WAYLAND_DISPLAY": "wayland-0"}, "linux")
+    assert has_browser({}, "darwin")
+
+
+def test_a_screen_without_a_browser_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none() -> webbrowser.BaseBrowser:
+        raise webbrowser.Error("none")
+
+    monkeypatch.setattr(webbrowser, "get", none)
+    assert not has_browser(SCREEN, "linux")
+
+
+@pytest.mark.parametrize(
+    "words", [("--headless",), ("--json",), ("--figure", "demo.png"), ("--recording", "a.hid"), ("--table", "a.nc")]
+)
+def test_what_asks_for_the_report_opens_no_page(
+    words: tuple[str, ...], shown: list[opening.Address], reported: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(opening, "has_browser", lambda: True)
+    demo(*words)
+    assert (len(reported), shown) == (1, [])
+
+
+def test_without_a_browser_it_is_the_report_and_says_so(
+    shown: list[opening.Address], reported: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(opening, "has_browser", lambda: False)
+    demo()
+    assert (reported, shown) == ([Path("tactable-demo.png")], [])
+
+
+def test_with_a_browser_it_is_the_page_on_loopback(
+    shown: list[opening.Address], reported: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(opening, "has_browser", lambda: True)
+    demo()
+    assert (shown, reported) == ([opening.Address("127.0.0.1", 0, opens_browser=True)], [])
+
+
+@pytest.mark.parametrize(
+    ("words", "address"),
+    [
+        (("--no-open",), opening.Address()),
+        (("--host", "0.0.0.0"), opening.Address("0.0.0.0")),
+        (("--page-port", "8123"), opening.Address(port=8123)),
+    ],
+)
+def test_a_page_that_is_asked_for_needs_no_browser(
+    words: tuple[str, ...],
+    address: opening.Address,
+    shown: list[opening.Address],
+    reported: list[Path],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(opening, "has_browser", lambda: False)
+    demo(*words)
+    assert [(found.host, found.port) for found in shown] == [(address.host, address.port)]
+    assert not shown[0].opens_browser
+    assert reported == []
+
+
+def test_a_report_and_a_page_are_not_asked_for_at_once(shown: list[opening.Address], reported: list[Path]) -> None:
+    demo("--headless", "--no-open")
+    assert (shown, reported) == ([], [])
+
+
+def test_only_a_page_that_others_reach_has_a_warning() -> None:
+    (line,) = announcement(Door("127.0.0.1", 8000, "secret"))
+    assert "http://127.0.0.1:8000/secret/" in line
+    _, warning = announcement(Door("0.0.0.0", 8000, "secret"))
+    assert "WARNING" in warning
+    assert "secret" not in warning
+
+
+def test_the_token_of_a_stated_port_is_kept_for_its_user_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert token_for(0) != token_for(0)
+    assert token_for(8123) == token_for(8123)
+    (kept,) = (tmp_path / "tactable").iterdir()
+    assert stat.S_IMODE(kept.stat().st_mode) == 0o600

@@ -1,0 +1,94 @@
+"""Pointers of browsers to the fingers of one digitizer, by way of the reports that the engine reads."""
+
+import os
+from collections.abc import Iterator
+
+import pytest
+
+from engine.digitizer import open_digitizer
+from engine.sources.pointer import Phase, PointerEvent, PointerFeed, PointerSource, open_pointer_pipe
+from tactable.page.pointers import MOST_FINGERS, Pointers
+
+
+class Rig:
+    """Pointers that feed a source, and the fingers that a digitizer makes of it."""
+
+    def __init__(self) -> None:
+        self.source, self.feed = open_pointer_pipe()
+        self.pointers = Pointers()
+        self.pointers.feed(self.feed)
+        self._digitizer = open_digitizer(self.source.descriptor, 0, 0)
+        self._fingers = frozenset[int]()
+
+    def send(self, browser: int, pointer_id: int, phase: Phase) -> None:
+        self.pointers.take(browser, [PointerEvent(pointer_id, 0.5, 0.5, phase)])
+
+    def fingers(self) -> frozenset[int]:
+        """Contact numbers that are down, after all that was sent."""
+        while report := self.source.read(0):
+            frame = self._digitizer.decode_report(report, 0)
+            if frame is not None:
+                self._fingers = frozenset(contact.contact_id for contact in frame.contacts if contact.tip)
+        return self._fingers
+
+
+@pytest.fixture
+def rig() -> Iterator[Rig]:
+    rig = Rig()
+    yield rig
+    rig.feed.close()
+    rig.source.close()
+
+
+def test_pointers_of_several_browsers_are_fingers_of_their_own(rig: Rig) -> None:
+    for browser in (1, 2):
+        for pointer_id in (7, 8):
+            rig.send(browser, pointer_id, Phase.DOWN)
+    assert rig.fingers() == {0, 1, 2, 3}
+    rig.send(1, 8, Phase.UP)
+    assert rig.fingers() == {0, 2, 3}
+    rig.send(2, 9, Phase.DOWN)
+    assert rig.fingers() == {0, 1, 2, 3}
+
+
+def test_a_browser_that_leaves_takes_its_fingers_with_it(rig: Rig) -> None:
+    rig.send(1, 1, Phase.DOWN)
+    rig.send(2, 1, Phase.DOWN)
+    rig.pointers.leave(1)
+    assert rig.fingers() == {1}
+
+
+def test_an_eleventh_finger_is_refused_until_one_lifts(rig: Rig) -> None:
+    for pointer_id in range(MOST_FINGERS + 1):
+        rig.send(1, pointer_id, Phase.DOWN)
+    assert rig.fingers() == set(range(MOST_FINGERS))
+    assert rig.pointers.refused == 1
+    rig.send(1, 3, Phase.UP)
+    rig.send(1, MOST_FINGERS, Phase.MOVE)
+    assert rig.fingers() == set(range(MOST_FINGERS))
+
+
+def test_a_pointer_that_was_never_down_lifts_nothing(rig: Rig) -> None:
+    rig.send(1, 1, Phase.UP)
+    rig.send(1, 1, Phase.CANCEL)
+    assert rig.fingers() == frozenset()
+    assert rig.pointers.refused == 0
+
+
+def test_a_move_presses_a_finger_that_an_engine_has_not_seen(rig: Rig) -> None:
+    rig.send(1, 1, Phase.MOVE)
+    assert rig.fingers() == {0}
+
+
+def test_an_engine_that_takes_nothing_breaks_nothing() -> None:
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    pointers = Pointers()
+    pointers.take(1, [PointerEvent(1, 0.5, 0.5, Phase.DOWN)])
+    pointers.feed(PointerFeed(writing))
+    source = PointerSource(reading)
+    for _ in range(10_000):
+        pointers.take(1, [PointerEvent(1, 0.5, 0.5, Phase.MOVE)])
+    assert pointers.refused > 0
+    source.close()
+    os.close(writing)

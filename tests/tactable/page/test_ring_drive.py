@@ -1,0 +1,68 @@
+"""Records of a ring to what the firmware drives."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from engine.table import Table, open_table
+from engine.zones import ZoneState
+from firmware_link.drive_log import Cause
+from tactable.page.ring_drive import RingDrive
+from tests.tactable.page.played import RESOLUTION_HZ, record_of
+
+STATES = (ZoneState.FELT, ZoneState.FREE, ZoneState.QUIET)
+
+
+@pytest.fixture(scope="module")
+def table(click_table: Path) -> Iterator[Table]:
+    with open_table(click_table) as opened:
+        yield opened
+
+
+@pytest.fixture
+def drive(table: Table) -> RingDrive:
+    return RingDrive(table, RESOLUTION_HZ)
+
+
+def test_a_steady_drive_is_that_of_the_entry_from_when_it_was_written(table: Table, drive: RingDrive) -> None:
+    record = record_of(table, STATES, 1_000_000)
+    (event,) = drive.events([record])
+    entry = table.entry_at(record.state, 20.0)
+    assert entry is not None
+    assert (event.cause, event.device_time_us, event.waveform) == (Cause.SET, 1050, None)
+    assert [channel.amplitude for channel in event.channels] == pytest.approx(entry.amplitudes, abs=1e-4)
+    assert [channel.frequency_hz for channel in event.channels] == pytest.approx(entry.frequencies_hz, abs=5e-3)
+
+
+def test_a_click_is_the_waveform_of_its_state(table: Table, drive: RingDrive) -> None:
+    record = record_of(table, STATES, 1_000_000, is_click=True)
+    (event,) = drive.events([record])
+    click = table.click_at(record.state, 20.0)
+    assert click is not None and event.waveform is not None
+    assert event.cause is Cause.PLAY
+    assert event.waveform.amplitude == click.amplitude
+    played = drive.banks[event.waveform.bank_hash].waveforms[event.waveform.index]
+    assert np.array_equal(played, click.samples)
+
+
+def test_what_was_not_sent_drives_nothing(table: Table, drive: RingDrive) -> None:
+    assert drive.events([record_of(table, STATES, 0, is_click=True, is_sent=False)]) == []
+    assert drive.events([record_of(table, STATES, 0, level_db=None, is_sent=False)]) == []
+
+
+def test_silence_ends_a_drive(table: Table, drive: RingDrive) -> None:
+    records = [record_of(table, STATES, 0), record_of(table, STATES, 9_000_000, level_db=None)]
+    _, event = drive.events(records)
+    assert event.device_time_us == 9050
+    assert not any(channel.amplitude for channel in event.channels)
+
+
+def test_the_end_of_a_burst_is_silence_though_no_sequence_tells_it(table: Table, drive: RingDrive) -> None:
+    begun = record_of(table, STATES, 0)._replace(is_click=True)
+    ended = begun._replace(stamps_ns=(0, 30_000_000, 0, 0, 0, 0), drive_sequence=None, drive=b"")
+    first, last = drive.events([begun, ended])
+    assert any(channel.amplitude for channel in first.channels)
+    assert (last.device_time_us, last.waveform) == (30_000, None)
+    assert not any(channel.amplitude for channel in last.channels)

@@ -1,0 +1,274 @@
+"""The page's server: who is let in, what it gives them, and how it closes on what is no message."""
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+import uvicorn
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.typing import Origin
+
+from engine.sources.pointer import Phase, PointerEvent
+from tactable.page.messages import (
+    MOST_BYTES,
+    VERSION,
+    CloseCode,
+    Kind,
+    encode_choice,
+    encode_listen,
+    encode_sound,
+    encode_touches,
+)
+from tactable.page.security import HEADERS, Door, new_token
+from tactable.page.server import MOST_BROWSERS, open_door, serve
+
+DOWN = PointerEvent(1, 0.25, 0.5, Phase.DOWN)
+SOUND = encode_sound(3, 8000, np.zeros(4, np.int16))
+Visit = Callable[[Door, "Notes"], Awaitable[None]]
+
+
+class Notes:
+    """A show that notes what is done to it, and shows one picture after another."""
+
+    def __init__(self) -> None:
+        self.scene_number = 0
+        self.ticks = 0
+        self.is_busy = True
+        self.is_broken = False
+        self.touched: list[tuple[int, tuple[PointerEvent, ...]]] = []
+        self.left: list[int] = []
+        self.chosen: list[dict[str, Any]] = []
+
+    def scene(self) -> dict[str, Any]:
+        return {"number": self.scene_number}
+
+    def tick(self) -> tuple[list[bytes], bool]:
+        if self.is_broken:
+            raise RuntimeError("the show is broken")
+        self.ticks += 1
+        return [bytes([VERSION, Kind.PICTURE]) + self.ticks.to_bytes(4, "little")], self.is_busy
+
+    def touch(self, browser: int, events: Sequence[PointerEvent]) -> None:
+        self.touched.append((browser, tuple(events)))
+
+    def leave(self, browser: int) -> None:
+        self.left.append(browser)
+
+    def choose(self, switches: dict[str, Any]) -> None:
+        self.chosen.append(switches)
+        self.scene_number += 1
+
+    def sound(self, finger: int) -> bytes | None:
+        return SOUND if finger == 3 else None
+
+    async def run(self) -> None:
+        await asyncio.Event().wait()
+
+
+def visit(visitor: Visit) -> Notes:
+    """What a visitor leaves on a show that is served while it is there."""
+    show = Notes()
+
+    async def served() -> None:
+        listening, door = open_door("127.0.0.1", 0, new_token())
+
+        async def stay(server: uvicorn.Server) -> None:
+            async def come_and_go() -> None:
+                try:
+                    await visitor(door, show)
+                finally:
+                    server.should_exit = True
+
+            stays.append(asyncio.create_task(come_and_go()))
+
+        stays: list[asyncio.Task[None]] = []
+        with listening:
+            await serve(show, listening, door, stay)
+        await stays[0]
+
+    asyncio.run(served())
+    return show
+
+
+def socket_of(door: Door, **words: Any) -> connect:
+    """A WebSocket as the page itself opens it."""
+    address = door.url.replace("http:", "ws:") + "socket"
+    return connect(address, **{"origin": Origin(f"http://127.0.0.1:{door.port}"), "compression": None, **words})
+
+
+async def next_of(socket: ClientConnection, kind: Kind) -> bytes:
+    while True:
+        message = await socket.recv()
+        assert isinstance(message, bytes)
+        if message[1] == kind:
+            return message
+
+
+async def closed_with(socket: ClientConnection) -> int:
+    with pytest.raises(ConnectionClosed) as caught:
+        while True:
+            await socket.recv()
+    assert caught.value.rcvd is not None
+    return caught.value.rcvd.code
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    while not condition():
+        await asyncio.sleep(0.005)
+
+
+def test_every_file_of_the_page_is_served_with_its_type_and_nothing_else_is() -> None:
+    async def visitor(door: Door, _show: Notes) -> None:
+        async with httpx.AsyncClient() as client:
+            for name, kind in (
+                ("", "text/html"),
+                ("app.js", "text/javascript"),
+                ("page.css", "text/css"),
+                ("icon.svg", "image/svg+xml"),
+            ):
+                found = await client.get(door.url + name)
+                assert found.status_code == 200
+                assert found.headers["content-type"].startswith(kind)
+                assert all(found.headers[header] == value for header, value in HEADERS.items())
+            for name in ("server.py", "..%2fserver.py", "%2e%2e/server.py", "socket"):
+                assert (await client.get(door.url + name)).status_code in (403, 404)
+            assert (await client.post(door.url)).status_code == 403
+
+    visit(visitor)
+
+
+def test_a_wrong_token_and_a_foreign_host_see_nothing() -> None:
+    async def visitor(door: Door, _show: Notes) -> None:
+        async with httpx.AsyncClient() as client:
+            root = f"http://127.0.0.1:{door.port}/"
+            for address in (root, root + "x/", root + door.token[:-1] + "/", root + door.token, root + "app.js"):
+                found = await client.get(address)
+                assert found.status_code in (307, 403)
+                assert "script" not in found.text
+            for host in ("evil.example", f"evil.example:{door.port}", "127.0.0.1"):
+                assert (await client.get(door.url, headers={"Host": host})).status_code == 403
+
+    visit(visitor)
+
+
+@pytest.mark.parametrize("origin", [None, "http://evil.example", "null", "https://127.0.0.1"])
+def test_a_socket_of_a_foreign_page_is_refused(origin: str | None) -> None:
+    async def visitor(door: Door, _show: Notes) -> None:
+        with pytest.raises(InvalidStatus) as caught:
+            async with socket_of(door, origin=origin):
+                pass
+        assert caught.value.response.status_code == 403
+
+    assert visit(visitor).left == []
+
+
+def test_a_socket_with_a_wrong_token_is_refused() -> None:
+    async def visitor(door: Door, _show: Notes) -> None:
+        with pytest.raises(InvalidStatus) as caught:
+            async with socket_of(Door(door.host, door.port, "wrong")):
+                pass
+        assert caught.value.response.status_code == 403
+
+    visit(visitor)
+
+
+@pytest.mark.parametrize(
+    ("message", "code"),
+    [
+        (b"", CloseCode.MALFORMED),
+        (b"\x01\x82{", CloseCode.MALFORMED),
+        (b"\x02\x83\0\0\0\0", CloseCode.OTHER_VERSION),
+        ("text", CloseCode.NOT_BINARY),
+        (bytes(MOST_BYTES + 1), CloseCode.TOO_BIG),
+        (bytes(1 << 20), CloseCode.TOO_BIG),
+    ],
+)
+def test_what_is_no_message_closes_the_socket_and_hurts_nobody_else(message: bytes | str, code: CloseCode) -> None:
+    async def visitor(door: Door, show: Notes) -> None:
+        async with socket_of(door) as other, socket_of(door) as socket:
+            await socket.send(message)
+            assert await closed_with(socket) == code
+            await other.send(encode_touches([DOWN]))
+            await until(lambda: bool(show.touched))
+            await next_of(other, Kind.PICTURE)
+
+    assert len(visit(visitor).left) == 2
+
+
+def test_what_browsers_ask_reaches_the_show_and_goes_with_them() -> None:
+    async def visitor(door: Door, show: Notes) -> None:
+        async with socket_of(door) as socket:
+            assert json.loads((await next_of(socket, Kind.SCENE))[2:]) == {"number": 0}
+            await socket.send(encode_touches([DOWN]))
+            await socket.send(encode_choice({"level_db": None}))
+            assert json.loads((await next_of(socket, Kind.SCENE))[2:]) == {"number": 1}
+            await socket.send(encode_listen(9))
+            await socket.send(encode_listen(3))
+            assert await next_of(socket, Kind.SOUND) == SOUND
+        await until(lambda: bool(show.left))
+
+    show = visit(visitor)
+    assert show.touched == [(1, (DOWN,))]
+    assert show.chosen == [{"level_db": None}]
+    assert show.left == [1]
+
+
+def test_pictures_come_one_after_another_and_seldom_while_nothing_happens() -> None:
+    async def visitor(door: Door, show: Notes) -> None:
+        async with socket_of(door) as socket:
+            first, second = [await next_of(socket, Kind.PICTURE) for _ in range(2)]
+            assert int.from_bytes(second[2:], "little") > int.from_bytes(first[2:], "little")
+            show.is_busy = False
+            await next_of(socket, Kind.PICTURE)
+            before, shown = show.ticks, 0
+            while show.ticks < before + 60:
+                await next_of(socket, Kind.PICTURE)
+                shown += 1
+            assert shown <= 60 // 6
+
+    visit(visitor)
+
+
+def test_a_browser_that_takes_nothing_holds_up_nobody() -> None:
+    async def visitor(door: Door, show: Notes) -> None:
+        async with socket_of(door, max_queue=1, close_timeout=0.1), socket_of(door) as socket:
+            before = show.ticks
+            while show.ticks < before + 120:
+                newest = int.from_bytes((await next_of(socket, Kind.PICTURE))[2:], "little")
+            assert newest >= show.ticks - 20
+
+    visit(visitor)
+
+
+def test_more_browsers_than_there_is_room_for_are_turned_away() -> None:
+    async def visitor(door: Door, _show: Notes) -> None:
+        sockets = [await socket_of(door) for _ in range(MOST_BROWSERS)]
+        async with socket_of(door) as late:
+            assert await closed_with(late) == CloseCode.CROWDED
+        for socket in sockets:
+            await socket.close()
+        async with socket_of(door) as again:
+            await next_of(again, Kind.PICTURE)
+
+    visit(visitor)
+
+
+def test_a_show_that_breaks_ends_the_server_with_its_error() -> None:
+    async def visitor(door: Door, show: Notes) -> None:
+        async with socket_of(door) as socket:
+            show.is_broken = True
+            await closed_with(socket)
+
+    with pytest.raises(RuntimeError, match="the show is broken"):
+        visit(visitor)
+
+
+def test_a_port_that_is_taken_is_an_error_of_the_system() -> None:
+    listening, door = open_door("127.0.0.1", 0, "token")
+    with listening, pytest.raises(OSError, match="in use"):
+        open_door("127.0.0.1", door.port, "token")
