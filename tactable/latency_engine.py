@@ -145,7 +145,11 @@ def _run(
         with live.armed():
             _say(control, {"board": live.capabilities.board})
             live.loop.run()
-        bounds = live.link.clock.offset_bounds(SystemClock().now_ns())
+        try:
+            bounds = live.link.clock.offset_bounds(SystemClock().now_ns())
+        except ValueError as error:
+            lost = "the device was lost and not back when the touches ended: it, or this machine, is too slow for the rate"
+            raise LinkError(lost) from error
         samples = _samples(live, source, trace)
         np.savez(segment.samples, **samples, **_promises(table, samples), **port.applied(bounds))
         _say(
