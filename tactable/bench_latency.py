@@ -55,6 +55,9 @@ def register(bench: typer.Typer) -> None:
         ] = "all",
         ablations: Annotated[bool, typer.Option(help="Also without each step, and without all.")] = True,
         echo: Annotated[bool, typer.Option(help="Also the C echo engine, where there is a compiler.")] = True,
+        page: Annotated[
+            bool, typer.Option("--page", help="Also with the page attached, and drawn where there is Chromium.")
+        ] = False,
         stall: Annotated[
             StalledLayer | None, typer.Option(help="Let a layer stand still 60 ms each 250 ms, to see it named.")
         ] = None,
@@ -83,7 +86,7 @@ def register(bench: typer.Typer) -> None:
             with _opened(table_path) as table:
                 streams = _streams(table, _numbers(rates), fingers, recordings or [])
                 way = Way(over) if over == "sockets" else Way(over, bit_rate_hz)
-                plan = _plan(tuple(rate for rate, _ in streams), loads, real_time, ablations, echo)
+                plan = _plan(tuple(rate for rate, _ in streams), loads, real_time, ablations, echo, page)
                 _check_samples(plan.rates_hz[-1] if recordings else min(plan.rates_hz[-1], MOST_COMMANDS_HZ), seconds)
                 injected = None if stall is None else Stall(stall)
                 document, run = measure(table, plan, streams, recordings or [], way, seconds, rounds, injected, _told)
@@ -131,7 +134,7 @@ def _numbers(rates: str) -> tuple[int, ...]:
     return numbers
 
 
-def _plan(rates: tuple[int, ...], loads: str, steps: str, ablates: bool, echo: bool) -> Plan:
+def _plan(rates: tuple[int, ...], loads: str, steps: str, ablates: bool, echo: bool, pages: bool) -> Plan:
     try:
         chosen: tuple[Step, ...] = parse_steps(steps)
         beside = tuple(Load(part.strip()) for part in loads.split(",") if part.strip())
@@ -139,7 +142,7 @@ def _plan(rates: tuple[int, ...], loads: str, steps: str, ablates: bool, echo: b
         raise typer.BadParameter(str(error)) from error
     if not beside:
         raise typer.BadParameter(f"--loads {loads!r}: expected some of {', '.join(Load)}")
-    return Plan(rates, beside, chosen, has_echo=echo, ablates=ablates)
+    return Plan(rates, beside, chosen, has_echo=echo, ablates=ablates, pages=pages)
 
 
 def _check_samples(commands_hz: int, seconds: float) -> None:
@@ -167,7 +170,8 @@ def _print_summary(document: dict[str, Any], folder: Path) -> None:
             _out.print(f"  its slowest lost their time in {slowest['layer']} ({slowest['stage']})", highlight=False)
     for row in document["ratios"]:
         if row["way"].startswith("due"):
-            _out.print(f"against C: {row['condition']}: median {row['median']['value']:.2f}", highlight=False)
+            ratio = f"{row['condition']}, against {row['against']}: median {row['median']['value']:.2f}"
+            _out.print(ratio, highlight=False, soft_wrap=True)
     for name in got_worse(document.get("comparison", {})):
         _out.print(f"WORSE than the baseline: {name}", style="red", markup=False, soft_wrap=True)
     _out.print(f"{folder / 'report.html'}: the page; report.md, report.json and the samples beside it", highlight=False)

@@ -24,6 +24,7 @@ from engine.limits import LimitError
 from engine.loop import StateChange, SystemClock
 from engine.realtime import Step
 from engine.renderer import RendererError, WhenNotAchieved
+from engine.ring import RingWriter
 from engine.table import Table, open_table
 from firmware_link.clock import OffsetBounds
 from firmware_link.errors import LinkError
@@ -60,6 +61,8 @@ class Segment:
     """A serial port; None: the second socket."""
     bit_rate_hz: int = SOCKET_BIT_RATE_HZ
     has_fast_path: bool = True
+    ring: str | None = None
+    """Where others may look on."""
 
 
 class EngineProcess:
@@ -141,14 +144,19 @@ def _run(
         steps = tuple(Step(step) for step in segment.steps)
         options = LiveOptions(HELD, WhenNotAchieved.GO_ON, True, segment.bit_rate_hz, steps, segment.processor, fast)
         stack.enter_context(_busy_thread(segment.has_busy_thread))
-        live = Live(table, source, port, SystemClock(), options, trace)
+        ring = None if segment.ring is None else stack.enter_context(RingWriter(Path(segment.ring)))
+        live = Live(table, source, port, SystemClock(), options, trace, ring=ring)
         with live.armed():
-            _say(control, {"board": live.capabilities.board})
+            capabilities = live.capabilities
+            about = {"board": capabilities.board, "frequency_resolution_hz": capabilities.frequency_resolution_hz}
+            _say(control, about)
             live.loop.run()
         try:
             bounds = live.link.clock.offset_bounds(SystemClock().now_ns())
         except ValueError as error:
-            lost = "the device was lost and not back when the touches ended: it, or this machine, is too slow for the rate"
+            lost = (
+                "the device was lost and not back when the touches ended: it, or this machine, is too slow for the rate"
+            )
             raise LinkError(lost) from error
         samples = _samples(live, source, trace)
         np.savez(segment.samples, **samples, **_promises(table, samples), **port.applied(bounds))

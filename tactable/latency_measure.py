@@ -6,7 +6,7 @@ import shlex
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +59,7 @@ def measure(
         is_generated = streams[0][1].reports_per_command is not None
         program = build_echo_engine(folder) if plan.has_echo and is_generated else None
         has_echo = program is not None
-        plan = Plan(plan.rates_hz, plan.loads, plan.steps, has_echo, plan.ablates)
+        plan = replace(plan, has_echo=has_echo)
         segments, done = rounds * plan.segments_a_round, 0
         with Bench(table, dict(streams), folder, way, program) as bench:
             for number, load, conditions in plan.rounds(rounds):

@@ -61,7 +61,7 @@ def markdown_lines(document: Mapping[str, Any]) -> list[str]:
     whole = document["whole"]
     blocks += [document["method"], f"## {whole.capitalize()}, us", _conditions_table(conditions, whole)]
     if document["ratios"]:
-        blocks += ["## Against the C echo engine", document["floor_note"], _ratios_table(document["ratios"])]
+        blocks += ["## Against what the system costs", document["floor_note"], _ratios_table(document["ratios"])]
     elif document["floor_note"]:
         blocks.append(document["floor_note"])
     blocks += ["## Stages, median and p99 in us", _stages_table(conditions)]
@@ -90,8 +90,11 @@ def _conditions_table(conditions: Sequence[Mapping[str, Any]], whole: str) -> st
 
 
 def _ratios_table(ratios: Sequence[Mapping[str, Any]]) -> str:
-    rows = [[row["condition"], row["way"], _interval(row["median"]), _interval(row["p99_9"])] for row in ratios]
-    return _table(["condition", "way", "median ratio (95 %)", "p99.9 ratio (95 %)"], rows)
+    rows = [
+        [row["condition"], row["against"], row["way"], _interval(row["median"]), _interval(row["p99_9"])]
+        for row in ratios
+    ]
+    return _table(["condition", "against", "way", "median ratio (95 %)", "p99.9 ratio (95 %)"], rows)
 
 
 def _interval(found: Mapping[str, float] | None) -> str:

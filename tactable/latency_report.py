@@ -77,7 +77,7 @@ def _condition_json(condition: Condition, parts: Sequence[Measured]) -> dict[str
 
 
 def _ratios(run: Run) -> list[dict[str, Any]]:
-    """Each condition against the C echo engine of the same run: the way from due, and from sent, to written."""
+    """Each condition against its floor in the same run: the way from due, and from sent, to written."""
     rows = []
     for condition, parts in run.measured.items():
         floor = run.plan.floor_of(condition)
@@ -86,7 +86,8 @@ def _ratios(run: Run) -> list[dict[str, Any]]:
         for since in (Point.DUE, Point.SENT):
             ours = [_way(part.stamps, since) for part in parts]
             theirs = [_way(part.stamps, since) for part in run.measured[floor]]
-            row: dict[str, Any] = {"condition": condition.name, "way": f"{since.name.lower()} to written"}
+            way = f"{since.name.lower()} to written"
+            row: dict[str, Any] = {"condition": condition.name, "against": floor.engine, "way": way}
             enough = min(sum(map(len, ours)), sum(map(len, theirs))) >= 10_000
             for name, statistic, is_told in (("median", median, True), ("p99_9", percentile(99.9), enough)):
                 found = compare(ours, theirs, statistic, ratio)

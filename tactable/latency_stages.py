@@ -60,7 +60,9 @@ STAGES = {
     Point.WRITTEN: StageOf("encode and write", "link", "command frame made, and taken by the port"),
     Point.RECEIVED: StageOf("line", "link", "taken by the port until the other end has it"),
     Point.APPLIED: StageOf("device", "device", "received until the firmware drives it"),
-    Point.AT_FINGER: StageOf("bar (promised)", "bar", "driven until it passes the threshold at the finger: by the model, not measured"),
+    Point.AT_FINGER: StageOf(
+        "bar (promised)", "bar", "driven until it passes the threshold at the finger: by the model, not measured"
+    ),
 }
 SHORT_OF_PROMISE = tuple(point for point in STAGES if point is not Point.AT_FINGER)
 
