@@ -7,14 +7,17 @@ ever smaller steps while that helps, and what comes out is judged by the entries
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from precompute.touches import sample_touches
+from precompute.shared_work import solve_shared
+from precompute.touches import Touches, sample_touches
 from precompute.two_fingers import TwoFingers, screen_two_fingers, solve_two_fingers
+from precompute.workers import Crew
 
 Array = NDArray[np.float64]
 Places = tuple[float, ...]
@@ -91,63 +94,88 @@ def grid_of(device: Device, count: int, most: int) -> tuple[list[Places], float]
     return [at for at in itertools.combinations(grid_m, count) if _is_buildable(device, at)], grid_m[1] - grid_m[0]
 
 
-def search_placement(device: Device, count: int, wanted_db: float, most: int, told: Told) -> PlacementSearch:
-    """Search where `count` actuators go for the best worst state at `wanted_db`; `told` the fraction done."""
-    touches = sample_touches(device)
+def search_placement(
+    device: Device, count: int, wanted_db: float, most: int, told: Told, crew: Crew | None = None
+) -> PlacementSearch:
+    """Search where `count` actuators go for the best worst state at `wanted_db`; `told` the fraction done.
 
-    def screen(at: Places, step_hz: float) -> TwoFingers:
-        return screen_two_fingers(with_actuators_at(device, at), touches, wanted_db, step_hz)
-
+    This process and its crew share the work.
+    """
+    solve = partial(solve_shared, crew or Crew(0))
+    look = Screening(device, sample_touches(device), wanted_db, _STEP_HZ)
     grid, step_m = grid_of(device, count, most)
-    screened = list[TwoFingers]()
-    for at in grid:
-        screened.append(screen(at, _STEP_HZ))
-        told(_SCREENING * len(screened) / len(grid))
+    screened = solve(look.begin, grid, lambda done: told(_SCREENING * done))
     order = sorted(range(len(grid)), key=lambda i: screened[i].rank, reverse=True)
-    climber = _Climber(device, lambda at: screen(at, _FINE_STEP_HZ))
     starts = list(_distinct([grid[i] for i in order], step_m))
-    climbed = set[Places]()
-    for k, start in enumerate(starts):
-        climbed.add(climber.climb(start, step_m))
-        told(_SCREENING + (_MOVING - _SCREENING) * (k + 1) / len(starts))
-    best = sorted(climbed, key=lambda at: climber.of(at).rank, reverse=True)[:_JUDGED]
+    climb = partial(_begin_climb, replace(look, step_hz=_FINE_STEP_HZ), step_m)
+    climbed = solve(climb, starts, lambda done: told(_SCREENING + (_MOVING - _SCREENING) * done))
+    best = sorted({end.position_m: end.rank for end in climbed}.items(), key=lambda item: item[1], reverse=True)
+    named = _to_judge(device, [at for at, _ in best[:_JUDGED]])
+    judge = partial(_begin_judging, device, wanted_db)
+    fingers = solve(judge, [at for _, at in named], lambda done: told(_MOVING + (1 - _MOVING) * done))
     return PlacementSearch(
         screened_m=np.array(grid),
         screened_db=np.array([found.worst_db if found.is_reached else np.nan for found in screened]),
-        moved=len(climber.seen),
-        judged=tuple(_judge(device, best, wanted_db, lambda done: told(_MOVING + (1 - _MOVING) * done))),
+        moved=sum(end.looked_at for end in climbed),
+        judged=_ranked([Placement(name, at, found) for (name, at), found in zip(named, fingers, strict=True)]),
     )
 
 
-class _Climber:
-    """Moves one actuator at a time, half the step when no move helps; remembers what it has looked at."""
+@dataclass(frozen=True)
+class Screening:
+    """What placements of a device are screened with; its `begin` gives a process what it screens by."""
 
-    def __init__(self, device: Device, screen: Callable[[Places], TwoFingers]) -> None:
-        self._device, self._screen = device, screen
-        self.seen: dict[Places, TwoFingers] = {}
+    device: Device
+    touches: Touches
+    wanted_db: float
+    step_hz: float
+
+    def begin(self) -> Callable[[Places], TwoFingers]:
+        """For a process."""
+        return self.of
 
     def of(self, at: Places) -> TwoFingers:
-        if at not in self.seen:
-            self.seen[at] = self._screen(at)
-        return self.seen[at]
+        """Of one placement."""
+        return screen_two_fingers(with_actuators_at(self.device, at), self.touches, self.wanted_db, self.step_hz)
 
-    def climb(self, start: Places, step_m: float) -> Places:
-        at, least_m = start, _FINEST * self._device.bar.length_m
-        for _ in range(_MOVES):
-            step_m /= 2
-            if step_m < least_m:
-                break
-            moves = [at, *self._moves(at, step_m)]
-            best = max(moves, key=lambda move: self.of(move).rank)
-            step_m *= 1 if best == at else 2
-            at = best
-        return at
 
-    def _moves(self, at: Places, step_m: float) -> Iterator[Places]:
-        for i, by_m in itertools.product(range(len(at)), (-step_m, step_m)):
-            moved = (*at[:i], round(at[i] + by_m, 6), *at[i + 1 :])
-            if _is_buildable(self._device, moved):
-                yield moved
+@dataclass(frozen=True)
+class Climbed:
+    """Where a climb ended, how that ranks, and how many placements it looked at."""
+
+    position_m: Places
+    rank: tuple[bool, float]
+    looked_at: int
+
+
+def _begin_climb(look: Screening, step_m: float) -> Callable[[Places], Climbed]:
+    return lambda start: _climb(look, start, step_m)
+
+
+def _begin_judging(device: Device, wanted_db: float) -> Callable[[Places], TwoFingers]:
+    return lambda at: solve_two_fingers(with_actuators_at(device, at), wanted_db)
+
+
+def _climb(look: Screening, start: Places, step_m: float) -> Climbed:
+    """Move one actuator at a time to where that is best, half the step when no move helps."""
+    ranks, at = {start: look.of(start).rank}, start
+    for _ in range(_MOVES):
+        step_m /= 2
+        if step_m < _FINEST * look.device.bar.length_m:
+            break
+        moves = list(_moves(look.device, at, step_m))
+        ranks |= {move: look.of(move).rank for move in moves if move not in ranks}
+        best = max([at, *moves], key=ranks.__getitem__)
+        step_m *= 1 if best == at else 2
+        at = best
+    return Climbed(at, ranks[at], len(ranks))
+
+
+def _moves(device: Device, at: Places, step_m: float) -> Iterator[Places]:
+    for i, by_m in itertools.product(range(len(at)), (-step_m, step_m)):
+        moved = (*at[:i], round(at[i] + by_m, 6), *at[i + 1 :])
+        if _is_buildable(device, moved):
+            yield moved
 
 
 def _distinct(ordered: Sequence[Places], step_m: float) -> Iterator[Places]:
@@ -168,16 +196,15 @@ def _is_buildable(device: Device, at: Places) -> bool:
     return bool(inside and (gaps_m >= APART * length_m - slack_m).all())
 
 
-def _judge(device: Device, found: Sequence[Places], wanted_db: float, told: Told) -> list[Placement]:
-    """The best of those found, the device's own and the even placement, by what a table would hold; best first."""
+def _to_judge(device: Device, found: Sequence[Places]) -> list[tuple[str, Places]]:
+    """The best of those found, the even placement and, of as many actuators, the device's own."""
     count = len(found[0])
-    named = [("found", at) for at in found] + [("even", even_places(device, count))]
-    if count == len(device.actuators):
-        named.append(("as described", own_places(device)))
-    judged = list[Placement]()
-    for name, at in named:
-        judged.append(Placement(name, at, solve_two_fingers(with_actuators_at(device, at), wanted_db)))
-        told(len(judged) / len(named))
-    judged.sort(key=lambda placement: placement.fingers.rank, reverse=True)
-    first = next(placement for placement in judged if placement.name == "found")
-    return [placement for placement in judged if placement is first or placement.name != "found"]
+    named = [*(("found", at) for at in found), ("even", even_places(device, count))]
+    return [*named, ("as described", own_places(device))] if count == len(device.actuators) else named
+
+
+def _ranked(judged: Sequence[Placement]) -> tuple[Placement, ...]:
+    """Best first; of those found only the best."""
+    ordered = sorted(judged, key=lambda placement: placement.fingers.rank, reverse=True)
+    first = next(placement for placement in ordered if placement.name == "found")
+    return tuple(placement for placement in ordered if placement is first or placement.name != "found")

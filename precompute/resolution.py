@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,10 @@ from engine.device import Device, Zone
 from engine.device_file import ROMAN
 from precompute.assembly import assemble
 from precompute.placement import with_actuators_at
+from precompute.shared_work import solve_shared
 from precompute.two_fingers import TwoFingers, solve_two_fingers
 from precompute.untouched_optimum import greatest_factors
+from precompute.workers import Crew
 
 Array = NDArray[np.float64]
 
@@ -46,22 +49,29 @@ def study_resolution(
     zones: Sequence[int],
     wanted_db: float,
     told: Callable[[float], None],
+    crew: Crew | None = None,
 ) -> list[Resolved]:
-    """Every number of zones for every placement (positions in metres), in this order; `told` the fraction done."""
-    wanted = [(at, count) for at in placements for count in zones]
-    work, found = sum(count * (count - 1) for _, count in wanted), list[Resolved]()
-    done = 0
-    for at, count in wanted:
-        changed = with_equal_zones(with_actuators_at(device, at), count)
-        found.append(
-            Resolved(
-                position_m=tuple(sorted(at)),
-                zones=count,
-                zone_length_m=device.bar.length_m / count,
-                fingers=solve_two_fingers(changed, wanted_db),
-                factor=greatest_factors(assemble(changed)),
-            )
-        )
-        done += count * (count - 1)
-        told(done / work)
-    return found
+    """Every number of zones for every placement (positions in metres), in this order; `told` the fraction done.
+
+    This process and its crew share the work.
+    """
+    jobs = list(itertools.product(placements, zones))
+    slowest_first = sorted(jobs, key=lambda job: -len(job[0]) * job[1] ** 2)
+    found = solve_shared(crew or Crew(0), partial(_begin, device, wanted_db), slowest_first, told)
+    by_job = dict(zip(slowest_first, found, strict=True))
+    return [by_job[job] for job in jobs]
+
+
+def _begin(device: Device, wanted_db: float) -> Callable[[tuple[tuple[float, ...], int]], Resolved]:
+    return lambda job: _resolve(device, *job, wanted_db)
+
+
+def _resolve(device: Device, position_m: tuple[float, ...], zones: int, wanted_db: float) -> Resolved:
+    changed = with_equal_zones(with_actuators_at(device, position_m), zones)
+    return Resolved(
+        position_m=tuple(sorted(position_m)),
+        zones=zones,
+        zone_length_m=device.bar.length_m / zones,
+        fingers=solve_two_fingers(changed, wanted_db),
+        factor=greatest_factors(assemble(changed)),
+    )

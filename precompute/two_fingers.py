@@ -22,8 +22,6 @@ from precompute.touches import Touches
 Array = NDArray[np.float64]
 Pair = tuple[int, int]
 
-_SILENT_DB = -1000.0
-
 
 @dataclass(frozen=True)
 class TwoFingers:
@@ -69,7 +67,7 @@ def solve_two_fingers(device: Device, wanted_db: float) -> TwoFingers:
 
 
 def screen_two_fingers(device: Device, touches: Touches, wanted_db: float, step_hz: float) -> TwoFingers:
-    """The same, quickly: of drives of one tone every `step_hz`, a fixed set and the one of greatest contrast.
+    """The same, quickly: of drives of one tone every `step_hz`, a fixed set, the loudest and the greatest contrast.
 
     No more than the search finds. `touches` are those of the device; they do not depend on its actuators.
     """
@@ -84,21 +82,35 @@ def screen_two_fingers(device: Device, touches: Touches, wanted_db: float, step_
         forms = compute_forms(receptance, two)
         for felt, quiet in (two, two[::-1]):
             ratio, power = _scan_best(contrast(forms, _states(device, felt, quiet)), directions, wanted)
-            contrast_db[felt, quiet] = 10 * np.log10(ratio) if ratio > 0 else _SILENT_DB
+            contrast_db[felt, quiet] = 10 * np.log10(ratio)
             level_db[felt, quiet] = min(wanted_db, wanted_db + 10 * np.log10(power / wanted))
     return TwoFingers(wanted_db, contrast_db, level_db)
 
 
 def _scan_best(problem: Problem, directions: NDArray[np.float32], wanted: float) -> tuple[float, float]:
-    """The greatest ratio above the wanted power, not positive where there is none, and the greatest power."""
+    """The greatest ratio found above the wanted power, of the loudest drive where that is short; the greatest power."""
     muted = problem.muted()
+    ratio, power = _loudest(muted)
+    if power < wanted:
+        return ratio, power
     score = np.empty((len(problem.frequency_hz), 2), dtype=np.float32)
     arg = np.empty(score.shape, dtype=np.int64)
     numerator, denominator, level = map(pack_forms, muted.stacks)
     scan(numerator, denominator, level, directions, np.array([wanted], dtype=np.float32), score, arg)
-    # One finger's power is |sum_l h_l a_l|^2: greatest with every |a_l| at 1, all in phase.
-    power = np.sqrt(np.einsum("faa->fa", muted.level[0]).real).sum(axis=1).max() ** 2
-    return max(float(score[:, 0].max()), _purest(muted, wanted)), float(power)
+    return max(ratio, float(score[:, 0].max()), _purest(muted, wanted)), power
+
+
+def _loudest(problem: Problem) -> tuple[float, float]:
+    """Ratio and power of the loudest drive of one tone.
+
+    One finger's power is |sum_l h_l a_l|^2: greatest with every |a_l| at 1, all in phase under it.
+    """
+    (N,), (D,), (P,) = problem.stacks
+    at = int(np.sqrt(np.einsum("faa->fa", P).real).sum(axis=1).argmax())
+    column = P[at][:, np.diag(P[at]).real.argmax()]
+    drive = np.where(column == 0, 0, np.exp(1j * np.angle(column)))
+    ratio, power = (drive.conj() @ N[at] @ drive / (drive.conj() @ D[at] @ drive), drive.conj() @ P[at] @ drive)
+    return float(ratio.real), float(power.real)
 
 
 def _purest(problem: Problem, wanted: float) -> float:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from numpy.typing import NDArray
 
 from engine.device import Device
@@ -36,11 +36,13 @@ def plot_placement(device: Device, searches: Sequence[PlacementSearch], wanted_d
     rows = [(search, placement) for search in searches for placement in search.judged]
     with_map = next((search for search in searches if search.count == 2), None)
     figure = Figure(figsize=(9.6, _REST_INCHES + _ROW_INCHES * len(rows)), layout="constrained")
-    grid = figure.add_gridspec(2, 2 if with_map else 1, height_ratios=[_ROW_INCHES * len(rows) + 0.6, 3.2])
-    _draw_layouts(figure.add_subplot(grid[0, :]), device, rows)
+    heights = [_ROW_INCHES * len(rows) + 0.9, 3.6]
+    above, below = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
+    _draw_layouts(above.subplots(), device, rows)
+    panels = below.subplots(1, 2 if with_map else 1, squeeze=False)[0]
     if with_map is not None:
-        _draw_map(figure, figure.add_subplot(grid[1, 0]), with_map)
-    _draw_distribution(figure.add_subplot(grid[1, -1]), searches)
+        _draw_map(below, panels[0], with_map)
+    _draw_distribution(panels[-1], searches)
     caption = f"{device.name}: where actuators go for the best worst contrast of two fingers at {wanted_db:g} dB"
     figure.suptitle(caption, fontsize="medium")
     draw_note(figure, device, FINGER_NOTE, THRESHOLD_NOTE, SIZE_NOTE)
@@ -85,7 +87,7 @@ def _draw_layouts(axes: Axes, device: Device, rows: Sequence[tuple[PlacementSear
         axes.spines[side].set_visible(False)
 
 
-def _draw_map(figure: Figure, axes: Axes, search: PlacementSearch) -> None:
+def _draw_map(figure: SubFigure, axes: Axes, search: PlacementSearch) -> None:
     """Of two actuators: worst contrast over both positions."""
     place_m = np.unique(search.screened_m)
     shown = np.full((len(place_m), len(place_m)), np.nan)

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import numpy as np
 import typer
+from threadpoolctl import threadpool_limits
 
 from engine.device import Device
 from tactable.figure_file import FigureError, check_paths
@@ -57,7 +58,8 @@ def response(
         layout = lay_out(np.array(read_drives(drives, device)), np.zeros(1), mass_kg)
     else:
         layout = read_measurements(measured_path, device, mass_kg)
-    deliver(plot_response(device, layout, has_readings=measured_path is not None), output, csv_path, as_json)
+    with threadpool_limits(1, "blas"):
+        deliver(plot_response(device, layout, has_readings=measured_path is not None), output, csv_path, as_json)
 
 
 def zones(
@@ -77,7 +79,8 @@ def zones(
     device = _changed(device_name, change)
     drives_hz = np.array(read_drives(drives, device))
     drawn = [BarDrive("", np.nan_to_num(hz), np.where(np.isnan(hz), 0, 1).astype(np.complex128)) for hz in drives_hz]
-    deliver(plot_zones(device, drawn), output, csv_path, as_json)
+    with threadpool_limits(1, "blas"):
+        deliver(plot_zones(device, drawn), output, csv_path, as_json)
 
 
 def optimum(
@@ -92,8 +95,9 @@ def optimum(
     from tactable.figure_zones import plot_optimum
 
     check_paths(output, csv_path)
-    picture = plot_optimum(_changed(device_name, change), named_zones("--zones", zone_names))
-    deliver(picture, output, csv_path, as_json)
+    device = _changed(device_name, change)
+    with threadpool_limits(1, "blas"):
+        deliver(plot_optimum(device, named_zones("--zones", zone_names)), output, csv_path, as_json)
 
 
 def reach(
@@ -107,7 +111,9 @@ def reach(
     from tactable.figure_reach import plot_reach
 
     check_paths(output, csv_path)
-    deliver(plot_reach(_changed(device_name, change)), output, csv_path, as_json)
+    device = _changed(device_name, change)
+    with threadpool_limits(1, "blas"):
+        deliver(plot_reach(device), output, csv_path, as_json)
 
 
 def _changed(device_name: str, change: list[str] | None) -> Device:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from threadpoolctl import threadpool_limits
 
 from engine.device import Device
 from tactable.figure_file import FigureError, check_paths
@@ -23,6 +24,10 @@ _MOST_ZONES = 10
 DeviceName = Annotated[str, typer.Argument(metavar="DEVICE", help="A device file, or a shipped name.")]
 Level = Annotated[float, typer.Option("--level", min=0.0, max=60.0, help="Of the felt finger, dB above threshold.")]
 
+Workers = Annotated[
+    int | None, typer.Option("--workers", min=1, max=64, help="Processes that share the work; default: the cores.")
+]
+
 
 @study.command()
 def placement(
@@ -30,23 +35,23 @@ def placement(
     actuators: Annotated[str, typer.Option(help="Numbers of actuators, up to 4.")] = "2,3,4",
     level_db: Level = 20.0,
     most: Annotated[int, typer.Option(min=3, max=100_000, help="Placements screened for each number.")] = 300,
+    workers: Workers = None,
     output: Output = Path("placement.png"),
     csv_path: CsvPath = None,
     as_json: AsJson = False,
 ) -> None:
     """Where actuators go for the best worst contrast between one felt and one quiet finger. A search, not a proof."""
-    from threadpoolctl import threadpool_limits
-
     from precompute.placement import search_placement
+    from precompute.workers import Crew
     from tactable.figure_placement import plot_placement
 
     check_paths(output, csv_path)
     device, counts = _two_zones(find_device(device_name)), _counts("--actuators", actuators, 1, _MOST_ACTUATORS)
     start_s, found = time.monotonic(), []
-    with shown_progress(as_json) as progress, threadpool_limits(1, "blas"):
+    with shown_progress(as_json) as progress, threadpool_limits(1, "blas"), Crew(_helpers(workers)) as crew:
         for count in counts:
             told = partial(progress, f"{count} actuators")
-            found.append(search_placement(device, count, level_db, most, told))
+            found.append(search_placement(device, count, level_db, most, told, crew))
     deliver(plot_placement(device, found, level_db), output, csv_path, as_json)
     if not as_json:
         looked = sum(len(search.screened_db) + search.moved for search in found)
@@ -65,15 +70,15 @@ def resolution(
         str, typer.Option("--at", help="Positions in % of the bar, placements parted by ;. Default: own, even 1, 3, 4.")
     ] = "",
     level_db: Level = 20.0,
+    workers: Workers = None,
     output: Output = Path("resolution.png"),
     csv_path: CsvPath = None,
     as_json: AsJson = False,
 ) -> None:
     """How narrow zones can be with so many actuators: worst contrast of two fingers, and factor of the worst zone."""
-    from threadpoolctl import threadpool_limits
-
     from precompute.placement import even_places, own_places
     from precompute.resolution import study_resolution
+    from precompute.workers import Crew
     from tactable.figure_resolution import plot_resolution
 
     check_paths(output, csv_path)
@@ -83,9 +88,16 @@ def resolution(
     else:
         own = own_places(device)
         at_m = sorted([own, *(even_places(device, n) for n in (1, 3, 4) if n != len(own))], key=len)
-    with shown_progress(as_json) as progress, threadpool_limits(1, "blas"):
-        found = study_resolution(device, at_m, counts, level_db, lambda done: progress("zones", done))
+    with shown_progress(as_json) as progress, threadpool_limits(1, "blas"), Crew(_helpers(workers)) as crew:
+        found = study_resolution(device, at_m, counts, level_db, lambda done: progress("zones", done), crew)
     deliver(plot_resolution(device, found, level_db), output, csv_path, as_json)
+
+
+def _helpers(workers: int | None) -> int:
+    """Processes besides this one."""
+    from precompute.cores import available_cores
+
+    return (workers or available_cores()) - 1
 
 
 def _two_zones(device: Device) -> Device:

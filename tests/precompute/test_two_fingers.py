@@ -64,6 +64,7 @@ def test_a_level_out_of_reach_ranks_below_every_one_that_is_reached(solved: TwoF
     screened = screen_two_fingers(weak, sample_touches(weak), 20.0, 4.0)
     assert not screened.is_reached
     assert screened.rank < solved.rank
+    assert np.nanmin(screened.contrast_db) > -60.0, "of the loudest drive"
     weaker = with_actuators(weak, full_scale_m=5e-9)
     assert screen_two_fingers(weaker, sample_touches(weaker), 20.0, 4.0).rank < screened.rank
     least_db = float(np.nanmin(solve_two_fingers(weak, 20.0).level_db))
