@@ -6,6 +6,7 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from engine.device import Device, FittedValue, Uncertainty
 from precompute.certainty import Certainty, compute_certainty, compute_intervals
@@ -112,9 +113,10 @@ def calibrate(
     """
     names = default_names(device) if parameters is None else tuple(parameters)
     chosen = find_parameters(device, names, bounds or {}, _sensor_mass_kg(measurements))
-    found = fit(pose_fit(device, measurements, chosen), loss, starts, seed)
-    certainty = compute_certainty(found)
-    return _conclude(device, measurements, found, certainty, compute_intervals(found, certainty))
+    with threadpool_limits(1, "blas"):  # unpinned BLAS: 100 times slower when busy
+        found = fit(pose_fit(device, measurements, chosen), loss, starts, seed)
+        certainty = compute_certainty(found)
+        return _conclude(device, measurements, found, certainty, compute_intervals(found, certainty))
 
 
 def pose_fit(device: Device, measurements: Measurements, parameters: tuple[Parameter, ...]) -> Problem:
