@@ -265,7 +265,9 @@ class Link:
         if free_from_ns is None:
             return None
         lease_ms, drive_size = self._outbox.lease_ms, len(self._outbox.silent_drive)
-        return Ahead(lease_ms, drive_size, self._line_free_ns, *free_from_ns, self._sequence, *self.clock.line())
+        clock_at_ns, middle_ns, drift = self.clock.line()
+        free = (self._line_free_ns, *free_from_ns)
+        return Ahead(lease_ms, drive_size, *free, self._sequence, clock_at_ns, middle_ns, drift)
 
     def _next_frame(self, now_ns: int) -> bytes:
         if self.state is _READY:  # first: the others have time
