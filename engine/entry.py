@@ -56,6 +56,31 @@ class WorstCase:
 
 
 @dataclass(frozen=True)
+class Percentiles:
+    """So many dB or less in 5, 50 and 95 % of the sampled cases."""
+
+    low_db: float
+    middle_db: float
+    high_db: float
+
+    def changed(self, change_db: float) -> "Percentiles":
+        """All of them so much higher."""
+        return Percentiles(self.low_db + change_db, self.middle_db + change_db, self.high_db + change_db)
+
+
+@dataclass(frozen=True)
+class EntrySpread:
+    """How far what an entry promises is spread over the sampled cases; the table says what was sampled."""
+
+    felt: Percentiles
+    """Level of the weakest felt finger."""
+    quiet: Percentiles | None
+    """Level of the strongest quiet finger; None: nothing is quiet."""
+    contrast: Percentiles | None
+    """The one over the other, in the same case."""
+
+
+@dataclass(frozen=True)
 class Entry:
     """Per actuator: frequency, amplitude as a fraction of full scale, phase; and the figures the table promises."""
 
@@ -87,6 +112,10 @@ class Entry:
     """"single tone", "coherent", "two tones" or "several tones"."""
     limited_by: str
     worst_case: WorstCase
+    spread: EntrySpread | None = None
+    """None: the table was made before spreads were stated."""
+    reached_db: float | None = None
+    """What is compared with the wanted level: `level_db`, or in a table for the worst 5 % what 95 % of cases reach."""
 
     @property
     def states(self) -> tuple[ZoneState, ...]:
@@ -121,7 +150,8 @@ def scaled_to(entry: Entry, level_db: float, amplitude_limit: float = 0.0) -> En
     Every acceleration scales with the amplitude; shares, contrasts and rise times stay.
     """
     headroom_db = 20 * math.log10(max(1.0, amplitude_limit / max(entry.amplitudes)))
-    change_db = min(headroom_db, level_db - entry.level_db)
+    reached_db = entry.level_db if entry.reached_db is None else entry.reached_db
+    change_db = min(headroom_db, level_db - reached_db)
     scale = 10 ** (change_db / 20)
     worst = entry.worst_case
     quiet_db = None if worst.quiet_level_db is None else worst.quiet_level_db + change_db
@@ -131,9 +161,17 @@ def scaled_to(entry: Entry, level_db: float, amplitude_limit: float = 0.0) -> En
         zones=tuple(_scaled_zone(zone, scale, change_db) for zone in entry.zones),
         wanted_level_db=level_db,
         level_db=entry.level_db + change_db,
-        achieved=math.isinf(level_db) or entry.level_db + change_db >= level_db - LEVEL_TOLERANCE_DB,
+        achieved=math.isinf(level_db) or reached_db + change_db >= level_db - LEVEL_TOLERANCE_DB,
         worst_case=replace(worst, level_db=worst.level_db + change_db, quiet_level_db=quiet_db),
+        spread=None if entry.spread is None else _changed(entry.spread, change_db),
+        reached_db=reached_db + change_db,
     )
+
+
+def _changed(spread: EntrySpread, change_db: float) -> EntrySpread:
+    """Levels move, contrast stays."""
+    quiet = None if spread.quiet is None else spread.quiet.changed(change_db)
+    return EntrySpread(spread.felt.changed(change_db), quiet, spread.contrast)
 
 
 def _scaled_zone(zone: ZonePromise, scale: float, change_db: float) -> ZonePromise:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from engine.device import Device
-from engine.entry import Entry, WorstCase, ZonePromise
+from engine.entry import Entry, EntrySpread, Percentiles, WorstCase, ZonePromise
 from engine.table_file import TableWriter, Variable, is_text
 from engine.zones import ZoneState
 
@@ -16,6 +16,7 @@ ENTRY_VARIABLES = {
     "amplitudes": Variable("drive_amplitude", (*_ROW, "actuator"), "1", "amplitude as a fraction of full scale"),
     "phases_rad": Variable("drive_phase", (*_ROW, "actuator"), "rad", "phase of each actuator"),
     "level_db": Variable("felt_level", _ROW, "dB", "sensation level of the weakest felt finger"),
+    "reached_db": Variable("reached_level", _ROW, "dB", "level that is compared with the wanted one"),
     "achieved": Variable("achieved", _ROW, "1", "1: the wanted level is reached in every felt zone"),
     "contrast_db": Variable("contrast", _ROW, "dB", "weakest felt over strongest quiet finger; NaN: nothing is quiet"),
     "expected_contrast_db": Variable(
@@ -36,6 +37,13 @@ WORST_VARIABLES = {
     "localized_factor": Variable("worst_localized_factor", _ROW, "1", "least over the fingers"),
     "t90_s": Variable("worst_rise_time", _ROW, "s", "greatest over the fingers"),
 }
+_SPREAD = (*_ROW, "spread")
+SPREAD_VARIABLES = {
+    "felt": Variable("felt_level_spread", _SPREAD, "dB", "weakest felt finger over the sampled cases"),
+    "quiet": Variable("quiet_level_spread", _SPREAD, "dB", "strongest quiet finger over them; NaN: none is quiet"),
+    "contrast": Variable("contrast_spread", _SPREAD, "dB", "contrast over them; NaN: nothing is quiet"),
+}
+_PERCENTILES = ("5 %", "50 %", "95 %")
 _ZONE = (*_ROW, "zone")
 _END = (*_ZONE, "end")
 ZONE_VARIABLES = {
@@ -77,6 +85,12 @@ def write_entries(writer: TableWriter, entries: Sequence[Entry], device: Device)
         _write_column(writer, variable, [getattr(entry.worst_case, key) for entry in entries], rows)
     for key, variable in ZONE_VARIABLES.items():
         _write_column(writer, variable, [[getattr(zone, key) for zone in entry.zones] for entry in entries], rows)
+    spreads = [entry.spread for entry in entries if entry.spread is not None]
+    if len(spreads) == len(entries):
+        which = Variable("spread", ("spread",), "1", "how many of the sampled cases lie below")
+        writer.write("entries", which, list(_PERCENTILES))
+        for key, variable in SPREAD_VARIABLES.items():
+            _write_column(writer, variable, [_numbers(getattr(spread, key)) for spread in spreads], rows)
 
 
 def _write_column(writer: TableWriter, variable: Variable, column: list[Any], rows: tuple[int, int]) -> None:
@@ -89,14 +103,22 @@ def _write_column(writer: TableWriter, variable: Variable, column: list[Any], ro
     writer.write("entries", variable, values.reshape(*rows, *values.shape[1:]))
 
 
+def _numbers(found: Percentiles | None) -> tuple[float, float, float]:
+    return (np.nan, np.nan, np.nan) if found is None else (found.low_db, found.middle_db, found.high_db)
+
+
 def read_entries(group: Any, device: Device) -> Iterator[Entry]:
     """Entries of an open group, in its order."""
 
     def columns(variables: Mapping[str, Variable]) -> dict[str, list[Any]]:
-        return {key: _read_column(group, variable) for key, variable in variables.items()}
+        # Tables of revision 3 have no reached_level.
+        there = {key: variable for key, variable in variables.items() if variable.name in group.variables}
+        return {key: _read_column(group, variable) for key, variable in there.items()}
 
     levels_db = [float(level_db) for level_db in group.variables["level"][...]]
     own, worst, zones = (columns(part) for part in (ENTRY_VARIABLES, WORST_VARIABLES, ZONE_VARIABLES))
+    # Tables of revision 3 state no spread.
+    spread = columns(SPREAD_VARIABLES) if SPREAD_VARIABLES["felt"].name in group.variables else None
     states = len(own["achieved"]) // len(levels_db)
     for row in range(len(own["achieved"])):
         values: dict[str, Any] = {key: column[row] for key, column in own.items()}
@@ -106,7 +128,12 @@ def read_entries(group: Any, device: Device) -> Iterator[Entry]:
             wanted_level_db=levels_db[row // states],
             worst_case=WorstCase(**{key: column[row] for key, column in worst.items()}),
             zones=tuple(_read_zone(zones, row, z, zone.name) for z, zone in enumerate(device.zones)),
+            spread=None if spread is None else EntrySpread(**{key: _read(spread[key][row]) for key in spread}),
         )
+
+
+def _read(found: list[float | None]) -> Any:
+    return None if None in found else Percentiles(*found)  # type: ignore[arg-type]  # none is None
 
 
 def _read_column(group: Any, variable: Variable) -> list[Any]:

@@ -4,7 +4,7 @@ import math
 import os
 import struct
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -19,7 +19,7 @@ from engine.table_error import TableError
 from engine.table_history import remove_leftovers, replace_table
 
 FORMAT = "tactable table"
-FORMAT_REVISION = 3
+FORMAT_REVISION = 4
 _READ_BYTES = 1 << 24
 _HDF5_SIGNATURE, _HDF5_SUPERBLOCK, _HDF5_END = b"\x89HDF\r\n\x1a\n", 0, 40  # superblock 0: end of file at byte 40
 _SEAL, _SEAL_MAGIC = struct.Struct("<12sI"), b"tactable end"
@@ -47,11 +47,13 @@ class Variable:
 class TableWriter:
     """Writes a table beside `path` and renames it there on a clean exit; any exception leaves nothing behind.
 
-    What was at `path` is kept (engine.table_history).
+    `check` gets the finished file before it takes its place, and may refuse it by an exception. What was at `path` is
+    kept (engine.table_history), unless this table only `completes` it: then the one before that stays the one kept.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, check: Callable[[Path], None] | None = None, *, completes: bool = False) -> None:
         self.path = path
+        self._check, self._completes = check, completes
         self._partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
         self._checksums: dict[str, int] = {}
 
@@ -73,7 +75,9 @@ class TableWriter:
             if kind is None:
                 _verify_arrays(self._partial, self._checksums)
                 _append_seal(self._partial)
-                replace_table(self._partial, self.path)
+                if self._check is not None:
+                    self._check(self._partial)
+                replace_table(self._partial, self.path, keep=not self._completes)
         finally:
             self._partial.unlink(missing_ok=True)
 

@@ -13,11 +13,14 @@ def previous_of(path: Path) -> Path:
     return path.with_name(f"{path.name}.previous")
 
 
-def replace_table(new: Path, path: Path) -> None:
-    """Put a finished file in the place of a table, which is kept; at every instant there is a whole table at `path`."""
-    if path.exists():
+def replace_table(new: Path, path: Path, *, keep: bool = True) -> None:
+    """Put a finished file in the place of a table; at every instant there is a whole table at `path`.
+
+    That table is kept as the previous one; not without `keep`, for a table that only completes it.
+    """
+    if keep and path.exists():
         _keep_as(path, previous_of(path))
-    new.replace(path)
+    _rename(new, path)
 
 
 def roll_back(path: Path) -> None:
@@ -33,10 +36,10 @@ def roll_back(path: Path) -> None:
     if path.exists():
         newer = _beside(path, "newer")
         _copy(path, newer)
-        older.replace(path)
-        newer.replace(previous)
+        _rename(older, path)
+        _rename(newer, previous)
     else:
-        older.replace(path)
+        _rename(older, path)
 
 
 def remove_leftovers(path: Path) -> None:
@@ -50,7 +53,13 @@ def remove_leftovers(path: Path) -> None:
 def _keep_as(path: Path, kept: Path) -> None:
     newer = _beside(path, "newer")
     _copy(path, newer)
-    newer.replace(kept)
+    _rename(newer, kept)
+
+
+def _rename(name: Path, path: Path) -> None:
+    """Also where both are names of one file already: then the system would leave them both."""
+    name.replace(path)
+    name.unlink(missing_ok=True)
 
 
 def _copy(path: Path, copy: Path) -> None:

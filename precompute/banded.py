@@ -5,8 +5,9 @@ from numba import njit, prange, types
 
 from precompute.assembly import BANDWIDTH
 
-_KV = 2 * BANDWIDTH  # super-diagonals, with the fill-in of pivoting
-_ROWS = BANDWIDTH + _KV + 1
+FIRST_SUPER = 2 * BANDWIDTH
+"""Super-diagonals, with the fill-in of pivoting."""
+BAND_ROWS = BANDWIDTH + FIRST_SUPER + 1
 _BAND = types.Array(types.float64, 2, "C", readonly=True)
 _VECTOR = types.Array(types.float64, 1, "C", readonly=True)
 _WEIGHT = types.Array(types.float64, 2, "C", readonly=True)
@@ -15,7 +16,7 @@ _OUT = types.Array(types.complex128, 3, "C")
 
 
 @njit(cache=True)
-def _eliminate(lu, right):  # type: ignore[no-untyped-def]  # numba
+def eliminate(lu, right):  # type: ignore[no-untyped-def]  # numba
     """Gaussian elimination with partial pivoting inside the band, then back substitution; in place."""
     size = lu.shape[0]
     count = right.shape[0]
@@ -24,26 +25,26 @@ def _eliminate(lu, right):  # type: ignore[no-untyped-def]  # numba
         last = min(BANDWIDTH, size - 1 - j)
         pivot = 0
         for i in range(1, last + 1):
-            if abs(lu[j, _KV + i]) > abs(lu[j, _KV + pivot]):
+            if abs(lu[j, FIRST_SUPER + i]) > abs(lu[j, FIRST_SUPER + pivot]):
                 pivot = i
         reach = max(reach, min(j + BANDWIDTH + pivot, size - 1))
         if pivot > 0:
             for column in range(j, reach + 1):
-                upper, lower = _KV + j - column, _KV + j + pivot - column
+                upper, lower = FIRST_SUPER + j - column, FIRST_SUPER + j + pivot - column
                 lu[column, upper], lu[column, lower] = lu[column, lower], lu[column, upper]
             for a in range(count):
                 right[a, j], right[a, j + pivot] = right[a, j + pivot], right[a, j]
         for i in range(1, last + 1):
-            factor = lu[j, _KV + i] / lu[j, _KV]
+            factor = lu[j, FIRST_SUPER + i] / lu[j, FIRST_SUPER]
             for column in range(j + 1, reach + 1):
-                lu[column, _KV + j + i - column] -= factor * lu[column, _KV + j - column]
+                lu[column, FIRST_SUPER + j + i - column] -= factor * lu[column, FIRST_SUPER + j - column]
             for a in range(count):
                 right[a, j + i] -= factor * right[a, j]
     for j in range(size - 1, -1, -1):
         for a in range(count):
-            right[a, j] /= lu[j, _KV]
-            for row in range(max(0, j - _KV), j):
-                right[a, row] -= lu[j, _KV + row - j] * right[a, j]
+            right[a, j] /= lu[j, FIRST_SUPER]
+            for row in range(max(0, j - FIRST_SUPER), j):
+                right[a, row] -= lu[j, FIRST_SUPER + row - j] * right[a, j]
 
 
 @njit(
@@ -59,19 +60,19 @@ def solve_banded(K, C, M, omega, dof, weight, spring, damper, out):  # type: ign
     size = K.shape[1]
     for f in prange(omega.shape[0]):
         w = omega[f]
-        lu = np.zeros((size, _ROWS), dtype=np.complex128)  # lu[column, _KV + row - column]
+        lu = np.zeros((size, BAND_ROWS), dtype=np.complex128)  # lu[column, FIRST_SUPER + row - column]
         for column in range(size):
             for k in range(min(column, BANDWIDTH) + 1):
                 row = column - k
                 value = complex(
                     K[BANDWIDTH - k, column] - w * w * M[BANDWIDTH - k, column], w * C[BANDWIDTH - k, column]
                 )
-                lu[column, _KV - k] = value
-                lu[row, _KV + k] = value
+                lu[column, FIRST_SUPER - k] = value
+                lu[row, FIRST_SUPER + k] = value
         right = out[f]
         right[:] = 0
         for a in range(dof.shape[0]):
             for i in range(weight.shape[1]):
                 if weight[a, i] != 0.0:
                     right[a, dof[a] + i] = complex(spring[a], w * damper[a]) * weight[a, i]
-        _eliminate(lu, right)
+        eliminate(lu, right)

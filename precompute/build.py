@@ -36,7 +36,7 @@ from precompute.measured_response import MeasuredResponses
 from precompute.measured_table import source_attributes, write_measured
 from precompute.objective import DEFAULT_OBJECTIVE, OBJECTIVES
 from precompute.parts import KEPT_FOR_NOW, OUTDATED, Part, Recipe, plays_on, rests_on
-from precompute.promise import States, touched_zones
+from precompute.promise import MadeFor, States, touched_zones
 from precompute.sampled_bars import sampled_words
 from precompute.tabulate import write_coherent_sweep, write_pair_sweep, write_responses
 from precompute.workers import Crew
@@ -80,6 +80,7 @@ def build_table(
     *,
     created: str | None = None,
     objective: str = DEFAULT_OBJECTIVE,
+    made_for: MadeFor = MadeFor.MEAN,
     clicks_up_to: int | None = None,
     bursts_up_to: int = 0,
     click_options: ClickOptions = DEFAULT_OPTIONS,
@@ -95,6 +96,7 @@ def build_table(
     """Compute, write and verify the table of `device`; only then it takes the place of what was at `path`.
 
     `created` is the date to note, by default now; `objective` a name of precompute.objective.OBJECTIVES.
+    `made_for`: entries whose level and contrast hold for the mean, or in all but the worst 5 % of the sampled cases.
     `clicks_up_to`: states of up to so many fingers get clicks, by default all of them for up to five zones, of three
     fingers beyond; 0 is none. `bursts_up_to`: the same of bursts, for devices that play no waveforms; by default none.
     Entries, clicks and bursts are solved by `workers` processes, entries by a `crew` that waits already, if there is
@@ -112,7 +114,9 @@ def build_table(
     if parse_device(device.text, device.name).fingerprint != device.fingerprint:
         raise TableError(f"{device.name}: was changed after it was read; write its text anew and read that")
     sha256 = "" if responses is None else responses.sha256
-    recipe = Recipe(code_fingerprint(), objective, _fingers(device, clicks_up_to), click_options, sha256, bursts_up_to)
+    recipe = Recipe(
+        code_fingerprint(), objective, _fingers(device, clicks_up_to), click_options, sha256, bursts_up_to, made_for
+    )
     if objective not in OBJECTIVES:
         raise TableError(f"there is no objective {objective!r}; choose one of {', '.join(OBJECTIVES)}")
     with threadpool_limits(1, "blas"), remembered_interrupt() as check:  # unpinned BLAS: 100 times slower when busy
@@ -186,6 +190,7 @@ class _Builder:
                     "code_version": metadata.version("tactable"),
                     "created": created,
                     "objective": recipe.objective,
+                    "made_for": recipe.made_for.value,
                     "clicks_up_to": recipe.clicks_up_to,
                     "bursts_up_to": recipe.bursts_up_to,
                     "click_options": json.dumps(asdict(recipe.click_options)),
@@ -243,7 +248,7 @@ class _Builder:
 
     def _write_entries(self, writer: TableWriter, plant: Plant, crew: Crew) -> None:
         solved, share = [], 0.1 if self.recipe.clicks_up_to or self.recipe.bursts_up_to else 0.7
-        for entries, fraction in solve_entries(plant, self.recipe.objective, crew):
+        for entries, fraction in solve_entries(plant, self.recipe.objective, crew, self.recipe.made_for):
             solved.append(entries)
             self.progress("entries", 0.25 + share * fraction)
         solved.sort(key=lambda entries: entries[0].index)

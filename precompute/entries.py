@@ -2,9 +2,11 @@
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,13 +17,16 @@ from precompute.assembly import Plant
 from precompute.drive import Drive, on_the_wire
 from precompute.figures import compute_figures
 from precompute.forms import Forms, compute_forms
+from precompute.measured_plant import MeasuredPlant
 from precompute.modal import compute_basis
 from precompute.objective import DEFAULT_OBJECTIVE, OBJECTIVES, Problem, level
-from precompute.promise import Choice, States, make_entry, touched_zones
+from precompute.promise import Choice, MadeFor, States, make_entry, touched_zones
 from precompute.receptance import solve_receptance
 from precompute.rise import COARSE_STEP_S, RiseModel, compute_rise_model, compute_rise_time
+from precompute.sampled_bars import sample_bars
 from precompute.search import Found, Search, polish, start_at
 from precompute.touches import sample_touches
+from precompute.workers import Crew
 
 Array = NDArray[np.float64]
 
@@ -29,6 +34,7 @@ MOST_TABULATED_ZONES = 8
 """Up to so many zones a table holds every state: 3^8 are 6561."""
 MOST_TOUCHED_BEYOND = 3
 """Beyond, the states of so many fingers; the others are solved when they are asked for."""
+_CHUNK = 8  # states that a process takes at a time: 0.5 s
 _SAMPLED_MODES = 12  # for the range of rise times: those up to 2 kHz on the published bar
 _CLUSTER = np.sinh(np.linspace(-2.2, 2.2, 9))
 """Distances from a narrow resonance in half bandwidths."""
@@ -50,13 +56,52 @@ def tabulated_states(device: Device) -> list[States]:
     return sorted(found, key=state_index)
 
 
-def solve_entries(plant: Plant, objective: str = DEFAULT_OBJECTIVE) -> Iterator[tuple[list[Entry], float]]:
-    """The entries of every tabulated state, one a level, with the fraction done."""
-    solver = EntrySolver(plant, objective)
-    states = tabulated_states(plant.device)
-    # States with the same fingers one after another, so that they share what is computed for them.
-    for done, state in enumerate(sorted(states, key=touched_zones), 1):
-        yield solver.solve(state), done / len(states)
+def solve_entries(
+    plant: Plant, objective: str = DEFAULT_OBJECTIVE, crew: Crew | None = None, made_for: MadeFor = MadeFor.MEAN
+) -> Iterator[tuple[list[Entry], float]]:
+    """The entries of every tabulated state, one a level, with the fraction done; by this process and its crew."""
+    chunks = _chunks(tabulated_states(plant.device))
+    count, done = sum(map(len, chunks)), 0
+    crew, begin = crew or Crew(0), partial(_begin, plant, objective, made_for)
+    crew.prepare(prepare_entries)
+    with _one_thread_each(crew.count > 0):
+        for entries in crew.solve(begin, chunks, lends_a_hand=True):
+            done += 1
+            yield entries, done / count
+
+
+def _chunks(states: Sequence[States]) -> list[list[States]]:
+    """States with the same fingers together, so that they share what is computed for them; most fingers first."""
+    same = itertools.groupby(sorted(states, key=_most_fingers), key=touched_zones)
+    groups = [list(group) for _, group in same]
+    return [group[start : start + _CHUNK] for group in groups for start in range(0, len(group), _CHUNK)]
+
+
+def _most_fingers(states: States) -> tuple[int, tuple[int, ...]]:
+    touched = touched_zones(states)
+    return -len(touched), touched
+
+
+def _begin(plant: Plant, objective: str, made_for: MadeFor) -> Callable[[States], list[Entry]]:
+    return EntrySolver(plant, objective, made_for).solve
+
+
+def prepare_entries() -> Callable[[None], None]:
+    """What a crew calls before there is a plant: to unpickle it takes importing all of this."""
+    numba.set_num_threads(1)  # one process a core
+    return lambda _: None
+
+
+@contextmanager
+def _one_thread_each(shared: bool) -> Iterator[None]:
+    """Processes share the cores better than threads: half of the search is Python."""
+    threads = numba.get_num_threads()
+    if shared:
+        numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(threads)
 
 
 class EntrySolver:
@@ -65,9 +110,11 @@ class EntrySolver:
     `objective`: a name of precompute.objective.OBJECTIVES.
     """
 
-    def __init__(self, plant: Plant, objective: str = DEFAULT_OBJECTIVE) -> None:
-        self.plant, self.device = plant, plant.device
+    def __init__(self, plant: Plant, objective: str = DEFAULT_OBJECTIVE, made_for: MadeFor = MadeFor.MEAN) -> None:
+        self.plant, self.device, self.made_for = plant, plant.device, made_for
         self.touches = sample_touches(plant.device)
+        # Measured responses have no other bars that they may be of.
+        self.bars = None if isinstance(plant, MeasuredPlant) else sample_bars(plant.device, self.touches)
         self.forms_of = lru_cache(maxsize=2)(self._compute_forms)
         """Forms with a finger in each of some zones (indices, a tuple), at every frequency of the search."""
         self._objective = OBJECTIVES[objective]
@@ -84,8 +131,10 @@ class EntrySolver:
         loudest = loud.best(0.0)
         assert loudest is not None  # with nothing wanted there is always a drive
         problem = self._objective(forms, states)
-        found = _flat(loud.basins(), wanted) if problem.is_flat else _above_levels(problem, wanted, loudest, loud)
         full = self._choose(loudest, states, level, "level", 0.0)
+        if self.made_for is MadeFor.WORST:
+            return self._solve_for_worst(states, problem, full, loudest, loud)
+        found = _find_above(problem, wanted, loudest, loud)
         # One drive may serve several levels: it is polished for the highest.
         highest = {id(each): power for each, power in zip(found, wanted, strict=True)}
         chosen = {
@@ -99,12 +148,37 @@ class EntrySolver:
             for choice, level_db in zip(choices, (*levels_db, np.inf), strict=True)
         ]
 
+    def _solve_for_worst(
+        self, states: States, problem: Problem, full: Choice, loudest: Found, loud: Search
+    ) -> list[Entry]:
+        """Of all that the search finds on its way, what is best in all but the worst 5 % of the sampled cases.
+
+        It is found for the mean, also above the levels that leave to the mean what the worst cases lack; so it is no
+        optimum, and claims no bound.
+        """
+        lacking = 10 ** ((full.full_level_db - full.low_level_db) / 10)
+        wanted = [self.wanted_power(level_db) for level_db in self.device.levels_db]
+        powers = sorted({*wanted, *(power * lacking for power in wanted)})
+        found = zip(_find_above(problem, powers, loudest, loud), powers, strict=True)
+        drives = [
+            self._exact(drive, states, self._objective, power)
+            for each, power in found
+            if each is not None
+            for drive in (each.drive, *each.ties)
+        ]
+        pool = [replace(full, bound=np.inf)]
+        pool += [self._with_figures(states, problem.name, drive, np.inf, self._rise(states, drive)) for drive in drives]
+        loudest_choice = max(pool, key=lambda choice: choice.low_level_db)
+        entries = list[Entry]()
+        for level_db in (*self.device.levels_db, np.inf):
+            loud_enough = [choice for choice in pool if choice.low_level_db >= level_db]
+            choice = max(loud_enough, key=lambda choice: choice.low_merit, default=loudest_choice)
+            entries.append(make_entry(self.device, choice, level_db, self.made_for))
+        return entries
+
     def judge(self, states: States, wanted_level_db: float, drive: Drive, name: str) -> Entry:
         """What any drive does in a state, as an entry that claims no optimum: its gap is infinite."""
-        figures = compute_figures(
-            self.plant, self.touches, touched_zones(states), drive.frequency_hz, self._limited(drive)
-        )
-        choice = Choice(states, name, drive, np.inf, figures, self._rise(states, drive))
+        choice = self._with_figures(states, name, drive, np.inf, self._rise(states, drive))
         return make_entry(self.device, choice, wanted_level_db)
 
     def wanted_power(self, level_db: float) -> float:
@@ -146,10 +220,14 @@ class EntrySolver:
         drives = [self._exact(drive, states, make, wanted) for drive in (found.drive, *found.ties)]
         timed = [(drive, self._rise(states, drive)) for drive in drives]
         drive, rise_s = min(timed, key=lambda pair: (pair[1][0], -pair[0].loudness))
-        figures = compute_figures(
-            self.plant, self.touches, touched_zones(states), drive.frequency_hz, self._limited(drive)
-        )
-        return Choice(states, objective, drive, found.bound, figures, rise_s)
+        return self._with_figures(states, objective, drive, found.bound, rise_s)
+
+    def _with_figures(self, states: States, objective: str, drive: Drive, bound: float, rise_s: Array) -> Choice:
+        touched, amplitude = touched_zones(states), self._limited(drive)
+        figures = compute_figures(self.plant, self.touches, touched, drive.frequency_hz, amplitude)
+        bars = self.bars
+        sampled = figures.power[1:] if bars is None else bars.powers(touched, drive.frequency_hz, amplitude)
+        return Choice(states, objective, drive, bound, figures, rise_s, sampled)
 
     def _exact(self, drive: Drive, states: States, make: Callable[[Forms, States], Problem], wanted: float) -> Drive:
         """The search interpolates between its frequencies; here the plant is solved at the drive's own."""
@@ -167,6 +245,11 @@ class EntrySolver:
         sampled = compute_rise_time(few_modes, drive.frequency_hz, drive.amplitude, COARSE_STEP_S)
         slowest: Array = np.concatenate([standard, sampled[1:]])[:, felt].max(axis=1)
         return slowest
+
+
+def _find_above(problem: Problem, wanted: Sequence[float], loudest: Found, loud: Search) -> list[Found | None]:
+    """The best drive above each wanted power, which rise; None where no drive reaches it."""
+    return _flat(loud.basins(), wanted) if problem.is_flat else _above_levels(problem, wanted, loudest, loud)
 
 
 def _above_levels(problem: Problem, wanted: Sequence[float], loudest: Found, loud: Search) -> list[Found | None]:

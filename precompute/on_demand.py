@@ -8,13 +8,13 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from engine.entry import Entry, WorstCase, ZonePromise
+from engine.entry import Entry, EntrySpread, Percentiles, WorstCase, ZonePromise
 from engine.table import Table
 from engine.zones import ZoneState, state_index
 from precompute.build import code_fingerprint
 from precompute.entries import EntrySolver
 from precompute.measured_table import plant_of
-from precompute.promise import States
+from precompute.promise import MadeFor, States
 
 
 def entries_on_demand(table: Table, states: States, folder: Path) -> list[Entry]:
@@ -26,13 +26,15 @@ def entries_on_demand(table: Table, states: States, folder: Path) -> list[Entry]
     own = [entry for level_db in table.levels_db if (entry := table.entry_at(index, level_db)) is not None]
     if own:
         return own
+    made_for = MadeFor(str(table.attributes.get("made_for", MadeFor.MEAN)))
     source = str(table.attributes.get("responses_sha256", "model"))[:16]
-    name = f"{table.fingerprint[:16]}-{source}-{code_fingerprint()[:16]}-{objective.replace(' ', '-')}-{index}.json"
+    made = f"{source}-{code_fingerprint()[:16]}-{objective.replace(' ', '-')}-{made_for}"
+    name = f"{table.fingerprint[:16]}-{made}-{index}.json"
     path = folder / name
     if path.is_file():
         return [_entry_of(values) for values in json.loads(path.read_text(encoding="utf-8"))]
     with threadpool_limits(1, "blas"):
-        entries = EntrySolver(plant_of(table), objective).solve(states)
+        entries = EntrySolver(plant_of(table), objective, made_for).solve(states)
     folder.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{name}.{os.getpid()}.partial")
     try:
@@ -46,7 +48,9 @@ def entries_on_demand(table: Table, states: States, folder: Path) -> list[Entry]
 def _entry_of(values: dict[str, Any]) -> Entry:
     zones = tuple(ZonePromise(**{**_tuples(zone), "state": ZoneState(zone["state"])}) for zone in values.pop("zones"))
     worst_case = WorstCase(**values.pop("worst_case"))
-    return Entry(**_tuples(values), zones=zones, worst_case=worst_case)
+    found = values.pop("spread").items()
+    spread: dict[str, Any] = {key: None if ends is None else Percentiles(**ends) for key, ends in found}
+    return Entry(**_tuples(values), zones=zones, worst_case=worst_case, spread=EntrySpread(**spread))
 
 
 def _tuples(values: dict[str, Any]) -> dict[str, Any]:

@@ -1,12 +1,13 @@
 """A drive and its figures to the entry that a table holds: scaled to its level, every figure with its range."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.entry import LEVEL_TOLERANCE_DB, Entry, WorstCase, ZonePromise
+from engine.entry import LEVEL_TOLERANCE_DB, Entry, EntrySpread, Percentiles, WorstCase, ZonePromise
 from engine.zones import ZoneState
 from precompute.drive import FREQUENCY_STEP_HZ, Drive
 from precompute.figures import DriveFigures
@@ -16,6 +17,18 @@ States = tuple[ZoneState, ...]
 
 SHARES = ("localized factor", "fair share", "paper")
 """Objectives whose value and bound are shares; the others' are in dB."""
+PERCENTS = (5, 50, 95)
+
+
+class MadeFor(StrEnum):
+    """What the level and the contrast of an entry are to hold for."""
+
+    MEAN = "mean"
+    """The bar as it is described, or as it was fitted, and standard fingers."""
+    WORST = "worst"
+    """All but the worst 5 % of the sampled cases."""
+
+
 _FULL = 1 - 1e-3
 _AT_LEVEL_DB = 0.01
 
@@ -24,7 +37,8 @@ _AT_LEVEL_DB = 0.01
 class Choice:
     """A drive chosen for a state by an objective, with the bound on it, its figures at full scale and its rise times.
 
-    rise_s (touch,): of the slowest felt finger, the standard touch first.
+    rise_s (touch,): of the slowest felt finger, the standard touch first. sampled (case, finger): power over threshold
+    at full scale in the sampled cases: the sampled touches, each on a bar of its own where a calibration left some.
     """
 
     states: States
@@ -33,6 +47,7 @@ class Choice:
     bound: float
     figures: DriveFigures
     rise_s: Array
+    sampled: Array
 
     @property
     def touched(self) -> tuple[int, ...]:
@@ -48,16 +63,34 @@ class Choice:
         """Sensation level of the weakest felt standard finger at full scale."""
         return _db(float(self.figures.power[0, self.fingers(ZoneState.FELT)].min()))
 
+    @property
+    def low_level_db(self) -> float:
+        """What the weakest felt finger has in 95 % of the sampled cases, at full scale."""
+        return self._spread.felt.low_db
+
+    @property
+    def low_merit(self) -> float:
+        """What 95 % of the sampled cases reach: contrast in dB; with nothing quiet, share of the felt zones."""
+        if self._spread.contrast is not None:
+            return self._spread.contrast.low_db
+        felt = [self.touched[finger] for finger in self.fingers(ZoneState.FELT)]
+        return float(np.percentile(self.figures.share[1:, felt].sum(axis=1), PERCENTS[0]))
+
+    @property
+    def _spread(self) -> EntrySpread:
+        return _spread(self.sampled, self.fingers(ZoneState.FELT), self.fingers(ZoneState.QUIET), 0.0)
+
 
 def touched_zones(states: States) -> tuple[int, ...]:
     """Indices of the zones that have a finger."""
     return tuple(zone for zone, state in enumerate(states) if state is not ZoneState.FREE)
 
 
-def make_entry(device: Device, choice: Choice, wanted_level_db: float) -> Entry:
+def make_entry(device: Device, choice: Choice, wanted_level_db: float, made_for: MadeFor = MadeFor.MEAN) -> Entry:
     """The entry of a choice at a level; where full scale does not reach it, at full scale."""
+    full_level_db = choice.full_level_db if made_for is MadeFor.MEAN else choice.low_level_db
     limit, drive, figures = device.limits.amplitude, choice.drive, choice.figures
-    change_db = min(0.0, wanted_level_db - choice.full_level_db)
+    change_db = min(0.0, wanted_level_db - full_level_db)
     amplitude = drive.amplitude * 10 ** (change_db / 20) * limit
     level_db = 10 * np.log10(np.maximum(figures.power, 1e-30)) + change_db
     felt, quiet = choice.fingers(ZoneState.FELT), choice.fingers(ZoneState.QUIET)
@@ -73,7 +106,8 @@ def make_entry(device: Device, choice: Choice, wanted_level_db: float) -> Entry:
         zones=tuple(_promise(device, choice, zone, change_db, level_db) for zone in range(len(choice.states))),
         wanted_level_db=wanted_level_db,
         level_db=float(weakest[0]),
-        achieved=bool(np.isinf(wanted_level_db) or choice.full_level_db >= wanted_level_db - LEVEL_TOLERANCE_DB),
+        reached_db=full_level_db + change_db,
+        achieved=bool(np.isinf(wanted_level_db) or full_level_db >= wanted_level_db - LEVEL_TOLERANCE_DB),
         contrast_db=float(weakest[0] - strongest[0]) if quiet else None,
         expected_contrast_db=_expected_contrast_db(figures, felt, quiet),
         localized_factor=float(figures.standard.share[felt_zones].sum()),
@@ -82,7 +116,7 @@ def make_entry(device: Device, choice: Choice, wanted_level_db: float) -> Entry:
         optimality_gap_db=_db(bound / drive.value),
         t90_s=float(choice.rise_s[0]),
         family=drive.family,
-        limited_by=_limited_by(device, choice, np.abs(amplitude), wanted_level_db),
+        limited_by=_limited_by(device, choice, np.abs(amplitude), wanted_level_db, full_level_db - wanted_level_db),
         worst_case=WorstCase(
             level_db=float(weakest.min()),
             quiet_level_db=float(strongest.max()) if quiet else None,
@@ -90,7 +124,22 @@ def make_entry(device: Device, choice: Choice, wanted_level_db: float) -> Entry:
             localized_factor=float(figures.share[:, felt_zones].sum(axis=1).min()),
             t90_s=float(choice.rise_s.max()),
         ),
+        spread=_spread(choice.sampled, felt, quiet, change_db),
     )
+
+
+def _spread(power: Array, felt: list[int], quiet: list[int], change_db: float) -> EntrySpread:
+    level_db = 10 * np.log10(np.maximum(power, 1e-30)) + change_db
+    weakest, strongest = level_db[:, felt].min(axis=1), level_db[:, quiet].max(axis=1, initial=-np.inf)
+    return EntrySpread(
+        felt=_percentiles(weakest),
+        quiet=_percentiles(strongest) if quiet else None,
+        contrast=_percentiles(weakest - strongest) if quiet else None,
+    )
+
+
+def _percentiles(level_db: Array) -> Percentiles:
+    return Percentiles(*np.percentile(level_db, PERCENTS).tolist())
 
 
 def _promise(device: Device, choice: Choice, zone: int, change_db: float, level_db: Array) -> ZonePromise:
@@ -115,9 +164,9 @@ def _promise(device: Device, choice: Choice, zone: int, change_db: float, level_
     )
 
 
-def _limited_by(device: Device, choice: Choice, amplitude: Array, wanted_level_db: float) -> str:
+def _limited_by(device: Device, choice: Choice, amplitude: Array, wanted_level_db: float, spare_db: float) -> str:
     """Names of what holds the drive: the level, full scale, a band's edge; else the bar itself does."""
-    parts, spare_db = list[str](), choice.full_level_db - wanted_level_db
+    parts = list[str]()
     if np.isfinite(wanted_level_db) and spare_db < _AT_LEVEL_DB:
         parts.append("level" if spare_db >= -LEVEL_TOLERANCE_DB else "level out of reach")
     for actuator, hz, fraction in zip(device.actuators, choice.drive.frequency_hz, amplitude, strict=True):

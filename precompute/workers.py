@@ -32,13 +32,55 @@ def solve_in_processes(
     What a solver raises is raised here; WorkerError where a process was killed. When the iterator is closed, or left
     by an exception such as Ctrl-C, the processes have ended.
     """
-    waiting = deque(chunks)
-    with _running(begin, min(workers, len(chunks))) as processes:
-        for worker in processes:
+    with Crew(min(workers, len(chunks))) as crew:
+        yield from crew.solve(begin, chunks)
+
+
+class Crew:
+    """Processes that may be started before there is work: what they need takes them a second to import.
+
+    Use it in a `with` block; at its end the processes have ended.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self._workers = list[_Worker]()
+
+    def __enter__(self) -> "Crew":
+        try:
+            for _ in range(self.count):
+                self._workers.append(_start())
+        except BaseException:
+            self._end()
+            raise
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self._end()
+
+    def prepare(self, begin: Callable[[], Callable[[Any], Any]]) -> None:
+        """Let every process import what `begin` is made of, and call it, while this one does something else."""
+        for worker in self._workers:
+            worker.line.send(begin)
+
+    def solve(
+        self,
+        begin: Callable[[], Callable[[Job], Result]],
+        chunks: Sequence[Sequence[Job]],
+        *,
+        lends_a_hand: bool = False,
+    ) -> Iterator[Result]:
+        """As `solve_in_processes`; once at a time. One that `lends_a_hand` solves chunks in this process too."""
+        waiting, busy = deque(chunks), list[_Worker]()
+        self.prepare(begin)
+        for worker in self._workers[: len(waiting)]:
             worker.line.send(waiting.popleft())
-        busy = list(processes)
-        while busy:
-            ready = wait([worker.line for worker in busy])
+            busy.append(worker)
+        solve, own = begin() if lends_a_hand else None, deque[Job]()
+        while busy or own or (solve and waiting):
+            if solve and waiting and not own:
+                own.extend(waiting.popleft())
+            ready = wait([worker.line for worker in busy], 0 if own else None)
             for worker in [worker for worker in busy if worker.line in ready]:
                 kind, value = _received(worker)
                 if kind == _FAILED:
@@ -49,6 +91,16 @@ def solve_in_processes(
                     worker.line.send(waiting.popleft())
                 else:
                     busy.remove(worker)
+            if solve and own:
+                yield solve(own.popleft())
+
+    def _end(self) -> None:
+        for worker in self._workers:
+            worker.process.terminate()
+        for worker in self._workers:
+            worker.process.join()
+            worker.line.close()
+        self._workers.clear()
 
 
 @dataclass(frozen=True)
@@ -70,26 +122,11 @@ def _received(worker: _Worker) -> tuple[str, Any]:
     return message
 
 
-@contextlib.contextmanager
-def _running(begin: Callable[[], Callable[[Any], Any]], count: int) -> Iterator[list[_Worker]]:
-    workers = list[_Worker]()
-    try:
-        for _ in range(count):
-            workers.append(_start(begin))
-        yield workers
-    finally:
-        for worker in workers:
-            worker.process.terminate()
-        for worker in workers:
-            worker.process.join()
-            worker.line.close()
-
-
-def _start(begin: Callable[[], Callable[[Any], Any]]) -> _Worker:
+def _start() -> _Worker:
     # A new interpreter, not a fork: the libraries in this one may hold locks and threads.
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=_work, args=(theirs, begin), daemon=True)
+    process = context.Process(target=_work, args=(theirs,), daemon=True)
     with _interrupts_held_back():
         process.start()
     theirs.close()
@@ -109,13 +146,20 @@ def _interrupts_held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _work(line: Connection, begin: Callable[[], Callable[[Any], Any]]) -> None:
+def _work(line: Connection) -> None:
+    """Take what begins a solver, or a chunk for the solver of the last one, until the other side is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it cannot be held back
-    with threadpool_limits(1, "blas"), contextlib.suppress(EOFError, ConnectionError):  # the other side is gone
+    solve: Callable[[Any], Any] | None = None
+    with contextlib.suppress(EOFError, ConnectionError):  # the other side is gone
         try:
-            solve = begin()
             while True:
-                for job in line.recv():
+                message = line.recv()
+                if callable(message):
+                    threadpool_limits(1, "blas")  # of what came with the message: nothing was imported before
+                    solve = message()
+                    continue
+                assert solve is not None
+                for job in message:
                     line.send((_SOLVED, solve(job)))
                 line.send((_IDLE, None))
         except (EOFError, ConnectionError):

@@ -219,7 +219,7 @@ def draw_calibrate_bench(result: dict[str, Any], path: Path) -> None:
     axes.set_xlabel("intervals of 95 % that hold the true value (%); | is the mean of the parameters")
     for i, parameter in enumerate(cases[0]["parameters"]):
         axes.plot([], [], "os^vDP"[i % 6], color=f"C{i}", label=parameter["name"])
-    axes.legend(fontsize="small", loc="lower left")
+    axes.legend(fontsize="small", loc="upper left")
     caption = f"SIMULATED bars with known parameters, {result['draws']} of each case"
     figure.suptitle(caption, fontsize="medium")
     write_picture(Picture(figure, {}, {}, caption), path)

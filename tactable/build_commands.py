@@ -16,6 +16,7 @@ from engine.device import Device, DeviceError
 from engine.table import TableError, open_table
 from engine.table_history import previous_of, roll_back
 from precompute.calibration_error import CalibrationError
+from precompute.promise import MadeFor
 from tactable.progress import shown_progress
 from tactable.shipped import find_device, find_device_file
 
@@ -35,6 +36,13 @@ def register(app: typer.Typer) -> None:
         objective: Annotated[
             str, typer.Option(help="contrast, standard contrast, localized factor, fair share or paper.")
         ] = "contrast",
+        made_for: Annotated[
+            MadeFor,
+            typer.Option(
+                help="What level and contrast of an entry hold for: the mean, or all but the worst 5 % of the cases "
+                "that calibration and fingers leave possible. That takes half as long again."
+            ),
+        ] = MadeFor.MEAN,
         clicks_up_to: Annotated[
             int | None,
             typer.Option(min=0, help="Clicks for states of so many fingers; default: all, or 3 beyond five zones."),
@@ -69,7 +77,17 @@ def register(app: typer.Typer) -> None:
 
         mass_kg = read_option("--sensor-mass", sensor_mass, "kg")
         job = BuildJob(
-            output, objective, clicks_up_to, bursts_up_to, workers, reuse, responses, mass_kg, memory_mib, as_json
+            output,
+            objective,
+            made_for,
+            clicks_up_to,
+            bursts_up_to,
+            workers,
+            reuse,
+            responses,
+            mass_kg,
+            memory_mib,
+            as_json,
         )
         if not watch:
             job.run(find_device(device_name))
@@ -101,6 +119,7 @@ class BuildJob:
 
     output: Path | None
     objective: str
+    made_for: MadeFor
     clicks_up_to: int | None
     bursts_up_to: int
     workers: int | None
@@ -125,6 +144,7 @@ class BuildJob:
                 path,
                 created=datetime.now(UTC).isoformat(timespec="seconds"),
                 objective=self.objective,
+                made_for=self.made_for,
                 # Clicks are of the model in time: with measured responses only those that are asked for.
                 clicks_up_to=0 if measured and self.clicks_up_to is None else self.clicks_up_to,
                 bursts_up_to=self.bursts_up_to,

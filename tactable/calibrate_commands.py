@@ -1,7 +1,6 @@
 """The commands around calibration: measured accelerations to a new device file, and what to measure next."""
 
 import json
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -51,39 +50,63 @@ def calibrate(
     seed: Annotated[int, typer.Option(min=0, help="Of the places to start from.")] = 0,
     accept: Annotated[str, typer.Option(help="A greater typical misfit is exit status 3.")] = "20 %",
     strict: Annotated[bool, typer.Option("--strict", help="So is a parameter not known within a factor of 2.")] = False,
-    compare: Annotated[bool, typer.Option(help="Fit the paper's way too: every drive alone, then the average.")] = True,
+    compare: Annotated[
+        bool | None,
+        typer.Option(help="Fit the paper's way too: every drive alone, then the average; default: not with --apply."),
+    ] = None,
+    apply: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="TABLE",
+            help="Then build this table anew for the bar that was found and put it in place; a run that plays it "
+            "changes over. Asked again after an interruption, it goes on where it was.",
+        ),
+    ] = None,
+    despite_doubts: Annotated[
+        bool, typer.Option("--despite-doubts", help="Apply what is doubtful too; without, that leaves the table.")
+    ] = False,
+    clicks: Annotated[
+        bool, typer.Option(help="With --apply: make the clicks anew too, once the rest is in place. Some minutes.")
+    ] = True,
     as_json: AsJson = False,
 ) -> None:
     """Fit a device to measured accelerations; a new folder gets the new device file, the raw data and a report."""
-    from threadpoolctl import threadpool_limits
-
-    from precompute.calibration import calibrate as fit_device
-    from precompute.calibration_report import calibration_report
-    from precompute.measurement_file import read_measurements
     from precompute.misfit import Loss
-    from precompute.new_folder import check_new_folder, write_new_folder
-    from precompute.pairwise import fit_pairwise
-    from tactable.calibrate_files import calibration_files
+    from tactable.calibrate_job import CalibrationJob, calibration_json
     from tactable.calibrate_options import read_choice, read_option, read_parameters
     from tactable.calibrate_page import print_calibration
 
     device = find_device(device_name)
-    folder = output or Path(f"{device.name}-calibrated")
-    check_new_folder(folder)
     accepted, chosen = read_option("--accept", accept, ""), read_choice("--loss", loss, Loss)
     names, bounds = read_parameters(device, fit, also)
-    measurements = read_measurements(measurements_path, device, read_option("--sensor-mass", sensor_mass, "kg"))
-    raw = measurements_path.read_bytes()
-    with threadpool_limits(1, "blas"):
-        found = fit_device(device, measurements, names, chosen, bounds=bounds, starts=starts, seed=seed)
-        report = calibration_report(found, fit_pairwise(device, found) if compare else None)
-    write_new_folder(folder, calibration_files(found, report, raw, measurements_path.suffix.lower(), _now()))
-    doubts = _doubts(report, accepted, strict)
-    if as_json:
-        path = folder / f"{device.name}.toml"
-        _print_json({"folder": str(folder), "device_file": str(path), "doubts": doubts, **report})
+    job = CalibrationJob(
+        device=device,
+        measurements=measurements_path,
+        folder=output or Path(f"{device.name}-calibrated"),
+        names=names,
+        bounds=bounds,
+        loss=chosen,
+        sensor_mass_kg=read_option("--sensor-mass", sensor_mass, "kg"),
+        starts=starts,
+        seed=seed,
+        compares=apply is None if compare is None else compare,
+    )
+
+    def doubts_of(report: dict[str, Any]) -> list[str]:
+        return _doubts(report, accepted, strict)
+
+    if apply is not None:
+        from tactable.calibrate_apply import ApplyOptions, apply_calibration
+
+        doubts = apply_calibration(_out, job, doubts_of, ApplyOptions(apply, despite_doubts, clicks, as_json))
     else:
-        print_calibration(_out, report, str(folder), doubts)
+        fitted = job.fit(lambda _step, _fraction: None)
+        job.write(fitted)
+        report, doubts = fitted.report, doubts_of(fitted.report)
+        if as_json:
+            _print_json(calibration_json(job, report, doubts))
+        else:
+            print_calibration(_out, report, str(job.folder), doubts)
     if doubts:
         raise typer.Exit(EXIT_DOUBTFUL)
 
@@ -186,7 +209,3 @@ def simulate_measurements(
 
 def _print_json(value: object) -> None:
     print(json.dumps(value, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -8,28 +8,40 @@ from engine.device_file import parse_device
 from precompute.calibrated_device import calibrated_text
 from precompute.calibration import Calibration
 from precompute.calibration_report import report_markdown
-from tactable.figure_calibration import calibration_png
 
 
 def calibration_files(
     calibration: Calibration, report: dict[str, Any], raw: bytes, ending: str, created: str
 ) -> dict[str, bytes]:
     """Contents by name; `raw` is the file of measurements as it was, `ending` such as ".csv"."""
+    from tactable.figure_calibration import calibration_png  # a second to import; device_text is in a hurry
+
     name = calibration.device.name
-    data_name = f"measurements{ending}"
-    provenance = {
+    text = device_text(calibration, raw, ending, created)
+    more = {**_provenance(calibration, raw, ending, created), "fingerprint": parse_device(text, name).fingerprint}
+    return {
+        f"{name}.toml": text.encode(),
+        _data_name(ending): raw,
+        "report.json": json.dumps({**report, **more}, indent=2).encode(),
+        "report.md": report_markdown(report).encode(),
+        "fit.png": calibration_png(calibration),
+    }
+
+
+def device_text(calibration: Calibration, raw: bytes, ending: str, created: str) -> str:
+    """The description among these files."""
+    return calibrated_text(calibration, _provenance(calibration, raw, ending, created))
+
+
+def _provenance(calibration: Calibration, raw: bytes, ending: str, created: str) -> dict[str, str]:
+    return {
         "created": created,
-        "measurements": data_name,
+        "measurements": _data_name(ending),
         "sha256": hashlib.sha256(raw).hexdigest(),
         "report": "report.json",
         "loss": calibration.loss.value,
     }
-    text = calibrated_text(calibration, provenance)
-    fingerprint = parse_device(text, f"{name}.toml").fingerprint
-    return {
-        f"{name}.toml": text.encode(),
-        data_name: raw,
-        "report.json": json.dumps({**report, **provenance, "fingerprint": fingerprint}, indent=2).encode(),
-        "report.md": report_markdown(report).encode(),
-        "fit.png": calibration_png(calibration),
-    }
+
+
+def _data_name(ending: str) -> str:
+    return f"measurements{ending}"

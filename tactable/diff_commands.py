@@ -20,6 +20,7 @@ from engine.table_diff import PartDiff, TableDiff, compare_tables
 EXIT_DIFFERS = 1
 EXIT_TROUBLE = 2
 _SHOWN, _FIGURES, _NAMED, _LONGEST = 8, 3, 3, 40
+_UNCERTAINTY = "uncertainty."
 _UNIT_OF = {"db": "dB", "hz": "Hz", "rad": "rad", "s": "s"}
 _out = Console()
 _errors = Console(stderr=True)
@@ -67,6 +68,12 @@ def diff_json(found: TableDiff) -> dict[str, Any]:
         "entries": _part_json(found.entries),
         "clicks": _part_json(found.clicks),
     }
+
+
+def short_diff_json(found: TableDiff) -> dict[str, Any]:
+    """The same without the states one by one: how many changed."""
+    whole = diff_json(found)
+    return whole | {part: whole[part] | {"changed": len(whole[part]["changed"])} for part in ("entries", "clicks")}
 
 
 def _change_json(change: Change) -> dict[str, Any]:
@@ -121,6 +128,17 @@ def print_diff(out: Console, found: TableDiff) -> None:
         _print_part(out, title, part, limit)
 
 
+def print_short_diff(out: Console, found: TableDiff) -> None:
+    """What changed in the device, how many entries and clicks did, and where each of their figures did most."""
+    for change in found.device:
+        if not change.key.startswith(_UNCERTAINTY):
+            _line(out, f"device: {_change_text(change)}")
+    for title, part in (("entries", found.entries), ("clicks", found.clicks)):
+        if part.compared:
+            _line(out, f"{title}: {len(part.changed)} of {part.compared} changed")
+            _print_largest(out, part)
+
+
 def _line(out: Console, text: str) -> None:
     out.print(text, markup=False, highlight=False, soft_wrap=True)
 
@@ -150,17 +168,23 @@ def _print_part(out: Console, title: str, part: PartDiff, limit: str) -> None:
         _line(out, f"{title}: none of {part.compared} changed" if part.compared else f"{title}: none in both")
         return
     _line(out, f"{title}: {len(part.changed)} of {part.compared} changed {limit}; each figure where it changed most:")
-    largest = Grid("figure", "changed", "before", "after", "where")
-    for count, state, figure in part.largest():
-        words, _ = _named(figure.figure)
-        where = Text(describe(state.felt, state.quiet, state.level_db))
-        largest.add_row(words, str(count), _text(figure.before), _with_unit(figure), where)
-    out.print(largest)
+    _print_largest(out, part)
     _line(out, f"the {min(_SHOWN, len(part.changed))} that changed most:")
     for state in part.changed[:_SHOWN]:
         figures = sorted(state.figures, key=lambda f: (f.unit == "", f.unit == "dB", f.size), reverse=True)
         texts = (f"{_named(f.figure)[0]} {_short(f.before)} -> {_short(f.after)}{_unit(f)}" for f in figures[:_FIGURES])
         _line(out, f"  {describe(state.felt, state.quiet, state.level_db)}: {', '.join(texts)}")
+
+
+def _print_largest(out: Console, part: PartDiff) -> None:
+    if not part.changed:
+        return
+    largest = Grid("figure", "changed", "before", "after", "where it changed most")
+    for count, state, figure in part.largest():
+        words, _ = _named(figure.figure)
+        where = Text(describe(state.felt, state.quiet, state.level_db))
+        largest.add_row(words, str(count), _text(figure.before), _with_unit(figure), where)
+    out.print(largest)
 
 
 def _named(figure: str) -> tuple[str, str]:

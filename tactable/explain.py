@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table as Grid
 
 from engine.device import Device
-from engine.entry import Entry, ZonePromise
+from engine.entry import Entry, EntrySpread, ZonePromise
 from engine.table import Table
 from precompute.alternatives import Alternative
 from precompute.promise import SHARES
@@ -43,6 +44,7 @@ def entry_json(table: Table, entry: Entry, alternatives: Sequence[Alternative]) 
             "t90_s": worst.t90_s,
             "fingers": SAMPLES,
         },
+        "spread": None if entry.spread is None else _spread_json(table, entry.spread),
         "zones": [_zone_json(zone) for zone in entry.zones],
         "alternatives": [
             {
@@ -88,10 +90,23 @@ def print_entry(out: Console, table: Table, entry: Entry, alternatives: Sequence
         highlight=False,
         soft_wrap=True,
     )
+    if entry.spread is not None:
+        out.print(_spread_words(table, entry.spread), highlight=False, soft_wrap=True)
     if alternatives:
         out.print(_alternative_grid(alternatives))
     estimates = ", ".join([*device.inferred, "detection threshold (8 dB)"])
     out.print(f"ESTIMATES: {estimates}", style="dim")
+
+
+def _spread_json(table: Table, spread: EntrySpread) -> dict[str, Any]:
+    """What 5, 50 and 95 % of the sampled cases lie below, dB."""
+    return {**asdict(spread), "over": str(table.attributes["spread_over"])}
+
+
+def _spread_words(table: Table, spread: EntrySpread) -> str:
+    parts = (("felt", spread.felt), ("quiet", spread.quiet), ("contrast", spread.contrast))
+    words = [f"{name} {p.low_db:.1f}, {p.middle_db:.1f}, {p.high_db:.1f} dB" for name, p in parts if p is not None]
+    return f"5, 50 and 95 % of cases lie below: {'; '.join(words)} ({table.attributes['spread_over']})"
 
 
 def _drive_json(entry: Entry) -> dict[str, list[float]]:

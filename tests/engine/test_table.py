@@ -296,8 +296,8 @@ def test_a_foreign_netcdf_file_is_refused(tmp_path: Path) -> None:
 def test_a_newer_format_is_refused(whole: Path, tmp_path: Path) -> None:
     path = copied(whole, tmp_path / "newer.nc")
     with h5py.File(path, "a") as file:
-        file.attrs["format_revision"] = 4
-    assert "has format revision 4, this program reads up to 3; update tactable" in refusal(path)
+        file.attrs["format_revision"] = 5
+    assert "has format revision 5, this program reads up to 4; update tactable" in refusal(path)
 
 
 @pytest.mark.parametrize("name", ["code_fingerprint", "device_description", "device_fingerprint", "device_name"])

@@ -41,6 +41,25 @@ def test_the_table_before_is_kept_and_no_older_one(path: Path) -> None:
     assert texts(path) == {"bar.nc": "3", "bar.nc.previous": "2"}
 
 
+def test_a_table_that_is_only_completed_is_not_kept(path: Path) -> None:
+    put(path, "1")
+    put(path, "2")
+    (path.parent / "new").write_text("2 and more")
+    replace_table(path.parent / "new", path, keep=False)
+    assert texts(path) == {"bar.nc": "2 and more", "bar.nc.previous": "1"}
+
+
+def test_a_table_that_is_its_own_previous_one_leaves_nothing_behind(tmp_path: Path) -> None:
+    """As after a kill between keeping a table and putting another in its place."""
+    path = tmp_path / "bar.nc"
+    put(path, "1")
+    previous_of(path).hardlink_to(path)
+    roll_back(path)
+    assert texts(path) == {"bar.nc": "1", "bar.nc.previous": "1"}
+    put(path, "2")
+    assert texts(path) == {"bar.nc": "2", "bar.nc.previous": "1"}
+
+
 def test_rolled_back_twice_is_as_before(path: Path) -> None:
     put(path, "1")
     put(path, "2")

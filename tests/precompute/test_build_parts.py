@@ -10,8 +10,10 @@ import pytest
 from engine.device import Device
 from engine.device_file import parse_device
 from engine.table import open_table
-from precompute.build import build_table
+from engine.table_history import previous_of
+from precompute.build import build_table, code_fingerprint
 from precompute.click_options import ClickOptions
+from precompute.parts import Part, Recipe, is_current, outdated_parts
 from tests.precompute.test_build import SMALL
 
 CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=2, trimmed=6, judged=10)
@@ -105,3 +107,44 @@ def test_a_damaged_table_is_not_taken_over(path: Path) -> None:
 def test_other_wishes_are_computed(path: Path) -> None:
     assert AS_BEFORE["entries"] not in build(DEVICE, path, objective="localized factor")
     assert AS_BEFORE["clicks"] not in build(DEVICE, path, clicks_up_to=2)
+
+
+def clicks_of(path: Path) -> list[bytes]:
+    with open_table(path) as table:
+        return [click.samples.tobytes() for click in table.clicks]
+
+
+def test_clicks_may_be_left_for_later_and_are_marked_until_they_are_made(path: Path) -> None:
+    device = parse_device(SMALL.replace('full_scale = "0.52', 'full_scale = "0.6'), "bar")
+    before, kept = clicks_of(path), path.read_bytes()
+    assert AS_BEFORE["clicks"] in build(device, path, clicks_later=True)
+    assert clicks_of(path) == before
+    with open_table(path, device=device) as table:
+        assert outdated_parts(table) == (Part.CLICKS,)
+        assert is_current(table, device, Recipe.of(table)) and not is_current(table, DEVICE, Recipe.of(table))
+    told = build(device, path, completes=True)
+    assert "clicks" in told and {AS_BEFORE["responses"], AS_BEFORE["entries"]} <= told
+    with open_table(path, device=device) as table:
+        assert not outdated_parts(table)
+    assert clicks_of(path) != before
+    assert previous_of(path).read_bytes() == kept
+
+
+def test_clicks_of_other_zones_are_not_kept_for_now(path: Path) -> None:
+    device = parse_device(SMALL.replace("count = 3", "count = 2"), "bar")
+    build(device, path, clicks_later=True)
+    assert clicks_of(path) == []
+    with open_table(path, device=device) as table:
+        assert outdated_parts(table) == (Part.CLICKS,)
+
+
+def test_a_table_says_what_it_was_built_by(path: Path) -> None:
+    build(DEVICE, path, objective="fair share", clicks_up_to=2, bursts_up_to=0)
+    with open_table(path) as table:
+        assert Recipe.of(table) == Recipe(code_fingerprint(), "fair share", 2, CHEAP)
+
+
+def test_entries_are_the_same_however_many_processes_solve_them(path: Path, tmp_path: Path) -> None:
+    build(DEVICE, tmp_path / "scratch.nc", workers=2, clicks_up_to=0)
+    with open_table(path) as own, open_table(tmp_path / "scratch.nc") as other:
+        assert own.entries == other.entries

@@ -10,8 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import scipy.linalg  # noqa: F401  # as solvers do: with it BLAS comes to a process
+from threadpoolctl import threadpool_info
 
-from precompute.workers import WorkerError, solve_in_processes
+from precompute.workers import Crew, WorkerError, solve_in_processes
 
 CHUNKS = [[1, 2, 3], [4], [5, 6], [7]]
 
@@ -66,6 +68,25 @@ def test_whoever_stops_asking_leaves_no_process() -> None:
     next(results)
     results.close()  # type: ignore[attr-defined]  # it is a generator
     assert none_left()
+
+
+def test_whoever_lends_a_hand_solves_what_the_others_do_not() -> None:
+    assert dict(Crew(0).solve(squares, CHUNKS, lends_a_hand=True)) == {n**2: os.getpid() for n in range(1, 8)}
+    with Crew(1) as crew:
+        crew.prepare(squares)
+        found = dict(crew.solve(squares, [[n] for n in range(300)], lends_a_hand=True))
+        again = dict(crew.solve(squares, CHUNKS))
+    assert set(found) == {n**2 for n in range(300)}
+    assert len(set(found.values())) == 2 and os.getpid() in found.values()
+    assert set(again.values()) == set(found.values()) - {os.getpid()} and none_left()
+
+
+def blas_threads() -> Callable[[int], int]:
+    return lambda _: max(int(each["num_threads"]) for each in threadpool_info() if each["user_api"] == "blas")
+
+
+def test_blas_has_one_thread_in_each_process() -> None:
+    assert list(solve_in_processes(blas_threads, [[1], [2]], 2)) == [1, 1]
 
 
 SCRIPT = """

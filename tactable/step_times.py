@@ -1,0 +1,42 @@
+"""Steps of work, as they are told, to how long each of them took."""
+
+import time
+from collections.abc import Callable
+
+Progress = Callable[[str, float], None]
+
+
+class StepTimes:
+    """Seconds by step, from the moment it is made; a step ends when another is told."""
+
+    def __init__(self, show: Progress, step: str) -> None:
+        self._show, self._step = show, step
+        self._start_s = self._since_s = time.perf_counter()
+        self._seconds: dict[str, float] = {}
+
+    def tell(self, step: str, fraction: float) -> None:
+        """A `Progress`: what is being done now, and the fraction done."""
+        self._show(step, fraction)
+        if step != self._step:
+            self._end_step()
+            self._step = step
+
+    def read(self) -> dict[str, float]:
+        """Seconds of every step so far, in the order they began, that under way included."""
+        self._end_step()
+        return dict(self._seconds)
+
+    @property
+    def total_s(self) -> float:
+        """Since it was made."""
+        return time.perf_counter() - self._start_s
+
+    def _end_step(self) -> None:
+        now_s = time.perf_counter()
+        self._seconds[self._step] = self._seconds.get(self._step, 0.0) + now_s - self._since_s
+        self._since_s = now_s
+
+
+def times_text(seconds: dict[str, float]) -> str:
+    """Such as "fit 0.7 s, entries 5.9 s", what took no time left out."""
+    return ", ".join(f"{step} {value:.2g} s" for step, value in seconds.items() if value >= 0.01)
