@@ -5,6 +5,7 @@ import contextlib
 import json
 import math
 import os
+import time
 from asyncio.subprocess import PIPE, Process
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -180,7 +181,7 @@ class DemoShow:
 
     def touch(self, browser: int, events: Sequence[PointerEvent]) -> None:
         """Pointers of a browser."""
-        self._pointers.take(browser, events)
+        self._pointers.take(browser, events, time.monotonic_ns())
 
     def leave(self, browser: int) -> None:
         """A browser is gone."""
@@ -206,6 +207,7 @@ class DemoShow:
 
     def tick(self) -> tuple[list[bytes], bool]:
         """Let the bar move as the firmware drove it."""
+        self._pointers.repeat(time.monotonic_ns())
         view, firmware, reader = self.view, self._firmware, self._reader
         if view is None or firmware is None or reader is None:
             return [], False

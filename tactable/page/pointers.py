@@ -1,13 +1,26 @@
 """Pointers of many browsers to the ten fingers of one digitizer."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from engine.digitizer import DigitizerError
 from engine.sources.pointer import Phase, PointerEvent, PointerFeed
 
 MOST_FINGERS = 10
-_MIDDLE = 0.5
+REPEAT_NS = 30_000_000
+"""A finger that rests is told again so often: one that is silent for 120 ms is taken for gone."""
+SILENT_NS = 1_000_000_000
+"""A browser that says nothing of a pressed pointer for so long has lost it; a busy one takes its time."""
+
+
+@dataclass
+class _Finger:
+    """A pressed pointer: its contact number and last event, when the browser told of it, and when the engine was."""
+
+    number: int
+    event: PointerEvent
+    heard_ns: int
+    sent_ns: int
 
 
 class Pointers:
@@ -17,45 +30,55 @@ class Pointers:
         self.refused = 0
         """Events that no engine took, or of pointers beyond the tenth."""
         self._feed: PointerFeed | None = None
-        self._numbers: dict[tuple[int, int], int] = {}  # by browser and pointer
+        self._fingers: dict[tuple[int, int], _Finger] = {}  # by browser and pointer
 
     def feed(self, feed: PointerFeed | None) -> None:
         """Where reports go from now on."""
         self._feed = feed
 
-    def take(self, browser: int, events: Sequence[PointerEvent]) -> None:
+    def take(self, browser: int, events: Sequence[PointerEvent], now_ns: int) -> None:
         """Events of a browser."""
         for event in events:
-            self._take(browser, event)
+            self._take((browser, event.pointer_id), event, now_ns)
 
     def leave(self, browser: int) -> None:
         """All pointers of a browser that is gone are released."""
-        for pressed, pointer_id in list(self._numbers):
-            if pressed == browser:
-                self._take(browser, PointerEvent(pointer_id, _MIDDLE, _MIDDLE, Phase.CANCEL))
+        for key in [key for key in self._fingers if key[0] == browser]:
+            self._release(key)
 
-    def _take(self, browser: int, event: PointerEvent) -> None:
-        key = (browser, event.pointer_id)
-        is_pressed = event.phase in (Phase.DOWN, Phase.MOVE)
-        number = self._numbers.get(key)
-        if number is None:
-            number = self._free_number() if is_pressed else None
-        if number is None:
-            self.refused += is_pressed
+    def repeat(self, now_ns: int) -> None:
+        """Tell the engine again of every finger that rests, and release those that their browser has lost."""
+        for key, finger in list(self._fingers.items()):
+            if now_ns - finger.heard_ns > SILENT_NS:
+                self._release(key)
+            elif now_ns - finger.sent_ns >= REPEAT_NS:
+                self._send(finger, replace(finger.event, phase=Phase.MOVE), now_ns)
+
+    def _take(self, key: tuple[int, int], event: PointerEvent, now_ns: int) -> None:
+        finger = self._fingers.get(key)
+        if event.phase in (Phase.UP, Phase.CANCEL):
+            if finger is not None:
+                finger.event = event
+                self._release(key)
             return
-        if is_pressed:
-            self._numbers[key] = number
-        else:
-            del self._numbers[key]
-        self._send(replace(event, pointer_id=number))
+        if finger is None:
+            taken = {other.number for other in self._fingers.values()}
+            number = next((number for number in range(MOST_FINGERS) if number not in taken), None)
+            if number is None:
+                self.refused += 1
+                return
+            finger = self._fingers[key] = _Finger(number, event, now_ns, now_ns)
+        finger.event, finger.heard_ns = event, now_ns
+        self._send(finger, event, now_ns)
 
-    def _free_number(self) -> int | None:
-        taken = set(self._numbers.values())
-        return next((number for number in range(MOST_FINGERS) if number not in taken), None)
+    def _release(self, key: tuple[int, int]) -> None:
+        finger = self._fingers.pop(key)
+        self._send(finger, replace(finger.event, phase=Phase.CANCEL), finger.sent_ns)
 
-    def _send(self, event: PointerEvent) -> None:
+    def _send(self, finger: _Finger, event: PointerEvent, now_ns: int) -> None:
+        finger.sent_ns = now_ns
         try:
             if self._feed is not None:
-                self._feed.send(event)
+                self._feed.send(replace(event, pointer_id=finger.number))
         except DigitizerError:  # the engine is ending, or does not keep up: it is watched elsewhere
             self.refused += 1

@@ -29,6 +29,8 @@ from tactable.page.security import HEADERS, Door
 FRAME_S = 1 / 60
 IDLE_FRAMES = 12
 """While nothing happens, only one picture of so many is sent."""
+ALONE_S = 0.1
+"""While nobody looks on, time passes in such steps."""
 MOST_BROWSERS = 8
 _STATIC = Path(__file__).parent / "static"
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
@@ -173,7 +175,7 @@ class PageServer:
                 for message in messages:
                     browser.offer(message)
             # A machine that is late leaves pictures out.
-            due_s = max(due_s + FRAME_S, time.monotonic() + FRAME_S / 4)
+            due_s = max(due_s + (FRAME_S if self._browsers else ALONE_S), time.monotonic() + FRAME_S / 4)
             await asyncio.sleep(due_s - time.monotonic())
 
 

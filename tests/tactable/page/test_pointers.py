@@ -7,7 +7,7 @@ import pytest
 
 from engine.digitizer import open_digitizer
 from engine.sources.pointer import Phase, PointerEvent, PointerFeed, PointerSource, open_pointer_pipe
-from tactable.page.pointers import MOST_FINGERS, Pointers
+from tactable.page.pointers import MOST_FINGERS, REPEAT_NS, SILENT_NS, Pointers
 
 
 class Rig:
@@ -19,14 +19,15 @@ class Rig:
         self.pointers.feed(self.feed)
         self._digitizer = open_digitizer(self.source.descriptor, 0, 0)
         self._fingers = frozenset[int]()
+        self.now_ns = 0
 
     def send(self, browser: int, pointer_id: int, phase: Phase) -> None:
-        self.pointers.take(browser, [PointerEvent(pointer_id, 0.5, 0.5, phase)])
+        self.pointers.take(browser, [PointerEvent(pointer_id, 0.5, 0.5, phase)], self.now_ns)
 
     def fingers(self) -> frozenset[int]:
         """Contact numbers that are down, after all that was sent."""
-        while report := self.source.read(0):
-            frame = self._digitizer.decode_report(report, 0)
+        while report := self.source.read(self.now_ns):
+            frame = self._digitizer.decode_report(report, self.now_ns)
             if frame is not None:
                 self._fingers = frozenset(contact.contact_id for contact in frame.contacts if contact.tip)
         return self._fingers
@@ -80,15 +81,30 @@ def test_a_move_presses_a_finger_that_an_engine_has_not_seen(rig: Rig) -> None:
     assert rig.fingers() == {0}
 
 
+def test_a_finger_that_rests_stays_though_its_browser_is_slow(rig: Rig) -> None:
+    rig.send(1, 1, Phase.DOWN)
+    while rig.now_ns < SILENT_NS:
+        rig.now_ns += 2 * REPEAT_NS
+        rig.pointers.repeat(min(rig.now_ns, SILENT_NS))
+        assert rig.fingers() == {0}
+
+
+def test_a_finger_that_its_browser_has_lost_is_released(rig: Rig) -> None:
+    rig.send(1, 1, Phase.DOWN)
+    rig.now_ns = SILENT_NS + 1
+    rig.pointers.repeat(rig.now_ns)
+    assert rig.fingers() == frozenset()
+
+
 def test_an_engine_that_takes_nothing_breaks_nothing() -> None:
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
     pointers = Pointers()
-    pointers.take(1, [PointerEvent(1, 0.5, 0.5, Phase.DOWN)])
+    pointers.take(1, [PointerEvent(1, 0.5, 0.5, Phase.DOWN)], 0)
     pointers.feed(PointerFeed(writing))
     source = PointerSource(reading)
     for _ in range(10_000):
-        pointers.take(1, [PointerEvent(1, 0.5, 0.5, Phase.MOVE)])
+        pointers.take(1, [PointerEvent(1, 0.5, 0.5, Phase.MOVE)], 0)
     assert pointers.refused > 0
     source.close()
     os.close(writing)
