@@ -43,9 +43,6 @@ class _Section(Section):
         return [".".join(part for part in (self.path, mark) if part) for mark in self.marks]
 
 
-read_device = Device.read
-
-
 def parse_device(text: str, source: str) -> Device:
     """Validate the description `text`; `source` names it in errors. Raises DeviceError."""
     top = _Section.parse(text, source)

@@ -22,7 +22,7 @@ from engine.table_error import TableError
 from engine.table_file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes
 from engine.zones import ZoneState, state_index
 
-__all__ = ["Table", "TableError", "open_table", "states_of"]
+__all__ = ["Table", "TableError", "states_of"]
 
 
 class Table:
@@ -228,9 +228,6 @@ def _listed(zones: Sequence[str]) -> Sequence[str]:
     if isinstance(zones, str):
         raise TableError(f"zones {zones!r}: is one text; give a list of names, such as [{zones!r}]")
     return zones
-
-
-open_table = Table.open
 
 
 def _check_format(path: Path, file: h5netcdf.File) -> None:

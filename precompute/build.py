@@ -19,7 +19,7 @@ from engine.click_group import write_clicks
 from engine.device import Device
 from engine.device_file import parse_device
 from engine.entry_group import write_entries
-from engine.table import Table, TableError, open_table
+from engine.table import Table, TableError
 from engine.table_file import TableWriter
 from engine.zones import state_index
 from precompute.assembly import Plant, assemble
@@ -148,7 +148,7 @@ def _fingers(device: Device, clicks_up_to: int | None) -> int:
 def _earlier(path: Path, reuse: bool) -> Iterator[Table | None]:
     """The sound table of this code that is at `path`, if there is one."""
     try:
-        table = open_table(path, code_fingerprint=code_fingerprint()) if reuse else None
+        table = Table.open(path, code_fingerprint=code_fingerprint()) if reuse else None
     except TableError:
         table = None
     with table or nullcontext():
@@ -224,7 +224,7 @@ class _Builder:
         return {part for part in Part if wanted.get(part, 1)}
 
     def _check(self, written: Path) -> None:
-        open_table(written, device=self.device, code_fingerprint=self.recipe.code_fingerprint, verify=False).close()
+        Table.open(written, device=self.device, code_fingerprint=self.recipe.code_fingerprint, verify=False).close()
         self.progress("put in place", 0.99)
 
     @contextmanager

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from engine.realtime import Step, parse_steps
 from engine.sources.recording import read_recording
-from engine.table import Table, open_table
+from engine.table import Table
 from tactable.latency_compare import got_worse
 from tactable.latency_load import Load
 from tactable.latency_plan import Plan
@@ -106,7 +106,7 @@ def register(bench: typer.Typer) -> None:
 def _opened(path: Path | None) -> Iterator[Table]:
     """The given table, or the demo's."""
     if path is not None:
-        with open_table(path) as table:
+        with Table.open(path) as table:
             yield table
         return
     from tactable.demo import table_for

@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 
 from engine.device import Device, DeviceError
-from engine.table import TableError, open_table
+from engine.table import Table, TableError
 from engine.table_history import previous_of, roll_back
 from precompute.calibration_error import CalibrationError
 from precompute.promise import MadeFor
@@ -103,9 +103,9 @@ def register(app: typer.Typer) -> None:
         """Put the table back that was there before; once more is as it was. A run that plays it takes it at once."""
         previous = previous_of(table_path)
         if previous.is_file():
-            open_table(previous).close()  # verified before it takes a place
+            Table.open(previous).close()  # verified before it takes a place
         roll_back(table_path)
-        with open_table(table_path) as table:
+        with Table.open(table_path) as table:
             summary = {"table": str(table_path), "created": table.attributes["created"], "device": table.device.name}
         if as_json:
             print(json.dumps(summary, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
@@ -159,7 +159,7 @@ class BuildJob:
     def _tell(self, device: Device, path: Path) -> None:
         from precompute.measured_table import doubts_of
 
-        with open_table(path, verify=False) as table:
+        with Table.open(path, verify=False) as table:
             summary: dict[str, Any] = {
                 "table": str(path),
                 "device": device.name,

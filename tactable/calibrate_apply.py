@@ -10,8 +10,7 @@ from typing import Any
 from rich.console import Console
 
 from engine.device import Device
-from engine.device_file import read_device
-from engine.table import TableError, open_table
+from engine.table import Table, TableError
 from engine.table_diff import TableDiff, compare_tables
 from engine.table_history import previous_of
 from precompute.build import build_table, code_fingerprint
@@ -52,7 +51,7 @@ class TableTarget:
 
     def __init__(self, path: Path, device: Device) -> None:
         self.path = path
-        with open_table(path) as table:
+        with Table.open(path) as table:
             if table.device.name != device.name or not plays_on(table.device, device):
                 asked = f"{device.name!r} with its zones, actuators and limits"
                 raise TableError(f"{path}: is of {table.device.name!r}, not of {asked}; name the table of this bar")
@@ -65,7 +64,7 @@ class TableTarget:
 
     def put_in_place(self, device: Device, times: StepTimes, crew: Crew) -> InPlace:
         """Build the table anew for `device` as it was built before, its clicks as they were. Raises TableError."""
-        with open_table(self.path, verify=False) as table:
+        with Table.open(self.path, verify=False) as table:
             if is_current(table, device, self._recipe):
                 return InPlace(None, {})
         self._build(device, times, crew, clicks_later=True)
@@ -77,7 +76,7 @@ class TableTarget:
 
     def outdated(self) -> str:
         """What it has of the bar before, in words; empty: nothing."""
-        with open_table(self.path, verify=False) as table:
+        with Table.open(self.path, verify=False) as table:
             return " and ".join(outdated_parts(table))
 
     def diff(self) -> TableDiff | None:
@@ -85,7 +84,7 @@ class TableTarget:
         before = previous_of(self.path)
         if not before.is_file():
             return None
-        with open_table(before, verify=False) as own, open_table(self.path, verify=False) as other:
+        with Table.open(before, verify=False) as own, Table.open(self.path, verify=False) as other:
             return compare_tables(own, other)
 
     def _build(self, device: Device, times: StepTimes, crew: Crew, *, clicks_later: bool) -> None:
@@ -145,7 +144,7 @@ def _find(job: CalibrationJob, times: StepTimes) -> _Found:
     """What was found by the same command before, or now."""
     kept = job.kept_report()
     if kept is not None:
-        return _Found(kept, read_device(job.device_file), None)
+        return _Found(kept, Device.read(job.device_file), None)
     fitted = job.fit(times.tell)
     return _Found(fitted.report, fitted.device(str(job.device_file)), fitted)
 

@@ -22,7 +22,7 @@ from engine.limits import LimitError
 from engine.renderer import RendererError
 from engine.ring import RingError
 from engine.sources.recording import RecordingError, read_recording
-from engine.table import Table, TableError, open_table
+from engine.table import Table, TableError
 from engine.zones import ZoneState
 from firmware_link.errors import LinkError
 from precompute.calibration_error import CalibrationError
@@ -131,7 +131,7 @@ def explain(
         raise TableError("--felt names no zone; give at least one, such as --felt I,III")
     level_db = _level(level)
     explain_it = _explain_click if click else _explain_entry
-    with open_table(table_path) as table, threadpool_limits(1, "blas"):
+    with Table.open(table_path) as table, threadpool_limits(1, "blas"):
         explain_it(table, table.states_of(names, _zone_names(quiet)), level_db, alternatives, as_json)
 
 
@@ -356,7 +356,7 @@ def bench_contrast(
     """Every state of one felt and one quiet finger: the paper's objective against ours, in frequency and in time."""
     from tactable.bench_contrast import print_contrast_bench, run_contrast_bench
 
-    with open_table(table_path) as table:
+    with Table.open(table_path) as table:
         result = run_contrast_bench(table, _level(level))
     if as_json:
         _print_json(result)

@@ -14,7 +14,7 @@ from engine.device import Device
 from engine.effects import DEFAULT_EFFECTS, Effects
 from engine.latency import Stage
 from engine.sources.recording import Recording
-from engine.table import Table, TableError, open_table
+from engine.table import Table, TableError
 from engine.zones import ZoneState
 from precompute.build import Progress, build_table, code_fingerprint
 from precompute.cores import available_cores
@@ -58,7 +58,7 @@ class DemoReport:
 def table_for(device: Device, path: Path, progress: Progress) -> Table:
     """The table of `device` at `path`, built if it is missing, stale or broken."""
     try:
-        return open_table(path, device=device, code_fingerprint=code_fingerprint())
+        return Table.open(path, device=device, code_fingerprint=code_fingerprint())
     except TableError:
         path.parent.mkdir(parents=True, exist_ok=True)
         build_table(
@@ -69,7 +69,7 @@ def table_for(device: Device, path: Path, progress: Progress) -> Table:
             workers=available_cores(),
             progress=progress,
         )
-        return open_table(path, device=device, verify=False)
+        return Table.open(path, device=device, verify=False)
 
 
 def run_demo(table: Table, recording: Recording, effects: Effects = DEFAULT_EFFECTS) -> DemoReport:

@@ -14,7 +14,7 @@ from rich.text import Text
 from engine.device import DeviceError
 from engine.device_values import Change, Value, number_of
 from engine.state_diff import DEFAULT_LIMIT_DB, FigureChange, StateChange, Tolerance, describe
-from engine.table import TableError, open_table
+from engine.table import Table, TableError
 from engine.table_diff import PartDiff, TableDiff, compare_tables
 
 EXIT_DIFFERS = 1
@@ -40,7 +40,7 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """What changed between two tables, overall and by state; exit status 0: nothing, 1: something, 2: trouble."""
         try:
-            with open_table(before) as own, open_table(after) as other:
+            with Table.open(before) as own, Table.open(after) as other:
                 found = compare_tables(own, other, Tolerance(limit_db))
         except (DeviceError, TableError, OSError) as error:
             _errors.print(f"tactable: {error}", style="red", markup=False, highlight=False, soft_wrap=True)

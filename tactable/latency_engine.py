@@ -25,7 +25,7 @@ from engine.loop import StateChange, SystemClock
 from engine.realtime import Step
 from engine.renderer import RendererError, WhenNotAchieved
 from engine.ring import RingWriter
-from engine.table import Table, open_table
+from engine.table import Table
 from firmware_link.clock import OffsetBounds
 from firmware_link.errors import LinkError
 from firmware_link.framing import FrameDecoder
@@ -107,7 +107,7 @@ def main() -> None:
     """Open the table, then run a segment for each message until the other end closes."""
     control = socket.socket(fileno=int(sys.argv[1]))
     library = fast_library()
-    with open_table(Path(sys.argv[2])) as table:
+    with Table.open(Path(sys.argv[2])) as table:
         _say(control, {"device": table.device.name})
         while True:
             try:

@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 
 from engine.entry import DEFAULT_LEVEL_DB
-from engine.table import Table, open_table
+from engine.table import Table
 from tactable.figure_file import FigureError, Picture, check_paths, write_columns, write_picture
 
 plot = typer.Typer(no_args_is_help=True, help="Draw what a table holds: PNG, SVG or PDF, and the data as CSV.")
@@ -132,7 +132,7 @@ def opened_table(path: Path) -> Iterator[Table]:
 
     from precompute.build import code_fingerprint
 
-    with open_table(path, code_fingerprint=code_fingerprint()) as table, threadpool_limits(1, "blas"):
+    with Table.open(path, code_fingerprint=code_fingerprint()) as table, threadpool_limits(1, "blas"):
         yield table
 
 

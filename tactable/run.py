@@ -23,7 +23,7 @@ from engine.renderer import WhenNotAchieved
 from engine.sources import Source
 from engine.sources.playback import Playback
 from engine.sources.recording import read_recording
-from engine.table import open_table
+from engine.table import Table
 from firmware_link.device import BOARD_EMULATED
 from firmware_link.errors import LinkError
 from firmware_link.link_values import Capabilities
@@ -115,7 +115,7 @@ def register(app: typer.Typer, machine: Machine | None = None) -> None:
         clock = SystemClock()
         identity = identity_of(table_path) if table_path.is_file() else (0, 0, 0)
         device = None if device_name is None else find_device(device_name)
-        with open_table(table_path, device=device) as table, ExitStack() as stack:
+        with Table.open(table_path, device=device) as table, ExitStack() as stack:
             effects = _effects_of(effects_path, table.device)
             options = LiveOptions(
                 effects, when_not_achieved, reconnect, bit_rate_hz, real_time_steps(steps), fast=_compiled(fast)

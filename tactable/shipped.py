@@ -4,7 +4,6 @@ import os
 from pathlib import Path
 
 from engine.device import Device, DeviceError
-from engine.device_file import read_device
 
 _HERE = Path(__file__).parent
 DEMO_RECORDING = _HERE / "demo.hid"
@@ -23,7 +22,7 @@ def shipped_names() -> list[str]:
 
 def find_device(name_or_path: str) -> Device:
     """Read a device by file path or by shipped name. Raises DeviceError with the known names."""
-    return read_device(find_device_file(name_or_path))
+    return Device.read(find_device_file(name_or_path))
 
 
 def find_device_file(name_or_path: str) -> Path:

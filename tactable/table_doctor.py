@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from engine.fast_path import FastPathError, compile_fast_path
-from engine.table import TableError, open_table
+from engine.table import Table, TableError
 from tactable.check import Check
 
 
@@ -19,7 +19,7 @@ def _check_table(path: Path) -> Check:
 
     name = f"table {path}"
     try:
-        with open_table(path) as table:
+        with Table.open(path) as table:
             device, built_by = table.device.name, str(table.attributes.get("code_fingerprint", ""))
     except TableError as error:
         return Check(name, str(error), "build it again: `tactable build DEVICE`")

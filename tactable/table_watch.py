@@ -19,7 +19,7 @@ from engine.effects import Effects
 from engine.limits import LimitError
 from engine.renderer import RendererError, WhenNotAchieved
 from engine.rendering import Rendering, render_table
-from engine.table import TableError, open_table
+from engine.table import Table, TableError
 from firmware_link.link_values import Capabilities
 
 LOOK_S = 0.3
@@ -130,7 +130,7 @@ def serve(watched: Watched) -> None:
 
 
 def _rendered(watched: Watched) -> Rendering:
-    with open_table(watched.path) as table:
+    with Table.open(watched.path) as table:
         zones = tuple(zone.name for zone in table.device.zones)
         if zones != watched.zones:
             was = ", ".join(watched.zones)

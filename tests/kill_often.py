@@ -18,8 +18,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
-from engine.device_file import parse_device, read_device
-from engine.table import Table, open_table
+from engine.device import Device
+from engine.device_file import parse_device
+from engine.table import Table
 from engine.table_history import previous_of, replace_table
 from precompute.build import build_table
 from precompute.click_options import ClickOptions
@@ -52,7 +53,7 @@ class Work(Protocol):
 
 def whole_table(path: Path) -> Table:
     """Verified; closed, its entries stay usable."""
-    with open_table(path) as table:
+    with Table.open(path) as table:
         assert table.entries
     return table
 
@@ -69,11 +70,11 @@ class Build:
 
     script = f"""
 from pathlib import Path
-from engine.device_file import read_device
+from engine.device import Device
 from precompute.build import build_table
 from tests.kill_often import CHEAP
 if __name__ == "__main__":
-    {_BEGIN}    device = read_device(Path("new.toml"))
+    {_BEGIN}    device = Device.read(Path("new.toml"))
     build_table(device, "bar.nc", clicks_up_to=2, click_options=CHEAP, workers=2)
 """
 
@@ -124,7 +125,7 @@ if __name__ == "__main__":
         if fitted.exists():
             assert sorted(path.name for path in fitted.iterdir()) == sorted(self.files)
             json.loads((fitted / "report.json").read_text(encoding="utf-8"))
-            assert table.fingerprint == read_device(fitted / "reference-a.toml").fingerprint
+            assert table.fingerprint == Device.read(fitted / "reference-a.toml").fingerprint
         return "clicks made" if is_new and not outdated_parts(table) else "new entries" if is_new else "old table"
 
     def check_end(self, folder: Path) -> None:
@@ -201,7 +202,7 @@ if __name__ == "__main__":
             whole_table(table)
         for outcome in (folder / "out").glob(f"*/{OUTCOME}"):
             fingerprint = json.loads(outcome.read_text(encoding="utf-8"))["fingerprint"]
-            with open_table(outcome.parent / TABLE, device=read_device(outcome.parent / DEVICE)) as opened:
+            with Table.open(outcome.parent / TABLE, device=Device.read(outcome.parent / DEVICE)) as opened:
                 assert opened.fingerprint == fingerprint
             complete += 1
         return f"{complete} units"

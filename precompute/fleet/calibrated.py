@@ -7,7 +7,6 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device
-from engine.device_file import read_device
 from precompute.calibrated_device import calibrated_text
 from precompute.calibration import Calibration, calibrate
 from precompute.calibration_report import calibration_report, report_markdown
@@ -31,7 +30,7 @@ def calibrate_unit(job: Job, device: Device, path: Path) -> tuple[Device, tuple[
     folder = job.folder / f"calibration-{job.key[:12]}"
     if not folder.exists():
         write_new_folder(folder, _files(job, device, path))
-    calibrated = read_device(folder / f"{device.name}.toml")
+    calibrated = Device.read(folder / f"{device.name}.toml")
     report = json.loads((folder / _REPORT).read_text(encoding="utf-8"))
     misfit = report["median_misfit"]
     doubts = [f"typical misfit {100 * misfit:.3g} %"] if misfit > LARGEST_MISFIT else []

@@ -15,7 +15,7 @@ from engine.device import Device, DeviceError
 from engine.device_file import parse_device
 from engine.device_values import device_values
 from engine.section import read_text
-from engine.table import TableError, open_table
+from engine.table import Table, TableError
 from engine.table_history import remove_leftovers
 from precompute.build import build_table, code_fingerprint
 from precompute.fleet.calibrated import calibrate_unit
@@ -99,7 +99,7 @@ def _run(job: Job, progress: Progress) -> Outcome:
         figures = _build(job, device, progress)
         table_crc32 = _checksum(job.folder / TABLE)
     else:
-        with open_table(job.unit.judged) as table, threadpool_limits(1, "blas"):
+        with Table.open(job.unit.judged) as table, threadpool_limits(1, "blas"):
             figures = judge_table(table, device)
     outcome = Outcome(
         name=job.unit.name,
@@ -125,7 +125,7 @@ def _build(job: Job, device: Device, progress: Progress) -> dict[str, float | No
         clicks_up_to=recipe.clicks_up_to,
         progress=progress,
     )
-    with open_table(path, device=device, code_fingerprint=job.code_fingerprint) as table:
+    with Table.open(path, device=device, code_fingerprint=job.code_fingerprint) as table:
         return compute_figures(table)
 
 

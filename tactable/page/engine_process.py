@@ -21,7 +21,7 @@ from engine.loop import SystemClock
 from engine.renderer import RendererError, WhenNotAchieved
 from engine.ring import RingError, RingWriter
 from engine.sources.pointer import PointerSource
-from engine.table import TableError, open_table
+from engine.table import Table, TableError
 from firmware_link.errors import LinkError
 from firmware_link.reopening import ReopeningPort
 from firmware_link.serial_port import SerialPort
@@ -94,7 +94,7 @@ def main() -> None:
 
 def _run(order: Order, pipe: int, ring: RingWriter) -> None:
     clock = SystemClock()
-    with open_table(order.table, verify=False) as table, ExitStack() as stack:
+    with Table.open(order.table, verify=False) as table, ExitStack() as stack:
         effects = effects_of(order.choice, table.device, order.rule_file)
         options = LiveOptions(effects, WhenNotAchieved.GO_ON, reconnect=True, bit_rate_hz=PTY_BIT_RATE_HZ)
         port = SerialPort(order.port)

@@ -9,7 +9,7 @@ from typing import Any
 
 from engine.ring import RingReader
 from engine.sources.pointer import PointerEvent
-from engine.table import Table, TableError, open_table
+from engine.table import Table, TableError
 from tactable.page.live_bar import LiveBar
 from tactable.page.messages import encode_picture
 from tactable.page.ring_drive import RingDrive
@@ -29,7 +29,7 @@ class LiveShow:
         self.scene_number = 0
         self._reader, self._table_path, self._resolution_hz = reader, table_path, frequency_resolution_hz
         self._identity = identity_of(table_path)
-        self._take_up(open_table(table_path, verify=False))
+        self._take_up(Table.open(table_path, verify=False))
 
     def _take_up(self, table: Table) -> None:
         self._table = table
@@ -81,6 +81,6 @@ class LiveShow:
                 found = identity_of(self._table_path)
                 if found != self._identity:
                     self._identity = found
-                    table = await asyncio.to_thread(open_table, self._table_path)
+                    table = await asyncio.to_thread(Table.open, self._table_path)
                     self._table.close()
                     self._take_up(table)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from engine.device import Device
-from engine.table import Table, TableError, open_table
+from engine.table import Table, TableError
 from precompute.build import code_fingerprint
 from precompute.objective import DEFAULT_OBJECTIVE
 from tactable.demo import DEMO_FINGERS
@@ -46,7 +46,7 @@ def open_newest(order: BuildOrder, device: Device) -> Table | None:
     """The table of an order, or else the one that has no clicks yet; None where there is none that is sound."""
     for path in (order.path, order.early_path):
         with contextlib.suppress(TableError):
-            return open_table(path, device=device, code_fingerprint=code_fingerprint(), verify=False)
+            return Table.open(path, device=device, code_fingerprint=code_fingerprint(), verify=False)
     return None
 
 

@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from engine.device_file import read_device
+from engine.device import Device
 from engine.digitizer import DigitizerError, open_digitizer
 from engine.effect_player import EffectPlayer
 from engine.effects import Effects, Rule, Trigger, burst
@@ -34,7 +34,7 @@ from tests.engine.made_entries import LEVEL_DB, entry_of, felt_states
 from tests.engine.shared_recordings import RECORDINGS
 
 ROOT = Path(__file__).parents[2]
-DEVICE = read_device(ROOT / "tables" / "devices" / "reference-a.toml")
+DEVICE = Device.read(ROOT / "tables" / "devices" / "reference-a.toml")
 BURSTS = Effects((Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),))
 NS_PER_S = 1_000_000_000
 DELAY_NS = 300_000

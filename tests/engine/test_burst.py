@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 
 from engine.burst import NUMBER_OF_SHAPES, played_at
-from engine.device_file import read_device
-from engine.table import TableError, open_table
+from engine.device import Device
+from engine.table import Table, TableError
 from tests.engine.made_bursts import SHAPES, burst_of
 from tests.engine.made_entries import entry_of, felt_states, states_of
 from tests.engine.made_table import write_table
 
-REFERENCE = read_device(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
+REFERENCE = Device.read(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
 STATES = felt_states(REFERENCE)
 ENTRIES = [entry_of(REFERENCE, states) for states in STATES]
 
@@ -23,7 +23,7 @@ def test_a_table_gives_its_bursts_and_shapes_back(tmp_path: Path) -> None:
         for i, states in enumerate(STATES)
     ]
     path = write_table(tmp_path / "bar.nc", REFERENCE, ENTRIES, bursts=bursts, shapes=SHAPES)
-    with open_table(path) as table:
+    with Table.open(path) as table:
         assert (list(table.bursts), table.shapes) == (bursts, SHAPES)
         assert table.burst_at(bursts[3].index, inf) == bursts[3]
         assert table.bursts_at(20.0) == tuple(played_at(burst, 20.0) for burst in bursts)
@@ -31,7 +31,7 @@ def test_a_table_gives_its_bursts_and_shapes_back(tmp_path: Path) -> None:
 
 
 def test_a_table_without_bursts_has_no_shapes(tmp_path: Path) -> None:
-    with open_table(write_table(tmp_path / "bar.nc", REFERENCE, ENTRIES)) as table:
+    with Table.open(write_table(tmp_path / "bar.nc", REFERENCE, ENTRIES)) as table:
         assert (table.bursts, table.shapes) == ((), ())
 
 

@@ -9,9 +9,9 @@ import pytest
 
 from engine.click import ClickEntry, choose_bank, played_at
 from engine.click_group import write_clicks
-from engine.device_file import read_device
+from engine.device import Device
 from engine.entry_group import write_entries
-from engine.table import TableError, open_table
+from engine.table import Table, TableError
 from engine.table_file import TableWriter
 from firmware_link.bank import bank_size, encode_bank
 from firmware_link.link_values import Capabilities
@@ -19,7 +19,7 @@ from firmware_link.messages import Features
 from tests.engine.made_clicks import click_of
 from tests.engine.made_entries import entry_of, felt_states, states_of
 
-REFERENCE = read_device(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
+REFERENCE = Device.read(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
 STATES = felt_states(REFERENCE)
 CAPABILITIES = Capabilities(
     2,
@@ -56,7 +56,7 @@ def test_a_table_gives_its_clicks_back(tmp_path: Path) -> None:
         )
         write_entries(writer, [entry_of(REFERENCE, states) for states in STATES], REFERENCE)
         write_clicks(writer, clicks, REFERENCE)
-    with open_table(path) as table:
+    with Table.open(path) as table:
         assert all(same(one, other) for one, other in zip(table.clicks, clicks, strict=True))
         found = table.click_for(["I"], ["IV"], 20.0)
         index = states_of(REFERENCE, [0], [3])

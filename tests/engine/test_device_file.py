@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine.device import Device, DeviceError
-from engine.device_file import ROMAN, parse_device, read_device
+from engine.device_file import ROMAN, parse_device
 from engine.digitizer import Contact, open_digitizer
 from engine.zones import TouchPosition
 from tactable.touch_map import Stroke, digitizer_table, learn_axis
@@ -420,7 +420,7 @@ def test_a_description_that_is_not_utf_8_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "bar.toml"
     path.write_bytes(TEXT.encode("utf-16"))
     with pytest.raises(DeviceError, match=re.escape(str(path))):
-        read_device(path)
+        Device.read(path)
 
 
 HOSTILE = {
@@ -598,12 +598,12 @@ def test_exchanged_actuators_have_another_fingerprint() -> None:
 
 
 def test_a_device_keeps_the_text_it_was_read_from() -> None:
-    assert read_device(SHIPPED / "reference-a.toml").text == TEXT
+    assert Device.read(SHIPPED / "reference-a.toml").text == TEXT
 
 
 def test_a_missing_file_is_a_missing_file(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
-        read_device(tmp_path / "none.toml")
+        Device.read(tmp_path / "none.toml")
 
 
 ESTIMATES = (  # PHYSICS.md section 1: L, B, h, lumped masses, mesh, zone edges, bounds; section 3.7: the finger
@@ -618,19 +618,19 @@ ESTIMATES = (  # PHYSICS.md section 1: L, B, h, lumped masses, mesh, zone edges,
 @pytest.mark.parametrize("estimate", ESTIMATES)
 @pytest.mark.parametrize("name", ["reference-a", "reference-d", "reference-t"])
 def test_every_estimate_of_the_shipped_devices_is_marked(name: str, estimate: str) -> None:
-    assert estimate in read_device(SHIPPED / f"{name}.toml").inferred
+    assert estimate in Device.read(SHIPPED / f"{name}.toml").inferred
 
 
 def test_what_the_paper_publishes_is_not_marked_in_reference_a() -> None:
     published = {"bar.youngs_modulus", "bar.density", "bar.mass_damping", "bar.stiffness_damping"}
     for i in (1, 2):
         published |= {f"actuator[{i}].{key}" for key in ("position", "stiffness", "damping", "full_scale")}
-    assert not published & set(read_device(SHIPPED / "reference-a.toml").inferred)
+    assert not published & set(Device.read(SHIPPED / "reference-a.toml").inferred)
 
 
 @pytest.mark.parametrize("name", ["reference-d", "reference-t"])
 def test_every_physical_value_of_a_made_up_device_is_inferred(name: str) -> None:
-    device = read_device(SHIPPED / f"{name}.toml")
+    device = Device.read(SHIPPED / f"{name}.toml")
     physical = {f"bar.{key}" for _, key in KEYS if _ == "bar" and key != "inferred"}
     physical |= {f"{s}.{key}" for s, key in KEYS if s.startswith("actuator") and key not in ("inferred", "name")}
     assert physical <= set(device.inferred)

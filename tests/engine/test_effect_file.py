@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.device_file import read_device
+from engine.device import Device
 from engine.effect_file import parse_effects, read_effects
 from engine.effects import DEFAULT_EFFECTS, FULL_SCALE_DB, Effect, EffectError, Effects, Rule, Segment, Trigger
 
 TABLES = Path(__file__).parents[2] / "tables"
-DEVICE = read_device(TABLES / "devices" / "reference-a.toml")
+DEVICE = Device.read(TABLES / "devices" / "reference-a.toml")
 SHIPPED = sorted((TABLES / "effects").glob("*.toml"))
 EXAMPLES = re.findall(r"```toml\n(.*?)```", (TABLES / "EFFECTS.md").read_text(encoding="utf-8"), re.DOTALL)
 MS = 1_000_000

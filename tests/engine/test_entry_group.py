@@ -9,7 +9,7 @@ import pytest
 
 from engine.entry import Entry, EntrySpread, Percentiles, scaled_to
 from engine.entry_group import read_entries
-from engine.table import open_table
+from engine.table import Table
 from tests.engine.made_entries import entry_of, states_of
 from tests.engine.made_table import write_table
 from tests.engine.test_table import DEVICE
@@ -23,7 +23,7 @@ ENTRIES = [
 
 
 def read(path: Path) -> tuple[Entry, ...]:
-    with open_table(path) as table:
+    with Table.open(path) as table:
         return table.entries
 
 

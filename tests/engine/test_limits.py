@@ -11,12 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.device import Device
-from engine.device_file import read_device
 from engine.entry import Entry
 from engine.limits import LimitError, clamp, link_configuration
 from tests.engine import made_entries
 
-REFERENCE = read_device(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
+REFERENCE = Device.read(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
 LOW_HZ, HIGH_HZ = REFERENCE.actuators[0].band_hz
 frequencies = st.floats(LOW_HZ, HIGH_HZ)
 amplitudes = st.floats(0, 10)

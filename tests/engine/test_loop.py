@@ -15,7 +15,7 @@ import pytest
 from engine.burst import BurstEntry, Shape, needs_bursts
 from engine.burst import played_at as burst_played_at
 from engine.click import ClickEntry, choose_bank, played_at
-from engine.device_file import read_device
+from engine.device import Device
 from engine.digitizer import RELEASE_AFTER_NS, open_digitizer
 from engine.effect_player import EffectPlayer
 from engine.effects import Effect, Effects, Rule, Segment, Trigger, burst
@@ -46,7 +46,7 @@ from tests.engine.virtual_fast_path import Packets, VirtualFastPath
 
 RUNS_BOTH_WAYS = True
 MS = 1_000_000
-DEVICE = read_device(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
+DEVICE = Device.read(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
 DESCRIPTOR = application(finger(), finger(), CONTACT_COUNT)
 BIT_RATE_HZ = 1_000_000
 # Only against an endless handshake: the machine may be slow.

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from engine.click import played_at
-from engine.device_file import read_device
+from engine.device import Device
 from engine.limits import LimitError
 from engine.renderer import SILENCE, DriveCommand, PlayCommand, Renderer, RendererError, WhenNotAchieved
 from firmware_link.link_values import Capabilities
@@ -15,7 +15,7 @@ from firmware_link.messages import decode_drive
 from tests.engine.made_clicks import click_of
 from tests.engine.made_entries import LEVEL_DB, entry_of, felt_states, states_of
 
-REFERENCE = read_device(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
+REFERENCE = Device.read(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
 CAPABILITIES = Capabilities(2, 0.01, 1.0, 655.35, (0.52e-6, 0.52e-6), 100, 48_000, 1, 0, (0, 1, 0))
 STATES = felt_states(REFERENCE)
 ENTRY = entry_of(REFERENCE, STATES[0])

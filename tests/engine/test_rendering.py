@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from engine.device_file import read_device
+from engine.device import Device
 from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
 from engine.renderer import SILENCE, DriveCommand, PlayCommand, WhenNotAchieved
 from engine.rendering import render_table
-from engine.table import Table, open_table
+from engine.table import Table
 from firmware_link.link_values import Capabilities
 from firmware_link.messages import Features, decode_drive
 from tests.engine.made_bursts import SHAPES, burst_of
@@ -18,7 +18,7 @@ from tests.engine.made_clicks import click_of
 from tests.engine.made_entries import LEVEL_DB, entry_of, felt_states
 from tests.engine.made_table import write_table
 
-REFERENCE = read_device(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
+REFERENCE = Device.read(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
 STATES = felt_states(REFERENCE)[:4]
 BOTH = Features.WAVEFORMS | Features.ONSET_SHAPES
 STEADY = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),))
@@ -42,7 +42,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Table:
     path = tmp_path_factory.mktemp("rendering") / "bar.nc"
     entries = [entry_of(REFERENCE, states) for states in STATES]
     clicks = [click_of(REFERENCE, states) for states in STATES[:2]]
-    return open_table(write_table(path, REFERENCE, entries, clicks, bursts=bursts, shapes=SHAPES))
+    return Table.open(write_table(path, REFERENCE, entries, clicks, bursts=bursts, shapes=SHAPES))
 
 
 def test_a_device_that_only_shapes_onsets_gets_bursts_for_clicks(table: Table) -> None:

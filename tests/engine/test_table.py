@@ -18,7 +18,7 @@ from engine.device import Device, DeviceError
 from engine.device_file import parse_device
 from engine.entry import Entry, WorstCase, ZonePromise, played_at
 from engine.entry_group import write_entries
-from engine.table import Table, TableError, open_table
+from engine.table import Table, TableError
 from engine.table_file import TableWriter, Variable
 from engine.zones import state_index
 from tests.engine.made_entries import entry_of, states_of
@@ -106,7 +106,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def table(whole: Path) -> Iterator[Table]:
-    with open_table(whole, device=DEVICE, code_fingerprint=CODE) as table:
+    with Table.open(whole, device=DEVICE, code_fingerprint=CODE) as table:
         yield table
 
 
@@ -117,7 +117,7 @@ def copied(path: Path, target: Path) -> Path:
 
 def refusal(path: Path, device: Device | None = None, code: str | None = None) -> str:
     with pytest.raises(TableError) as error:
-        open_table(path, device=device, code_fingerprint=code).close()
+        Table.open(path, device=device, code_fingerprint=code).close()
     assert str(error.value).startswith(f"{path}: ")
     return str(error.value)
 
@@ -162,7 +162,7 @@ def loud_table(path: Path) -> Path:
 
 @pytest.mark.parametrize(("level_db", "above_db"), [(9.0, 10.0), (14.0, 20.0), (37.0, 40.0), (40.0, 40.0)])
 def test_between_levels_the_next_higher_one_is_played_softer(tmp_path: Path, level_db: float, above_db: float) -> None:
-    with open_table(loud_table(tmp_path / "loud.nc")) as table:
+    with Table.open(loud_table(tmp_path / "loud.nc")) as table:
         softer = table.entry_for(["II"], ["V"], level_db)
         above = table.entry_for(["II"], ["V"], math.inf if above_db == 40 else above_db)
     scale = 10 ** ((level_db - above_db) / 20)
@@ -176,7 +176,7 @@ def test_between_levels_the_next_higher_one_is_played_softer(tmp_path: Path, lev
 
 
 def test_a_level_beyond_full_scale_is_full_scale_and_not_achieved(tmp_path: Path) -> None:
-    with open_table(loud_table(tmp_path / "loud.nc")) as table:
+    with Table.open(loud_table(tmp_path / "loud.nc")) as table:
         entry, full = table.entry_for(["I"], level_db=60.0), table.entry_for(["I"], level_db=math.inf)
     assert (entry.amplitudes, entry.level_db, entry.achieved) == (full.amplitudes, 40.0, False)
     assert full.achieved
@@ -204,7 +204,7 @@ def test_a_table_without_a_pair_sweep_says_so(tmp_path: Path) -> None:
     with TableWriter(tmp_path / "one.nc") as writer:
         writer.describe({"device_description": TEXT, "device_fingerprint": DEVICE.fingerprint})
         write_entries(writer, ENTRIES, DEVICE)
-    with open_table(tmp_path / "one.nc") as table, pytest.raises(TableError, match="pair"):
+    with Table.open(tmp_path / "one.nc") as table, pytest.raises(TableError, match="pair"):
         table.localized_factor(["I"])
 
 
@@ -225,7 +225,7 @@ def test_any_byte_flipped_in_the_data_of_a_variable_is_refused(whole: Path, tmp_
 
 def content_of(path: Path) -> str:
     """All that a reader can see of a table."""
-    with open_table(path) as table, h5netcdf.File(path, decode_vlen_strings=True) as file:
+    with Table.open(path) as table, h5netcdf.File(path, decode_vlen_strings=True) as file:
         variables = [v for group in file.groups.values() for v in group.variables.values()]
         seen = [(v.name, v.dimensions, dict(v.attrs), np.asarray(v[...]).tolist()) for v in variables]
         return repr((table.entries, table.device, {k: str(v) for k, v in file.attrs.items()}, seen))
@@ -330,7 +330,7 @@ def test_the_table_of_another_device_is_stale(whole: Path) -> None:
 
 
 def test_the_wording_of_a_device_does_not_make_its_table_stale(whole: Path) -> None:
-    open_table(whole, device=replace(DEVICE, description="something else", text="")).close()
+    Table.open(whole, device=replace(DEVICE, description="something else", text="")).close()
 
 
 def test_the_table_of_other_code_is_stale(whole: Path) -> None:
@@ -373,7 +373,7 @@ def test_pieces_of_any_size_make_the_same_array(tmp_path: Path) -> None:
                 for start in range(0, 6, step):
                     stream.append(row[start : start + step])
             stream.close()
-        with open_table(path) as table:
+        with Table.open(path) as table:
             assert (table.values("more", "x") == values).all()
 
 
@@ -383,7 +383,7 @@ def test_a_missing_folder_is_named(tmp_path: Path) -> None:
 
 
 def test_a_table_is_usable_after_closing(whole: Path) -> None:
-    with open_table(whole) as table:
+    with Table.open(whole) as table:
         pass
     assert table.entry_for(["I"], level_db=10.0) == ENTRIES[0]
     assert table.device == DEVICE

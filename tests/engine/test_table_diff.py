@@ -14,7 +14,7 @@ from engine.device import Device
 from engine.device_file import parse_device
 from engine.entry import Entry
 from engine.state_diff import StateChange, Tolerance, describe, entry_figures
-from engine.table import open_table
+from engine.table import Table
 from engine.table_diff import TableDiff, compare_tables
 from tests.engine.made_clicks import click_of
 from tests.engine.made_entries import entry_of, states_of
@@ -55,7 +55,7 @@ def compare(tmp_path: Path) -> Compare:
     ) -> TableDiff:
         before = write_table(tmp_path / "before.nc", DEVICE, ENTRIES, CLICKS)
         after = write_table(tmp_path / "after.nc", device, entries, clicks, **others)
-        with open_table(before) as own, open_table(after) as other:
+        with Table.open(before) as own, Table.open(after) as other:
             return compare_tables(own, other, tolerance)
 
     return compared

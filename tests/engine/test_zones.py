@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 
 from engine.descriptor import read_surfaces
 from engine.device import Device, TouchAxis, Zone
-from engine.device_file import read_device
 from engine.digitizer import Contact, TouchFrame
 from engine.zones import Touch, TouchPosition, ZoneEdges, ZoneState, ZoneTracker, state_index
 from tests.engine.descriptors import application, finger
 
-REFERENCE = read_device(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
+REFERENCE = Device.read(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
 LENGTH_M = REFERENCE.bar.length_m
 SURFACE = read_surfaces(application(finger(), finger()))[0]  # x and y from 0 to 1000
 LAST = 1000

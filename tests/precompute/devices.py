@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import settings
 
 from engine.device import Actuator, Device, Zone
-from engine.device_file import ROMAN, read_device
+from engine.device_file import ROMAN
 
 unhurried = settings(deadline=None)
 """A property's first example may pay for a compilation, and the machine may be busy."""
@@ -20,7 +20,7 @@ SHIPPED = Path(__file__).parents[2] / "tables" / "devices"
 @cache
 def shipped(name: str) -> Device:
     """The description of that name in tables/devices."""
-    return read_device(SHIPPED / f"{name}.toml")
+    return Device.read(SHIPPED / f"{name}.toml")
 
 
 def every_device() -> dict[str, Device]:

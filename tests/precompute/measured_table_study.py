@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from engine.state_diff import Tolerance
-from engine.table import open_table
+from engine.table import Table
 from engine.table_diff import compare_tables
 from precompute.build import build_table
 from precompute.measured_response import read_responses
@@ -34,7 +34,7 @@ def main() -> None:
         )
         build_table(device, modelled, created="", clicks_up_to=0)
         build_table(device, measured, created="", clicks_up_to=0, responses=read_responses(file, device))
-        with open_table(modelled) as own, open_table(measured) as other:
+        with Table.open(modelled) as own, Table.open(measured) as other:
             entries = compare_tables(own, other, Tolerance(0.1)).entries
     print(f"{places} places, every {step_hz:g} Hz: {len(entries.changed)} of {entries.compared} entries differ")  # noqa: T201
     for count, _, figure in entries.largest():

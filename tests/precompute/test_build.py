@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.device_file import parse_device
 from engine.entry import DEFAULT_LEVEL_DB
-from engine.table import Table, TableError, open_table
+from engine.table import Table, TableError
 from engine.zones import ZoneState
 from precompute.assembly import assemble
 from precompute.build import build_table, code_fingerprint
@@ -59,7 +59,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def opened(folder: Path, name: str) -> Table:
-    return open_table(folder / f"{name}.nc", device=DEVICES[name], code_fingerprint=code_fingerprint())
+    return Table.open(folder / f"{name}.nc", device=DEVICES[name], code_fingerprint=code_fingerprint())
 
 
 @pytest.mark.parametrize("group", sorted(GROUPS))
@@ -250,9 +250,9 @@ def test_ctrl_c_of_a_build_leaves_nothing_behind(folder: Path, tmp_path: Path, a
     older.write_bytes((folder / "three.nc").read_bytes())
     (tmp_path / "device.toml").write_text(TEXT.replace('step = "1 Hz"', 'step = "2 Hz"'), encoding="utf-8")
     script = (
-        "import sys; from pathlib import Path; from engine.device_file import read_device\n"
+        "import sys; from pathlib import Path; from engine.device_file import Device.read\n"
         "from precompute.build import build_table\n"
-        "build_table(read_device(Path('device.toml')), Path('table.nc'), created='', clicks_up_to=0,\n"
+        "build_table(Device.read(Path('device.toml')), Path('table.nc'), created='', clicks_up_to=0,\n"
         "            memory_budget_bytes=1,\n"
         "            progress=lambda step, fraction: print(step, flush=True))"
     )

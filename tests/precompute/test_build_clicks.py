@@ -9,7 +9,7 @@ import xarray
 from engine.click import ClickEntry
 from engine.device import Device
 from engine.device_file import parse_device
-from engine.table import Table, open_table
+from engine.table import Table
 from engine.zones import ZoneState
 from precompute.build import build_table
 from precompute.click_basis import LOOK_RATE_HZ
@@ -47,7 +47,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def table(path: Path) -> Table:
-    return open_table(path)
+    return Table.open(path)
 
 
 def same(one: ClickEntry, other: ClickEntry) -> bool:
@@ -98,10 +98,10 @@ def test_other_programs_read_the_waveforms_in_fractions_of_full_scale(path: Path
 
 def test_clicks_for_few_fingers_only(tmp_path: Path) -> None:
     build(tmp_path / "bar.nc", clicks_up_to=1)
-    with open_table(tmp_path / "bar.nc") as few:
+    with Table.open(tmp_path / "bar.nc") as few:
         assert [click.fingers for click in few.clicks] == [1] * 3
     assert "clicks" not in build(tmp_path / "none.nc", clicks_up_to=0)
-    with open_table(tmp_path / "none.nc") as none:
+    with Table.open(tmp_path / "none.nc") as none:
         assert none.clicks == ()
 
 
@@ -112,7 +112,7 @@ def test_an_interrupted_build_goes_on_where_its_clicks_were(tmp_path: Path, tabl
     assert [kept.name for kept in tmp_path.iterdir()] == [".bar.nc.clicks"]
     assert build(path).count("clicks") == STATES - 7
     assert [kept.name for kept in tmp_path.iterdir()] == ["bar.nc"]
-    with open_table(path) as resumed:
+    with Table.open(path) as resumed:
         assert all(same(one, other) for one, other in zip(resumed.clicks, table.clicks, strict=True))
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from engine.device import Device
 from engine.device_file import parse_device
-from engine.table import open_table
+from engine.table import Table
 from engine.table_history import previous_of
 from precompute.build import build_table, code_fingerprint
 from precompute.click_options import ClickOptions
@@ -70,7 +70,7 @@ def test_a_part_is_computed_again_only_if_what_it_rests_on_has_changed(path: Pat
     assert ("sweep" in told) == ("responses" not in kept)
     assert ("entries" in told) == ("entries" not in kept)
     assert ("clicks" in told) == ("clicks" not in kept)
-    open_table(path, device=device).close()
+    Table.open(path, device=device).close()
 
 
 def test_what_is_taken_over_is_what_would_be_computed(path: Path) -> None:
@@ -84,7 +84,7 @@ def test_what_is_taken_over_is_what_would_be_computed(path: Path) -> None:
     one, other = arrays(path), arrays(scratch)
     assert one.keys() == other.keys()
     assert all(np.array_equal(one[name], other[name], equal_nan=_is_float(one[name])) for name in one)  # type: ignore[arg-type]  # arrays
-    with open_table(path, device=device) as table:
+    with Table.open(path, device=device) as table:
         assert table.attributes["responses_rest_on"]
 
 
@@ -101,7 +101,7 @@ def test_a_damaged_table_is_not_taken_over(path: Path) -> None:
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
     assert not build(DEVICE, path) & set(AS_BEFORE.values())
-    open_table(path, device=DEVICE).close()
+    Table.open(path, device=DEVICE).close()
 
 
 def test_other_wishes_are_computed(path: Path) -> None:
@@ -110,7 +110,7 @@ def test_other_wishes_are_computed(path: Path) -> None:
 
 
 def clicks_of(path: Path) -> list[bytes]:
-    with open_table(path) as table:
+    with Table.open(path) as table:
         return [click.samples.tobytes() for click in table.clicks]
 
 
@@ -119,12 +119,12 @@ def test_clicks_may_be_left_for_later_and_are_marked_until_they_are_made(path: P
     before, kept = clicks_of(path), path.read_bytes()
     assert AS_BEFORE["clicks"] in build(device, path, clicks_later=True)
     assert clicks_of(path) == before
-    with open_table(path, device=device) as table:
+    with Table.open(path, device=device) as table:
         assert outdated_parts(table) == (Part.CLICKS,)
         assert is_current(table, device, Recipe.of(table)) and not is_current(table, DEVICE, Recipe.of(table))
     told = build(device, path, completes=True)
     assert "clicks" in told and {AS_BEFORE["responses"], AS_BEFORE["entries"]} <= told
-    with open_table(path, device=device) as table:
+    with Table.open(path, device=device) as table:
         assert not outdated_parts(table)
     assert clicks_of(path) != before
     assert previous_of(path).read_bytes() == kept
@@ -134,17 +134,17 @@ def test_clicks_of_other_zones_are_not_kept_for_now(path: Path) -> None:
     device = parse_device(SMALL.replace("count = 3", "count = 2"), "bar")
     build(device, path, clicks_later=True)
     assert clicks_of(path) == []
-    with open_table(path, device=device) as table:
+    with Table.open(path, device=device) as table:
         assert outdated_parts(table) == (Part.CLICKS,)
 
 
 def test_a_table_says_what_it_was_built_by(path: Path) -> None:
     build(DEVICE, path, objective="fair share", clicks_up_to=2, bursts_up_to=0)
-    with open_table(path) as table:
+    with Table.open(path) as table:
         assert Recipe.of(table) == Recipe(code_fingerprint(), "fair share", 2, CHEAP)
 
 
 def test_entries_are_the_same_however_many_processes_solve_them(path: Path, tmp_path: Path) -> None:
     build(DEVICE, tmp_path / "scratch.nc", workers=2, clicks_up_to=0)
-    with open_table(path) as own, open_table(tmp_path / "scratch.nc") as other:
+    with Table.open(path) as own, Table.open(tmp_path / "scratch.nc") as other:
         assert own.entries == other.entries

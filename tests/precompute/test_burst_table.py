@@ -11,7 +11,7 @@ from engine.device_file import parse_device
 from engine.effects import Effects, Rule, Trigger, click
 from engine.renderer import DriveCommand
 from engine.rendering import render_table
-from engine.table import Table, open_table
+from engine.table import Table
 from engine.zones import ZoneState
 from firmware_link.device import DeviceConfiguration, EmulatedFirmware
 from firmware_link.messages import FULL_SCALE_WORD, MAGIC, Arm, Features, HelloRequest, Set, SetFlag
@@ -64,7 +64,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def table(path: Path) -> Table:
-    return open_table(path)
+    return Table.open(path)
 
 
 def test_every_state_of_so_many_fingers_has_its_burst(table: Table) -> None:
@@ -105,7 +105,7 @@ def test_bursts_are_taken_over_unless_other_ones_are_wanted(path: Path) -> None:
     assert "bursts as before" in build(path)
     told = build(path.with_name("none.nc"), bursts_up_to=0)
     assert not {"bursts", "bursts as before"} & told
-    with open_table(path.with_name("none.nc")) as none:
+    with Table.open(path.with_name("none.nc")) as none:
         assert none.bursts == ()
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from engine.device_file import parse_device
 from engine.entry import Entry
-from engine.table import open_table
+from engine.table import Table
 from precompute.assembly import assemble
 from precompute.build import build_table
 from precompute.entries import EntrySolver, tabulated_states
@@ -67,7 +67,7 @@ def test_it_claims_no_bound(both: list[tuple[Entry, Entry]]) -> None:
 def test_a_table_says_what_it_is_made_for_and_plays_levels_between_accordingly(tmp_path: Path) -> None:
     device = parse_device(DEVICE.text, "bar")
     build_table(device, tmp_path / "bar.nc", made_for=MadeFor.WORST, clicks_up_to=0)
-    with open_table(tmp_path / "bar.nc") as table:
+    with Table.open(tmp_path / "bar.nc") as table:
         assert table.attributes["made_for"] == "worst"
         entry = next(each for each in table.entries_at(14.0) if each.achieved)
         assert low(entry) == pytest.approx(14.0, abs=1e-6)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.device_file import parse_device
-from engine.table import Table, open_table
+from engine.table import Table
 from engine.zones import ZoneState
 from precompute.assembly import assemble
 from precompute.build import build_table
@@ -187,7 +187,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def test_the_table_says_what_it_was_built_from(tables: tuple[Path, Path]) -> None:
-    with open_table(tables[0]) as modelled, open_table(tables[1], device=COARSE) as from_measured:
+    with Table.open(tables[0]) as modelled, Table.open(tables[1], device=COARSE) as from_measured:
         assert modelled.attributes["source"] == "model"
         assert from_measured.attributes["source"] == "measured responses (SIMULATED)"
         assert from_measured.attributes["responses_file"] == "bar.csv"
@@ -203,7 +203,7 @@ def test_the_table_says_what_it_was_built_from(tables: tuple[Path, Path]) -> Non
 
 
 def test_sweeps_of_both_tables_agree(tables: tuple[Path, Path]) -> None:
-    with open_table(tables[0]) as modelled, open_table(tables[1]) as from_measured:
+    with Table.open(tables[0]) as modelled, Table.open(tables[1]) as from_measured:
         factors, peaks = (
             [getattr(table, figure)(["I"]) for table in (modelled, from_measured)]
             for figure in ("localized_factor", "peak_acceleration")
@@ -217,7 +217,7 @@ def test_the_plant_of_a_table_is_the_one_it_was_built_from(tables: tuple[Path, P
         return list(EntrySolver(plant_of(table)).solve(table.entries[0].states))
 
     for path, kind in zip(tables, (False, True), strict=True):
-        with open_table(path) as table:
+        with Table.open(path) as table:
             assert isinstance(plant_of(table), MeasuredPlant) is kind
             index = table.entries[0].index
             assert entries(table) == [table.entry_at(index, level_db) for level_db in table.levels_db]
@@ -234,6 +234,6 @@ def test_the_same_responses_are_taken_over_and_others_are_not(tables: tuple[Path
             COARSE, path, created="", clicks_up_to=0, responses=given, progress=lambda step, _: told.append(step)
         )
         assert ("entries as before" in told) == (given is responses)
-        with open_table(path) as table:
+        with Table.open(path) as table:
             assert table.attributes["responses_sha256"] == given.sha256
             assert len(table.values("measured", "frequency")) == len(SMALL_HZ)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from engine.device_file import parse_device
-from engine.table import open_table
+from engine.table import Table
 from engine.zones import ZoneState
 from precompute import on_demand
 from precompute.build import build_table
@@ -43,7 +43,7 @@ def test_a_state_that_no_table_holds_is_solved_once_and_kept(tmp_path: Path, mon
     text = NINE.replace('levels = ["10 dB", "20 dB", "30 dB"]', 'levels = ["20 dB"]')
     build_table(parse_device(text, "nine"), tmp_path / "nine.nc", created="2026-01-01", clicks_up_to=0)
     states = (ZoneState.FELT, ZoneState.QUIET, *(ZoneState.FREE,) * 7)
-    with open_table(tmp_path / "nine.nc") as table:
+    with Table.open(tmp_path / "nine.nc") as table:
         solved = entries_on_demand(table, states, tmp_path / "kept")
         (kept,) = (tmp_path / "kept").iterdir()
         monkeypatch.setattr(on_demand, "EntrySolver", None)  # not solved again

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations, groupby
 from pathlib import Path
 
-from engine.device_file import read_device
+from engine.device import Device
 from engine.digitizer import DigitizerCounters, open_digitizer
 from engine.effect_player import EffectPlayer
 from engine.effects import Effect, Effects, Rule, Segment, Trigger
@@ -24,7 +24,7 @@ from firmware_link.serial_port import SerialPort
 from firmware_link.session import Session
 from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
 
-DEVICE = read_device(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
+DEVICE = Device.read(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
 BIT_RATE_HZ = 1_000_000
 # Only against waiting for ever: the guest may be slow.
 PATIENCE_S = 30.0

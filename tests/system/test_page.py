@@ -20,11 +20,18 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, CDPSession, ConsoleMessage, Page, sync_playwright
 
+from engine.table import Table
+from engine.zones import ZoneState
+from tactable.page.live_bar import LiveBar
+from tactable.page.messages import encode_picture
+from tactable.page.ring_drive import RingDrive
 from tactable.page.server import open_door
 from tactable.page.tables import cached_table
+from tactable.page.view import View
 from tactable.shipped import find_device
 from tests.precompute.test_build import SMALL
 from tests.tactable.click_table import build_click_table
+from tests.tactable.page.played import RESOLUTION_HZ, record_of
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = [
@@ -219,14 +226,22 @@ def test_touches_of_several_fingers_have_their_state_their_command_and_their_lev
             assert sorted(finger["zone"] for finger in shown["fingers"]) == [i for i, kind in enumerate(zones) if kind]
             if FELT not in zones:
                 continue
-            held = visit.until(f"p.state === {state} && p.isPlaying && p.age_s > 2")
+            held = kept(visit, state)
             assert held["drive"] == STEADY
             assert all(stage > 0 for stage in held["last_ns"])
-            for zone, kind in enumerate(zones):
-                if kind:
-                    assert held["simulated"][zone] == pytest.approx(held["promised"][zone], abs=30)  # of 0.01 dB
         visit.touch(f2=None, f3=None)
         assert visit.until("p.fingerCount === 0 && !p.isPlaying")["states"] == [0, 0, 0]
+
+
+def kept(visit: Visit, state: int) -> dict[str, Any]:
+    """The picture in which a steady drive has become what was promised, to 0.3 dB under every finger.
+
+    Later where the machine stalls: the firmware falls silent then, and the bar begins anew.
+    """
+    return visit.until(
+        f"p.state === {state} && p.isPlaying && p.age_s > 1 && [0, 1, 2].every((zone) =>"
+        " p.promised[zone] === -32768 || Math.abs(p.simulated[zone] - p.promised[zone]) < 30)"
+    )
 
 
 def clicked(visit: Visit) -> dict[str, Any]:
@@ -279,10 +294,7 @@ def test_switches_work_by_the_keyboard_and_keys_are_fingers(demo: Demo, browser:
         visit.wait("tactable.scene.plays?.quiet_zones.length === 1")
         visit.page.keyboard.down("1")
         visit.page.keyboard.down("3")
-        held = visit.until(f"p.state === {FELT + 9 * QUIET} && p.age_s > 2")
-        assert held["drive"] == STEADY
-        for zone in (0, 2):
-            assert held["simulated"][zone] == pytest.approx(held["promised"][zone], abs=30)
+        assert kept(visit, FELT + 9 * QUIET)["drive"] == STEADY
         visit.page.keyboard.up("1")
         visit.page.keyboard.up("3")
         visit.until("p.fingerCount === 0")
@@ -392,6 +404,37 @@ def memory_of(visit: Visit) -> dict[str, float]:
     visit.cdp.send("HeapProfiler.collectGarbage")
     used: dict[str, float] = visit.cdp.send("Runtime.getHeapUsage")
     return {**used, **visit.cdp.send("Memory.getDOMCounters")}
+
+
+def test_an_hour_of_the_server_leaves_nothing_behind(tmp_path: Path) -> None:
+    """Accelerated: a click or a steady drive every ten seconds, simulated, shown, encoded."""
+    with Table.open(build_click_table(tmp_path)) as table:
+        view, drive = View(table, LiveBar(table.device), RESOLUTION_HZ), RingDrive(table, RESOLUTION_HZ)
+
+        def tap(number: int) -> None:
+            at_ns = round(1000 * view.bar.now_us) + 1
+            states = (ZoneState.FELT, ZoneState.FREE, ZoneState.QUIET)
+            begun = record_of(table, states, at_ns, is_click=bool(number % 4))
+            ended = record_of(table, (ZoneState.FREE,) * 3, at_ns + 100_000_000, level_db=None)
+            for record in (begun, ended):
+                view.bar.take(drive.events([record]), drive.banks)
+                view.read([record])
+                for _ in range(20):
+                    view.move(view.bar.now_us + 250_000, is_loaded=True)
+                    encode_picture(view.picture())
+
+        for number in range(40):
+            tap(number)
+        before = resident_bytes()
+        for number in range(360):
+            tap(number)
+        assert view.bar.now_us > 3600e6
+        assert resident_bytes() < before + (4 << 20)
+
+
+def resident_bytes() -> int:
+    """Memory of this process."""
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def test_an_engine_that_dies_is_started_again_and_the_page_says_so(demo: Demo, browser: Browser) -> None:

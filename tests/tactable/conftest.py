@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from engine.table import open_table
+from engine.table import Table
 from tactable.click_source import ClickSource
 from tests.tactable.click_table import build_click_table
 
@@ -17,5 +17,5 @@ def click_table(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def source(click_table: Path) -> Iterator[ClickSource]:
-    with open_table(click_table) as table:
+    with Table.open(click_table) as table:
         yield ClickSource(table)

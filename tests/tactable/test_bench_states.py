@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from engine.device_file import parse_device
-from engine.table import open_table
+from engine.table import Table
 from precompute.build import build_table
 from tactable.bench_contrast import run_contrast_bench
 from tactable.bench_states import draw_states_bench, run_states_bench
@@ -27,7 +27,7 @@ def test_contrast_in_time_is_the_contrast_in_frequency(tmp_path: Path) -> None:
     text = (SHIPPED / "reference-a.toml").read_text(encoding="utf-8")
     device = parse_device(text.replace("count = 5", "count = 2").replace('step = "1 Hz"', 'step = "8 Hz"'), "two zones")
     build_table(device, tmp_path / "bar.nc", created="2026-01-01", clicks_up_to=0)
-    with open_table(tmp_path / "bar.nc") as table:
+    with Table.open(tmp_path / "bar.nc") as table:
         result = run_contrast_bench(table, 10.0)
     assert [(row["felt"], row["quiet"]) for row in result["states"]] == [("I", "II"), ("II", "I")]
     for row in result["states"]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from engine.device_file import parse_device
-from engine.table import open_table
+from engine.table import Table
 from engine.table_history import previous_of
 from precompute.build import build_table
 from tests.precompute.test_build import SMALL
@@ -33,7 +33,7 @@ def folder(tmp_path: Path) -> Path:
 def test_rolled_back_is_the_table_before_and_once_more_as_it_was(folder: Path) -> None:
     devices = []
     for _ in range(3):
-        with open_table(folder / "bar.nc") as table:
+        with Table.open(folder / "bar.nc") as table:
             devices.append(table.device.finger.stiffness_n_per_m)
         done = tactable(folder, "rollback", "bar.nc", "--json")
         assert done.returncode == 0, done.stderr
@@ -84,6 +84,6 @@ def test_a_watched_device_is_built_at_each_change_and_a_wrong_one_is_told(tmp_pa
             new.replace(device)
             assert remark in told()
             if not remark:
-                open_table(tmp_path / "bar.nc", device=parse_device(text, "bar.toml")).close()
+                Table.open(tmp_path / "bar.nc", device=parse_device(text, "bar.toml")).close()
         process.send_signal(signal.SIGINT)
         assert process.wait() == 0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from engine.table import open_table
+from engine.table import Table
 from precompute.measurement import Kind
 from precompute.measurement_csv import write_csv
 from tactable.cli import app
@@ -31,7 +31,7 @@ def test_it_says_what_is_measured_and_what_is_an_estimate(folder: Path) -> None:
     assert done.exit_code == 0, done.output
     for part in ("0 clicks", "measured responses (SIMULATED) in bar.csv", "ESTIMATE", "there are no clicks"):
         assert part in done.stdout
-    with open_table(folder / "bar.nc") as table:
+    with Table.open(folder / "bar.nc") as table:
         assert table.attributes["responses_file"] == "bar.csv"
     done = CliRunner().invoke(app, ["build", "bar.toml", "-o", "bar.nc", "--responses", "bar.csv", "--json"])
     summary = json.loads(done.stdout)

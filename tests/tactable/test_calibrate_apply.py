@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from engine.device_file import parse_device
-from engine.table import open_table
+from engine.table import Table
 from engine.table_history import previous_of
 from precompute.build import build_table
 from precompute.click_options import ClickOptions
@@ -57,11 +57,11 @@ def test_the_table_is_built_for_the_new_bar_as_it_was_built_before(folder: Path)
     build_table(new, folder / "scratch.nc", created="by hand", **WISHES)
     one, other = arrays(folder / "bar.nc"), arrays(folder / "scratch.nc")
     assert one.keys() == other.keys()
-    with open_table(folder / "bar.nc", device=new) as table, open_table(folder / "scratch.nc") as scratch:
+    with Table.open(folder / "bar.nc", device=new) as table, Table.open(folder / "scratch.nc") as scratch:
         assert table.entries == scratch.entries
         assert table.checksums() == scratch.checksums()
         assert table.attributes["objective"] == "fair share" and not outdated_parts(table)
-    with open_table(previous_of(folder / "bar.nc"), device=DEVICE) as before:
+    with Table.open(previous_of(folder / "bar.nc"), device=DEVICE) as before:
         assert before.attributes["created"] == "at first"
     applied = said["applied"]
     assert {"start", "fit", "entries", "verify", "put in place"} <= applied["seconds"].keys()
@@ -74,20 +74,20 @@ def test_asked_again_it_goes_on_where_it_was_and_then_does_nothing(folder: Path)
     first = apply("--no-clicks")
     assert first.exit_code == 0, first.output
     assert "its clicks are still those of the bar before" in first.stdout
-    with open_table(folder / "bar.nc") as table:
+    with Table.open(folder / "bar.nc") as table:
         assert outdated_parts(table) == (Part.CLICKS,)
         assert [click.samples.tobytes() for click in table.clicks]
         entries = table.entries
-    with open_table(previous_of(folder / "bar.nc")) as before, open_table(folder / "bar.nc") as table:
+    with Table.open(previous_of(folder / "bar.nc")) as before, Table.open(folder / "bar.nc") as table:
         played = zip(before.clicks, table.clicks, strict=True)
         assert all(own.samples.tobytes() == other.samples.tobytes() for own, other in played)
     report = (folder / "new" / "report.json").read_bytes()
     second = apply()
     assert second.exit_code == 0, second.output
     assert "was put in place before" in second.stdout and "clicks made anew" in second.stdout
-    with open_table(folder / "bar.nc") as table:
+    with Table.open(folder / "bar.nc") as table:
         assert table.entries == entries and not outdated_parts(table)
-    with open_table(previous_of(folder / "bar.nc"), device=DEVICE):
+    with Table.open(previous_of(folder / "bar.nc"), device=DEVICE):
         pass  # not the table that was only completed
     whole = (folder / "bar.nc").read_bytes()
     assert apply().exit_code == 0

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
-from engine.device_file import read_device
+from engine.device import Device
 from tactable.calibrate_commands import EXIT_DOUBTFUL
 from tactable.cli import app, main
 from tactable.shipped import find_device
@@ -48,7 +48,7 @@ def test_a_new_folder_holds_device_data_report_and_picture(measured: Path, calib
     assert sorted(path.name for path in folder.iterdir()) == names
     assert (folder / "measurements.csv").read_bytes() == measured.read_bytes()
     report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-    device = read_device(Path(printed["device_file"]))
+    device = Device.read(Path(printed["device_file"]))
     assert report["fingerprint"] == device.fingerprint
     assert report["sha256"] == hashlib.sha256(measured.read_bytes()).hexdigest()
     assert (folder / "fit.png").read_bytes().startswith(b"\x89PNG")
@@ -56,7 +56,7 @@ def test_a_new_folder_holds_device_data_report_and_picture(measured: Path, calib
 
 def test_the_new_device_has_what_was_measured(calibrated: tuple[Path, Any]) -> None:
     folder, printed = calibrated
-    device = read_device(folder / "reference-a.toml")
+    device = Device.read(folder / "reference-a.toml")
     assert device.actuators[0].stiffness_n_per_m == pytest.approx(20.5e3, rel=5e-3)
     assert device.actuators[1].full_scale_m == pytest.approx(0.48e-6, rel=1e-2)
     assert device.uncertainty is not None

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.table import TableError, open_table
+from engine.table import Table, TableError
 from precompute.click_options import DEFAULT_OPTIONS
 from tactable.click_source import ClickSource, read_click_options
 from tests.tactable.click_table import CHEAP, build_click_table
@@ -23,7 +23,7 @@ def test_a_click_of_the_table_is_taken_from_it(source: ClickSource) -> None:
 
 
 def test_a_click_that_is_asked_for_is_the_one_that_a_table_holds(source: ClickSource, tmp_path: Path) -> None:
-    with open_table(build_click_table(tmp_path, clicks_up_to=0)) as without:
+    with Table.open(build_click_table(tmp_path, clicks_up_to=0)) as without:
         states = without.states_of(["I"], ["III"])
         empty = ClickSource(without)
         assert not empty.holds(states)
@@ -39,7 +39,7 @@ def test_a_state_without_a_felt_finger_is_refused(source: ClickSource) -> None:
 
 
 def test_options_that_are_not_known_are_refused_and_none_are_the_defaults(click_table: Path) -> None:
-    with open_table(click_table) as table:
+    with Table.open(click_table) as table:
         values = json.loads(table.attributes["click_options"])
         table.attributes["click_options"] = json.dumps({**values, "colour": 3})
         with pytest.raises(TableError, match=r"unknown here: colour; build it again"):

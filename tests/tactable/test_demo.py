@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.device_file import read_device
+from engine.device import Device
 from engine.effects import Effect, Effects, Rule, Segment, Trigger, burst
 from engine.entry import DEFAULT_LEVEL_DB, Entry
 from engine.sources.recording import read_recording
-from engine.table import Table, open_table
+from engine.table import Table
 from engine.zones import ZoneState
 from firmware_link.drive_log import Cause, DriveEvent
 from precompute.build import build_table
@@ -38,9 +38,9 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Table:
     folder = tmp_path_factory.mktemp("table")
     text = find_device("reference-a").text.replace('step = "1 Hz"', 'step = "8 Hz"')
     (folder / "bar.toml").write_text(text, encoding="utf-8")
-    coarse = read_device(folder / "bar.toml")
+    coarse = Device.read(folder / "bar.toml")
     build_table(coarse, folder / "bar.nc", created="test", clicks_up_to=2, click_options=CHEAP)
-    return open_table(folder / "bar.nc", device=coarse)
+    return Table.open(folder / "bar.nc", device=coarse)
 
 
 class Bench:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from engine.entry import Entry
-from engine.table import Table, TableError, open_table
+from engine.table import Table, TableError
 from engine.zones import ZoneState
 from precompute.assembly import assemble
 from precompute.steady import compute_steady_state
@@ -31,7 +31,7 @@ SEARCH_DB = 0.05
 
 @pytest.fixture(scope="module")
 def table(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Table]:
-    with open_table(build_small_table(tmp_path_factory.mktemp("table"))) as table:
+    with Table.open(build_small_table(tmp_path_factory.mktemp("table"))) as table:
         yield table
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.device_file import read_device
+from engine.device import Device
 from precompute.measurement import lay_out
 from precompute.measurement_csv import write_csv
 from precompute.simulated_measurements import Flaws, even_places, simulate_measurements
@@ -38,9 +38,9 @@ def write_unit(folder: Path, text: str) -> Path:
 
 def write_measurements(folder: Path, true: str) -> None:
     """Measurements of the device that the text `true` describes, for a unit in `folder` that is described otherwise."""
-    described = read_device(folder / "device.toml")
+    described = Device.read(folder / "device.toml")
     other = folder / "true.txt"
     other.write_text(true, encoding="utf-8")
     layout = lay_out(np.array([(150.0, 130.0), (150.0, 200.0), (150.0, 230.0)]), even_places(described, 22), 2e-3)
-    measured = simulate_measurements(read_device(other), layout, Flaws(), 0)
+    measured = simulate_measurements(Device.read(other), layout, Flaws(), 0)
     (folder / "measurements.csv").write_text(write_csv(measured, described, "SIMULATED"), encoding="utf-8")

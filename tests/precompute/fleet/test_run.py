@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from engine.device_file import read_device
-from engine.table import open_table
+from engine.device import Device
+from engine.table import Table
 from precompute.build import build_table, code_fingerprint
 from precompute.fleet.figures import usual_entries
 from precompute.fleet.plan import plan_fleet
@@ -48,7 +48,7 @@ def write_good(bars: Path, stiffnesses: Sequence[float]) -> None:
 
 
 def assert_complete(folder: Path) -> None:
-    with open_table(folder / TABLE, device=read_device(folder / DEVICE), code_fingerprint=code_fingerprint()) as table:
+    with Table.open(folder / TABLE, device=Device.read(folder / DEVICE), code_fingerprint=code_fingerprint()) as table:
         assert len(table.entries) == 2 * 5
     assert json.loads((folder / OUTCOME).read_text(encoding="utf-8"))["fingerprint"] == table.fingerprint
     assert not list(folder.glob(".*"))
@@ -194,7 +194,7 @@ def test_killed_at_any_instant_it_goes_on_and_no_half_file_is_taken(tmp_path: Pa
         child.stdout.close()
         child.wait()
         for table in out.glob(f"*/{TABLE}"):
-            open_table(table).close()
+            Table.open(table).close()
     complete = {path.parent.name for path in out.glob(f"*/{OUTCOME}")}
     outcomes = run(bars, out)
     assert {name for name, outcome in outcomes.items() if outcome.is_kept} == complete
@@ -207,7 +207,7 @@ def test_drives_judged_on_their_own_bar_lose_nothing_and_on_another_something(tm
     text = small_text()
     table, study = tmp_path / "own.nc", tmp_path / "study.toml"
     folder = write_unit(tmp_path / "bar", text)
-    device = read_device(folder / "device.toml")
+    device = Device.read(folder / "device.toml")
     build_table(device, table, created="", clicks_up_to=0)
     study.write_text(
         '[study]\ndevice = "bar/device.toml"\njudge = "own.nc"\n[study.values]\n'
@@ -216,7 +216,7 @@ def test_drives_judged_on_their_own_bar_lose_nothing_and_on_another_something(tm
     )
     outcomes = run(study, tmp_path / "out")
     same, other, *foreign = [outcomes[name] for name in ("0", "2", "1", "3")]
-    with open_table(table) as opened:
+    with Table.open(table) as opened:
         expected_db = [entry.expected_contrast_db for entry in usual_entries(opened)]
     promised_db = [contrast_db for contrast_db in expected_db if contrast_db is not None]
     assert same.figures["worst_expected_contrast_db"] == pytest.approx(min(promised_db))

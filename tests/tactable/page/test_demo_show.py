@@ -107,6 +107,12 @@ def rig(shared: Rig) -> Iterator[Rig]:
     shared.until(lambda picture: not picture.fingers)
 
 
+def is_kept(picture: Picture) -> bool:
+    """Whether every finger has what it was promised; later where the machine stalls, and the firmware falls silent."""
+    found = [(zone.promised_db, zone.simulated_db) for zone in picture.zones if zone.promised_db is not None]
+    return all(told is not None and abs(told - promised) < 0.2 for promised, told in found)
+
+
 def test_a_click_goes_from_finger_to_bar_and_is_felt_as_promised(rig: Rig) -> None:
     rig.press(LAST)
     rig.until(lambda picture: picture.command == 1)
@@ -129,21 +135,18 @@ def test_switches_change_over_without_a_new_process(rig: Rig) -> None:
     processes = rig.show.process_ids
     rig.choose(source="steady", quiet_zones=["III"], level_db=10)
     rig.press(FIRST, LAST)
-    picture = rig.until(lambda picture: picture.state == 2 + 9 * 1 and picture.age_s > 2.0)
+    picture = rig.until(lambda picture: picture.state == 2 + 9 * 1 and picture.age_s > 1.0 and is_kept(picture))
     assert (picture.drive, picture.wanted_db, picture.is_playing) == (Drive.STEADY, 10.0, True)
     assert [zone.state for zone in picture.zones] == [ZoneState.FELT, ZoneState.FREE, ZoneState.QUIET]
-    for zone in (picture.zones[0], picture.zones[2]):
-        assert zone.simulated_db == pytest.approx(zone.promised_db, abs=0.2)
     assert rig.show.process_ids == processes
 
 
 def test_fingers_that_load_nothing_break_the_promise(rig: Rig) -> None:
     rig.choose(source="steady")
     rig.press(FIRST)
-    loaded = rig.until(lambda picture: picture.command > 0 and picture.age_s > 2.0)
+    loaded = rig.until(lambda picture: picture.command > 0 and picture.age_s > 1.0 and is_kept(picture))
     rig.choose(is_loaded=False)
     free = rig.until(lambda picture: not picture.is_loaded and picture.age_s > 4.0)
-    assert loaded.zones[0].simulated_db == pytest.approx(loaded.zones[0].promised_db, abs=0.2)
     assert free.zones[0].simulated_db is not None and loaded.zones[0].simulated_db is not None
     assert abs(free.zones[0].simulated_db - loaded.zones[0].simulated_db) > 0.5
 

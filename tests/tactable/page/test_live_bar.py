@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.table import Table, open_table
+from engine.table import Table
 from engine.zones import ZoneState
 from firmware_link.synthesis import synthesise
 from precompute.assembly import assemble
@@ -24,7 +24,7 @@ START_NS = 1_000_000
 
 @pytest.fixture(scope="module")
 def table(click_table: Path) -> Iterator[Table]:
-    with open_table(click_table) as opened:
+    with Table.open(click_table) as opened:
         yield opened
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.table import Table, open_table
+from engine.table import Table
 from engine.zones import ZoneState
 from firmware_link.drive_log import Cause
 from tactable.page.ring_drive import RingDrive
@@ -17,7 +17,7 @@ STATES = (ZoneState.FELT, ZoneState.FREE, ZoneState.QUIET)
 
 @pytest.fixture(scope="module")
 def table(click_table: Path) -> Iterator[Table]:
-    with open_table(click_table) as opened:
+    with Table.open(click_table) as opened:
         yield opened
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.table import Table, open_table
+from engine.table import Table
 from engine.zones import ZoneState, state_index
 from tactable.page.live_bar import POINTS, RATE_HZ, LiveBar
 from tactable.page.messages import LOWEST_DB, Drive, Kind, encode_picture
@@ -21,7 +21,7 @@ PAIR = (FELT, FREE, QUIET)
 
 @pytest.fixture(scope="module")
 def table(click_table: Path) -> Iterator[Table]:
-    with open_table(click_table) as opened:
+    with Table.open(click_table) as opened:
         yield opened
 
 
