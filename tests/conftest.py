@@ -1,6 +1,7 @@
 """What all tests share: examples may take as long as a busy machine needs, and BLAS runs on one thread."""
 
 import ctypes
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,6 +11,8 @@ from threadpoolctl import threadpool_limits
 
 from engine.fast_path import FastPathError, compile_fast_path
 
+# Consoles made with it would keep that width, whatever a test says.
+os.environ.pop("COLUMNS", None)
 settings.register_profile("tactable", deadline=None)
 settings.load_profile("tactable")
 

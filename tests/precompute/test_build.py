@@ -250,7 +250,7 @@ def test_ctrl_c_of_a_build_leaves_nothing_behind(folder: Path, tmp_path: Path, a
     older.write_bytes((folder / "three.nc").read_bytes())
     (tmp_path / "device.toml").write_text(TEXT.replace('step = "1 Hz"', 'step = "2 Hz"'), encoding="utf-8")
     script = (
-        "import sys; from pathlib import Path; from engine.device_file import Device.read\n"
+        "import sys; from pathlib import Path; from engine.device import Device\n"
         "from precompute.build import build_table\n"
         "build_table(Device.read(Path('device.toml')), Path('table.nc'), created='', clicks_up_to=0,\n"
         "            memory_budget_bytes=1,\n"

@@ -13,7 +13,6 @@ from typer.testing import CliRunner, Result
 from engine.device import Device
 from tactable.calibrate_commands import EXIT_DOUBTFUL
 from tactable.cli import app, main
-from tactable.shipped import find_device
 
 ROOT = Path(__file__).parents[2]
 DRIVES = "150,130;150,200;140,-"
@@ -174,16 +173,3 @@ def test_the_shipped_measurements_are_made_by_the_command_in_their_first_line(tm
         assert [float(cell or 0) for cell in line.split(",")] == pytest.approx(
             [float(cell or 0) for cell in other.split(",")], rel=1e-5
         )
-
-
-def test_the_commands_of_the_walk_through_run_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```sh\n(.*?)```", (ROOT / "docs" / "calibration.md").read_text(encoding="utf-8"), re.DOTALL)
-    commands = [line for block in blocks for line in block.replace("\\\n", " ").splitlines() if line.strip()]
-    assert len(commands) >= 4
-    for command in commands:
-        words = shlex.split(command.split(" #")[0])
-        assert words[0] == ".venv/bin/tactable"
-        done = run(*words[1:])
-        assert done.exit_code == 0, f"{command}\n{done.output}\n{done.exception}"
-    assert find_device(str(tmp_path / "my-bar" / "reference-a.toml")).uncertainty is not None

@@ -189,7 +189,7 @@ def test_a_missing_table_is_built_and_plays_steady_drives_before_it_has_clicks(
 
     with running(tmp_path) as own:
         own.wait(lambda: has_clicks(own.show))
-        assert own.show.scene()["building"] is None
+        own.wait(lambda: own.show.scene()["building"] is None)
         processes = own.show.process_ids
     assert clicks == {0, 3}
     assert {"building", "running", "clicks"} <= seen
