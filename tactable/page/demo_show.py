@@ -275,8 +275,11 @@ class DemoShow:
         if has_all:
             self._builder.stop()
         else:
+            had_built = self._builder.has_built(order)
             table = await asyncio.to_thread(open_newest, order, device)
-            if table is None or table.path != order.path:
+            if (table is None or table.path != order.path) and self._builder.has_built(order) and not had_built:
+                self._news.set()  # it came while we looked: look again
+            elif table is None or table.path != order.path:
                 self._builder.ask(order)
             if table is None:
                 self._status = "building" if self.view is None else self._status

@@ -72,6 +72,10 @@ class Builder:
             return
         self._task = asyncio.create_task(self._build(order))
 
+    def has_built(self, order: BuildOrder) -> bool:
+        """Whether this one was built and is there."""
+        return order in self._built
+
     def forgive(self) -> None:
         """What failed may be tried again."""
         if self.now is not None and self.now.error is not None:
