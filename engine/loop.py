@@ -302,7 +302,7 @@ class Loop:
         due_ns = (self._release_ns, self._player.next_change_ns)
         deadlines_ns += [source.clock_time_ns(time_ns) for time_ns in due_ns if time_ns is not None]
         until_ns = min((deadline_ns for deadline_ns in deadlines_ns if deadline_ns is not None), default=None)
-        if self._fast is not None and not session.wants_to_write():
+        if self._fast is not None and not source.ended and not session.wants_to_write():
             packets = self._fast.packet_fileno()
             if packets is not None:
                 return self._wait_fast(self._fast, packets, until_ns)
@@ -366,13 +366,13 @@ class Loop:
             return
         if self._scan_times is not None and frame.scan_time_ns is not None:
             self._scan_times.record(frame.time_ns, frame.scan_time_ns)
-        is_answered = answer is not None and bool(answer.frame)
-        frame_ns = now_ns() if answer is None or not is_answered else answer.frame_ns
+        written = answer if answer is not None and answer.frame else None
+        frame_ns = now_ns() if written is None else written.frame_ns
         self.counters.frames += 1
         if self._take_frame(frame):
             available_ns = source.clock_time_ns(report_time_ns)
-            state_ns = now_ns() if answer is None or not is_answered else answer.state_ns
-            command_ns = None if answer is None or not is_answered else answer.command_ns
+            state_ns = now_ns() if written is None else written.state_ns
+            command_ns = None if written is None else written.command_ns
             self._command(source.report_index, state_ns, (available_ns, read_ns, frame_ns), command_ns)
 
     def _confirm(self, answer: Answer) -> None:

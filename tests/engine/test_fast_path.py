@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
+import math
+import socket
+import struct
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,14 +17,19 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from engine.descriptor import read_surfaces
+from engine.digitizer import open_digitizer
+from engine.effect_player import EffectPlayer
 from engine.effects import Effect, Effects, Rule, Segment, Trigger, click
-from engine.fast_path import FastPathError, compile_fast_path
+from engine.fast_path import FastPath, FastPathError, compile_fast_path
 from engine.fast_table import MOST_CELLS, make_fast_table
+from engine.renderer import SILENCE
 from engine.sources.recording import read_recording
+from engine.zones import ZoneTracker
 from tests.engine.made_clicks import click_of
 from tests.engine.made_entries import LEVEL_DB, states_of
 from tests.engine.shared_recordings import recording_params
 from tests.engine.test_loop import DEVICE, HELD, Rig, entry_for, held, index_of, recording_of, report
+from tests.engine.virtual_fast_path import Packets
 
 MS = 1_000_000
 LOUD_DB = LEVEL_DB + 6.0
@@ -107,6 +117,45 @@ def test_a_recorded_device_is_answered_as_the_loop_does(library: ctypes.CDLL, pa
     slow, fast = (rig.run() for rig in rigs)
     assert fast.trace == slow.trace
     assert fast.log == slow.log
+
+
+class Sockets(Packets):
+    """Packets of a real socket."""
+
+    def __init__(self, descriptor: int) -> None:
+        super().__init__(recording_of((0.0, report())))
+        self._descriptor = descriptor
+
+    def packet_fileno(self) -> int:
+        return self._descriptor
+
+
+@pytest.mark.parametrize("waiting", [1, 2])
+def test_a_report_that_is_not_the_last_is_left_to_the_loop(library: ctypes.CDLL, waiting: int) -> None:
+    rig = Rig(recording_of((0.0, report())))
+    kind = socket.SOCK_SEQPACKET
+    with contextlib.ExitStack() as stack:
+        pairs = [socket.socketpair(socket.AF_UNIX, kind) for _ in range(2)]
+        (ours, touch), (device, port) = [[stack.enter_context(end) for end in pair] for pair in pairs]
+        digitizer = open_digitizer(rig.recording.descriptor)
+        tracker, player = ZoneTracker(DEVICE, digitizer.surface), EffectPlayer(HELD, len(DEVICE.zones))
+        source, now_ns = Sockets(touch.fileno()), time.monotonic_ns
+        fast = FastPath(library, source, digitizer, player, HELD, now_ns)
+        fast.refit(tracker, rig.fast_table)
+        for place in (0.1, 0.5)[:waiting]:
+            ours.send(struct.pack("<qq", now_ns(), 0) + report((1, place)))
+        descriptors, wanted = (touch.fileno(), port.fileno()), (0, None, None)
+        readable, answer = fast.wait(None, descriptors, rig.session.link, port.fileno(), math.inf, wanted, SILENCE)
+        device.setblocking(False)
+        assert readable == [touch.fileno()]
+        assert answer is not None
+        if waiting == 1:
+            assert answer.frame == device.recv(4096)
+            assert answer.written == len(answer.frame)
+            return
+        assert (answer.frame, answer.written) == (b"", 0)
+        with pytest.raises(BlockingIOError):
+            device.recv(4096)
 
 
 def test_a_wrong_answer_is_put_right_and_the_last(library: ctypes.CDLL) -> None:
