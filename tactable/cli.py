@@ -49,7 +49,7 @@ from tactable import (
 from tactable.figure_file import FigureError
 from tactable.latency_report import LatencyReportError
 from tactable.progress import shown_progress
-from tactable.shipped import DEMO_RECORDING, find_device
+from tactable.shipped import DEMO_RECORDING, cache_folder, find_device
 
 EXIT_DISAGREES = 3
 
@@ -143,7 +143,7 @@ def _explain_entry(
     from precompute.on_demand import entries_on_demand
     from tactable.explain import entry_json, print_entry
 
-    tabulated = entries_on_demand(table, states, _cache_folder() / "states")
+    tabulated = entries_on_demand(table, states, cache_folder() / "states")
     entry = played_at(tabulated, level_db, table.device.limits.amplitude)
     rivals = solve_alternatives(plant_of(table), states, entry) if alternatives else []
     if as_json:
@@ -255,7 +255,7 @@ def demo(
         opens_browser = not no_open and host is None and has_browser()
         if opens_browser or is_asked_for:
             address = Address(host or "127.0.0.1", page_port, opens_browser)
-            show_demo(device_name, device, effects_path, _cache_folder(), address, _tell)
+            show_demo(device_name, device, effects_path, cache_folder(), address, _tell)
             return
         _tell("no browser here: the report instead of the page; --no-open prints an address to open elsewhere")
     _report_demo(device, recording_path, table_path, effects_path, figure or Path("tactable-demo.png"), as_json)
@@ -279,7 +279,7 @@ def _report_demo(
 
     recording = read_recording(recording_path or DEMO_RECORDING)
     effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, device)
-    path = table_path or _cache_folder() / f"{device.name}-{device.fingerprint[:12]}.nc"
+    path = table_path or cache_folder() / f"{device.name}-{device.fingerprint[:12]}.nc"
     with shown_progress(as_json) as progress:
         table = table_for(device, path, progress)
     with table:
@@ -376,10 +376,6 @@ def _counts(option: str, text: str) -> list[int]:
 
 def _print_json(value: object) -> None:
     print(json.dumps(value, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
-
-
-def _cache_folder() -> Path:
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "tactable"
 
 
 def _now() -> str:

@@ -2,7 +2,9 @@
 
 import csv
 import math
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -50,16 +52,27 @@ def write_picture(picture: Picture, path: Path) -> None:
     import matplotlib
 
     # 42: letters stay letters, as journals ask.
-    with matplotlib.rc_context({"svg.hashsalt": "tactable", "pdf.fonttype": 42}):
-        picture.figure.savefig(path, dpi=_DOTS_PER_INCH, metadata=dict(_METADATA[path.suffix.lower()]))
+    with matplotlib.rc_context({"svg.hashsalt": "tactable", "pdf.fonttype": 42}), _in_place_of(path) as made:
+        picture.figure.savefig(made, dpi=_DOTS_PER_INCH, metadata=dict(_METADATA[path.suffix.lower()]))
 
 
 def write_columns(picture: Picture, path: Path) -> None:
     """Write the data: a header, then a row for each place; what is absent is empty."""
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with _in_place_of(path) as made, made.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
         rows.writerow(picture.columns)
         rows.writerows([_cell(value) for value in row] for row in zip(*picture.columns.values(), strict=True))
+
+
+@contextmanager
+def _in_place_of(path: Path) -> Iterator[Path]:
+    """Where to write: it takes the file's place once it is whole."""
+    made = path.with_name(f".{os.getpid()}-{path.name}")
+    try:
+        yield made
+        made.replace(path)
+    finally:
+        made.unlink(missing_ok=True)
 
 
 def _cell(value: Any) -> Any:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from engine.entry import Entry
 from engine.table import Table, TableError
@@ -358,3 +359,17 @@ def test_the_same_data_are_the_same_file(table: Table, ending: str, magic: bytes
 def test_a_file_that_could_not_be_written_is_refused_before_work(picture: str, data: str | None, part: str) -> None:
     with pytest.raises(FigureError, match=part):
         check_paths(Path(picture), None if data is None else Path(data))
+
+
+def test_a_picture_that_cannot_be_drawn_leaves_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, figure = tmp_path / "kept.png", Figure()
+    path.write_bytes(b"before")
+
+    def broken(where: Path, **_unused: object) -> None:
+        where.write_bytes(b"half")
+        raise OSError("no space left")
+
+    monkeypatch.setattr(figure, "savefig", broken)
+    with pytest.raises(OSError, match="no space"):
+        write_picture(Picture(figure, {}, {}, ""), path)
+    assert [each.read_bytes() for each in tmp_path.iterdir()] == [b"before"]
