@@ -6,7 +6,7 @@ import pytest
 
 from tests.kill_often import kill_often, work_of
 
-TIMES = {"build": 1, "calibrate": 1, "swap": 4, "fleet": 1}
+TIMES = {"build": 3, "calibrate": 3, "swap": 5, "fleet": 2}
 """`python -m tests.kill_often WHAT 200` is the long version."""
 
 
