@@ -9,22 +9,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from engine.device import Device as Device
-    from engine.table import Table as Table
-    from precompute.build import build_table as build_table
-    from precompute.calibrated_device import calibrated_device as calibrated_device
-    from precompute.calibration import calibrate as calibrate
-    from precompute.measurement_file import read_measurements as read_measurements
+    from engine.device.device import Device as Device
+    from engine.table.table import Table as Table
+    from precompute.builder.build import build_table as build_table
+    from precompute.calibration.calibrate import calibrate as calibrate
+    from precompute.calibration.calibrated_device import calibrated_device as calibrated_device
+    from precompute.measurements.file import read_measurements as read_measurements
     from tactable.shipped import find_device as find_device
 
 _HOMES = {
-    "Device": "engine.device",
-    "Table": "engine.table",
-    "build_table": "precompute.build",
-    "calibrate": "precompute.calibration",
-    "calibrated_device": "precompute.calibrated_device",
+    "Device": "engine.device.device",
+    "Table": "engine.table.table",
+    "build_table": "precompute.builder.build",
+    "calibrate": "precompute.calibration.calibrate",
+    "calibrated_device": "precompute.calibration.calibrated_device",
     "find_device": "tactable.shipped",
-    "read_measurements": "precompute.measurement_file",
+    "read_measurements": "precompute.measurements.file",
 }
 __all__ = ["Device", "Table", "build_table", "calibrate", "calibrated_device", "find_device", "read_measurements"]
 

@@ -3,10 +3,10 @@
 import os
 from pathlib import Path
 
-from engine.device import Device, DeviceError
+from engine.device.device import Device, DeviceError
 
 _HERE = Path(__file__).parent
-DEMO_RECORDING = _HERE / "demo.hid"
+DEMO_RECORDING = _HERE / "rig" / "demo.hid"
 
 
 def device_folder() -> Path:

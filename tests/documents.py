@@ -28,7 +28,7 @@ from typing import Any
 
 from typer.main import get_command
 
-from tactable import cli
+from tactable.cli import main as cli
 
 ROOT = Path(__file__).parents[1]
 _BIN = Path(sys.executable).parent

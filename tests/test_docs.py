@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from engine.device import DeviceError
-from engine.device_file import parse_device
+from engine.device.device import DeviceError
+from engine.device.file import parse_device
 from tactable import Device, build_table
 from tests.documents import (
     ROOT,

@@ -6,16 +6,16 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from engine.device import Device
-from precompute.calibrated_device import calibrated_text
-from precompute.calibration import Calibration, calibrate
-from precompute.calibration_report import calibration_report, report_markdown
-from precompute.fleet.unit import Job
-from precompute.measurement_file import read_measurements
-from precompute.misfit import Loss
-from precompute.new_folder import write_new_folder
-from precompute.pairwise import fit_pairwise
-from precompute.parameters import default_names
+from engine.device.device import Device
+from precompute.calibration.calibrate import Calibration, calibrate
+from precompute.calibration.calibrated_device import calibrated_text
+from precompute.calibration.misfit import Loss
+from precompute.calibration.new_folder import write_new_folder
+from precompute.calibration.pairwise import fit_pairwise
+from precompute.calibration.report import calibration_report, report_markdown
+from precompute.fleet.units import Job
+from precompute.measurements.file import read_measurements
+from precompute.measurements.parameters import default_names
 
 LARGEST_MISFIT = 0.2
 """A greater typical misfit is a doubt, as for `tactable calibrate`."""

@@ -4,9 +4,9 @@ import math
 import statistics
 from collections.abc import Callable
 
-from engine.entry import DEFAULT_LEVEL_DB, Entry
-from engine.table import Table, TableError
-from precompute.entries import tabulated_states
+from engine.table.entry import DEFAULT_LEVEL_DB, Entry
+from engine.table.table import Table, TableError
+from precompute.entries.solver import tabulated_states
 
 
 def compute_figures(table: Table) -> dict[str, float | None]:

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from engine.section import Section
-from precompute.fleet.fleet_error import FleetError
+from engine.device.toml_table import Section
+from precompute.fleet.error import FleetError
 
 
 class ManifestSection(Section):

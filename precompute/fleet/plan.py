@@ -5,11 +5,11 @@ import io
 from collections.abc import Iterator
 from pathlib import Path
 
-from engine.section import read_text
-from precompute.fleet.fleet_error import FleetError
+from engine.device.toml_table import read_text
+from precompute.fleet.error import FleetError
 from precompute.fleet.manifest import ManifestSection
 from precompute.fleet.study import units_of_study
-from precompute.fleet.unit import Unit, checked_units
+from precompute.fleet.units import Unit, checked_units
 
 _MEASURED = (".csv", ".nc", ".nc4", ".uff", ".unv", ".uf")
 _COLUMNS = ("name", "device", "measurements")

@@ -4,8 +4,8 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from precompute.fleet.fleet_error import FleetError
-from precompute.fleet.unit import Job, Outcome
+from precompute.fleet.error import FleetError
+from precompute.fleet.units import Job, Outcome
 from precompute.fleet.work import Progress, describe_error, run_in_worker, run_job
 
 Pool = Callable[[Sequence[Job], Progress], Iterator[Outcome]]

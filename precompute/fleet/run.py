@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from precompute.fleet.pool import Pool
-from precompute.fleet.unit import Job, Outcome, Recipe, Unit, make_job
+from precompute.fleet.units import Job, Outcome, Recipe, Unit, make_job
 from precompute.fleet.work import Progress, describe_error, kept_outcome, no_progress
 
 

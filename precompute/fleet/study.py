@@ -9,7 +9,7 @@ from pathlib import Path
 from scipy.stats import qmc
 
 from precompute.fleet.manifest import ManifestSection
-from precompute.fleet.unit import Unit
+from precompute.fleet.units import Unit
 
 _MOST_UNITS = 100_000
 _QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?) ?(\D.*)?")

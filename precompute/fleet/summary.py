@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from engine.device_values import Value, number_of
-from precompute.fleet.unit import Outcome, Unit
+from engine.device.values import Value, number_of
+from precompute.fleet.units import Outcome, Unit
 
 OUTLYING = 3.5
 """Robust standard deviations from the median beyond which a unit stands out (Iglewicz and Hoaglin, 1993)."""

@@ -11,19 +11,19 @@ from pathlib import Path
 import numba
 from threadpoolctl import threadpool_limits
 
-from engine.device import Device, DeviceError
-from engine.device_file import parse_device
-from engine.device_values import device_values
-from engine.section import read_text
-from engine.table import Table, TableError
-from engine.table_history import remove_leftovers
-from precompute.build import build_table, code_fingerprint
+from engine.device.device import Device, DeviceError
+from engine.device.file import parse_device
+from engine.device.toml_table import read_text
+from engine.device.values import device_values
+from engine.table.history import remove_leftovers
+from engine.table.table import Table, TableError
+from precompute.builder.build import build_table, code_fingerprint
 from precompute.fleet.calibrated import calibrate_unit
 from precompute.fleet.device_text import with_values
+from precompute.fleet.error import FleetError
 from precompute.fleet.figures import compute_figures
-from precompute.fleet.fleet_error import FleetError
-from precompute.fleet.judge import judge_table
-from precompute.fleet.unit import Job, Outcome
+from precompute.fleet.transfer import judge_table
+from precompute.fleet.units import Job, Outcome
 from precompute.fleet.whole_file import write_whole
 
 TABLE = "table.nc"

@@ -26,7 +26,7 @@ def page_of(shown: PageOf) -> Iterator[list[str]]:
     """A process that serves the page, until the end; what people are to be told. Raises OSError where it can't."""
     words = [str(shown.ring), str(shown.table), repr(shown.frequency_resolution_hz), shown.host, str(shown.port)]
     process = subprocess.Popen(
-        [sys.executable, "-m", "tactable.page.live_process", *words],
+        [sys.executable, "-m", "tactable.page.processes.live", *words],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         start_new_session=True,  # Ctrl-C is for the run: this one ends with it

@@ -7,11 +7,11 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from engine.device import Device
-from engine.effect_file import read_effects
-from engine.effects import FULL_SCALE_DB, Effect, Effects, Rule, Segment, Trigger
-from engine.entry import DEFAULT_LEVEL_DB
-from precompute.objective import DEFAULT_OBJECTIVE
+from engine.device.device import Device
+from engine.effects.rule_file import read_effects
+from engine.effects.rules import FULL_SCALE_DB, Effect, Effects, Rule, Segment, Trigger
+from engine.table.entry import DEFAULT_LEVEL_DB
+from precompute.entries.objective import DEFAULT_OBJECTIVE
 from tactable.shipped import shipped_names
 
 DRAG_STEP_M = 0.01
@@ -35,7 +35,7 @@ class Source(StrEnum):
 
     @property
     def objective(self) -> str:
-        """Of the table, as precompute.objective names it."""
+        """Of the table, as precompute.entries.objective names it."""
         return "paper" if self is Source.PAPER else DEFAULT_OBJECTIVE
 
 

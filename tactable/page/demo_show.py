@@ -12,21 +12,22 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from engine.device import Device, DeviceError
-from engine.ring import RingError, RingReader
-from engine.sources.pointer import PointerEvent, PointerFeed
-from engine.table import Table
-from tactable.emulate import configuration_of
-from tactable.page import engine_process, firmware_process
+from engine.device.device import Device, DeviceError
+from engine.loop.ring import RingError, RingReader
+from engine.table.table import Table
+from engine.touch.sources.pointer import PointerEvent, PointerFeed
 from tactable.page.choices import Choice, ChoiceError, Offered, changed
-from tactable.page.engine_process import Order
-from tactable.page.firmware_process import Applied, decode_applied
 from tactable.page.live_bar import LiveBar
 from tactable.page.messages import encode_picture
 from tactable.page.pointers import Pointers
+from tactable.page.processes import engine as engine_process
+from tactable.page.processes import firmware as firmware_process
+from tactable.page.processes.engine import Order
+from tactable.page.processes.firmware import Applied, decode_applied
 from tactable.page.scene import device_json
 from tactable.page.tables import Builder, ended, open_newest, order_for
 from tactable.page.view import View
+from tactable.rig.emulate import configuration_of
 from tactable.shipped import find_device
 
 SHORTEST_BACK_OFF_S, LONGEST_BACK_OFF_S = 0.25, 5.0

@@ -8,15 +8,15 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from engine.device import Device
-from engine.ring import MOST_TOUCHES
-from firmware_link.bank import Bank
-from firmware_link.drive_log import Cause, ChannelTarget, DriveEvent
-from firmware_link.synthesis import US_PER_S, synthesise
-from precompute.assembly import assemble
-from precompute.click_weighting import threshold_filter
-from precompute.modal import compute_basis
-from precompute.transient import TransientPlant
+from engine.device.device import Device
+from engine.loop.ring import MOST_TOUCHES
+from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
+from firmware_link.emulator.synthesis import US_PER_S, synthesise
+from firmware_link.protocol.bank import Bank
+from precompute.model.assembly import assemble
+from precompute.model.modal import compute_basis
+from precompute.model.threshold_filter import threshold_filter
+from precompute.model.transient import TransientPlant
 from tactable.page.messages import LOWEST_DB
 from tactable.page.past import Past
 

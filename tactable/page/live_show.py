@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from engine.ring import RingReader
-from engine.sources.pointer import PointerEvent
-from engine.table import Table, TableError
+from engine.loop.ring import RingReader
+from engine.table.table import Table, TableError
+from engine.touch.sources.pointer import PointerEvent
 from tactable.page.live_bar import LiveBar
 from tactable.page.messages import encode_picture
 from tactable.page.ring_drive import RingDrive
 from tactable.page.scene import device_json
 from tactable.page.view import View
-from tactable.table_watch import LOOK_S, identity_of
+from tactable.run.table_watch import LOOK_S, identity_of
 
 BEHIND_NS = 30_000_000
 """The picture is so old: records of a command come after it."""

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.sources.pointer import Phase, PointerEvent
+from engine.touch.sources.pointer import Phase, PointerEvent
 
 VERSION = 1
 MOST_TOUCHES = 64
@@ -100,7 +100,7 @@ class FingerPicture:
     number: int
     zone: int | None
     state: int
-    """Of its zone, engine.zones.ZoneState."""
+    """Of its zone, engine.touch.finger_tracker.ZoneState."""
     position_m: float
     level_db: float
     felt_db: float
@@ -138,17 +138,17 @@ class Picture:
 
     time_s: float
     counters: tuple[int, int, int, int, int, int]
-    """As engine.ring.RingCounters."""
+    """As engine.loop.ring.RingCounters."""
     command: int
     """Counts commands; 0 before the first."""
     state: int
-    """Of all zones, that the command is for (engine.zones.state_index)."""
+    """Of all zones, that the command is for (engine.touch.finger_tracker.state_index)."""
     age_s: float
     """Of the last command."""
     wanted_db: float
     """Its level; infinite: full scale."""
     last_ns: tuple[int, int, int, int, int]
-    """Of the last command that a report caused: from each stage of engine.latency.Stage to the next."""
+    """Of the last command that a report caused: from each stage of engine.loop.latency.Stage to the next."""
     median_ns: tuple[int, int, int, int, int]
     """The same of the last commands, `latencies` of them."""
     latencies: int

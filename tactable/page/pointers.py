@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from engine.digitizer import DigitizerError
-from engine.sources.pointer import Phase, PointerEvent, PointerFeed
+from engine.touch.digitizer import DigitizerError
+from engine.touch.sources.pointer import Phase, PointerEvent, PointerFeed
 
 MOST_FINGERS = 10
 REPEAT_NS = 30_000_000

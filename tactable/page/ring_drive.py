@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable, Mapping
 
-from engine.latency import Stage
-from engine.ring import Record
-from engine.table import Table
-from firmware_link.bank import Bank
-from firmware_link.drive_log import Cause, ChannelTarget, DriveEvent, PlayedWaveform
-from firmware_link.messages import decode_drive
+from engine.loop.latency import Stage
+from engine.loop.ring import Record
+from engine.table.table import Table
+from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent, PlayedWaveform
+from firmware_link.protocol.bank import Bank
+from firmware_link.protocol.messages import decode_drive
 
 _BANK = 1
 _NS_PER_US = 1000

@@ -15,7 +15,7 @@ from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from engine.sources.pointer import PointerEvent
+from engine.touch.sources.pointer import PointerEvent
 from tactable.page.messages import (
     MOST_BYTES,
     CloseCode,

@@ -8,13 +8,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from engine.device import Device
-from engine.table import Table, TableError
-from precompute.build import code_fingerprint
-from precompute.objective import DEFAULT_OBJECTIVE
-from tactable.demo import DEMO_FINGERS
-from tactable.page.build_process import BuildOrder
+from engine.device.device import Device
+from engine.table.table import Table, TableError
+from precompute.builder.build import code_fingerprint
+from precompute.entries.objective import DEFAULT_OBJECTIVE
 from tactable.page.choices import Source
+from tactable.page.processes.build import BuildOrder
+from tactable.rig.demo import DEMO_FINGERS
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.latency import Stage
-from engine.ring import Record, RingCounters
-from engine.table import Table
-from engine.zones import Touch, ZoneState
-from firmware_link.messages import decode_drive
-from firmware_link.synthesis import US_PER_S
+from engine.loop.latency import Stage
+from engine.loop.ring import Record, RingCounters
+from engine.table.table import Table
+from engine.touch.finger_tracker import Touch, ZoneState
+from firmware_link.emulator.synthesis import US_PER_S
+from firmware_link.protocol.messages import decode_drive
 from tactable.page.live_bar import POINTS, RATE_HZ, BarFinger, LiveBar, Moved
 from tactable.page.messages import (
     LOWEST_DB,
@@ -230,7 +230,7 @@ class View:
 
 
 def _state_of(zone: int, state: int) -> int:
-    """Of one zone, out of engine.zones.state_index."""
+    """Of one zone, out of engine.touch.finger_tracker.state_index."""
     return int(state // 3**zone % 3)
 
 

@@ -5,9 +5,9 @@ from math import inf
 
 import numpy as np
 
-from engine.click import ClickEntry, ClickZone, LevelSpread
-from engine.device import Device
-from engine.zones import ZoneState, state_index
+from engine.device.device import Device
+from engine.table.click import ClickEntry, ClickZone, LevelSpread
+from engine.touch.finger_tracker import ZoneState, state_index
 
 
 def click_of(

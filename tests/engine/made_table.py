@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.burst import BurstEntry, Shape
-from engine.burst_group import write_bursts
-from engine.click import ClickEntry
-from engine.click_group import write_clicks
-from engine.device import Device
-from engine.entry import Entry
-from engine.entry_group import write_entries
-from engine.table_file import TableWriter, Variable
+from engine.device.device import Device
+from engine.table.burst import BurstEntry, Shape
+from engine.table.burst_group import write_bursts
+from engine.table.click import ClickEntry
+from engine.table.click_group import write_clicks
+from engine.table.entry import Entry
+from engine.table.entry_group import write_entries
+from engine.table.file import TableWriter, Variable
 
 PLAIN = {"created": "2024-01-01", "code_fingerprint": "c0de", "code_version": "1", "objective": "contrast"}
 

@@ -30,10 +30,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from engine.descriptor import DescriptorError
-from engine.digitizer import Digitizer, DigitizerError, TouchFrame, open_digitizer
-from engine.sources.recording import read_recording
-from tests.engine.descriptors import (
+from engine.touch.descriptor import DescriptorError
+from engine.touch.digitizer import Digitizer, DigitizerError, TouchFrame, open_digitizer
+from engine.touch.sources.recording import read_recording
+from tests.engine.shared_recordings import RECORDINGS
+from tests.engine.touch.descriptors import (
     BLOB,
     CONTACT_COUNT,
     COUNT_MAXIMUM_5,
@@ -43,7 +44,6 @@ from tests.engine.descriptors import (
     finger,
     mutated,
 )
-from tests.engine.shared_recordings import RECORDINGS
 
 LONG_RUN = int(os.environ.get("TACTABLE_FUZZ_DESCRIPTORS", "0"))
 SEED = int(os.environ.get("TACTABLE_FUZZ_SEED", "1"))

@@ -12,10 +12,10 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_link.bank import Bank, encode_bank, hash_of_bank, make_bank, transfer_messages
-from firmware_link.framing import EMERGENCY_STOP, FrameDecoder, encode_message
-from firmware_link.layout import Message
-from firmware_link.messages import (
+from firmware_link.protocol.bank import Bank, encode_bank, hash_of_bank, make_bank, transfer_messages
+from firmware_link.protocol.framing import EMERGENCY_STOP, FrameDecoder, encode_message
+from firmware_link.protocol.layout import Message
+from firmware_link.protocol.messages import (
     CLOCK_REFERENCE_SPAN,
     CLOCK_REFERENCE_US,
     MAGIC,

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 from cobs import cobs
 
-from firmware_link.framing import FrameDecoder, Signal, encode_frame
-from firmware_link.layout import Layout
-from firmware_link.messages import MESSAGES, Hello, has_exact_length, seed_of
+from firmware_link.protocol.framing import FrameDecoder, Signal, encode_frame
+from firmware_link.protocol.layout import Layout
+from firmware_link.protocol.messages import MESSAGES, Hello, has_exact_length, seed_of
 
 ACTUATORS = 2
 BATCH = 2_000

@@ -4,12 +4,12 @@ import select
 import sys
 import time
 
-from firmware_link.errors import LinkError
-from firmware_link.link import Link
-from firmware_link.link_values import LinkConfiguration, LinkState
-from firmware_link.messages import ChannelDrive, DeviceState, encode_drive
-from firmware_link.serial_port import SerialPort
-from firmware_link.session import Session
+from firmware_link.host.link import Link
+from firmware_link.host.link_values import LinkConfiguration, LinkState
+from firmware_link.host.serial_port import SerialPort
+from firmware_link.host.session import Session
+from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.messages import ChannelDrive, DeviceState, encode_drive
 
 LEASE_MS = 40
 SLEW_PER_S = 200

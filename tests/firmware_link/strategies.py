@@ -7,9 +7,9 @@ from typing import Any, cast
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
-from firmware_link.drive_log import Cause, ChannelTarget, DriveEvent
-from firmware_link.layout import Layout, Message, Word
-from firmware_link.messages import MESSAGES, ChannelDrive, Hello
+from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
+from firmware_link.protocol.layout import Layout, Message, Word
+from firmware_link.protocol.messages import MESSAGES, ChannelDrive, Hello
 
 BITS = {"u8": 8, "u16": 16, "u32": 32, "u64": 64}
 RESOLUTION_HZ = 0.01

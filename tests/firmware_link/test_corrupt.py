@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from firmware_link.framing import FrameDecoder
+from firmware_link.protocol.framing import FrameDecoder
 from tests.firmware_link.corrupt import ACTUATORS, DAMAGES, Chance, Damage, count_outcomes, make_batch
 
 FRAMES = 3_000

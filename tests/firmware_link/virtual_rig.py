@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from firmware_link.device import DeviceConfiguration, EmulatedFirmware
-from firmware_link.framing import FrameDecoder, encode_message
-from firmware_link.layout import Message
-from firmware_link.link import Link
-from firmware_link.link_values import Event, LinkConfiguration, LinkState
-from firmware_link.messages import (
+from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
+from firmware_link.host.link import Link
+from firmware_link.host.link_values import Event, LinkConfiguration, LinkState
+from firmware_link.protocol.framing import FrameDecoder, encode_message
+from firmware_link.protocol.layout import Message
+from firmware_link.protocol.messages import (
     CLOCK_REFERENCE_SPAN,
     CLOCK_REFERENCE_US,
     MAGIC,

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from hypothesis import settings
 
-from engine.device import Actuator, Device, Zone
-from engine.device_file import ROMAN
+from engine.device.device import Actuator, Device, Zone
+from engine.device.file import ROMAN
 
 unhurried = settings(deadline=None)
 """A property's first example may pay for a compilation, and the machine may be busy."""

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from engine.device import Device
-from precompute.measurement import Kind, Measurements, lay_out
-from precompute.parameters import with_changes
-from precompute.simulated_measurements import SENSOR_MASS_KG, Flaws, even_places, simulate_measurements
+from engine.device.device import Device
+from precompute.measurements.parameters import with_changes
+from precompute.measurements.simulate import SENSOR_MASS_KG, Flaws, even_places, simulate_measurements
+from precompute.measurements.types import Kind, Measurements, lay_out
 
 NAN = float("nan")
 PAIRS_HZ = ((150, 130), (150, 200), (150, 230), (120, 180), (180, 210), (210, 120), (100, 250))

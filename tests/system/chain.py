@@ -5,23 +5,23 @@ from dataclasses import dataclass, replace
 from itertools import combinations, groupby
 from pathlib import Path
 
-from engine.device import Device
-from engine.digitizer import DigitizerCounters, open_digitizer
-from engine.effect_player import EffectPlayer
-from engine.effects import Effect, Effects, Rule, Segment, Trigger
-from engine.entry import Entry
-from engine.limits import link_configuration
-from engine.loop import Loop, LoopCounters, StateChange, StopRequest, SystemClock, connect
-from engine.renderer import Renderer
-from engine.sources import Source
-from engine.zones import ZoneTracker
-from firmware_link.drive_log import DriveEvent
-from firmware_link.emulator import EmulatorLog
-from firmware_link.errors import LinkError
-from firmware_link.link import Link
-from firmware_link.link_values import LinkCounters
-from firmware_link.serial_port import SerialPort
-from firmware_link.session import Session
+from engine.device.device import Device
+from engine.effects.player import EffectPlayer
+from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger
+from engine.loop.loop import Loop, LoopCounters, StateChange, StopRequest, SystemClock, connect
+from engine.render.limits import link_configuration
+from engine.render.renderer import Renderer
+from engine.table.entry import Entry
+from engine.touch.digitizer import DigitizerCounters, open_digitizer
+from engine.touch.finger_tracker import ZoneTracker
+from engine.touch.sources import Source
+from firmware_link.emulator.drive_log import DriveEvent
+from firmware_link.emulator.process import EmulatorLog
+from firmware_link.host.link import Link
+from firmware_link.host.link_values import LinkCounters
+from firmware_link.host.serial_port import SerialPort
+from firmware_link.host.session import Session
+from firmware_link.protocol.errors import LinkError
 from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
 
 DEVICE = Device.read(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")

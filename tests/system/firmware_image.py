@@ -14,10 +14,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from firmware_link.errors import LinkError
-from firmware_link.framing import DELIMITER
-from firmware_link.messages import DeviceState
-from firmware_link.serial_port import SerialPort
+from firmware_link.host.serial_port import SerialPort
+from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.framing import DELIMITER
+from firmware_link.protocol.messages import DeviceState
 from tests.system.debugger import Debugger
 
 FULL_OUTPUT = 32_767

@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from engine.sources.hid_devices import load_hid_system
-from engine.sources.hidraw import HidrawSource, open_hidraw
-from firmware_link.serial_port import SerialPort, path_of
-from tactable.virtual_digitizer import DEMO_STROKES, Stroke, make_recording
+from engine.touch.sources.hid_discovery import load_hid_system
+from engine.touch.sources.hidraw import HidrawSource, open_hidraw
+from firmware_link.host.serial_port import SerialPort, path_of
+from tactable.rig.virtual_digitizer import DEMO_STROKES, Stroke, make_recording
 from tests.system.chain import BIT_RATE_HZ, PATIENCE_S, run_chain
 from tests.system.results import Broken, Happened, KernelDevice, Refusals
 from tests.system.serial_gadget import SERIAL_NUMBER, build_gadget, plug_gadget, unplug_gadget

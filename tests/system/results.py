@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from engine.sources.hidraw import HidrawCounters
-from firmware_link.emulator import EmulatorLog
+from engine.touch.sources.hidraw import HidrawCounters
+from firmware_link.emulator.process import EmulatorLog
 from tests.system.chain import ChainRun
 
 

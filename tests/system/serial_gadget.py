@@ -9,9 +9,9 @@ from dataclasses import asdict
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from firmware_link.device import DeviceConfiguration, EmulatedFirmware
-from firmware_link.emulator import EmulatorLog
-from firmware_link.serial_port import READ_SIZE
+from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator.process import EmulatorLog
+from firmware_link.host.serial_port import READ_SIZE
 
 SERIAL_NUMBER = "TACTABLE-SYSTEM-TEST"
 _GADGET = Path("/sys/kernel/config/usb_gadget/tactable")

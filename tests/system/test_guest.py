@@ -13,12 +13,12 @@ from typing import TypeVar
 
 import pytest
 
-from engine.digitizer import RELEASE_AFTER_NS
-from engine.loop import StateChange
-from engine.sources.playback import Playback
-from firmware_link.drive_log import Cause, DriveEvent, Outcome
-from firmware_link.emulator import EmulatorLog, run_emulator
-from firmware_link.serial_port import SerialPort
+from engine.loop.loop import StateChange
+from engine.touch.digitizer import RELEASE_AFTER_NS
+from engine.touch.sources.playback import Playback
+from firmware_link.emulator.drive_log import Cause, DriveEvent, Outcome
+from firmware_link.emulator.process import EmulatorLog, run_emulator
+from firmware_link.host.serial_port import SerialPort
 from tests.system.chain import BIT_RATE_HZ, ENTRIES, ChainRun, driven_hz, entry_for, is_silent, run_chain
 from tests.system.guest import DEMO, HELD, SWEPT, TAP
 from tests.system.results import Broken, Happened, KernelDevice, Refusals

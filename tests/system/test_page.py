@@ -20,8 +20,8 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, CDPSession, ConsoleMessage, Page, sync_playwright
 
-from engine.table import Table
-from engine.zones import ZoneState
+from engine.table.table import Table
+from engine.touch.finger_tracker import ZoneState
 from tactable.page.live_bar import LiveBar
 from tactable.page.messages import encode_picture
 from tactable.page.ring_drive import RingDrive
@@ -29,7 +29,7 @@ from tactable.page.server import open_door
 from tactable.page.tables import cached_table
 from tactable.page.view import View
 from tactable.shipped import find_device
-from tests.precompute.test_build import SMALL
+from tests.precompute.builder.test_build import SMALL
 from tests.tactable.click_table import build_click_table
 from tests.tactable.page.played import RESOLUTION_HZ, record_of
 

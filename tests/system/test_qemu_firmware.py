@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from firmware_link.messages import DeviceState
-from firmware_link.serial_port import SerialPort
-from tests.firmware_link.compiled_core import make, need
+from firmware_link.host.serial_port import SerialPort
+from firmware_link.protocol.messages import DeviceState
 from tests.firmware_link.conformance import DISARM_US, LAWS, LOUD, Host, Law
 from tests.firmware_link.driving_host import DRIVING, ENDED, LEASE_MS, SLEW_PER_S
+from tests.firmware_link.firmware.compiled_core import make, need
 from tests.system.firmware_image import REPORT_PERIOD_US, FirmwareImage, ImageTier, run_image
 
 pytestmark = [

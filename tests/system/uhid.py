@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from engine.sources.recording import Recording
+from engine.touch.sources.recording import Recording
 
 # include/uapi/linux/uhid.h: u32 type, then the event; all packed.
 _EVENT_SIZE = 4380

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from engine.device_file import parse_device
-from precompute.build import build_table
-from precompute.click_options import ClickOptions
-from tests.precompute.test_build import SMALL
+from engine.device.file import parse_device
+from precompute.builder.build import build_table
+from precompute.clicks.options import ClickOptions
+from tests.precompute.builder.test_build import SMALL
 
 CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=4, trimmed=10, judged=20)
 FINGERS = 2

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from engine.table import Table
-from tactable.click_source import ClickSource
+from engine.table.table import Table
+from tactable.explain.click_source import ClickSource
 from tests.tactable.click_table import build_click_table
 
 

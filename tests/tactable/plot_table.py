@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from engine.device_file import parse_device
-from precompute.build import build_table
+from engine.device.file import parse_device
+from precompute.builder.build import build_table
 from tactable.shipped import find_device
 
 _CHANGES = {"count = 5": "count = 3", 'step = "1 Hz"': 'step = "4 Hz"', '"10 dB", "20 dB", "30 dB"': '"20 dB"'}

@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from engine.sources.recording import Recording, read_recording
-from tactable.bench_decode import summarise, time_calls, time_ours
+from engine.touch.sources.recording import Recording, read_recording
+from tactable.bench.decode import summarise, time_calls, time_ours
 
 WANTED = 10.0
 

@@ -15,9 +15,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from engine.descriptor import Surface, read_surfaces
-from engine.descriptor_items import Field
-from engine.sources.recording import read_recording
+from engine.touch.descriptor import Surface, read_surfaces
+from engine.touch.hid_items import Field
+from engine.touch.sources.recording import read_recording
 
 CONTACT_USAGES = {
     "x": 0x0001_0030,

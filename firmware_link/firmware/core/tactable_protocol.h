@@ -1,4 +1,5 @@
-/* The wire in C: made from firmware_link/messages.py by `python -m firmware_link.c_header`, not to be edited.
+/* The wire in C: made from firmware_link/protocol/messages.py by
+ * `python -m firmware_link.codegen.c_header`, not to be edited.
  *
  * A reader returns false for a value whose meaning is unknown, and leaves blocks of bytes where they are in the body;
  * a writer returns the end of what it wrote.

@@ -6,7 +6,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* As in DeviceConfiguration in firmware_link/device.py. */
+/* As in DeviceConfiguration in firmware_link/emulator/firmware.py. */
 enum host_option {
     HOST_BOOT_ID,
     HOST_NUMBER_OF_ACTUATORS,

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.device import Device
-from precompute.measurement import lay_out
-from precompute.measurement_csv import write_csv
-from precompute.simulated_measurements import Flaws, even_places, simulate_measurements
+from engine.device.device import Device
+from precompute.measurements.csv import write_csv
+from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
+from precompute.measurements.types import lay_out
 from tests.precompute.devices import SHIPPED
 
 _CHANGES = {

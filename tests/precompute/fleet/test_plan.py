@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from engine.device import DeviceError
-from engine.device_file import parse_device
+from engine.device.device import DeviceError
+from engine.device.file import parse_device
 from precompute.fleet.device_text import with_values
-from precompute.fleet.fleet_error import FleetError
+from precompute.fleet.error import FleetError
 from precompute.fleet.plan import plan_fleet
-from precompute.fleet.unit import Unit
+from precompute.fleet.units import Unit
 from tests.precompute.fleet.small_fleet import small_text
 
 

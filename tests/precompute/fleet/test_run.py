@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from engine.device import Device
-from engine.table import Table
-from precompute.build import build_table, code_fingerprint
+from engine.device.device import Device
+from engine.table.table import Table
+from precompute.builder.build import build_table, code_fingerprint
 from precompute.fleet.figures import usual_entries
 from precompute.fleet.plan import plan_fleet
 from precompute.fleet.pool import Pool, run_here, run_on_processes
 from precompute.fleet.run import run_fleet
-from precompute.fleet.unit import Outcome, Recipe, Unit, make_job
+from precompute.fleet.units import Outcome, Recipe, Unit, make_job
 from precompute.fleet.work import DEVICE, OUTCOME, TABLE
 from tests.precompute.fleet.small_fleet import small_text, write_measurements, write_unit
 
@@ -169,7 +169,7 @@ from pathlib import Path
 from precompute.fleet.plan import plan_fleet
 from precompute.fleet.pool import run_here
 from precompute.fleet.run import run_fleet
-from precompute.fleet.unit import Recipe
+from precompute.fleet.units import Recipe
 run_fleet(plan_fleet(Path("bars")), Recipe(clicks_up_to=0), Path("out"), run_here, created="2024-01-01",
           progress=lambda step, fraction: print(step, flush=True))
 """

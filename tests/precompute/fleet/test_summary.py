@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.device_values import Value, number_of
+from engine.device.values import Value, number_of
 from precompute.fleet.summary import FEWEST, OUTLYING, summarise, summary_csv, summary_json
-from precompute.fleet.unit import Outcome, Unit
+from precompute.fleet.units import Outcome, Unit
 
 
 def outcome(name: str, stiffness: float, contrast_db: float | None = 5.0) -> Outcome:

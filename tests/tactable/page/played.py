@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Sequence
 
-from engine.entry import DEFAULT_LEVEL_DB
-from engine.limits import clamp
-from engine.ring import Record, RingCounters
-from engine.table import Table
-from engine.zones import Touch, ZoneState, state_index
-from firmware_link.drive_log import DriveEvent
-from firmware_link.messages import encode_drive
+from engine.loop.ring import Record, RingCounters
+from engine.render.limits import clamp
+from engine.table.entry import DEFAULT_LEVEL_DB
+from engine.table.table import Table
+from engine.touch.finger_tracker import Touch, ZoneState, state_index
+from firmware_link.emulator.drive_log import DriveEvent
+from firmware_link.protocol.messages import encode_drive
 from tactable.page.live_bar import LiveBar
 from tactable.page.ring_drive import RingDrive
 

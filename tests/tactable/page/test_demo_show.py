@@ -11,15 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from engine.sources.pointer import Phase, PointerEvent
-from engine.zones import ZoneState
+from engine.touch.finger_tracker import ZoneState
+from engine.touch.sources.pointer import Phase, PointerEvent
 from tactable.page import tables
 from tactable.page.choices import Choice, offered
 from tactable.page.demo_show import DemoShow
 from tactable.page.messages import Drive, Kind, Picture
 from tactable.page.tables import cached_table
 from tactable.shipped import find_device
-from tests.precompute.test_build import SMALL
+from tests.precompute.builder.test_build import SMALL
 
 TICK_S = 1 / 60
 FIRST, LAST = PointerEvent(1, 1 / 6, 0.5, Phase.DOWN), PointerEvent(2, 5 / 6, 0.5, Phase.DOWN)

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.table import Table
-from engine.zones import ZoneState
-from firmware_link.synthesis import synthesise
-from precompute.assembly import assemble
-from precompute.modal import compute_basis
-from precompute.transient import TransientPlant
+from engine.table.table import Table
+from engine.touch.finger_tracker import ZoneState
+from firmware_link.emulator.synthesis import synthesise
+from precompute.model.assembly import assemble
+from precompute.model.modal import compute_basis
+from precompute.model.transient import TransientPlant
 from tactable.page.live_bar import LONGEST_STEP_S, POINTS, RATE_HZ, BarFinger, LiveBar, decibels
 from tactable.page.messages import LOWEST_DB
 from tactable.page.ring_drive import RingDrive

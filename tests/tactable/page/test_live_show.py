@@ -15,10 +15,10 @@ import pytest
 from websockets.asyncio.client import connect
 from websockets.typing import Origin
 
-from engine.sources.recording import write_recording
-from firmware_link.emulator import RunningEmulator, run_emulator
+from engine.touch.sources.recording import write_recording
+from firmware_link.emulator.process import RunningEmulator, run_emulator
 from tactable.page.messages import Kind
-from tactable.virtual_digitizer import Stroke, make_recording
+from tactable.rig.virtual_digitizer import Stroke, make_recording
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 

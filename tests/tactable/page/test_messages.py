@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.sources.pointer import Phase, PointerEvent
+from engine.touch.sources.pointer import Phase, PointerEvent
 from tactable.page.messages import (
     MOST_BYTES,
     MOST_TOUCHES,

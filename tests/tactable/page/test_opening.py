@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from tactable import cli
+from tactable.cli import main as cli
 from tactable.page import opening
 from tactable.page.opening import announcement, has_browser, token_for
 from tactable.page.security import Door

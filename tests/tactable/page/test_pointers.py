@@ -5,8 +5,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from engine.digitizer import open_digitizer
-from engine.sources.pointer import Phase, PointerEvent, PointerFeed, PointerSource, open_pointer_pipe
+from engine.touch.digitizer import open_digitizer
+from engine.touch.sources.pointer import Phase, PointerEvent, PointerFeed, PointerSource, open_pointer_pipe
 from tactable.page.pointers import MOST_FINGERS, REPEAT_NS, SILENT_NS, Pointers
 
 

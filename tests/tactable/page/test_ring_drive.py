@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.table import Table
-from engine.zones import ZoneState
-from firmware_link.drive_log import Cause
+from engine.table.table import Table
+from engine.touch.finger_tracker import ZoneState
+from firmware_link.emulator.drive_log import Cause
 from tactable.page.ring_drive import RingDrive
 from tests.tactable.page.played import RESOLUTION_HZ, record_of
 

@@ -13,7 +13,7 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.typing import Origin
 
-from engine.sources.pointer import Phase, PointerEvent
+from engine.touch.sources.pointer import Phase, PointerEvent
 from tactable.page.messages import (
     MOST_BYTES,
     VERSION,

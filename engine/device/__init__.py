@@ -1,0 +1,1 @@
+"""A bar with all that is on it: values, files and units."""

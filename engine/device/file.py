@@ -1,0 +1,268 @@
+"""A device description in TOML to a `Device`, validated once; every error names key, value and what was expected."""
+
+import itertools
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+
+from engine.device.device import Actuator, Bar, Device, DeviceError, Finger, Limits, Spread, Sweep, TouchAxis, Zone
+from engine.device.toml_table import Section
+from engine.device.uncertainty import read_uncertainty
+
+ROMAN = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII", "XIII", "XIV", "XV", "XVI")
+_LARGEST_SPREAD = 1000
+_WIDEST_SPREAD = 0.2
+"""Standard deviation of a stiffness or a mass: five of them are still above 0."""
+_MOST_STEPS = 100_000
+_LEVELS, _MOST_LEVELS = ("10 dB", "20 dB", "30 dB"), 16
+_SHORTEST_ZONE = 1e-3
+_LEAST_DISTANCE = 1e-3
+_Part = TypeVar("_Part")
+
+
+class _Section(Section):
+    """A table of a device file: it may mark keys whose values are estimates."""
+
+    family = DeviceError
+
+    def __init__(self, source: str, path: str, table: object) -> None:
+        super().__init__(source, path, table)
+        marks = self.left.pop("inferred", [])
+        if not (isinstance(marks, list) and all(isinstance(mark, str) for mark in marks)):
+            raise self.error("inferred", marks, "expected a list of keys of this table")
+        self.marks: list[str] = marks
+
+    def close(self) -> list[str]:
+        """Refuse keys nobody asked for; the marked keys with their paths."""
+        self.refuse_rest()
+        for mark in self.marks:
+            if mark not in self.known:
+                raise self.error("inferred", mark, f"is no key of this table; its keys are {', '.join(self.known)}")
+        return [".".join(part for part in (self.path, mark) if part) for mark in self.marks]
+
+
+def parse_device(text: str, source: str) -> Device:
+    """Validate the description `text`; `source` names it in errors. Raises DeviceError."""
+    top = _Section.parse(text, source)
+    inferred: list[str] = []
+
+    def section(key: str, read: Callable[[_Section], _Part], default: dict[str, Any] | None = None) -> _Part:
+        part = _Section(source, key, top.take(key, default))
+        value = read(part)
+        inferred.extend(part.close())
+        return value
+
+    name = top.name("name")
+    description = top.sentence("description")
+    bar = section("bar", _read_bar)
+    actuators = _read_actuators(top, bar, inferred)
+    zones, hysteresis_m = _read_zones(top, bar, inferred)
+    sweep = section("sweep", _read_sweep)
+    _check_bands(source, actuators, sweep)
+    uncertainty = None
+    if "calibration" in top.left:
+        uncertainty = section("calibration", lambda part: read_uncertainty(part, len(actuators)))
+    device = Device(
+        name=name,
+        description=description,
+        bar=bar,
+        actuators=actuators,
+        zones=zones,
+        zone_hysteresis_m=hysteresis_m,
+        finger=section("finger", _read_finger),
+        spread=section("spread", _read_spread, default={}),
+        touch_axis=section("digitizer", lambda part: _read_touch_axis(part, bar)),
+        sweep=sweep,
+        levels_db=section("feel", _read_levels, default={}),
+        limits=section("limits", _read_limits),
+        inferred=tuple(inferred),
+        uncertainty=uncertainty,
+        text=text,
+    )
+    top.close()
+    return device
+
+
+def _read_bar(part: _Section) -> Bar:
+    length_m = part.quantity("length", "m", exclusive=True)
+    return Bar(
+        length_m=length_m,
+        width_m=part.quantity("width", "m", exclusive=True),
+        thickness_m=part.quantity("thickness", "m", exclusive=True),
+        youngs_modulus_pa=part.quantity("youngs_modulus", "Pa", exclusive=True),
+        density_kg_per_m3=part.quantity("density", "kg/m^3", exclusive=True),
+        mass_damping_per_s=part.quantity("mass_damping", "1/s"),
+        stiffness_damping_s=part.quantity("stiffness_damping", "s"),
+        largest_element_m=part.quantity("largest_element", "m", least=length_m / 2000, default="5 mm"),
+    )
+
+
+def _read_actuators(top: _Section, bar: Bar, inferred: list[str]) -> tuple[Actuator, ...]:
+    actuators: list[Actuator] = []
+    for i, part in enumerate(top.tables("actuator"), 1):
+        actuator = Actuator(
+            name=part.name("name", f"actuator {i}"),
+            position_m=part.position("position", bar.length_m),
+            stiffness_n_per_m=part.quantity("stiffness", "N/m", exclusive=True),
+            damping_n_s_per_m=part.quantity("damping", "N*s/m"),
+            mass_kg=part.quantity("mass", "kg"),
+            full_scale_m=part.quantity("full_scale", "m", exclusive=True),
+            band_hz=_read_band(part),
+        )
+        for other in actuators:
+            if other.name == actuator.name:
+                raise part.error("name", actuator.name, "another actuator has this name")
+            if abs(other.position_m - actuator.position_m) < _LEAST_DISTANCE * bar.length_m:
+                raise part.error("position", f"{1e3 * actuator.position_m:g} mm", f"is the place of {other.name}")
+        actuators.append(actuator)
+        inferred.extend(part.close())
+    return tuple(actuators)
+
+
+def _read_band(part: _Section) -> tuple[float, float]:
+    band = part.take("band")
+    if not isinstance(band, list) or len(band) != 2:
+        raise part.error("band", band, "expected two frequencies such as ['60 Hz', '300 Hz']")
+    low_hz, high_hz = (part.checked("band", text, "Hz", exclusive=True) for text in band)
+    if low_hz >= high_hz:
+        raise part.error("band", band, "is empty: the first frequency must be below the second")
+    return low_hz, high_hz
+
+
+def _read_zones(top: _Section, bar: Bar, inferred: list[str]) -> tuple[tuple[Zone, ...], float]:
+    part = _Section(top.source, "zones", top.take("zones", {}))
+    hysteresis_m = part.quantity("hysteresis", "m", default="0 mm")
+    if "zone" in top.left:
+        if "count" in part.left:
+            raise part.error("count", part.left["count"], "give either a count of equal zones or [[zone]] tables")
+        zones = _read_zone_tables(top, bar, inferred)
+    else:
+        count = part.integer("count", 1, len(ROMAN))
+        edges = np.linspace(0.0, bar.length_m, count + 1).tolist()
+        zones = [Zone(n, a, b) for n, (a, b) in zip(ROMAN, itertools.pairwise(edges), strict=False)]
+    inferred.extend(part.close())
+    shortest = min(zones, key=lambda zone: zone.length_m)
+    if hysteresis_m >= shortest.length_m / 2:
+        raise part.error("hysteresis", f"{1e3 * hysteresis_m:g} mm", f"must be under half of zone {shortest.name}")
+    return tuple(zones), hysteresis_m
+
+
+def _read_zone_tables(top: _Section, bar: Bar, inferred: list[str]) -> list[Zone]:
+    zones: list[Zone] = []
+    parts = top.tables("zone")
+    if len(parts) > len(ROMAN):
+        raise top.error("zone", len(parts), f"expected at most {len(ROMAN)} zones")
+    for part, roman in zip(parts, ROMAN, strict=False):
+        zone = Zone(part.name("name", roman), part.position("start", bar.length_m), part.position("stop", bar.length_m))
+        if zone.stop_m <= zone.start_m:
+            raise part.error(
+                "stop", f"{1e3 * zone.stop_m:g} mm", f"expected more than start, {1e3 * zone.start_m:g} mm"
+            )
+        if zones and zone.start_m < zones[-1].stop_m:
+            overlap = f"zone {zone.name} overlaps or precedes zone {zones[-1].name}, which stops at"
+            raise part.error("start", f"{1e3 * zone.start_m:g} mm", f"{overlap} {1e3 * zones[-1].stop_m:g} mm")
+        if zone.name in [other.name for other in zones]:
+            raise part.error("name", zone.name, "another zone has this name")
+        zones.append(zone)
+        inferred.extend(part.close())
+    return zones
+
+
+def _read_sweep(part: _Section) -> Sweep:
+    start_hz = part.quantity("start", "Hz", exclusive=True)
+    stop_hz = part.quantity("stop", "Hz", least=start_hz, exclusive=True)
+    step_hz = part.quantity("step", "Hz", exclusive=True)
+    steps = (stop_hz - start_hz) / step_hz
+    if steps > _MOST_STEPS:
+        raise part.error("step", f"{step_hz:g} Hz", f"expected at most {_MOST_STEPS} steps")
+    if steps < 1 - 1e-6 or abs(steps - round(steps)) > 1e-6 * steps:
+        raise part.error("step", f"{step_hz:g} Hz", f"must divide the range {start_hz:g}-{stop_hz:g} Hz evenly")
+    return Sweep(
+        start_hz=start_hz,
+        stop_hz=stop_hz,
+        step_hz=step_hz,
+        amplitude_steps=part.integer("amplitude_steps", 1, 100),
+        phase_steps=part.integer("phase_steps", 4, 360, 36),
+    )
+
+
+def _check_bands(source: str, actuators: tuple[Actuator, ...], sweep: Sweep) -> None:
+    for i, actuator in enumerate(actuators, 1):
+        low_hz, high_hz = actuator.band_hz
+        if not np.any((sweep.frequency_hz >= low_hz) & (sweep.frequency_hz <= high_hz)):
+            grid = f"the sweep, {sweep.start_hz:g}-{sweep.stop_hz:g} Hz"
+            raise DeviceError(f"{source}: actuator[{i}].band: {low_hz:g}-{high_hz:g} Hz: has no frequency of {grid}")
+
+
+def _read_finger(part: _Section) -> Finger:
+    spread = part.take("spread", 1.0)
+    if isinstance(spread, bool) or not isinstance(spread, int | float) or not 1 <= spread <= _LARGEST_SPREAD:
+        raise part.error("spread", spread, "expected a factor of at least 1, such as 3.0")
+    return Finger(
+        mass_kg=part.quantity("mass", "kg"),
+        damping_n_s_per_m=part.quantity("damping", "N*s/m"),
+        stiffness_n_per_m=part.quantity("stiffness", "N/m"),
+        spread=float(spread),
+    )
+
+
+def _read_spread(part: _Section) -> Spread:
+    def fraction(key: str, default: str, below: float) -> float:
+        value = part.quantity(key, "", default=default)
+        if value >= below:
+            raise part.error(key, f"{100 * value:g} %", f"expected less than {100 * below:g} %")
+        return value
+
+    return Spread(
+        stiffness=fraction("stiffness", "1 %", _WIDEST_SPREAD),
+        mass=fraction("mass", "1 %", _WIDEST_SPREAD),
+        finger=fraction("finger", "30 %", 1.0),
+        finger_position_m=part.quantity("finger_position", "m", default="4 mm"),
+    )
+
+
+def _read_touch_axis(part: _Section, bar: Bar) -> TouchAxis:
+    axis = part.word("axis", ("x", "y"), "x")
+    # Below zero: the touch area reaches beyond that end of the bar.
+    start_m = part.position("start_margin", bar.length_m, least=-math.inf, default="0 mm")
+    end_m = part.position("end_margin", bar.length_m, least=-math.inf, default="0 mm")
+    active_m = part.quantity("active_length", "m", exclusive=True) if "active_length" in part.left else None
+    part.known.append("active_length")
+    if active_m is not None and start_m + active_m <= 0:
+        raise part.error("active_length", f"{1e3 * active_m:g} mm", f"ends before the bar, from {1e3 * start_m:g} mm")
+    if start_m >= bar.length_m:
+        raise part.error("start_margin", f"{1e3 * start_m:g} mm", "the margins leave nothing of the bar")
+    if max(end_m, start_m + end_m) >= bar.length_m:
+        raise part.error("end_margin", f"{1e3 * end_m:g} mm", "the margins leave nothing of the bar")
+    if not math.isfinite(bar.length_m - start_m - end_m):
+        raise part.error("end_margin", f"{1e3 * end_m:g} mm", "with start_margin, the touch area is not finite")
+    return TouchAxis(
+        axis="x" if axis == "x" else "y",
+        flip=part.flag("flip", False),
+        start_margin_m=start_m,
+        end_margin_m=end_m,
+        active_length_m=active_m,
+    )
+
+
+def _read_levels(part: _Section) -> tuple[float, ...]:
+    texts = part.take("levels", list(_LEVELS))
+    if not isinstance(texts, list) or not 1 <= len(texts) <= _MOST_LEVELS:
+        raise part.error("levels", texts, f"expected a list of 1 to {_MOST_LEVELS} levels such as ['10 dB', '20 dB']")
+    levels_db = tuple(part.level_db("levels", text) for text in texts)
+    if any(second <= first for first, second in itertools.pairwise(levels_db)):
+        raise part.error("levels", texts, "expected rising levels")
+    return levels_db
+
+
+def _read_limits(part: _Section) -> Limits:
+    amplitude = part.quantity("amplitude", "", exclusive=True, default="100 %")
+    if amplitude > 1:
+        raise part.error("amplitude", f"{100 * amplitude:g} %", "expected at most 100 % of full scale")
+    return Limits(
+        amplitude=amplitude,
+        slew_per_s=1.0 / part.quantity("ramp", "s", least=1e-6),
+        lease_s=part.quantity("lease", "s", exclusive=True, default="40 ms"),
+    )

@@ -1,0 +1,150 @@
+"""One table of a TOML file, read key by key: what is wrong, missing or not asked for is refused by name."""
+
+import difflib
+import re
+import reprlib
+import tomllib
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+from engine.device.quantity import QuantityError, read_quantity
+
+HIGHEST_LEVEL_DB = 80.0
+_MISSPELT = 0.8  # as alike as a misspelt key; keys that are meant differ more
+
+
+class Section:
+    """A table being read: every key is asked for once; `refuse_rest` refuses what was not.
+
+    Errors are of the `family` of the file and name file, key, value and what was expected.
+    """
+
+    family: ClassVar[type[ValueError]] = ValueError
+
+    def __init__(self, source: str, path: str, table: object) -> None:
+        self.source, self.path = source, path
+        if not isinstance(table, dict):
+            raise self.error("", table, f"expected a table [{path}]")
+        self.left: dict[str, Any] = dict(table)
+        self.known: list[str] = []
+
+    @classmethod
+    def parse(cls, text: str, source: str) -> Self:
+        """The whole of a file; `source` names it in errors."""
+        try:
+            table = tomllib.loads(text)
+        except (ValueError, RecursionError) as error:  # also numbers and nesting beyond what Python reads
+            raise cls.family(f"{source}: not TOML: {error}") from error
+        return cls(source, "", table)
+
+    def error(self, key: str, value: object, expected: str) -> ValueError:
+        """The error for a value; raise it."""
+        where = ".".join(part for part in (self.path, key) if part)
+        return self.family(f"{self.source}: {where}: {reprlib.repr(value)}: {expected}")
+
+    def take(self, key: str, default: Any = None) -> Any:
+        """The value as TOML has it; without a default the key must be there."""
+        self.known.append(key)
+        if key in self.left:
+            return self.left.pop(key)
+        if default is None:
+            for near in difflib.get_close_matches(key, self.left, 1, _MISSPELT):
+                raise self.error(near, self.left[near], f"unknown key; did you mean {key!r}?")
+            raise self.family(f"{self.source}: {f'[{self.path}] ' if self.path else ''}has no key {key!r}")
+        return default
+
+    def tables(self, key: str) -> list[Self]:
+        """One or more [[key]] tables."""
+        tables = self.take(key)
+        if not isinstance(tables, list) or not tables:
+            raise self.error(key, tables, f"expected one or more [[{key}]] tables")
+        return [type(self)(self.source, f"{key}[{i}]", table) for i, table in enumerate(tables, 1)]
+
+    def quantity(
+        self, key: str, unit: str, *, least: float = 0.0, exclusive: bool = False, default: str | None = None
+    ) -> float:
+        """A number with its unit, in `unit`."""
+        return self.checked(key, self.take(key, default), unit, least=least, exclusive=exclusive)
+
+    def checked(self, key: str, text: object, unit: str, *, least: float = 0.0, exclusive: bool = False) -> float:
+        """The same of a value that was taken."""
+        try:
+            value = read_quantity(text, unit)
+        except QuantityError as error:
+            raise self.family(f"{self.source}: {self.path + '.' if self.path else ''}{key}: {error}") from None
+        if value < least or (exclusive and value == least):
+            raise self.error(
+                key, text, f"expected {'more than' if exclusive else 'at least'} {least:g} {unit}".rstrip()
+            )
+        return value
+
+    def position(self, key: str, length_m: float, *, least: float = 0.0, default: str | None = None) -> float:
+        """A place on the bar: a length from its start, or a percentage of its length; off it only with `least` < 0."""
+        return self.checked_position(key, self.take(key, default), length_m, least=least)
+
+    def checked_position(self, key: str, text: object, length_m: float, *, least: float = 0.0) -> float:
+        """The same of a value that was taken."""
+        if isinstance(text, str) and text.rstrip().endswith("%"):
+            value = self.checked(key, text, "", least=least) * length_m
+        else:
+            value = self.checked(key, text, "m", least=least)
+        if value > length_m * (1 + 1e-12):
+            raise self.error(key, text, f"is off the bar, which is {1e3 * length_m:g} mm long")
+        return min(value, length_m)
+
+    def level_db(self, key: str, text: object) -> float:
+        """A sensation level that was taken, such as "20 dB": dB above the detection threshold."""
+        match = re.fullmatch(r"([0-9]+(?:\.[0-9]*)?) ?dB", text) if isinstance(text, str) else None
+        if match is None or float(match[1]) > HIGHEST_LEVEL_DB:
+            raise self.error(key, text, f"expected 0 to {HIGHEST_LEVEL_DB:g} dB above threshold, such as '20 dB'")
+        return float(match[1])
+
+    def integer(self, key: str, least: int, greatest: int, default: int | None = None) -> int:
+        """A whole number from `least` to `greatest`."""
+        value = self.take(key, default)
+        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= greatest:
+            raise self.error(key, value, f"expected a whole number from {least} to {greatest}")
+        return value
+
+    def word(self, key: str, options: tuple[str, ...], default: str | None = None) -> str:
+        """One of the options."""
+        value = self.take(key, default)
+        if not isinstance(value, str) or value not in options:
+            raise self.error(key, value, f"expected one of {', '.join(options)}")
+        return value
+
+    def flag(self, key: str, default: bool) -> bool:
+        """True or false."""
+        value = self.take(key, default)
+        if not isinstance(value, bool):
+            raise self.error(key, value, "expected true or false")
+        return value
+
+    def sentence(self, key: str) -> str:
+        """Any text, perhaps none."""
+        value = self.take(key, "")
+        if not isinstance(value, str):
+            raise self.error(key, value, "expected text")
+        return value
+
+    def name(self, key: str, default: str | None = None) -> str:
+        """A short name that lists and paths can hold."""
+        value = self.take(key, default)
+        if not isinstance(value, str) or not re.fullmatch(r"[^\s,;/][^,;/\n]{0,63}", value):
+            raise self.error(key, value, "expected a short name without comma, semicolon or slash")
+        return value
+
+    def refuse_rest(self) -> None:
+        """Refuse keys nobody asked for."""
+        for key, value in self.left.items():
+            near = difflib.get_close_matches(key, self.known, 1)
+            hint = f"; did you mean {near[0]!r}?" if near else f"; known keys are {', '.join(self.known)}"
+            raise self.error(key, value, f"unknown key{hint}")
+
+
+def read_text(path: Path, family: type[ValueError]) -> str:
+    """The text of a file; raises an error of the family where it is not UTF-8, OSError when there is no such file."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise family(f"{path}: not UTF-8 text: {error}") from error

@@ -1,0 +1,1 @@
+"""Rules that decide what each finger feels, and the player that follows them."""

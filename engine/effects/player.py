@@ -1,0 +1,249 @@
+"""Touches and time to what is to be felt now: the state of all zones, and the level."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from engine.effects.rules import Effects, Rule, Trigger
+from engine.touch.finger_tracker import Touch
+
+STILL_M = 2e-3
+"""A finger that stays within this of where it came to rest is still: a fingertip rolls by a millimetre."""
+DEFAULT_CLICK_NS = 30_000_000
+"""Length of a click where no table says."""
+DRAG_REST_NS = 100_000_000
+"""A drag has ended when the finger has gone no further such distance for this long."""
+
+
+class EffectPlayer:
+    """Follows the fingers of one bar and the effects that they have; time is the caller's.
+
+    Call `take` with the fingers of each frame, and `advance` when `next_change_ns` has come, in the order of their
+    times. A finger without an effect is quiet. Of two fingers in one zone one that feels is enough for the zone to be
+    felt; of several levels the greatest is wanted: an entry has one for all felt zones, and nobody is to feel less.
+    While a click lasts, `click_length_ns`, it is all that is felt: by the fingers whose click began last.
+    """
+
+    def __init__(self, effects: Effects, number_of_zones: int, click_length_ns: int = DEFAULT_CLICK_NS) -> None:
+        self.state = 0
+        """What the zones are to do, as `engine.touch.finger_tracker.state_index` numbers it."""
+        self.level_db: float | None = None
+        """Wanted in every felt zone; None: no zone is felt."""
+        self.click_ns: int | None = None
+        """When the click began that is to be felt now; None: what is felt is steady."""
+        self.next_change_ns: int | None = None
+        """When `advance` has something to do; None: time alone changes nothing."""
+        self._touch_rules, self._hold_rules = effects.of(Trigger.TOUCH), effects.of(Trigger.HOLD)
+        self._lift_rules, self._drag_rules = effects.of(Trigger.LIFT), effects.of(Trigger.DRAG)
+        self._follows_moves = bool(self._hold_rules or self._drag_rules)
+        self._fingers: dict[int, _Finger] = {}  # by contact id
+        self._lifted: list[_Finger] = []  # gone, their last effect still under way
+        self._powers = _sums_of_powers(number_of_zones)
+        self.click_length_ns = click_length_ns
+        """Of the clicks that begin from now on."""
+
+    def take(self, touches: Sequence[Touch], time_ns: int) -> bool:
+        """The fingers that touch from now on; False where that changes nothing for sure."""
+        fingers, has_changed = self._fingers, self._follows_moves
+        for touch in touches:
+            finger = fingers.get(touch[0])
+            if finger is None:
+                self._put_down(touch, time_ns)
+                has_changed = True
+            else:
+                # Where nothing follows moves, only another zone is news.
+                has_changed = has_changed or finger.touch[2] != touch[2]
+                finger.touch = touch
+                if self._follows_moves:
+                    self._move(finger, time_ns)
+        if len(fingers) != len(touches):
+            self._lift_all_but({touch.contact_id for touch in touches}, time_ns)
+            has_changed = True
+        if has_changed:
+            self._settle()
+        return has_changed
+
+    def advance(self, time_ns: int) -> None:
+        """What is due by now."""
+        for finger in (*self._fingers.values(), *self._lifted):
+            if finger.hold_rule is not None and finger.hold_ns <= time_ns:
+                finger.play = self._begin(finger.hold_rule, finger.hold_ns, None)
+                finger.hold_rule = None
+            if finger.play is not None:
+                finger.play.advance(time_ns)
+        self._lifted = [finger for finger in self._lifted if finger.play and finger.play.change_ns is not None]
+        self._settle()
+
+    @property
+    def follows_moves(self) -> bool:
+        """Whether a finger that moves within its zone may change what is felt."""
+        return self._follows_moves
+
+    def fingers(self) -> tuple[list["Feeling"], list["Feeling"]]:
+        """Those that touch, and those lifted whose effect goes on."""
+        return [_feeling(finger) for finger in self._fingers.values()], [_feeling(each) for each in self._lifted]
+
+    def _begin(self, rule: Rule, start_ns: int, condition_end_ns: int | None) -> "_Play":
+        return _Play(rule, start_ns, condition_end_ns, self.click_length_ns)
+
+    def _put_down(self, touch: Touch, time_ns: int) -> None:
+        finger = self._fingers[touch.contact_id] = _Finger(touch)
+        rule = _first(self._touch_rules, touch)
+        if rule is not None:
+            finger.play = self._begin(rule, time_ns, None)
+        if self._hold_rules:
+            self._rest(finger, time_ns)
+
+    def _move(self, finger: "_Finger", time_ns: int) -> None:
+        if self._drag_rules:
+            self._drag(finger, time_ns)
+        if abs(finger.touch.position_m - finger.rest_m) > STILL_M:
+            self._rest(finger, time_ns)
+            if finger.play is not None and finger.play.trigger is Trigger.HOLD:
+                finger.play.end_condition(time_ns)
+
+    def _drag(self, finger: "_Finger", time_ns: int) -> None:
+        position_m = finger.touch.position_m
+        rule = _first(self._drag_rules, finger.touch)
+        if rule is None:
+            finger.mark_m = position_m
+            return
+        steps = int((position_m - finger.mark_m) / rule.every_m)
+        if steps:
+            # The marks stay where they are on the bar: a finger that goes back meets them again.
+            finger.mark_m += steps * rule.every_m
+            finger.play = self._begin(rule, time_ns, time_ns + DRAG_REST_NS)
+
+    def _rest(self, finger: "_Finger", time_ns: int) -> None:
+        """The finger may be coming to rest here: a hold begins unless it moves on."""
+        finger.rest_m = finger.touch.position_m
+        finger.hold_rule = _first(self._hold_rules, finger.touch)
+        if finger.hold_rule is not None:
+            finger.hold_ns = time_ns + finger.hold_rule.after_ns
+
+    def _lift_all_but(self, here: set[int], time_ns: int) -> None:
+        for contact_id in self._fingers.keys() - here:
+            finger = self._fingers.pop(contact_id)
+            rule = _first(self._lift_rules, finger.touch)
+            if rule is not None:
+                finger.hold_rule, finger.play = None, self._begin(rule, time_ns, None)
+                self._lifted.append(finger)
+
+    def _settle(self) -> None:
+        """Sum up over the fingers; zones as bits."""
+        touched = felt = 0
+        level_db = next_ns = click_ns = None
+        for fingers in (self._fingers.values(), self._lifted):
+            for finger in fingers:
+                play, zone = finger.play, finger.touch.zone
+                if zone is not None:
+                    touched |= 1 << zone
+                if play is not None:
+                    if zone is not None and play.level_db is not None:
+                        if play.click_ns == click_ns:
+                            felt |= 1 << zone
+                            if level_db is None or play.level_db > level_db:
+                                level_db = play.level_db
+                        elif click_ns is None or (play.click_ns is not None and play.click_ns > click_ns):
+                            felt, level_db, click_ns = 1 << zone, play.level_db, play.click_ns
+                    if play.change_ns is not None and (next_ns is None or play.change_ns < next_ns):
+                        next_ns = play.change_ns
+                if finger.hold_rule is not None and (next_ns is None or finger.hold_ns < next_ns):
+                    next_ns = finger.hold_ns
+        # Quiet is 1 and felt 2: a felt zone counts as touched and once more.
+        self.state = self._powers[touched] + self._powers[felt]
+        self.level_db, self.click_ns, self.next_change_ns = level_db, click_ns, next_ns
+
+
+class Feeling(NamedTuple):
+    """A finger and what its effect gives it now."""
+
+    touch: Touch
+    level_db: float | None
+    click_ns: int | None
+
+
+def _feeling(finger: "_Finger") -> Feeling:
+    play = finger.play
+    return Feeling(finger.touch, None, None) if play is None else Feeling(finger.touch, play.level_db, play.click_ns)
+
+
+class _Play:
+    """An effect under way: its level now, whether that is a click's, and when that changes."""
+
+    __slots__ = (
+        "_click_length_ns",
+        "_condition_end_ns",
+        "_is_held",
+        "_segments",
+        "change_ns",
+        "click_ns",
+        "level_db",
+        "trigger",
+    )
+
+    def __init__(self, rule: Rule, start_ns: int, condition_end_ns: int | None, click_length_ns: int) -> None:
+        self.trigger = rule.on
+        self._click_length_ns = click_length_ns
+        self.level_db: float | None = None
+        self.click_ns: int | None = None
+        self.change_ns: int | None = start_ns
+        self._condition_end_ns = condition_end_ns
+        self._segments = iter(rule.effect.envelope)
+        self._is_held = False
+        self._begin_next(start_ns)
+
+    def advance(self, time_ns: int) -> None:
+        while self.change_ns is not None and self.change_ns <= time_ns:
+            self._begin_next(self.change_ns)
+
+    def end_condition(self, time_ns: int) -> None:
+        """What is held ends now; segments of a stated duration play to their end."""
+        self._condition_end_ns = time_ns
+        if self._is_held:
+            self._begin_next(time_ns)
+
+    def _begin_next(self, start_ns: int) -> None:
+        segment = next(self._segments, None)
+        self.level_db = self.change_ns = self.click_ns = None
+        self._is_held = segment is not None and segment.duration_ns is None and not segment.is_click
+        if segment is None:
+            return
+        if segment.is_click:
+            self.click_ns = start_ns
+            self.level_db, self.change_ns = segment.level_db, start_ns + self._click_length_ns
+        elif segment.duration_ns is not None:
+            self.level_db, self.change_ns = segment.level_db, start_ns + segment.duration_ns
+        elif self._condition_end_ns is None or self._condition_end_ns > start_ns:
+            self.level_db, self.change_ns = segment.level_db, self._condition_end_ns
+
+
+class _Finger:
+    """One finger and the effect it has."""
+
+    __slots__ = ("hold_ns", "hold_rule", "mark_m", "play", "rest_m", "touch")
+
+    def __init__(self, touch: Touch) -> None:
+        self.touch = touch
+        self.play: _Play | None = None
+        self.mark_m = touch.position_m
+        """Where the last distance of a drag ended."""
+        self.rest_m = touch.position_m
+        self.hold_rule: Rule | None = None
+        """The hold to come if it stays at `rest_m`."""
+        self.hold_ns = 0
+        """When; no meaning without `hold_rule`."""
+
+
+def _first(rules: tuple[Rule, ...], touch: Touch) -> Rule | None:
+    for rule in rules:
+        if rule.covers(touch):
+            return rule
+    return None
+
+
+def _sums_of_powers(number_of_zones: int) -> list[int]:
+    """For each set of zones, as bits, the sum of 3**zone."""
+    sums = [0]
+    for zone in range(number_of_zones):
+        sums += [total + 3**zone for total in sums]
+    return sums

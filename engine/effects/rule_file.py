@@ -1,0 +1,123 @@
+"""A rule file in TOML (tables/EFFECTS.md) to `Effects`; every error names key, value and what was expected."""
+
+from pathlib import Path
+
+from engine.device.device import Device
+from engine.device.toml_table import HIGHEST_LEVEL_DB, Section, read_text
+from engine.effects.rules import FULL_SCALE_DB, Effect, EffectError, Effects, Rule, Segment, Trigger
+
+CLICK, HELD, FULL_SCALE, QUIET = "click", "held", "full scale", "quiet"
+_SHORTEST_S, _LEAST_TRAVEL_M = 1e-3, 1e-4  # finer than any digitizer reports
+
+
+class _Section(Section):
+    family = EffectError
+
+
+def read_effects(path: Path, device: Device) -> Effects:
+    """Read and validate a rule file for a device, whose zones it names. Raises EffectError; OSError without a file."""
+    return parse_effects(read_text(path, EffectError), str(path), device)
+
+
+def parse_effects(text: str, source: str, device: Device) -> Effects:
+    """Validate the rules in `text`; `source` names it in errors. Raises EffectError."""
+    top = _Section.parse(text, source)
+    effects: dict[str, Effect] = {}
+    for part in top.tables("effect"):
+        effect = Effect(part.name("name"), _read_envelope(part))
+        if effect.name in effects:
+            raise part.error("name", effect.name, "another effect has this name")
+        effects[effect.name] = effect
+        part.refuse_rest()
+    rules = tuple(_read_rule(part, effects, device) for part in top.tables("rule"))
+    top.refuse_rest()
+    return Effects(rules)
+
+
+def _read_envelope(part: _Section) -> tuple[Segment, ...]:
+    pairs = part.take("envelope")
+    if not isinstance(pairs, list) or not pairs:
+        raise part.error(
+            "envelope", pairs, 'expected a list of segments such as [["click", "20 dB"]] or [["50 ms", "20 dB"]]'
+        )
+    segments = tuple(_read_segment(part, pair) for pair in pairs)
+    if any(segment.duration_ns is None and not segment.is_click for segment in segments[:-1]):
+        raise part.error("envelope", pairs, f"only the last segment may be {HELD!r}: nothing comes after it")
+    return segments
+
+
+def _read_segment(part: _Section, pair: object) -> Segment:
+    if not isinstance(pair, list) or len(pair) != 2:
+        raise part.error(
+            "envelope", pair, 'expected a duration and a level such as ["click", "20 dB"] or ["50 ms", "20 dB"]'
+        )
+    duration, level = pair
+    if duration == CLICK:
+        if level == QUIET:
+            raise part.error("envelope", pair, "a click is felt: give it a level, or the pause a duration")
+        return Segment(None, _read_level(part, level), is_click=True)
+    if duration == HELD:
+        return Segment(None, _read_level(part, level))
+    duration_s = part.checked("envelope", duration, "s", least=_SHORTEST_S)
+    return Segment(round(1e9 * duration_s), _read_level(part, level))
+
+
+def _read_level(part: _Section, text: object) -> float | None:
+    if text == QUIET:
+        return None
+    if text == FULL_SCALE:
+        return FULL_SCALE_DB
+    if not isinstance(text, str) or not text.endswith("dB"):
+        levels = f"0 to {HIGHEST_LEVEL_DB:g} dB above threshold such as '20 dB', {FULL_SCALE!r} or {QUIET!r}"
+        raise part.error("envelope", text, f"expected {levels}")
+    return part.level_db("envelope", text)
+
+
+def _read_rule(part: _Section, effects: dict[str, Effect], device: Device) -> Rule:
+    on = Trigger(part.word("on", tuple(Trigger)))
+    effect = effects[part.word("effect", tuple(effects))]
+    last = effect.envelope[-1]
+    if on is Trigger.LIFT and last.duration_ns is None and not last.is_click:
+        held = f"its envelope ends with {HELD!r}, but a finger that has left holds nothing: give it a duration"
+        raise part.error("effect", effect.name, held)
+    zones, region_m = _read_place(part, device)
+    rule = Rule(
+        on,
+        effect,
+        zones,
+        region_m,
+        after_ns=round(1e9 * part.quantity("after", "s", least=_SHORTEST_S)) if on is Trigger.HOLD else 0,
+        every_m=part.quantity("every", "m", least=_LEAST_TRAVEL_M) if on is Trigger.DRAG else 0.0,
+    )
+    part.refuse_rest()
+    return rule
+
+
+def _read_place(part: _Section, device: Device) -> tuple[frozenset[int] | None, tuple[float, float] | None]:
+    """Zones, or a region, or neither: everywhere."""
+    if "zones" in part.left and "region" in part.left:
+        raise part.error("region", part.left["region"], "give either zones or a region")
+    part.known += ["zones", "region"]
+    zones = _read_zones(part, device) if "zones" in part.left else None
+    return zones, _read_region(part, device) if "region" in part.left else None
+
+
+def _read_zones(part: _Section, device: Device) -> frozenset[int]:
+    names = part.left.pop("zones")
+    if not isinstance(names, list) or not names:
+        raise part.error("zones", names, "expected a list of zones such as ['I', 'III']; without the key: everywhere")
+    known = [zone.name for zone in device.zones]
+    for name in names:
+        if name not in known:
+            raise part.error("zones", name, f"{device.name} has no such zone; its zones are {', '.join(known)}")
+    return frozenset(map(known.index, names))
+
+
+def _read_region(part: _Section, device: Device) -> tuple[float, float]:
+    ends = part.left.pop("region")
+    if not isinstance(ends, list) or len(ends) != 2:
+        raise part.error("region", ends, "expected two positions such as ['40 mm', '60 %']")
+    start_m, stop_m = (part.checked_position("region", text, device.bar.length_m) for text in ends)
+    if start_m >= stop_m:
+        raise part.error("region", ends, "is empty: the first position must be before the second")
+    return start_m, stop_m

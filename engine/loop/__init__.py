@@ -1,0 +1,1 @@
+"""One thread from report to command."""

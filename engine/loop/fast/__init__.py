@@ -1,0 +1,1 @@
+"""The compiled step: an accelerator of the loop, checked against it at every report."""

@@ -1,0 +1,388 @@
+/* From a report to its command in one compiled step, while everything else waits.
+ *
+ * `fast_wait` sleeps until a descriptor can be read or a time has come. It takes a report that is there and, where that
+ * completes a frame which brings another command, writes the command at once. What it knows was told by engine/loop/fast/step.py
+ * before the wait, and it decides nothing for good: the loop takes the same report afterwards and finds the same bytes.
+ * What is rare is left to the loop: DECLINED. All numbers are 64 bits wide, so that both sides lay them out alike.
+ */
+#define _GNU_SOURCE
+#include <errno.h>
+#include <math.h>
+#include <poll.h>
+#include <stdint.h>
+#include <string.h>
+#include <sys/timerfd.h>
+#include <time.h>
+#include <unistd.h>
+
+enum {
+    MOST_PLANS = 8, MOST_SLOTS = 40, MOST_CONTACTS = 64, MOST_ZONES = 16, MOST_RULES = 64, MOST_WAITED = 4,
+    LONGEST_BODY = 240, PACKET_SIZE = 4096, FRAME_SIZE = 256
+};
+enum { KEY_ID, KEY_SLOT, KEY_SLOT_FROM_ONE, KEY_NUMBER };
+enum { SET = 1, PLAY = 2 };
+enum { DECLINED, ANSWERED };
+#define NONE (-1)
+#define FRAME_SILENCE_NS 30000000
+
+typedef struct { int64_t byte, shift, mask; } Bits; /* a mask of 0: the device has no such field */
+
+typedef struct {
+    Bits tip, contact_id, valid, hover, place;
+    int64_t sign, minimum, maximum;
+} Slot;
+
+typedef struct {
+    int64_t report_id, needed_bytes, slots;
+    Bits count, scan_time;
+    Slot slot[MOST_SLOTS];
+} Plan;
+
+typedef struct { int64_t kind, size; uint8_t body[LONGEST_BODY]; } Command;
+
+typedef struct { int64_t trigger, zones, level, is_click; double start_m, stop_m; } Rule; /* start > stop: by zones */
+
+typedef struct { int64_t contact_id, place, tip, seen; } Active;
+typedef struct { int64_t contact_id, zone; } Tracked;
+typedef struct { int64_t contact_id, zone, level, click_ns; double position_m; } Finger;
+
+typedef struct {
+    /* the device and the rules of the run */
+    int64_t uses_report_ids, packet_head, plans, key, count_is_accurate, frame_may_be_empty, ignores_duplicates;
+    int64_t unseen_means_up, maximum_contacts, zones, rules, follows_moves, states;
+    int64_t zero; /* logical place of the start */
+    int64_t timer, armed_ns;
+    double start_m, m_per_unit, length_m, hysteresis_m;
+    double zone_start_m[MOST_ZONES], zone_stop_m[MOST_ZONES];
+    Rule rule[MOST_RULES];
+    Plan plan[MOST_PLANS];
+    const int32_t *command_of; /* shape (level, steady or click, state) */
+    const Command *command; /* the first is silence */
+    int64_t seed[3]; /* of the checksum, by kind */
+    /* the moment before the wait */
+    int64_t can_answer, touch, link, waited, descriptor[MOST_WAITED];
+    int64_t axis_ns; /* the source's axis less the clock */
+    int64_t received, expected, ticks, taken, report_ns, due_ns;
+    int64_t state, level, click_ns, held;
+    int64_t line_free_ns, set_from_ns, play_from_ns, sequence, clock_at_ns;
+    double clock_middle_ns, clock_drift;
+    int64_t actives, tracked_count, fingers, lifted;
+    Active active[MOST_CONTACTS];
+    Tracked tracked[MOST_CONTACTS];
+    Finger finger[2 * MOST_CONTACTS]; /* those that touch, then those lifted whose effect goes on */
+    /* what came of it */
+    int64_t readable[MOST_WAITED], packet_size, frame_size, written;
+    int64_t woken_ns, read_ns, frame_ns, state_ns, asked_ns, command_ns, written_ns;
+    uint8_t packet[PACKET_SIZE + 16], frame[FRAME_SIZE];
+} Fast;
+
+int64_t fast_size(void) { return sizeof(Fast); }
+
+static int64_t virtual_ns = NONE;
+
+/* All times from now on, for tests; NONE: the clock's. */
+void fast_set_time(int64_t time_ns) { virtual_ns = time_ns; }
+
+static int64_t now_ns(void) {
+    if (virtual_ns != NONE) return virtual_ns;
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
+}
+
+/* ---- report to contacts, as engine/touch/digitizer.py ---- */
+
+static int64_t get(const uint8_t *report, const Bits *bits) {
+    uint64_t value; /* the packet is longer than its longest report by this */
+    memcpy(&value, report + bits->byte, sizeof value);
+    return (int64_t)(value >> bits->shift & (uint64_t)bits->mask);
+}
+
+static int find_active(const Active *active, int64_t count, int64_t contact_id) {
+    for (int i = 0; i < count; i++)
+        if (active[i].contact_id == contact_id) return i;
+    return NONE;
+}
+
+static int admits(const Fast *fast, int64_t contact_id, int64_t *taken) {
+    if (fast->key == KEY_ID) return ++*taken <= fast->maximum_contacts;
+    if (fast->key == KEY_SLOT_FROM_ONE) return contact_id >= 1 && contact_id <= fast->maximum_contacts;
+    return contact_id < fast->maximum_contacts;
+}
+
+/* Contacts of the frame that the report completes; NONE: it completes none, or is none for here. */
+static int decode(const Fast *fast, const uint8_t *report, int64_t size, int64_t time_ns, Active *active) {
+    const int64_t report_id = fast->uses_report_ids ? report[0] : 0;
+    const Plan *plan = NULL;
+    for (int i = 0; i < fast->plans; i++)
+        if (fast->plan[i].report_id == report_id) plan = &fast->plan[i];
+    if (plan == NULL || size < plan->needed_bytes) return NONE;
+    const int64_t ticks = plan->scan_time.mask ? get(report, &plan->scan_time) : fast->ticks;
+    const int is_late = time_ns - fast->report_ns > FRAME_SILENCE_NS;
+    if (fast->received && fast->count_is_accurate && (is_late || ticks != fast->ticks)) return NONE;
+    int64_t expected = fast->expected, received = fast->received, taken = fast->taken;
+    if (plan->count.mask) {
+        const int64_t announced = get(report, &plan->count);
+        if (announced || (received == 0 && ticks != fast->ticks && fast->frame_may_be_empty)) expected = announced;
+    }
+    int64_t gone[MOST_CONTACTS], gone_count = 0; /* mentioned and not there: a second mention in the frame */
+    int count = (int)fast->actives;
+    memcpy(active, fast->active, (size_t)count * sizeof *active);
+    const int64_t wanted = fast->count_is_accurate ? expected : received + plan->slots;
+    for (int i = 0; i < plan->slots && received < wanted; i++) {
+        const Slot *slot = &plan->slot[i];
+        if (slot->valid.mask && !get(report, &slot->valid)) { received++; continue; }
+        const int64_t contact_id = fast->key == KEY_NUMBER ? received : get(report, &slot->contact_id);
+        int at = find_active(active, count, contact_id);
+        if (at != NONE && fast->ignores_duplicates && active[at].seen) continue;
+        received++;
+        if (at == NONE && !admits(fast, contact_id, &taken)) continue;
+        const int tip = get(report, &slot->tip) != 0;
+        if (!tip && !get(report, &slot->hover)) {
+            if (at != NONE) {
+                memmove(active + at, active + at + 1, (size_t)(--count - at) * sizeof *active);
+                if (gone_count == MOST_CONTACTS) return NONE;
+                gone[gone_count++] = contact_id;
+            }
+            continue;
+        }
+        if (at == NONE) {
+            for (int k = 0; k < gone_count; k++)
+                if (gone[k] == contact_id) return NONE; /* left and came in one frame: too odd for here */
+            if (count == MOST_CONTACTS) return NONE;
+            at = count++;
+            active[at].contact_id = contact_id;
+        }
+        int64_t place = (get(report, &slot->place) ^ slot->sign) - slot->sign;
+        if (place < slot->minimum) place = slot->minimum;
+        if (place > slot->maximum) place = slot->maximum;
+        active[at].place = place, active[at].tip = tip, active[at].seen = 1;
+    }
+    if (received < expected) return NONE;
+    if (fast->unseen_means_up) {
+        int kept = 0;
+        for (int i = 0; i < count; i++)
+            if (active[i].seen) active[kept++] = active[i];
+        count = kept;
+    }
+    return count;
+}
+
+/* ---- contacts to fingers on zones, as engine/touch/finger_tracker.py ---- */
+
+static double position_of(const Fast *fast, int64_t place) {
+    const double position_m = fast->start_m + (double)(place - fast->zero) * fast->m_per_unit;
+    if (position_m >= 0.0 && position_m <= fast->length_m) return position_m;
+    return position_m < 0.0 ? 0.0 : fast->length_m;
+}
+
+static int64_t zone_at(const Fast *fast, double position_m, int64_t previous) {
+    if (previous != NONE && fast->zone_start_m[previous] - fast->hysteresis_m <= position_m &&
+        position_m <= fast->zone_stop_m[previous] + fast->hysteresis_m)
+        return previous;
+    int64_t zone = NONE;
+    while (zone + 1 < fast->zones && fast->zone_start_m[zone + 1] <= position_m) zone++;
+    return zone != NONE && position_m <= fast->zone_stop_m[zone] ? zone : NONE;
+}
+
+/* ---- fingers to what is felt, as engine/effects/player.py ---- */
+
+enum { TOUCH, LIFT };
+typedef struct { int64_t touched, felt, level, click_ns; } Felt;
+
+static void feel(Felt *felt, int64_t zone, int64_t level, int64_t click_ns) {
+    if (zone == NONE || level == NONE) return;
+    if (click_ns == felt->click_ns) {
+        felt->felt |= (int64_t)1 << zone;
+        if (level > felt->level) felt->level = level;
+    } else if (click_ns > felt->click_ns) { /* NONE is below all */
+        felt->felt = (int64_t)1 << zone, felt->level = level, felt->click_ns = click_ns;
+    }
+}
+
+static const Rule *rule_for(const Fast *fast, int64_t trigger, int64_t zone, double position_m) {
+    for (int i = 0; i < fast->rules; i++) {
+        const Rule *rule = &fast->rule[i];
+        if (rule->trigger != trigger) continue;
+        const int covers = rule->start_m <= rule->stop_m ? rule->start_m <= position_m && position_m <= rule->stop_m
+                                                         : rule->zones == NONE || (zone != NONE && rule->zones >> zone & 1);
+        if (covers) return rule;
+    }
+    return NULL;
+}
+
+/* Whether the contacts change what is felt. */
+static int follow(const Fast *fast, const Active *active, int count, int64_t time_ns, Felt *felt) {
+    int changed = 0, touching = 0;
+    int64_t here[MOST_CONTACTS];
+    for (int i = 0; i < count; i++) {
+        if (!active[i].tip) continue;
+        const double position_m = position_of(fast, active[i].place);
+        int64_t previous = NONE;
+        for (int k = 0; k < fast->tracked_count; k++)
+            if (fast->tracked[k].contact_id == active[i].contact_id) previous = fast->tracked[k].zone;
+        const int64_t zone = zone_at(fast, position_m, previous);
+        const Finger *finger = NULL;
+        for (int k = 0; k < fast->fingers; k++)
+            if (fast->finger[k].contact_id == active[i].contact_id) finger = &fast->finger[k];
+        here[touching++] = active[i].contact_id;
+        if (zone != NONE) felt->touched |= (int64_t)1 << zone;
+        if (finger != NULL) {
+            if (fast->follows_moves && position_m != finger->position_m) return 0;
+            changed |= zone != finger->zone;
+            feel(felt, zone, finger->level, finger->click_ns);
+        } else {
+            const Rule *rule = rule_for(fast, TOUCH, zone, position_m);
+            changed = 1;
+            if (rule != NULL) feel(felt, zone, rule->level, rule->is_click ? time_ns : NONE);
+        }
+    }
+    for (int k = 0; k < fast->fingers + fast->lifted; k++) {
+        const Finger *finger = &fast->finger[k];
+        if (k < fast->fingers) {
+            int is_here = 0;
+            for (int i = 0; i < touching; i++) is_here |= here[i] == finger->contact_id;
+            if (is_here) continue;
+            changed = 1;
+            const Rule *rule = rule_for(fast, LIFT, finger->zone, finger->position_m);
+            if (rule == NULL) continue;
+            if (finger->zone != NONE) felt->touched |= (int64_t)1 << finger->zone;
+            feel(felt, finger->zone, rule->level, rule->is_click ? time_ns : NONE);
+        } else {
+            if (finger->zone != NONE) felt->touched |= (int64_t)1 << finger->zone;
+            feel(felt, finger->zone, finger->level, finger->click_ns);
+        }
+    }
+    return changed;
+}
+
+static int64_t state_of(const Fast *fast, const Felt *felt) {
+    int64_t state = 0, power = 1;
+    for (int zone = 0; zone < fast->zones; zone++, power *= 3)
+        state += power * ((felt->touched >> zone & 1) + (felt->felt >> zone & 1));
+    return state;
+}
+
+/* ---- command to frame, as firmware_link/protocol/framing.py ---- */
+
+static uint32_t checksum_table[256];
+
+void fast_start(void) {
+    for (uint32_t i = 0; i < 256; i++) {
+        uint32_t value = i;
+        for (int bit = 0; bit < 8; bit++) value = value >> 1 ^ (value & 1 ? 0xEDB88320u : 0);
+        checksum_table[i] = value;
+    }
+}
+
+static int64_t encode(const Fast *fast, const Command *command, int64_t reference, uint8_t *frame) {
+    uint8_t body[LONGEST_BODY + 4];
+    int64_t size = command->size;
+    memcpy(body, command->body, (size_t)size);
+    body[1] = (uint8_t)(fast->sequence + 1);
+    body[2] = (uint8_t)reference, body[3] = (uint8_t)(reference >> 8);
+    uint32_t checksum = ~(uint32_t)fast->seed[command->kind];
+    for (int i = 0; i < size; i++) checksum = checksum_table[(checksum ^ body[i]) & 0xFF] ^ checksum >> 8;
+    checksum = ~checksum;
+    for (int i = 0; i < 4; i++) body[size++] = (uint8_t)(checksum >> 8 * i);
+    int64_t block = 0, at = 1; /* where the length of the running block goes, and the next byte: none is too long */
+    for (int i = 0; i < size; i++) {
+        if (body[i]) {
+            frame[at++] = body[i];
+        } else {
+            frame[block] = (uint8_t)(at - block);
+            block = at++;
+        }
+    }
+    frame[block] = (uint8_t)(at - block);
+    frame[at++] = 0;
+    return at;
+}
+
+static int64_t reference_at(const Fast *fast, int64_t time_ns) {
+    const double drifted_ns = (double)(time_ns - fast->clock_at_ns) * fast->clock_drift;
+    const double device_ns = (double)time_ns + fast->clock_middle_ns + drifted_ns;
+    if (!(device_ns >= 0.0)) return NONE;
+    /* As Python divides: exact for what fmod leaves. */
+    const double time_us = floor((device_ns - fmod(device_ns, 1000.0)) / 1000.0 + 0.5);
+    return (int64_t)time_us / 100 % 65536;
+}
+
+/* ---- all of it ---- */
+
+static int is_readable(int64_t descriptor) {
+    struct pollfd asked = {.fd = (int)descriptor, .events = POLLIN};
+    return poll(&asked, 1, 0) > 0;
+}
+
+/* The frame that the packet brings; DECLINED where that is the loop's to find out, or there is none. */
+int64_t fast_answer(Fast *fast) {
+    Active active[MOST_CONTACTS];
+    Felt felt = {0, 0, NONE, NONE};
+    const uint8_t *report = fast->packet + fast->packet_head;
+    int64_t time_ns = fast->read_ns + fast->axis_ns;
+    if (fast->packet_head) memcpy(&time_ns, fast->packet, sizeof time_ns); /* a bench says when it was due */
+    if (fast->packet_size <= fast->packet_head || fast->due_ns <= time_ns) return DECLINED;
+    const int count = decode(fast, report, fast->packet_size - fast->packet_head, time_ns, active);
+    fast->frame_ns = now_ns();
+    if (count == NONE || !follow(fast, active, count, time_ns, &felt)) return DECLINED;
+    const int64_t state = state_of(fast, &felt);
+    fast->state_ns = now_ns();
+    if (state == fast->state && felt.level == fast->level && felt.click_ns == fast->click_ns) return DECLINED;
+    const int64_t row = 2 * felt.level + (felt.click_ns != NONE);
+    const int64_t number = felt.level == NONE ? 0 : fast->command_of[row * fast->states + state];
+    const Command *command = &fast->command[number];
+    if (number == fast->held) return DECLINED;
+    const int64_t asked_ns = fast->asked_ns = now_ns();
+    if (asked_ns < fast->line_free_ns) return DECLINED;
+    if (asked_ns < (command->kind == PLAY ? fast->play_from_ns : fast->set_from_ns)) return DECLINED;
+    const int64_t reference = reference_at(fast, asked_ns);
+    if (reference == NONE) return DECLINED;
+    fast->frame_size = encode(fast, command, reference, fast->frame);
+    fast->command_ns = now_ns();
+    return ANSWERED;
+}
+
+int fast_open_timer(void) { return timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC); }
+
+/* A timer of its own: the timeout of a poll is taken back when a report comes, and to set the clock anew on the way from a report to its command is dear in a virtual machine. */
+static void arm(Fast *fast, int64_t until_ns) {
+    const int64_t at_ns = until_ns == NONE ? 0 : until_ns > 0 ? until_ns : 1; /* 0 takes it back */
+    const struct itimerspec at = {.it_value = {at_ns / 1000000000, at_ns % 1000000000}};
+    timerfd_settime((int)fast->timer, TFD_TIMER_ABSTIME, &at, NULL);
+    fast->armed_ns = until_ns;
+}
+
+/* Until a descriptor can be read, a signal has come, or `until_ns` (NONE: for ever); a report that is there is taken. */
+int64_t fast_wait(Fast *fast, int64_t until_ns) {
+    struct pollfd waited[MOST_WAITED + 1];
+    fast->packet_size = fast->frame_size = fast->written = 0;
+    for (int i = 0; i < fast->waited; i++) {
+        waited[i] = (struct pollfd){.fd = (int)fast->descriptor[i], .events = POLLIN};
+        fast->readable[i] = 0;
+    }
+    waited[fast->waited] = (struct pollfd){.fd = (int)fast->timer, .events = POLLIN};
+    if (until_ns != fast->armed_ns) arm(fast, until_ns);
+    if (poll(waited, (nfds_t)fast->waited + 1, -1) < 0) return DECLINED;
+    fast->woken_ns = now_ns();
+    if (waited[fast->waited].revents) {
+        uint64_t expired;
+        fast->armed_ns = read((int)fast->timer, &expired, sizeof expired) == sizeof expired ? NONE : fast->armed_ns;
+    }
+    for (int i = 0; i < fast->waited; i++) fast->readable[i] = waited[i].revents != 0;
+    if (!fast->readable[0]) return DECLINED; /* the first is that of the touches */
+    const ssize_t size = read((int)fast->touch, fast->packet, PACKET_SIZE);
+    fast->read_ns = now_ns();
+    if (size <= 0) return DECLINED; /* the loop reads again, and finds out why */
+    fast->packet_size = size;
+    if (!fast->can_answer || fast_answer(fast) != ANSWERED) return DECLINED;
+    /* After a stall there are more: nothing stale is sent. */
+    if (is_readable(fast->touch)) {
+        fast->frame_size = 0;
+        return DECLINED;
+    }
+    const ssize_t written = write((int)fast->link, fast->frame, (size_t)fast->frame_size);
+    fast->written_ns = now_ns();
+    fast->written = written < 0 ? 0 : written;
+    return ANSWERED;
+}

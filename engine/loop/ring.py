@@ -1,0 +1,239 @@
+"""What the loop did to other processes: records in shared memory that one process writes and any number read.
+
+The writer never waits and never looks at a reader: a reader that is too slow loses the oldest records, and knows how
+many. Each record has the checksum of its bytes, so that one that is being overwritten is never believed, whatever order
+the processor's stores become visible in.
+"""
+
+import mmap
+import os
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple, Self
+
+from engine.touch.finger_tracker import Touch
+
+MAGIC = b"tactring"
+REVISION = 1
+MOST_TOUCHES = 16
+SLOTS = 4096
+"""Half a second of the fastest digitizer there is; 4 MiB."""
+
+# magic, revision, bytes of a slot, slots, process, records written
+_HEAD = struct.Struct("<8sIIIIQ")
+_WRITTEN_AT = _HEAD.size - 8
+_COUNT = struct.Struct("<Q")
+_HEAD_SIZE = 64
+# CRC-32 of the rest, then the number of the record, from 1
+_GUARD = struct.Struct("<IIQ")
+# six stamps, report index, state, level, is_click, sequence, counters, then how many of touches, drive and report
+_FIXED = struct.Struct("<6qqqdbh6QBHH")
+_TOUCH = struct.Struct("<qdb")
+_NO_LEVEL = float("-inf")
+_NONE = -1
+_SLOT_SIZE = 1024
+
+
+class RingError(Exception):
+    """A ring that cannot be read or made: which, why, and the remedy."""
+
+
+class RingCounters(NamedTuple):
+    """What had been counted since the run began."""
+
+    reports: int
+    frames: int
+    state_changes: int
+    commands: int
+    replaced: int
+    """Commands that a newer one replaced unsent."""
+    lost_frames: int
+    """Of the digitizer."""
+
+
+class Record(NamedTuple):
+    """One report and what came of it, or a change that time alone brought.
+
+    `stamps_ns` are those of `engine.loop.latency.Stage`; 0 stands for a stage that there was not, such as that of a
+    command where the state stayed the same.
+    """
+
+    stamps_ns: tuple[int, int, int, int, int, int]
+    report_index: int | None
+    """None for a change that time alone brought."""
+    state: int
+    level_db: float | None
+    is_click: bool
+    drive_sequence: int | None
+    """Of the command that was written."""
+    counters: RingCounters
+    touches: tuple[Touch, ...]
+    """At most 16; the rest are not told."""
+    drive: bytes
+    """What is held from now on, as on the wire; empty for silence."""
+    report: bytes
+    """As the device sent it; cut where it does not fit."""
+
+    @property
+    def time_ns(self) -> int:
+        """When the report was read, or the change was known."""
+        return self.stamps_ns[1]
+
+
+class RingWriter:
+    """Makes a ring at `path` and writes records; `close` removes it. Raises RingError where it cannot be made."""
+
+    def __init__(self, path: Path, slots: int = SLOTS) -> None:
+        self.path = path
+        self.written = 0
+        self._slots = slots
+        size = _HEAD_SIZE + slots * _SLOT_SIZE
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+        except OSError as error:
+            raise RingError(f"{path}: no ring can be made there ({error}): choose another place") from error
+        try:
+            # Every page now: none is to be found missing in the loop.
+            os.posix_fallocate(descriptor, 0, size)
+            self._memory = mmap.mmap(descriptor, size)
+        finally:
+            os.close(descriptor)
+        _HEAD.pack_into(self._memory, 0, MAGIC, REVISION, _SLOT_SIZE, slots, os.getpid(), 0)
+
+    def write(
+        self,
+        stamps_ns: Sequence[int],
+        report_index: int | None,
+        state: int,
+        level_db: float | None,
+        is_click: bool,
+        drive_sequence: int | None,
+        counters: Sequence[int],
+        touches: Sequence[Touch],
+        drive: bytes,
+        report: bytes,
+    ) -> None:
+        """Write a `Record`, in place of the oldest where all slots are taken."""
+        count = min(len(touches), MOST_TOUCHES)
+        room = _SLOT_SIZE - _GUARD.size - _FIXED.size - count * _TOUCH.size - len(drive)
+        body = b"".join(
+            (
+                _FIXED.pack(
+                    *stamps_ns,
+                    _NONE if report_index is None else report_index,
+                    state,
+                    _NO_LEVEL if level_db is None else level_db,
+                    is_click,
+                    _NONE if drive_sequence is None else drive_sequence,
+                    *counters,
+                    count,
+                    len(drive),
+                    min(len(report), room),
+                ),
+                *[_TOUCH.pack(t[0], t[1], _NONE if t[2] is None else t[2]) for t in touches[:count]],
+                drive,
+                report[:room],
+            )
+        )
+        start = _HEAD_SIZE + self.written % self._slots * _SLOT_SIZE
+        self.written += 1
+        end = start + _GUARD.size + len(body)
+        self._memory[start + _GUARD.size : end] = body
+        _GUARD.pack_into(self._memory, start, zlib.crc32(body, self.written & 0xFFFF_FFFF), len(body), self.written)
+        _COUNT.pack_into(self._memory, _WRITTEN_AT, self.written)
+
+    def close(self) -> None:
+        """Remove the ring; readers keep what they have."""
+        self._memory.close()
+        self.path.unlink(missing_ok=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self.close()
+
+
+class RingReader:
+    """Reads the records of a ring, from the next that is written on; `lost` were overwritten before they were read.
+
+    Raises RingError for a path without a ring of this revision.
+    """
+
+    def __init__(self, path: Path, *, from_start: bool = False) -> None:
+        self.path = path
+        self.lost = 0
+        try:
+            with path.open("rb") as file:
+                self._memory = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        except (OSError, ValueError) as error:
+            raise RingError(f"{path}: there is no ring ({error}): start the run that writes it") from error
+        if len(self._memory) < _HEAD_SIZE or self._memory[: len(MAGIC)] != MAGIC:
+            raise RingError(f"{path}: is no ring: give the path that the run says")
+        _, revision, size, self._slots, self.process_id, written = _HEAD.unpack_from(self._memory)
+        if revision != REVISION or size != _SLOT_SIZE:
+            raise RingError(
+                f"{path}: is a ring of revision {revision}, ours is {REVISION}: use one version of tactable"
+            )
+        self._next = max(0, written - self._slots) if from_start else written
+
+    def read(self) -> Iterator[Record]:
+        """Every record that is there and was not read yet, in order."""
+        (written,) = _COUNT.unpack_from(self._memory, _WRITTEN_AT)
+        while self._next < written:
+            behind = written - self._next - self._slots
+            if behind > 0:
+                self.lost += behind
+                self._next += behind
+            record = self._record(self._next)
+            self._next += 1
+            if record is None:
+                self.lost += 1
+            else:
+                yield record
+            (written,) = _COUNT.unpack_from(self._memory, _WRITTEN_AT)
+
+    def close(self) -> None:
+        """Let go of the memory."""
+        self._memory.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self.close()
+
+    def _record(self, index: int) -> Record | None:
+        """None for one that is being overwritten."""
+        start = _HEAD_SIZE + index % self._slots * _SLOT_SIZE
+        slot = self._memory[start : start + _SLOT_SIZE]
+        checksum, size, number = _GUARD.unpack_from(slot)
+        body = slot[_GUARD.size : _GUARD.size + size]
+        if number != index + 1 or len(body) != size or zlib.crc32(body, number & 0xFFFF_FFFF) != checksum:
+            return None
+        return _decode(body)
+
+
+def _decode(body: bytes) -> Record:
+    values = _FIXED.unpack_from(body)
+    stamps, (index, state, level_db, is_click, sequence), counters = values[:6], values[6:11], values[11:17]
+    count, drive_size, report_size = values[17:]
+    touches_end = _FIXED.size + count * _TOUCH.size
+    drive_end = touches_end + drive_size
+    return Record(
+        stamps_ns=stamps,
+        report_index=None if index == _NONE else index,
+        state=state,
+        level_db=None if level_db == _NO_LEVEL else level_db,
+        is_click=bool(is_click),
+        drive_sequence=None if sequence == _NONE else sequence,
+        counters=RingCounters(*counters),
+        touches=tuple(
+            Touch(number, position_m, None if zone == _NONE else zone)
+            for number, position_m, zone in _TOUCH.iter_unpack(body[_FIXED.size : touches_end])
+        ),
+        drive=body[touches_end:drive_end],
+        report=body[drive_end : drive_end + report_size],
+    )

@@ -1,0 +1,1 @@
+"""Table rows to commands that the connected device can bear."""

@@ -1,0 +1,103 @@
+"""Entry or burst to the drive that the device can bear; nothing passes unclamped."""
+
+import math
+from dataclasses import dataclass
+
+from engine.device.device import Actuator, Device, Limits
+from engine.table.burst import BurstEntry
+from engine.table.entry import Entry
+from firmware_link.host.link_values import LinkConfiguration
+from firmware_link.protocol.messages import ChannelDrive
+
+# Quotients such as 1 / (5 ms) fall short of the whole number they stand for by a few units in the last place.
+_ROUNDING = 1e-9
+
+
+class LimitError(ValueError):
+    """An entry asks for what no limit can mend: the table is of another device, or broken."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One channel an actuator, within the limits of its device. Only `clamp` makes it."""
+
+    channels: tuple[ChannelDrive, ...]
+
+
+def clamp(entry: Entry | BurstEntry, device: Device) -> Drive:
+    """The entry's drive with amplitudes of at most `limits.amplitude`.
+
+    All channels are scaled together: their ratio, and with it the localized factor, stays. A silent actuator gets the
+    frequency in its band that is nearest to the entry's. Raises LimitError for a number of actuators that is not the
+    device's, a value that is not finite, an amplitude below 0, and a frequency outside the band of its actuator.
+    """
+    requested = _channels(entry, device)
+    greatest = max(channel.amplitude for channel in requested)
+    limit = device.limits.amplitude
+    scale = min(1.0, limit / greatest) if greatest > 0 else 1.0
+    return Drive(
+        tuple(
+            _bounded(channel, actuator, scale, limit)
+            for channel, actuator in zip(requested, device.actuators, strict=True)
+        )
+    )
+
+
+def link_configuration(device: Device, bit_rate_hz: int = 115_200) -> LinkConfiguration:
+    """The limits of the device as the link hands them to the firmware, which keeps to them by itself.
+
+    Raises LimitError for a slew that the firmware cannot count, less than 1 full scale a second.
+    """
+    limits = device.limits
+    number_of_actuators = len(device.actuators)
+    return LinkConfiguration(
+        number_of_actuators,
+        amplitude_limits=(limits.amplitude,) * number_of_actuators,
+        slew_limit_per_s=_slew_limit_per_s(device.name, limits),
+        lease_ms=max(1, math.floor(1e3 * limits.lease_s * (1 + _ROUNDING))),
+        bit_rate_hz=bit_rate_hz,
+    )
+
+
+def _channels(entry: Entry | BurstEntry, device: Device) -> list[ChannelDrive]:
+    values = (entry.frequencies_hz, entry.amplitudes, entry.phases_rad)
+    if any(len(each) != len(device.actuators) for each in values):
+        raise LimitError(
+            f"state {entry.index}: a drive for {len(entry.frequencies_hz)} actuators, {device.name} has "
+            f"{len(device.actuators)}: build the table for this device"
+        )
+    channels = [ChannelDrive(*channel) for channel in zip(*values, strict=True)]
+    for channel, actuator in zip(channels, device.actuators, strict=True):
+        _check(channel, actuator, entry.index)
+    return channels
+
+
+def _check(channel: ChannelDrive, actuator: Actuator, state: int) -> None:
+    where = f"state {state}, actuator {actuator.name}"
+    if not all(map(math.isfinite, (channel.frequency_hz, channel.amplitude, channel.phase_rad))):
+        raise LimitError(f"{where}: {channel}: expected finite values; the table is broken: build it again")
+    if channel.amplitude < 0:
+        raise LimitError(f"{where}: amplitude {channel.amplitude}: expected 0 or more; build the table again")
+    low_hz, high_hz = actuator.band_hz
+    if channel.amplitude > 0 and not low_hz <= channel.frequency_hz <= high_hz:
+        raise LimitError(
+            f"{where}: {channel.frequency_hz:g} Hz is outside its band, {low_hz:g}-{high_hz:g} Hz: "
+            "build the table again for this device"
+        )
+
+
+def _bounded(channel: ChannelDrive, actuator: Actuator, scale: float, limit: float) -> ChannelDrive:
+    low_hz, high_hz = actuator.band_hz
+    return ChannelDrive(
+        frequency_hz=min(max(channel.frequency_hz, low_hz), high_hz),
+        # A product may round up beyond the limit.
+        amplitude=min(channel.amplitude * scale, limit),
+        phase_rad=channel.phase_rad,
+    )
+
+
+def _slew_limit_per_s(name: str, limits: Limits) -> int:
+    slew_per_s = math.floor(limits.slew_per_s * (1 + _ROUNDING))
+    if slew_per_s < 1:
+        raise LimitError(f"{name}: limits.ramp: {1 / limits.slew_per_s:g} s: the firmware ramps within 1 s at most")
+    return min(slew_per_s, 65_535)

@@ -1,0 +1,228 @@
+"""Zone state and level to the command of the link, encoded once when the table is opened."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from enum import StrEnum
+from types import MappingProxyType
+from typing import NamedTuple
+
+from engine.device.device import Device
+from engine.render.limits import Drive, clamp
+from engine.table.burst import BurstEntry
+from engine.table.click import ClickEntry
+from engine.table.entry import Entry
+from firmware_link.host.link import Link
+from firmware_link.host.link_values import Capabilities
+from firmware_link.protocol.messages import encode_drive
+
+_NO_CLICKS: Mapping[float, Iterable[ClickEntry]] = MappingProxyType({})
+_NO_BURSTS: Mapping[float, Iterable[BurstEntry]] = MappingProxyType({})
+_NO_WAVEFORMS: Mapping[int, int] = MappingProxyType({})
+
+NS_PER_S = 1_000_000_000
+
+
+class RendererError(ValueError):
+    """The table, the device description and the connected device do not belong together: which, and the remedy."""
+
+
+class WhenNotAchieved(StrEnum):
+    """What becomes of a state whose entry cannot give every felt finger the wanted level."""
+
+    REFUSE = "refuse"
+    """It is silent."""
+    WARN = "warn"
+    """It is played as strong as it gets, and whoever runs it says so."""
+    GO_ON = "go-on"
+    """It is played as strong as it gets."""
+
+
+class DriveCommand(NamedTuple):
+    """Drive these bytes until something else is commanded, or until their stop; no bytes are silence."""
+
+    drive: bytes
+    onset: int = 0
+    """Number of the onset that the link is configured with, 0 is none."""
+    stop_after_ns: int | None = None
+    """A burst: silence follows so long after it was sent, which is the loop's to see to."""
+
+    def hand_to(self, link: Link) -> None:
+        """In place of what is not sent yet."""
+        link.set_drive(self.drive, self.onset)
+
+
+class PlayCommand(NamedTuple):
+    """Play a waveform of the bank; silence follows."""
+
+    waveform: int
+    amplitude: float
+
+    def hand_to(self, link: Link) -> None:
+        """In place of what is not sent yet."""
+        link.set_play(self.waveform, self.amplitude)
+
+
+Command = DriveCommand | PlayCommand
+SILENCE = DriveCommand(b"")
+
+
+class _Rendered(NamedTuple):
+    command: Command
+    is_achieved: bool
+
+
+class Renderer:
+    """The command for every state that has an entry, at every level that is going to be asked for.
+
+    `entries`, `clicks` and `bursts` are given by wanted level; `waveforms` says where the bank has the click of a
+    state. Bursts, whose shapes are the onsets of the link, are played for clicks that are not in the bank. Raises
+    RendererError when table, device and capabilities do not fit, LimitError for an entry that is broken.
+    """
+
+    def __init__(
+        self,
+        entries: Mapping[float, Iterable[Entry]],
+        device: Device,
+        capabilities: Capabilities,
+        when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN,
+        clicks: Mapping[float, Iterable[ClickEntry]] = _NO_CLICKS,
+        waveforms: Mapping[int, int] = _NO_WAVEFORMS,
+        bursts: Mapping[float, Iterable[BurstEntry]] = _NO_BURSTS,
+    ) -> None:
+        self.unknown_states = 0
+        """How often a felt state was asked for that has no entry."""
+        self.not_achieved_states = 0
+        """How often a state was asked for whose entry does not reach the level: silent where that is refused."""
+        self._wire = _wire_of(capabilities)
+        self._refuses = when_not_achieved is WhenNotAchieved.REFUSE
+        _check_actuators(device, capabilities)
+        self._rendered: dict[float, dict[int, _Rendered]] = {}
+        for level_db, entries_of_level in entries.items():
+            rendered = self._rendered[level_db] = {}
+            for entry in entries_of_level:
+                if entry.index in rendered:
+                    raise RendererError(f"state {entry.index} has two entries: build the table again")
+                rendered[entry.index] = self._render_entry(entry, device, capabilities)
+        self._clicks: dict[float, dict[int, _Rendered]] = {level_db: {} for level_db in (*bursts, *clicks)}
+        for level_db, bursts_of_level in bursts.items():
+            for burst in bursts_of_level:
+                self._clicks[level_db][burst.index] = self._render_burst(burst, device, capabilities)
+        for level_db, clicks_of_level in clicks.items():
+            for click in clicks_of_level:
+                if click.index in waveforms:
+                    self._clicks[level_db][click.index] = self._render_click(click, waveforms[click.index])
+
+    def _render_click(self, click: ClickEntry, waveform: int) -> _Rendered:
+        if self._refuses and not click.achieved:
+            return _Rendered(SILENCE, is_achieved=False)
+        return _Rendered(PlayCommand(waveform, click.amplitude), click.achieved)
+
+    def _render_burst(self, burst: BurstEntry, device: Device, capabilities: Capabilities) -> _Rendered:
+        drive = clamp(burst, device)
+        _check_frequencies(burst, drive, capabilities)
+        if self._refuses and not burst.achieved:
+            return _Rendered(SILENCE, is_achieved=False)
+        drive_bytes = encode_drive(drive.channels, capabilities.frequency_resolution_hz)
+        command = DriveCommand(drive_bytes, burst.shape + 1, round(NS_PER_S * burst.stop_s))
+        return _Rendered(command, burst.achieved)
+
+    def _render_entry(self, entry: Entry, device: Device, capabilities: Capabilities) -> _Rendered:
+        _check_zones(entry, device)
+        drive = clamp(entry, device)
+        _check_frequencies(entry, drive, capabilities)
+        if self._refuses and not entry.achieved:
+            return _Rendered(SILENCE, is_achieved=False)
+        drive_bytes = encode_drive(drive.channels, capabilities.frequency_resolution_hz)
+        return _Rendered(DriveCommand(drive_bytes), entry.achieved)
+
+    def render(self, state: int, level_db: float | None, is_click: bool = False) -> Command:
+        """What to command; SILENCE: nothing is felt, or there is no entry, or it is refused.
+
+        A click is the waveform in the bank, else the burst, else the steady drive, for the effect to end. Raises
+        KeyError for a level that no entries were given for.
+        """
+        if level_db is None:
+            return SILENCE
+        rendered = self._clicks[level_db].get(state) if is_click and self._clicks else None
+        rendered = rendered or self._rendered[level_db].get(state)
+        if rendered is None:
+            self.unknown_states += 1
+            return SILENCE
+        self.not_achieved_states += not rendered.is_achieved
+        return rendered.command
+
+    @property
+    def levels_db(self) -> tuple[float, ...]:
+        """What may be asked for."""
+        return tuple(self._rendered)
+
+    def commands(self) -> Iterator[tuple[float, bool, int, Command]]:
+        """Level, whether a click is asked for, state and command: all that `render` returns beside silence."""
+        for level_db, steady in self._rendered.items():
+            clicks = self._clicks.get(level_db, {})
+            for state, rendered in steady.items():
+                yield level_db, False, state, rendered.command
+            for state, rendered in (steady | clicks).items():
+                yield level_db, True, state, rendered.command
+
+    @property
+    def shortfalls(self) -> dict[float, int]:
+        """By level: how many of its states have an entry that does not reach it."""
+        return _shortfalls(self._rendered)
+
+    @property
+    def click_shortfalls(self) -> dict[float, int]:
+        """By level: how many clicks and bursts do not reach it, or not without being felt by quiet fingers."""
+        return _shortfalls(self._clicks)
+
+    def suits_device_of(self, other: "Renderer") -> bool:
+        """Whether both were encoded for devices that read drives alike."""
+        return self._wire == other._wire
+
+    def fits(self, capabilities: Capabilities) -> bool:
+        """Whether the drives mean the same to this device as to the one that they were encoded for."""
+        return _wire_of(capabilities) == self._wire
+
+
+def _shortfalls(rendered: Mapping[float, Mapping[int, _Rendered]]) -> dict[float, int]:
+    return {
+        level_db: sum(not rendered.is_achieved for rendered in states.values()) for level_db, states in rendered.items()
+    }
+
+
+def _wire_of(capabilities: Capabilities) -> tuple[float, ...]:
+    return (
+        capabilities.number_of_actuators,
+        capabilities.frequency_resolution_hz,
+        capabilities.frequency_minimum_hz,
+        capabilities.frequency_maximum_hz,
+    )
+
+
+def _check_actuators(device: Device, capabilities: Capabilities) -> None:
+    if capabilities.number_of_actuators < len(device.actuators):
+        raise RendererError(
+            f"{device.name} has {len(device.actuators)} actuators, the connected device drives "
+            f"{capabilities.number_of_actuators}: connect its own device or choose another description"
+        )
+
+
+def _check_zones(entry: Entry, device: Device) -> None:
+    names = [zone.name for zone in entry.zones]
+    expected = [zone.name for zone in device.zones]
+    if names != expected:
+        raise RendererError(
+            f"state {entry.index} is for zones {', '.join(names)}, {device.name} has {', '.join(expected)}: "
+            "build the table for this device"
+        )
+
+
+def _check_frequencies(entry: Entry | BurstEntry, drive: Drive, capabilities: Capabilities) -> None:
+    # The wire counts in whole steps: a frequency at the end of the range may be off by rounding.
+    half_step_hz = capabilities.frequency_resolution_hz / 2
+    low_hz, high_hz = capabilities.frequency_minimum_hz, capabilities.frequency_maximum_hz
+    for channel in drive.channels:
+        if not low_hz - half_step_hz <= channel.frequency_hz <= high_hz + half_step_hz:
+            raise RendererError(
+                f"state {entry.index}: {channel.frequency_hz:g} Hz; the connected device plays {low_hz:g}-{high_hz:g} "
+                "Hz: narrow the actuators' bands in the device description and build the table again"
+            )

@@ -1,0 +1,1 @@
+"""The table file: entries, clicks and sweeps, read, written and compared."""

@@ -1,0 +1,146 @@
+"""One click of a table: the waveform for one state of the zones, and what it promises."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.table.entry import LEVEL_TOLERANCE_DB
+from engine.touch.finger_tracker import ZoneState, state_index
+from firmware_link.host.link_values import Capabilities
+from firmware_link.protocol.bank import Bank, bank_size
+from firmware_link.protocol.messages import Features
+
+
+@dataclass(frozen=True)
+class LevelSpread:
+    """Peaks of an acceleration over the detection threshold, dB: of the nominal plant, and of sampled ones.
+
+    low_db, middle_db, high_db: 5, 50 and 95 % of the sampled plants lie below.
+    """
+
+    nominal_db: float
+    low_db: float
+    middle_db: float
+    high_db: float
+
+    def changed(self, change_db: float) -> "LevelSpread":
+        """All of them so much higher."""
+        values = (self.nominal_db, self.low_db, self.middle_db, self.high_db)
+        return LevelSpread(*(value + change_db for value in values))
+
+
+@dataclass(frozen=True)
+class ClickZone:
+    """What one touched zone gets of a click in the nominal plant."""
+
+    acceleration_at_finger_m_per_s2: float
+    """Greatest."""
+    level_db: float
+    """Greatest, weighted by the detection threshold."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClickEntry:
+    """A waveform and its figures, played at `amplitude`.
+
+    samples (sample, actuator): SAMPLE_FULL_SCALE is full scale, straight lines between them. exceeds_s: by level,
+    rising, when every felt finger has passed its threshold if the click is played at it; None: one never does.
+    """
+
+    states: tuple[ZoneState, ...]
+    sample_rate_hz: int
+    samples: NDArray[np.int16]
+    amplitude: float
+    wanted_level_db: float
+    """The level asked for; infinite: as strong as it is."""
+    achieved: bool
+    """False: full scale and the quiet level allow less than the wanted level; or the quiet level is not kept."""
+    felt: LevelSpread
+    """The weakest felt finger."""
+    quiet: LevelSpread | None
+    """The strongest quiet finger; None: nothing is quiet."""
+    zones: tuple[ClickZone | None, ...]
+    """One a zone, in order; None: no finger."""
+    exceeds_s: Mapping[float, float | None]
+    peak_s: float
+    """When the last felt finger has its peak."""
+    residual_from_s: float
+    residual_db: float
+    """The strongest felt finger from residual_from_s on."""
+    objective: str
+    bound_db: float
+    """No click of its tones is felt more strongly within the quiet level, averaged over the plants optimised over."""
+    gap_db: float
+    """What is left to the bound."""
+
+    @property
+    def index(self) -> int:
+        """The state as one number (engine.touch.finger_tracker.state_index)."""
+        return state_index(self.states)
+
+    @property
+    def level_db(self) -> float:
+        """What 95 % of the sampled plants reach under every felt finger."""
+        return self.felt.low_db
+
+    @property
+    def length_s(self) -> float:
+        """How long it moves the actuators."""
+        return (len(self.samples) - 1) / self.sample_rate_hz
+
+    @property
+    def fingers(self) -> int:
+        """How many zones are touched."""
+        return sum(state is not ZoneState.FREE for state in self.states)
+
+    def exceeds_at_s(self) -> float | None:
+        """When every felt finger has passed its threshold, as it is played; between levels that of the lower."""
+        levels_db = [level_db for level_db in self.exceeds_s if level_db <= self.wanted_level_db]
+        return self.exceeds_s[max(levels_db)] if levels_db else None
+
+
+def played_at(click: ClickEntry, level_db: float) -> ClickEntry:
+    """The click played softer, so that 95 % of the plants reach `level_db` and no more; never louder than tabulated.
+
+    All levels fall together: a softer click leaves quiet fingers below what was promised. ESTIMATE: linear.
+    """
+    change_db = min(0.0, level_db - click.level_db)
+    scale = 10 ** (change_db / 20)
+    return replace(
+        click,
+        amplitude=click.amplitude * scale,
+        wanted_level_db=level_db,
+        achieved=click.achieved and (math.isinf(level_db) or click.level_db >= level_db - LEVEL_TOLERANCE_DB),
+        felt=click.felt.changed(change_db),
+        quiet=None if click.quiet is None else click.quiet.changed(change_db),
+        zones=tuple(None if zone is None else _changed_zone(zone, scale, change_db) for zone in click.zones),
+        residual_db=click.residual_db + change_db,
+        bound_db=click.bound_db + change_db,
+    )
+
+
+def _changed_zone(zone: ClickZone, scale: float, change_db: float) -> ClickZone:
+    return ClickZone(zone.acceleration_at_finger_m_per_s2 * scale, zone.level_db + change_db)
+
+
+def choose_bank(clicks: Sequence[ClickEntry], capabilities: Capabilities) -> tuple[Bank | None, dict[int, int]]:
+    """Clicks that the device has room for, those for few fingers first; and by state the index of each in the bank.
+
+    No bank for a device that plays no waveforms, or not at the rate they are tabulated at.
+    """
+    if Features.WAVEFORMS not in capabilities.features or not clicks:
+        return None, {}
+    actuators, chosen = capabilities.number_of_actuators, list[ClickEntry]()
+    room = capabilities.bank_capacity_bytes - bank_size(actuators, [])
+    for click in sorted(clicks, key=lambda click: (click.fingers, click.index)):
+        size = bank_size(actuators, [len(click.samples)]) - bank_size(actuators, [])
+        if size <= room and 1e3 * click.length_s <= capabilities.longest_waveform_ms:
+            room -= size
+            chosen.append(click)
+    if not chosen:
+        return None, {}
+    bank = Bank(chosen[0].sample_rate_hz, tuple(click.samples for click in chosen))
+    return bank, {click.index: position for position, click in enumerate(chosen)}

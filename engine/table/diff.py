@@ -1,0 +1,200 @@
+"""Two tables to what changed between them: device, options, responses, and every entry and click."""
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from engine.device.values import Change, Value, compare_values, device_values
+from engine.table.click import ClickEntry
+from engine.table.entry import Entry
+from engine.table.state_diff import (
+    FIGURES,
+    FigureChange,
+    Sizes,
+    StateChange,
+    Tolerance,
+    click_figures,
+    describe,
+    entry_figures,
+)
+from engine.table.table import Table
+from engine.touch.finger_tracker import ZoneState
+
+_PROVENANCE = ("created", "code_fingerprint", "code_version")
+_DEVICE = ("title", "device_name", "device_description", "device_fingerprint")
+_COMPARED = ("responses", "sweep", "coherent_sweep", "entries", "clicks")  # value by value, or derived from such
+_RESTS_ON = "_rest_on"  # fingerprints of the same
+_Key = tuple[tuple[str, ...], tuple[str, ...], float | None]
+_Part = TypeVar("_Part", Entry, ClickEntry)
+
+
+@dataclass(frozen=True)
+class PartDiff:
+    """The entries, or the clicks, of both tables: how many are in both, those that changed, worst first, and others.
+
+    vanished, appeared: in words, only in the table before, only in that after.
+    """
+
+    compared: int
+    changed: tuple[StateChange, ...]
+    vanished: tuple[str, ...]
+    appeared: tuple[str, ...]
+
+    @property
+    def differs(self) -> bool:
+        """Whether anything did."""
+        return bool(self.changed or self.vanished or self.appeared)
+
+    def largest(self) -> list[tuple[int, StateChange, FigureChange]]:
+        """For every figure that changed: how often, and where it did most."""
+        found = []
+        for figure in FIGURES:
+            of_figure = [(state, f) for state in self.changed for f in state.figures if f.figure == figure]
+            if of_figure:
+                found.append((len(of_figure), *max(of_figure, key=lambda pair: pair[1].size)))
+        return found
+
+
+@dataclass(frozen=True)
+class TableDiff:
+    """What changed from one table to another.
+
+    notes: what could not be compared, in sentences. response_percent: greatest change of a unit response by actuator,
+    relative to its greatest; those beyond the tolerance. arrays: of groups that are not compared value by value, such
+    as bursts or measured responses, those that are not the same bytes.
+    """
+
+    tolerance: Tolerance
+    notes: tuple[str, ...]
+    device: tuple[Change, ...]
+    options: tuple[Change, ...]
+    provenance: tuple[Change, ...]
+    response_percent: Mapping[str, float]
+    arrays: tuple[str, ...]
+    entries: PartDiff
+    clicks: PartDiff
+
+    @property
+    def differs(self) -> bool:
+        """Whether they are made for different things or promise different ones; who made them when does not count."""
+        parts = (self.notes, self.device, self.options, self.response_percent, self.arrays)
+        return any(parts) or self.entries.differs or self.clicks.differs
+
+
+def compare_tables(before: Table, after: Table, tolerance: Tolerance | None = None) -> TableDiff:
+    """Everything that changed beyond the tolerance; states are matched by the names of their zones."""
+    tolerance = tolerance or Tolerance()
+    notes, response_percent = _compare_responses(before, after, tolerance)
+    same_actuators = _names(before.device.actuators) == _names(after.device.actuators)
+    entries = _compare_part(
+        {_entry_key(before, entry): entry for entry in before.entries},
+        {_entry_key(after, entry): entry for entry in after.entries},
+        lambda a, b: entry_figures(a, b, same_actuators),
+        tolerance,
+    )
+    clicks = _compare_part(
+        {_click_key(before, click): click for click in before.clicks},
+        {_click_key(after, click): click for click in after.clicks},
+        lambda a, b: click_figures(a, b, same_actuators),
+        tolerance,
+    )
+    own, other = _attributes(before), _attributes(after)
+    return TableDiff(
+        tolerance=tolerance,
+        notes=(*_layout_notes(before, after), *notes),
+        device=compare_values(device_values(before.device), device_values(after.device)),
+        options=compare_values(*({k: v for k, v in values.items() if k not in _PROVENANCE} for values in (own, other))),
+        provenance=compare_values(*({k: values.get(k) for k in _PROVENANCE} for values in (own, other))),
+        response_percent=response_percent,
+        arrays=_other_arrays(before, after),
+        entries=entries,
+        clicks=clicks,
+    )
+
+
+def _names(things: Iterable[Any]) -> list[str]:
+    return [thing.name for thing in things]
+
+
+def _layout_notes(before: Table, after: Table) -> Iterator[str]:
+    consequences = {
+        "actuators": "drives and waveforms are not compared",
+        "zones": "states are matched by the names of their zones",
+    }
+    for part, consequence in consequences.items():
+        own, other = (", ".join(_names(getattr(table.device, part))) for table in (before, after))
+        if own != other:
+            yield f"the {part} were {own} and are {other}: {consequence}"
+
+
+def _attributes(table: Table) -> dict[str, Value]:
+    """Attributes of the file, those in JSON one by one; without the device, which is compared value by value."""
+    found: dict[str, Value] = {}
+    for key, value in table.attributes.items():
+        plain = value.item() if isinstance(value, np.generic) else value
+        parts = json.loads(plain) if isinstance(plain, str) and plain.startswith("{") else plain
+        if key not in _DEVICE and not key.endswith(_RESTS_ON):
+            found |= {f"{key}.{k}": _plain(v) for k, v in parts.items()} if isinstance(parts, dict) else {key: parts}
+    return found
+
+
+def _plain(value: Any) -> Value:
+    return value if isinstance(value, Value) else json.dumps(value)
+
+
+def _compare_responses(before: Table, after: Table, tolerance: Tolerance) -> tuple[list[str], dict[str, float]]:
+    axes = ("frequency", "actuator", "position")
+    own, other = ([table.values("responses", axis) for axis in axes] for table in (before, after))
+    for what, a, b in zip(("frequencies", "actuators", "places"), own, other, strict=True):
+        if not np.array_equal(a, b):
+            return [f"the responses are those of other {what}, and are not compared"], {}
+    values, changed = (
+        table.values("responses", "acceleration") @ np.array([1, 1j]) for table in (before, after)
+    )  # (frequency, actuator, zone, point) from (..., part)
+    size = 100 * abs(changed - values).max(axis=(0, 2, 3)) / abs(values).max(axis=(0, 2, 3))
+    names = _names(before.device.actuators)
+    return [], {name: float(s) for name, s in zip(names, size, strict=True) if s > 100 * tolerance.ratio}
+
+
+def _other_arrays(before: Table, after: Table) -> tuple[str, ...]:
+    own, other = before.checksums(), after.checksums()
+    changed = (name for name in own | other if own.get(name) != other.get(name))
+    return tuple(name for name in changed if name.partition("/")[0] not in _COMPARED)
+
+
+def _key(table: Table, states: Sequence[ZoneState], level_db: float | None) -> _Key:
+    named = list(zip(table.device.zones, states, strict=True))
+    felt, quiet = (tuple(z.name for z, s in named if s is state) for state in (ZoneState.FELT, ZoneState.QUIET))
+    return felt, quiet, level_db
+
+
+def _entry_key(table: Table, entry: Entry) -> _Key:
+    return _key(table, entry.states, entry.wanted_level_db)
+
+
+def _click_key(table: Table, click: ClickEntry) -> _Key:
+    return _key(table, click.states, None)
+
+
+def _compare_part(
+    before: Mapping[_Key, _Part],
+    after: Mapping[_Key, _Part],
+    sizes: Callable[[_Part, _Part], Sizes],
+    tolerance: Tolerance,
+) -> PartDiff:
+    both = [key for key in before if key in after]
+    changed = list[StateChange]()
+    for key in both:
+        found = (FigureChange(*figure) for figure in sizes(before[key], after[key]))
+        figures = tuple(f for f in found if f.size > tolerance.limit(f.figure))
+        if figures:
+            changed.append(StateChange(*key, figures))
+    return PartDiff(
+        compared=len(both),
+        changed=tuple(sorted(changed, key=lambda state: state.severity, reverse=True)),
+        vanished=tuple(describe(*key) for key in before if key not in after),
+        appeared=tuple(describe(*key) for key in after if key not in before),
+    )

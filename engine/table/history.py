@@ -1,0 +1,84 @@
+"""The table before this one: kept when a new one takes its place, and put back."""
+
+import contextlib
+import os
+import shutil
+from pathlib import Path
+
+from engine.table.error import TableError
+
+
+def previous_of(path: Path) -> Path:
+    """Where the table is kept that was at `path` before the one that is there now."""
+    return path.with_name(f"{path.name}.previous")
+
+
+def replace_table(new: Path, path: Path, *, keep: bool = True) -> None:
+    """Put a finished file in the place of a table; at every instant there is a whole table at `path`.
+
+    That table is kept as the previous one; not without `keep`, for a table that only completes it.
+    """
+    if keep and path.exists():
+        _keep_as(path, previous_of(path))
+    _rename(new, path)
+
+
+def roll_back(path: Path) -> None:
+    """Put the previous table back; the one that was there becomes the previous one, so twice is as before.
+
+    Raises TableError if there is none. Whoever calls verifies the previous table first.
+    """
+    previous = previous_of(path)
+    if not previous.is_file():
+        raise TableError(f"{previous}: there is no previous table; `tactable build` keeps one when it replaces another")
+    older = _beside(path, "older")
+    _copy(previous, older)
+    if path.exists():
+        newer = _beside(path, "newer")
+        _copy(path, newer)
+        _rename(older, path)
+        _rename(newer, previous)
+    else:
+        _rename(older, path)
+
+
+def remove_leftovers(path: Path) -> None:
+    """Remove what killed processes left beside a table."""
+    for leftover in path.parent.glob(f".{path.name}.*.*"):
+        process = leftover.name.removeprefix(f".{path.name}.").split(".")[0]
+        if leftover.suffix in (".partial", ".older", ".newer") and process.isdigit() and not _lives(int(process)):
+            leftover.unlink(missing_ok=True)
+
+
+def _keep_as(path: Path, kept: Path) -> None:
+    newer = _beside(path, "newer")
+    _copy(path, newer)
+    _rename(newer, kept)
+
+
+def _rename(name: Path, path: Path) -> None:
+    """Also where both are names of one file already: then the system would leave them both."""
+    name.replace(path)
+    name.unlink(missing_ok=True)
+
+
+def _copy(path: Path, copy: Path) -> None:
+    """A second name for the same bytes; where the file system has none, a copy."""
+    copy.unlink(missing_ok=True)
+    try:
+        os.link(path, copy)
+    except OSError:
+        shutil.copyfile(path, copy)
+
+
+def _beside(path: Path, kind: str) -> Path:
+    return path.with_name(f".{path.name}.{os.getpid()}.{kind}")
+
+
+def _lives(process: int) -> bool:
+    with contextlib.suppress(PermissionError):  # somebody else's lives
+        try:
+            os.kill(process, 0)
+        except ProcessLookupError:
+            return False
+    return True

@@ -1,0 +1,240 @@
+"""A built table, open: its device, its entries, clicks and bursts, its sweep (tables/FORMAT.md)."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import h5netcdf
+import numpy as np
+
+from engine.device.device import Device
+from engine.device.file import parse_device
+from engine.table.burst import BurstEntry, Shape
+from engine.table.burst import played_at as burst_played_at
+from engine.table.burst_group import read_bursts, read_shapes
+from engine.table.click import ClickEntry
+from engine.table.click import played_at as click_played_at
+from engine.table.click_group import read_clicks
+from engine.table.entry import DEFAULT_LEVEL_DB, Entry, played_at
+from engine.table.entry_group import read_entries
+from engine.table.error import TableError
+from engine.table.file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes
+from engine.touch.finger_tracker import ZoneState, state_index
+
+__all__ = ["Table", "TableError", "states_of"]
+
+
+class Table:
+    """An open table: its device, its entries, and views of the sweep for any zone combination.
+
+    `Table.open` makes one. It is a context manager: the file is closed at its end, entries and device stay usable.
+    """
+
+    def __init__(self, path: Path, file: h5netcdf.File) -> None:
+        self.path = path
+        self._file = file
+        self.attributes: dict[str, Any] = dict(file.attrs)
+        self.device: Device = parse_device(str(self.attributes["device_description"]), f"{path}: device_description")
+        self.fingerprint = str(self.attributes["device_fingerprint"])
+        self.entries: tuple[Entry, ...] = tuple(read_entries(file.groups["entries"], self.device))
+        self.levels_db = tuple(dict.fromkeys(entry.wanted_level_db for entry in self.entries))
+        """Levels that have entries, rising; the last is infinite: full scale."""
+        self._by_state: dict[int, list[Entry]] = {}  # by rising level
+        for entry in self.entries:
+            self._by_state.setdefault(entry.index, []).append(entry)
+        clicks = file.groups.get("clicks")
+        self.clicks: tuple[ClickEntry, ...] = () if clicks is None else tuple(read_clicks(clicks, self.device))
+        """One a state, as tabulated; a table may have none."""
+        self._click_of = {click.index: click for click in self.clicks}
+        bursts = file.groups.get("bursts")
+        self.shapes: tuple[Shape, ...] = () if bursts is None else read_shapes(bursts)
+        """Of the bursts."""
+        self.bursts: tuple[BurstEntry, ...] = () if bursts is None else tuple(read_bursts(bursts))
+        """One a state, as tabulated; most tables have none."""
+        self._burst_of = {burst.index: burst for burst in self.bursts}
+
+    @classmethod
+    def open(
+        cls, path: Path | str, *, device: Device | None = None, code_fingerprint: str | None = None, verify: bool = True
+    ) -> "Table":
+        """Open and verify a table; raises TableError if it is unusable or does not belong to `device` or the code.
+
+        >>> with Table.open("my-bar.nc") as table:
+        ...     print(table.device.name, len(table.entries), "entries at", table.levels_db, "dB")
+        my-bar 38 entries at (20.0, inf) dB
+        """
+        path = Path(path)
+        sealed = check_bytes(path, verify)
+        try:
+            file = h5netcdf.File(path, "r", decode_vlen_strings=True)
+        except (OSError, KeyError, RuntimeError, ValueError) as error:
+            raise TableError(f"{path}: is corrupted ({error}); build it again") from error
+        try:
+            _check_format(path, file)
+            if not sealed:
+                raise TableError(f"{path}: is corrupted: it was changed after it was built; build it again")
+            table = cls(path, file)
+            if table.device.fingerprint != table.fingerprint or (device and device.fingerprint != table.fingerprint):
+                name = device.name if device else table.device.name
+                raise TableError(f"{path}: is stale: it was built for another state of {name!r}; build it again")
+            if code_fingerprint and table.attributes["code_fingerprint"] != code_fingerprint:
+                raise TableError(f"{path}: is stale: it was built by another version of the code; build it again")
+        except BaseException as error:
+            file.close()
+            if isinstance(error, KeyError | ValueError | OSError | RuntimeError | TypeError):
+                raise TableError(f"{path}: is corrupted ({error}); build it again") from error
+            raise
+        return table
+
+    def __enter__(self) -> "Table":
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file; entries and device stay usable."""
+        self._file.close()
+
+    def copy_groups(self, writer: TableWriter, groups: Sequence[str]) -> bool:
+        """Write those of these groups that the table has into another one; whether it has any."""
+        found = [group for group in groups if group in self._file.groups]
+        for group in found:
+            writer.copy(group, self._file.groups[group])
+        return bool(found)
+
+    def values(self, group: str, name: str) -> Values:
+        """One whole array by its group and name, such as "responses" and "frequency"."""
+        return np.asarray(self._file.groups[group].variables[name][...])
+
+    def checksums(self) -> dict[str, int]:
+        """CRC-32 of every array, by its group and name, such as "responses/frequency"."""
+        return {
+            f"{group}/{name}": int(variable.attrs["crc32"])
+            for group, found in self._file.groups.items()
+            for name, variable in found.variables.items()
+        }
+
+    def entry_for(self, felt: Sequence[str], quiet: Sequence[str] = (), level_db: float = DEFAULT_LEVEL_DB) -> Entry:
+        """Entry of the state with these zones (names) felt and quiet and the others free, at `level_db`.
+
+        Between tabulated levels: the next lower drive, played louder, or else the next higher one, softer. Raises
+        DeviceError for an unknown zone, TableError for a zone that is both and for a state the table does not hold.
+
+        >>> with Table.open("my-bar.nc") as table:
+        ...     entry = table.entry_for(["I"], quiet=["III"], level_db=20)
+        >>> f"{entry.level_db:.0f} dB, reached: {entry.achieved}, {len(entry.frequencies_hz)} actuators"
+        '20 dB, reached: True, 2 actuators'
+        """
+        index = state_index(self.states_of(felt, quiet))
+        entry = self.entry_at(index, level_db)
+        if entry is None:
+            raise TableError(
+                f"{self.path}: has no entry for felt zones {', '.join(felt)!r} and quiet {', '.join(quiet)!r}"
+            )
+        return entry
+
+    def states_of(self, felt: Sequence[str], quiet: Sequence[str]) -> tuple[ZoneState, ...]:
+        """As the function `states_of` for the table's device."""
+        return states_of(self.device, felt, quiet)
+
+    def entry_at(self, state: int, level_db: float) -> Entry | None:
+        """Entry of a state (engine.touch.finger_tracker.state_index) at a level, None where there is none."""
+        if math.isnan(level_db):
+            raise TableError(
+                "a level that is no number; give dB above the detection threshold, infinite for full scale"
+            )
+        entries = self._by_state.get(state)
+        return None if entries is None else played_at(entries, level_db, self.device.limits.amplitude)
+
+    def click_for(
+        self, felt: Sequence[str], quiet: Sequence[str] = (), level_db: float = DEFAULT_LEVEL_DB
+    ) -> ClickEntry:
+        """Click of the state with these zones (names) felt and quiet, played at `level_db`; raises as `entry_for`."""
+        click = self.click_at(state_index(self.states_of(felt, quiet)), level_db)
+        if click is None:
+            zones = f"felt zones {', '.join(felt)!r} and quiet {', '.join(quiet)!r}"
+            raise TableError(f"{self.path}: has no click for {zones}: build it with clicks for so many fingers")
+        return click
+
+    def click_at(self, state: int, level_db: float) -> ClickEntry | None:
+        """Click of a state (engine.touch.finger_tracker.state_index) played at a level, None where there is none."""
+        click = self._click_of.get(state)
+        return None if click is None else click_played_at(click, level_db)
+
+    def clicks_at(self, level_db: float) -> tuple[ClickEntry, ...]:
+        """Every click, played at one level."""
+        return tuple(click_played_at(click, level_db) for click in self.clicks)
+
+    def burst_at(self, state: int, level_db: float) -> BurstEntry | None:
+        """Burst of a state (engine.touch.finger_tracker.state_index) played at a level, None where there is none."""
+        burst = self._burst_of.get(state)
+        return None if burst is None else burst_played_at(burst, level_db)
+
+    def bursts_at(self, level_db: float) -> tuple[BurstEntry, ...]:
+        """Every burst, played at one level."""
+        return tuple(burst_played_at(burst, level_db) for burst in self.bursts)
+
+    def entries_at(self, level_db: float) -> tuple[Entry, ...]:
+        """Entry of every state at one level."""
+        limit = self.device.limits.amplitude
+        return tuple(played_at(entries, level_db, limit) for entries in self._by_state.values())
+
+    def entries_of(self, tabulated_db: float) -> tuple[Entry, ...]:
+        """Entries of one tabulated level as they are."""
+        return tuple(entry for entry in self.entries if entry.wanted_level_db == tabulated_db)
+
+    def localized_factor(self, zones: Sequence[str], pair: int = 0) -> Values:
+        """Share of kinetic energy of `zones` together: (frequency_1, frequency_2, amplitude_1, amplitude_2)."""
+        return self._combine("localized_factor", zones, pair, np.sum)
+
+    def peak_acceleration(self, zones: Sequence[str], pair: int = 0) -> Values:
+        """Greatest peak acceleration in `zones`, m/s^2: (frequency_1, frequency_2, amplitude_1, amplitude_2)."""
+        return self._combine("peak_acceleration", zones, pair, np.max)
+
+    def dead_spot(self, zones: Sequence[str], pair: int = 0) -> Values:
+        """Least peak acceleration in `zones`, m/s^2: (frequency_1, frequency_2, amplitude_1, amplitude_2)."""
+        return self._combine("dead_spot", zones, pair, np.min)
+
+    def _combine(self, name: str, zones: Sequence[str], pair: int, combine: Any) -> Values:
+        indices = sorted({self.device.zone_index(zone) for zone in _listed(zones)})
+        if not indices:
+            raise TableError(f"{self.path}: name at least one zone")
+        if "sweep" not in self._file.groups:
+            raise TableError(f"{self.path}: has no sweep of actuator pairs: {self.device.name} has one actuator")
+        stored = self._file.groups["sweep"].variables[name]
+        if not 0 <= pair < stored.shape[0]:
+            raise TableError(f"{self.path}: there is no actuator pair {pair}; there are {stored.shape[0]}")
+        values = np.stack([np.asarray(stored[pair, :, :, :, zone]) for zone in indices])
+        return np.moveaxis(combine(values, axis=0), -1, 1)
+
+
+def states_of(device: Device, felt: Sequence[str], quiet: Sequence[str]) -> tuple[ZoneState, ...]:
+    """State of every zone; raises DeviceError for an unknown zone, TableError for one that is both."""
+    states = [ZoneState.FREE] * len(device.zones)
+    for name in _listed(quiet):
+        states[device.zone_index(name)] = ZoneState.QUIET
+    for name in _listed(felt):
+        zone = device.zone_index(name)
+        if states[zone] is ZoneState.QUIET:
+            raise TableError(f"zone {name} can't be felt and quiet: name it once")
+        states[zone] = ZoneState.FELT
+    return tuple(states)
+
+
+def _listed(zones: Sequence[str]) -> Sequence[str]:
+    """The names; "III" would be three times "I"."""
+    if isinstance(zones, str):
+        raise TableError(f"zones {zones!r}: is one text; give a list of names, such as [{zones!r}]")
+    return zones
+
+
+def _check_format(path: Path, file: h5netcdf.File) -> None:
+    if file.attrs.get("format") != FORMAT:
+        raise TableError(f"{path}: is a NetCDF file, but not a table of tactable")
+    revision = int(file.attrs["format_revision"])
+    if revision > FORMAT_REVISION:
+        raise TableError(
+            f"{path}: has format revision {revision}, this program reads up to {FORMAT_REVISION}; update tactable"
+        )

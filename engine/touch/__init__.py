@@ -1,0 +1,1 @@
+"""HID reports to touch frames, and touch frames to fingers on the bar."""

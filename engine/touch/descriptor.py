@@ -1,0 +1,229 @@
+"""HID report descriptor bytes to the layout of each touch surface."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from enum import Enum
+
+from engine.touch.hid_items import Application, Declarations, DescriptorError, Field, FieldUse, read_declarations
+
+__all__ = ["ContactLayout", "DescriptorError", "Field", "ReportLayout", "Surface", "SurfaceKind", "read_surfaces"]
+
+# HID 1.11 allows 32 bits a field.
+_MAXIMUM_FIELD_BITS = 32
+_DIGITIZER_PAGE = 0x000D_0000
+_X, _Y, _TIP, _CONTACT_ID = 0x0001_0030, 0x0001_0031, 0x000D_0042, 0x000D_0051
+_CONTACT_USAGES = {
+    _X: "x",
+    _Y: "y",
+    _TIP: "tip",
+    _CONTACT_ID: "contact_id",
+    0x000D_0032: "in_range",
+    0x000D_0047: "confidence",
+    0x000D_0030: "pressure",
+    0x000D_0048: "width",
+    0x000D_0049: "height",
+}
+_DEVICE_MODE, _CONTACT_COUNT, _CONTACT_COUNT_MAXIMUM, _SCAN_TIME = 0x000D_0052, 0x000D_0054, 0x000D_0055, 0x000D_0056
+_CERTIFICATION_BLOB = 0xFF00_00C5
+_REQUIRED_USAGES = (_X, _Y, _TIP, _CONTACT_ID, _CONTACT_COUNT)
+_INPUT_USAGES = (*_CONTACT_USAGES, _CONTACT_COUNT, _SCAN_TIME)
+_FEATURE_USAGES = (_DEVICE_MODE, _CONTACT_COUNT_MAXIMUM, _CERTIFICATION_BLOB)
+
+
+class SurfaceKind(Enum):
+    """Application of a touch collection on the Digitizer page."""
+
+    TOUCH_SCREEN = 0x04
+    TOUCH_PAD = 0x05
+    MULTI_POINT = 0x0C
+
+
+_APPLICATIONS = {_DIGITIZER_PAGE | kind.value: kind for kind in SurfaceKind}
+
+
+@dataclass(frozen=True, slots=True)
+class ContactLayout:
+    """Fields of one contact in a report; `None` where the device has no such field."""
+
+    x: Field
+    y: Field
+    tip: Field
+    contact_id: Field | None = None
+    in_range: Field | None = None
+    confidence: Field | None = None
+    pressure: Field | None = None
+    width: Field | None = None
+    height: Field | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ReportLayout:
+    """One input report of a surface: its contacts in order, and what it says of the whole frame."""
+
+    report_id: int
+    size_bytes: int
+    contacts: tuple[ContactLayout, ...]
+    contact_count: Field | None
+    scan_time: Field | None
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """One touch application of an interface: its input reports and the features that govern it.
+
+    `is_win8`: it has contact IDs and the certification blob. `is_stylus`: its contacts are pens. A feature is the
+    application's own, else any of the interface: Device Mode is mostly declared apart.
+    """
+
+    kind: SurfaceKind
+    is_stylus: bool
+    is_win8: bool
+    uses_report_ids: bool
+    reports: tuple[ReportLayout, ...]
+    contact_count_maximum: Field | None
+    device_mode: Field | None
+    certification_blob: Field | None
+
+    @property
+    def contacts(self) -> tuple[ContactLayout, ...]:
+        """Contacts of all reports; never empty."""
+        return tuple(contact for report in self.reports for contact in report.contacts)
+
+    @property
+    def contacts_per_report(self) -> int:
+        """Most contacts one report carries; 1 is a serial device."""
+        return max(len(report.contacts) for report in self.reports)
+
+    @property
+    def x(self) -> Field:
+        """X of the first contact: range and extent of the surface along X."""
+        return self.contacts[0].x
+
+    @property
+    def y(self) -> Field:
+        """Y of the first contact: range and extent of the surface along Y."""
+        return self.contacts[0].y
+
+    @property
+    def width_mm(self) -> float | None:
+        """Physical size along X in millimetres, `None` where the device states none."""
+        return self.x.extent_mm
+
+    @property
+    def height_mm(self) -> float | None:
+        """Physical size along Y in millimetres, `None` where the device states none."""
+        return self.y.extent_mm
+
+    @property
+    def has_contact_ids(self) -> bool:
+        """Whether the device names its contacts; without names it has one."""
+        return self.contacts[0].contact_id is not None
+
+
+def read_surfaces(descriptor: bytes) -> tuple[Surface, ...]:
+    """Touch surfaces of an interface, in descriptor order; empty when it is not a touch device.
+
+    A surface has contacts with tip, X and Y in an application Touch Screen, Touch Pad or Multiple Point Digitizer.
+    Raises `DescriptorError` when the bytes break the grammar or a touch field cannot be decoded.
+    """
+    declared = read_declarations(descriptor, _INPUT_USAGES, _FEATURE_USAGES, constant_usage=_CONTACT_ID)
+    touch = (application for application in declared.applications if application.usage in _APPLICATIONS)
+    surfaces = (_build_surface(application, declared) for application in touch)
+    return tuple(surface for surface in surfaces if surface is not None)
+
+
+def _build_surface(application: Application, declared: Declarations) -> Surface | None:
+    """The surface of an application, `None` when it holds no contact."""
+    uses = [use for report_uses in application.inputs.values() for use in report_uses if _is_readable(use, declared)]
+    fingers = [use for use in uses if not use.is_stylus]
+    is_stylus = not any(use.usage == _X for use in fingers)
+    reports = _build_reports(uses if is_stylus else fingers, declared)
+    if not any(report.contacts for report in reports):
+        return None
+    blob = _feature(_CERTIFICATION_BLOB, application, declared)
+    return Surface(
+        kind=_APPLICATIONS[application.usage],
+        is_stylus=is_stylus,
+        is_win8=blob is not None and any(report.contacts[0].contact_id for report in reports if report.contacts),
+        uses_report_ids=declared.uses_report_ids,
+        reports=tuple(report for report in reports if report.contacts or report.contact_count is not None),
+        contact_count_maximum=_feature(_CONTACT_COUNT_MAXIMUM, application, declared),
+        device_mode=_feature(_DEVICE_MODE, application, declared),
+        certification_blob=blob,
+    )
+
+
+def _build_reports(uses: list[FieldUse], declared: Declarations) -> list[ReportLayout]:
+    has_contact_ids = any(use.usage == _CONTACT_ID for use in uses)
+    by_report: dict[int, list[FieldUse]] = {}
+    for use in uses:
+        by_report.setdefault(use.field.report_id, []).append(use)
+    return [
+        _build_report(report_id, report_uses, has_contact_ids, declared) for report_id, report_uses in by_report.items()
+    ]
+
+
+def _build_report(report_id: int, uses: list[FieldUse], has_contact_ids: bool, declared: Declarations) -> ReportLayout:
+    frame_fields = {use.usage: _field(use, declared) for use in uses if use.usage not in _CONTACT_USAGES}
+    contacts = [_build_contact(group, declared) for group in _contact_groups(uses, has_contact_ids)]
+    return ReportLayout(
+        report_id=report_id,
+        size_bytes=(declared.input_bits[report_id] + 8 * declared.uses_report_ids + 7) // 8,
+        # Without contact IDs nothing tells two contacts apart: one is what such a device can report.
+        contacts=tuple(contacts if has_contact_ids else contacts[:1]),
+        contact_count=frame_fields.get(_CONTACT_COUNT),
+        scan_time=frame_fields.get(_SCAN_TIME),
+    )
+
+
+def _contact_groups(uses: list[FieldUse], has_contact_ids: bool) -> Iterator[dict[int, FieldUse]]:
+    """A contact ends where one of its usages comes again: collections are called Finger, Stylus or nothing at all."""
+    required = {_X, _Y, _TIP, _CONTACT_ID} if has_contact_ids else {_X, _Y, _TIP}
+    group: dict[int, FieldUse] = {}
+    for use in uses:
+        if use.usage not in _CONTACT_USAGES:
+            continue
+        if use.usage in group and required <= group.keys():
+            yield group
+            group = {}
+        group.setdefault(use.usage, use)
+    if required <= group.keys():
+        yield group
+
+
+def _build_contact(group: dict[int, FieldUse], declared: Declarations) -> ContactLayout:
+    for usage in (_X, _Y):
+        axis = group[usage].field
+        if axis.logical_minimum >= axis.logical_maximum:
+            problem = f"position whose logical minimum {axis.logical_minimum} is not below its maximum"
+            raise DescriptorError(problem, group[usage].offset, axis.logical_maximum)
+    return ContactLayout(**{_CONTACT_USAGES[usage]: _field(use, declared) for usage, use in group.items()})
+
+
+def _is_readable(use: FieldUse, declared: Declarations) -> bool:
+    """Whether a field can be read; an optional one that cannot is left out, the others refuse the device."""
+    if not 1 <= use.field.size_bits <= _MAXIMUM_FIELD_BITS:
+        problem = f"touch field outside 1..{_MAXIMUM_FIELD_BITS} bits"
+    elif declared.uses_report_ids and use.field.report_id == 0:
+        problem = "touch field before the first report ID"
+    else:
+        return True
+    if use.usage in _REQUIRED_USAGES:
+        raise DescriptorError(problem, use.offset, use.field.size_bits)
+    return False
+
+
+def _field(use: FieldUse, declared: Declarations) -> Field:
+    """The field counted from the report's first byte."""
+    return replace(use.field, bit=use.field.bit + 8) if declared.uses_report_ids else use.field
+
+
+def _feature(usage: int, application: Application, declared: Declarations) -> Field | None:
+    """The first feature of a usage; the certification blob only as Windows asks for it, 256 bytes."""
+    for use in (*application.features, *declared.features):
+        is_blob = use.report_count == 256 and use.field.size_bits == 8
+        if use.usage == usage and _is_readable(use, declared) and (is_blob or usage != _CERTIFICATION_BLOB):
+            return _field(use, declared)
+    return None

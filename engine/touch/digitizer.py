@@ -1,0 +1,397 @@
+"""Reports of a digitizer to touch frames."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from engine.touch.descriptor import ContactLayout, Field, ReportLayout, Surface, SurfaceKind, read_surfaces
+from engine.touch.quirks import Key, QuirkClass, Validity, quirks_for, vendor_with_own_driver
+
+# Frames of live digitizers come every 2..26 ms: later than this inside a frame, its rest is lost.
+FRAME_SILENCE_NS = 30_000_000
+# Four times the slowest frame period; 10 of 89 recorded devices lose a release and stay silent for up to 19 s.
+RELEASE_AFTER_NS = 120_000_000
+# A scan time that is further than this from host time has been reset or wrapped.
+SCAN_TIME_TOLERANCE_NS = 25_000_000
+SCAN_TIME_TICK_NS = 100_000
+
+# Linux takes 10 contacts where Contact Count Maximum is absent or above 250 (255 stands for "unset").
+_DEFAULT_MAXIMUM_CONTACTS = 10
+_LARGEST_MAXIMUM_CONTACTS = 250
+# Reports that wait for a contact count in another report: more than any frame needs, few enough to bound memory.
+_HELD_REPORTS = 16
+
+# The hot path: without the search for a method, and half the time of calling a named tuple's class.
+_from_bytes, _new = int.from_bytes, tuple.__new__
+
+_KIND_PREFERENCE = (SurfaceKind.TOUCH_SCREEN, SurfaceKind.MULTI_POINT, SurfaceKind.TOUCH_PAD)
+
+
+class DigitizerError(Exception):
+    """The device cannot be used as a touch surface: why."""
+
+
+class Contact(NamedTuple):
+    """One finger: position in the logical units of the surface, always inside its logical range.
+
+    `tip` is False while it hovers; `confidence` is False where the device takes it for a palm.
+    """
+
+    contact_id: int
+    x: int
+    y: int
+    tip: bool
+    confidence: bool = True
+
+
+class TouchFrame(NamedTuple):
+    """Every contact in range at one moment, touching or hovering; a contact that left is not listed.
+
+    `time_ns` is host time of the report that completed the frame. `scan_time_ns` is the device's own time of the
+    scan on the host's time axis, free of transport jitter; `None` where the device reports none.
+    """
+
+    time_ns: int
+    contacts: tuple[Contact, ...]
+    scan_time_ns: int | None = None
+
+
+@dataclass(slots=True)
+class DigitizerCounters:
+    """What became of the reports: the hot path counts where others would log."""
+
+    frames: int = 0
+    foreign_reports: int = 0
+    short_reports: int = 0
+    lost_frames: int = 0
+    excess_contacts: int = 0
+    expired_frames: int = 0
+
+
+class Digitizer:
+    """Assembles the reports of one surface into touch frames as Linux's hid-multitouch does.
+
+    One thread; `decode_report` and `expire` never raise. Times are nanoseconds of one monotonic clock.
+    """
+
+    def __init__(self, surface: Surface, vendor_id: int = 0, product_id: int = 0) -> None:
+        contacts = sum(len(report.contacts) for report in surface.reports)
+        has_count = any(report.contact_count is not None for report in surface.reports)
+        self.surface = surface
+        self.quirks = quirks_for(vendor_id, product_id, is_win8=surface.is_win8, is_serial=contacts == 1)
+        self.counters = DigitizerCounters()
+        self.maximum_contacts = _maximum_contacts(surface, self.quirks)
+        # What of it the fast path compiles too.
+        self.plans = {report.report_id: _build_plan(report, surface, self.quirks) for report in surface.reports}
+        self.uses_report_ids = surface.uses_report_ids
+        self.count_is_accurate = self.quirks.count_is_accurate and has_count
+        self._key = self.quirks.key
+        self._is_numbered = self._key is Key.SLOT_IS_CONTACT_NUMBER
+        self._frame_may_be_empty = self.quirks.frame_may_be_empty
+        self._ignores_duplicates = self.quirks.ignores_duplicates
+        self._unseen_means_up = self.quirks.unseen_means_up
+        self.count_is_apart = has_count and not any(plan.slots and plan.count for plan in self.plans.values())
+        self._active: dict[int, Contact] = {}  # by key, oldest first
+        self._seen: set[int] = set()  # keys this frame mentioned
+        self._taken = 0  # contacts active or mentioned in this frame
+        self._received = 0
+        self._expected = 0
+        self._ticks = 0
+        self._frame_ticks = 0
+        self._scan_time_ns = 0
+        self._report_ns = 0
+        self._frame_ns = 0
+        self._is_shown = False  # the last frame listed a contact
+        self._held: list[tuple[ReportPlan, bytes]] = []  # reports that wait for their count
+        self._announced: int | None = None  # count that waits for its reports
+
+    def decode_report(self, report: bytes, now_ns: int) -> TouchFrame | None:
+        """Take one report as the device sent it, report ID first where it has one.
+
+        The frame it completes; `None` when the frame goes on or the report is another collection's or too short.
+        """
+        report_id = report[0] if self.uses_report_ids and report else 0
+        plan = self.plans.get(report_id)
+        if plan is None:
+            self.counters.foreign_reports += 1
+            return None
+        if len(report) < plan.needed_bytes:
+            self.counters.short_reports += 1
+            return None
+        is_late = now_ns - self._report_ns > FRAME_SILENCE_NS
+        self._report_ns = now_ns
+        if self.count_is_apart:
+            return self._decode_apart(plan, report, now_ns, is_late)
+        scan_time, count = plan.scan_time, plan.count
+        ticks = self._ticks
+        if scan_time is not None:
+            ticks = _from_bytes(report[scan_time.start : scan_time.stop], "little") >> scan_time.shift & scan_time.mask
+        # A lost report shifts the frames after it only where the count says which slots to read.
+        if self._received and self.count_is_accurate and (is_late or ticks != self._ticks):
+            self.counters.lost_frames += 1
+            self._start_frame()
+        if count is not None:
+            announced = _read(count, report)
+            # The first report of a frame carries the total, the others 0; some devices repeat the total in each.
+            if announced or (self._received == 0 and ticks != self._ticks and self._frame_may_be_empty):
+                self._expected = announced
+        self._ticks = ticks
+        self._take_contacts(plan, report)
+        return None if self._received < self._expected else self._complete_frame(plan, ticks, now_ns)
+
+    def expire(self, now_ns: int) -> TouchFrame | None:
+        """Watchdog: a frame without contacts when some were down and 120 ms brought no further frame, else `None`."""
+        if not self._is_shown or now_ns - self._frame_ns < RELEASE_AFTER_NS:
+            return None
+        self.counters.expired_frames += 1
+        self._active.clear()
+        self._start_frame()
+        self._is_shown = False
+        return TouchFrame(now_ns, ())
+
+    def moment(self) -> tuple[int, int, int, int, int]:
+        """Contacts received, expected, ticks, contacts counted and the last report's time: how far the frame is."""
+        return self._received, self._expected, self._ticks, self._taken, self._report_ns
+
+    def active(self) -> tuple[Iterable[Contact], Container[int]]:
+        """Contacts in range so far, and the identifiers that this frame mentioned."""
+        return self._active.values(), self._seen
+
+    def _decode_apart(self, plan: ReportPlan, report: bytes, now_ns: int, is_late: bool) -> TouchFrame | None:
+        """Contacts and their count in different reports, whichever comes first: each waits for the other."""
+        if is_late:
+            self._held.clear()
+            self._announced = None
+            self._start_frame()
+        if plan.count is not None:
+            self._announced = _read(plan.count, report)
+        else:
+            self._held.append((plan, report))
+            del self._held[:-_HELD_REPORTS]
+        if self._announced is None or not self._held:
+            return None
+        self._expected = self._announced
+        for held_plan, held_report in self._held:
+            self._take_contacts(held_plan, held_report)
+        self._held.clear()
+        if self._received < self._expected:
+            return None
+        self._announced = None
+        return self._complete_frame(plan, _read(plan.scan_time, report) if plan.scan_time else 0, now_ns)
+
+    def _take_contacts(self, plan: ReportPlan, report: bytes) -> None:
+        """Take the contacts of a report in order, until the frame has as many as it announced.
+
+        A position is clamped, not dropped: a finger on the rim reads a few units outside and must not be lost there.
+        """
+        active, seen, received = self._active, self._seen, self._received
+        wanted = self._expected if self.count_is_accurate else received + len(plan.slots)
+        is_numbered, ignores_duplicates = self._is_numbered, self._ignores_duplicates
+        for memory, place, tip_at, id_at, valid_at, hover_at, confidence_at, x_at, y_at in plan.slots:
+            if received >= wanted:
+                break
+            bits = _from_bytes(report[place], "little")
+            if bits == memory[0]:
+                # Of all recorded contacts 40 % are as they were: a fifth of the time, and others see that too.
+                contact_id = memory[1][0]
+                if active.get(contact_id) is memory[1] and contact_id not in seen and not is_numbered:
+                    received += 1
+                    seen.add(contact_id)
+                    continue
+            shift, mask = valid_at
+            if mask and not bits >> shift & mask:
+                received += 1
+                continue
+            shift, mask = id_at
+            contact_id = received if is_numbered else bits >> shift & mask
+            is_active = contact_id in active
+            if is_active and ignores_duplicates and contact_id in seen:
+                continue
+            received += 1
+            if not is_active and not self._admit(contact_id):
+                self.counters.excess_contacts += 1
+                continue
+            seen.add(contact_id)
+            shift, mask = tip_at
+            tip = bits >> shift & mask != 0
+            if not tip and not bits >> hover_at[0] & hover_at[1]:
+                if is_active:
+                    del active[contact_id]
+                continue
+            shift, mask, sign, minimum, maximum = x_at
+            x = (bits >> shift & mask ^ sign) - sign
+            if not minimum <= x <= maximum:
+                x = min(max(x, minimum), maximum)
+            shift, mask, sign, minimum, maximum = y_at
+            y = (bits >> shift & mask ^ sign) - sign
+            if not minimum <= y <= maximum:
+                y = min(max(y, minimum), maximum)
+            shift, mask = confidence_at
+            contact = _new(Contact, (contact_id, x, y, tip, not mask or bits >> shift & mask != 0))
+            active[contact_id] = contact
+            memory[:] = bits, contact
+        self._received = received
+
+    def _admit(self, contact_id: int) -> bool:
+        """Whether there is room for a new contact; one that leaves keeps its place until the frame is complete."""
+        if self._key is Key.CONTACT_ID:
+            self._taken += 1
+            return self._taken <= self.maximum_contacts
+        if self._key is Key.SLOT_IS_CONTACT_ID_MINUS_ONE:
+            return 1 <= contact_id <= self.maximum_contacts
+        return contact_id < self.maximum_contacts
+
+    def _complete_frame(self, plan: ReportPlan, ticks: int, now_ns: int) -> TouchFrame:
+        active = self._active
+        if self._unseen_means_up:
+            for contact_id in active.keys() - self._seen:
+                del active[contact_id]
+        contacts = tuple(active.values())
+        self._received = 0
+        self._seen.clear()
+        self._taken = len(active)
+        self._is_shown = bool(contacts)
+        self._frame_ns = now_ns
+        self.counters.frames += 1
+        if plan.scan_time is None:
+            return _new(TouchFrame, (now_ns, contacts, None))
+        # Scan time on the host's axis: steps of the device's clock while they agree with host time, else host time.
+        # Devices reset the counter at a new touch, wrap it at its size rather than the declared maximum, and their
+        # 100 us are 92..131 us: only steps are taken, and only within the tolerance.
+        joined_ns = self._scan_time_ns + (ticks - self._frame_ticks & plan.scan_time.mask) * SCAN_TIME_TICK_NS
+        if not -SCAN_TIME_TOLERANCE_NS <= joined_ns - now_ns <= SCAN_TIME_TOLERANCE_NS:
+            joined_ns = now_ns
+        self._frame_ticks, self._scan_time_ns = ticks, joined_ns
+        return _new(TouchFrame, (now_ns, contacts, joined_ns))
+
+    def _start_frame(self) -> None:
+        self._received = 0
+        self._seen.clear()
+        self._taken = len(self._active)
+
+
+def open_digitizer(descriptor: bytes, vendor_id: int = 0, product_id: int = 0) -> Digitizer:
+    """Digitizer of the interface's best surface: a touch screen before a touch pad, fingers before a stylus.
+
+    Raises `DescriptorError` when the descriptor is broken, `DigitizerError` when it holds no touch surface.
+    """
+    vendor = vendor_with_own_driver(vendor_id)
+    if vendor is not None:
+        raise DigitizerError(f"{vendor} device {vendor_id:04x}:{product_id:04x}: driven by its own driver, not by ours")
+    surfaces = read_surfaces(descriptor)
+    if not surfaces:
+        raise DigitizerError(f"device {vendor_id:04x}:{product_id:04x} has no touch screen or touch pad")
+    return Digitizer(min(surfaces, key=_rank), vendor_id, product_id)
+
+
+def _rank(surface: Surface) -> tuple[bool, int, bool, int]:
+    """Smaller is better; the first of equals wins."""
+    preference = _KIND_PREFERENCE.index(surface.kind)
+    return surface.is_stylus, preference, not surface.has_contact_ids, -surface.contacts_per_report
+
+
+# ---- plans -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Bits:
+    """A field in the bytes start..stop of a report."""
+
+    start: int
+    stop: int
+    shift: int
+    mask: int
+
+
+# Shift and mask of a flag or number; shift, mask, sign bit and range of a position. `(value ^ sign) - sign` reads
+# `value` as two's complement.
+NumberBits = tuple[int, int]
+PositionBits = tuple[int, int, int, int, int]
+
+
+class SlotPlan(NamedTuple):
+    """A contact in some bytes of a report; a mask of 0 stands for a field the device does not have."""
+
+    memory: list[Any]
+    """The bits of the contact that it held last, and that contact."""
+    place: slice
+    tip: NumberBits
+    contact_id: NumberBits
+    valid: NumberBits
+    hover: NumberBits
+    confidence: NumberBits
+    x: PositionBits
+    y: PositionBits
+
+
+@dataclass(frozen=True, slots=True)
+class ReportPlan:
+    """A report layout compiled for decoding."""
+
+    needed_bytes: int
+    slots: tuple[SlotPlan, ...]
+    count: Bits | None
+    scan_time: Bits | None
+
+
+def _build_plan(report: ReportLayout, surface: Surface, quirks: QuirkClass) -> ReportPlan:
+    slots = tuple(_build_slot(contact, surface, quirks) for contact in report.contacts)
+    count = None if report.contact_count is None else _bits(report.contact_count)
+    scan_time = None if report.scan_time is None else _bits(report.scan_time)
+    stops = [*(slot.place.stop for slot in slots), *(part.stop for part in (count, scan_time) if part is not None)]
+    return ReportPlan(max(stops), slots, count, scan_time)
+
+
+def _build_slot(contact: ContactLayout, surface: Surface, quirks: QuirkClass) -> SlotPlan:
+    validity = {
+        Validity.ALWAYS: None,
+        Validity.IN_RANGE: contact.in_range,
+        Validity.TIP: contact.tip,
+        Validity.CONFIDENCE: contact.confidence,
+    }[quirks.validity]
+    hover = contact.in_range if quirks.hovers else None
+    used = (contact.tip, contact.contact_id, validity, hover, contact.confidence, contact.x, contact.y)
+    fields = [field for field in used if field is not None]
+    start = min(field.bit for field in fields) // 8
+    stop = max(field.bit + field.size_bits + 7 for field in fields) // 8
+    return SlotPlan(
+        memory=[None, None],
+        place=slice(start, stop),
+        tip=_shift_and_mask(contact.tip, start),
+        contact_id=_shift_and_mask(contact.contact_id, start),
+        valid=_shift_and_mask(validity, start),
+        hover=_shift_and_mask(hover, start),
+        confidence=_shift_and_mask(contact.confidence, start),
+        x=(*_shift_and_mask(contact.x, start), *_limits(contact.x, surface.x)),
+        y=(*_shift_and_mask(contact.y, start), *_limits(contact.y, surface.y)),
+    )
+
+
+def _bits(field: Field) -> Bits:
+    start = field.bit // 8
+    return Bits(start, (field.bit + field.size_bits + 7) // 8, *_shift_and_mask(field, start))
+
+
+def _shift_and_mask(field: Field | None, start: int) -> tuple[int, int]:
+    return (0, 0) if field is None else (field.bit - 8 * start, (1 << field.size_bits) - 1)
+
+
+def _limits(field: Field, axis: Field) -> tuple[int, int, int]:
+    """Sign bit of a field and the range of its axis."""
+    sign = 1 << field.size_bits - 1 if field.is_signed else 0
+    return sign, axis.logical_minimum, axis.logical_maximum
+
+
+def _read(bits: Bits, report: bytes) -> int:
+    if bits.stop - bits.start == 1:  # every contact count: 4 times as fast
+        return report[bits.start] >> bits.shift & bits.mask
+    return _from_bytes(report[bits.start : bits.stop], "little") >> bits.shift & bits.mask
+
+
+def _maximum_contacts(surface: Surface, quirks: QuirkClass) -> int:
+    if quirks.maximum_contacts is not None:
+        return quirks.maximum_contacts
+    declared = 0 if surface.contact_count_maximum is None else surface.contact_count_maximum.logical_maximum
+    return declared if 1 <= declared <= _LARGEST_MAXIMUM_CONTACTS else _DEFAULT_MAXIMUM_CONTACTS

@@ -1,0 +1,216 @@
+"""HID interfaces of this machine to the digitizers among them, and the words to choose and to unlock one."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+from engine.touch.descriptor import SurfaceKind
+from engine.touch.digitizer import DigitizerError
+
+RULE_FILE = "/etc/udev/rules.d/70-tactable.rules"  # before 73-seat-late.rules, which acts on the tag
+
+_DIGITIZER_PAGE = 0x0D
+_TOUCH_USAGES = frozenset(kind.value for kind in SurfaceKind)
+_VENDOR_AND_PRODUCT = re.compile(r"([0-9a-fA-F]{4}):([0-9a-fA-F]{4})")
+# hidapi's number of a bus to the kernel's, which recordings hold: USB, Bluetooth, I2C, SPI.
+_KERNEL_BUS = {1: 0x03, 2: 0x05, 3: 0x18, 4: 0x1C}
+
+
+class HidHandle(Protocol):
+    """`device` of hidapi, as far as it is used."""
+
+    def open_path(self, path: bytes) -> None:
+        """Open read-write; OSError says "open failed" and no more."""
+
+    def close(self) -> None:
+        """Give the device back."""
+
+    def error(self) -> str:
+        """Why the last call failed."""
+
+    def set_nonblocking(self, value: int) -> int:
+        """With 1 a read does not wait."""
+
+    def read(self, max_length: int) -> list[int]:
+        """One report, empty for none; OSError once the device is gone."""
+
+    def get_report_descriptor(self) -> list[int]:
+        """The device's bytes."""
+
+    def get_feature_report(self, report_num: int, max_length: int) -> list[int]:
+        """Report ID, 0 where there is none, then the report."""
+
+    def send_feature_report(self, buff: bytes) -> int:
+        """The same form; negative for a failure."""
+
+
+class HidModule(Protocol):
+    """A module of hidapi, as far as it is used."""
+
+    def enumerate(self) -> list[dict[str, Any]]:
+        """One entry per top-level collection."""
+
+    def device(self) -> HidHandle:
+        """A handle that is not open."""
+
+
+@dataclass(frozen=True)
+class HidSystem:
+    """What this machine offers: a module of hidapi by its name, the platform as in `sys`, where Linux tells more."""
+
+    module: HidModule
+    backend: str
+    platform: str = sys.platform
+    sysfs: Path = Path("/sys/class/hidraw")
+
+    @property
+    def has_nodes(self) -> bool:
+        """Paths are Linux's own /dev/hidrawN: readable without hidapi, by a descriptor that can be waited on."""
+        return self.platform == "linux" and self.backend == "hidraw"
+
+    @property
+    def must_set_mode(self) -> bool:
+        """Nobody else reads the features and sets the device mode: Linux's driver does, and so does Windows."""
+        return not self.has_nodes and self.platform != "win32"
+
+    @property
+    def ring_size(self) -> int:
+        """Unread reports that are kept; Linux then drops the newest, hidapi's own threads the oldest."""
+        return 63 if self.has_nodes else 31
+
+
+def load_hid_system(
+    import_module: Callable[[str], object] = importlib.import_module, platform: str = sys.platform
+) -> HidSystem:
+    """The right module of hidapi: `hidraw` where there is one. Raises `DigitizerError` when hidapi is not installed.
+
+    On Linux `hid` is libusb: it takes the touch screen from the desktop and sees neither I2C nor Bluetooth.
+    """
+    for name in ("hidraw", "hid"):
+        try:
+            return HidSystem(cast(HidModule, import_module(name)), name, platform)
+        except ImportError:
+            continue
+    raise DigitizerError("hidapi is not installed: run `pip install hidapi`")
+
+
+@dataclass(frozen=True)
+class HidDigitizer:
+    """One HID interface with a touch collection; empty where the device or the system does not say.
+
+    `bus` is the kernel's number; `port` is where it is plugged in, the same after a replug.
+    """
+
+    path: str
+    name: str
+    vendor_id: int
+    product_id: int
+    serial_number: str = ""
+    bus: int = 0
+    interface_number: int = -1
+    port: str = ""
+
+    @property
+    def number(self) -> str:
+        """Vendor and product as 04f3:200a."""
+        return f"{self.vendor_id:04x}:{self.product_id:04x}"
+
+    @property
+    def stable_id(self) -> str:
+        """The serial number; else vendor, product and port; else the path."""
+        return self.serial_number or (f"{self.number}@{self.port}" if self.port else self.path)
+
+
+def find_digitizers(system: HidSystem) -> tuple[HidDigitizer, ...]:
+    """Every interface with a touch screen or touch pad collection, in the order of its path; opens none.
+
+    Raises `DigitizerError` when the system cannot say.
+    """
+    try:
+        collections = system.module.enumerate()
+    except OSError as error:
+        raise DigitizerError(f"cannot list HID devices: {error}") from error
+    touch = [c for c in collections if c["usage_page"] == _DIGITIZER_PAGE and c["usage"] in _TOUCH_USAGES]
+    by_path = {os.fsdecode(collection["path"]): collection for collection in touch}
+    return tuple(_digitizer(system, path, by_path[path]) for path in sorted(by_path))
+
+
+def _digitizer(system: HidSystem, path: str, collection: dict[str, Any]) -> HidDigitizer:
+    manufacturer, product = (collection.get(f"{key}_string") or "" for key in ("manufacturer", "product"))
+    kernel = _read_uevent(system.sysfs, path) if system.has_nodes else {}
+    return HidDigitizer(
+        path=path,
+        name=product if product.startswith(manufacturer) else f"{manufacturer} {product}".strip(),
+        vendor_id=collection["vendor_id"],
+        product_id=collection["product_id"],
+        serial_number=(collection.get("serial_number") or "").strip(),
+        bus=_kernel_bus(kernel) or _KERNEL_BUS.get(collection.get("bus_type", 0), 0),
+        interface_number=collection.get("interface_number", -1),
+        port=kernel.get("HID_PHYS", ""),
+    )
+
+
+def _read_uevent(sysfs: Path, path: str) -> dict[str, str]:
+    """What the kernel says of a node, such as HID_PHYS=usb-0000:00:14.0-6/input0; empty where it does not."""
+    try:
+        text = (sysfs / Path(path).name / "device" / "uevent").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return {}
+    return {key: value for key, _, value in (line.partition("=") for line in text.splitlines())}
+
+
+def _kernel_bus(kernel: dict[str, str]) -> int:
+    """Bus of HID_ID=0003:000004F3:0000200A, 0 where it is absent: hidapi does not know every bus."""
+    digits = kernel.get("HID_ID", "").partition(":")[0]
+    return int(digits, 16) if re.fullmatch("[0-9A-Fa-f]+", digits) else 0
+
+
+def select_digitizer(name: str, found: Sequence[HidDigitizer]) -> HidDigitizer:
+    """The one digitizer called `name`: its path, stable id, serial number or vendor:product.
+
+    Raises `DigitizerError` when none or several are called so.
+    """
+    matches = [d for d in found if name in (d.path, d.stable_id, d.serial_number)]
+    matches = matches or [d for d in found if d.number == name.lower()]
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        raise DigitizerError(f"{name!r} is {len(matches)} digitizers; choose one: {', '.join(d.path for d in matches)}")
+    known = ", ".join(f"{d.stable_id} ({d.path})" for d in found) or "none"
+    raise DigitizerError(f"no digitizer {name!r}: plug it in, or choose one that `tactable list` shows; found: {known}")
+
+
+def parse_number(text: str) -> tuple[int, int] | None:
+    """Vendor and product of a text like 04f3:200a, None for another text."""
+    found = _VENDOR_AND_PRODUCT.fullmatch(text)
+    return None if found is None else (int(found[1], 16), int(found[2], 16))
+
+
+def udev_rule(vendor_id: int, product_id: int) -> str:
+    """The rule that lets whoever sits at the machine read the device. The kernel's names have capital digits."""
+    return f'SUBSYSTEM=="hidraw", KERNELS=="*:{vendor_id:04X}:{product_id:04X}.*", TAG+="uaccess"'
+
+
+def refusal(system: HidSystem, device: HidDigitizer, reason: object) -> DigitizerError:
+    """Why a device cannot be opened or read, and what to do about it."""
+    what = f"{device.path} ({device.name or device.number})"
+    if system.has_nodes and isinstance(reason, PermissionError):
+        return DigitizerError(
+            f"no permission to read {what}: put this udev rule into {RULE_FILE} "
+            f"(`tactable doctor --emit-udev` prints it), then plug the device in again: "
+            f"{udev_rule(device.vendor_id, device.product_id)}"
+        )
+    remedy = {
+        "win32": "Windows keeps touch devices to itself: touch the page instead, its pointer events work everywhere",
+        "darwin": "macOS keeps it: allow this terminal in System Settings, Privacy & Security, Input Monitoring, "
+        "and end other programs that use it",
+        "linux": "plug it in again, and end other programs that use it",
+    }.get(system.platform, "plug it in again")
+    return DigitizerError(f"cannot read {what}: {reason}; {remedy}")

@@ -1,0 +1,389 @@
+"""A HID digitizer of this machine to its reports, across unplug and overflow."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import select
+import struct
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Protocol
+
+from engine.touch.descriptor import DescriptorError, Field, Surface, SurfaceKind, read_surfaces
+from engine.touch.digitizer import RELEASE_AFTER_NS, DigitizerError
+from engine.touch.sources.hid_discovery import (
+    HidDigitizer,
+    HidHandle,
+    HidSystem,
+    find_digitizers,
+    refusal,
+    select_digitizer,
+)
+
+# With a smaller buffer the rest of a report is lost.
+_READ_BYTES = 4096
+# Without a descriptor to wait on: a quarter of the usual frame of 8 ms.
+_POLL_NS = 2_000_000
+# The watchdog has released every contact (120 ms) before the first attempt to come back.
+_FIRST_RETRY_NS = 250_000_000
+_LAST_RETRY_NS = 2_000_000_000
+# _IOR('H', 1, int) and _IOR('H', 2, struct hidraw_report_descriptor) of linux/hidraw.h
+_HIDIOCGRDESCSIZE, _HIDIOCGRDESC = 0x80044801, 0x90044802
+_MODES = {SurfaceKind.TOUCH_SCREEN: 2, SurfaceKind.MULTI_POINT: 2, SurfaceKind.TOUCH_PAD: 3}
+
+
+class Connection(Enum):
+    """Whether the device is there."""
+
+    CONNECTED = "connected"
+    LOST = "lost; looked for until it comes back"
+    CLOSED = "closed"
+
+
+@dataclass(slots=True)
+class HidrawCounters:
+    """What became of the device. An overflow is a full ring after a stall: reports were lost with it."""
+
+    overflows: int = 0
+    losses: int = 0
+    reconnects: int = 0
+    failed_features: int = 0
+
+
+class HidrawSource:
+    """A live digitizer as a Source; with `reconnect` an unplug is waited out, otherwise it ends the source.
+
+    `state`, `problem` and `counters` say how it is. Raises `DigitizerError` when the device cannot be opened.
+
+    Its time axis is the clock's until the ring overflows; what is lost then may hold a release, so the axis skips
+    the patience of the watchdog: every contact is released, and comes back with the next report that tells of it.
+    """
+
+    def __init__(self, system: HidSystem, device: HidDigitizer, *, reconnect: bool = True) -> None:
+        self.device = device
+        self.name, self.vendor_id, self.product_id = device.name, device.vendor_id, device.product_id
+        self.counters = HidrawCounters()
+        self.problem: DigitizerError | None = None
+        """Why the device is not there; None while it is."""
+        self.report_index = -1
+        self.report_time_ns = 0
+        self._system = system
+        self._reconnects = reconnect
+        # Of a serial-less pair the other one must not stand in for the one that is gone.
+        self._others = {found.stable_id for found in find_digitizers(system)} - {device.stable_id}
+        self._poll = select.epoll() if system.has_nodes else None
+        self._channel: _Channel | None = None
+        self._ring_size = system.ring_size
+        self._burst = 0  # reports read since there was none
+        self._skipped_ns = 0
+        self._retry_ns = self._pause_ns = 0
+        self._read_ns: int | None = None
+        try:
+            self._attach(_open_channel(system, device, self.counters))
+        except DigitizerError:
+            self.close()
+            raise
+        assert self._channel is not None
+        self.descriptor: bytes = self._channel.descriptor
+
+    @property
+    def state(self) -> Connection:
+        """Whether the device is there."""
+        if self._channel is not None:
+            return Connection.CONNECTED
+        return Connection.LOST if self._reconnects else Connection.CLOSED
+
+    @property
+    def ended(self) -> bool:
+        """The device is gone and not looked for."""
+        return self.state is Connection.CLOSED
+
+    def fileno(self) -> int | None:
+        """One number for the source's life, whatever node the device has; None where hidapi must be asked."""
+        return None if self._poll is None else self._poll.fileno()
+
+    def next_time_ns(self) -> int | None:
+        """When to look for a lost device, or to ask hidapi."""
+        if self.state is Connection.LOST:
+            return self._retry_ns
+        if self._poll is not None or self.ended:
+            return None
+        return 0 if self._read_ns is None else self._read_ns + _POLL_NS
+
+    def read(self, now_ns: int) -> bytes | None:
+        """The next report that is there; a device that is gone has none until it comes back."""
+        channel = self._channel or self._look_for_device(now_ns)
+        if channel is None:
+            return None
+        try:
+            report = channel.read()
+        except OSError as error:
+            self._lose(error, now_ns)
+            return None
+        if report is None:
+            self._read_ns = now_ns
+            self._end_burst()
+            return None
+        self._count_report(now_ns)
+        return report
+
+    packet_head = 0
+
+    def packet_fileno(self) -> int | None:
+        """The node itself, each read of which is one report; None while it is lost, and where hidapi reads."""
+        return None if self._channel is None or self._poll is None else self._channel.fileno()
+
+    def take_packet(self, packet: bytes, now_ns: int, *, is_last: bool) -> bytes:
+        """A report that somebody else read at `now_ns`, the last that was there or not."""
+        self._count_report(now_ns)
+        if is_last:
+            self._end_burst()
+        return packet
+
+    def _count_report(self, now_ns: int) -> None:
+        self._burst += 1
+        self.report_index += 1
+        self.report_time_ns = now_ns + self._skipped_ns
+
+    def source_time_ns(self, now_ns: int) -> int:
+        """Clock time and what overflows skipped."""
+        return now_ns + self._skipped_ns
+
+    def clock_time_ns(self, source_time_ns: int) -> int:
+        """Clock time of a time since the last overflow."""
+        return source_time_ns - self._skipped_ns
+
+    def close(self) -> None:
+        """Give the device back; a second close does nothing."""
+        self._reconnects = False
+        if self._channel is not None:
+            self._channel.close()
+            self._channel = None
+        if self._poll is not None:
+            self._poll.close()
+            self._poll = None
+
+    def _end_burst(self) -> None:
+        if self._burst >= self._ring_size:
+            self.counters.overflows += 1
+            self._skipped_ns += RELEASE_AFTER_NS
+        self._burst = 0
+
+    def _attach(self, channel: _Channel) -> None:
+        descriptor = channel.fileno()
+        if self._poll is not None and descriptor is not None:
+            self._poll.register(descriptor, select.EPOLLIN)
+        self._channel = channel
+        self.problem = None
+
+    def _lose(self, error: OSError, now_ns: int) -> None:
+        assert self._channel is not None
+        self._channel.close()  # which also takes it out of the poll
+        self._channel = None
+        self._burst = 0
+        self.counters.losses += 1
+        self.problem = refusal(self._system, self.device, error)
+        self._pause_ns = _FIRST_RETRY_NS
+        self._retry_ns = now_ns + self._pause_ns
+
+    def _look_for_device(self, now_ns: int) -> _Channel | None:
+        """The device under whatever path it has now; each attempt waits twice as long as the one before."""
+        if not self._reconnects or now_ns < self._retry_ns:
+            return None
+        try:
+            channel = self._reopen()
+        except DigitizerError as error:
+            self.problem = error
+            self._pause_ns = min(2 * self._pause_ns, _LAST_RETRY_NS)
+            self._retry_ns = now_ns + self._pause_ns
+            return None
+        self._attach(channel)
+        self.counters.reconnects += 1
+        return channel
+
+    def _reopen(self) -> _Channel:
+        mine = self.device
+        same = [
+            found
+            for found in find_digitizers(self._system)
+            if (found.number, found.serial_number) == (mine.number, mine.serial_number)
+            and found.stable_id not in self._others
+        ]
+        if not same:
+            raise DigitizerError(f"{mine.name or mine.number} is unplugged: plug it in again")
+        # Of a composite device the interface it was; of equals the port, then the path.
+        nearest = min(
+            same,
+            key=lambda found: (
+                found.interface_number != mine.interface_number,
+                found.port != mine.port,
+                found.path != mine.path,
+            ),
+        )
+        channel = _open_channel(self._system, nearest, self.counters)
+        if channel.descriptor != self.descriptor:
+            channel.close()
+            raise DigitizerError(f"{nearest.path} is another device than {mine.path} was: start the run again")
+        self.device = nearest
+        return channel
+
+
+def open_hidraw(system: HidSystem, name: str, *, reconnect: bool = True) -> HidrawSource:
+    """Open the digitizer of a path, stable id, serial number or vendor:product. Raises `DigitizerError`."""
+    return HidrawSource(system, select_digitizer(name, find_digitizers(system)), reconnect=reconnect)
+
+
+def read_descriptor(system: HidSystem, device: HidDigitizer) -> bytes:
+    """The report descriptor, on Linux without opening the device. Raises `DigitizerError`."""
+    if system.has_nodes:
+        try:
+            return _read_sysfs_descriptor(system.sysfs, device.path)
+        except OSError:
+            pass  # an older kernel, or a container without /sys: the device itself says it
+    channel = _open_channel(system, device, HidrawCounters(), set_mode=False)
+    channel.close()
+    return channel.descriptor
+
+
+def _read_sysfs_descriptor(sysfs: Path, path: str) -> bytes:
+    return (sysfs / Path(path).name / "device" / "report_descriptor").read_bytes()
+
+
+# ---- channels --------------------------------------------------------------------------------------------
+
+
+class _Channel(Protocol):
+    """An open device."""
+
+    descriptor: bytes
+
+    def fileno(self) -> int | None: ...
+
+    def read(self) -> bytes | None:
+        """The next report, None where there is none yet; OSError when the device is gone."""
+
+    def close(self) -> None: ...
+
+
+def _open_channel(
+    system: HidSystem, device: HidDigitizer, counters: HidrawCounters, *, set_mode: bool = True
+) -> _Channel:
+    try:
+        if system.has_nodes:
+            return _Node(device.path, system.sysfs)
+        handle = _Handle(system.module.device(), device.path)
+    except OSError as error:
+        raise refusal(system, device, error) from error
+    if system.platform == "win32":
+        _probe(system, device, handle)
+    if system.must_set_mode and set_mode:
+        counters.failed_features += handle.set_mode()
+    return handle
+
+
+class _Node:
+    """Linux's own /dev/hidrawN, read only: hidapi opens read-write and offers nothing to wait on."""
+
+    def __init__(self, path: str, sysfs: Path) -> None:
+        self._descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            self.descriptor = _read_node_descriptor(self._descriptor, path, sysfs)
+        except OSError:
+            self.close()
+            raise
+
+    def fileno(self) -> int:
+        return self._descriptor
+
+    def read(self) -> bytes | None:
+        try:
+            report = os.read(self._descriptor, _READ_BYTES)
+        except BlockingIOError:
+            return None
+        if not report:
+            raise OSError(errno.ENODEV, "the device hung up")
+        return report
+
+    def close(self) -> None:
+        os.close(self._descriptor)
+
+
+def _read_node_descriptor(descriptor: int, path: str, sysfs: Path) -> bytes:
+    try:
+        size = struct.unpack("<i", fcntl.ioctl(descriptor, _HIDIOCGRDESCSIZE, bytes(4)))[0]
+        buffer = bytearray(struct.pack("<I", size) + bytes(4096))
+        fcntl.ioctl(descriptor, _HIDIOCGRDESC, buffer)
+    except OSError:
+        return _read_sysfs_descriptor(sysfs, path)
+    return bytes(buffer[4 : 4 + size])
+
+
+class _Handle:
+    """A device through hidapi: never closed while another thread reads, for there is none."""
+
+    def __init__(self, handle: HidHandle, path: str) -> None:
+        self._handle = handle
+        try:
+            handle.open_path(os.fsencode(path))
+        except OSError as error:
+            raise OSError(handle.error() or str(error)) from error
+        try:
+            handle.set_nonblocking(1)
+            self.descriptor = bytes(handle.get_report_descriptor())
+        except OSError:
+            handle.close()
+            raise
+
+    def fileno(self) -> None:
+        return None
+
+    def read(self) -> bytes | None:
+        return bytes(self._handle.read(_READ_BYTES)) or None
+
+    def close(self) -> None:
+        self._handle.close()
+
+    def set_mode(self) -> int:
+        """Read what Windows reads, then switch each surface from mouse to touch; the number of failures.
+
+        Certified devices stay silent until Contact Count Maximum and the blob are read.
+        """
+        try:
+            surfaces = read_surfaces(self.descriptor)
+        except DescriptorError:
+            return 0
+        fields = [field for s in surfaces for field in (s.contact_count_maximum, s.certification_blob) if field]
+        failures = sum(not self._read_feature(field) for field in fields)
+        return failures + sum(not self._send_mode(surface) for surface in surfaces if surface.device_mode is not None)
+
+    def _read_feature(self, field: Field) -> bytes:
+        try:
+            return bytes(self._handle.get_feature_report(field.report_id, _READ_BYTES))
+        except OSError:
+            return b""
+
+    def _send_mode(self, surface: Surface) -> bool:
+        field = surface.device_mode
+        assert field is not None
+        # hidapi puts the report ID first even where the device has none.
+        place = field.bit if surface.uses_report_ids else field.bit + 8
+        mask = (1 << field.size_bits) - 1
+        size = (place + field.size_bits + 7) // 8
+        report = self._read_feature(field) or bytes([field.report_id])
+        value = int.from_bytes(report, "little") & ~(mask << place) | (_MODES[surface.kind] & mask) << place
+        try:
+            return self._handle.send_feature_report(value.to_bytes(max(size, len(report)), "little")) >= 0
+        except OSError:
+            return False
+
+
+def _probe(system: HidSystem, device: HidDigitizer, handle: _Handle) -> None:
+    """Windows lets a touch device be opened and refuses the first read."""
+    try:
+        handle.read()
+    except OSError as error:
+        handle.close()
+        raise refusal(system, device, error) from error

@@ -1,0 +1,148 @@
+"""Pointer events of a page to reports, handed over by a pipe so that the engine's one wait sees them."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from enum import Enum
+
+from engine.touch.digitizer import RELEASE_AFTER_NS, Contact, DigitizerError
+from engine.touch.sources.own_reports import Axis, ContactReports
+
+RESOLUTION = 65_535
+"""Logical maximum of both axes."""
+_MOST_POINTERS = 10
+_AXIS = Axis(0, RESOLUTION)
+_REPORTS = ContactReports(_AXIS, _AXIS, contacts=1, maximum_contacts=_MOST_POINTERS)
+
+
+class Phase(Enum):
+    """What a pointer does; the browser's pointerdown, pointermove, pointerup, pointercancel."""
+
+    DOWN = "down"
+    MOVE = "move"
+    UP = "up"
+    CANCEL = "cancel"
+
+
+@dataclass(frozen=True, slots=True)
+class PointerEvent:
+    """One event of one pointer: the browser's pointer id, the place as fractions of the drawn bar."""
+
+    pointer_id: int
+    x: float
+    y: float
+    phase: Phase
+
+
+class PointerFeed:
+    """The page's end of the pipe; it may live in another process than the source.
+
+    The page sends a `MOVE` of each pressed pointer at least every 50 ms, moved or not: browsers lose releases, and a
+    pointer that is silent for 120 ms is taken for one.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+
+    def send(self, event: PointerEvent) -> None:
+        """Hand over one event. Raises `DigitizerError` for a place that is no number, or when the engine is gone."""
+        if not (math.isfinite(event.x) and math.isfinite(event.y)):
+            raise DigitizerError(f"pointer {event.pointer_id} is at ({event.x}, {event.y}); expected two fractions")
+        x, y = (round(RESOLUTION * min(max(place, 0.0), 1.0)) for place in (event.x, event.y))
+        tip = event.phase in (Phase.DOWN, Phase.MOVE)
+        try:
+            # Shorter than PIPE_BUF: the whole report goes in, or nothing.
+            os.write(self._descriptor, _REPORTS.encode([Contact(event.pointer_id, x, y, tip)]))
+        except OSError as error:
+            raise DigitizerError(f"the engine takes no touches ({error}): start it again") from error
+
+    def close(self) -> None:
+        """End the source: what is pressed is released."""
+        os.close(self._descriptor)
+
+
+class PointerSource:
+    """The engine's end of the pipe, as a Source: a serial touch screen of ten fingers without a physical size."""
+
+    name = "pointer events of a page"
+    vendor_id = 0
+    product_id = 0
+
+    def __init__(self, descriptor: int) -> None:
+        os.set_blocking(descriptor, False)
+        self.descriptor = _REPORTS.descriptor
+        self.report_index = -1
+        self.report_time_ns = 0
+        self.ended = False
+        """The page is gone and all is released."""
+        self.silent_pointers = 0
+        """Pointers that were released because the page told nothing of them any more."""
+        self._pipe = descriptor
+        self._is_open = True
+        self._pressed: dict[bytes, tuple[int, bytes]] = {}  # by contact id: time and report, the longest silent first
+
+    def fileno(self) -> int | None:
+        """The pipe, until its other end is closed."""
+        return self._pipe if self._is_open else None
+
+    def next_time_ns(self) -> int | None:
+        """When the pointer that is silent for longest is released."""
+        if not self._pressed:
+            return None
+        return next(iter(self._pressed.values()))[0] + RELEASE_AFTER_NS if self._is_open else 0
+
+    def read(self, now_ns: int) -> bytes | None:
+        """The next event as a report, else the release of a silent pointer."""
+        report = self._read_pipe() or self._release_silent(now_ns)
+        if report is None:
+            self.ended = not self._is_open
+            return None
+        contact_id = report[2:6]
+        self._pressed.pop(contact_id, None)
+        if report[1]:
+            self._pressed[contact_id] = (now_ns, report)
+        self.report_index += 1
+        self.report_time_ns = now_ns
+        return report
+
+    def source_time_ns(self, now_ns: int) -> int:
+        """The clock's time."""
+        return now_ns
+
+    def clock_time_ns(self, source_time_ns: int) -> int:
+        """The clock's time."""
+        return source_time_ns
+
+    def close(self) -> None:
+        """Close this end too."""
+        os.close(self._pipe)
+        self._is_open = False
+        self.ended = True
+
+    def _read_pipe(self) -> bytes:
+        """One report, or nothing; a pipe holds whole reports only, for each is written at once."""
+        if not self._is_open:
+            return b""
+        try:
+            report = os.read(self._pipe, _REPORTS.size_bytes)
+        except BlockingIOError:
+            return b""
+        self._is_open = bool(report)
+        return report
+
+    def _release_silent(self, now_ns: int) -> bytes | None:
+        for last_ns, report in self._pressed.values():
+            if self._is_open and now_ns - last_ns < RELEASE_AFTER_NS:
+                break
+            self.silent_pointers += self._is_open
+            return report[:1] + b"\0" + report[2:]
+        return None
+
+
+def open_pointer_pipe() -> tuple[PointerSource, PointerFeed]:
+    """Both ends of a new pipe; a child process that is to feed gets the feed's descriptor."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    return PointerSource(reading), PointerFeed(writing)

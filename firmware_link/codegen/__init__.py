@@ -1,0 +1,1 @@
+"""C headers and test vectors made from the Python definitions."""

@@ -1,0 +1,207 @@
+"""Messages to the C header of the firmware: values, layouts, and the functions that read and write bodies.
+
+`python -m firmware_link.codegen.c_header` rewrites `firmware/core/tactable_protocol.h`; a test compares the two.
+"""
+
+import re
+from enum import Enum, IntFlag
+from pathlib import Path
+
+from firmware_link.protocol import framing, messages
+from firmware_link.protocol.layout import Layout, Sender, Word
+
+HEADER = Path(__file__).parents[1] / "firmware" / "core" / "tactable_protocol.h"
+
+_ENUMS: tuple[type[Enum], ...] = tuple(
+    value
+    for value in vars(messages).values()
+    if isinstance(value, type) and issubclass(value, Enum) and value.__module__ == messages.__name__
+)
+_CONSTANTS = {
+    "VERSION_MAJOR": messages.VERSION_MAJOR,
+    "VERSION_MINOR": messages.VERSION_MINOR,
+    "MAGIC": messages.MAGIC,
+    "SCHEMA_HASH": messages.SCHEMA_HASH,
+    "FULL_SCALE_WORD": messages.FULL_SCALE_WORD,
+    "CLOCK_REFERENCE_US": messages.CLOCK_REFERENCE_US,
+    "CLOCK_REFERENCE_SPAN": messages.CLOCK_REFERENCE_SPAN,
+    "BANK_CHUNK_SIZE": messages.BANK_CHUNK_SIZE,
+    "NUMBER_OF_SHAPES": messages.NUMBER_OF_SHAPES,
+    "SHAPE_STEPS": messages.SHAPE_STEPS,
+    "SHAPE_TIME_US": messages.SHAPE_TIME_US,
+    "SHAPE_FULL_GAIN": messages.SHAPE_FULL_GAIN,
+    "EMERGENCY_STOP_RUN": framing.EMERGENCY_STOP_RUN,
+}
+_BEGINNING = """\
+/* The wire in C: made from firmware_link/protocol/messages.py by
+ * `python -m firmware_link.codegen.c_header`, not to be edited.
+ *
+ * A reader returns false for a value whose meaning is unknown, and leaves blocks of bytes where they are in the body;
+ * a writer returns the end of what it wrote.
+ */
+#ifndef TACTABLE_PROTOCOL_H
+#define TACTABLE_PROTOCOL_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "bytes.h"
+"""
+_END = "\n#endif\n"
+
+
+def build_header() -> str:
+    """The whole header, the same for the same messages."""
+    layouts = [Layout(message) for message in messages.MESSAGES]
+    constants = "".join(f"#define TACTABLE_{name} {value:#x}u\n" for name, value in _CONSTANTS.items())
+    parts = [constants, *map(_enum_text, _ENUMS), _layouts_text(layouts), *map(_message_text, layouts)]
+    return _BEGINNING + "".join(f"\n{part}" for part in parts) + _END
+
+
+def _enum_text(kind: type[Enum]) -> str:
+    name = _snake(kind.__name__)
+    members = "".join(f"    TACTABLE_{name.upper()}_{member.name} = {member.value},\n" for member in kind)
+    return f"/* {_sentence(kind)} */\nenum tactable_{name} {{\n{members}}};\n"
+
+
+def _layouts_text(layouts: list[Layout]) -> str:
+    rows = ", \\\n".join(
+        f"    {{{layout.seed:#010x}u, {layout.length(0)}u, {_each(layout)}u, {layout.message.type_byte:#04x}u}}"
+        for layout in layouts
+    )
+    fixed, each = max(layout.length(0) for layout in layouts), max(map(_each, layouts))
+    return (
+        "/* How frames of one type are checked: the seed of their CRC, and the length of their bodies. */\n"
+        "struct tactable_layout {\n    uint32_t seed;\n    uint16_t length;\n    uint8_t length_per_actuator;\n"
+        f"    uint8_t type;\n}};\n\n#define TACTABLE_LAYOUTS \\\n{rows}\n\n"
+        "/* No body is longer. */\n"
+        f"#define TACTABLE_BODY_BOUND(number_of_actuators) ({fixed}u + {each}u * (number_of_actuators))\n"
+    )
+
+
+def _message_text(layout: Layout) -> str:
+    name, upper = _name(layout), layout.message.wire_name
+    lines = [f"/* {layout.message.wire_name}, sent by {layout.message.sender}: {layout.message.purpose}. */"]
+    lines.append(f"#define TACTABLE_{upper}_TYPE {layout.message.type_byte:#04x}u")
+    if layout.words:
+        lines += ["", f"struct tactable_{name} {{", *_members(layout.words), "};"]
+    if layout.repeated:
+        lines += ["", f"struct tactable_{name}_channel {{", *_members(list(layout.repeated[1].words)), "};"]
+    if layout.message.sender is not Sender.DEVICE:
+        lines += _reader(layout) + _channel_reader(layout)
+    if layout.message.sender is not Sender.HOST:
+        lines += _writer(layout) + _channel_writer(layout)
+    return "\n".join(lines) + "\n"
+
+
+def _members(words: list[tuple[str, Word]]) -> list[str]:
+    return [f"    {_c_type(word)}{name};{_comment(word)}" for name, word in words]
+
+
+def _reader(layout: Layout) -> list[str]:
+    if not layout.words:
+        return []
+    name, offset = _name(layout), 2
+    lines = ["", f"static inline bool tactable_read_{name}(const uint8_t *body, struct tactable_{name} *message)", "{"]
+    for field, word in layout.words:
+        lines.append(f"    message->{field} = {_get(word, f'body + {offset}')};")
+        offset += _size(word)
+    checks = [
+        _is_known(f"message->{field}", kind)
+        for (field, _), kind in zip(layout.words, layout.converters, strict=True)
+        if isinstance(kind, type) and issubclass(kind, Enum)
+    ]
+    return [*lines, f"    return {' && '.join(checks) or 'true'};", "}"]
+
+
+def _is_known(value: str, kind: type[Enum]) -> str:
+    known = [int(member.value) for member in kind]
+    if issubclass(kind, IntFlag):
+        return f"({value} & ~{sum(known):#x}u) == 0"
+    assert sorted(known) == list(range(len(known))), f"{kind.__name__} has a gap; the C reader checks a range"
+    return f"{value} <= {max(known)}u"
+
+
+def _channel_reader(layout: Layout) -> list[str]:
+    if not layout.repeated:
+        return []
+    name, offset = _name(layout), 0
+    lines = [
+        "",
+        f"static inline struct tactable_{name}_channel "
+        f"tactable_read_{name}_channel(const uint8_t *body, size_t actuator)",
+        "{",
+        f"    const uint8_t *at = body + {layout.length(0)} + {_each(layout)} * actuator;",
+        f"    struct tactable_{name}_channel channel;",
+    ]
+    for field, word in layout.repeated[1].words:
+        lines.append(f"    channel.{field} = get_{word.kind}(at + {offset});")
+        offset += _size(word)
+    return [*lines, "    return channel;", "}"]
+
+
+def _writer(layout: Layout) -> list[str]:
+    name = _name(layout)
+    return [
+        "",
+        f"static inline uint8_t *tactable_write_{name}(uint8_t *at, uint8_t sequence, "
+        f"const struct tactable_{name} *message)",
+        "{",
+        f"    at = put_u8(at, TACTABLE_{layout.message.wire_name}_TYPE);",
+        "    at = put_u8(at, sequence);",
+        *(f"    at = put_{word.kind}(at, message->{field});" for field, word in layout.words),
+        "    return at;",
+        "}",
+    ]
+
+
+def _channel_writer(layout: Layout) -> list[str]:
+    if not layout.repeated:
+        return []
+    name = _name(layout)
+    return [
+        "",
+        f"static inline uint8_t *tactable_write_{name}_channel(uint8_t *at, "
+        f"const struct tactable_{name}_channel *channel)",
+        "{",
+        *(f"    at = put_{word.kind}(at, channel->{field});" for field, word in layout.repeated[1].words),
+        "    return at;",
+        "}",
+    ]
+
+
+def _name(layout: Layout) -> str:
+    return layout.message.wire_name.lower()
+
+
+def _snake(name: str) -> str:
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+
+
+def _sentence(kind: type[Enum]) -> str:
+    return (kind.__doc__ or "").partition("\n")[0]
+
+
+def _each(layout: Layout) -> int:
+    return layout.length(1) - layout.length(0)
+
+
+def _c_type(word: Word) -> str:
+    return f"uint{word.kind[1:]}_t " if word.block_size is None else "const uint8_t *"
+
+
+def _get(word: Word, at: str) -> str:
+    return f"get_{word.kind}({at})" if word.block_size is None else at
+
+
+def _size(word: Word) -> int:
+    return word.block_size or int(word.kind[1:]) // 8
+
+
+def _comment(word: Word) -> str:
+    return f" /* {word.unit} */" if word.unit else ""
+
+
+if __name__ == "__main__":
+    HEADER.write_text(build_header(), encoding="ascii")

@@ -1,0 +1,156 @@
+"""Example messages to lines of hex: `python -m firmware_link.codegen.vectors` writes them anew into `vectors/`.
+
+A line is `name | values | body | frame`. Another implementation encodes the values and must get the bytes, and decodes
+the bytes and must get the values.
+"""
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from firmware_link.protocol.bank import Bank, encode_bank, hash_of_bank, make_bank, transfer_messages
+from firmware_link.protocol.framing import encode_frame
+from firmware_link.protocol.layout import Message
+from firmware_link.protocol.messages import (
+    MAGIC,
+    SCHEMA_HASH,
+    Ack,
+    Arm,
+    ChannelDrive,
+    DeviceState,
+    Fault,
+    FaultCode,
+    Features,
+    Hello,
+    HelloRequest,
+    KeepAlive,
+    Log,
+    LogCode,
+    LogLevel,
+    Play,
+    Result,
+    Set,
+    SetFlag,
+    Shape,
+    Status,
+    Stop,
+    Time,
+    TimeRequest,
+    encode_body,
+    encode_drive,
+)
+
+FOLDER = Path(__file__).parents[1] / "vectors"
+RESOLUTION_HZ = 0.01
+_FIRST_SEQUENCE = 254
+_BOOT_ID = 0x00ABCD00
+
+
+def example_bank() -> Bank:
+    """Two short waveforms for two actuators."""
+    rise = np.array([[0.0, 0.0], [0.5, -0.25], [1.0, -0.5], [0.5, -0.25], [0.0, 0.0]])
+    return make_bank(1000, [rise, np.array([[0.0, 0.0], [-1.0, 1.0], [0.0, 0.0]])])
+
+
+def example_messages() -> tuple[Message, ...]:
+    """One or more of every type, for two actuators."""
+    drive = encode_drive([ChannelDrive(60, 1.0, 0.0), ChannelDrive(60, 0.5, 1.5707963267948966)], RESOLUTION_HZ)
+    data = encode_bank(example_bank(), 2)
+    return (
+        HelloRequest(MAGIC, 1, 0, 0x01020304),
+        _example_hello(),
+        Arm(_BOOT_ID, 200, 40, 0, (65_535, 32_768)),
+        Ack(Arm.type_byte, 3, Result.OK),
+        Ack(Arm.type_byte, 0, Result.WRONG_BOOT),
+        Set(1000, SetFlag.WRITE_PHASE, 40, 0, drive),
+        Set(65_535, SetFlag(0), 100, 8, bytes(12)),
+        KeepAlive(0, 7),
+        Stop(),
+        TimeRequest(2**63),
+        Time(2**63, 1_000_000, 1_000_001),
+        Status(DeviceState.DRIVING, FaultCode.NONE, 7, 2**40, 2**40 - 1, 4000, 1, 2, 3, 4, 5, 6, 7, 8, 9),
+        Fault(FaultCode.SILENT_HOST, 251_000),
+        Log(LogLevel.WARNING, LogCode.LEASE_EXPIRED, 7, 41_000),
+        Shape(2, 2, 100, 250, 200, 500, 0, 0),
+        *transfer_messages(data),
+        Play(1000, 1, 65_535),
+    )
+
+
+def _example_hello() -> Hello:
+    return Hello(
+        version_major=1,
+        version_minor=0,
+        nonce=0x01020304,
+        boot_id=_BOOT_ID,
+        schema_hash=SCHEMA_HASH,
+        features=Features.WAVEFORMS | Features.ONSET_SHAPES,
+        firmware_major=0,
+        firmware_minor=1,
+        firmware_patch=0,
+        board=0,
+        synthesis_rate_hz=48_000,
+        frequency_resolution_uhz=10_000,
+        frequency_minimum=100,
+        frequency_maximum=65_535,
+        longest_lease_ms=100,
+        longest_waveform_ms=1000,
+        bank_capacity_bytes=65_536,
+        held_bank_hash=0,
+        number_of_actuators=2,
+        full_scales_pm=(520_000, 0x00FF00FF),
+    )
+
+
+def message_lines() -> list[str]:
+    """A line for each example, sequences counting on from 254."""
+    lines = []
+    for index, message in enumerate(example_messages()):
+        body = encode_body(message, (_FIRST_SEQUENCE + index) % 256)
+        values = " ".join(f"{f.name}={_value_text(getattr(message, f.name))}" for f in fields(message))
+        lines.append(f"{message.wire_name} | sequence={body[1]} {values}".rstrip() + f" | {body.hex()} | {_hex(body)}")
+    return lines
+
+
+def bank_lines() -> list[str]:
+    """The bank of the examples: its bytes and its hash."""
+    data = encode_bank(example_bank(), 2)
+    return [f"bank | {data.hex()} | {hash_of_bank(data):08x}"]
+
+
+def write_vectors(folder: Path = FOLDER) -> None:
+    """Write every file of vectors."""
+    folder.mkdir(exist_ok=True)
+    for name, lines in vector_files().items():
+        (folder / name).write_text("\n".join([*_HEADS[name], *lines]) + "\n", encoding="ascii")
+
+
+def vector_files() -> dict[str, list[str]]:
+    """Lines by the name of their file."""
+    return {"messages.txt": message_lines(), "bank.txt": bank_lines()}
+
+
+_HEADS = {
+    "messages.txt": ["# Made by `python -m firmware_link.codegen.vectors`.", "# name | values | body | frame"],
+    "bank.txt": [
+        "# Made by `python -m firmware_link.codegen.vectors`.",
+        "# bank | its bytes for two actuators | its hash",
+    ],
+}
+
+
+def _hex(body: bytes) -> str:
+    return encode_frame(body).hex()
+
+
+def _value_text(value: object) -> str:
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, tuple):
+        return ",".join(map(str, value))
+    return str(int(value))  # type: ignore[call-overload]  # what is no block is an integer
+
+
+if __name__ == "__main__":
+    write_vectors()

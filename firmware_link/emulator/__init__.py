@@ -1,0 +1,1 @@
+"""The firmware in Python, with its faults, behind a pseudo-terminal."""

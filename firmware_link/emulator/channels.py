@@ -1,0 +1,148 @@
+"""Drive bytes of a SET to drive events: clamps, held frequencies, phase writes and onsets."""
+
+import math
+import struct
+from dataclasses import dataclass
+
+from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent, PlayedWaveform
+from firmware_link.protocol.messages import FULL_SCALE_WORD, SHAPE_FULL_GAIN, WORDS_PER_TURN
+from firmware_link.protocol.onset import Onset
+
+
+@dataclass
+class _Channel:
+    """One actuator's oscillator, in words; `written` is its last phase write, None once its frequency has moved."""
+
+    frequency: int
+    amplitude: int = 0
+    written: "tuple[int, int, int] | None" = None
+
+
+class Channels:
+    """The targets of all actuators.
+
+    A channel with amplitude 0 keeps its frequency, so that it fades out as it sounded. A phase write sets all sounding
+    channels at one instant; when their frequencies and phases run already as one earlier write set them, it changes
+    nothing. So every renewal of a drive may carry the write, and the loss of a frame loses no phase.
+    """
+
+    def __init__(
+        self,
+        number_of_actuators: int,
+        frequency_resolution_hz: float,
+        frequency_minimum: int,
+        frequency_maximum: int,
+    ) -> None:
+        self.slew_per_s = 1
+        """In full scale a second, of what was armed when the last drive came."""
+        self._resolution_hz = frequency_resolution_hz
+        self._range = (frequency_minimum, frequency_maximum)
+        self._channels = [_Channel(frequency_minimum) for _ in range(number_of_actuators)]
+        self._amplitude_limits: tuple[int, ...] = (0,) * number_of_actuators
+        self._armed_limits = (self._amplitude_limits, self.slew_per_s)
+        self._writes = 0
+        self._onset = Onset(0, ())
+        self._step_due_us: int | None = None
+
+    @property
+    def is_driving(self) -> bool:
+        """Whether any amplitude is set above zero."""
+        return any(channel.amplitude for channel in self._channels)
+
+    def limit(self, amplitude_limits: tuple[int, ...], slew_per_s: int) -> None:
+        """Limits from the next SET or PLAY on, amplitudes as words."""
+        self._armed_limits = (amplitude_limits, slew_per_s)
+
+    def apply(
+        self, drive: bytes, writes_phase: bool, onset: Onset, now_us: int, sequence: int, *, takes_over: bool = False
+    ) -> DriveEvent | None:
+        """Take the drive of a SET; None where nothing changes, unless it takes over from a waveform."""
+        self._amplitude_limits, self.slew_per_s = self._armed_limits
+        wanted = self._clamped(drive)
+        writes_now = writes_phase and not self._runs_already(wanted)
+        before = [(channel.frequency, channel.amplitude) for channel in self._channels]
+        if not self.is_driving:
+            self._onset, self._step_due_us = onset, onset.next_step_us(now_us)
+        self._writes += writes_now
+        for channel, (frequency, amplitude, phase) in zip(self._channels, wanted, strict=True):
+            channel.amplitude = amplitude
+            if not amplitude:
+                continue
+            if writes_now:
+                channel.written = (frequency, phase, self._writes)
+            elif frequency != channel.frequency:
+                channel.written = None
+            channel.frequency = frequency
+        is_unchanged = before == [(channel.frequency, channel.amplitude) for channel in self._channels]
+        if is_unchanged and not writes_now and not takes_over:
+            return None
+        return self._event(now_us, Cause.SET, sequence, writes_phase=writes_now)
+
+    def play(self, waveform: PlayedWaveform, now_us: int, sequence: int) -> DriveEvent:
+        """Every amplitude to zero, and a waveform from now on."""
+        self._amplitude_limits, self.slew_per_s = self._armed_limits
+        self._mute()
+        return self._event(now_us, Cause.PLAY, sequence, waveform=waveform)
+
+    def silence(self, now_us: int, cause: Cause) -> DriveEvent:
+        """Every amplitude to zero."""
+        self._mute()
+        return self._event(now_us, cause, None)
+
+    @property
+    def step_due_us(self) -> int | None:
+        """When the onset of the drive goes on; None once it is over, or in silence."""
+        return self._step_due_us if self.is_driving else None
+
+    def step(self, now_us: int) -> DriveEvent:
+        """The step of the onset that is due."""
+        self._step_due_us = self._onset.next_step_us(now_us)
+        return self._event(now_us, Cause.ONSET, None)
+
+    def _mute(self) -> None:
+        for channel in self._channels:
+            channel.amplitude = 0
+
+    def _clamped(self, drive: bytes) -> list[tuple[int, int, int]]:
+        lowest, highest = self._range
+        return [
+            (min(max(frequency, lowest), highest), min(amplitude, limit), phase)
+            for (frequency, amplitude, phase), limit in zip(
+                struct.iter_unpack("<HHH", drive), self._amplitude_limits, strict=True
+            )
+        ]
+
+    def _runs_already(self, wanted: list[tuple[int, int, int]]) -> bool:
+        sounding = [
+            (channel.written, (frequency, phase))
+            for channel, (frequency, amplitude, phase) in zip(self._channels, wanted, strict=True)
+            if amplitude
+        ]
+        if any(written is None or written[:2] != words for written, words in sounding):
+            return False
+        return len({written[2] for written, _ in sounding if written}) <= 1
+
+    def _event(
+        self,
+        now_us: int,
+        cause: Cause,
+        sequence: int | None,
+        *,
+        writes_phase: bool = False,
+        waveform: PlayedWaveform | None = None,
+    ) -> DriveEvent:
+        gain = self._onset.gain_at(now_us)
+        targets = tuple(
+            ChannelTarget(
+                frequency_hz=channel.frequency * self._resolution_hz,
+                amplitude=min(channel.amplitude * gain // SHAPE_FULL_GAIN, limit) / FULL_SCALE_WORD,
+                phase_rad=(
+                    math.tau * channel.written[1] / WORDS_PER_TURN
+                    if writes_phase and channel.amplitude and channel.written
+                    else None
+                ),
+                limit=limit / FULL_SCALE_WORD,
+            )
+            for channel, limit in zip(self._channels, self._amplitude_limits, strict=True)
+        )
+        return DriveEvent(now_us, cause, sequence, float(self.slew_per_s), targets, waveform)

@@ -1,0 +1,220 @@
+"""What a link is told and what it tells: configuration, capabilities, events and counters."""
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+from firmware_link.protocol.bank import Bank
+from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.line_rate import Transport, command_rate_hz
+from firmware_link.protocol.messages import (
+    NUMBER_OF_SHAPES,
+    SHAPE_STEPS,
+    FaultCode,
+    Features,
+    Hello,
+    LogCode,
+    LogLevel,
+    Result,
+    Status,
+)
+from firmware_link.protocol.onset import OnsetStep
+
+_NO_FEATURES = Features(0)
+
+
+class LinkState(Enum):
+    """Where the session is; drives are sent in READY only."""
+
+    DISCONNECTED = "disconnected"
+    GREETING = "greeting"
+    PREPARING = "preparing"
+    SYNCHRONISING = "synchronising"
+    ARMING = "arming"
+    READY = "ready"
+    STOPPING = "stopping"
+    STOPPED = "stopped"
+
+
+@dataclass(frozen=True)
+class LinkConfiguration:
+    """What the host wants of the device.
+
+    Amplitude limits are fractions of full scale, one an actuator, None for no limit; slew is full scale a second. A
+    drive without a pause ends after `longest_drive_s`, 0 is no limit. `onsets` are the shapes that `set_drive` may
+    name, 1 for the first; `bank` holds the waveforms of `set_play`, its columns the first actuators of the device.
+
+    Transport and bit rate pace what is sent, and refuse a `command_rate_hz` that they cannot carry: LinkError. Opening
+    a port resets many boards, and some wait seconds in their boot loader: hence the patience of the handshake.
+    """
+
+    number_of_actuators: int
+    amplitude_limits: tuple[float, ...] | None = None
+    slew_limit_per_s: int = 200
+    lease_ms: int = 40
+    bit_rate_hz: int = 115_200
+    handshake_timeout_s: float = 5.0
+    transport: Transport = Transport.UART
+    command_rate_hz: float = 0.0
+    longest_drive_s: int = 0
+    onsets: tuple[tuple[OnsetStep, ...], ...] = ()
+    bank: Bank | None = None
+
+    def __post_init__(self) -> None:
+        if self.amplitude_limits is not None and len(self.amplitude_limits) != self.number_of_actuators:
+            given = len(self.amplitude_limits)
+            raise ValueError(f"{given} amplitude limits for {self.number_of_actuators} actuators")
+        if len(self.onsets) > NUMBER_OF_SHAPES or any(len(steps) > SHAPE_STEPS for steps in self.onsets):
+            raise ValueError(f"a device keeps {NUMBER_OF_SHAPES} onsets of at most {SHAPE_STEPS} steps")
+        self.check_rate(self.number_of_actuators)
+
+    def check_rate(self, number_of_actuators: int) -> None:
+        """Raises LinkError when the line cannot carry the command rate to a device with this many actuators."""
+        carried_hz = command_rate_hz(self.transport, self.bit_rate_hz, number_of_actuators, self.lease_ms)
+        if self.command_rate_hz <= carried_hz:
+            return
+        speed = f" at {self.bit_rate_hz} bit/s" if self.transport is Transport.UART else ""
+        raise LinkError(
+            f"{self.command_rate_hz:g} commands a second for {number_of_actuators} actuators are too many for "
+            f"{self.transport.value}{speed} with a lease of {self.lease_ms} ms: ask for at most "
+            f"{math.floor(carried_hz)}, or take a faster line"
+        )
+
+
+class Ahead(NamedTuple):
+    """What a command would be sent with; times are those of the host, ns."""
+
+    lease_ms: int
+    drive_size: int
+    line_free_ns: int
+    """No earlier: the line is occupied."""
+    drive_from_ns: int
+    """No earlier than that a drive."""
+    waveform_from_ns: int
+    sequence: int
+    """Of the frame before."""
+    clock_at_ns: int
+    clock_middle_ns: float
+    clock_drift: float
+    """As `DeviceClock.line`."""
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What the device said of itself, in SI units; full scales are base displacements, one an actuator."""
+
+    number_of_actuators: int
+    frequency_resolution_hz: float
+    frequency_minimum_hz: float
+    frequency_maximum_hz: float
+    full_scales_m: tuple[float, ...]
+    longest_lease_ms: int
+    synthesis_rate_hz: int
+    boot_id: int
+    board: int
+    firmware_version: tuple[int, int, int]
+    features: Features = _NO_FEATURES
+    longest_waveform_ms: int = 0
+    bank_capacity_bytes: int = 0
+    held_bank_hash: int = 0
+
+    @classmethod
+    def from_hello(cls, hello: Hello) -> "Capabilities":
+        """The capabilities of a greeting."""
+        resolution_hz = hello.frequency_resolution_uhz * 1e-6
+        return cls(
+            number_of_actuators=hello.number_of_actuators,
+            frequency_resolution_hz=resolution_hz,
+            frequency_minimum_hz=hello.frequency_minimum * resolution_hz,
+            frequency_maximum_hz=hello.frequency_maximum * resolution_hz,
+            full_scales_m=tuple(full_scale_pm * 1e-12 for full_scale_pm in hello.full_scales_pm),
+            longest_lease_ms=hello.longest_lease_ms,
+            synthesis_rate_hz=hello.synthesis_rate_hz,
+            boot_id=hello.boot_id,
+            board=hello.board,
+            firmware_version=(hello.firmware_major, hello.firmware_minor, hello.firmware_patch),
+            features=hello.features,
+            longest_waveform_ms=hello.longest_waveform_ms,
+            bank_capacity_bytes=hello.bank_capacity_bytes,
+            held_bank_hash=hello.held_bank_hash,
+        )
+
+
+@dataclass(frozen=True)
+class Greeted:
+    """The device answered and fits."""
+
+    capabilities: Capabilities
+
+
+@dataclass(frozen=True)
+class Armed:
+    """The device takes drives from now on."""
+
+
+@dataclass(frozen=True)
+class StatusReceived:
+    """The device's state and counters; in READY, one that is not armed ends the session: it was rebooted or latched."""
+
+    status: Status
+    host_received_ns: int
+
+
+@dataclass(frozen=True)
+class FaultReceived:
+    """The device disarmed itself; the link acknowledges, and stays STOPPED until `connect`."""
+
+    fault: FaultCode
+    device_time_us: int
+
+
+@dataclass(frozen=True)
+class LogReceived:
+    """The device told something."""
+
+    level: LogLevel
+    code: LogCode
+    value: int
+    device_time_us: int
+    text: str
+
+
+@dataclass(frozen=True)
+class BankReplaced:
+    """The device plays the bank of `Link.replace_bank` from now on."""
+
+
+@dataclass(frozen=True)
+class BankRefused:
+    """The device keeps the bank that it had."""
+
+    result: Result
+
+
+@dataclass(frozen=True)
+class Stopped:
+    """The device acknowledged STOP."""
+
+
+Event = Greeted | Armed | StatusReceived | FaultReceived | LogReceived | BankReplaced | BankRefused | Stopped
+
+
+@dataclass
+class LinkCounters:
+    """What the link did: drives and waveforms sent, sent again, kept alive, replaced unsent or not taken.
+
+    Then what the device said.
+    """
+
+    sent: int = 0
+    renewed: int = 0
+    kept_alive: int = 0
+    coalesced: int = 0
+    dropped: int = 0
+    acknowledged: int = 0
+    refused: int = 0
+    statuses: int = 0
+    faults: int = 0
+    logs: int = 0
+    unexpected: int = 0

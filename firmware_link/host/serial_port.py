@@ -1,0 +1,175 @@
+"""A serial port by name to a descriptor that never blocks."""
+
+import errno
+import grp
+import os
+import stat
+import termios
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import serial
+from serial.tools import list_ports
+
+from firmware_link.host.emulator_registry import find_announced
+from firmware_link.protocol.errors import LinkError, LinkLostError
+
+READ_SIZE = 4096
+_BY_ID = Path("/dev/serial/by-id")
+_RULE_FILE = "/etc/udev/rules.d/70-tactable-port.rules"  # must sort before 73-seat-late.rules
+
+
+class LowLatency(Enum):
+    """Outcome of asking the driver not to collect bytes (FTDI: 16 ms by default, 1 ms with it)."""
+
+    SET = "set"
+    UNSUPPORTED = "unsupported by this port"
+
+
+@dataclass(frozen=True)
+class PortDescription:
+    """One port of this machine; `stable_id` is its by-id path, else its USB serial number, else its path.
+
+    That of an emulator is the link by which it announces itself. Vendor and product are numbers of USB, None elsewhere.
+    """
+
+    path: str
+    stable_id: str
+    description: str
+    vendor_id: int | None = None
+    product_id: int | None = None
+
+
+def find_ports() -> tuple[PortDescription, ...]:
+    """Every serial port of this machine, in the order of its path, then every running emulator."""
+    by_id = {str(link.resolve()): str(link) for link in sorted(_BY_ID.iterdir())} if _BY_ID.is_dir() else {}
+    real = (
+        PortDescription(
+            path=port.device,
+            stable_id=by_id.get(port.device) or port.serial_number or port.device,
+            description=port.description,
+            vendor_id=port.vid,
+            product_id=port.pid,
+        )
+        for port in sorted(list_ports.comports(), key=lambda port: port.device)
+    )
+    emulated = (
+        PortDescription(found.port, str(found.link), f"emulated firmware, process {found.process_id} (SIMULATED)")
+        for found in find_announced()
+    )
+    return (*real, *emulated)
+
+
+def path_of(name: str) -> str:
+    """Path of a port given by its path or stable id; raises LinkError for a name that is neither."""
+    for port in find_ports():
+        if name in (port.stable_id, port.path):
+            return port.path
+    if Path(name).exists():
+        return name
+    raise LinkError(f"no serial port {name!r}: plug the device in, or choose one that `tactable list` shows")
+
+
+class SerialPort:
+    """An open port: reads and writes what is possible at once; any failure is a LinkLostError, as after an unplug."""
+
+    def __init__(self, name: str, bit_rate_hz: int = 115_200) -> None:
+        self.path = path_of(name)
+        try:
+            # pyserial only finds, opens and configures: its own write() spins on a full line (LINK.md).
+            self._serial = serial.Serial(self.path, bit_rate_hz, timeout=0, exclusive=True)
+        except (OSError, ValueError, termios.error) as error:
+            remedy = f"; to get {self.path}, {permission_remedy(self.path)}" if _is_refused(error) else ""
+            raise LinkError(f"cannot open {self.path} at {bit_rate_hz} bit/s: {error}{remedy}") from error
+        try:
+            self.low_latency = _set_low_latency(self._serial)
+            self._descriptor: int = self._serial.fileno()
+            os.set_blocking(self._descriptor, False)
+            _report_hang_up(self._descriptor)
+        except (OSError, termios.error) as error:
+            self._serial.close()
+            raise LinkError(f"cannot configure {self.path}: {error}") from error
+
+    def fileno(self) -> int:
+        """The descriptor, to poll."""
+        return self._descriptor
+
+    def read(self) -> bytes:
+        """What has come, perhaps nothing; raises LinkLostError when the port is gone."""
+        try:
+            data = os.read(self._descriptor, READ_SIZE)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._gone(error) from error
+        if not data:
+            raise self._gone("hung up")
+        return data
+
+    def write(self, data: bytes) -> int:
+        """Number of bytes taken, perhaps none; raises LinkLostError when the port is gone."""
+        try:
+            return os.write(self._descriptor, data)
+        except BlockingIOError:
+            return 0
+        except OSError as error:
+            raise self._gone(error) from error
+
+    def close(self) -> None:
+        """Give the port back; a second close does nothing."""
+        self._serial.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _gone(self, reason: object) -> LinkLostError:
+        return LinkLostError(f"{self.path} is gone ({reason}): plug the device in and connect again")
+
+
+def _is_refused(error: Exception) -> bool:
+    return isinstance(error, OSError) and error.errno in (errno.EACCES, errno.EPERM)
+
+
+def permission_remedy(path: str) -> str:
+    """What gives a user the port: the group that it belongs to, where that helps, or a udev rule."""
+    rule = f'SUBSYSTEM=="tty", KERNEL=="{Path(path).resolve().name}", TAG+="uaccess"'
+    by_rule = f"put this udev rule into {_RULE_FILE}, run `sudo udevadm control --reload` and plug it in again: {rule}"
+    group = _group_with_access(path)
+    if group is None:
+        return by_rule
+    return f"run `sudo usermod -aG {group} $USER` and log in again, or {by_rule}"
+
+
+def _group_with_access(path: str) -> str | None:
+    """Group whose members may read and write the port (dialout on Debian, uucp on Arch); None: none but root's."""
+    try:
+        status = Path(path).stat()
+        group = grp.getgrgid(status.st_gid).gr_name
+    except (OSError, KeyError):  # unplugged since, or a number without a name
+        return None
+    may_use = stat.S_IRGRP | stat.S_IWGRP
+    return group if status.st_mode & may_use == may_use and group != "root" else None
+
+
+def _set_low_latency(port: serial.Serial) -> LowLatency:
+    try:
+        port.set_low_latency_mode(True)
+    except (OSError, ValueError, NotImplementedError):
+        return LowLatency.UNSUPPORTED
+    return LowLatency.SET
+
+
+def _report_hang_up(descriptor: int) -> None:
+    """Make an empty read mean a hang-up: with pyserial's VMIN = 0 it also means that nothing has come."""
+    attributes = termios.tcgetattr(descriptor)
+    attributes[6][termios.VMIN] = 1
+    attributes[6][termios.VTIME] = 0
+    termios.tcsetattr(descriptor, termios.TCSANOW, attributes)

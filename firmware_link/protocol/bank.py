@@ -1,0 +1,192 @@
+"""Waveforms to the bytes of a bank and back, and a device's side of its transfer."""
+
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_link.protocol.errors import MessageError
+from firmware_link.protocol.messages import BANK_CHUNK_SIZE, BankBegin, BankChunk, BankCommit, Result
+
+US_PER_S = 1_000_000
+US_PER_MS = 1_000
+SAMPLE_FULL_SCALE = 32_767
+SHORTEST_WAVEFORM = 2
+SAMPLE_SIZE = 2
+_HEAD = struct.Struct("<HH")
+_HEAD_WORD_SIZE = 2
+_LONGEST_WAVEFORM = 0xFFFF
+# A hash of 0 means that no bank is held.
+_HASH_INSTEAD_OF_0 = 1
+
+Samples = NDArray[np.int16]
+
+
+@dataclass(frozen=True, eq=False)
+class Bank:
+    """Waveforms (sample, actuator) at one rate; SAMPLE_FULL_SCALE is full scale."""
+
+    sample_rate_hz: int
+    waveforms: tuple[Samples, ...]
+
+    def length_us(self, index: int) -> int:
+        """How long a waveform plays, rounded up."""
+        return -(-(len(self.waveforms[index]) - 1) * US_PER_S // self.sample_rate_hz)
+
+
+def make_bank(sample_rate_hz: int, waveforms: Sequence[NDArray[np.float64]]) -> Bank:
+    """Bank of displacements (sample, actuator) in fractions of full scale; raises MessageError beyond -1 to 1."""
+    greatest = max((float(np.abs(waveform).max(initial=0.0)) for waveform in waveforms), default=0.0)
+    if not greatest <= 1.0:
+        raise MessageError(f"a waveform reaches {greatest:g} of full scale; expected at most 1")
+    return Bank(sample_rate_hz, tuple(np.rint(SAMPLE_FULL_SCALE * w).astype(np.int16) for w in waveforms))
+
+
+def bank_size(number_of_actuators: int, lengths: Sequence[int]) -> int:
+    """Bytes of a bank for a device, of waveforms with so many samples."""
+    return _HEAD.size + sum(_HEAD_WORD_SIZE + SAMPLE_SIZE * number_of_actuators * length for length in lengths)
+
+
+def encode_bank(bank: Bank, number_of_actuators: int) -> bytes:
+    """Bytes of a bank for a device, its further actuators silent; raises MessageError for one that no device takes."""
+    lengths = [len(waveform) for waveform in bank.waveforms]
+    if not 1 <= bank.sample_rate_hz <= 0xFFFF:
+        raise MessageError(f"the sample rate of a bank is {bank.sample_rate_hz} Hz; expected 1 to 65535")
+    if not 1 <= len(lengths) <= 0xFFFF:
+        raise MessageError(f"a bank has {len(lengths)} waveforms; expected 1 to 65535")
+    for index, waveform in enumerate(bank.waveforms):
+        _check_waveform(index, waveform)
+        if waveform.shape[1] > number_of_actuators:
+            raise MessageError(f"waveform {index} is for {waveform.shape[1]} actuators, not {number_of_actuators}")
+    head = _HEAD.pack(bank.sample_rate_hz, len(lengths)) + struct.pack(f"<{len(lengths)}H", *lengths)
+    spare = ((0, 0), (0, number_of_actuators))
+    return head + b"".join(
+        np.pad(waveform, spare)[:, :number_of_actuators].astype("<i2").tobytes() for waveform in bank.waveforms
+    )
+
+
+def decode_bank(data: bytes, number_of_actuators: int) -> Bank:
+    """Bank of its bytes; raises MessageError for bytes that are none for this number of actuators."""
+    try:
+        sample_rate_hz, number = _HEAD.unpack_from(data)
+        lengths = struct.unpack_from(f"<{number}H", data, _HEAD.size)
+    except struct.error as error:
+        raise MessageError(f"a bank of {len(data)} bytes ends within its head: {error}") from error
+    start = _HEAD.size + _HEAD_WORD_SIZE * number
+    samples = np.frombuffer(data[start : start + (len(data) - start) // 2 * 2], "<i2").astype(np.int16)
+    expected = start + 2 * number_of_actuators * sum(lengths)
+    if not sample_rate_hz or not lengths or len(data) != expected:
+        raise MessageError(
+            f"a bank of {number} waveforms at {sample_rate_hz} Hz has {len(data)} bytes; expected {expected}"
+        )
+    edges = np.cumsum(lengths)[:-1]
+    waveforms = tuple(np.split(samples.reshape(-1, number_of_actuators), edges))
+    for index, waveform in enumerate(waveforms):
+        _check_waveform(index, waveform)
+    return Bank(sample_rate_hz, waveforms)
+
+
+def hash_of_bank(data: bytes) -> int:
+    """What names the bytes of a bank; never 0."""
+    return zlib.crc32(data) or _HASH_INSTEAD_OF_0
+
+
+def transfer_steps(data: bytes) -> Iterator[BankBegin | BankChunk | BankCommit]:
+    """What hands a bank over, in order, each to be acknowledged before the next."""
+    bank_hash = hash_of_bank(data)
+    yield BankBegin(bank_hash, len(data))
+    for offset in range(0, len(data), BANK_CHUNK_SIZE):
+        yield BankChunk(offset, data[offset : offset + BANK_CHUNK_SIZE].ljust(BANK_CHUNK_SIZE, b"\0"))
+    yield BankCommit(bank_hash)
+
+
+def transfer_messages(data: bytes) -> list[BankBegin | BankChunk | BankCommit]:
+    """All steps of a transfer."""
+    return list(transfer_steps(data))
+
+
+def _check_waveform(index: int, waveform: Samples) -> None:
+    if not SHORTEST_WAVEFORM <= len(waveform) <= _LONGEST_WAVEFORM:
+        raise MessageError(
+            f"waveform {index} has {len(waveform)} samples; expected {SHORTEST_WAVEFORM} to {_LONGEST_WAVEFORM}"
+        )
+    if waveform[0].any() or waveform[-1].any():
+        raise MessageError(f"waveform {index} does not begin and end at 0: let its first and last sample be 0")
+
+
+class BankStore:
+    """A device's memory: the bank that is held and, where there is room, the next one in transfer.
+
+    A copy of a step changes nothing.
+    """
+
+    def __init__(self, capacity_bytes: int, longest_waveform_ms: int, number_of_actuators: int) -> None:
+        self.bank: Bank | None = None
+        self.held_hash = 0
+        self._held_at = self._held_size = self._transfer_at = 0
+        self._capacity_bytes = capacity_bytes
+        self._longest_waveform_us = longest_waveform_ms * US_PER_MS
+        self._number_of_actuators = number_of_actuators
+        self._transfer: BankBegin | None = None
+        self._taken = bytearray()
+
+    def begin(self, begin: BankBegin, may_forget: bool) -> Result:
+        """Wait for another bank; without room for both, forget the one that is held if that may be."""
+        if begin == self._transfer:
+            return Result.OK
+        if not begin.bank_hash:
+            return Result.OUT_OF_RANGE
+        if begin.size_bytes > self._capacity_bytes:
+            return Result.NO_ROOM
+        room_at = self._room_at(begin.size_bytes)
+        if room_at is None:
+            if not may_forget:
+                return Result.NO_ROOM
+            self.bank, self.held_hash, room_at = None, 0, 0
+        self._transfer, self._transfer_at = begin, room_at
+        self._taken.clear()
+        return Result.OK
+
+    def take(self, chunk: BankChunk) -> Result:
+        """Append a chunk."""
+        if self._transfer is None:
+            return Result.WRONG_STATE
+        if chunk.offset_bytes < len(self._taken) and chunk.offset_bytes % BANK_CHUNK_SIZE == 0:
+            return Result.OK
+        if chunk.offset_bytes != len(self._taken) or chunk.offset_bytes >= self._transfer.size_bytes:
+            return Result.OUT_OF_RANGE
+        self._taken += chunk.data[: self._transfer.size_bytes - chunk.offset_bytes]
+        return Result.OK
+
+    def commit(self, commit: BankCommit) -> Result:
+        """Hold what was transferred, if it is what was announced."""
+        transfer = self._transfer
+        if transfer is None:
+            return Result.OK if commit.bank_hash == self.held_hash != 0 else Result.WRONG_STATE
+        self.end_transfer()
+        data = bytes(self._taken)
+        if len(data) != transfer.size_bytes or not commit.bank_hash == transfer.bank_hash == hash_of_bank(data):
+            return Result.WRONG_HASH
+        try:
+            bank = decode_bank(data, self._number_of_actuators)
+        except MessageError:
+            return Result.OUT_OF_RANGE
+        if max(map(bank.length_us, range(len(bank.waveforms)))) > self._longest_waveform_us:
+            return Result.OUT_OF_RANGE
+        self.bank, self.held_hash = bank, commit.bank_hash
+        self._held_at, self._held_size = self._transfer_at, transfer.size_bytes
+        return Result.OK
+
+    def _room_at(self, size_bytes: int) -> int | None:
+        """Where a bank goes in the memory, beside the one that is held: before it or else behind."""
+        if not self.held_hash or size_bytes <= self._held_at:
+            return 0
+        behind = self._held_at + self._held_size
+        return behind if size_bytes <= self._capacity_bytes - behind else None
+
+    def end_transfer(self) -> None:
+        """Forget an unfinished transfer; the bank that is held stays."""
+        self._transfer = None

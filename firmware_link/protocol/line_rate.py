@@ -1,0 +1,62 @@
+"""A transport and its bit rate to how long frames occupy it, and to the commands a second that it can carry."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+from firmware_link.protocol.framing import encode_message
+from firmware_link.protocol.messages import DRIVE_SIZE, Set, SetFlag, TimeRequest
+
+NS_PER_S = 1_000_000_000
+NS_PER_MS = 1_000_000
+MS_PER_S = 1_000
+# A start bit, eight of data, a stop bit.
+UART_BITS_PER_BYTE = 10
+EXCHANGE_PERIOD_NS = 980 * NS_PER_MS
+# A sequence says its age up to here: with more frames within a lease, old ones could not be told from new ones.
+LONGEST_SEQUENCE_LEAD = 127
+
+
+class Transport(Enum):
+    """What carries the bytes; all but a UART ignore the bit rate that a port is opened with."""
+
+    UART = "UART"
+    USB_FULL_SPEED = "USB full speed"
+    USB_HIGH_SPEED = "USB high speed"
+    BLUETOOTH = "Bluetooth serial"
+
+
+@dataclass(frozen=True)
+class _Packets:
+    """A transport of packets: each takes as long, however full it is."""
+
+    size: int
+    period_ns: int
+
+
+_PACKETS = {
+    # One bulk packet a frame: a busy bus gives no more.
+    Transport.USB_FULL_SPEED: _Packets(64, NS_PER_MS),
+    Transport.USB_HIGH_SPEED: _Packets(512, NS_PER_MS // 8),
+    # A DH5 packet takes five slots of 625 us and its answer one; of its 339 bytes RFCOMM and L2CAP leave 330.
+    Transport.BLUETOOTH: _Packets(330, 6 * 625_000),
+}
+
+
+def occupied_ns(transport: Transport, bit_rate_hz: int, size: int) -> int:
+    """How long `size` bytes written at once keep the line busy."""
+    packets = _PACKETS.get(transport)
+    if packets is None:
+        return size * UART_BITS_PER_BYTE * NS_PER_S // bit_rate_hz
+    return -(-size // packets.size) * packets.period_ns
+
+
+def command_rate_hz(transport: Transport, bit_rate_hz: int, number_of_actuators: int, lease_ms: int) -> float:
+    """SETs a second that the line carries beside the time exchanges, one write each.
+
+    Keepalives and renewals take nothing from it: they are sent where no command is.
+    """
+    set_size = len(encode_message(Set(0, SetFlag.WRITE_PHASE, 0, 0, bytes(DRIVE_SIZE * number_of_actuators)), 0))
+    exchange_ns = occupied_ns(transport, bit_rate_hz, len(encode_message(TimeRequest(0), 0)))
+    free = 1.0 - exchange_ns / EXCHANGE_PERIOD_NS
+    by_line_hz = free * NS_PER_S / occupied_ns(transport, bit_rate_hz, set_size)
+    return min(by_line_hz, LONGEST_SEQUENCE_LEAD * MS_PER_S / lease_ms)

@@ -1,0 +1,534 @@
+"""Every message of the wire, defined once: typed values to body bytes and back.
+
+A body is `type u8, sequence u8, fields`, little-endian. The fields of a message are those of its class, in order; their
+values are the integers that travel, so a round trip is exact. The one-line definition of a message is made from its
+class, and its CRC-32 seeds the checksum of the frames: sides that define a message differently refuse each other's.
+"""
+
+import math
+import struct
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import KEEP, STRICT, IntEnum, IntFlag
+from typing import Annotated, ClassVar
+
+from firmware_link.protocol.errors import MessageError
+from firmware_link.protocol.layout import Layout, Message, PerActuator, Sender, Word
+
+VERSION_MAJOR = 1
+VERSION_MINOR = 0
+MAGIC = int.from_bytes(b"tact", "little")
+MAXIMUM_ACTUATORS = 255
+
+FULL_SCALE_WORD = 65_535
+WORDS_PER_TURN = 65_536
+CLOCK_REFERENCE_US = 100
+CLOCK_REFERENCE_SPAN = 65_536
+BANK_CHUNK_SIZE = 192
+NUMBER_OF_SHAPES = 8
+SHAPE_STEPS = 3
+SHAPE_TIME_US = 100
+SHAPE_FULL_GAIN = 1_000
+
+
+class DeviceState(IntEnum):
+    """What the firmware allows: only DRIVING has a drive, only a handshake leaves LATCHED."""
+
+    IDLE = 0
+    ARMED = 1
+    DRIVING = 2
+    LATCHED = 3
+
+
+class Result(IntEnum):
+    """The answer that an ACK carries."""
+
+    OK = 0
+    WRONG_BOOT = 1
+    WRONG_STATE = 2
+    OUT_OF_RANGE = 3
+    NO_ROOM = 4
+    WRONG_HASH = 5
+
+
+class FaultCode(IntEnum):
+    """Why the firmware disarmed itself."""
+
+    NONE = 0
+    SILENT_HOST = 1
+    EMERGENCY_STOP = 2
+    HUNG_UP = 3
+    DRIVEN_TOO_LONG = 4
+
+
+class Features(IntFlag, boundary=KEEP):
+    """What a device can do beyond SET; a newer device may tell bits that this host does not know."""
+
+    WAVEFORMS = 1
+    ONSET_SHAPES = 2
+    HIGH_VOLTAGE_SENSE = 4
+
+
+class LogLevel(IntEnum):
+    """How much a LOG matters."""
+
+    INFORMATION = 0
+    WARNING = 1
+
+
+class LogCode(IntEnum):
+    """What a LOG says; LOG_TEXTS has the words, with {value} for its value."""
+
+    BOOTED = 1
+    LEASE_EXPIRED = 2
+    PLAY_REFUSED = 3
+    BANK_TAKEN = 4
+
+
+LOG_TEXTS = {
+    LogCode.BOOTED: "first greeting since the device booted (reset cause {value})",
+    LogCode.LEASE_EXPIRED: "the lease of drive {value} ended without a fresh frame",
+    LogCode.PLAY_REFUSED: "waveform {value} is not in the bank, or two waveforms sound already",
+    LogCode.BANK_TAKEN: "the bank with hash {value:#010x} is held from now on",
+}
+
+
+class SetFlag(IntFlag, boundary=STRICT):
+    """Flags of a SET."""
+
+    WRITE_PHASE = 1
+
+
+_U8 = Word("u8")
+_U16 = Word("u16")
+_U32 = Word("u32")
+_U64 = Word("u64")
+_AMPLITUDE = Word("u16", f"full scale/{FULL_SCALE_WORD}")
+_CLOCK_REFERENCE = Word("u16", f"{CLOCK_REFERENCE_US} us")
+_SHAPE_TIME = Word("u16", f"{SHAPE_TIME_US} us")
+_SHAPE_GAIN = Word("u16", f"1/{SHAPE_FULL_GAIN}")
+
+
+@dataclass(frozen=True)
+class HelloRequest(Message):
+    """Opens a session; a device that was armed disarms."""
+
+    wire_name: ClassVar = "HELLO_REQ"
+    type_byte: ClassVar = 0x01
+    sender: ClassVar = Sender.HOST
+    purpose: ClassVar = "open a session; an armed device disarms, a latched one is released"
+    has_fixed_seed: ClassVar = True
+
+    magic: Annotated[int, _U32]
+    version_major: Annotated[int, _U8]
+    version_minor: Annotated[int, _U8]
+    nonce: Annotated[int, _U32]
+
+
+@dataclass(frozen=True)
+class Hello(Message):
+    """What the device is; the only message that says its own number of actuators."""
+
+    wire_name: ClassVar = "HELLO"
+    type_byte: ClassVar = 0x02
+    sender: ClassVar = Sender.DEVICE
+    purpose: ClassVar = "what the device is and can do"
+    has_fixed_seed: ClassVar = True
+
+    version_major: Annotated[int, _U8]
+    version_minor: Annotated[int, _U8]
+    nonce: Annotated[int, _U32]
+    boot_id: Annotated[int, _U32]
+    schema_hash: Annotated[int, _U32]
+    features: Annotated[Features, _U32]
+    firmware_major: Annotated[int, _U8]
+    firmware_minor: Annotated[int, _U8]
+    firmware_patch: Annotated[int, _U8]
+    board: Annotated[int, _U16]
+    synthesis_rate_hz: Annotated[int, _U32]
+    frequency_resolution_uhz: Annotated[int, _U32]
+    frequency_minimum: Annotated[int, Word("u16", "frequency resolution")]
+    frequency_maximum: Annotated[int, Word("u16", "frequency resolution")]
+    longest_lease_ms: Annotated[int, _U8]
+    longest_waveform_ms: Annotated[int, _U16]
+    bank_capacity_bytes: Annotated[int, _U32]
+    held_bank_hash: Annotated[int, _U32]
+    number_of_actuators: Annotated[int, _U8]
+    full_scales_pm: Annotated[tuple[int, ...], PerActuator((("full_scale_pm", _U32),))]
+
+
+@dataclass(frozen=True)
+class Arm(Message):
+    """Allows drives, for the boot that it names and within the limits that it gives."""
+
+    wire_name: ClassVar = "ARM"
+    type_byte: ClassVar = 0x03
+    sender: ClassVar = Sender.HOST
+    purpose: ClassVar = "allow drives within limits, for this boot only"
+
+    boot_id: Annotated[int, _U32]
+    slew_limit_per_s: Annotated[int, Word("u16", "full scale/s")]
+    lease_ms: Annotated[int, _U8]
+    longest_drive_s: Annotated[int, _U8]
+    amplitude_limits: Annotated[tuple[int, ...], PerActuator((("amplitude_limit", _AMPLITUDE),))]
+
+
+@dataclass(frozen=True)
+class Ack(Message):
+    """The answer to what is asked once and must arrive."""
+
+    wire_name: ClassVar = "ACK"
+    type_byte: ClassVar = 0x04
+    sender: ClassVar = Sender.BOTH
+    purpose: ClassVar = "answer to ARM, STOP, SHAPE, BANK_* (device) or FAULT (host)"
+
+    acknowledged_type: Annotated[int, _U8]
+    acknowledged_sequence: Annotated[int, _U8]
+    result: Annotated[Result, _U8]
+
+
+@dataclass(frozen=True)
+class Set(Message):
+    """The drive from now on, for one lease; `drive` comes from `encode_drive`."""
+
+    wire_name: ClassVar = "SET"
+    type_byte: ClassVar = 0x05
+    sender: ClassVar = Sender.HOST
+    purpose: ClassVar = "drive for one lease; no answer, the latest wins"
+
+    clock_reference: Annotated[int, _CLOCK_REFERENCE]
+    flags: Annotated[SetFlag, _U8]
+    lease_ms: Annotated[int, _U8]
+    onset: Annotated[int, _U8]
+    drive: Annotated[
+        bytes,
+        PerActuator(
+            (
+                ("frequency", Word("u16", "frequency resolution")),
+                ("amplitude", _AMPLITUDE),
+                ("phase", Word("u16", f"turn/{WORDS_PER_TURN}")),
+            )
+        ),
+    ]
+
+
+@dataclass(frozen=True)
+class KeepAlive(Message):
+    """The host is alive; renews the lease of the SET that it names, and of no other: that one may not have arrived."""
+
+    wire_name: ClassVar = "KEEPALIVE"
+    type_byte: ClassVar = 0x06
+    sender: ClassVar = Sender.HOST
+    purpose: ClassVar = "the host is alive; renew the lease of the SET that was applied last; no answer"
+
+    clock_reference: Annotated[int, _CLOCK_REFERENCE]
+    applied_sequence: Annotated[int, _U8]
+
+
+@dataclass(frozen=True)
+class Stop(Message):
+    """Ramps to zero and latches."""
+
+    wire_name: ClassVar = "STOP"
+    type_byte: ClassVar = 0x07
+    sender: ClassVar = Sender.HOST
+    purpose: ClassVar = "ramp to zero and latch"
+    has_fixed_seed: ClassVar = True
+
+
+@dataclass(frozen=True)
+class TimeRequest(Message):
+    """Asks for the device's clock."""
+
+    wire_name: ClassVar = "TIME_REQ"
+    type_byte: ClassVar = 0x08
+    sender: ClassVar = Sender.HOST
+    purpose: ClassVar = "ask for the device's clock"
+
+    host_sent_ns: Annotated[int, _U64]
+
+
+@dataclass(frozen=True)
+class Time(Message):
+    """The request's own time, and the device's when it came and when this left."""
+
+    wire_name: ClassVar = "TIME"
+    type_byte: ClassVar = 0x09
+    sender: ClassVar = Sender.DEVICE
+    purpose: ClassVar = "the device's clock when the request came and when this left"
+
+    host_sent_ns: Annotated[int, _U64]
+    device_received_us: Annotated[int, _U64]
+    device_sent_us: Annotated[int, _U64]
+
+
+@dataclass(frozen=True)
+class Status(Message):
+    """State, what was applied and when, and what was counted since boot."""
+
+    wire_name: ClassVar = "STATUS"
+    type_byte: ClassVar = 0x0A
+    sender: ClassVar = Sender.DEVICE
+    purpose: ClassVar = "state and counters; periodic, and on change"
+
+    state: Annotated[DeviceState, _U8]
+    fault: Annotated[FaultCode, _U8]
+    applied_sequence: Annotated[int, _U8]
+    device_time_us: Annotated[int, _U64]
+    applied_time_us: Annotated[int, _U64]
+    high_voltage_dv: Annotated[int, Word("u16", "0.1 V")]
+    applied: Annotated[int, _U32]
+    ok: Annotated[int, _U32]
+    crc: Annotated[int, _U32]
+    framing: Annotated[int, _U32]
+    length: Annotated[int, _U32]
+    overrun: Annotated[int, _U32]
+    stale: Annotated[int, _U32]
+    refused: Annotated[int, _U32]
+    trips: Annotated[int, _U32]
+
+
+@dataclass(frozen=True)
+class Fault(Message):
+    """The device disarmed itself; repeated until acknowledged."""
+
+    wire_name: ClassVar = "FAULT"
+    type_byte: ClassVar = 0x0B
+    sender: ClassVar = Sender.DEVICE
+    purpose: ClassVar = "the device disarmed itself; repeats until acknowledged"
+
+    fault: Annotated[FaultCode, _U8]
+    device_time_us: Annotated[int, _U64]
+
+
+@dataclass(frozen=True)
+class Log(Message):
+    """Something worth telling, as numbers; `text` has the words."""
+
+    wire_name: ClassVar = "LOG"
+    type_byte: ClassVar = 0x0C
+    sender: ClassVar = Sender.DEVICE
+    purpose: ClassVar = "something worth telling; no answer"
+
+    level: Annotated[LogLevel, _U8]
+    code: Annotated[LogCode, _U16]
+    value: Annotated[int, _U32]
+    device_time_us: Annotated[int, _U64]
+
+    @property
+    def text(self) -> str:
+        """For people."""
+        return LOG_TEXTS[self.code].format(value=self.value)
+
+
+@dataclass(frozen=True)
+class Shape(Message):
+    """How a drive begins: each step holds its gain until its time, then the amplitude is full."""
+
+    wire_name: ClassVar = "SHAPE"
+    type_byte: ClassVar = 0x0D
+    sender: ClassVar = Sender.HOST
+    purpose: ClassVar = "define the onset that a SET may choose"
+
+    index: Annotated[int, _U8]
+    steps: Annotated[int, _U8]
+    until_1: Annotated[int, _SHAPE_TIME]
+    gain_1: Annotated[int, _SHAPE_GAIN]
+    until_2: Annotated[int, _SHAPE_TIME]
+    gain_2: Annotated[int, _SHAPE_GAIN]
+    until_3: Annotated[int, _SHAPE_TIME]
+    gain_3: Annotated[int, _SHAPE_GAIN]
+
+
+@dataclass(frozen=True)
+class BankBegin(Message):
+    """The bank that follows in chunks; the one that was held is forgotten."""
+
+    wire_name: ClassVar = "BANK_BEGIN"
+    type_byte: ClassVar = 0x0E
+    sender: ClassVar = Sender.HOST
+    purpose: ClassVar = "begin to hand over a bank of waveforms"
+
+    bank_hash: Annotated[int, _U32]
+    size_bytes: Annotated[int, _U32]
+
+
+@dataclass(frozen=True)
+class BankChunk(Message):
+    """The next bytes of the bank; the last chunk is filled up with zeros."""
+
+    wire_name: ClassVar = "BANK_CHUNK"
+    type_byte: ClassVar = 0x0F
+    sender: ClassVar = Sender.HOST
+    purpose: ClassVar = "the next bytes of the bank"
+
+    offset_bytes: Annotated[int, _U32]
+    data: Annotated[bytes, Word(f"u8[{BANK_CHUNK_SIZE}]")]
+
+
+@dataclass(frozen=True)
+class BankCommit(Message):
+    """All is there: hold the bank if its bytes have this hash."""
+
+    wire_name: ClassVar = "BANK_COMMIT"
+    type_byte: ClassVar = 0x10
+    sender: ClassVar = Sender.HOST
+    purpose: ClassVar = "check the bank and hold it until the next one, or a reboot"
+
+    bank_hash: Annotated[int, _U32]
+
+
+@dataclass(frozen=True)
+class Play(Message):
+    """Play a waveform of the bank once, from when this comes."""
+
+    wire_name: ClassVar = "PLAY"
+    type_byte: ClassVar = 0x11
+    sender: ClassVar = Sender.HOST
+    purpose: ClassVar = "play a waveform once; no answer, the latest SET or PLAY wins"
+
+    clock_reference: Annotated[int, _CLOCK_REFERENCE]
+    waveform: Annotated[int, _U16]
+    amplitude: Annotated[int, _AMPLITUDE]
+
+
+MESSAGES: tuple[type[Message], ...] = (
+    HelloRequest,
+    Hello,
+    Arm,
+    Ack,
+    Set,
+    KeepAlive,
+    Stop,
+    TimeRequest,
+    Time,
+    Status,
+    Fault,
+    Log,
+    Shape,
+    BankBegin,
+    BankChunk,
+    BankCommit,
+    Play,
+)
+
+_LAYOUTS = {message.type_byte: Layout(message) for message in MESSAGES}
+
+SCHEMA_HASH = zlib.crc32("\n".join(layout.definition for layout in _LAYOUTS.values()).encode("ascii"))
+
+
+def encode_body(message: Message, sequence: int) -> bytes:
+    """Body bytes of a message; raises MessageError for a value that does not fit, never wraps it."""
+    return _LAYOUTS[message.type_byte].encode(message, sequence)
+
+
+_pack_set, _pack_play = _LAYOUTS[Set.type_byte].pack, _LAYOUTS[Play.type_byte].pack
+_WRITES_PHASE = int(SetFlag.WRITE_PHASE)
+
+
+def encode_set_body(clock_reference: int, lease_ms: int, onset: int, drive: bytes, sequence: int) -> bytes:
+    """Body of a SET that writes the phase, as `encode_body` makes it, for the way from a touch to its command.
+
+    The values are those of a link that is ready: they are known to fit.
+    """
+    return _pack_set(sequence, clock_reference, _WRITES_PHASE, lease_ms, onset) + drive
+
+
+def encode_play_body(clock_reference: int, waveform: int, amplitude: int, sequence: int) -> bytes:
+    """Body of a PLAY, as `encode_set_body` otherwise."""
+    return _pack_play(sequence, clock_reference, waveform, amplitude)
+
+
+def decode_body(body: bytes) -> tuple[int, Message]:
+    """Sequence number and message of a body that `framing` accepted; raises MessageError for an unknown meaning."""
+    return body[1], _LAYOUTS[body[0]].decode(body)
+
+
+def seed_of(type_byte: int) -> int | None:
+    """CRC seed of a message type; None for a type that does not exist."""
+    layout = _LAYOUTS.get(type_byte)
+    return None if layout is None else layout.seed
+
+
+def has_exact_length(body: bytes, number_of_actuators: int) -> bool:
+    """Whether a body of a known type is as long as that type demands; a HELLO says its own number of actuators."""
+    layout = _LAYOUTS[body[0]]
+    if layout.message is Hello and len(body) >= layout.length(0):
+        number_of_actuators = body[layout.length(0) - 1]
+    return len(body) == layout.length(number_of_actuators)
+
+
+def longest_body_length(number_of_actuators: int) -> int:
+    """Bytes of the longest body of any type for this number of actuators."""
+    return max(layout.length(number_of_actuators) for layout in _LAYOUTS.values())
+
+
+def protocol_table() -> str:
+    """The table of all messages for PROTOCOL.md, in Markdown."""
+    rows = [
+        "| type | message | sender | body bytes | fields after type and sequence | purpose |",
+        "|---|---|---|---|---|---|",
+    ]
+    for layout in _LAYOUTS.values():
+        message, each = layout.message, layout.length(1) - layout.length(0)
+        size = f"{layout.length(0)} + {each} N" if each else f"{layout.length(0)}"
+        names = "<br>".join(f"`{text}`" for text in layout.field_texts())
+        row = (f"0x{message.type_byte:02x}", message.wire_name, message.sender, size, names, message.purpose)
+        rows.append(f"| {' | '.join(row)} |")
+    return "\n".join(rows) + "\n"
+
+
+@dataclass(frozen=True)
+class ChannelDrive:
+    """One actuator's drive: base displacement `amplitude · sin(2π frequency t + phase)`, in fractions of full scale."""
+
+    frequency_hz: float
+    amplitude: float
+    phase_rad: float = 0.0
+
+
+_DRIVE_WORDS = struct.Struct("<HHH")
+DRIVE_SIZE = _DRIVE_WORDS.size
+
+
+def encode_drive(channels: Sequence[ChannelDrive], frequency_resolution_hz: float) -> bytes:
+    """Drive part of a SET, one channel an actuator; raises MessageError for a value out of its range, never wraps it.
+
+    A phase is an angle: any finite one is reduced to one turn.
+    """
+    return b"".join(
+        _DRIVE_WORDS.pack(
+            _nearest_word("frequency_hz", channel.frequency_hz, FULL_SCALE_WORD * frequency_resolution_hz),
+            encode_amplitude(channel.amplitude),
+            _phase_word(channel.phase_rad),
+        )
+        for channel in channels
+    )
+
+
+def decode_drive(drive: bytes, frequency_resolution_hz: float) -> tuple[ChannelDrive, ...]:
+    """Channels of the drive part of a SET, as near as its words tell."""
+    return tuple(
+        ChannelDrive(
+            frequency * frequency_resolution_hz, amplitude / FULL_SCALE_WORD, math.tau * phase / WORDS_PER_TURN
+        )
+        for frequency, amplitude, phase in _DRIVE_WORDS.iter_unpack(drive)
+    )
+
+
+def encode_amplitude(amplitude: float) -> int:
+    """Word of a fraction of full scale; raises MessageError outside 0 … 1."""
+    return _nearest_word("amplitude", amplitude, 1.0)
+
+
+def _nearest_word(name: str, value: float, full_scale: float) -> int:
+    if not 0 <= value <= full_scale:
+        raise MessageError(f"{name} is {value!r}; expected 0 to {full_scale:g}")
+    return round(value / full_scale * FULL_SCALE_WORD)
+
+
+def _phase_word(phase_rad: float) -> int:
+    if not math.isfinite(phase_rad):
+        raise MessageError(f"phase_rad is {phase_rad!r}; expected a finite angle")
+    return round(math.remainder(phase_rad, math.tau) / math.tau * WORDS_PER_TURN) % WORDS_PER_TURN

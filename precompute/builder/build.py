@@ -1,0 +1,268 @@
+"""A device to its table file: responses, sweeps and entries, in bounded memory, complete or not at all."""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from functools import cache, partial
+from importlib import metadata
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+import engine
+import precompute
+from engine.device.device import Device
+from engine.device.file import parse_device
+from engine.table.burst_group import write_bursts
+from engine.table.click_group import write_clicks
+from engine.table.entry_group import write_entries
+from engine.table.file import TableWriter
+from engine.table.table import Table, TableError
+from engine.touch.finger_tracker import state_index
+from precompute.builder.incremental import KEPT_FOR_NOW, OUTDATED, Part, Recipe, plays_on, rests_on
+from precompute.builder.measured_responses import source_attributes, write_measured
+from precompute.clicks.burst_table import solve_bursts
+from precompute.clicks.columns import ClickTabulator
+from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
+from precompute.clicks.solver import solve_clicks
+from precompute.clicks.store import ClickStore
+from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES
+from precompute.entries.prediction import MadeFor, States, touched_zones
+from precompute.entries.solver import prepare_entries, solve_entries, tabulated_states
+from precompute.measurements.plant import measured_plant
+from precompute.measurements.responses import MeasuredResponses
+from precompute.model.assembly import Plant, assemble
+from precompute.parallel.interrupt import remembered_interrupt
+from precompute.parallel.pool import Crew
+from precompute.sampling.bars import sampled_words
+from precompute.sweep.grid import compute_grid_response, zone_points
+from precompute.sweep.tabulate import write_coherent_sweep, write_pair_sweep, write_responses
+
+MOST_ZONES_WITH_ALL_CLICKS = 5
+MOST_CLICKED_BEYOND = 3
+MEMORY_BUDGET_BYTES = 64 << 20
+"""Default bound on the buffers of the sweep, whatever its grid."""
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the fraction done."""
+
+
+def _no_progress(step: str, fraction: float) -> None:
+    """Tell nobody."""
+
+
+@cache
+def code_fingerprint() -> str:
+    """SHA-256 (hex) over the sources that decide what is in a table."""
+    here, there = Path(precompute.__file__).parent, Path(engine.__file__).parent
+    folders = (here, there / "table", there / "device")
+    sources = [path for folder in folders for path in folder.rglob("*.py")] + [there / "touch" / "finger_tracker.py"]
+    return hashlib.sha256(b"\0".join(path.read_bytes() for path in sorted(sources))).hexdigest()
+
+
+def build_table(
+    device: Device,
+    path: Path | str,
+    *,
+    created: str | None = None,
+    objective: str = DEFAULT_OBJECTIVE,
+    made_for: MadeFor = MadeFor.MEAN,
+    clicks_up_to: int | None = None,
+    bursts_up_to: int = 0,
+    click_options: ClickOptions = DEFAULT_OPTIONS,
+    workers: int = 1,
+    crew: Crew | None = None,
+    reuse: bool = True,
+    clicks_later: bool = False,
+    completes: bool = False,
+    responses: MeasuredResponses | None = None,
+    memory_budget_bytes: int = MEMORY_BUDGET_BYTES,
+    progress: Progress = _no_progress,
+) -> None:
+    """Compute, write and verify the table of `device`; only then it takes the place of what was at `path`.
+
+    `created` is the date to note, by default now; `objective` a name of precompute.entries.objective.OBJECTIVES.
+    `made_for`: entries whose level and contrast hold for the mean, or in all but the worst 5 % of the sampled cases.
+    `clicks_up_to`: states of up to so many fingers get clicks, by default all of them for up to five zones, of three
+    fingers beyond; 0 is none. `bursts_up_to`: the same of bursts, for devices that play no waveforms; by default none.
+    Entries, clicks and bursts are solved by `workers` processes, entries by a `crew` that waits already, if there is
+    one; the clicks solved when a build is interrupted are kept beside the table for the next. With `reuse`, parts that
+    a table at `path` has already, made by this code and resting on nothing that has changed since, are taken over.
+    With `clicks_later` so are its clicks and bursts whatever has changed, marked as outdated (builder.incremental); a
+    build without makes them. The table that was at `path` is kept as the previous one; a build that `completes` it
+    keeps the one before. With `responses` the bar moves as it was measured; what fingers do to it, rise times, clicks
+    and bursts stay the model's. Raises TableError if the table cannot be written, for another objective, and for a
+    device whose values are not those of its text, which is what a table holds.
+
+    >>> build_table(Device.read("my-bar.toml"), "my-bar.nc", clicks_up_to=0)
+    """
+    path = Path(path)
+    if parse_device(device.text, device.name).fingerprint != device.fingerprint:
+        raise TableError(f"{device.name}: was changed after it was read; write its text anew and read that")
+    sha256 = "" if responses is None else responses.sha256
+    recipe = Recipe(
+        code_fingerprint(), objective, _fingers(device, clicks_up_to), click_options, sha256, bursts_up_to, made_for
+    )
+    if objective not in OBJECTIVES:
+        raise TableError(f"there is no objective {objective!r}; choose one of {', '.join(OBJECTIVES)}")
+    with threadpool_limits(1, "blas"), remembered_interrupt() as check:  # unpinned BLAS: 100 times slower when busy
+        checked = _checked(progress, check)
+        builder = _Builder(
+            device, path, recipe, workers, crew, clicks_later, completes, responses, memory_budget_bytes, checked
+        )
+        with _earlier(path, reuse) as earlier:
+            builder.build(created or datetime.now(UTC).isoformat(timespec="seconds"), earlier)
+    progress("done", 1.0)
+
+
+def _checked(progress: Progress, check: Callable[[], None]) -> Progress:
+    def checked(step: str, fraction: float) -> None:
+        check()
+        progress(step, fraction)
+
+    return checked
+
+
+def _fingers(device: Device, clicks_up_to: int | None) -> int:
+    zones = len(device.zones)
+    if clicks_up_to is not None:
+        return clicks_up_to
+    return zones if zones <= MOST_ZONES_WITH_ALL_CLICKS else MOST_CLICKED_BEYOND
+
+
+@contextmanager
+def _earlier(path: Path, reuse: bool) -> Iterator[Table | None]:
+    """The sound table of this code that is at `path`, if there is one."""
+    try:
+        table = Table.open(path, code_fingerprint=code_fingerprint()) if reuse else None
+    except TableError:
+        table = None
+    with table or nullcontext():
+        yield table
+
+
+@dataclass(frozen=True)
+class _Builder:
+    """One build: the parts of a table, computed or taken over from an earlier one."""
+
+    device: Device
+    path: Path
+    recipe: Recipe
+    workers: int
+    crew: Crew | None
+    clicks_later: bool
+    completes: bool
+    responses: MeasuredResponses | None
+    memory_budget_bytes: int
+    progress: Progress
+
+    def build(self, created: str, earlier: Table | None) -> None:
+        device, recipe, progress = self.device, self.recipe, self.progress
+        rests = {part: rests_on(part, device, recipe) for part in Part}
+        known = {part for part in Part if earlier and earlier.attributes.get(part.attribute) == rests[part]}
+        wanted = self._wanted()
+        later = {part for part in KEPT_FOR_NOW if self.clicks_later and part in wanted - known}
+        progress("responses", 0.0)
+        plant = assemble(device) if self.responses is None else measured_plant(device, self.responses)
+        with TableWriter(self.path, self._check, completes=self.completes) as writer:
+            writer.describe(
+                {
+                    "title": f"tactable table of {device.name}",
+                    "Conventions": "CF-1.10",
+                    "device_name": device.name,
+                    "device_description": device.text,
+                    "device_fingerprint": device.fingerprint,
+                    "code_fingerprint": recipe.code_fingerprint,
+                    "code_version": metadata.version("tactable"),
+                    "created": created,
+                    "objective": recipe.objective,
+                    "made_for": recipe.made_for.value,
+                    "clicks_up_to": recipe.clicks_up_to,
+                    "bursts_up_to": recipe.bursts_up_to,
+                    "click_options": json.dumps(asdict(recipe.click_options)),
+                    "spread_over": sampled_words(device, is_measured=self.responses is not None),
+                    **source_attributes(self.responses),
+                    **{part.attribute: rests[part] for part in Part if part not in later},
+                    **({OUTDATED: " ".join(sorted(later))} if later else {}),
+                }
+            )
+            if earlier is not None:
+                for part in sorted(known | {part for part in later if plays_on(earlier.device, device)}):
+                    if earlier.copy_groups(writer, part.groups):
+                        progress(f"{part} as before", 0.05)
+            with self._crew(known) as crew:
+                if Part.RESPONSES not in known:
+                    self._write_responses(writer, plant)
+                if Part.ENTRIES not in known:
+                    self._write_entries(writer, plant, crew)
+            store = self._solve_clicks() if Part.CLICKS in wanted - known - later else None
+            if store and store.clicks:
+                write_clicks(writer, [click for _, click in sorted(store.clicks.items())], device)
+            if Part.BURSTS in wanted - known - later:
+                self._write_bursts(writer)
+            progress("verify", 0.96)
+        if store:
+            store.path.unlink(missing_ok=True)  # nothing is left to resume
+
+    def _wanted(self) -> set[Part]:
+        """The parts that the table is to have."""
+        wanted = {Part.CLICKS: self.recipe.clicks_up_to, Part.BURSTS: self.recipe.bursts_up_to}
+        return {part for part in Part if wanted.get(part, 1)}
+
+    def _check(self, written: Path) -> None:
+        Table.open(written, device=self.device, code_fingerprint=self.recipe.code_fingerprint, verify=False).close()
+        self.progress("put in place", 0.99)
+
+    @contextmanager
+    def _crew(self, known: set[Part]) -> Iterator[Crew]:
+        if self.crew is not None:
+            yield self.crew
+            return
+        with Crew(0 if Part.ENTRIES in known else self.workers - 1) as crew:
+            crew.prepare(prepare_entries)
+            yield crew
+
+    def _write_responses(self, writer: TableWriter, plant: Plant) -> None:
+        grid = compute_grid_response(plant, self.device.sweep.frequency_hz, zone_points(self.device))
+        write_responses(writer, plant, grid)
+        for fraction in write_pair_sweep(writer, grid, self.memory_budget_bytes):
+            self.progress("sweep", 0.05 + 0.15 * fraction)
+        self.progress("coherent sweep", 0.2)
+        write_coherent_sweep(writer, grid)
+        if self.responses is not None:
+            write_measured(writer, self.device, self.responses)
+
+    def _write_entries(self, writer: TableWriter, plant: Plant, crew: Crew) -> None:
+        solved, share = [], 0.1 if self.recipe.clicks_up_to or self.recipe.bursts_up_to else 0.7
+        for entries, fraction in solve_entries(plant, self.recipe.objective, crew, self.recipe.made_for):
+            solved.append(entries)
+            self.progress("entries", 0.25 + share * fraction)
+        solved.sort(key=lambda entries: entries[0].index)
+        # Written level by level.
+        write_entries(writer, [entry for level in zip(*solved, strict=True) for entry in level], self.device)
+
+    def _solve_clicks(self) -> ClickStore:
+        """The clicks, in a store that holds those of an interrupted build already."""
+        device, options = self.device, self.recipe.click_options
+        with ClickStore(self.path, rests_on(Part.CLICKS, device, self.recipe)) as store:
+            states, share = self._states(self.recipe.clicks_up_to), 0.3 if self.recipe.bursts_up_to else 0.6
+            left = [state for state in states if state_index(state) not in store.clicks]
+            tabulator = ClickTabulator(device, options.wanted_db)
+            for click in solve_clicks(device, options, left, self.workers):
+                store.add(tabulator.tabulate(click))
+                self.progress("clicks", 0.35 + share * len(store.clicks) / len(states))
+        return store
+
+    def _write_bursts(self, writer: TableWriter) -> None:
+        options, states = self.recipe.click_options, self._states(self.recipe.bursts_up_to)
+        told = partial(self._tell_bursts, 0.65 if self.recipe.clicks_up_to else 0.35)
+        write_bursts(writer, *solve_bursts(self.device, options, states, self.workers, told), self.device)
+
+    def _tell_bursts(self, done: float, fraction: float) -> None:
+        self.progress("bursts", done + (0.95 - done) * fraction)
+
+    def _states(self, fingers: int) -> list[States]:
+        """Those of up to so many fingers."""
+        return [state for state in tabulated_states(self.device) if len(touched_zones(state)) <= fingers]

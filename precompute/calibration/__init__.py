@@ -1,0 +1,1 @@
+"""Measurements to the values of a device, with their confidence."""

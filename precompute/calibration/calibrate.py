@@ -1,0 +1,197 @@
+"""Measured accelerations to the parameters of a device: values, how sure they are, and what was left open."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from engine.device.device import Device, FittedValue, Uncertainty
+from precompute.calibration.confidence import Certainty, compute_certainty, compute_intervals
+from precompute.calibration.fit import Fit, Problem, fit, pose
+from precompute.calibration.misfit import Loss, MisfitModel
+from precompute.measurements.model import MeasurementModel
+from precompute.measurements.parameters import Bounds, Parameter, default_names, find_parameters, with_values
+from precompute.measurements.types import Kind, MeasurementError, Measurements
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+STARTS = 5
+OUTLIER = 4.0
+"""Standard deviations from which a reading is called wrong."""
+_FELT_BOUND = 1e-3  # of the width of the bounds
+_ROUGH_FACTOR = 2.0
+
+
+class Known(Enum):
+    """What the data say of a parameter."""
+
+    WELL = "known"
+    ROUGHLY = "known within a factor"
+    AT_MOST = "known only to be at most"
+    AT_LEAST = "known only to be at least"
+    NOT = "not identifiable"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One fitted parameter: SI values; `low` and `high` hold the true one with 95 % confidence."""
+
+    parameter: Parameter
+    value: float
+    standard_error: float
+    low: float
+    high: float
+    known: Known
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What measurements say of a device.
+
+    device: with the fitted values, not yet a file. covariance, information (parameter, parameter): of the parameters'
+    coordinates, the information without what their bounds say. predicted (row,): m/s^2; log_residual (row,): ln of
+    measured over predicted magnitude; noise: relative standard deviation of a reading, wrong ones (row,) left out.
+    """
+
+    device: Device
+    measurements: Measurements
+    loss: Loss
+    estimates: tuple[Estimate, ...]
+    coordinate: Array
+    covariance: Array
+    information: Array
+    noise: float
+    predicted: Complex
+    log_residual: Array
+    is_wrong: NDArray[np.bool_]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """In the order of the estimates."""
+        return tuple(estimate.parameter for estimate in self.estimates)
+
+    @property
+    def correlation(self) -> Array:
+        """Shape (parameter, parameter)."""
+        deviation = np.sqrt(np.diag(self.covariance))
+        out: Array = self.covariance / np.outer(deviation, deviation)
+        return out
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """Of the values that a device file holds: a sensor's mass is averaged over."""
+        kept = [i for i, parameter in enumerate(self.parameters) if parameter.part != "sensor"]
+        return Uncertainty(
+            fitted=tuple(FittedValue(p.name, p.low, p.high, p.knee) for p in (self.parameters[i] for i in kept)),
+            covariance=tuple(tuple(float(self.covariance[i, j]) for j in kept) for i in kept),
+        )
+
+
+def calibrate(
+    device: Device,
+    measurements: Measurements,
+    parameters: Sequence[str] | None = None,
+    loss: Loss = Loss.ROBUST,
+    *,
+    bounds: Mapping[str, Bounds] | None = None,
+    starts: int = STARTS,
+    seed: int = 0,
+) -> Calibration:
+    """Fit `parameters` (names as in the device file; default: the paper's six) of `device` to `measurements`.
+
+    `bounds` are SI. Raises ParameterError for names and bounds, MeasurementError where the rows cannot say anything.
+
+    >>> device = Device.read("reference-a.toml")
+    >>> found = calibrate(device, read_measurements("measured.csv", device))
+    >>> left = found.estimates[0]
+    >>> left.parameter.name, 20e3 < left.low < left.value < left.high < 21e3, left.known.value
+    ('actuator[1].stiffness', True, 'known')
+    """
+    names = default_names(device) if parameters is None else tuple(parameters)
+    chosen = find_parameters(device, names, bounds or {}, _sensor_mass_kg(measurements))
+    with threadpool_limits(1, "blas"):  # unpinned BLAS: 100 times slower when busy
+        found = fit(pose_fit(device, measurements, chosen), loss, starts, seed)
+        certainty = compute_certainty(found)
+        return _conclude(device, measurements, found, certainty, compute_intervals(found, certainty))
+
+
+def pose_fit(device: Device, measurements: Measurements, parameters: tuple[Parameter, ...]) -> Problem:
+    """The fit of a device to measurements. Raises MeasurementError where they are too few, or say nothing of one."""
+    model = MisfitModel(MeasurementModel(device, measurements, parameters), measurements, parameters)
+    problem = pose(model)
+    slope = model.at(problem.start).log_slope
+    if len(slope) <= len(parameters):
+        raise MeasurementError(
+            f"{len(slope)} readings cannot fit {len(parameters)} parameters; measure more or fit fewer"
+        )
+    for parameter, column in zip(parameters, slope.T, strict=True):
+        if not column.any():
+            raise MeasurementError(
+                f"{parameter.name}: changes none of these readings (no finger, sensor or drive there); leave it out"
+            )
+    return problem
+
+
+def _sensor_mass_kg(measurements: Measurements) -> float:
+    """Of the sensors that weigh anything; 0 where none does."""
+    heavy = measurements.sensor_mass_kg[measurements.sensor_mass_kg > 0]
+    return float(heavy.mean()) if len(heavy) else 0.0
+
+
+def _conclude(
+    device: Device, measurements: Measurements, found: Fit, certainty: Certainty, intervals: Array
+) -> Calibration:
+    parameters = found.problem.misfit.parameters
+    deviation = np.sqrt(np.diag(certainty.covariance))
+    estimates = tuple(
+        _estimate(parameter, x, sd, ends)
+        for parameter, x, sd, ends in zip(
+            parameters, found.coordinate.tolist(), deviation.tolist(), intervals.tolist(), strict=True
+        )
+    )
+    values = np.array([estimate.value for estimate in estimates])
+    residual = found.misfit.log_residual
+    if measurements.kind is Kind.RESPONSE:
+        size = np.abs(residual.reshape(2, -1)).max(axis=0)
+        residual = residual[: len(measurements)]
+    else:
+        size = np.abs(residual)
+    model = MeasurementModel(device, measurements, parameters)
+    return Calibration(
+        device=with_values(device, parameters, values),
+        measurements=measurements,
+        loss=found.loss,
+        estimates=estimates,
+        coordinate=found.coordinate,
+        covariance=certainty.covariance,
+        information=certainty.information,
+        noise=found.noise,
+        predicted=np.exp(model.predict(values).log_acceleration),
+        log_residual=-residual,
+        is_wrong=size > OUTLIER * found.noise,
+    )
+
+
+def _estimate(parameter: Parameter, coordinate: float, deviation: float, ends: Sequence[float]) -> Estimate:
+    value, low, high = (parameter.value_at(x) for x in (coordinate, *ends))
+    return Estimate(
+        parameter=parameter,
+        value=value,
+        standard_error=deviation * parameter.rate_at(coordinate),
+        low=low,
+        high=high,
+        known=_known(parameter, ends),
+    )
+
+
+def _known(parameter: Parameter, ends: Sequence[float]) -> Known:
+    low, high = (parameter.coordinate(bound) for bound in (parameter.low, parameter.high))
+    near = _FELT_BOUND * (high - low)
+    at_low, at_high = ends[0] <= low + near, ends[1] >= high - near
+    if at_low or at_high:
+        return Known.NOT if at_low and at_high else Known.AT_MOST if at_low else Known.AT_LEAST
+    return Known.WELL if ends[1] - ends[0] <= 2 * np.log(_ROUGH_FACTOR) else Known.ROUGHLY

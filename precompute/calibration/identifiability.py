@@ -1,0 +1,88 @@
+"""A calibration to what its data leave open, in words, and to the measurement that would close it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from precompute.calibration.calibrate import Calibration, Known
+from precompute.calibration.plan import LEAST_NOISE, Accuracy, best_drive, prior_information, propose_candidates
+
+_TELLING = 2.0
+"""A combination whose singular value is below: the data narrow it to no less than half of what its bounds say."""
+_PART = 0.25  # of a unit vector: a smaller part is not named
+_WORTH = 0.7  # of the standard deviation: a drive that leaves more is not worth the trouble
+_NEARLY_ONE = 0.95
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A direction in the space of the parameters that the data leave open; `singular` from 0 (wholly) to 2."""
+
+    singular: float
+    parts: tuple[tuple[str, float], ...]
+    text: str
+
+
+@dataclass(frozen=True)
+class Advice:
+    """A parameter that is not well known, and the drive that, read along the bar, would narrow it most; SI values.
+
+    drive_hz (actuator,) with NaN for still is None where no drive of the sweep would help.
+    """
+
+    name: str
+    standard_error: float
+    drive_hz: tuple[float, ...] | None
+    standard_error_after: float
+
+
+def open_combinations(calibration: Calibration) -> tuple[Combination, ...]:
+    """By the singular values of the sensitivity, scaled by noise and by what the bounds leave."""
+    prior = np.array([parameter.prior for parameter in calibration.parameters])
+    square, vector = np.linalg.eigh(calibration.information * np.outer(prior, prior))
+    found: list[Combination] = []
+    for value, direction in zip(np.sqrt(np.maximum(square, 0.0)).tolist(), vector.T, strict=True):
+        if value >= _TELLING:
+            break
+        signed = direction * np.sign(direction[np.argmax(np.abs(direction))])
+        named = [
+            (p.name, float(part)) for p, part in zip(calibration.parameters, signed, strict=True) if abs(part) > _PART
+        ]
+        parts = tuple(sorted(named, key=lambda item: -abs(item[1])))
+        found.append(Combination(value, parts, _words(parts)))
+    return tuple(found)
+
+
+def _words(parts: tuple[tuple[str, float], ...]) -> str:
+    (first, size), *others = parts
+    if not others or size > _NEARLY_ONE:
+        return f"{first} alone: it hardly changes what was measured"
+    moves = " and ".join(f"{name} {'up' if part > 0 else 'down'}" for name, part in others)
+    return f"{first} up with {moves}: together they hardly change what was measured"
+
+
+def advise(calibration: Calibration) -> tuple[Advice, ...]:
+    """For every parameter that is not known within a factor of 2 or better."""
+    parameters = calibration.parameters
+    accuracy = Accuracy(relative=max(calibration.noise, LEAST_NOISE))
+    masses = calibration.measurements.sensor_mass_kg
+    candidates = propose_candidates(
+        calibration.device, parameters, calibration.coordinate, float(np.median(masses)), accuracy
+    )
+    information = calibration.information + prior_information(parameters)
+    found: list[Advice] = []
+    for i, estimate in enumerate(calibration.estimates):
+        if estimate.known is Known.WELL:
+            continue
+        drive_hz, deviation = best_drive(candidates, information, i)
+        rate = estimate.parameter.rate_at(float(calibration.coordinate[i]))
+        helps = deviation * rate <= _WORTH * estimate.standard_error
+        found.append(
+            Advice(
+                name=estimate.parameter.name,
+                standard_error=estimate.standard_error,
+                drive_hz=drive_hz if helps else None,
+                standard_error_after=deviation * rate,
+            )
+        )
+    return tuple(found)

@@ -1,0 +1,81 @@
+"""What separates a prediction from the measurement, and what of it a fit minimises."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precompute.measurements.model import MeasurementModel
+from precompute.measurements.parameters import Parameter
+from precompute.measurements.types import Kind, Measurements
+
+Array = NDArray[np.float64]
+
+
+class Loss(Enum):
+    """What is minimised: robust or plain least squares of log amplitudes, or the paper's sum of |difference| (12)."""
+
+    ROBUST = "robust"
+    SQUARES = "squares"
+    L1 = "l1"
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Residuals (datum,), predicted minus measured, and their derivatives (datum, parameter) by the coordinates.
+
+    log_: of logarithms, a response's phase in radians; plain_: of accelerations in m/s^2. A peak is one datum, a
+    response two, all real parts before all imaginary ones. size (datum,): predicted magnitude in m/s^2.
+    """
+
+    log_residual: Array
+    log_slope: Array
+    plain_residual: Array
+    plain_slope: Array
+    size: Array
+
+
+class MisfitModel:
+    """The misfit of measurements as a function of the coordinates of parameters (parameter,)."""
+
+    def __init__(self, model: MeasurementModel, measurements: Measurements, parameters: tuple[Parameter, ...]) -> None:
+        self._model, self._is_peak = model, measurements.kind is Kind.PEAK
+        self._measured = measurements.acceleration
+        self._log_measured = np.log(measurements.acceleration)
+        self._last: tuple[Array, Misfit] | None = None
+        self.parameters = parameters
+        self.mean_reading = float(np.abs(measurements.acceleration).mean())
+        """In m/s^2."""
+
+    def at(self, coordinate: Array) -> Misfit:
+        """The misfit there; asking twice costs once."""
+        if self._last is None or not np.array_equal(self._last[0], coordinate):
+            self._last = (coordinate.copy(), self._compute(coordinate))
+        return self._last[1]
+
+    def _compute(self, coordinate: Array) -> Misfit:
+        each = list(zip(self.parameters, coordinate.tolist(), strict=True))
+        prediction = self._model.predict(np.array([parameter.value_at(x) for parameter, x in each]))
+        log = prediction.log_acceleration
+        slope = prediction.by_parameter * np.array([parameter.rate_at(x) for parameter, x in each])
+        predicted = np.exp(log)
+        difference = log - self._log_measured
+        turned = difference.real + 1j * _wrapped(difference.imag)
+        return Misfit(
+            log_residual=self._data(turned),
+            log_slope=self._data(slope),
+            plain_residual=self._data(predicted - self._measured),
+            plain_slope=self._data(predicted[:, None] * slope),
+            size=self._data(np.abs(predicted) * (1 + 1j)),
+        )
+
+    def _data(self, value: NDArray[np.complex128]) -> Array:
+        """Rows to data along the first axis."""
+        real: Array = value.real
+        return real.copy() if self._is_peak else np.concatenate([real, value.imag])
+
+
+def _wrapped(angle_rad: Array) -> Array:
+    """Within half a turn of 0."""
+    return (angle_rad + np.pi) % (2 * np.pi) - np.pi

@@ -1,0 +1,1 @@
+"""The best click of every state, by linear programs."""

@@ -1,0 +1,87 @@
+"""A solved click to its line in a table: rounded to the wire, with the nominal plant's accelerations."""
+
+from dataclasses import astuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from engine.table.click import ClickEntry, ClickZone, LevelSpread
+from engine.touch.finger_tracker import ZoneState
+from precompute.clicks.basis import LOOK_RATE_HZ, LOOKS, PLAY_RATE_HZ, RING_S
+from precompute.clicks.solver import FULL_SCALE, Click
+from precompute.entries.prediction import touched_zones
+from precompute.model.assembly import assemble
+from precompute.model.modal import compute_basis
+from precompute.model.threshold_filter import threshold_filter
+from precompute.model.transient import TransientPlant
+
+Array = NDArray[np.float64]
+
+_STEPS = 12
+"""Of the nominal plant for each sample: at the corners between samples the acceleration turns sharply."""
+_SILENT = 1e-15
+
+
+class ClickTabulator:
+    """Makes table lines of one device's clicks; levels_db: those that the exceedance of the threshold is given at."""
+
+    def __init__(self, device: Device, wanted_db: float | None) -> None:
+        self._device = device
+        self._wanted_level_db = np.inf if wanted_db is None else wanted_db
+        self._levels_db = (*device.levels_db, np.inf)
+        self._basis = compute_basis(assemble(device))
+        self._middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
+        self._filter = threshold_filter(LOOK_RATE_HZ)
+
+    def tabulate(self, click: Click) -> ClickEntry:
+        """The line of one click."""
+        verdict, touched = click.verdict, touched_zones(click.states)
+        samples = np.rint(FULL_SCALE * click.waveform.T).astype(np.int16)
+        acceleration, weighted = self._nominal(samples / FULL_SCALE, touched)
+        felt = weighted[:, [click.states[zone] is ZoneState.FELT for zone in touched]]
+        zones: dict[int, ClickZone] = {
+            zone: ClickZone(float(acceleration[:, i].max()), _decibels(weighted[:, i].max()))
+            for i, zone in enumerate(touched)
+        }
+        return ClickEntry(
+            states=click.states,
+            sample_rate_hz=round(click.rate_hz),
+            samples=samples,
+            amplitude=1.0,
+            wanted_level_db=self._wanted_level_db,
+            achieved=click.achieved,
+            felt=LevelSpread(*astuple(verdict.felt)),
+            quiet=None if verdict.quiet is None else LevelSpread(*astuple(verdict.quiet)),
+            zones=tuple(zones.get(zone) for zone in range(len(click.states))),
+            exceeds_s={level_db: self._exceeds_s(felt, level_db, verdict.felt.low_db) for level_db in self._levels_db},
+            peak_s=verdict.peak_s,
+            residual_from_s=verdict.residual_from_s,
+            residual_db=verdict.residual_db,
+            objective=click.objective,
+            bound_db=click.bound_db,
+            gap_db=click.gap_db,
+        )
+
+    def _nominal(self, waveform: Array, touched: tuple[int, ...]) -> tuple[Array, Array]:
+        """Magnitudes (time, finger) of (sample, actuator): acceleration, and over threshold at LOOK_RATE_HZ."""
+        places_m, rate_hz = self._middle_m[list(touched)], _STEPS * PLAY_RATE_HZ
+        plant = TransientPlant(self._basis, places_m, rate_hz)
+        plant.touch([(place_m, self._device.finger) for place_m in places_m.tolist()])
+        at = np.arange((len(waveform) - 1) * _STEPS + 1) / _STEPS
+        moved = np.column_stack([np.interp(at, np.arange(len(waveform)), column) for column in waveform.T])
+        rest = np.zeros((round(RING_S * rate_hz), moved.shape[1]))
+        acceleration, _ = plant.run(np.concatenate([moved, rest]))
+        looked_at = acceleration[:: _STEPS // LOOKS].T
+        weighted = np.stack([np.convolve(course, self._filter)[: len(course)] for course in looked_at], axis=1)
+        return abs(acceleration), abs(weighted)
+
+    def _exceeds_s(self, felt: Array, level_db: float, full_db: float) -> float | None:
+        above = felt * 10 ** (min(0.0, level_db - full_db) / 20) > 1
+        if not above.any(axis=0).all():
+            return None
+        return float(above.argmax(axis=0).max() / LOOK_RATE_HZ)
+
+
+def _decibels(value: float) -> float:
+    return float(20 * np.log10(max(value, _SILENT)))

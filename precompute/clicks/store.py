@@ -1,0 +1,85 @@
+"""Clicks solved so far, beside a table that is being built: what a killed build need not solve again."""
+
+import base64
+import json
+import zlib
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from engine.table.click import ClickEntry, ClickZone, LevelSpread
+from engine.touch.finger_tracker import ZoneState
+
+
+class ClickStore:
+    """An open file of clicks, a line each; those of another device, code or options are dropped."""
+
+    def __init__(self, table: Path, belongs_to: str) -> None:
+        self.path = table.with_name(f".{table.name}.clicks")
+        self.clicks: dict[int, ClickEntry] = {}
+        """By state."""
+        lines = list(_sound_lines(self.path))
+        head = {"belongs_to": belongs_to}
+        if lines and lines[0] == head:
+            self.clicks = {click.index: click for click in map(_decode, lines[1:])}
+        self._file = self.path.open("w", encoding="utf-8")
+        self._write(head)
+        for click in self.clicks.values():
+            self._write(_encode(click))
+
+    def __enter__(self) -> "ClickStore":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+        if not self.clicks:
+            self.path.unlink()
+
+    def add(self, click: ClickEntry) -> None:
+        """Keep one more, now."""
+        self.clicks[click.index] = click
+        self._write(_encode(click))
+
+    def _write(self, value: Any) -> None:
+        text = json.dumps(value)
+        self._file.write(f"{zlib.crc32(text.encode()):08x} {text}\n")
+        self._file.flush()
+
+
+def _sound_lines(path: Path) -> Iterator[Any]:
+    """Up to the first that was not written whole."""
+    if not path.exists():
+        return
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        checksum, _, text = line.partition(" ")
+        if checksum != f"{zlib.crc32(text.encode()):08x}":
+            return
+        yield json.loads(text)
+
+
+def _encode(click: ClickEntry) -> dict[str, Any]:
+    values = asdict(click)
+    return values | {
+        "samples": base64.b64encode(click.samples.astype("<i2").tobytes()).decode(),
+        "actuators": click.samples.shape[1],
+        "exceeds_s": list(click.exceeds_s.items()),
+    }
+
+
+def _decode(values: dict[str, Any]) -> ClickEntry:
+    samples = np.frombuffer(base64.b64decode(values["samples"]), "<i2").astype(np.int16)
+    made = {
+        "states": tuple(ZoneState(state) for state in values["states"]),
+        "samples": samples.reshape(-1, values.pop("actuators")),
+        "felt": LevelSpread(**values["felt"]),
+        "quiet": None if values["quiet"] is None else LevelSpread(**values["quiet"]),
+        "zones": tuple(None if zone is None else ClickZone(**zone) for zone in values["zones"]),
+        "exceeds_s": dict(values["exceeds_s"]),
+    }
+    return ClickEntry(**values | made)

@@ -1,0 +1,1 @@
+"""The best steady drive of every state, with its bound."""

@@ -1,0 +1,189 @@
+"""A problem to what no drive of any kind exceeds, and to the drives of one frequency whose mixture would reach it.
+
+Tones of different frequencies do not interfere, so the drives of all families together fill a convex cone, and duality
+bounds them all at once: weights on the forms, for which the greatest generalised eigenvalue over frequency is no less
+than what any drive reaches.
+"""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import highspy
+import numpy as np
+from numpy.typing import NDArray
+
+from precompute.entries.bfgs import greatest_eigenvalue
+from precompute.entries.candidate import Drive, Weights, powers_of
+from precompute.entries.objective import Problem
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_TINY = 1e-30
+_DEFINITE = 1e-12  # of the trace: keeps a denominator of few fingers definite
+_MIXED = 1e-6
+_MOST_TONES = 3
+_PRICED = 3
+
+
+@dataclass(frozen=True)
+class Tone:
+    """Some actuators at one frequency."""
+
+    frequency_hz: float
+    actuators: list[int]
+    amplitude: Complex
+
+
+class Columns:
+    """Drives of one frequency each, whose powers a linear program mixes freely: no family of drives does better.
+
+    maximise t: sum_c p_c N_i,c >= t, sum_c p_c D_j,c <= 1, sum_c p_c P_f,c >= wanted s, sum_c p_c |a_l,c|^2 <= s.
+    """
+
+    def __init__(self, problem: Problem, wanted: float) -> None:
+        self._problem, self._muted = problem, problem.muted()
+        self._frequency_hz: list[float] = []
+        self._drives: list[Complex] = []
+        self._mix = np.zeros(0)
+        actuators, sizes = problem.in_band.shape[1], [len(stack) for stack in problem.stacks]
+        self._ends = np.cumsum(sizes).tolist()
+        numerator, denominator, level = (np.ones(size) for size in sizes)
+        self.weights = Weights(numerator, denominator, 0 * level, np.zeros(actuators))
+        """The prices of the last mixture."""
+        # A level is counted in parts of what is wanted: all numbers are near 1.
+        self._scale = np.repeat([1.0, 1.0, 1 / wanted if wanted > 0 else 1.0, 1.0], [*sizes, actuators])
+        self._program = _empty_program(sizes, actuators, is_wanted=wanted > 0)
+
+    def add(self, frequency_hz: float, amplitude: Complex) -> None:
+        """One more drive, of any length."""
+        hz, tone, grid_hz = (
+            np.array([frequency_hz]),
+            np.zeros(len(amplitude), dtype=np.int64),
+            self._problem.frequency_hz,
+        )
+        powers = [powers_of(stack, grid_hz, hz, tone, amplitude) for stack in self._problem.stacks]
+        scale = 1 / max(float(powers[1].max()), _TINY)
+        self._frequency_hz.append(frequency_hz)
+        self._drives.append(amplitude * np.sqrt(scale))
+        column = np.concatenate([*powers, abs(amplitude) ** 2]) * scale * self._scale
+        self._program.addCol(0.0, 0.0, np.inf, len(column), np.arange(len(column), dtype=np.int32), column)
+
+    def add_single(self, k: int) -> None:
+        """Each actuator alone at the k-th frequency."""
+        for actuator in np.flatnonzero(self._problem.in_band[k]):
+            unit = np.eye(self._problem.in_band.shape[1], dtype=np.complex128)[actuator]
+            self.add(float(self._problem.frequency_hz[k]), unit)
+
+    def solve(self) -> tuple[Weights, float] | None:
+        """The prices of the best mixture and the ratio that it reaches; None where no mixture is loud enough."""
+        self._program.run()
+        solution = self._program.getSolution()
+        if self._program.getModelStatus() != highspy.HighsModelStatus.kOptimal or solution.col_value[0] <= 0:
+            return None
+        self._mix = np.array(solution.col_value)[2:]
+        prices = abs(np.array(solution.row_dual)) * self._scale
+        self.weights = Weights(*np.split(prices, self._ends))
+        return self.weights, float(solution.col_value[0])
+
+    def price(self, weights: Weights) -> float:
+        """Add the drives that these weights value most; the bound that the weights prove."""
+        eigenvalue, numerator, denominator = _eigenvalues(self._muted, weights)
+        for k in peaks(eigenvalue)[:_PRICED]:
+            inverse = np.linalg.inv(np.linalg.cholesky(denominator[k]))
+            vectors = np.linalg.eigh(inverse @ numerator[k] @ inverse.conj().T)[1]
+            amplitude = inverse.conj().T @ vectors[:, -1]
+            amplitude[~self._problem.in_band[k]] = 0
+            self.add(float(self._problem.frequency_hz[k]), amplitude)
+        return _proved(eigenvalue, weights)
+
+    def mixtures(self) -> Iterator[list[Tone]]:
+        """Every way to share the actuators among three or more mixed drives; pairs are all looked at anyway."""
+        used = [int(c) for c in np.argsort(-self._mix) if self._mix[c] > _MIXED][:_MOST_TONES]
+        count = self._problem.in_band.shape[1]
+        for tones in range(3, min(len(used), count) + 1):
+            for columns in itertools.combinations(used, tones):
+                for owner in itertools.product(range(tones), repeat=count):
+                    if len(set(owner)) == tones:
+                        yield [self._tone(c, [a for a in range(count) if owner[a] == t]) for t, c in enumerate(columns)]
+
+    def _tone(self, column: int, actuators: list[int]) -> Tone:
+        amplitude = self._drives[column][actuators] * np.sqrt(self._mix[column])
+        return Tone(self._frequency_hz[column], actuators, amplitude)
+
+
+def _empty_program(sizes: list[int], actuators: int, *, is_wanted: bool) -> highspy.Highs:
+    """Rows N - t >= 0, D <= 1, P - s >= 0, |a|^2 - s <= 0; columns t, which is maximised, and s."""
+    numerators, denominators, levels = sizes
+    program = highspy.Highs()  # type: ignore[no-untyped-call]  # its __init__ has no annotations
+    program.silent()
+    rows = [(0.0, np.inf)] * numerators + [(-np.inf, 1.0)] * denominators
+    rows += [(0.0 if is_wanted else -np.inf, np.inf)] * levels + [(-np.inf, 0.0 if is_wanted else np.inf)] * actuators
+    nothing = np.zeros(0, dtype=np.int32), np.zeros(0)
+    for low, high in rows:
+        program.addRow(low, high, 0, *nothing)
+    by_t, by_s = np.arange(numerators), numerators + denominators + np.arange(levels + actuators)
+    for cost, at in ((-1.0, by_t), (0.0, by_s)):
+        program.addCol(cost, 0.0, np.inf, len(at), at.astype(np.int32), np.full(len(at), -1.0))
+    return program
+
+
+def compute_bound(problem: Problem, drive: Drive, wanted: float) -> float:
+    """What no drive of any family above the level exceeds, by the weights that the forms have at `drive`."""
+    level, actuator = drive.weights.level, drive.weights.actuator
+    lifted = float(level.sum()) * wanted
+    # Above the level sum_f w_f P_f >= wanted sum_f w_f max |a_l|^2 >= sum_l w_l |a_l|^2, if the w_l add up to that.
+    if lifted > 0 and actuator.sum() > 0:
+        actuator = actuator * (lifted / actuator.sum())
+    else:
+        level, actuator = 0 * level, 0 * actuator
+    weights = Weights(drive.weights.numerator, drive.weights.denominator, level, actuator)
+    return _proved(_eigenvalues(problem.muted(), weights)[0], weights)
+
+
+def block_directions(problem: Problem, weights: Weights, actuators: list[int]) -> Complex:
+    """Shape (frequency, actuator): at each frequency what the weights value most of drives of these actuators alone."""
+    _, numerator, denominator = _eigenvalues(problem.muted(), weights)
+    pick = np.ix_(range(len(numerator)), actuators, actuators)
+    inverse = np.linalg.inv(np.linalg.cholesky(denominator[pick]))
+    vectors = np.linalg.eigh(inverse @ numerator[pick] @ inverse.conj().transpose(0, 2, 1))[1]
+    out = np.zeros((len(numerator), problem.in_band.shape[1]), dtype=np.complex128)
+    out[:, actuators] = (inverse.conj().transpose(0, 2, 1) @ vectors[:, :, -1:])[:, :, 0]
+    out[~problem.in_band] = 0
+    return out
+
+
+def peaks(score: NDArray[np.floating]) -> list[int]:
+    """Indices of the local maxima that are not negative, best first."""
+    padded = np.concatenate([[-np.inf], score, [-np.inf]])
+    top = (score >= 0) & (padded[1:-1] >= padded[:-2]) & (padded[1:-1] > padded[2:])
+    indices = np.flatnonzero(top)
+    return [int(k) for k in indices[np.argsort(-score[indices], kind="stable")]]
+
+
+def _eigenvalues(problem: Problem, weights: Weights) -> tuple[Array, Complex, Complex]:
+    """Greatest eigenvalue (frequency,) of the weighted forms, and these (frequency, actuator, actuator)."""
+    numerator = np.tensordot(weights.numerator, problem.numerator, 1) + np.tensordot(weights.level, problem.level, 1)
+    numerator = np.ascontiguousarray(numerator - np.diag(weights.actuator))
+    denominator = np.tensordot(weights.denominator, problem.denominator, 1)
+    trace = np.einsum("faa->f", denominator).real
+    denominator = np.ascontiguousarray(denominator + (_DEFINITE * trace)[:, None, None] * np.eye(len(weights.actuator)))
+    out = np.empty(len(numerator))
+    greatest_eigenvalue(numerator, denominator, out)
+    out[~problem.in_band.any(axis=1)] = -np.inf
+    return out, numerator, denominator
+
+
+def _proved(eigenvalue: Array, weights: Weights) -> float:
+    return _top(eigenvalue) * float(weights.denominator.sum()) / max(float(weights.numerator.sum()), 1e-300)
+
+
+def _top(values: Array) -> float:
+    """Maximum of the parabola through the greatest of `values` and its neighbours: what the grid may have missed."""
+    k = int(values.argmax())
+    if k in (0, len(values) - 1) or not np.isfinite(values[k - 1 : k + 2]).all():
+        return float(values[k])
+    left, middle, right = values[k - 1 : k + 2]
+    curvature = left - 2 * middle + right
+    return float(middle - (left - right) ** 2 / (8 * curvature)) if curvature < 0 else float(middle)

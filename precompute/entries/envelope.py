@@ -1,0 +1,27 @@
+"""Damped modes and a drive to what each finger feels from rest: envelopes, whose rise times are t90."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precompute.entries.rise_time import RiseModel
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+def compute_envelopes(model: RiseModel, frequency_hz: Array, amplitude: Complex, time_s: Array) -> tuple[Array, Array]:
+    """Frequencies (tone,) and envelopes (tone, touch, place, time), m/s^2, of tones started at once at t = 0.
+
+    frequency_hz, amplitude (actuator,). The envelope of a tone is the magnitude of the acceleration under
+    exp(j omega t), as in precompute.entries.rise_time, which says when it has risen.
+    """
+    tones_hz = np.unique(frequency_hz[amplitude != 0])
+    out = np.empty((len(tones_hz), *model.shape.shape[:2], len(time_s)))
+    decay = np.exp(model.pole[:, :, None] * time_s)  # (touch, state, time)
+    for t, omega in enumerate(2 * np.pi * tones_hz):
+        weight = np.where(frequency_hz == tones_hz[t], amplitude, 0)
+        force = (model.spring + 1j * omega * model.damper) @ weight
+        state = model.shape * (force / (1j * omega - model.pole))[:, None]
+        steady = -(omega**2) * state.sum(axis=2)[:, :, None] * np.exp(1j * omega * time_s)
+        out[t] = abs(steady - (state * (model.pole**2)[:, None]) @ decay)
+    return tones_hz, out

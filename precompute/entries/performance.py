@@ -1,0 +1,137 @@
+"""A drive and the fingers it may meet to everything that an entry says of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange, types
+from numpy.typing import NDArray
+
+from precompute.model.assembly import Plant
+from precompute.model.response import solve_response
+from precompute.model.steady import SteadyState, steady_state_of
+from precompute.model.threshold import detection_threshold
+from precompute.sampling.fingers import Touches
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_EVERY = 8  # of the places in a zone is looked at for the range of its peak
+
+
+@dataclass(frozen=True)
+class DriveFigures:
+    """Steady state of one drive with fingers in the touched zones.
+
+    standard: every zone's figures, standard fingers at the middles. share, peak (touch, zone): with each touch, the
+    standard one first. acceleration (m/s^2) and power over threshold, each (touch, finger): under the fingers; tones of
+    different frequencies add as magnitudes in the first and as powers in the second.
+    """
+
+    standard: SteadyState
+    share: Array
+    peak: Array
+    acceleration: Array
+    power: Array
+
+
+def compute_figures(
+    plant: Plant, touches: Touches, touched: Sequence[int], frequency_hz: Array, amplitude: Complex
+) -> DriveFigures:
+    """Figures of the drive, frequency_hz and amplitude (actuator,) as fractions of full scale."""
+    tones = np.unique(frequency_hz[amplitude != 0])
+    weight = np.where(frequency_hz == tones[:, None], amplitude, 0)
+    field = _loaded_fields(plant, touches, list(touched), tones, weight)
+    omega = 2 * np.pi * tones
+    zones = np.array(touched, dtype=np.int64)
+    here_m = np.take_along_axis(touches.position_m[zones].T, touches.place[:, zones], axis=0)
+    under = _sample_each(plant, field, here_m) * (omega**2)[:, None, None]
+    share, peak = _zone_figures(plant, field, omega)
+    return DriveFigures(
+        standard=steady_state_of(plant, tones, field[:, 0]),
+        share=share,
+        peak=peak,
+        acceleration=abs(under).sum(axis=0),
+        power=(abs(under / detection_threshold(tones)[:, None, None]) ** 2).sum(axis=0),
+    )
+
+
+def _loaded_fields(plant: Plant, touches: Touches, zones: list[int], tones: Array, weight: Complex) -> Complex:
+    """Displacement (tone, touch, degree of freedom) under the drive, by low-rank update as in entries.forms."""
+    actuators = weight.shape[1]
+    response = solve_response(plant, tones, touches.position_m.ravel()).displacement_m
+    free = np.einsum("ta,tad->td", weight, response[:, :actuators])
+    pushed = response[:, actuators:]
+    place = np.array(zones, dtype=np.int64) * touches.position_m.shape[1] + touches.place[:, zones]
+    at_places = plant.sampler(touches.position_m.ravel()).sample(response)
+    stiffness = touches.dynamic_stiffness(tones)[:, :, zones]
+    receptance = at_places[:, actuators:][:, place[:, :, None], place[:, None, :]]
+    moved = at_places[:, :actuators].transpose(0, 2, 1) @ weight[:, :, None]
+    under = np.linalg.solve(np.eye(len(zones)) + receptance * stiffness[:, :, None, :], moved[:, place])[..., 0]
+    force = np.zeros((len(tones), len(place), at_places.shape[2]), dtype=np.complex128)
+    np.put_along_axis(force, np.broadcast_to(place, under.shape), -stiffness * under, axis=2)
+    fields: Complex = free[:, None] + force @ pushed
+    return fields
+
+
+def _sample_each(plant: Plant, field: Complex, position_m: Array) -> Complex:
+    """Field (tone, touch, degree of freedom) at positions of its own for each touch (touch, place)."""
+    sampler = plant.sampler(position_m.ravel())
+    columns = (2 * sampler.element[:, None] + np.arange(4)).reshape(*position_m.shape, 4)
+    weights = sampler.weight.reshape(*position_m.shape, 4)
+    touch = np.arange(len(position_m))[:, None, None]
+    values: Complex = np.einsum("tkpi,kpi->tkp", field[:, touch, columns], weights)
+    return values
+
+
+def _zone_figures(plant: Plant, field: Complex, omega: Array) -> tuple[Array, Array]:
+    """Share of the kinetic energy and peak acceleration, each (touch, zone)."""
+    zones = plant.device.zones
+    every = slice(None, None, _EVERY)
+    element = plant.zone_sampler.element.reshape(len(zones), -1)[:, every]
+    weight = plant.zone_sampler.weight.reshape(len(zones), -1, 4)[:, every]
+    energy, peak = np.zeros((field.shape[1], len(zones) + 1)), np.zeros((field.shape[1], len(zones)))
+    _fill_figures(
+        np.ascontiguousarray(field),
+        omega,
+        plant.element_integral,
+        plant.element_zone,
+        np.ascontiguousarray(element),
+        np.ascontiguousarray(weight),
+        energy,
+        peak,
+    )
+    return energy[:, :-1] / energy.sum(axis=1, keepdims=True), peak
+
+
+_FIELD = types.Array(types.complex128, 3, "C", readonly=True)
+_OMEGA = types.Array(types.float64, 1, "C", readonly=True)
+_BLOCK = types.Array(types.float64, 3, "C", readonly=True)
+_ZONE = types.Array(types.int64, 1, "C", readonly=True)
+_ELEMENT = types.Array(types.int64, 2, "C", readonly=True)
+_OUT = types.Array(types.float64, 2, "C")
+
+
+@njit(types.void(_FIELD, _OMEGA, _BLOCK, _ZONE, _ELEMENT, _BLOCK, _OUT, _OUT), cache=True, parallel=True)
+def _fill_figures(field, omega, integral, zone_of, element, weight, energy, peak):  # type: ignore[no-untyped-def]  # numba
+    """Add up kinetic energies (touch, zone; the last what lies in none), find peaks (touch, zone) over places."""
+    tones, touches, _ = field.shape
+    for k in prange(touches):
+        for t in range(tones):
+            for e in range(integral.shape[0]):
+                total = 0.0
+                for i in range(4):
+                    v = field[t, k, 2 * e + i]
+                    for j in range(4):
+                        w = field[t, k, 2 * e + j]
+                        total += integral[e, i, j] * (v.real * w.real + v.imag * w.imag)
+                energy[k, zone_of[e]] += omega[t] ** 2 * total
+        for z in range(element.shape[0]):
+            for p in range(element.shape[1]):
+                level = 0.0
+                for t in range(tones):
+                    value = 0j
+                    for i in range(4):
+                        value += weight[z, p, i] * field[t, k, 2 * element[z, p] + i]
+                    level += omega[t] ** 2 * abs(value)
+                peak[k, z] = max(peak[k, z], level)

@@ -1,0 +1,192 @@
+"""A drive and its figures to the entry that a table holds: scaled to its level, every figure with its range."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from engine.table.entry import LEVEL_TOLERANCE_DB, Entry, EntrySpread, Percentiles, WorstCase, ZonePromise
+from engine.touch.finger_tracker import ZoneState
+from precompute.entries.candidate import FREQUENCY_STEP_HZ, Drive
+from precompute.entries.performance import DriveFigures
+
+Array = NDArray[np.float64]
+States = tuple[ZoneState, ...]
+
+SHARES = ("localized factor", "fair share", "paper")
+"""Objectives whose value and bound are shares; the others' are in dB."""
+PERCENTS = (5, 50, 95)
+
+
+class MadeFor(StrEnum):
+    """What the level and the contrast of an entry are to hold for."""
+
+    MEAN = "mean"
+    """The bar as it is described, or as it was fitted, and standard fingers."""
+    WORST = "worst"
+    """All but the worst 5 % of the sampled cases."""
+
+
+_FULL = 1 - 1e-3
+_AT_LEVEL_DB = 0.01
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A drive chosen for a state by an objective, with the bound on it, its figures at full scale and its rise times.
+
+    rise_s (touch,): of the slowest felt finger, the standard touch first. sampled (case, finger): power over threshold
+    at full scale in the sampled cases: the sampled touches, each on a bar of its own where a calibration left some.
+    """
+
+    states: States
+    objective: str
+    drive: Drive
+    bound: float
+    figures: DriveFigures
+    rise_s: Array
+    sampled: Array
+
+    @property
+    def touched(self) -> tuple[int, ...]:
+        """Indices of the zones that have a finger."""
+        return touched_zones(self.states)
+
+    def fingers(self, kind: ZoneState) -> list[int]:
+        """Which of the fingers lie in zones of that state."""
+        return [finger for finger, zone in enumerate(self.touched) if self.states[zone] is kind]
+
+    @property
+    def full_level_db(self) -> float:
+        """Sensation level of the weakest felt standard finger at full scale."""
+        return _db(float(self.figures.power[0, self.fingers(ZoneState.FELT)].min()))
+
+    @property
+    def low_level_db(self) -> float:
+        """What the weakest felt finger has in 95 % of the sampled cases, at full scale."""
+        return self._spread.felt.low_db
+
+    @property
+    def low_merit(self) -> float:
+        """What 95 % of the sampled cases reach: contrast in dB; with nothing quiet, share of the felt zones."""
+        if self._spread.contrast is not None:
+            return self._spread.contrast.low_db
+        felt = [self.touched[finger] for finger in self.fingers(ZoneState.FELT)]
+        return float(np.percentile(self.figures.share[1:, felt].sum(axis=1), PERCENTS[0]))
+
+    @property
+    def _spread(self) -> EntrySpread:
+        return _spread(self.sampled, self.fingers(ZoneState.FELT), self.fingers(ZoneState.QUIET), 0.0)
+
+
+def touched_zones(states: States) -> tuple[int, ...]:
+    """Indices of the zones that have a finger."""
+    return tuple(zone for zone, state in enumerate(states) if state is not ZoneState.FREE)
+
+
+def make_entry(device: Device, choice: Choice, wanted_level_db: float, made_for: MadeFor = MadeFor.MEAN) -> Entry:
+    """The entry of a choice at a level; where full scale does not reach it, at full scale."""
+    full_level_db = choice.full_level_db if made_for is MadeFor.MEAN else choice.low_level_db
+    limit, drive, figures = device.limits.amplitude, choice.drive, choice.figures
+    change_db = min(0.0, wanted_level_db - full_level_db)
+    amplitude = drive.amplitude * 10 ** (change_db / 20) * limit
+    level_db = 10 * np.log10(np.maximum(figures.power, 1e-30)) + change_db
+    felt, quiet = choice.fingers(ZoneState.FELT), choice.fingers(ZoneState.QUIET)
+    weakest, strongest = level_db[:, felt].min(axis=1), level_db[:, quiet].max(axis=1, initial=-np.inf)
+    felt_zones = [choice.touched[finger] for finger in felt]
+    bound = max(choice.bound, drive.value)
+    # Values of the search are for amplitudes up to 1; a level scales with the power that the limit leaves.
+    bound_db = _db(bound) + (20 * np.log10(limit) if choice.objective == "level" else 0.0)
+    return Entry(
+        frequencies_hz=tuple(drive.frequency_hz.tolist()),
+        amplitudes=tuple(np.minimum(abs(amplitude), limit).tolist()),
+        phases_rad=tuple(np.angle(amplitude).tolist()),
+        zones=tuple(_promise(device, choice, zone, change_db, level_db) for zone in range(len(choice.states))),
+        wanted_level_db=wanted_level_db,
+        level_db=float(weakest[0]),
+        reached_db=full_level_db + change_db,
+        achieved=bool(np.isinf(wanted_level_db) or full_level_db >= wanted_level_db - LEVEL_TOLERANCE_DB),
+        contrast_db=float(weakest[0] - strongest[0]) if quiet else None,
+        expected_contrast_db=_expected_contrast_db(figures, felt, quiet),
+        localized_factor=float(figures.standard.share[felt_zones].sum()),
+        objective=choice.objective,
+        upper_bound=bound if choice.objective in SHARES else bound_db,
+        optimality_gap_db=_db(bound / drive.value),
+        t90_s=float(choice.rise_s[0]),
+        family=drive.family,
+        limited_by=_limited_by(device, choice, np.abs(amplitude), wanted_level_db, full_level_db - wanted_level_db),
+        worst_case=WorstCase(
+            level_db=float(weakest.min()),
+            quiet_level_db=float(strongest.max()) if quiet else None,
+            contrast_db=float((weakest - strongest).min()) if quiet else None,
+            localized_factor=float(figures.share[:, felt_zones].sum(axis=1).min()),
+            t90_s=float(choice.rise_s.max()),
+        ),
+        spread=_spread(choice.sampled, felt, quiet, change_db),
+    )
+
+
+def _spread(power: Array, felt: list[int], quiet: list[int], change_db: float) -> EntrySpread:
+    level_db = 10 * np.log10(np.maximum(power, 1e-30)) + change_db
+    weakest, strongest = level_db[:, felt].min(axis=1), level_db[:, quiet].max(axis=1, initial=-np.inf)
+    return EntrySpread(
+        felt=_percentiles(weakest),
+        quiet=_percentiles(strongest) if quiet else None,
+        contrast=_percentiles(weakest - strongest) if quiet else None,
+    )
+
+
+def _percentiles(level_db: Array) -> Percentiles:
+    return Percentiles(*np.percentile(level_db, PERCENTS).tolist())
+
+
+def _promise(device: Device, choice: Choice, zone: int, change_db: float, level_db: Array) -> ZonePromise:
+    standard, figures, scale = choice.figures.standard, choice.figures, 10 ** (change_db / 20)
+    finger = choice.touched.index(zone) if zone in choice.touched else None
+    # The standard peak is interpolated between places; those of the range are not.
+    own_peak = float(standard.peak[zone])
+    peak = np.append(figures.peak[:, zone], own_peak)
+    return ZonePromise(
+        name=device.zones[zone].name,
+        state=choice.states[zone],
+        share=float(standard.share[zone]),
+        share_range=_range(figures.share[:, zone]),
+        peak_acceleration_m_per_s2=own_peak * scale,
+        peak_acceleration_range_m_per_s2=_range(peak * scale),
+        peak_position_m=float(standard.peak_position_m[zone]),
+        dead_acceleration_m_per_s2=float(standard.dead[zone]) * scale,
+        dead_position_m=float(standard.dead_position_m[zone]),
+        acceleration_at_finger_m_per_s2=None if finger is None else float(figures.acceleration[0, finger]) * scale,
+        sensation_level_db=None if finger is None else float(level_db[0, finger]),
+        sensation_level_range_db=None if finger is None else _range(level_db[:, finger]),
+    )
+
+
+def _limited_by(device: Device, choice: Choice, amplitude: Array, wanted_level_db: float, spare_db: float) -> str:
+    """Names of what holds the drive: the level, full scale, a band's edge; else the bar itself does."""
+    parts = list[str]()
+    if np.isfinite(wanted_level_db) and spare_db < _AT_LEVEL_DB:
+        parts.append("level" if spare_db >= -LEVEL_TOLERANCE_DB else "level out of reach")
+    for actuator, hz, fraction in zip(device.actuators, choice.drive.frequency_hz, amplitude, strict=True):
+        if fraction > _FULL * device.limits.amplitude:
+            parts.append(f"full scale of {actuator.name}")
+        if fraction > 0 and min(abs(hz - edge) for edge in actuator.band_hz) < FREQUENCY_STEP_HZ:
+            parts.append(f"band of {actuator.name}")
+    return "; ".join(parts) or "the bar itself"
+
+
+def _expected_contrast_db(figures: DriveFigures, felt: list[int], quiet: list[int]) -> float | None:
+    if not quiet:
+        return None
+    mean = figures.power[1:].mean(axis=0)
+    return _db(float(mean[felt].min() / mean[quiet].max()))
+
+
+def _range(values: Array) -> tuple[float, float]:
+    return float(values.min()), float(values.max())
+
+
+def _db(ratio: float) -> float:
+    return float(10 * np.log10(ratio)) if ratio > 0 else -np.inf

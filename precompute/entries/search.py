@@ -1,0 +1,340 @@
+"""A problem to its best drive: every frequency is scanned, the best basins are climbed, a bound says what is left.
+
+Families: one tone for all actuators, with phase (coherent; single tone where one actuator is enough), and several
+tones. For one tone the optimum is global where the bound meets it. Where a gap remains, columns are generated (drives
+of one frequency, mixed by a linear program) until the bound settles; what it mixes is where several tones are searched
+from.
+"""
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precompute.entries.bfgs import SHARPEST, climb, climb_each, refine, scan, scan_pairs
+from precompute.entries.candidate import Drive, forms_at, judge, on_the_wire
+from precompute.entries.dual_bound import Columns, Tone, block_directions, compute_bound, peaks
+from precompute.entries.objective import Problem
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Single = NDArray[np.float32]
+
+BEAT_HZ = 10.0
+"""Tones closer than this beat within a touch (PHYSICS.md section 2): not searched."""
+TIE_DB = 0.01
+"""Drives this close are as good: the quicker one is taken, then the one that needs less."""
+GAP_DB = 0.03
+"""A gap this small is left."""
+_SILENT = -700.0  # logarithm of a wanted power that every drive exceeds
+_LEVEL_MARGIN = 10 ** (5e-4 / 10)  # so that smoothing does not leave a level short
+_LATTICE = (11, 26)  # amplitude ratios and phases of two actuators
+_THREE_DIRECTIONS, _MANY_DIRECTIONS = 800, 2000
+_BASINS, _MANY_BASINS = 4, 8
+_COLUMN_ROUNDS = 25
+_POLISH = 300.0, SHARPEST  # next to an optimum
+_STRIDE_HZ = 2.0  # basins are looked for this far apart, climbing at each frequency
+_TOLERANCE_HZ = 0.04  # of the best frequency; nothing changes within so little
+_NEAR_DB, _NEAR_MANY_DB = 1.5, 4.0
+_PAIRS = 5  # two tones are climbed from this many starts for each way to share the actuators
+_PAIR_RATIOS = np.geomspace(1e-3, 1e3, 25)
+_FIRST_CLIMB = 40.0, 200.0  # sharp enough to compare basins
+_SEED = 3
+
+
+@dataclass(frozen=True)
+class Found:
+    """Best drive above a level, others as good within TIE_DB, and a value that no drive above it exceeds."""
+
+    drive: Drive
+    ties: tuple[Drive, ...]
+    bound: float
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a climb begins: amplitude (actuator,), frequency_hz (tone,), tone (actuator,), reach_hz (tone, 2)."""
+
+    amplitude: Complex
+    frequency_hz: Array
+    tone: NDArray[np.int64]
+    reach_hz: Array
+
+
+class Search:
+    """One problem, scanned once for all wanted powers over threshold."""
+
+    def __init__(self, problem: Problem, wanted: Sequence[float]) -> None:
+        self.problem = problem
+        self._wanted = [0.0, *wanted]
+        self._count = problem.in_band.shape[1]
+        hz = problem.frequency_hz
+        steps = np.searchsorted(hz, np.arange(hz[0], hz[-1], _STRIDE_HZ))
+        edges = np.flatnonzero((problem.in_band[1:] != problem.in_band[:-1]).any(axis=1))
+        self._looked_at = np.unique(np.concatenate([steps, edges, edges + 1, [len(hz) - 1]]))
+        self._coarse = problem.at(self._looked_at).muted()
+        self._directions = search_directions(self._count)
+        self._score, self._arg = self._scan()
+        self._climbs: dict[float, tuple[Complex, Array]] = {}
+
+    def best(self, wanted: float, more: Sequence[Start] = ()) -> Found | None:
+        """The best drive that reaches `wanted` (one of those given, or 0), climbed from the basins and from `more`.
+
+        None if the search finds none.
+        """
+        starts = [*self._starts(wanted), *more]
+        drives = [drive for drive in self._climb(starts, wanted) if drive.loudness >= wanted]
+        if not drives:
+            return None
+        best = max(drives, key=lambda drive: drive.value)
+        bound = compute_bound(self.problem, best, wanted)
+        if _db(bound / best.value) > GAP_DB:
+            bound, mixed = self._mix(best, bound, starts, wanted)
+            drives += mixed
+            best = max(drives, key=lambda drive: drive.value)
+        ties = tuple(drive for drive in drives if drive is not best and _db(best.value / drive.value) <= TIE_DB)
+        return Found(best, ties, max(bound, best.value))
+
+    def basins(self) -> list[Drive]:
+        """The local optima over frequency, nothing wanted, for whoever chooses among them by another rule."""
+        return climb_all(self.problem, list(self._starts(0.0)), 0.0)
+
+    def _scan(self) -> tuple[Single, NDArray[np.int64]]:
+        directions = pack_directions(self._directions)
+        score = np.empty((len(self._looked_at), len(self._wanted) + 1), dtype=np.float32)
+        arg = np.empty(score.shape, dtype=np.int64)
+        wanted = np.array(self._wanted, dtype=np.float32)
+        numerator, denominator, level = map(pack_forms, self._coarse.stacks)
+        scan(numerator, denominator, level, directions, wanted, score, arg)
+        return score, arg
+
+    def edges(self, wanted: float) -> list[Start]:
+        """Where the best value over frequency passes `wanted`: of the loudness, the ends of what reaches a level.
+
+        Few drives reach it there, and no direction of a lattice is one of them.
+        """
+        drives, score = self._climbed(0.0)
+        hz, reaches = self._coarse.frequency_hz, score >= wanted
+        found = list[Start]()
+        for k in np.flatnonzero(reaches[1:] != reaches[:-1]):
+            inside = int(k + reaches[k + 1])
+            at = float(np.interp(wanted, *_rising(score[k : k + 2], hz[k : k + 2])))
+            reach = sorted((hz[2 * k + 1 - inside], hz[inside]))
+            found.append(
+                Start(drives[inside], np.array([at]), np.zeros(self._count, dtype=np.int64), np.array([reach]))
+            )
+        return found
+
+    def _climbed(self, wanted: float) -> tuple[Complex, Array]:
+        """At each frequency looked at: the best direction of the scan, climbed, and its value; -1: nobody may play."""
+        if wanted in self._climbs:
+            return self._climbs[wanted]
+        column = self._wanted.index(wanted)
+        arg = np.where(self._score[:, column] >= 0, self._arg[:, column], self._arg[:, -1])
+        drives = np.ascontiguousarray(self._directions[:, arg].T)
+        usable, value = np.ascontiguousarray(self._coarse.in_band), np.empty(len(drives))
+        some = usable.any(axis=1)
+        drives[~usable] = 0
+        drives[~some] = 1
+        numerator, denominator, level = self._coarse.stacks
+        climb_each(drives, usable, numerator, denominator, level, _log(wanted), *_FIRST_CLIMB, value)
+        climbed = self._climbs[wanted] = drives, np.where(some, np.exp(np.clip(value, -700, 700)), -1.0)
+        return climbed
+
+    def _starts(self, wanted: float) -> Iterator[Start]:
+        """Coherent starts: the best peaks over frequency."""
+        drives, score = self._climbed(wanted)
+        hz = self._coarse.frequency_hz
+        for k in peaks(score)[: _BASINS if self._count <= 2 else _MANY_BASINS]:
+            reach = hz[max(k - 1, 0)], hz[min(k + 1, len(hz) - 1)]
+            yield Start(drives[k], hz[k : k + 1], np.zeros(self._count, dtype=np.int64), np.array([reach]))
+
+    def _mix(self, best: Drive, bound: float, starts: list[Start], wanted: float) -> tuple[float, list[Drive]]:
+        """A better bound, and drives of several tones where they may be better, by generating columns."""
+        columns = Columns(self.problem, wanted)
+        if best.family in ("single tone", "coherent"):
+            columns.add(float(best.frequency_hz[0]), best.amplitude)
+        for start in starts:
+            if len(start.frequency_hz) == 1:
+                columns.add(float(start.frequency_hz[0]), start.amplitude)
+        columns.add_single(int(abs(self.problem.frequency_hz - best.frequency_hz[0]).argmin()))
+        for _ in range(_COLUMN_ROUNDS):
+            solved = columns.solve()
+            if solved is None:
+                break
+            weights, reached = solved
+            bound = min(bound, columns.price(weights))
+            if _db(bound / reached) < GAP_DB:
+                break
+        if self._count == 1 or _db(bound / best.value) <= GAP_DB:
+            return bound, []
+        return bound, list(self._several_tones(columns, best, wanted))
+
+    def _climb(self, starts: list[Start], wanted: float) -> Iterator[Drive]:
+        """From every start; those with as many tones together."""
+        for count in sorted({len(start.frequency_hz) for start in starts}):
+            same = [start for start in starts if len(start.frequency_hz) == count]
+            yield from climb_all(self.problem, same, wanted)
+
+    def _several_tones(self, columns: Columns, best: Drive, wanted: float) -> Iterator[Drive]:
+        """Two tones wherever two frequencies come near the best drive; more where the columns mix more."""
+        starts = [start for tones in columns.mixtures() if (start := self._start_of(tones))]
+        for first in two_blocks(self._count):
+            starts += self._pair_starts(first, columns, best, wanted)
+        yield from (drive for drive in self._climb(starts, wanted) if drive.loudness >= wanted)
+
+    def _pair_starts(self, first: list[int], columns: Columns, best: Drive, wanted: float) -> Iterator[Start]:
+        """Every two frequencies for these actuators and the others, each block playing what the prices value most."""
+        second = [actuator for actuator in range(self._count) if actuator not in first]
+        coarse, hz = self._coarse, self._coarse.frequency_hz
+        drives = [block_directions(coarse, columns.weights, block) for block in (first, second)]
+        powers = [_powers_each(coarse, drive) for drive in drives]
+        value, partner, ratio = np.empty(len(hz)), np.empty(len(hz), dtype=np.int64), np.empty(len(hz))
+        ends = np.cumsum([len(stack) for stack in coarse.stacks])
+        scan_pairs(powers[0], powers[1], hz, _PAIR_RATIOS, ends, wanted, BEAT_HZ, value, partner, ratio)
+        # Climbing gains more where a block's own direction is a guess.
+        near = best.value * 10 ** (-(_NEAR_DB if self._count == 2 else _NEAR_MANY_DB) / 10)
+        for k in [k for k in peaks(value) if value[k] >= near][:_PAIRS]:
+            other = int(partner[k])
+            tones = [
+                Tone(float(hz[k]), first, drives[0][k, first]),
+                Tone(float(hz[other]), second, drives[1][other, second] * np.sqrt(ratio[k])),
+            ]
+            if (start := self._start_of(tones)) is not None:
+                yield start
+
+    def _start_of(self, tones: list[Tone]) -> Start | None:
+        """A start for several tones, each free to move by half of BEAT_HZ; None where two of them would beat."""
+        hz = np.array([tone.frequency_hz for tone in tones])
+        spare_hz = np.diff(np.sort(hz)).min() - BEAT_HZ
+        if spare_hz < 0:
+            return None
+        owner, amplitude = np.zeros(self._count, dtype=np.int64), np.zeros(self._count, dtype=np.complex128)
+        for t, tone in enumerate(tones):
+            owner[tone.actuators], amplitude[tone.actuators] = t, tone.amplitude
+        reach_hz = hz[:, None] + np.array([-0.5, 0.5]) * min(BEAT_HZ, spare_hz)
+        return Start(amplitude, hz, owner, reach_hz)
+
+
+def two_blocks(count: int) -> Iterator[list[int]]:
+    """Every way to share `count` actuators between two tones: those on the first, actuator 0 among them."""
+    for others in range(count - 1):
+        for chosen in itertools.combinations(range(1, count), others):
+            yield [0, *chosen]
+
+
+def climb_all(problem: Problem, starts: Sequence[Start], wanted: float) -> list[Drive]:
+    """Climb from every start, all with as many tones, frequencies free within reach; they end on the wire's steps."""
+    starts = [start for start in starts if _is_playable(problem, start)]
+    if not starts:
+        return []
+    drives = np.array([start.amplitude for start in starts], dtype=np.complex128)
+    hz = np.array([start.frequency_hz for start in starts], dtype=np.float64)
+    tone = np.array([start.tone for start in starts])
+    usable = np.array([_usable(problem, f, t) for f, t in zip(hz, tone, strict=True)])
+    reach_hz = np.array([_reach(problem, *pair) for pair in zip(starts, usable, strict=True)])
+    low_hz, high_hz = (np.ascontiguousarray(reach_hz[:, :, end]) for end in (0, 1))
+    drives[~usable] = 0
+    multipliers = np.empty((len(starts), sum(map(len, problem.stacks)) + tone.shape[1]))
+    plain = drives, usable, *problem.stacks, problem.frequency_hz
+    for tolerance_hz in (_TOLERANCE_HZ, np.inf):
+        tail = tone, low_hz, high_hz, _log(wanted), tolerance_hz, multipliers
+        refine(*plain, hz, *tail)
+        hz = on_the_wire(hz)
+    return [judge(problem, hz[i][tone[i]], drives[i], multipliers[i]) for i in range(len(starts))]
+
+
+def polish(problem: Problem, drive: Drive, wanted: float) -> Drive:
+    """The drive climbed once more, its frequencies kept, on a problem that holds exactly these frequencies."""
+    tones, tone = np.unique(drive.frequency_hz, return_inverse=True)
+    forms = [forms_at(stack, problem.frequency_hz, tones, tone) for stack in problem.stacks]
+    amplitude, multipliers = drive.amplitude.copy(), np.empty(sum(map(len, forms)) + len(tone))
+    numerator, denominator, level = forms
+    usable = _usable(problem, tones, tone)
+    climb(amplitude, usable, numerator, denominator, level, _log(wanted), *_POLISH, multipliers)
+    return judge(problem, drive.frequency_hz, amplitude, multipliers)
+
+
+def search_directions(count: int) -> Complex:
+    """Shape (actuator, direction), the strongest actuator at 1: a lattice for two actuators, seeded random beyond."""
+    unit = np.eye(count, dtype=np.complex128)
+    if count == 1:
+        return unit
+    if count == 2:
+        ratios, phases = _LATTICE
+        angle = np.pi / 2 * np.linspace(0.0, 1.0, ratios + 2)[1:-1, None]
+        turned = np.sin(angle) * np.exp(2j * np.pi * np.arange(phases) / phases)
+        pairs = np.stack([np.broadcast_to(np.cos(angle) + 0j, turned.shape), turned])
+        directions = np.concatenate([unit, pairs.reshape(2, -1)], axis=1)
+    else:
+        number = _THREE_DIRECTIONS if count == 3 else _MANY_DIRECTIONS
+        parts = np.random.default_rng(_SEED).normal(size=(2, count, number))
+        directions = np.concatenate([unit, parts[0] + 1j * parts[1]], axis=1)
+    out: Complex = directions / abs(directions).max(axis=0)
+    return out
+
+
+def pack_forms(forms: Complex) -> Single:
+    """Shape (form, frequency, actuator squared): diagonal, then twice the real and imaginary parts above it."""
+    above = np.triu_indices(forms.shape[-1], 1)
+    diagonal = np.einsum("ifaa->ifa", forms).real
+    off = forms[..., above[0], above[1]]
+    return np.ascontiguousarray(np.concatenate([diagonal, 2 * off.real, 2 * off.imag], axis=-1), dtype=np.float32)
+
+
+def pack_directions(directions: Complex) -> Single:
+    """Shape (actuator squared, direction), so that the product with a packed form is a^H H a."""
+    above = np.triu_indices(len(directions), 1)
+    cross = directions[above[0]].conj() * directions[above[1]]
+    return np.ascontiguousarray(np.concatenate([abs(directions) ** 2, cross.real, -cross.imag]), dtype=np.float32)
+
+
+def _powers_each(problem: Problem, drives: Complex) -> Array:
+    """Powers (frequency, form) of one drive (frequency, actuator) at each frequency, its actuators' at the end."""
+    forms = np.concatenate(problem.stacks)
+    powers = np.einsum("fa,ifab,fb->fi", drives.conj(), forms, drives, optimize=True).real
+    return np.ascontiguousarray(np.concatenate([powers, abs(drives) ** 2], axis=1))
+
+
+def start_at(drive: Drive) -> Start:
+    """Next to a drive, each tone free to move by a stride."""
+    tones, tone = np.unique(drive.frequency_hz, return_inverse=True)
+    return Start(drive.amplitude, tones, tone, tones[:, None] + np.array([-_STRIDE_HZ, _STRIDE_HZ]))
+
+
+def _rising(values: Array, at: Array) -> tuple[Array, Array]:
+    order = np.argsort(values)
+    return values[order], at[order]
+
+
+def _usable(problem: Problem, hz: Array, tone: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether each actuator may play its tone: at the frequency of the problem next to it."""
+    nearest = abs(problem.frequency_hz[:, None] - hz).argmin(axis=0)
+    usable: NDArray[np.bool_] = problem.in_band[nearest[tone], np.arange(len(tone))]
+    return usable
+
+
+def _is_playable(problem: Problem, start: Start) -> bool:
+    """Whether each tone has an actuator whose band holds it."""
+    usable = _usable(problem, start.frequency_hz, start.tone) & (start.amplitude != 0)
+    return len(np.unique(start.tone[usable])) == len(start.frequency_hz)
+
+
+def _reach(problem: Problem, start: Start, usable: NDArray[np.bool_]) -> Array:
+    """Reach of each tone (tone, 2), within the bands of the actuators that play it."""
+    reach_hz = np.clip(start.reach_hz, problem.frequency_hz[0], problem.frequency_hz[-1])
+    for actuator in np.flatnonzero(usable):
+        band_hz = problem.frequency_hz[problem.in_band[:, actuator]]
+        own = reach_hz[start.tone[actuator]]
+        own[:] = np.clip(own, band_hz[0], band_hz[-1])
+    return reach_hz
+
+
+def _log(wanted: float) -> float:
+    return float(np.log(wanted * _LEVEL_MARGIN)) if wanted > 0 else _SILENT
+
+
+def _db(ratio: float) -> float:
+    return float(10 * np.log10(ratio)) if ratio > 0 else np.inf

@@ -1,0 +1,276 @@
+"""The plant to its entries: for every state of the fingers and every level the best drive, and all that it promises."""
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import lru_cache, partial
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from engine.table.entry import Entry
+from engine.touch.finger_tracker import ZoneState, state_index
+from precompute.entries.candidate import Drive, on_the_wire
+from precompute.entries.forms import Forms, compute_forms
+from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES, Problem, level
+from precompute.entries.performance import compute_figures
+from precompute.entries.prediction import Choice, MadeFor, States, make_entry, touched_zones
+from precompute.entries.rise_time import COARSE_STEP_S, RiseModel, compute_rise_model, compute_rise_time
+from precompute.entries.search import Found, Search, polish, start_at
+from precompute.measurements.plant import MeasuredPlant
+from precompute.model.assembly import Plant
+from precompute.model.modal import compute_basis
+from precompute.model.receptance import solve_receptance
+from precompute.parallel.pool import Crew
+from precompute.sampling.bars import sample_bars
+from precompute.sampling.fingers import sample_touches
+
+Array = NDArray[np.float64]
+
+MOST_TABULATED_ZONES = 8
+"""Up to so many zones a table holds every state: 3^8 are 6561."""
+MOST_TOUCHED_BEYOND = 3
+"""Beyond, the states of so many fingers; the others are solved when they are asked for."""
+_CHUNK = 8  # states that a process takes at a time: 0.5 s
+_SAMPLED_MODES = 12  # for the range of rise times: those up to 2 kHz on the published bar
+_CLUSTER = np.sinh(np.linspace(-2.2, 2.2, 9))
+"""Distances from a narrow resonance in half bandwidths."""
+_NARROW = 3.0
+"""Resonances with a half bandwidth under so many steps of the grid get frequencies of their own."""
+
+
+def tabulated_states(device: Device) -> list[States]:
+    """Every state with a felt zone that a table of the device holds, in the order of their numbers."""
+    count = len(device.zones)
+    most = count if count <= MOST_TABULATED_ZONES else MOST_TOUCHED_BEYOND
+    found = list[States]()
+    for touched in range(1, most + 1):
+        for zones in itertools.combinations(range(count), touched):
+            for kinds in itertools.product((ZoneState.QUIET, ZoneState.FELT), repeat=touched):
+                if ZoneState.FELT in kinds:
+                    state = dict(zip(zones, kinds, strict=True))
+                    found.append(tuple(state.get(zone, ZoneState.FREE) for zone in range(count)))
+    return sorted(found, key=state_index)
+
+
+def solve_entries(
+    plant: Plant, objective: str = DEFAULT_OBJECTIVE, crew: Crew | None = None, made_for: MadeFor = MadeFor.MEAN
+) -> Iterator[tuple[list[Entry], float]]:
+    """The entries of every tabulated state, one a level, with the fraction done; by this process and its crew."""
+    chunks = _chunks(tabulated_states(plant.device))
+    count, done = sum(map(len, chunks)), 0
+    crew, begin = crew or Crew(0), partial(_begin, plant, objective, made_for)
+    crew.prepare(prepare_entries)
+    with _one_thread_each(crew.count > 0):
+        for entries in crew.solve(begin, chunks, lends_a_hand=True):
+            done += 1
+            yield entries, done / count
+
+
+def _chunks(states: Sequence[States]) -> list[list[States]]:
+    """States with the same fingers together, so that they share what is computed for them; most fingers first."""
+    same = itertools.groupby(sorted(states, key=_most_fingers), key=touched_zones)
+    groups = [list(group) for _, group in same]
+    return [group[start : start + _CHUNK] for group in groups for start in range(0, len(group), _CHUNK)]
+
+
+def _most_fingers(states: States) -> tuple[int, tuple[int, ...]]:
+    touched = touched_zones(states)
+    return -len(touched), touched
+
+
+def _begin(plant: Plant, objective: str, made_for: MadeFor) -> Callable[[States], list[Entry]]:
+    return EntrySolver(plant, objective, made_for).solve
+
+
+def prepare_entries() -> Callable[[None], None]:
+    """What a crew calls before there is a plant: to unpickle it takes importing all of this."""
+    numba.set_num_threads(1)  # one process a core
+    return lambda _: None
+
+
+@contextmanager
+def _one_thread_each(shared: bool) -> Iterator[None]:
+    """Processes share the cores better than threads: half of the search is Python."""
+    threads = numba.get_num_threads()
+    if shared:
+        numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(threads)
+
+
+class EntrySolver:
+    """Solves states of one plant; what states with the same fingers share is computed once.
+
+    `objective`: a name of precompute.entries.objective.OBJECTIVES.
+    """
+
+    def __init__(self, plant: Plant, objective: str = DEFAULT_OBJECTIVE, made_for: MadeFor = MadeFor.MEAN) -> None:
+        self.plant, self.device, self.made_for = plant, plant.device, made_for
+        self.touches = sample_touches(plant.device)
+        # Measured responses have no other bars that they may be of.
+        self.bars = None if isinstance(plant, MeasuredPlant) else sample_bars(plant.device, self.touches)
+        self.forms_of = lru_cache(maxsize=2)(self._compute_forms)
+        """Forms with a finger in each of some zones (indices, a tuple), at every frequency of the search."""
+        self._objective = OBJECTIVES[objective]
+        self._basis = compute_basis(plant)
+        self._few_modes = self._basis.lowest(_SAMPLED_MODES)
+        self._rise_of = lru_cache(maxsize=2)(self._compute_rise)
+        self._receptance = solve_receptance(plant, self.touches, self._search_frequencies())
+
+    def solve(self, states: States) -> list[Entry]:
+        """The entry of one state for each level of the device, then for full scale."""
+        forms, levels_db = self.forms_of(touched_zones(states)), self.device.levels_db
+        wanted = [self.wanted_power(level_db) for level_db in levels_db]
+        loud = Search(level(forms, states), [])
+        loudest = loud.best(0.0)
+        assert loudest is not None  # with nothing wanted there is always a drive
+        problem = self._objective(forms, states)
+        full = self._choose(loudest, states, level, "level", 0.0)
+        if self.made_for is MadeFor.WORST:
+            return self._solve_for_worst(states, problem, full, loudest, loud)
+        found = _find_above(problem, wanted, loudest, loud)
+        # One drive may serve several levels: it is polished for the highest.
+        highest = {id(each): power for each, power in zip(found, wanted, strict=True)}
+        chosen = {
+            id(each): self._choose(each, states, self._objective, problem.name, highest[id(each)])
+            for each in found
+            if each is not None
+        }
+        choices = [*(chosen.get(id(each), full) for each in found), full]
+        return [
+            make_entry(self.device, choice, level_db)
+            for choice, level_db in zip(choices, (*levels_db, np.inf), strict=True)
+        ]
+
+    def _solve_for_worst(
+        self, states: States, problem: Problem, full: Choice, loudest: Found, loud: Search
+    ) -> list[Entry]:
+        """Of all that the search finds on its way, what is best in all but the worst 5 % of the sampled cases.
+
+        It is found for the mean, also above the levels that leave to the mean what the worst cases lack; so it is no
+        optimum, and claims no bound.
+        """
+        lacking = 10 ** ((full.full_level_db - full.low_level_db) / 10)
+        wanted = [self.wanted_power(level_db) for level_db in self.device.levels_db]
+        powers = sorted({*wanted, *(power * lacking for power in wanted)})
+        found = zip(_find_above(problem, powers, loudest, loud), powers, strict=True)
+        drives = [
+            self._exact(drive, states, self._objective, power)
+            for each, power in found
+            if each is not None
+            for drive in (each.drive, *each.ties)
+        ]
+        pool = [replace(full, bound=np.inf)]
+        pool += [self._with_figures(states, problem.name, drive, np.inf, self._rise(states, drive)) for drive in drives]
+        loudest_choice = max(pool, key=lambda choice: choice.low_level_db)
+        entries = list[Entry]()
+        for level_db in (*self.device.levels_db, np.inf):
+            loud_enough = [choice for choice in pool if choice.low_level_db >= level_db]
+            choice = max(loud_enough, key=lambda choice: choice.low_merit, default=loudest_choice)
+            entries.append(make_entry(self.device, choice, level_db, self.made_for))
+        return entries
+
+    def judge(self, states: States, wanted_level_db: float, drive: Drive, name: str) -> Entry:
+        """What any drive does in a state, as an entry that claims no optimum: its gap is infinite."""
+        choice = self._with_figures(states, name, drive, np.inf, self._rise(states, drive))
+        return make_entry(self.device, choice, wanted_level_db)
+
+    def wanted_power(self, level_db: float) -> float:
+        """Power over threshold, at amplitudes up to 1, from which the amplitude limit leaves `level_db`."""
+        return float(10 ** (level_db / 10) / self.device.limits.amplitude**2)
+
+    def _limited(self, drive: Drive) -> NDArray[np.complex128]:
+        limited: NDArray[np.complex128] = drive.amplitude * self.device.limits.amplitude
+        return limited
+
+    def _search_frequencies(self) -> Array:
+        """The grid of the device, with points of their own for resonances that fall between them."""
+        grid_hz, finger = self.device.sweep.frequency_hz, self.device.finger
+        middles = self.touches.middle_m.tolist()
+        loads = [[], [(at, finger) for at in middles], *([(at, finger)] for at in middles)]
+        pole = compute_rise_model(self._few_modes, loads, np.zeros((len(loads), 0))).pole.ravel()
+        half_hz, centre_hz = -pole.real / (2 * np.pi), pole.imag / (2 * np.pi)
+        narrow = (pole.imag > 0) & (half_hz < _NARROW * self.device.sweep.step_hz)
+        extra = (centre_hz[narrow, None] + half_hz[narrow, None] * _CLUSTER).ravel()
+        edges = np.array([edge for actuator in self.device.actuators for edge in actuator.band_hz])
+        extra = np.concatenate([extra, edges])
+        inside = extra[(extra > grid_hz[0]) & (extra < grid_hz[-1])]
+        return np.unique(on_the_wire(np.concatenate([grid_hz, inside])))
+
+    def _compute_forms(self, touched: tuple[int, ...]) -> Forms:
+        return compute_forms(self._receptance, touched)
+
+    def _compute_rise(self, touched: tuple[int, ...]) -> tuple[RiseModel, RiseModel]:
+        """Models of the standard touch, with all modes, and of every touch, with the lower ones."""
+        loads = [self.touches.fingers(touch, touched) for touch in range(len(self.touches.place))]
+        places_m = np.array([[at for at, _ in load] for load in loads])
+        standard = compute_rise_model(self._basis, loads[:1], places_m[:1])
+        return standard, compute_rise_model(self._few_modes, loads, places_m)
+
+    def _choose(
+        self, found: Found, states: States, make: Callable[[Forms, States], Problem], objective: str, wanted: float
+    ) -> Choice:
+        """The quickest of the drives that are as good, climbed on exact forms, with all its figures."""
+        drives = [self._exact(drive, states, make, wanted) for drive in (found.drive, *found.ties)]
+        timed = [(drive, self._rise(states, drive)) for drive in drives]
+        drive, rise_s = min(timed, key=lambda pair: (pair[1][0], -pair[0].loudness))
+        return self._with_figures(states, objective, drive, found.bound, rise_s)
+
+    def _with_figures(self, states: States, objective: str, drive: Drive, bound: float, rise_s: Array) -> Choice:
+        touched, amplitude = touched_zones(states), self._limited(drive)
+        figures = compute_figures(self.plant, self.touches, touched, drive.frequency_hz, amplitude)
+        bars = self.bars
+        sampled = figures.power[1:] if bars is None else bars.powers(touched, drive.frequency_hz, amplitude)
+        return Choice(states, objective, drive, bound, figures, rise_s, sampled)
+
+    def _exact(self, drive: Drive, states: States, make: Callable[[Forms, States], Problem], wanted: float) -> Drive:
+        """The search interpolates between its frequencies; here the plant is solved at the drive's own."""
+        tones = np.unique(drive.frequency_hz[drive.amplitude != 0])
+        forms = compute_forms(solve_receptance(self.plant, self.touches, tones), touched_zones(states))
+        moved = replace(drive, frequency_hz=np.where(drive.amplitude == 0, tones[0], drive.frequency_hz))
+        return polish(make(forms, states), moved, wanted)
+
+    def _rise(self, states: States, drive: Drive) -> Array:
+        """Rise time of the slowest felt finger (touch,), the standard touch first."""
+        touched = touched_zones(states)
+        felt = [finger for finger, zone in enumerate(touched) if states[zone] is ZoneState.FELT]
+        exact, few_modes = self._rise_of(touched)
+        standard = compute_rise_time(exact, drive.frequency_hz, drive.amplitude)
+        sampled = compute_rise_time(few_modes, drive.frequency_hz, drive.amplitude, COARSE_STEP_S)
+        slowest: Array = np.concatenate([standard, sampled[1:]])[:, felt].max(axis=1)
+        return slowest
+
+
+def _find_above(problem: Problem, wanted: Sequence[float], loudest: Found, loud: Search) -> list[Found | None]:
+    """The best drive above each wanted power, which rise; None where no drive reaches it."""
+    return _flat(loud.basins(), wanted) if problem.is_flat else _above_levels(problem, wanted, loudest, loud)
+
+
+def _above_levels(problem: Problem, wanted: Sequence[float], loudest: Found, loud: Search) -> list[Found | None]:
+    """The best drive above each wanted power, which rise; None beyond the loudest drive, which `loud` found."""
+    search = Search(problem, wanted)
+    found = list[Found | None]()
+    for power in wanted:
+        last = found[-1] if found else None
+        if last is not None and last.drive.loudness >= power:
+            found.append(last)
+        elif power <= loudest.drive.loudness:
+            found.append(search.best(power, [start_at(loudest.drive), *loud.edges(power)]))
+        else:
+            found.append(None)
+    return found
+
+
+def _flat(loud: Sequence[Drive], wanted: Sequence[float]) -> list[Found | None]:
+    """Where every drive has the same share, as with all zones felt: the loud ones, of which the quickest is taken."""
+    found = list[Found | None]()
+    for power in wanted:
+        enough = [replace(drive, value=1.0) for drive in loud if drive.loudness >= power]
+        found.append(Found(enough[0], tuple(enough[1:]), 1.0) if enough else None)
+    return found

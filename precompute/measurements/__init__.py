@@ -1,0 +1,1 @@
+"""Measured accelerations and responses, in the forms laboratories have them."""

@@ -1,0 +1,114 @@
+"""Named columns with units, as CSV and NetCDF have them, to measurements (tables/MEASUREMENTS.md)."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from engine.device.quantity import QuantityError, read_quantity
+from precompute.measurements.types import Kind, MeasurementError, Measurements, check_measurements
+
+Array = NDArray[np.float64]
+
+_SINGLE = {
+    "position": "m",
+    "sensor mass": "kg",
+    "finger position": "m",
+    "peak acceleration": "m/s^2",
+    "acceleration real": "m/s^2",
+    "acceleration imaginary": "m/s^2",
+}
+_PER_ACTUATOR = {"frequency": "Hz", "amplitude": "", "phase": "rad"}
+_ANGLES = {"rad": 1.0, "deg": np.pi / 180}
+OPTIONAL = ("frequency", "amplitude", "phase", "finger position")
+"""Columns whose cells may be empty: an actuator is still, no finger is there."""
+SIMULATED = "SIMULATED"
+"""The word in a comment or an attribute that says that nobody measured them."""
+
+
+def column_names(device: Device) -> dict[str, str]:
+    """Every column that measurements of the device may have, and its SI unit."""
+    own = {f"{key} {a.name}": unit for key, unit in _PER_ACTUATOR.items() for a in device.actuators}
+    return _SINGLE | own
+
+
+def unit_scale(text: str, unit: str) -> float:
+    """What a column in the unit `text` is multiplied by to be in `unit`. Raises QuantityError."""
+    if unit == "rad":
+        if text not in _ANGLES:
+            raise QuantityError(f"{text!r} is not an angle; expected rad or deg")
+        return _ANGLES[text]
+    if unit == "" and text == "1":
+        return 1.0
+    return read_quantity(f"1 {text}", unit)
+
+
+def may_be_empty(name: str) -> bool:
+    """Whether an empty cell of the column means something."""
+    return name.startswith(OPTIONAL)
+
+
+def assemble_measurements(
+    columns: Mapping[str, Array],
+    device: Device,
+    sensor_mass_kg: float,
+    source: str,
+    place: Callable[[int], str],
+    *,
+    is_simulated: bool,
+) -> Measurements:
+    """Columns (row,) in SI, NaN where empty, to measurements. `sensor_mass_kg` is for a file that has no such column.
+
+    Raises MeasurementError for a column that is missing and for rows that cannot be.
+    """
+    kind = _kind(columns, source)
+    if "position" not in columns:
+        raise MeasurementError(
+            f"{source}: has no column 'position'; it says where the sensor was, such as position (mm)"
+        )
+    rows = len(columns["position"])
+    empty = np.full(rows, np.nan)
+    frequency, amplitude, phase = (
+        np.stack([columns.get(f"{key} {a.name}", empty) for a in device.actuators], axis=1) for key in _PER_ACTUATOR
+    )
+    for i, actuator in enumerate(device.actuators):
+        if f"amplitude {actuator.name}" not in columns:
+            amplitude[:, i] = np.where(np.isnan(frequency[:, i]), 0.0, 1.0)
+    halved = ~np.isnan(frequency) & np.isnan(amplitude)
+    if halved.any():
+        row, which = np.argwhere(halved)[0]
+        name = f"amplitude {device.actuators[which].name}"
+        raise MeasurementError(f"{source}: {place(int(row))}: {name}: is empty beside a frequency; give both or none")
+    if kind is Kind.PEAK:
+        acceleration = columns["peak acceleration"].astype(np.complex128)
+    else:
+        acceleration = columns["acceleration real"] + 1j * columns["acceleration imaginary"]
+    amplitude = np.nan_to_num(amplitude)
+    return check_measurements(
+        Measurements(
+            kind=kind,
+            position_m=columns["position"],
+            frequency_hz=np.where(amplitude > 0, frequency, np.nan),
+            amplitude=amplitude * np.exp(1j * np.nan_to_num(phase)),
+            sensor_mass_kg=columns.get("sensor mass", np.full(rows, sensor_mass_kg)),
+            finger_m=columns.get("finger position", empty),
+            acceleration=acceleration,
+            is_simulated=is_simulated,
+        ),
+        device,
+        source,
+        place,
+    )
+
+
+def _kind(columns: Mapping[str, Array], source: str) -> Kind:
+    parts = ["acceleration real" in columns, "acceleration imaginary" in columns]
+    if "peak acceleration" in columns and not any(parts):
+        return Kind.PEAK
+    if all(parts) and "peak acceleration" not in columns:
+        return Kind.RESPONSE
+    raise MeasurementError(
+        f"{source}: expected either a column 'peak acceleration' or the two 'acceleration real' and "
+        "'acceleration imaginary'"
+    )

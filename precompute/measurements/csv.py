@@ -1,0 +1,124 @@
+"""Measurements as CSV, units in the header (tables/MEASUREMENTS.md): read with each bad cell named, and written."""
+
+import csv
+import difflib
+import io
+import re
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from engine.device.quantity import QuantityError
+from precompute.measurements.columns import SIMULATED, assemble_measurements, column_names, may_be_empty, unit_scale
+from precompute.measurements.types import Kind, MeasurementError, Measurements
+
+_HEADER = re.compile(r"(.+?) ?\(([^()]*)\)")
+
+
+def parse_csv(text: str, device: Device, sensor_mass_kg: float, source: str) -> Measurements:
+    """Lines that begin with # are comments, the first other one is the header. Raises MeasurementError."""
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
+    if not lines:
+        raise MeasurementError(f"{source}: is empty; expected a header such as position (mm),peak acceleration (m/s^2)")
+    header, *cells = csv.reader([line for _, line in lines])
+    numbers = [number for number, _ in lines[1:]]
+    columns: dict[str, NDArray[np.float64]] = {}
+    for index, title in enumerate(header):
+        name, scale = _read_title(title, device, source, index)
+        if name in columns:
+            raise MeasurementError(f"{source}: column {index + 1}: {title!r}: is there twice")
+        columns[name] = scale * np.array(
+            [
+                _read_cell(row, index, title, name, len(header), source, number)
+                for row, number in zip(cells, numbers, strict=True)
+            ]
+        )
+    is_simulated = any(line.startswith("#") and SIMULATED in line for line in text.splitlines())
+    return assemble_measurements(
+        columns, device, sensor_mass_kg, source, lambda row: f"row {numbers[row]}", is_simulated=is_simulated
+    )
+
+
+def _read_title(title: str, device: Device, source: str, index: int) -> tuple[str, float]:
+    """Name of a column and what makes its values SI."""
+    known = column_names(device)
+    match = _HEADER.fullmatch(title.strip())
+    where = f"{source}: column {index + 1}: {title!r}"
+    if match is None:
+        raise MeasurementError(f"{where}: has no unit; expected a header such as position (mm)")
+    name, unit = match[1].strip(), match[2].strip()
+    if name not in known:
+        near = difflib.get_close_matches(name, known, 1)
+        hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
+        raise MeasurementError(f"{where}: unknown column; {hint}")
+    if name.endswith("position") and unit == "%":
+        return name, device.bar.length_m / 100
+    try:
+        return name, unit_scale(unit, known[name])
+    except QuantityError as error:
+        raise MeasurementError(f"{where}: {error}") from None
+
+
+def _read_cell(row: Sequence[str], index: int, title: str, name: str, width: int, source: str, number: int) -> float:
+    if len(row) != width:
+        raise MeasurementError(f"{source}: row {number}: has {len(row)} cells, the header {width}; make them equal")
+    cell = row[index].strip()
+    if not cell and may_be_empty(name):
+        return np.nan
+    try:
+        value = float(cell)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise MeasurementError(f"{source}: row {number}, column {title.strip()!r}: {cell!r}: expected a finite number")
+    return value
+
+
+def write_csv(measurements: Measurements, device: Device, comment: str) -> str:
+    """The same as text; `comment` says where they are from. Readings with six digits, the rest as exact as it is."""
+    out = io.StringIO()
+    out.writelines(f"# {line}\n" for line in comment.splitlines())
+    if measurements.is_simulated and SIMULATED not in comment:
+        out.write(f"# {SIMULATED}\n")
+    names = [actuator.name for actuator in device.actuators]
+    has_finger, is_peak = not np.isnan(measurements.finger_m).all(), measurements.kind is Kind.PEAK
+    has_phase = bool((measurements.amplitude.imag != 0).any())
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(
+        [
+            "position (mm)",
+            *(f"frequency {name} (Hz)" for name in names),
+            *(f"amplitude {name} (%)" for name in names),
+            *(f"phase {name} (rad)" for name in names if has_phase),
+            "sensor mass (g)",
+            *(["finger position (mm)"] if has_finger else []),
+            *(["peak acceleration (m/s^2)"] if is_peak else _PARTS),
+        ]
+    )
+    for i, value in enumerate(measurements.acceleration):
+        drive, finger_m = measurements.amplitude[i], measurements.finger_m[i]
+        is_still = drive == 0
+        writer.writerow(
+            [
+                _exact(1e3 * measurements.position_m[i]),
+                *(
+                    "" if still else _exact(hz)
+                    for hz, still in zip(measurements.frequency_hz[i], is_still, strict=True)
+                ),
+                *("" if still else _exact(100 * abs(a)) for a, still in zip(drive, is_still, strict=True)),
+                *("" if still else _exact(np.angle(a)) for a, still in zip(drive, is_still, strict=True) if has_phase),
+                _exact(1e3 * measurements.sensor_mass_kg[i]),
+                *([] if not has_finger else ["" if np.isnan(finger_m) else _exact(1e3 * finger_m)]),
+                *([f"{value.real:.6g}"] if is_peak else [f"{value.real:.6g}", f"{value.imag:.6g}"]),
+            ]
+        )
+    return out.getvalue()
+
+
+_PARTS = ["acceleration real (m/s^2)", "acceleration imaginary (m/s^2)"]
+
+
+def _exact(value: float) -> str:
+    return f"{value:.12g}"

@@ -1,0 +1,223 @@
+"""A device to the accelerations that a measurement should have shown, and how they change with every parameter.
+
+Sensor and finger are attached to the bar at each row's own places by a low-rank update: the bar is factorised once a
+frequency, whatever roves over it. The derivatives need no further solve: D is symmetric, so the columns of the points
+are its adjoints.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device.device import Device, Finger
+from precompute.measurements.parameters import Parameter, with_values
+from precompute.measurements.types import Kind, Measurements
+from precompute.model.assembly import BANDWIDTH, Plant, assemble
+from precompute.model.response import solve_response
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
+
+_CHUNK = 64  # frequencies at a time: fields of 60 columns in 256 elements take 32 MB
+_SENSOR, _FINGER = 0, 1
+_TINY = 1e-300
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Logarithm of what the rows should read and its derivative by every parameter's SI value.
+
+    log_acceleration (row,): the imaginary part is the phase of a response, 0 of a peak; by_parameter (row, parameter).
+    """
+
+    log_acceleration: Complex
+    by_parameter: Complex
+
+
+@dataclass(frozen=True)
+class _Tones:
+    """Every frequency of every row: row, index of its frequency, and drive (tone, actuator) at it."""
+
+    frequency_hz: Array
+    row: Index
+    frequency: Index
+    drive: Complex
+
+
+@dataclass(frozen=True)
+class _Loaded:
+    """The bar with sensor and finger on it: what one tone does, and what a unit force at the sensor would do.
+
+    field, adjoint (tone, degree of freedom); at_place (tone, place, 2): both, under the sensor and under the finger.
+    """
+
+    omega: Array
+    field: Complex
+    adjoint: Complex
+    at_place: Complex
+
+
+class MeasurementModel:
+    """Predicts the rows of `measurements` for `device` with any values of `parameters`.
+
+    The mesh is the table's own, without nodes at the sensor: a table is to be right with what was fitted on it.
+    """
+
+    def __init__(self, device: Device, measurements: Measurements, parameters: Sequence[Parameter]) -> None:
+        self._device, self._parameters, self._kind = device, tuple(parameters), measurements.kind
+        bare = tuple(replace(a, stiffness_n_per_m=0.0, damping_n_s_per_m=0.0, mass_kg=0.0) for a in device.actuators)
+        self._free = assemble(replace(device, actuators=bare))
+        self._has_finger = ~np.isnan(measurements.finger_m)
+        attached_m = measurements.position_m[:, None]
+        if self._has_finger.any():
+            finger_m = np.where(self._has_finger, measurements.finger_m, measurements.position_m)
+            attached_m = np.stack([measurements.position_m, finger_m], axis=1)
+        self._place_m, place = np.unique(attached_m, return_inverse=True)
+        self._place: Index = place.reshape(len(attached_m), -1)
+        self._sensor_mass_kg = measurements.sensor_mass_kg
+        self._tones = _split_tones(measurements)
+
+    def predict(self, values: Array) -> Prediction:
+        """With these values (parameter,), SI."""
+        tones, count = self._tones, len(self._parameters)
+        device = with_values(self._device, self._parameters, values)
+        plant = self._plant(device)
+        acceleration = np.empty(len(tones.row), dtype=np.complex128)
+        slope = np.empty((len(tones.row), count), dtype=np.complex128)
+        for start in range(0, len(tones.frequency_hz), _CHUNK):
+            chosen = slice(*np.searchsorted(tones.frequency, [start, start + _CHUNK]))
+            loaded = self._load(plant, values, chosen, start)
+            acceleration[chosen] = -(loaded.omega**2) * loaded.at_place[:, _SENSOR, 0]
+            slope[chosen] = -(loaded.omega**2)[:, None] * self._slopes(plant, loaded, chosen)
+        return self._combine(acceleration, slope)
+
+    def _plant(self, device: Device) -> Plant:
+        """The assembled bar: stiffness goes as Young's modulus, mass as density."""
+        free, bar, was = self._free, device.bar, self._device.bar
+        K = free.K * (bar.youngs_modulus_pa / was.youngs_modulus_pa)
+        M = free.M * (bar.density_kg_per_m3 / was.density_kg_per_m3)
+        C = bar.mass_damping_per_s * M + bar.stiffness_damping_s * K
+        for actuator, dof in zip(device.actuators, free.actuator_dof, strict=True):
+            K[-1, dof] += actuator.stiffness_n_per_m
+            C[-1, dof] += actuator.damping_n_s_per_m
+            M[-1, dof] += actuator.mass_kg
+        return Plant(device, free.node_m, K, C, M)
+
+    def _sensor_kg(self, values: Array) -> Array:
+        """Shape (row,): a fitted mass is that of every sensor that weighs anything."""
+        for parameter, value in zip(self._parameters, values, strict=True):
+            if parameter.part == "sensor":
+                return np.where(self._sensor_mass_kg > 0, value, 0.0)
+        return self._sensor_mass_kg
+
+    def _load(self, plant: Plant, values: Array, chosen: slice, first: int) -> _Loaded:
+        """Solve the bar at up to _CHUNK frequencies from `first` and put each tone's sensor and finger on it.
+
+        With the receptance g of the two places, their dynamic stiffness Z and the bare bar's deflection u there, the
+        loaded deflection y is (1 + g Z)^-1 u: the bar carries the force -Z y besides.
+        """
+        tones, actuators = self._tones, len(plant.device.actuators)
+        place, frequency = self._place[tones.row[chosen]], tones.frequency[chosen] - first
+        columns = solve_response(plant, tones.frequency_hz[first : first + _CHUNK], self._place_m).displacement_m
+        omega = 2 * np.pi * tones.frequency_hz[tones.frequency[chosen]]
+        bare = np.einsum("ta,tad->td", tones.drive[chosen], columns[frequency, :actuators])
+        points = columns[frequency[:, None], actuators + place]
+        sampler = plant.sampler(self._place_m)
+        weight, dof = sampler.weight[place], 2 * sampler.element[place][..., None] + np.arange(4)
+        tone, point = np.arange(len(place))[:, None, None], np.arange(place.shape[1])[:, None, None]
+        receptance = np.einsum("tqpk,tpk->tpq", points[tone[..., None], point, dof[:, None]], weight)
+        deflection = np.einsum("tpk,tpk->tp", bare[tone, dof], weight)
+        Z = self._dynamic_stiffness(plant.device.finger, values, omega, chosen)
+        system = np.eye(place.shape[1]) + receptance * Z[:, None, :]
+        loaded = np.linalg.solve(system, deflection[..., None])[..., 0]
+        share = np.linalg.inv(system)[:, _SENSOR, :]
+        return _Loaded(
+            omega=omega,
+            field=bare - np.einsum("tpd,tp->td", points, Z * loaded),
+            adjoint=np.einsum("tpd,tp->td", points, share),
+            at_place=np.stack([loaded, np.einsum("tp,tpq->tq", share, receptance)], axis=-1),
+        )
+
+    def _dynamic_stiffness(self, finger: Finger, values: Array, omega: Array, chosen: slice) -> Complex:
+        """Shape (tone, place): force per deflection of what is attached to the bar."""
+        row = self._tones.row[chosen]
+        out = np.zeros((len(row), self._place.shape[1]), dtype=np.complex128)
+        out[:, _SENSOR] = -(omega**2) * self._sensor_kg(values)[row]
+        if self._has_finger.any():
+            stiffness = finger.stiffness_n_per_m + 1j * omega * finger.damping_n_s_per_m - omega**2 * finger.mass_kg
+            out[:, _FINGER] = np.where(self._has_finger[row], stiffness, 0.0)
+        return out
+
+    def _slopes(self, plant: Plant, loaded: _Loaded, chosen: slice) -> Complex:
+        """Shape (tone, parameter): derivative of the deflection at the sensor, q^T (dF/dp - dD/dp w).
+
+        w is the loaded bar's field, q its adjoint, the field of a unit force at the sensor (PHYSICS.md section 5).
+        """
+        device, tones = plant.device, self._tones
+        jw = 1j * loaded.omega
+        drive = tones.drive[chosen]
+        at, field = loaded.adjoint[:, plant.actuator_dof], loaded.field[:, plant.actuator_dof]
+        base_m = drive * np.array([actuator.full_scale_m for actuator in device.actuators])
+        stretch = at * (base_m - field)
+        k, c = np.array([(a.stiffness_n_per_m, a.damping_n_s_per_m) for a in device.actuators]).T
+        bent = -(loaded.adjoint * _times(self._free.K, loaded.field)).sum(axis=1) / self._device.bar.youngs_modulus_pa
+        moved = -(loaded.adjoint * _times(self._free.M, loaded.field)).sum(axis=1) / self._device.bar.density_kg_per_m3
+        E, rho = device.bar.youngs_modulus_pa, device.bar.density_kg_per_m3
+        sigma, eta = device.bar.mass_damping_per_s, device.bar.stiffness_damping_s
+        row, push = tones.row[chosen], -loaded.at_place.prod(axis=-1)
+        sensor, finger = push[:, _SENSOR] * (self._sensor_mass_kg[row] > 0), push[:, -1] * self._has_finger[row]
+        single = {
+            ("bar", "youngs_modulus"): (1 + jw * eta) * bent,
+            ("bar", "density"): (jw**2 + jw * sigma) * moved,
+            ("bar", "mass_damping"): jw * rho * moved,
+            ("bar", "stiffness_damping"): jw * E * bent,
+            ("finger", "stiffness"): finger,
+            ("finger", "damping"): jw * finger,
+            ("finger", "mass"): jw**2 * finger,
+            ("sensor", "mass"): jw**2 * sensor,
+        }
+        own = {
+            "stiffness": stretch,
+            "damping": jw[:, None] * stretch,
+            "full_scale": at * (k + jw[:, None] * c) * drive,
+            "mass": -(jw**2)[:, None] * at * field,
+        }
+        slopes = [
+            own[p.key][:, list(p.actuators)].sum(axis=1) if p.part == "actuator" else single[p.part, p.key]
+            for p in self._parameters
+        ]
+        return np.array(slopes, dtype=np.complex128).reshape(len(slopes), len(row)).T
+
+    def _combine(self, acceleration: Complex, slope: Complex) -> Prediction:
+        """Tones of a row: peaks add (paper eq. (8)); a response has one."""
+        rows, tones = len(self._sensor_mass_kg), self._tones
+        if self._kind is Kind.RESPONSE:
+            order = np.argsort(tones.row)
+            return Prediction(np.log(acceleration[order]), slope[order] / acceleration[order, None])
+        size = np.maximum(np.abs(acceleration), _TINY)
+        peak = np.bincount(tones.row, size, rows)
+        rate = (acceleration.conj()[:, None] * slope).real / size[:, None]
+        total = np.array([np.bincount(tones.row, column, rows) for column in rate.T]).reshape(-1, rows).T
+        return Prediction(np.log(peak).astype(np.complex128), (total / peak[:, None]).astype(np.complex128))
+
+
+def _split_tones(measurements: Measurements) -> _Tones:
+    """Actuators of one row at one frequency are one tone: their fields add."""
+    hz = np.where(np.abs(measurements.amplitude) > 0, measurements.frequency_hz, np.nan)
+    every = np.unique(hz[~np.isnan(hz)])
+    frequency, row = np.nonzero((hz[None] == every[:, None, None]).any(axis=2))
+    drive = np.where(hz[row] == every[frequency][:, None], measurements.amplitude[row], 0)
+    return _Tones(every, row, frequency, drive)
+
+
+def _times(band: Array, field: Complex) -> Complex:
+    """A symmetric matrix in upper band form times fields (..., degree of freedom)."""
+    out: Complex = band[-1] * field
+    for k in range(1, BANDWIDTH + 1):
+        diagonal = band[BANDWIDTH - k, k:]
+        out[..., :-k] += diagonal * field[..., k:]
+        out[..., k:] += diagonal * field[..., :-k]
+    return out

@@ -1,0 +1,69 @@
+"""Measurements in a NetCDF file (tables/MEASUREMENTS.md), read with xarray."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import xarray
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from engine.device.quantity import QuantityError
+from precompute.measurements.columns import SIMULATED, assemble_measurements, column_names, may_be_empty, unit_scale
+from precompute.measurements.types import MeasurementError, Measurements
+
+_UDUNITS_FACTOR = re.compile(r"([A-Za-zµ%]+)(-?\d)?")
+
+
+def read_netcdf(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
+    """Variables over `measurement`, those of actuators over `measurement` and `actuator`. Raises MeasurementError."""
+    try:
+        dataset = xarray.load_dataset(path, engine="h5netcdf")
+    except (OSError, ValueError, KeyError) as error:
+        raise MeasurementError(f"{path}: not a NetCDF-4 file: {error}") from error
+    known = column_names(device)
+    names = [actuator.name for actuator in device.actuators]
+    columns: dict[str, NDArray[np.float64]] = {}
+    for name, variable in dataset.data_vars.items():
+        title = str(name).replace("_", " ")
+        if "actuator" in variable.dims:
+            if "actuator" not in dataset.coords or [str(n) for n in dataset.actuator.values] != names:
+                raise MeasurementError(
+                    f"{path}: actuator: expected a coordinate with {', '.join(names)}, in this order"
+                )
+            parts = {f"{title} {n}": variable.isel(actuator=i) for i, n in enumerate(names)}
+        else:
+            parts = {title: variable}
+        for column, values in parts.items():
+            if column not in known or values.dims != ("measurement",):
+                listed = ", ".join(key.replace(" ", "_") for key in known)
+                raise MeasurementError(f"{path}: {name}: unknown variable; over 'measurement' are known {listed}")
+            columns[column] = _read_column(values, column, known[column], path, str(name))
+    is_simulated = any(SIMULATED in str(value) for value in dataset.attrs.values())
+    return assemble_measurements(
+        columns, device, sensor_mass_kg, str(path), lambda row: f"measurement {row}", is_simulated=is_simulated
+    )
+
+
+def _read_column(values: xarray.DataArray, column: str, unit: str, path: Path, name: str) -> NDArray[np.float64]:
+    written = values.attrs.get("units")
+    if not isinstance(written, str):
+        raise MeasurementError(f"{path}: {name}: has no attribute 'units'; expected such as {unit or '1'!r}")
+    try:
+        scale = unit_scale(_from_udunits(written), unit)
+        out = scale * np.asarray(values.values, dtype=np.float64)
+    except (QuantityError, TypeError, ValueError) as error:
+        raise MeasurementError(f"{path}: {name}: {error}") from None
+    bad = ~np.isfinite(out) & (True if not may_be_empty(column) else ~np.isnan(out))
+    if bad.any():
+        where = int(np.argmax(bad))
+        raise MeasurementError(f"{path}: measurement {where}: {name}: {out[where]}: expected a finite number")
+    return out
+
+
+def _from_udunits(text: str) -> str:
+    """'m s-2' as 'm*s^-2'; what has no spaces stays."""
+    factors = text.split()
+    if len(factors) < 2 or not all(_UDUNITS_FACTOR.fullmatch(factor) for factor in factors):
+        return text
+    return "*".join(_UDUNITS_FACTOR.sub(lambda m: m[1] + (f"^{m[2]}" if m[2] else ""), factor) for factor in factors)

@@ -1,0 +1,46 @@
+"""What measurements of a device with known parameters would look like: noise and wrong readings, seeded."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from precompute.measurements.model import MeasurementModel
+from precompute.measurements.types import Kind, Measurements
+
+Array = NDArray[np.float64]
+
+POINTS = 22
+"""The paper's."""
+SENSOR_MASS_KG = 2e-3
+"""The paper's accelerometer."""
+_FIRST, _LAST = 0.02, 0.98  # of the bar: a sensor's middle cannot be at the bar's end
+_WRONG = 3.0
+
+
+@dataclass(frozen=True)
+class Flaws:
+    """Relative standard deviation of a reading, and the share of readings that are wrong by 3, up or down."""
+
+    noise: float = 0.0
+    wrong: float = 0.0
+
+
+def even_places(device: Device, points: int = POINTS) -> Array:
+    """Shape (point,): along the bar, in metres, as far out as a sensor reaches."""
+    return np.linspace(_FIRST, _LAST, points) * device.bar.length_m
+
+
+def simulate_measurements(device: Device, layout: Measurements, flaws: Flaws, seed: int) -> Measurements:
+    """The rows of `layout` with the readings that the device would give."""
+    random = np.random.default_rng(seed)
+    true = np.exp(MeasurementModel(device, layout, ()).predict(np.zeros(0)).log_acceleration)
+    rows = len(layout)
+    noise = random.standard_normal(rows)
+    if layout.kind is Kind.RESPONSE:
+        noise = (noise + 1j * random.standard_normal(rows)).astype(np.complex128)
+    factor = np.exp(flaws.noise * noise)
+    wrong = random.permutation(rows)[: round(flaws.wrong * rows)]
+    factor[wrong] *= np.where(random.random(len(wrong)) < 0.5, _WRONG, 1 / _WRONG)
+    return replace(layout, acceleration=true * factor, is_simulated=True)

@@ -1,0 +1,143 @@
+"""Measured accelerations of a bar, whatever file they come from: what was driven, where it was measured, with what."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from precompute.measurements.error import CalibrationError
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Rows = NDArray[np.bool_] | NDArray[np.int64]
+
+
+class MeasurementError(CalibrationError):
+    """Measurements that cannot be used; the message names the file, the place in it, the value and what would do."""
+
+
+class Kind(Enum):
+    """What an acceleration is: the peak that all tones reach together (paper eq. (8)), or the phasor of one tone."""
+
+    PEAK = "peak acceleration"
+    RESPONSE = "complex response"
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """One acceleration a row.
+
+    position_m (row,): of the sensor, from the bar's start. frequency_hz (row, actuator): NaN where the actuator is
+    still. amplitude (row, actuator): complex, fractions of full scale. sensor_mass_kg (row,): at its position.
+    finger_m (row,): of a finger that lies on the bar, NaN for none. acceleration (row,): m/s^2; a peak is real.
+    """
+
+    kind: Kind
+    position_m: Array
+    frequency_hz: Array
+    amplitude: Complex
+    sensor_mass_kg: Array
+    finger_m: Array
+    acceleration: Complex
+    is_simulated: bool
+    """Whether the file says that nobody measured them."""
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self.position_m)
+
+    def part(self, rows: Rows) -> "Measurements":
+        """Some of the rows."""
+        columns: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
+        chosen: dict[str, Any] = {
+            name: column[rows] for name, column in columns.items() if isinstance(column, np.ndarray)
+        }
+        return replace(self, **chosen)
+
+    def with_acceleration(self, acceleration: Complex | Array) -> "Measurements":
+        """The same drives and places with other readings (row,)."""
+        return replace(self, acceleration=np.asarray(acceleration, dtype=np.complex128))
+
+    @property
+    def drive_of_row(self) -> NDArray[np.int64]:
+        """Shape (row,): which drive (frequencies and amplitudes) a row has, numbered as they appear."""
+        parts = (np.nan_to_num(self.frequency_hz), self.amplitude.real, self.amplitude.imag)
+        _, first, inverse = np.unique(np.hstack(parts), axis=0, return_index=True, return_inverse=True)
+        rank = np.empty(len(first), dtype=np.int64)
+        rank[np.argsort(first)] = np.arange(len(first))
+        number: NDArray[np.int64] = rank[inverse.ravel()]
+        return number
+
+    def drive_text(self, row: int) -> str:
+        """What a row drives, such as "150 Hz and 130 Hz", "150 Hz at 60 % and still"."""
+        return " and ".join(
+            "still" if amplitude == 0 else f"{hz:g} Hz" + ("" if amplitude == 1 else f" at {100 * amplitude:.3g} %")
+            for hz, amplitude in zip(self.frequency_hz[row], np.abs(self.amplitude[row]), strict=True)
+        )
+
+
+def lay_out(frequency_hz: Array, position_m: Array, sensor_mass_kg: float, kind: Kind = Kind.PEAK) -> Measurements:
+    """Every drive (drive, actuator), NaN where still, full scale elsewhere, at every place (point,), one sensor roving.
+
+    Nothing is read yet: accelerations are 1.
+    """
+    each_hz = np.repeat(np.asarray(frequency_hz, dtype=np.float64), len(position_m), axis=0)
+    rows = len(each_hz)
+    return Measurements(
+        kind=kind,
+        position_m=np.tile(position_m, len(frequency_hz)),
+        frequency_hz=each_hz,
+        amplitude=np.where(np.isnan(each_hz), 0, 1).astype(np.complex128),
+        sensor_mass_kg=np.full(rows, sensor_mass_kg),
+        finger_m=np.full(rows, np.nan),
+        acceleration=np.ones(rows, dtype=np.complex128),
+        is_simulated=False,
+    )
+
+
+def check_measurements(
+    measurements: Measurements, device: Device, source: str, place: Callable[[int], str]
+) -> Measurements:
+    """The same; refused where a row says the impossible or nothing. `place` names a row in the file's own way.
+
+    Raises MeasurementError.
+    """
+    if not len(measurements):
+        raise MeasurementError(f"{source}: has no measurement; give at least one acceleration")
+    length_m = device.bar.length_m
+    hz, amplitude, size = measurements.frequency_hz, np.abs(measurements.amplitude), np.abs(measurements.acceleration)
+    mass_kg = measurements.sensor_mass_kg
+    on_the_bar = f"expected 0 to {1e3 * length_m:g} mm, the bar's length"
+    rules = (
+        ("position", 1e3 * measurements.position_m, "mm", _outside(measurements.position_m, length_m), on_the_bar),
+        ("finger position", 1e3 * measurements.finger_m, "mm", _outside(measurements.finger_m, length_m), on_the_bar),
+        ("frequency", hz, "Hz", ((amplitude > 0) & ~((hz > 0) & np.isfinite(hz))), "expected more than 0 Hz"),
+        ("amplitude", 100 * amplitude, "%", ~(amplitude <= 1 + 1e-9), "expected at most 100 % of full scale"),
+        ("amplitude", 100 * amplitude, "%", np.all(amplitude == 0, axis=1), "no actuator moves; leave the row out"),
+        ("sensor mass", 1e3 * mass_kg, "g", ~((mass_kg >= 0) & np.isfinite(mass_kg)), "expected 0 g or more"),
+        ("acceleration", size, "m/s^2", ~(size > 0) | ~np.isfinite(size), "expected more than 0; leave the row out"),
+    )
+    for column, values, unit, is_bad, expected in rules:
+        bad = is_bad if is_bad.ndim == 1 else is_bad.any(axis=1)
+        if bad.any():
+            row = int(np.argmax(bad))
+            which = 0 if is_bad.ndim == 1 else int(np.argmax(is_bad[row]))
+            value = values[row] if values.ndim == 1 else values[row, which]
+            name = f"{column} {device.actuators[which].name}" if values.ndim == 2 else column
+            raise MeasurementError(f"{source}: {place(row)}: {name}: {value:g} {unit}: {expected}")
+    if measurements.kind is Kind.RESPONSE:
+        moved = np.where(amplitude > 0, hz, np.nan)
+        mixed = np.nanmin(moved, axis=1) != np.nanmax(moved, axis=1)
+        if mixed.any():
+            row = int(np.argmax(mixed))
+            text = measurements.drive_text(row)
+            raise MeasurementError(f"{source}: {place(row)}: frequency: {text}: a complex response has one frequency")
+    return measurements
+
+
+def _outside(position_m: Array, length_m: float) -> NDArray[np.bool_]:
+    return (position_m < 0) | (position_m > length_m * (1 + 1e-9))

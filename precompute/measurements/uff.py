@@ -1,0 +1,111 @@
+"""Measurements in a universal file: frequency responses (dataset 58) at nodes (dataset 15 or 2411), read with pyuff."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyuff
+
+from engine.device.device import Device
+from engine.device.quantity import QuantityError, read_quantity
+from precompute.measurements.types import Kind, MeasurementError, Measurements, check_measurements
+
+_NODES = (15, 2411)
+_RESPONSES, _UNITS = 58, 164
+_FREQUENCY_RESPONSE = 4
+_FREQUENCY, _ACCELERATION = 18, 12
+_SI_UNITS = 1
+_NEAR = 0.01  # of the bar: how far a node may be from the actuator that it stands for
+
+
+def read_uff(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
+    """Every line of every response is a row: the acceleration for one actuator at full scale, alone.
+
+    A node's x is its place along the bar in metres; the reference node is where an actuator is. Raises
+    MeasurementError.
+    """
+    try:
+        sets: Sequence[Mapping[str, Any]] = _listed(pyuff.UFF(str(path)).read_sets())
+    except Exception as error:  # pyuff raises bare exceptions, and many of Python's, on malformed files
+        raise MeasurementError(f"{path}: cannot be read as a universal file: {error}") from error
+    for part in sets:
+        if part["type"] == _UNITS and int(part["units_code"]) != _SI_UNITS:
+            raise MeasurementError(f"{path}: dataset 164: units code {part['units_code']}: expected 1, SI")
+    place_m = _read_nodes(sets)
+    responses = [(number, part) for number, part in enumerate(sets, 1) if part["type"] == _RESPONSES]
+    if not responses:
+        raise MeasurementError(f"{path}: has no dataset 58; expected frequency responses")
+    rows = [_read_response(part, place_m, device, f"{path}: dataset {number} (58)") for number, part in responses]
+    numbers = np.concatenate([np.full(len(hz), n) for (n, _), (_, _, hz, _) in zip(responses, rows, strict=True)])
+    position_m = np.concatenate([np.full(len(hz), place) for place, _, hz, _ in rows])
+    actuator = np.concatenate([np.full(len(hz), which) for _, which, hz, _ in rows])
+    driven = actuator[:, None] == np.arange(len(device.actuators))
+    frequency_hz = np.concatenate([hz for _, _, hz, _ in rows])
+    return check_measurements(
+        Measurements(
+            kind=Kind.RESPONSE,
+            position_m=position_m,
+            frequency_hz=np.where(driven, frequency_hz[:, None], np.nan),
+            amplitude=driven.astype(np.complex128),
+            sensor_mass_kg=np.full(len(position_m), sensor_mass_kg),
+            finger_m=np.full(len(position_m), np.nan),
+            acceleration=np.concatenate([value for *_, value in rows]),
+            is_simulated=False,
+        ),
+        device,
+        str(path),
+        lambda row: f"dataset {numbers[row]} (58) at {frequency_hz[row]:g} Hz",
+    )
+
+
+def _listed(sets: Any) -> list[Mapping[str, Any]]:
+    """A single dataset comes bare."""
+    return [sets] if isinstance(sets, dict) else list(sets)
+
+
+def _read_nodes(sets: Sequence[Mapping[str, Any]]) -> dict[int, float]:
+    """Place along the bar in metres by number of the node."""
+    places: dict[int, float] = {}
+    for part in sets:
+        if part["type"] in _NODES:
+            numbers, x = np.atleast_1d(part["node_nums"]), np.atleast_1d(part["x"])
+            places |= {int(number): float(place) for number, place in zip(numbers, x, strict=True)}
+    return places
+
+
+def _read_response(
+    part: Mapping[str, Any], place_m: Mapping[int, float], device: Device, where: str
+) -> tuple[float, int, Any, Any]:
+    """Place in metres, index of the actuator, frequencies in Hz and accelerations in m/s^2."""
+    expected = (
+        ("func_type", _FREQUENCY_RESPONSE, "a frequency response, 4"),
+        ("abscissa_spec_data_type", _FREQUENCY, "a frequency, 18"),
+        ("ordinate_spec_data_type", _ACCELERATION, "an acceleration, 12"),
+    )
+    for key, wanted, text in expected:
+        if int(part.get(key) or 0) != wanted:
+            raise MeasurementError(f"{where}: {key}: {part.get(key)}: expected {text}")
+    for key in ("rsp_node", "ref_node"):
+        if int(part[key]) not in place_m:
+            raise MeasurementError(f"{where}: {key}: node {part[key]} has no place; give it in a dataset 15 or 2411")
+    scale = _ordinate_scale(str(part.get("ordinate_axis_units_lab") or ""), where)
+    base_m = place_m[int(part["ref_node"])]
+    distance_m = [abs(actuator.position_m - base_m) for actuator in device.actuators]
+    nearest = int(np.argmin(distance_m))
+    if distance_m[nearest] > _NEAR * device.bar.length_m:
+        there = ", ".join(f"{a.name} {1e3 * a.position_m:g} mm" for a in device.actuators)
+        raise MeasurementError(f"{where}: ref_node: {1e3 * base_m:g} mm: is where no actuator is; they are {there}")
+    hz, value = np.asarray(part["x"], dtype=np.float64), scale * np.asarray(part["data"], dtype=np.complex128)
+    return place_m[int(part["rsp_node"])], nearest, hz[hz > 0], value[hz > 0]
+
+
+def _ordinate_scale(label: str, where: str) -> float:
+    """Of the values to m/s^2; an empty label says SI."""
+    text = label.strip().strip("()").replace("²", "^2").replace("s2", "s^2")
+    if text.upper() in ("", "NONE"):
+        return 1.0
+    try:
+        return read_quantity(f"1 {'g_0' if text == 'g' else text}", "m/s^2")
+    except QuantityError as error:
+        raise MeasurementError(f"{where}: ordinate_axis_units_lab: {error}") from None

@@ -1,0 +1,1 @@
+"""The beam, its actuators and its fingers: matrices, responses, modes."""

@@ -1,0 +1,165 @@
+"""A device to its finite-element plant: conforming mesh, banded stiffness, damping and mass matrices."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device.device import Device, Finger
+from precompute.model.element import shape_functions, shape_integral, stiffness_matrix
+
+Array = NDArray[np.float64]
+BANDWIDTH = 3
+"""Super-diagonals of the assembled matrices: neighbouring nodes couple, two degrees of freedom each."""
+ZONE_PLACES = 257
+"""Places looked at in a zone before a peak is interpolated: its height is then right to 1e-6."""
+_SNAP = 1e-6
+"""Places closer than this fraction of the bar share a node: a shorter element ruins the conditioning."""
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """Rows of shape functions that read a field at points: element index (point,), weights (point, 4)."""
+
+    element: NDArray[np.int64]
+    weight: Array
+
+    def sample(self, field: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Shape (..., point) from a field (..., degree of freedom)."""
+        columns = 2 * self.element[:, None] + np.arange(4)
+        values: NDArray[np.complex128] = np.einsum("...pk,pk->...p", field[..., columns], self.weight)
+        return values
+
+
+@dataclass(frozen=True)
+class Plant:
+    """Assembled bar. K, C, M are symmetric, in upper band form (BANDWIDTH + 1, degree of freedom) as LAPACK's."""
+
+    device: Device
+    node_m: Array
+    K: Array
+    C: Array
+    M: Array
+
+    @property
+    def size(self) -> int:
+        """Number of degrees of freedom."""
+        return 2 * len(self.node_m)
+
+    @property
+    def actuator_dof(self) -> NDArray[np.int64]:
+        """Shape (actuator,): the deflection that each actuator drives."""
+        places = [actuator.position_m for actuator in self.device.actuators]
+        nodes: NDArray[np.int64] = np.abs(self.node_m[:, None] - places).argmin(axis=0)
+        return 2 * nodes
+
+    @cached_property
+    def element_integral(self) -> Array:
+        """Shape (element, 4, 4): integral of N N^T over each element, in metres."""
+        return np.stack([shape_integral(length_m) for length_m in np.diff(self.node_m)])
+
+    @cached_property
+    def element_zone(self) -> NDArray[np.int64]:
+        """Shape (element,): index of the zone that holds it; the number of zones where none does."""
+        middle_m = (self.node_m[:-1] + self.node_m[1:]) / 2
+        out = np.full(len(middle_m), len(self.device.zones), dtype=np.int64)
+        for index, zone in enumerate(self.device.zones):
+            out[(middle_m > zone.start_m) & (middle_m < zone.stop_m)] = index
+        return out
+
+    @cached_property
+    def zone_places_m(self) -> Array:
+        """Shape (zone, ZONE_PLACES): even places in each zone, edges included, where peaks are looked for."""
+        return np.array([np.linspace(zone.start_m, zone.stop_m, ZONE_PLACES) for zone in self.device.zones])
+
+    @cached_property
+    def zone_sampler(self) -> Sampler:
+        """Sampler at all `zone_places_m`, zone after zone."""
+        return self.sampler(self.zone_places_m.ravel())
+
+    def sampler(self, position_m: Array) -> Sampler:
+        """Sampler at positions (point,) on the bar."""
+        element = np.clip(np.searchsorted(self.node_m, position_m, side="right") - 1, 0, len(self.node_m) - 2)
+        length_m = np.diff(self.node_m)[element]
+        return Sampler(element, shape_functions((position_m - self.node_m[element]) / length_m, length_m))
+
+    def known_field(self, frequency_hz: Array) -> NDArray[np.complex128] | None:  # noqa: ARG002  # a model has none
+        """Displacement (frequency, actuator, degree of freedom) of the untouched bar where it was measured, else None.
+
+        Metres at full scale.
+        """
+        return None
+
+    def with_fingers(self, position_m: Sequence[float], finger: Finger | Sequence[Finger]) -> "Plant":
+        """The plant with a grounded finger at each position, assembled into the matrices (PHYSICS.md section 3.7)."""
+        fingers = [finger] * len(position_m) if isinstance(finger, Finger) else list(finger)
+        K, C, M = self.K.copy(), self.C.copy(), self.M.copy()
+        sampler = self.sampler(np.asarray(position_m, dtype=np.float64))
+        for element, weight, one in zip(sampler.element, sampler.weight, fingers, strict=True):
+            outer = np.outer(weight, weight)
+            _add(K, 2 * element, one.stiffness_n_per_m * outer)
+            _add(C, 2 * element, one.damping_n_s_per_m * outer)
+            _add(M, 2 * element, one.mass_kg * outer)
+        return replace(self, K=K, C=C, M=M)
+
+
+def build_mesh(device: Device, extra_m: Sequence[float] = ()) -> Array:
+    """Nodes (node,) in metres: one at every actuator, zone edge and place in `extra_m`; elements as short as asked."""
+    length_m = device.bar.length_m
+    forced = [0.0, *(actuator.position_m for actuator in device.actuators), *extra_m]
+    forced += [edge for zone in device.zones for edge in (zone.start_m, zone.stop_m)]
+    edges = [0.0]
+    for place in sorted(forced):
+        if edges[-1] + _SNAP * length_m < place < (1 - _SNAP) * length_m:
+            edges.append(place)
+    edges.append(length_m)
+    pieces = [
+        np.linspace(start, stop, int(np.ceil((stop - start) / device.bar.largest_element_m - 1e-9)), endpoint=False)
+        for start, stop in itertools.pairwise(edges)
+    ]
+    return np.append(np.concatenate(pieces), length_m)
+
+
+def assemble(device: Device, extra_m: Sequence[float] = ()) -> Plant:
+    """The plant of the untouched bar, C = C_A + sigma M + eta K (paper eqs. (2), (3)).
+
+    Sigma and eta are the bar's material damping, so M and K there are the bar's own, without bolts and springs:
+    eta times an actuator's spring would be 20 times the damper that was measured for it.
+    """
+    bar = device.bar
+    node_m = build_mesh(device, extra_m)
+    size = 2 * len(node_m)
+    K, M = np.zeros((BANDWIDTH + 1, size)), np.zeros((BANDWIDTH + 1, size))
+    bending_stiffness = bar.youngs_modulus_pa * bar.width_m * bar.thickness_m**3 / 12
+    mass_per_length = bar.density_kg_per_m3 * bar.width_m * bar.thickness_m
+    for i, length_m in enumerate(np.diff(node_m)):
+        _add(K, 2 * i, stiffness_matrix(bending_stiffness, length_m))
+        _add(M, 2 * i, mass_per_length * shape_integral(length_m))
+    C = bar.mass_damping_per_s * M + bar.stiffness_damping_s * K
+    plant = Plant(device, node_m, K, C, M)
+    for actuator, dof in zip(device.actuators, plant.actuator_dof, strict=True):
+        K[-1, dof] += actuator.stiffness_n_per_m
+        C[-1, dof] += actuator.damping_n_s_per_m
+        M[-1, dof] += actuator.mass_kg
+    return plant
+
+
+def dense(band: Array) -> Array:
+    """The full symmetric matrix of an upper band."""
+    size = band.shape[1]
+    full = np.zeros((size, size))
+    for k in range(BANDWIDTH + 1):
+        diagonal = band[BANDWIDTH - k, k:]
+        full[np.arange(size - k), np.arange(k, size)] = diagonal
+        full[np.arange(k, size), np.arange(size - k)] = diagonal
+    return full
+
+
+def _add(band: Array, first: int, block: Array) -> None:
+    """Add a symmetric 4 x 4 element block at degree of freedom `first`."""
+    for row in range(4):
+        for column in range(row, 4):
+            band[BANDWIDTH + row - column, first + column] += block[row, column]

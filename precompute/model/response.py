@@ -1,0 +1,56 @@
+"""The plant to its unit responses: one banded complex solve a frequency, one column an actuator or a point touched."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precompute.model.assembly import Plant
+from precompute.model.band_solver import solve_banded
+
+
+@dataclass(frozen=True)
+class Response:
+    """Displacement of the bar, shape (frequency, column, degree of freedom).
+
+    Metres per full-scale base displacement for an actuator's column, metres per newton for a touched point's.
+    """
+
+    plant: Plant
+    frequency_hz: NDArray[np.float64]
+    displacement_m: NDArray[np.complex128]
+
+    def acceleration(self, position_m: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """A = -omega^2 G at positions (point,): shape (frequency, column, point), m/s^2 at full scale."""
+        omega = 2 * np.pi * self.frequency_hz
+        return -(omega**2)[:, None, None] * self.plant.sampler(position_m).sample(self.displacement_m)
+
+
+def solve_response(
+    plant: Plant, frequency_hz: NDArray[np.float64], touched_m: NDArray[np.float64] | None = None
+) -> Response:
+    """G(omega) = (K + j omega C - omega^2 M)^-1 F(omega), F_i = (k_i + j omega c_i) alpha_i (PHYSICS.md section 1).
+
+    A column for each actuator, as measured where it was, then one for a unit force at each position of `touched_m`.
+    """
+    actuators = plant.device.actuators
+    touched = plant.sampler(np.zeros(0) if touched_m is None else touched_m)
+    points = len(touched.element)
+    at_actuator = np.zeros((len(actuators), 4))
+    at_actuator[:, 0] = 1.0
+    out = np.zeros((len(frequency_hz), len(actuators) + points, plant.size), dtype=np.complex128)
+    solve_banded(
+        plant.K,
+        plant.C,
+        plant.M,
+        2 * np.pi * np.ascontiguousarray(frequency_hz, dtype=np.float64),
+        np.concatenate([plant.actuator_dof, 2 * touched.element]),
+        np.concatenate([at_actuator, touched.weight]),
+        np.array([a.stiffness_n_per_m * a.full_scale_m for a in actuators] + [1.0] * points),
+        np.array([a.damping_n_s_per_m * a.full_scale_m for a in actuators] + [0.0] * points),
+        out,
+    )
+    known = plant.known_field(np.asarray(frequency_hz, dtype=np.float64))
+    if known is not None:
+        out[:, : len(actuators)] = known
+    return Response(plant, np.asarray(frequency_hz, dtype=np.float64), out)

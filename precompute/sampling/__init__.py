@@ -1,0 +1,1 @@
+"""Sampled fingers, plants and bars: what may be met."""

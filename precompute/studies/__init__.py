@@ -1,0 +1,1 @@
+"""Questions about a design: placement, resolution, reach."""

@@ -1,0 +1,210 @@
+"""A device to better places for its actuators: the worst of all states of one felt and one quiet finger made best.
+
+A search, not a proof: all placements of a coarse grid are screened (studies.two_fingers), the best few are moved in
+ever smaller steps while that helps, and what comes out is judged by the entries that a table would hold.
+"""
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from precompute.parallel.pool import Crew
+from precompute.parallel.shared_work import solve_shared
+from precompute.sampling.fingers import Touches, sample_touches
+from precompute.studies.two_fingers import TwoFingers, screen_two_fingers, solve_two_fingers
+
+Array = NDArray[np.float64]
+Places = tuple[float, ...]
+Told = Callable[[float], None]
+
+MOST = 300
+"""Placements screened for each number of actuators."""
+MARGIN, APART = 0.02, 0.05
+"""Fractions of the bar's length that an actuator keeps from its ends, and from the next one. ESTIMATE: their size."""
+_STEP_HZ, _FINE_STEP_HZ = 4.0, 2.0
+_STARTS, _MOVES, _FINEST = 4, 12, 0.005
+"""Placements moved, rounds of moves of each, and the smallest step as a fraction of the bar's length."""
+_JUDGED = 2
+_SCREENING, _MOVING = 0.3, 0.6
+"""Fractions done after these parts."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Positions from the bar's start, rising, whose they are ("found", "as described", "even"), and what they give."""
+
+    name: str
+    position_m: Places
+    fingers: TwoFingers
+
+
+@dataclass(frozen=True, eq=False)
+class PlacementSearch:
+    """What was looked at for one number of actuators, and the placements judged, the best first.
+
+    screened_m (placement, actuator); screened_db (placement,): worst contrast by the screening, NaN where a level is
+    out of reach. moved: placements looked at besides.
+    """
+
+    screened_m: Array
+    screened_db: Array
+    moved: int
+    judged: tuple[Placement, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of actuators."""
+        return int(self.screened_m.shape[1])
+
+
+def with_actuators_at(device: Device, position_m: Sequence[float]) -> Device:
+    """The device with an actuator at each position, rising: its own in their order, repeated where there are more."""
+    own, count = sorted(device.actuators, key=lambda actuator: actuator.position_m), len(position_m)
+    chosen = [own[i * len(own) // count] for i in range(count)]
+    placed = [
+        replace(actuator, name=f"actuator {i + 1}", position_m=at)
+        for i, (actuator, at) in enumerate(zip(chosen, sorted(position_m), strict=True))
+    ]
+    return replace(device, actuators=tuple(placed))
+
+
+def even_places(device: Device, count: int) -> Places:
+    """The middles of so many equal parts of the bar."""
+    return tuple(((np.arange(count) + 0.5) / count * device.bar.length_m).tolist())
+
+
+def own_places(device: Device) -> Places:
+    """Where the device has its actuators, rising."""
+    return tuple(sorted(actuator.position_m for actuator in device.actuators))
+
+
+def grid_of(device: Device, count: int, most: int) -> tuple[list[Places], float]:
+    """All placements of the finest even grid that has at most `most` of them, and its step in metres."""
+    low_m, high_m = MARGIN * device.bar.length_m, (1 - MARGIN) * device.bar.length_m
+    points = count + 1
+    while comb(points + 1, count) <= most:
+        points += 1
+    grid_m = np.linspace(low_m, high_m, points).tolist()
+    return [at for at in itertools.combinations(grid_m, count) if _is_buildable(device, at)], grid_m[1] - grid_m[0]
+
+
+def search_placement(
+    device: Device, count: int, wanted_db: float, most: int, told: Told, crew: Crew | None = None
+) -> PlacementSearch:
+    """Search where `count` actuators go for the best worst state at `wanted_db`; `told` the fraction done.
+
+    This process and its crew share the work.
+    """
+    solve = partial(solve_shared, crew or Crew(0))
+    look = Screening(device, sample_touches(device), wanted_db, _STEP_HZ)
+    grid, step_m = grid_of(device, count, most)
+    screened = solve(look.begin, grid, lambda done: told(_SCREENING * done))
+    order = sorted(range(len(grid)), key=lambda i: screened[i].rank, reverse=True)
+    starts = list(_distinct([grid[i] for i in order], step_m))
+    climb = partial(_begin_climb, replace(look, step_hz=_FINE_STEP_HZ), step_m)
+    climbed = solve(climb, starts, lambda done: told(_SCREENING + (_MOVING - _SCREENING) * done))
+    best = sorted({end.position_m: end.rank for end in climbed}.items(), key=lambda item: item[1], reverse=True)
+    named = _to_judge(device, [at for at, _ in best[:_JUDGED]])
+    judge = partial(_begin_judging, device, wanted_db)
+    fingers = solve(judge, [at for _, at in named], lambda done: told(_MOVING + (1 - _MOVING) * done))
+    return PlacementSearch(
+        screened_m=np.array(grid),
+        screened_db=np.array([found.worst_db if found.is_reached else np.nan for found in screened]),
+        moved=sum(end.looked_at for end in climbed),
+        judged=_ranked([Placement(name, at, found) for (name, at), found in zip(named, fingers, strict=True)]),
+    )
+
+
+@dataclass(frozen=True)
+class Screening:
+    """What placements of a device are screened with; its `begin` gives a process what it screens by."""
+
+    device: Device
+    touches: Touches
+    wanted_db: float
+    step_hz: float
+
+    def begin(self) -> Callable[[Places], TwoFingers]:
+        """For a process."""
+        return self.of
+
+    def of(self, at: Places) -> TwoFingers:
+        """Of one placement."""
+        return screen_two_fingers(with_actuators_at(self.device, at), self.touches, self.wanted_db, self.step_hz)
+
+
+@dataclass(frozen=True)
+class Climbed:
+    """Where a climb ended, how that ranks, and how many placements it looked at."""
+
+    position_m: Places
+    rank: tuple[bool, float]
+    looked_at: int
+
+
+def _begin_climb(look: Screening, step_m: float) -> Callable[[Places], Climbed]:
+    return lambda start: _climb(look, start, step_m)
+
+
+def _begin_judging(device: Device, wanted_db: float) -> Callable[[Places], TwoFingers]:
+    return lambda at: solve_two_fingers(with_actuators_at(device, at), wanted_db)
+
+
+def _climb(look: Screening, start: Places, step_m: float) -> Climbed:
+    """Move one actuator at a time to where that is best, half the step when no move helps."""
+    ranks, at = {start: look.of(start).rank}, start
+    for _ in range(_MOVES):
+        step_m /= 2
+        if step_m < _FINEST * look.device.bar.length_m:
+            break
+        moves = list(_moves(look.device, at, step_m))
+        ranks |= {move: look.of(move).rank for move in moves if move not in ranks}
+        best = max([at, *moves], key=ranks.__getitem__)
+        step_m *= 1 if best == at else 2
+        at = best
+    return Climbed(at, ranks[at], len(ranks))
+
+
+def _moves(device: Device, at: Places, step_m: float) -> Iterator[Places]:
+    for i, by_m in itertools.product(range(len(at)), (-step_m, step_m)):
+        moved = (*at[:i], round(at[i] + by_m, 6), *at[i + 1 :])
+        if _is_buildable(device, moved):
+            yield moved
+
+
+def _distinct(ordered: Sequence[Places], step_m: float) -> Iterator[Places]:
+    """The first few that are not next to one another on the grid."""
+    chosen = list[Places]()
+    for at in ordered:
+        if all(np.abs(np.subtract(at, other)).max() > 1.5 * step_m for other in chosen):
+            chosen.append(at)
+            yield at
+        if len(chosen) == _STARTS:
+            return
+
+
+def _is_buildable(device: Device, at: Places) -> bool:
+    length_m, slack_m = device.bar.length_m, 1e-6
+    gaps_m = np.diff(at)
+    inside = at[0] >= MARGIN * length_m - slack_m and at[-1] <= (1 - MARGIN) * length_m + slack_m
+    return bool(inside and (gaps_m >= APART * length_m - slack_m).all())
+
+
+def _to_judge(device: Device, found: Sequence[Places]) -> list[tuple[str, Places]]:
+    """The best of those found, the even placement and, of as many actuators, the device's own."""
+    count = len(found[0])
+    named = [*(("found", at) for at in found), ("even", even_places(device, count))]
+    return [*named, ("as described", own_places(device))] if count == len(device.actuators) else named
+
+
+def _ranked(judged: Sequence[Placement]) -> tuple[Placement, ...]:
+    """Best first; of those found only the best."""
+    ordered = sorted(judged, key=lambda placement: placement.fingers.rank, reverse=True)
+    first = next(placement for placement in ordered if placement.name == "found")
+    return tuple(placement for placement in ordered if placement is first or placement.name != "found")

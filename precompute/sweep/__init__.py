@@ -1,0 +1,1 @@
+"""Responses to the tables of localized factor and peak acceleration."""

@@ -1,0 +1,93 @@
+"""Frequencies and places at which the plant is looked at, and everything it answers there."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from precompute.model.assembly import Plant
+from precompute.model.gram import compute_gram
+from precompute.model.response import solve_response
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+SAMPLING_ERROR = 2e-3
+"""Greatest relative error of a tabulated peak from looking at finitely many points of a zone."""
+
+
+@dataclass(frozen=True)
+class GridResponse:
+    """Unit responses on a grid. Bands are not applied: `in_band` (frequency, actuator) says what may be driven.
+
+    acceleration (frequency, actuator, zone, point) m/s^2 at full scale; gram (frequency, zone, actuator, actuator) and
+    total (frequency, actuator, actuator) in one arbitrary unit of energy.
+    """
+
+    device: Device
+    frequency_hz: Array
+    position_m: Array
+    acceleration: Complex
+    gram: Complex
+    total: Complex
+    in_band: NDArray[np.bool_]
+
+
+def zone_points(device: Device) -> Array:
+    """Positions (zone, point), edges included, a multiple of 8, close enough for SAMPLING_ERROR.
+
+    A peak between two points is missed by about (k d)^2 / 8, k the bending wave number at the highest frequency; twice
+    that is allowed for, since near fields curve more than waves.
+    """
+    bar = device.bar
+    omega = 2 * np.pi * device.sweep.stop_hz
+    wave_number = (omega**2 * 12 * bar.density_kg_per_m3 / (bar.youngs_modulus_pa * bar.thickness_m**2)) ** 0.25
+    spacing_m = np.sqrt(4 * SAMPLING_ERROR) / wave_number
+    longest_m = max(zone.length_m for zone in device.zones)
+    count = 8 * int(np.ceil((longest_m / spacing_m + 1) / 8))
+    return np.stack([np.linspace(zone.start_m, zone.stop_m, count) for zone in device.zones])
+
+
+def compute_grid_response(plant: Plant, frequency_hz: Array, position_m: Array) -> GridResponse:
+    """Solve the plant at every frequency and look at every position (zone, point)."""
+    response = solve_response(plant, frequency_hz)
+    acceleration = response.acceleration(position_m.ravel())
+    bands = np.array([actuator.band_hz for actuator in plant.device.actuators])
+    gram, total = compute_gram(response)
+    tolerance = 1e-9 * frequency_hz[:, None]
+    return GridResponse(
+        device=plant.device,
+        frequency_hz=frequency_hz,
+        position_m=position_m,
+        acceleration=acceleration.reshape(*acceleration.shape[:2], *position_m.shape),
+        gram=gram,
+        total=total,
+        in_band=(frequency_hz[:, None] >= bands[:, 0] - tolerance) & (frequency_hz[:, None] <= bands[:, 1] + tolerance),
+    )
+
+
+@dataclass(frozen=True)
+class InterpolationError:
+    """What a straight line between neighbouring frequencies gets wrong at their middle: shape (interval, actuator)."""
+
+    localized_factor: Array
+    """Greatest error of a zone's localized factor, one actuator driven."""
+    peak_acceleration: Array
+    """Greatest error of a zone's peak, relative to the peak there."""
+
+
+def estimate_interpolation_error(plant: Plant, grid: GridResponse) -> InterpolationError:
+    """Solve the middles too and compare."""
+    middle = compute_grid_response(plant, (grid.frequency_hz[:-1] + grid.frequency_hz[1:]) / 2, grid.position_m)
+    (share, level), (share_there, level_there) = _single_figures(grid), _single_figures(middle)
+    return InterpolationError(
+        abs((share[:-1] + share[1:]) / 2 - share_there).max(axis=2),
+        abs((level[:-1] + level[1:]) / 2 / level_there - 1).max(axis=2),
+    )
+
+
+def _single_figures(grid: GridResponse) -> tuple[Array, Array]:
+    """Localized factor and peak of each actuator alone at full scale: (frequency, actuator, zone)."""
+    energy = np.einsum("fzii->fiz", grid.gram).real
+    return energy / np.einsum("fii->fi", grid.total).real[..., None], abs(grid.acceleration).max(axis=3)

@@ -1,0 +1,210 @@
+"""Responses to the arrays of a table: responses, pair sweep, coherent sweep; in chunks, so that memory is bounded."""
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from engine.table.file import TableWriter, Variable
+from precompute.model.assembly import Plant
+from precompute.sweep.coherent import compute_coherent_figures, pair_directions
+from precompute.sweep.grid import SAMPLING_ERROR, GridResponse, estimate_interpolation_error
+from precompute.sweep.kernels import AmplitudeRatios, fill_pair_sweep, fold_amplitudes
+
+Single = NDArray[np.float32]
+
+_FIGURES = (
+    ("localized_factor", "1", "share of the bar's kinetic energy, paper eq. (10); NaN: nothing moves"),
+    ("peak_acceleration", "m s-2", "greatest peak acceleration in the zone, paper eq. (8)"),
+    ("dead_spot", "m s-2", "least peak acceleration in the zone"),
+)
+
+
+def write_responses(writer: TableWriter, plant: Plant, grid: GridResponse) -> None:
+    """Write accelerations and Gram matrices on the grid, and what interpolating between its frequencies gets wrong."""
+    device = plant.device
+    error = estimate_interpolation_error(plant, grid)
+    group = "responses"
+    _write_axes(writer, group, device, "frequency", "actuator", "zone")
+    position = Variable("position", ("zone", "point"), "m", "places looked at in each zone, from the bar's start")
+    writer.write(group, position, grid.position_m)
+    writer.write(group, Variable("part", ("part",), "1", "of a complex number"), ["real", "imaginary"])
+    unit = np.einsum("fii->f", grid.total).real.max()
+    for name, dimensions, unit_name, meaning, values in (
+        (
+            "acceleration",
+            ("frequency", "actuator", "zone", "point"),
+            "m s-2",
+            "complex, one actuator at full scale, others still",
+            grid.acceleration,
+        ),
+        (
+            "zone_gram",
+            ("frequency", "zone", "actuator", "actuator_2"),
+            "1",
+            "R_z, energy of the zone; one arbitrary unit",
+            grid.gram / unit,
+        ),
+        (
+            "total_gram",
+            ("frequency", "actuator", "actuator_2"),
+            "1",
+            "T, energy of the whole bar, in the unit of zone_gram",
+            grid.total / unit,
+        ),
+    ):
+        split = np.stack([values.real, values.imag], axis=-1)
+        writer.write(group, Variable(name, (*dimensions, "part"), unit_name, meaning), split)
+    middle = (grid.frequency_hz[:-1] + grid.frequency_hz[1:]) / 2
+    writer.write(group, Variable("interval", ("interval",), "Hz", "middle between two frequencies"), middle)
+    for name, values, meaning in (
+        (
+            "localized_factor_error",
+            error.localized_factor,
+            "of linear interpolation, greatest over the zones; ESTIMATE",
+        ),
+        ("peak_acceleration_error", error.peak_acceleration, "the same, relative to the peak; ESTIMATE"),
+    ):
+        writer.write(group, Variable(name, ("interval", "actuator"), "1", meaning), values)
+    sampling = Variable("sampling_error", (), "1", "bound on the relative error of a peak between two points")
+    writer.write(group, sampling, np.array(SAMPLING_ERROR))
+
+
+def _write_axes(writer: TableWriter, group: str, device: Device, *names: str) -> None:
+    sweep = device.sweep
+    frequency = {"frequency": "frequency", "frequency_1": "of the first", "frequency_2": "of the second"}
+    amplitude = {"amplitude_1": "of the first, of full scale", "amplitude_2": "of the second, of full scale"}
+    for name in names:
+        if name in frequency:
+            writer.write(group, Variable(name, (name,), "Hz", frequency[name]), sweep.frequency_hz)
+        elif name in amplitude:
+            writer.write(group, Variable(name, (name,), "1", amplitude[name]), sweep.amplitude)
+        elif name == "pair":
+            pairs = [f"{a.name} + {b.name}" for a, b in itertools.combinations(device.actuators, 2)]
+            writer.write(group, Variable("pair", ("pair",), "1", "first + second actuator"), pairs)
+        else:
+            things = device.zones if name == "zone" else device.actuators
+            writer.write(group, Variable(name, (name,), "1", f"name of the {name}"), [thing.name for thing in things])
+
+
+@dataclass(frozen=True)
+class PairSweep:
+    """One actuator pair ready for `fill_pair_sweep`, in single precision; see there for the shapes."""
+
+    level_1: Single
+    level_2: Single
+    energy_1: Single
+    energy_2: Single
+    total_1: Single
+    total_2: Single
+    ratios: AmplitudeRatios
+
+    def fill(self, rows: slice, out: Sequence[Single]) -> None:
+        """Fill factor, peak, dead, each (frequency_1, amplitude_1 * amplitude_2, zone, frequency_2), for some rows."""
+        fill_pair_sweep(
+            self.level_1[rows],
+            self.level_2,
+            self.energy_1[rows],
+            self.energy_2,
+            self.total_1[rows],
+            self.total_2,
+            self.ratios.first,
+            self.ratios.second,
+            self.ratios.ratio.ravel(),
+            self.ratios.multiple.ravel().astype(np.float32),
+            *out,
+        )
+
+
+def prepare_pair_sweep(grid: GridResponse, pair: tuple[int, int]) -> PairSweep:
+    """Levels and energies of two actuators of the grid."""
+    unit = np.einsum("fii->f", grid.total).real.max()
+    first, second = pair
+
+    def single(values: NDArray[np.floating]) -> Single:
+        return np.ascontiguousarray(values, dtype=np.float32)
+
+    return PairSweep(
+        level_1=single(abs(grid.acceleration[:, first])),
+        level_2=single(abs(grid.acceleration[:, second]).transpose(1, 2, 0)),
+        energy_1=single(grid.gram[:, :, first, first].real / unit),
+        energy_2=single(grid.gram[:, :, second, second].real.T / unit),
+        total_1=single(grid.total[:, first, first].real / unit),
+        total_2=single(grid.total[:, second, second].real / unit),
+        ratios=fold_amplitudes(grid.device.sweep.amplitude_steps),
+    )
+
+
+def write_pair_sweep(writer: TableWriter, grid: GridResponse, memory_budget_bytes: int) -> Iterator[float]:
+    """Write the (f1, f2, a1, a2) sweep of every actuator pair, a chunk of rows at a time; yields the fraction done."""
+    device = grid.device
+    pairs = list(itertools.combinations(range(len(device.actuators)), 2))
+    if not pairs:
+        return
+    names = ("pair", "frequency_1", "amplitude_1", "amplitude_2", "zone", "frequency_2")
+    _write_axes(writer, "sweep", device, *names)
+    count, steps, zones = len(grid.frequency_hz), device.sweep.amplitude_steps + 1, len(device.zones)
+    shape = (len(pairs), count, steps, steps, zones, count)
+    row_bytes = len(_FIGURES) * 4 * steps * steps * zones * count
+    chunk = max(1, min(count, memory_budget_bytes // row_bytes))
+    buffers = [np.empty((chunk, steps * steps, zones, count), dtype=np.float32) for _ in _FIGURES]
+    streams = [writer.open_stream("sweep", Variable(n, names, u, m), shape, np.float32) for n, u, m in _FIGURES]
+    for p, pair in enumerate(pairs):
+        sweep = prepare_pair_sweep(grid, pair)
+        diagonal = _diagonal(grid, pair, sweep.ratios)
+        for start in range(0, count, chunk):
+            rows = slice(start, min(start + chunk, count))
+            views = [buffer[: rows.stop - start] for buffer in buffers]
+            sweep.fill(rows, views)
+            for view, values in zip(views, diagonal, strict=True):
+                frequencies = np.arange(start, rows.stop)
+                view[frequencies - start, :, :, frequencies] = values[frequencies]
+                view[~grid.in_band[rows, pair[0]]] = np.nan
+                view[..., ~grid.in_band[:, pair[1]]] = np.nan
+            for stream, view in zip(streams, views, strict=True):
+                stream.append(view)
+            yield (p + rows.stop / count) / len(pairs)
+    for stream in streams:
+        stream.close()
+
+
+def _diagonal(grid: GridResponse, pair: tuple[int, int], ratios: AmplitudeRatios) -> list[Single]:
+    """Factor, peak, dead (frequency, combination, zone) where both actuators play one frequency at phase 0."""
+    directions = np.zeros((len(grid.device.actuators), len(ratios.first)), dtype=np.complex128)
+    directions[pair[0]], directions[pair[1]] = ratios.first, ratios.second
+    figures = compute_coherent_figures(grid, directions)
+    index, multiple = ratios.ratio.ravel(), ratios.multiple.ravel().astype(np.float32)
+    factor, peak, dead = (
+        values.transpose(0, 2, 1)[:, index] for values in (figures.factor, figures.peak, figures.dead)
+    )
+    factor[:, multiple == 0] = np.nan
+    return [factor, peak * multiple[:, None], dead * multiple[:, None]]
+
+
+def write_coherent_sweep(writer: TableWriter, grid: GridResponse) -> None:
+    """Write the sweep over (frequency, amplitude ratio, phase) of every actuator pair at one common frequency."""
+    device = grid.device
+    pairs = list(itertools.combinations(range(len(device.actuators)), 2))
+    if not pairs:
+        return
+    group, names = "coherent_sweep", ("pair", "frequency", "zone", "ratio", "phase")
+    ratios, steps = fold_amplitudes(device.sweep.amplitude_steps), device.sweep.phase_steps
+    _write_axes(writer, group, device, "pair", "frequency", "zone")
+    strongest = np.maximum(ratios.first, ratios.second)
+    for name, amplitude in (("amplitude_1", ratios.first / strongest), ("amplitude_2", ratios.second / strongest)):
+        meaning = "of this ratio, the stronger actuator at full scale"
+        writer.write(group, Variable(name, ("ratio",), "1", meaning), amplitude)
+    phase = Variable("phase", ("phase",), "rad", "of the second actuator against the first")
+    writer.write(group, phase, 2 * np.pi * np.arange(steps) / steps)
+    shape = (len(pairs), len(grid.frequency_hz), len(device.zones), len(strongest), steps)
+    streams = [writer.open_stream(group, Variable(n, names, u, m), shape, np.float32) for n, u, m in _FIGURES]
+    for pair in pairs:
+        figures = compute_coherent_figures(grid, pair_directions(len(device.actuators), pair, ratios, steps))
+        for stream, values in zip(streams, (figures.factor, figures.peak, figures.dead), strict=True):
+            values.transpose(0, 2, 1)[~figures.allowed] = np.nan
+            stream.append(values.reshape(shape[1:]))
+    for stream in streams:
+        stream.close()

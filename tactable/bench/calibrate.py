@@ -1,0 +1,225 @@
+"""How well and how fast a calibration finds what is known: synthetic bars, noise, wrong readings, seeded draws."""
+
+import json
+import platform
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table as Grid
+
+from tactable.progress import shown_progress
+from tactable.shipped import find_device
+
+Array = NDArray[np.float64]
+
+PAIRS_HZ = ((150, 130), (150, 200), (150, 230), (120, 180), (180, 210), (210, 120), (100, 250))
+"""The paper's three, then others in its band."""
+_out = Console()
+
+
+@dataclass(frozen=True)
+class Case:
+    """Bars like `device`, `pairs` drives read at 22 points; `published`: sigma is the published one, next to 0."""
+
+    device: str
+    pairs: int
+    noise: float
+    wrong: float = 0.0
+    loss: str = "robust"
+    published: bool = False
+
+
+CASES = (
+    *(
+        Case(name, pairs, noise)
+        for name in ("reference-a", "reference-d")
+        for pairs in (3, 5, 7)
+        for noise in (0, 0.01, 0.05)
+    ),
+    *(Case("reference-a", 5, noise, published=True) for noise in (0.01, 0.05)),
+    *(
+        Case("reference-a", 5, noise, wrong=0.1, loss=loss)
+        for loss in ("l1", "robust", "squares")
+        for noise in (0, 0.01)
+    ),
+)
+
+
+def register(bench: typer.Typer) -> None:
+    """Add the command to the benchmarks."""
+
+    @bench.command("calibrate")
+    def bench_calibrate(
+        draws: Annotated[int, typer.Option(min=1, max=10_000, help="Bars of each case.")] = 10,
+        figure: Annotated[Path | None, typer.Option("--figure", help="Draw the coverage here.")] = None,
+        as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
+    ) -> None:
+        """Synthetic bars with known parameters: what is found, how often intervals hold it, how long it takes."""
+        with shown_progress(as_json) as progress:
+            result = run_calibrate_bench(CASES, draws, progress)
+        if figure is not None:
+            draw_calibrate_bench(result, figure)
+        if as_json:
+            print(json.dumps(result, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
+        else:
+            print_calibrate_bench(_out, result)
+
+
+def run_calibrate_bench(
+    cases: Sequence[Case], draws: int, progress: Callable[[str, float], None] = lambda _step, _fraction: None
+) -> dict[str, Any]:
+    """Every case with `draws` bars; the draws of a case depend on nothing but their number."""
+    from threadpoolctl import threadpool_limits
+
+    rows = []
+    with threadpool_limits(1, "blas"):
+        for number, case in enumerate(cases):
+            progress(f"{case.device} {case.pairs} pairs", number / len(cases))
+            rows.append(_run_case(case, draws))
+    return {
+        "machine": {"python": platform.python_version(), "processor": platform.machine()},
+        "draws": draws,
+        "cases": rows,
+    }
+
+
+def _run_case(case: Case, draws: int) -> dict[str, Any]:
+    found = [_run_draw(case, seed) for seed in range(draws)]
+    names = found[0].names
+    error, held, wide = (np.array([getattr(draw, key) for draw in found]) for key in ("error", "held", "open"))
+    seconds = np.array([draw.seconds for draw in found])
+    return {
+        "device": case.device,
+        "pairs": case.pairs,
+        "noise": case.noise,
+        "wrong": case.wrong,
+        "loss": case.loss,
+        "sigma": "as published" if case.published else "0.3 to 10 1/s",
+        "parameters": [
+            {
+                "name": name,
+                "median_error": float(np.median(error[:, i])),
+                "greatest_error": float(error[:, i].max()),
+                "held": float(held[:, i].mean()),
+                "open": float(wide[:, i].mean()),
+            }
+            for i, name in enumerate(names)
+        ],
+        "held": float(held.mean()),
+        "seconds": {"median": float(np.median(seconds)), "greatest": float(seconds.max())},
+    }
+
+
+@dataclass(frozen=True)
+class Draw:
+    """One bar: relative errors, whether the intervals hold the true values and touch their bounds; (parameter,)."""
+
+    names: tuple[str, ...]
+    error: Array
+    held: NDArray[np.bool_]
+    open: NDArray[np.bool_]
+    seconds: float
+
+
+def _run_draw(case: Case, seed: int) -> Draw:
+    from precompute.calibration.calibrate import Known, calibrate
+    from precompute.calibration.misfit import Loss
+    from precompute.measurements.parameters import default_names, with_changes
+    from precompute.measurements.simulate import SENSOR_MASS_KG, Flaws, even_places, simulate_measurements
+    from precompute.measurements.types import lay_out
+
+    device = find_device(case.device)
+    names = default_names(device)
+    truth = draw_truth(device, names, seed, published=case.published)
+    layout = lay_out(np.array(PAIRS_HZ[: case.pairs]), even_places(device), SENSOR_MASS_KG)
+    bar = with_changes(device, dict(zip(names, truth.tolist(), strict=True)))
+    measured = simulate_measurements(bar, layout, Flaws(case.noise, case.wrong), seed)
+    start = time.perf_counter()
+    found = calibrate(device, measured, loss=Loss(case.loss))
+    seconds = time.perf_counter() - start
+    value, low, high = np.array([(e.value, e.low, e.high) for e in found.estimates]).T
+    return Draw(
+        names=names,
+        error=np.abs(value / truth - 1),
+        held=(low <= truth * (1 + 1e-9)) & (truth <= high * (1 + 1e-9)),
+        open=np.array([e.known not in (Known.WELL, Known.ROUGHLY) for e in found.estimates]),
+        seconds=seconds,
+    )
+
+
+def draw_truth(device: Any, names: Sequence[str], seed: int, *, published: bool) -> Array:
+    """Values (parameter,), SI: stiffness within 30 % of the description, full scale 40 %, damping a factor of e."""
+    from precompute.measurements.parameters import find_parameters
+
+    random = np.random.default_rng(seed)
+    out = []
+    for parameter in find_parameters(device, names, {}, 0.0):
+        factor = {
+            "stiffness": random.uniform(0.75, 1.3),
+            "full_scale": random.uniform(0.7, 1.4),
+            "damping": np.exp(random.uniform(-1, 1)),
+            "stiffness_damping": np.exp(random.uniform(-1, 1)),
+            "mass_damping": 1.0 if published else np.exp(random.uniform(np.log(0.3), np.log(10))) / parameter.start,
+        }[parameter.key]
+        out.append(parameter.start * float(factor))
+    return np.array(out)
+
+
+def print_calibrate_bench(out: Console, result: dict[str, Any]) -> None:
+    """One line a case."""
+    grid = Grid("bars like", "pairs", "noise", "wrong", "loss", "sigma", "held", "worst error without sigma", "seconds")
+    for row in result["cases"]:
+        worst = max(p["greatest_error"] for p in row["parameters"] if p["name"] != "bar.mass_damping")
+        grid.add_row(
+            row["device"],
+            str(row["pairs"]),
+            f"{100 * row['noise']:g} %",
+            f"{100 * row['wrong']:g} %",
+            row["loss"],
+            row["sigma"],
+            f"{100 * row['held']:.1f} %",
+            f"{worst:.1e}",
+            f"{row['seconds']['median']:.2f} ({row['seconds']['greatest']:.2f})",
+        )
+    out.print(grid)
+
+
+def draw_calibrate_bench(result: dict[str, Any], path: Path) -> None:
+    """Share of intervals that hold the true value, by parameter and case with noise."""
+    from matplotlib.figure import Figure
+
+    from tactable.figures.file import Picture, check_paths, write_picture
+    from tactable.figures.style import BLACK, GREY
+
+    check_paths(path, None)
+    cases = [row for row in result["cases"] if row["noise"] > 0]
+    figure = Figure(figsize=(10, 1.6 + 0.33 * len(cases)), layout="constrained")
+    axes = figure.add_subplot()
+    for height, row in enumerate(reversed(cases)):
+        for i, parameter in enumerate(row["parameters"]):
+            marker = "os^vDP"[i % 6]
+            axes.plot(100 * parameter["held"], height, marker, ms=5, alpha=0.7, color=f"C{i}")
+        axes.plot(100 * row["held"], height, "|", ms=14, mew=2, color=BLACK)
+    axes.axvspan(90, 98, color=GREY, alpha=0.2, lw=0)
+    labels = [
+        f"{row['device']}, {row['pairs']} pairs, {100 * row['noise']:g} %"
+        + (f", {100 * row['wrong']:g} % wrong" if row["wrong"] else "")
+        + (f", {row['loss']}" if row["loss"] != "robust" else "")
+        + (", sigma as published" if row["sigma"] == "as published" else "")
+        for row in reversed(cases)
+    ]
+    axes.set_yticks(range(len(cases)), labels, fontsize="small")
+    axes.set_xlabel("intervals of 95 % that hold the true value (%); | is the mean of the parameters")
+    for i, parameter in enumerate(cases[0]["parameters"]):
+        axes.plot([], [], "os^vDP"[i % 6], color=f"C{i}", label=parameter["name"])
+    axes.legend(fontsize="small", loc="upper left")
+    caption = f"SIMULATED bars with known parameters, {result['draws']} of each case"
+    figure.suptitle(caption, fontsize="medium")
+    write_picture(Picture(figure, {}, {}, caption), path)

@@ -1,0 +1,185 @@
+"""Every state of one felt and one quiet finger: the click against steady drives gated, on the same fresh plants."""
+
+import itertools
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table as Grid
+
+from engine.device.device import Device
+from engine.table.entry import Entry
+from engine.touch.finger_tracker import ZoneState
+from precompute.clicks.baselines import gate
+from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
+from precompute.clicks.solver import Click, ClickSolver
+from precompute.entries.alternatives import paper_drive
+from precompute.entries.prediction import States
+from precompute.entries.solver import EntrySolver
+from precompute.model.assembly import assemble
+from precompute.parallel.cores import available_cores
+from precompute.parallel.pool import solve_in_processes
+from tactable.figures.file import check_paths, write_picture
+from tactable.progress import shown_progress
+from tactable.shipped import find_device
+
+AIM_FELT_DB, AIM_QUIET_DB = 14.0, 1.0
+_WAYS = {"click": "click", "gated": "steady drive gated", "paper": "paper's objective gated"}
+_ENDS = (("felt_db", "low_db"), ("quiet_db", "high_db"))
+_out = Console()
+
+
+def register(bench: typer.Typer) -> None:
+    """Add the command to the benchmarks."""
+
+    @bench.command("clicks")
+    def bench_clicks(
+        device_name: Annotated[
+            str, typer.Argument(metavar="DEVICE", help="A device file, or a shipped name.")
+        ] = "reference-a",
+        scenarios: Annotated[
+            int, typer.Option(min=1, max=1000, help="Plants that clicks are optimised over.")
+        ] = DEFAULT_OPTIONS.scenarios,
+        judged: Annotated[int, typer.Option(min=20, max=100_000, help="Fresh plants they are judged by.")] = 1000,
+        workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one a core.")] = None,
+        growth: Annotated[
+            Path | None, typer.Option("--growth", help="Measure growth instead, and draw it to this PNG, SVG or PDF.")
+        ] = None,
+        as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
+    ) -> None:
+        """What clicks do for every pair of zones, beside gated steady drives; or how their time and memory grow."""
+        from tactable.bench.click_growth import draw_growth, print_growth, run_growth
+
+        device, count = find_device(device_name), workers or available_cores()
+        if growth is not None:
+            check_paths(growth, None)
+        with shown_progress(as_json) as told:
+            if growth is not None:
+                result = run_growth(device, partial(told, "growth"))
+                write_picture(draw_growth(result), growth)
+            else:
+                options = replace(DEFAULT_OPTIONS, scenarios=scenarios, judged=judged)
+                result = run_clicks_bench(device, options, count, partial(told, "pairs"))
+        if as_json:
+            print(json.dumps(result, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
+        elif growth is not None:
+            print_growth(_out, result)
+        else:
+            print_clicks_bench(_out, result)
+
+
+def run_clicks_bench(
+    device: Device, options: ClickOptions, workers: int, told: Callable[[float], None]
+) -> dict[str, Any]:
+    """Felt and quiet levels of every ordered pair of zones, three ways, each as loud as limits and quiet level allow.
+
+    The steady drive is the entry of the level at which it is felt most when gated. SIMULATED; `told` the fraction done.
+    """
+    zones = len(device.zones)
+    # Both orders of a pair have the same fingers, and are solved by one process.
+    chunks = [[pair, pair[::-1]] for pair in itertools.combinations(range(zones), 2)]
+    rows, start_s = dict[tuple[int, int], dict[str, Any]](), time.perf_counter()
+    for pair, row in solve_in_processes(partial(_begin, device, options), chunks, workers):
+        rows[pair] = row
+        told(len(rows) / (zones * (zones - 1)))
+    ordered = [rows[pair] for pair in sorted(rows)]
+    return {
+        "simulated": True,
+        "device": device.name,
+        "estimates": list(device.inferred),
+        "options": asdict(options),
+        "spread": asdict(device.spread),
+        "workers": workers,
+        "time_s": time.perf_counter() - start_s,
+        "pairs": ordered,
+        "summary": {way: _summary([row[way] for row in ordered]) for way in _WAYS},
+    }
+
+
+def _begin(
+    device: Device, options: ClickOptions
+) -> Callable[[tuple[int, int]], tuple[tuple[int, int], dict[str, Any]]]:
+    clicks, entries = ClickSolver(device, options), EntrySolver(assemble(device))
+    return lambda pair: (pair, _compare(clicks, entries, pair))
+
+
+def _compare(clicks: ClickSolver, entries: EntrySolver, pair: tuple[int, int]) -> dict[str, Any]:
+    device = clicks.device
+    felt, quiet = pair
+    states: States = tuple(
+        ZoneState.FELT if zone == felt else ZoneState.QUIET if zone == quiet else ZoneState.FREE
+        for zone in range(len(device.zones))
+    )
+    steady = {
+        "gated": entries.solve(states),
+        "paper": [entries.judge(states, np.inf, paper_drive(entries, states), "paper")],
+    }
+    judged = {way: _best_gated(clicks, states, drives, _WAYS[way]) for way, drives in steady.items()}
+    click = clicks.solve(states)
+    figures = {"click": _figures(click) | {"gap_db": click.gap_db}, **{way: _figures(it) for way, it in judged.items()}}
+    return {"felt": device.zones[felt].name, "quiet": device.zones[quiet].name, **figures}
+
+
+def _best_gated(clicks: ClickSolver, states: States, entries: Sequence[Entry], name: str) -> Click:
+    """Of the entries of all levels the one that is felt most when it is gated."""
+    length_s, slew_per_s = clicks.options.lengths_s[0], clicks.device.limits.slew_per_s
+    judged = [clicks.judge(states, length_s, gate(entry, length_s, slew_per_s), name) for entry in entries]
+    return max(judged, key=lambda click: click.verdict.felt.low_db)
+
+
+def _figures(click: Click) -> dict[str, Any]:
+    verdict = click.verdict
+    assert verdict.quiet is not None  # there is a quiet finger in every pair
+    return {"felt_db": asdict(verdict.felt), "quiet_db": asdict(verdict.quiet), "exceeds_s": verdict.exceeds_s}
+
+
+def _summary(figures: list[dict[str, Any]]) -> dict[str, Any]:
+    felt_db = [each["felt_db"]["low_db"] for each in figures]
+    quiet_db = [each["quiet_db"]["high_db"] for each in figures]
+    reached = [f >= AIM_FELT_DB and q <= AIM_QUIET_DB for f, q in zip(felt_db, quiet_db, strict=True)]
+    return {
+        "least_felt_db": min(felt_db),
+        "mean_felt_db": float(np.mean(felt_db)),
+        "greatest_quiet_db": max(quiet_db),
+        "reach_the_aim": sum(reached),
+    }
+
+
+def print_clicks_bench(out: Console, result: dict[str, Any]) -> None:
+    """The pairs as a table: what 95 % of the plants exceed under the felt finger, and keep to under the quiet one."""
+    options, spread = result["options"], result["spread"]
+    grid = Grid(
+        "felt",
+        "quiet",
+        *[f"{name}: {kind}" for name in _WAYS.values() for kind in ("felt dB", "quiet dB")],
+        title=f"{result['device']}, clicks of {1e3 * options['lengths_s'][0]:g} ms, SIMULATED",
+    )
+    for row in result["pairs"]:
+        levels = [f"{row[way][kind][end]:z.1f}" for way in _WAYS for kind, end in _ENDS]
+        grid.add_row(row["felt"], row["quiet"], *levels)
+    out.print(grid)
+    for way, name in _WAYS.items():
+        figures = result["summary"][way]
+        out.print(
+            f"{name}: felt {figures['least_felt_db']:.1f} dB at least, {figures['mean_felt_db']:.1f} on average; quiet "
+            f"{figures['greatest_quiet_db']:.1f} dB at most; {figures['reach_the_aim']} of {len(result['pairs'])} with "
+            f"felt {AIM_FELT_DB:g} and quiet {AIM_QUIET_DB:g}",
+            highlight=False,
+        )
+    out.print(
+        f"dB over the detection threshold, 5 % felt and 95 % quiet of {options['judged']} fresh plants; optimised over "
+        f"{options['scenarios']}, trimmed on {options['trimmed']} (seed {options['seed']}); stiffness "
+        f"{100 * spread['stiffness']:g} %, mass {100 * spread['mass']:g} %, finger {100 * spread['finger']:g} %, "
+        f"{1e3 * spread['finger_position_m']:g} mm; {result['time_s']:.0f} s by {result['workers']} processes",
+        highlight=False,
+    )
+    out.print(
+        f"ESTIMATES: {', '.join([*result['estimates'], 'detection threshold (8 dB)'])}", style="dim", markup=False
+    )

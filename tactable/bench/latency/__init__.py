@@ -1,0 +1,1 @@
+"""Latency from report to command, stage by stage."""

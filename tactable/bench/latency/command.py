@@ -1,0 +1,177 @@
+"""The command `bench latency`: from report to command, at stated rates, beside loads and floors, as a report."""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from engine.loop.realtime import Step, parse_steps
+from engine.table.table import Table
+from engine.touch.sources.recording import read_recording
+from tactable.bench.latency.compare import got_worse
+from tactable.bench.latency.load import Load
+from tactable.bench.latency.plan import Plan
+from tactable.bench.latency.run import PTY_BIT_RATE_HZ, Way
+from tactable.bench.latency.source import Stall, StalledLayer
+from tactable.bench.latency.stages import us
+from tactable.bench.latency.stream import MOST_COMMANDS_HZ, Stream, replayed, tapping
+from tactable.shipped import cache_folder, find_device
+
+EXIT_WORSE = 4
+_IN_PROCESS_REPORTS = 4_000
+_MOST_SAMPLES = 65_536
+_US = 1e3
+Told = Callable[[str], None]
+_out = Console()
+_errors = Console(stderr=True)
+
+
+def register(bench: typer.Typer) -> None:
+    """Add the command to the benchmarks."""
+
+    @bench.command("latency")
+    def bench_latency(
+        table_path: Annotated[
+            Path | None, typer.Argument(metavar="TABLE", help="A built table; default: the demo's, built if need be.")
+        ] = None,
+        rates: Annotated[str, typer.Option(help="Reports a second, rising.")] = "125,1000,4000",
+        fingers: Annotated[int, typer.Option(min=1, max=10, help="Of the generated touches; one of them taps.")] = 1,
+        recordings: Annotated[
+            list[Path] | None,
+            typer.Option("--recording", help="Send this one's reports; more: inside the process only."),
+        ] = None,
+        over: Annotated[
+            str,
+            typer.Option(metavar="sockets|pty|PORT", help="Engine alone, an emulator behind a terminal, or a port."),
+        ] = "sockets",
+        bit_rate_hz: Annotated[int, typer.Option("--bit-rate", min=1, help="Of a port, bit/s.")] = PTY_BIT_RATE_HZ,
+        loads: Annotated[str, typer.Option(help="Of idle, stress, thread.")] = "idle,stress,thread",
+        real_time: Annotated[
+            str, typer.Option("--realtime", help="Steps as of `run`: all, none, all,-priority.")
+        ] = "all",
+        ablations: Annotated[bool, typer.Option(help="Also without each step, and without all.")] = True,
+        echo: Annotated[bool, typer.Option(help="Also the C echo engine, where there is a compiler.")] = True,
+        page: Annotated[
+            bool, typer.Option("--page", help="Also with the page attached, and drawn where there is Chromium.")
+        ] = False,
+        stall: Annotated[
+            StalledLayer | None, typer.Option(help="Let a layer stand still 60 ms each 250 ms, to see it named.")
+        ] = None,
+        seconds: Annotated[float, typer.Option(min=0.05, help="Of each stretch of measurement.")] = 1.0,
+        rounds: Annotated[int, typer.Option(min=1, help="Stretches of each condition, interleaved.")] = 5,
+        output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the report.")] = Path("latency"),
+        baseline: Annotated[
+            Path | None, typer.Option("--compare", help="A report.json of before; exit status 4 if it got worse.")
+        ] = None,
+        capture: Annotated[
+            Path | None, typer.Option(help="No measurement here: report on this capture of a scope (docs/latency.md).")
+        ] = None,
+        threshold: Annotated[
+            float | None, typer.Option(help="With --capture: acceleration that counts, m/s^2; default: 6 x the noise.")
+        ] = None,
+        as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
+    ) -> None:
+        """Where each microsecond goes from a report to its command, with tails, beside loads and floors."""
+        # It draws, and knows the demo: for a run of the engine that would be too much.
+        from tactable.bench.latency.measure import compare_with, measure, report_on_capture, ways_us, write_report
+
+        if capture is not None:
+            document, ways = report_on_capture(capture, threshold)
+            run = None
+        else:
+            with _opened(table_path) as table:
+                streams = _streams(table, _numbers(rates), fingers, recordings or [])
+                way = Way(over) if over == "sockets" else Way(over, bit_rate_hz)
+                plan = _plan(tuple(rate for rate, _ in streams), loads, real_time, ablations, echo, page)
+                _check_samples(plan.rates_hz[-1] if recordings else min(plan.rates_hz[-1], MOST_COMMANDS_HZ), seconds)
+                injected = None if stall is None else Stall(stall)
+                document, run = measure(table, plan, streams, recordings or [], way, seconds, rounds, injected, _told)
+                ways = {name: ways_us(parts) for name, parts in run.rounds().items()}
+        if baseline is not None and run is not None:
+            document["comparison"] = compare_with(run, baseline)
+        write_report(document, run, ways, output)
+        if as_json:
+            print(json.dumps(document, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
+        else:
+            _print_summary(document, output)
+        if got_worse(document.get("comparison", {})):
+            raise typer.Exit(EXIT_WORSE)
+
+
+@contextmanager
+def _opened(path: Path | None) -> Iterator[Table]:
+    """The given table, or the demo's."""
+    if path is not None:
+        with Table.open(path) as table:
+            yield table
+        return
+    from tactable.rig.demo import table_for
+
+    device = find_device("reference-a")
+    cached = cache_folder() / f"{device.name}-{device.fingerprint[:12]}.nc"
+    with table_for(device, cached, lambda *_: None) as table:
+        yield table
+
+
+def _streams(table: Table, rates: Sequence[int], fingers: int, recordings: Sequence[Path]) -> list[tuple[int, Stream]]:
+    if recordings:
+        stream = replayed(read_recording(recordings[0]))
+        return [(rate_hz, stream) for rate_hz in rates]
+    return [(rate_hz, tapping(fingers, rate_hz, table.device)) for rate_hz in rates]
+
+
+def _numbers(rates: str) -> tuple[int, ...]:
+    try:
+        numbers = tuple(int(part) for part in rates.split(",") if part.strip())
+    except ValueError:
+        numbers = ()
+    if not numbers or any(not 1 <= number <= 20_000 for number in numbers) or list(numbers) != sorted(set(numbers)):
+        raise typer.BadParameter(f"{rates!r}: expected rising rates from 1 to 20000, such as 125,1000,4000")
+    return numbers
+
+
+def _plan(rates: tuple[int, ...], loads: str, steps: str, ablates: bool, echo: bool, pages: bool) -> Plan:
+    try:
+        chosen: tuple[Step, ...] = parse_steps(steps)
+        beside = tuple(Load(part.strip()) for part in loads.split(",") if part.strip())
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    if not beside:
+        raise typer.BadParameter(f"--loads {loads!r}: expected some of {', '.join(Load)}")
+    return Plan(rates, beside, chosen, has_echo=echo, ablates=ablates, pages=pages)
+
+
+def _check_samples(commands_hz: int, seconds: float) -> None:
+    if commands_hz * seconds > _MOST_SAMPLES:
+        longest_s = _MOST_SAMPLES // commands_hz
+        raise typer.BadParameter(f"--seconds {seconds:g}: at most {longest_s} at this rate; take more --rounds")
+
+
+def _told(text: str) -> None:
+    if _errors.is_terminal:
+        _errors.print(text, style="dim", markup=False, highlight=False)
+
+
+def _print_summary(document: dict[str, Any], folder: Path) -> None:
+    if document["simulated"]:
+        _out.print(f"SIMULATED: {', '.join(document['simulated'])}", markup=False, soft_wrap=True)
+    for condition in document["conditions"]:
+        figures = condition["stages"].get(document["whole"])
+        if figures is not None:
+            shown = {"median": "p50_us", "p99": "p99_us", "greatest": "max_us"}
+            told = ", ".join(f"{name} {us(figures[key])} us" for name, key in shown.items())
+            _out.print(f"{condition['name']}: {told} of {figures['count']}", highlight=False, soft_wrap=True)
+        if condition["blame"] is not None:
+            slowest = condition["blame"]["slowest"]
+            _out.print(f"  its slowest lost their time in {slowest['layer']} ({slowest['stage']})", highlight=False)
+    for row in document["ratios"]:
+        if row["way"].startswith("due"):
+            ratio = f"{row['condition']}, against {row['against']}: median {row['median']['value']:.2f}"
+            _out.print(ratio, highlight=False, soft_wrap=True)
+    for name in got_worse(document.get("comparison", {})):
+        _out.print(f"WORSE than the baseline: {name}", style="red", markup=False, soft_wrap=True)
+    _out.print(f"{folder / 'report.html'}: the page; report.md, report.json and the samples beside it", highlight=False)

@@ -1,0 +1,147 @@
+"""Two measurements of the same conditions to whether it got worse, by how much at least, and in which stage."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactable.bench.latency.stages import STAGES, Point, Stamps, Values, durations_of
+
+TOLERANCE = 0.05
+"""Less than this is not called a change: a shared machine drifts by as much."""
+RESAMPLES = 400
+_CONFIDENCE = 0.95
+# Neighbours share what the machine did at the moment: whole stretches are drawn.
+_BLOCK = 32
+Statistic = Callable[[Values], float]
+Rounds = Sequence[Stamps]
+"""One array of stamps a round."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A ratio or difference, and what its 95 % bootstrap interval is; NaN where there are no samples."""
+
+    value: float
+    low: float
+    high: float
+
+
+def median(values: Values) -> float:
+    """Of what was measured."""
+    return float(np.nanmedian(values)) if np.isfinite(values).any() else float("nan")
+
+
+def percentile(share: float) -> Statistic:
+    """The statistic that so many percent stay within."""
+
+    def compute(values: Values) -> float:
+        known = values[np.isfinite(values)]
+        return float(np.percentile(known, share, method="inverted_cdf")) if len(known) else float("nan")
+
+    return compute
+
+
+def compare(
+    ours: Sequence[Values],
+    theirs: Sequence[Values],
+    statistic: Statistic,
+    combine: Callable[[float, float], float],
+    seed: int = 0,
+) -> Interval:
+    """`combine(statistic of ours, statistic of theirs)`, drawn again by rounds and by stretches of a round."""
+    random = np.random.default_rng(seed)
+    value = combine(statistic(np.concatenate(ours)), statistic(np.concatenate(theirs)))
+    drawn = [combine(statistic(_redraw(ours, random)), statistic(_redraw(theirs, random))) for _ in range(RESAMPLES)]
+    tail = 50 * (1 - _CONFIDENCE)
+    low, high = np.nanpercentile(drawn, [tail, 100 - tail]) if np.isfinite(drawn).any() else (np.nan, np.nan)
+    return Interval(value, float(low), float(high))
+
+
+def ratio(ours: float, theirs: float) -> float:
+    """Of two durations; NaN where the second is none."""
+    return ours / theirs if theirs else float("nan")
+
+
+def difference(ours: float, theirs: float) -> float:
+    """Of two durations."""
+    return ours - theirs
+
+
+def _redraw(rounds: Sequence[Values], random: np.random.Generator) -> Values:
+    chosen = random.integers(len(rounds), size=len(rounds))
+    return np.concatenate([_redraw_blocks(rounds[index], random) for index in chosen])
+
+
+def _redraw_blocks(values: Values, random: np.random.Generator) -> Values:
+    block = min(_BLOCK, len(values))
+    if not block:
+        return values
+    starts = random.integers(len(values) - block + 1, size=-(-len(values) // block))
+    places: NDArray[np.int64] = (starts[:, None] + np.arange(block)).ravel()[: len(values)]
+    drawn: Values = values[places]
+    return drawn
+
+
+def compare_condition(now: Rounds, before: Rounds, floor: float) -> dict[str, Any]:
+    """Median and p99 of the way from due to written against a baseline, and the stage that changed most.
+
+    `floor` is by what factor the C echo engine of the same condition got slower, 1 where there is none: what the
+    machine does to both is not the engine's.
+    """
+    figures = {}
+    for name, statistic in (("median", median), ("p99", percentile(99))):
+        whole = compare(_column(now, Point.WRITTEN), _column(before, Point.WRITTEN), statistic, ratio)
+        figures[name] = {"ratio": whole.value, "low": whole.low, "high": whole.high, "verdict": _verdict(whole, floor)}
+    stages = {point: _stage_change(now, before, point) for point in STAGES if point <= Point.WRITTEN}
+    known = {point: change for point, change in stages.items() if np.isfinite(change.value)}
+    if known:
+        point = max(known, key=lambda point: abs(known[point].value))
+        change = known[point]
+        figures["stage"] = {
+            "name": STAGES[point].name,
+            "layer": STAGES[point].layer,
+            "median_change_us": change.value / 1e3,
+            "low_us": change.low / 1e3,
+            "high_us": change.high / 1e3,
+        }
+    return figures
+
+
+def _verdict(whole: Interval, floor: float) -> str:
+    if whole.low > (1 + TOLERANCE) * max(1.0, floor):
+        return "worse"
+    if whole.high < (1 - TOLERANCE) * min(1.0, floor):
+        return "better"
+    return "no difference that these samples tell"
+
+
+def _column(rounds: Rounds, point: Point) -> list[Values]:
+    return [stamps[:, point] for stamps in rounds]
+
+
+def _stage_change(now: Rounds, before: Rounds, point: Point) -> Interval:
+    ours, theirs = ([durations_of(stamps, point) for stamps in rounds] for rounds in (now, before))
+    return compare(ours, theirs, median, difference)
+
+
+def compare_runs(
+    now: Mapping[str, Rounds], before: Mapping[str, Rounds], floor_of: Mapping[str, str]
+) -> dict[str, Any]:
+    """Every condition that both runs have, by its name; `floor_of` names the floor of a condition."""
+    shared = [name for name in now if name in before and name not in floor_of.values()]
+    compared = {}
+    for name in shared:
+        floor_name, floor = floor_of.get(name), 1.0
+        if floor_name is not None and floor_name in now and floor_name in before:
+            ours, theirs = (np.concatenate(_column(run[floor_name], Point.WRITTEN)) for run in (now, before))
+            floor = ratio(median(ours), median(theirs))
+        compared[name] = {**compare_condition(now[name], before[name], floor), "floor_ratio": floor}
+    return compared
+
+
+def got_worse(compared: Mapping[str, Any]) -> list[str]:
+    """Names of the conditions that got worse, at the median or in the tail."""
+    return [name for name, figures in compared.items() if "worse" in (figures[k]["verdict"] for k in ("median", "p99"))]

@@ -1,0 +1,71 @@
+"""The other end of a link, light enough to answer at any rate: when each SET came, and what keeps a session going."""
+
+import struct
+from array import array
+from dataclasses import dataclass, field
+
+from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
+from firmware_link.protocol.framing import DELIMITER
+from firmware_link.protocol.messages import Set
+
+_NS_PER_US = 1_000
+_MS = 1_000_000
+# The emulated firmware takes 30 us for a frame, which would compete with what is measured: of the SETs it gets one now
+# and then, before 127 sequences have passed and the lease has ended.
+_SHOWN_EACH_NS = 10 * _MS
+# COBS: as long as the bytes before the first zero are these, they lie as they are.
+_TYPE_AT, _SEQUENCE_AT = 1, 2
+_CODES = struct.Struct("<BBB")
+
+
+@dataclass
+class Arrivals:
+    """When each SET came, ns, and its sequence; what came otherwise is not in it."""
+
+    time_ns: "array[int]" = field(default_factory=lambda: array("q"))
+    sequence: "array[int]" = field(default_factory=lambda: array("B"))
+
+
+class LightDevice:
+    """An emulated firmware that is shown everything but most of the SETs. SIMULATED."""
+
+    def __init__(self, number_of_actuators: int, now_ns: int) -> None:
+        self.arrivals = Arrivals()
+        self._firmware = EmulatedFirmware(DeviceConfiguration(now_ns % 2**32, number_of_actuators))
+        self._zero_ns = now_ns
+        self._shown_ns = now_ns
+        self._rest = b""
+
+    def receive(self, data: bytes, now_ns: int) -> bytes:
+        """Take bytes in; what to answer."""
+        *frames, self._rest = (self._rest + data).split(DELIMITER)
+        shown = [frame for frame in frames if not self._note(frame, now_ns)]
+        if not shown:
+            return b""
+        return self._firmware.receive(DELIMITER.join([*shown, b""]), self._us(now_ns))
+
+    def advance(self, now_ns: int) -> bytes:
+        """What it says by itself by now, such as its state."""
+        return self._firmware.advance(self._us(now_ns))
+
+    def next_deadline_ns(self) -> int | None:
+        """When it has something to say."""
+        deadline_us = self._firmware.next_deadline_us()
+        return None if deadline_us is None else self._zero_ns + deadline_us * _NS_PER_US
+
+    def _note(self, frame: bytes, now_ns: int) -> bool:
+        """Whether that is enough: a SET that need not be shown."""
+        if len(frame) <= _SEQUENCE_AT:
+            return False
+        code, type_byte, sequence = _CODES.unpack_from(frame)
+        if code <= _TYPE_AT or type_byte != Set.type_byte:
+            return False
+        self.arrivals.time_ns.append(now_ns)
+        self.arrivals.sequence.append(sequence if code > _SEQUENCE_AT else 0)
+        if now_ns - self._shown_ns < _SHOWN_EACH_NS:
+            return True
+        self._shown_ns = now_ns
+        return False
+
+    def _us(self, now_ns: int) -> int:
+        return (now_ns - self._zero_ns) // _NS_PER_US

@@ -1,0 +1,259 @@
+"""The engine under measurement: a process of its own that runs one segment after another on the sockets it is given."""
+
+import contextlib
+import ctypes
+import json
+import math
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from engine.loop.latency import Stage
+from engine.loop.loop import StateChange, SystemClock
+from engine.loop.realtime import Step
+from engine.loop.ring import RingWriter
+from engine.render.limits import LimitError
+from engine.render.renderer import RendererError, WhenNotAchieved
+from engine.table.entry import DEFAULT_LEVEL_DB
+from engine.table.table import Table
+from engine.touch.descriptor import DescriptorError
+from engine.touch.digitizer import DigitizerError
+from firmware_link.host.clock import OffsetBounds
+from firmware_link.host.serial_port import SerialPort
+from firmware_link.host.session import Port
+from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.framing import FrameDecoder
+from firmware_link.protocol.messages import Status, decode_body
+from tactable.bench.latency.sockets import SocketPort, SocketSource
+from tactable.bench.latency.stream import HELD
+from tactable.run.live import Live, LiveOptions, fast_library
+
+SOCKET_BIT_RATE_HZ = 1_000_000_000
+"""A socket pair is no line: what is written is there."""
+_MESSAGE_SIZE = 1 << 16
+NO_SEQUENCE = -1
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One stretch of measurement in the engine's process."""
+
+    descriptor: str
+    """The report descriptor, as hex digits."""
+    vendor_id: int
+    product_id: int
+    count: int
+    """Reports to come."""
+    steps: tuple[str, ...]
+    processor: int
+    has_busy_thread: bool
+    samples: str
+    """Where the arrays go, .npz."""
+    port: str | None = None
+    """A serial port; None: the second socket."""
+    bit_rate_hz: int = SOCKET_BIT_RATE_HZ
+    has_fast_path: bool = True
+    ring: str | None = None
+    """Where others may look on."""
+
+
+class EngineProcess:
+    """The engine as a child process; it has opened its table when this is made. Raises LinkError when it has not."""
+
+    def __init__(self, table: Path) -> None:
+        self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            command = [sys.executable, "-m", "tactable.bench.latency.engine", str(theirs.fileno()), str(table)]
+            self._process = subprocess.Popen(command, pass_fds=(theirs.fileno(),))
+        self.process_id = self._process.pid
+        self.answer()
+
+    def fileno(self) -> int:
+        """Can be read once a segment is over."""
+        return self._control.fileno()
+
+    def begin(self, segment: Segment, touch: socket.socket, link: socket.socket | None) -> None:
+        """Hand the sockets over. The first answer says that it is armed: the other end of the link must be served."""
+        descriptors = [sock.fileno() for sock in (touch, link) if sock is not None]
+        socket.send_fds(self._control, [json.dumps(asdict(segment)).encode()], descriptors)
+
+    def answer(self) -> dict[str, Any]:
+        """What it says next; raises LinkError for what went wrong there."""
+        message = b""
+        with contextlib.suppress(ConnectionResetError):  # ended with a segment unread
+            message = self._control.recv(_MESSAGE_SIZE)
+        if not message:
+            raise LinkError(f"the engine's process ended with exit status {self._process.wait()}: see above")
+        answer: dict[str, Any] = json.loads(message)
+        if "error" in answer:
+            raise LinkError(f"the engine under measurement: {answer['error']}")
+        return answer
+
+    def close(self) -> None:
+        """End the process."""
+        self._control.close()
+        self._process.wait()
+
+
+def main() -> None:
+    """Open the table, then run a segment for each message until the other end closes."""
+    control = socket.socket(fileno=int(sys.argv[1]))
+    library = fast_library()
+    with Table.open(Path(sys.argv[2])) as table:
+        _say(control, {"device": table.device.name})
+        while True:
+            try:
+                message, descriptors, _, _ = socket.recv_fds(control, _MESSAGE_SIZE, 2)
+            except ConnectionResetError:
+                return
+            if not message:
+                return
+            try:
+                segment = Segment(**json.loads(message))
+                _run(table, segment, descriptors, control, library if segment.has_fast_path else None)
+            except (DescriptorError, DigitizerError, LimitError, LinkError, RendererError, OSError) as error:
+                _say(control, {"error": str(error)})
+
+
+def _say(control: socket.socket, message: dict[str, Any]) -> None:
+    control.send(json.dumps(message).encode())
+
+
+def _run(
+    table: Table, segment: Segment, descriptors: list[int], control: socket.socket, fast: ctypes.CDLL | None
+) -> None:
+    numbers = (segment.vendor_id, segment.product_id)
+    with ExitStack() as stack:
+        for descriptor in descriptors:
+            stack.enter_context(socket.socket(fileno=descriptor))
+        source = SocketSource(descriptors[0], "bench", bytes.fromhex(segment.descriptor), numbers, segment.count)
+        port = _Listening(
+            SocketPort(descriptors[1])
+            if segment.port is None
+            else stack.enter_context(SerialPort(segment.port, segment.bit_rate_hz))
+        )
+        trace: list[StateChange] = []
+        steps = tuple(Step(step) for step in segment.steps)
+        options = LiveOptions(HELD, WhenNotAchieved.GO_ON, True, segment.bit_rate_hz, steps, segment.processor, fast)
+        stack.enter_context(_busy_thread(segment.has_busy_thread))
+        ring = None if segment.ring is None else stack.enter_context(RingWriter(Path(segment.ring)))
+        live = Live(table, source, port, SystemClock(), options, trace, ring=ring)
+        with live.armed():
+            capabilities = live.capabilities
+            about = {"board": capabilities.board, "frequency_resolution_hz": capabilities.frequency_resolution_hz}
+            _say(control, about)
+            live.loop.run()
+        try:
+            bounds = live.link.clock.offset_bounds(SystemClock().now_ns())
+        except ValueError as error:
+            lost = (
+                "the device was lost and not back when the touches ended: it, or this machine, is too slow for the rate"
+            )
+            raise LinkError(lost) from error
+        samples = _samples(live, source, trace)
+        np.savez(segment.samples, **samples, **_promises(table, samples), **port.applied(bounds))
+        _say(
+            control,
+            {
+                "outcomes": [asdict(outcome) for outcome in live.outcomes],
+                "loop": asdict(live.loop.counters),
+                "link": asdict(live.link.counters),
+                "digitizer": asdict(live.digitizer.counters),
+                "clock_bounds_ns": [bounds.lower_ns, bounds.upper_ns],
+            },
+        )
+
+
+@contextmanager
+def _busy_thread(is_wanted: bool) -> Iterator[None]:
+    """Another Python thread of this process that never waits."""
+    end = threading.Event()
+
+    def burn() -> None:
+        while not end.is_set():
+            sum(range(100))
+
+    thread = threading.Thread(target=burn, daemon=True)
+    if is_wanted:
+        thread.start()
+    try:
+        yield
+    finally:
+        end.set()
+        if is_wanted:
+            thread.join()
+
+
+class _Listening:
+    """A port, and what the device said of itself on it."""
+
+    def __init__(self, port: Port) -> None:
+        self._port = port
+        self._heard: list[bytes] = []
+
+    def fileno(self) -> int:
+        return self._port.fileno()
+
+    def read(self) -> bytes:
+        data = self._port.read()
+        self._heard.append(data)
+        return data
+
+    def write(self, data: bytes) -> int:
+        return self._port.write(data)
+
+    def applied(self, bounds: OffsetBounds) -> dict[str, Any]:
+        """Which sequences the device says it applied, and when, on the host's clock."""
+        bodies = [body for body in FrameDecoder().receive(b"".join(self._heard)) if isinstance(body, bytes)]
+        said = [message for _, message in map(decode_body, bodies) if isinstance(message, Status) and message.applied]
+        times = {(status.applied_time_us, status.applied_sequence): None for status in said}
+        return {
+            "applied_ns": np.array([1_000 * time_us - round(bounds.middle_ns) for time_us, _ in times], np.int64),
+            "applied_sequence": np.array([sequence for _, sequence in times], np.int64),
+            "bounds_half_width_ns": np.int64(bounds.half_width_ns),
+        }
+
+
+def _samples(live: Live, source: SocketSource, trace: list[StateChange]) -> dict[str, Any]:
+    """Stamps of the commands with the sequence of each, when reports were sent, and all changes."""
+    stamps_ns = live.latency.stamps_ns()
+    sequence_of = {change.time_ns: change.drive_sequence for change in trace if change.drive_sequence is not None}
+    sequences = [sequence_of.get(int(time_ns), NO_SEQUENCE) for time_ns in stamps_ns[:, Stage.STATE]]
+    return {
+        "stamps_ns": stamps_ns,
+        "sequence": np.array(sequences, np.int64),
+        "sent_ns": np.array(source.sent_ns[: source.report_index + 1], np.int64),
+        "read_ns": np.array(source.read_ns[: source.report_index + 1], np.int64),
+        "change_ns": np.array([change.time_ns for change in trace], np.int64),
+        "change_report": np.array([_index(change.report_index) for change in trace], np.int64),
+        "change_state": np.array([change.state for change in trace], np.int64),
+    }
+
+
+def _promises(table: Table, samples: dict[str, Any]) -> dict[str, Any]:
+    """Ns from each drive until it is felt by the finger that is last to feel it, as the model says; NaN for silence."""
+    from tactable.bench.latency.felt import FeltStart  # a solver, which the engine does without
+
+    state_of = dict(zip(samples["change_ns"].tolist(), samples["change_state"].tolist(), strict=True))
+    states = [state_of[int(time_ns)] for time_ns in samples["stamps_ns"][:, Stage.STATE]]
+    entries = {state: table.entry_at(state, DEFAULT_LEVEL_DB) for state in set(states)}
+    start = FeltStart(table.device)
+    felt_s = {state: None if entry is None else start.first_exceeds_s(entry) for state, entry in entries.items()}
+    felt_ns = {state: math.nan if after_s is None else 1e9 * after_s for state, after_s in felt_s.items()}
+    return {"promise_ns": np.array([felt_ns[state] for state in states])}
+
+
+def _index(report: int | None) -> int:
+    return NO_SEQUENCE if report is None else report
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,54 @@
+"""What else runs while the engine is measured: nothing, or processes that take processors and memory."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+
+_MEMORY_BYTES = 1 << 26
+
+
+class Load(StrEnum):
+    """What the engine has beside it."""
+
+    IDLE = "idle"
+    """What the machine does anyway."""
+    STRESS = "stress"
+    """For each processor one process that computes and one that moves memory."""
+    THREAD = "thread"
+    """A busy Python thread in the engine's own process: why nothing else may live there."""
+
+
+@contextmanager
+def load_running(load: Load) -> Iterator[None]:
+    """The processes of a load, ended at the end; that of a thread belongs to the engine."""
+    count = os.cpu_count() or 1
+    kinds = ("compute", "memory") * count if load is Load.STRESS else ()
+    processes = [
+        subprocess.Popen([sys.executable, "-m", "tactable.bench.latency.load", kind], stdin=subprocess.PIPE)
+        for kind in kinds
+    ]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+        for process in processes:
+            process.communicate()
+
+
+def main() -> None:
+    """Work without end; the parent kills it, and where that is gone too, it ends by itself."""
+    parent = os.getppid()
+    block, target = bytes(_MEMORY_BYTES), bytearray(_MEMORY_BYTES)
+    while os.getppid() == parent:
+        if sys.argv[1] == "memory":
+            target[:] = block
+        else:
+            sum(range(1_000_000))
+
+
+if __name__ == "__main__":
+    main()

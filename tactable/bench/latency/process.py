@@ -1,0 +1,244 @@
+"""Reports to bytes inside the process: the engine's own loop between a source and a port that are memory."""
+
+import ctypes
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.loop.fast.step import NONE, FastPath
+from engine.loop.loop import StateChange
+from engine.render.renderer import WhenNotAchieved
+from engine.table.table import Table
+from engine.touch.digitizer import open_digitizer
+from tactable.bench.latency.device import LightDevice
+from tactable.bench.latency.stages import figures_of
+from tactable.bench.latency.stream import HELD, Stream
+from tactable.run.live import Live, LiveOptions
+
+_MEMORY_BIT_RATE_HZ = 1_000_000_000
+# A lease of 40 ms numbers a command each 0.3 ms: reports that came faster would wait for that.
+_PERIOD_NS = 1_000_000
+_PASSES_AN_ANSWER = 16
+Times = NDArray[np.float64]
+
+
+class _PacedClock:
+    """The monotonic clock, set forward at each wait instead of waiting."""
+
+    def __init__(self) -> None:
+        self._ahead_ns = 0
+        self.waited_ns = 0
+        """Unchanged clock time of the last wait: where a pass ends."""
+
+    def now_ns(self) -> int:
+        return time.monotonic_ns() + self._ahead_ns
+
+    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> None:  # noqa: ARG002
+        self.waited_ns = time.monotonic_ns()
+        self._ahead_ns += _PERIOD_NS
+
+
+class _Memory:
+    """A source of one report a wait, and a port whose other end answers at once; both note when they were called."""
+
+    def __init__(self, stream: Stream, count: int, number_of_actuators: int, clock: _PacedClock) -> None:
+        self.name, self.descriptor = stream.name, stream.descriptor
+        self.vendor_id, self.product_id = stream.vendor_id, stream.product_id
+        self.report_index = -1
+        self.report_time_ns = 0
+        self.answer_ns: list[int] = []
+        """From each report in hand until the loop asks for more."""
+        self.write_ns: list[int] = []
+        """From each report in hand until something was written, a renewal perhaps; 0: nothing was."""
+        self.fast = 0
+        """How many commands the fast path had."""
+        self._reports = list(islice(stream.packets(), count))
+        self.clock = clock
+        self._device = LightDevice(number_of_actuators, clock.now_ns())
+        self._written: list[bytes] = []
+        self._asked = 0
+        self._in_hand_ns = 0
+        self._is_asked_again = True
+        self._pass_of = 0
+
+    @property
+    def ended(self) -> bool:
+        return self.report_index == len(self._reports) - 1
+
+    def fileno(self) -> int:
+        return -1
+
+    def next_time_ns(self) -> None:
+        """A report comes with each wait."""
+
+    def read_report(self, now_ns: int) -> bytes | None:
+        if not self._is_asked_again:
+            self._note(time.monotonic_ns() - self._in_hand_ns, 0)
+        if self._pass_of == self.clock.waited_ns or self.ended:
+            return None
+        self._pass_of = self.clock.waited_ns
+        self.report_index += 1
+        self.report_time_ns = now_ns
+        self._is_asked_again = False
+        report = self._reports[self.report_index]
+        self._in_hand_ns = time.monotonic_ns()
+        return report
+
+    def _note(self, answer_ns: int, write_ns: int) -> None:
+        self.answer_ns.append(answer_ns)
+        self.write_ns.append(write_ns)
+        self._is_asked_again = True
+
+    def note_fast(self, duration_ns: int) -> None:
+        """The fast path had the command of the report in hand."""
+        self.fast += 1
+        self._note(duration_ns, duration_ns)
+
+    def source_time_ns(self, now_ns: int) -> int:
+        return now_ns
+
+    def clock_time_ns(self, source_time_ns: int) -> int:
+        return source_time_ns
+
+    def write(self, data: bytes) -> int:
+        if self.write_ns and not self.write_ns[-1]:
+            self.write_ns[-1] = time.monotonic_ns() - self._in_hand_ns
+        self._written.append(data)
+        return len(data)
+
+    def read_port(self) -> bytes:
+        # Now and then: the emulated firmware would take the caches from what is measured each time.
+        self._asked += 1
+        if self.report_index >= 0 and self._asked % _PASSES_AN_ANSWER:
+            return b""
+        now_ns, data = self.clock.now_ns(), b"".join(self._written)
+        self._written.clear()
+        return self._device.receive(data, now_ns) + self._device.advance(now_ns)
+
+
+class _MemorySource(_Memory):
+    """The source's half."""
+
+    packet_head = 0
+
+    def read(self, now_ns: int) -> bytes | None:
+        return self.read_report(now_ns)
+
+    def packet_fileno(self) -> int:
+        return -1
+
+    def take_packet(self, packet: bytes, now_ns: int, *, is_last: bool) -> bytes:  # noqa: ARG002  # a PacketSource
+        return packet
+
+
+class _MemoryFastPath(FastPath):
+    """The compiled step on a report in memory, from the call to its return."""
+
+    def __init__(self, library: ctypes.CDLL, source: _MemorySource, *others: Any) -> None:
+        super().__init__(library, source, *others)
+        self._memory_source = source
+
+    def _run(self, until_ns: int) -> None:  # noqa: ARG002  # the clock is set forward instead
+        fast, source, library = self._fast, self._memory_source, self._library
+        fast.packet_size = fast.frame_size = fast.written = 0
+        fast.readable[:] = (1, 1, 1, 1)
+        source.clock.wait(None, (), ())
+        now_ns = fast.woken_ns = fast.read_ns = fast.written_ns = source.clock.now_ns()
+        report = source.read_report(now_ns)
+        if report is None:
+            return
+        fast.packet_size = len(report)
+        fast.packet[: len(report)] = report
+        library.fast_set_time(now_ns)
+        before_ns = time.monotonic_ns()
+        is_answered = fast.can_answer and library.fast_answer(self._address)
+        duration_ns = time.monotonic_ns() - before_ns
+        library.fast_set_time(NONE)
+        if is_answered:
+            source.note_fast(duration_ns)
+            fast.written = source.write(bytes(fast.frame[: fast.frame_size]))
+
+
+class _MemoryPort:
+    """The port's half."""
+
+    def __init__(self, memory: _Memory) -> None:
+        self._memory = memory
+        self.fileno, self.write, self.read = memory.fileno, memory.write, memory.read_port
+
+
+@dataclass(frozen=True)
+class InProcess:
+    """Every report of a stream: ns until its answer, whether that was a command, and how many fingers it told of."""
+
+    stream: str
+    simulated: bool
+    answer_ns: Times
+    has_command: NDArray[np.bool_]
+    by_fast_path: int
+    """How many of the commands."""
+    fingers: NDArray[np.int64]
+
+    def figures_json(self) -> dict[str, Any]:
+        """Figures over the reports that bring a command, over all, and over the commands of one finger and of ten."""
+        chosen = {
+            "report_to_bytes": self.has_command,
+            "report_to_answer": np.ones_like(self.has_command),
+            "of_one_finger": self.has_command & (self.fingers <= 1),
+            "of_ten_fingers": self.has_command & (self.fingers >= 10),
+        }
+        found = {name: figures_of(self.answer_ns[where]) for name, where in chosen.items()}
+        told = {name: None if figures is None else asdict(figures) for name, figures in found.items()}
+        about = {"stream": self.stream, "simulated": self.simulated, "reports": len(self.answer_ns)}
+        return about | {"by_fast_path": self.by_fast_path} | told
+
+
+def together(parts: Sequence[InProcess]) -> InProcess:
+    """All reports of several streams."""
+    return InProcess(
+        f"all {len(parts)} recordings",
+        any(part.simulated for part in parts),
+        np.concatenate([part.answer_ns for part in parts]),
+        np.concatenate([part.has_command for part in parts]),
+        sum(part.by_fast_path for part in parts),
+        np.concatenate([part.fingers for part in parts]),
+    )
+
+
+def measure_in_process(table: Table, stream: Stream, count: int, library: ctypes.CDLL | None) -> InProcess:
+    """The answers to `count` reports: the bytes of a command are ready, or it is known that there is none.
+
+    Without the `library` of the fast path the loop does it all.
+    """
+    clock = _PacedClock()
+    memory = _MemorySource(stream, count, len(table.device.actuators), clock)
+    options = LiveOptions(HELD, WhenNotAchieved.GO_ON, True, _MEMORY_BIT_RATE_HZ, fast=library)
+    trace: list[StateChange] = []
+    Live(table, memory, _MemoryPort(memory), clock, options, trace, fast_path=_MemoryFastPath).run()
+    write_ns = np.array(memory.write_ns, np.float64)
+    caused = [change.report_index for change in trace if change.drive_sequence is not None]
+    has_command = np.isin(np.arange(len(write_ns)), [index for index in caused if index is not None]) & (write_ns > 0)
+    return InProcess(
+        stream.name,
+        stream.simulated,
+        np.where(has_command, write_ns, np.array(memory.answer_ns, np.float64)),
+        has_command,
+        memory.fast,
+        np.array(_fingers(stream, count), np.int64),
+    )
+
+
+def _fingers(stream: Stream, count: int) -> list[int]:
+    """How many contacts there are after each report."""
+    digitizer = open_digitizer(stream.descriptor, stream.vendor_id, stream.product_id)
+    counts, fingers = [], 0
+    for number, report in enumerate(islice(stream.packets(), count)):
+        frame = digitizer.decode_report(report, number * _PERIOD_NS)
+        fingers = fingers if frame is None else len(frame.contacts)
+        counts.append(fingers)
+    return counts

@@ -1,0 +1,97 @@
+"""Fingers that tap, or a recording, to reports that are sent at a stated rate whatever becomes of them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import cycle, islice
+
+from engine.device.device import Device
+from engine.effects.player import EffectPlayer
+from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger
+from engine.table.entry import DEFAULT_LEVEL_DB
+from engine.touch.digitizer import open_digitizer
+from engine.touch.finger_tracker import ZoneTracker
+from engine.touch.sources.recording import Recording
+from tactable.rig.virtual_digitizer import PRODUCT_ID, VENDOR_ID, descriptor_of, report_of
+
+MOST_FINGERS = 10
+MOST_COMMANDS_HZ = 1000
+"""A lease of 40 ms numbers 3175 commands a second; a faster digitizer does not make fingers faster."""
+HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_DB),))),))
+"""Felt as long as it touches: time alone changes nothing, each change is a report's."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """A digitizer and its reports, which come again from the first after the last."""
+
+    name: str
+    descriptor: bytes
+    vendor_id: int
+    product_id: int
+    reports: tuple[bytes, ...]
+    reports_per_command: int | None
+    """Each so many reports change the state; None where only the engine knows."""
+    simulated: bool
+
+    def packets(self) -> Iterator[bytes]:
+        """The reports, without end."""
+        return cycle(self.reports)
+
+
+def tapping(fingers: int, rate_hz: int, device: Device) -> Stream:
+    """Fingers at rest in the first zones and one that taps the others in turn, each tap and each lift a new state.
+
+    Raises ValueError for a number of fingers that no such digitizer has.
+    """
+    if not 1 <= fingers <= MOST_FINGERS:
+        raise ValueError(f"{fingers} fingers: expected 1 to {MOST_FINGERS}")
+    length_m, zones = device.bar.length_m, device.zones
+    middles = [(zone.start_m + zone.stop_m) / 2 / length_m for zone in zones]
+    resting, tapped = (middles[: len(zones) // 2], middles[len(zones) // 2 :]) if fingers > 1 else ([], middles)
+    at_rest = list(islice(cycle(resting), fingers - 1)) if resting else []
+    every = max(1, rate_hz // MOST_COMMANDS_HZ)
+    frames = [
+        _frame(at_rest, place if tap_is_down else None, place if not tap_is_down and first else None)
+        for place in tapped
+        for tap_is_down in (True, False)
+        for first in [True] + [False] * (every - 1)
+    ]
+    reports = tuple(report_of(frame, i / rate_hz, MOST_FINGERS) for i, frame in enumerate(frames))
+    plural = "s" if fingers > 1 else ""
+    name = f"{fingers} finger{plural}, one tapping"
+    return Stream(name, descriptor_of(MOST_FINGERS), VENDOR_ID, PRODUCT_ID, reports, every, simulated=True)
+
+
+def _frame(at_rest: list[float], down: float | None, lifted: float | None) -> list[tuple[int, bool, float]]:
+    fingers = [(number, True, place) for number, place in enumerate(at_rest)]
+    if down is not None:
+        fingers.append((len(at_rest), True, down))
+    if lifted is not None:
+        fingers.append((len(at_rest), False, lifted))
+    return fingers
+
+
+def replayed(recording: Recording) -> Stream:
+    """The reports of a recording, at whatever rate they are sent. Raises ValueError for one without reports."""
+    if not recording.reports:
+        raise ValueError(f"{recording.name or 'the recording'} has no reports: take another")
+    reports = tuple(report.data for report in recording.reports)
+    numbers = (recording.vendor_id, recording.product_id)
+    return Stream(
+        recording.name, recording.descriptor, *numbers, reports, None, simulated="SIMULATED" in recording.name
+    )
+
+
+def expected_states(stream: Stream, count: int, device: Device) -> list[tuple[int, int]]:
+    """(report, state) of each change that `count` reports bring, as long as none is lost or late."""
+    digitizer = open_digitizer(stream.descriptor, stream.vendor_id, stream.product_id)
+    tracker, player = ZoneTracker(device, digitizer.surface), EffectPlayer(HELD, len(device.zones))
+    changes, state = [], 0
+    for index, report in enumerate(islice(stream.packets(), count)):
+        frame = digitizer.decode_report(report, 0)
+        if frame is not None:
+            player.take(tracker.track(frame), 0)
+        if player.state != state:
+            state = player.state
+            changes.append((index, state))
+    return changes

@@ -1,0 +1,212 @@
+"""How fast tables are computed, each figure beside a floor or a rival measured in the same run."""
+
+import json
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+import scipy.linalg
+from numba import njit, prange
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table as Grid
+from threadpoolctl import threadpool_limits
+
+from engine.device.device import Device
+from precompute.builder.build import MEMORY_BUDGET_BYTES, build_table
+from precompute.model.assembly import Plant, assemble
+from precompute.sweep.grid import GridResponse, compute_grid_response, zone_points
+from precompute.sweep.tabulate import PairSweep, prepare_pair_sweep
+
+Single = NDArray[np.float32]
+ROUNDS = 5
+TWIN_ROWS = 8
+"""Rows of frequency_1 that the NumPy twin computes: it is timed on these and scaled up."""
+SAMPLED_POINTS = 40
+
+
+def run_sweep_bench(device: Device) -> dict[str, Any]:
+    """Time the pair sweep of the first two actuators of `device` against its rivals. Takes about half a minute."""
+    with threadpool_limits(1, "blas"):
+        plant = assemble(device)
+        grid = compute_grid_response(plant, device.sweep.frequency_hz, zone_points(device))
+        sweep = prepare_pair_sweep(grid, (0, 1))
+        count, steps = len(grid.frequency_hz), device.sweep.amplitude_steps + 1
+        shape = (count, steps * steps, len(device.zones), count)
+        out = [np.zeros(shape, dtype=np.float32) for _ in range(3)]
+        rows = slice(0, TWIN_ROWS)
+        ours, floor, twin = _interleaved(
+            lambda: sweep.fill(slice(None), out),
+            lambda: _write_floor(*out),
+            lambda: numpy_twin(sweep, rows, [values[rows] for values in out]),
+        )
+        twin *= count / TWIN_ROWS
+        points = count * count * steps * steps
+        point_s = _time_points(plant, grid)
+    table_bytes = sum(values.nbytes for values in out)
+    return {
+        "device": device.name,
+        "machine": {"python": platform.python_version(), "threads": numba.get_num_threads(), "rounds": ROUNDS},
+        "points": points,
+        "values": 3 * points * len(device.zones),
+        "table_bytes": table_bytes,
+        "sweep_s": ours,
+        "values_per_s": 3 * points * len(device.zones) / ours,
+        "memory_floor_s": floor,
+        "times_the_floor": ours / floor,
+        "numpy_twin_s": twin,
+        "numpy_twin_note": f"EXTRAPOLATED from {TWIN_ROWS} of {count} rows",
+        "times_faster_than_numpy": twin / ours,
+        "point_by_point_s": point_s * points,
+        "point_by_point_note": f"EXTRAPOLATED from {SAMPLED_POINTS} points, {1e3 * point_s:.2f} ms each",
+        "times_faster_than_point_by_point": point_s * points / ours,
+        **_rebuild(device),
+    }
+
+
+def numpy_twin(sweep: PairSweep, rows: slice, out: Sequence[Single]) -> None:
+    """The same sweep in vectorised NumPy: one pass a ratio and row, then scaled to the amplitudes."""
+    ratios = sweep.ratios
+    factor, peak, dead = out
+    level_2, energy_2, total_2 = sweep.level_2, sweep.energy_2, sweep.total_2
+    index, multiple = ratios.ratio.ravel(), ratios.multiple.ravel().astype(np.float32)
+    for row, f1 in enumerate(range(rows.start, rows.stop)):
+        for r, (u, v) in enumerate(zip(ratios.first, ratios.second, strict=True)):
+            level = u * sweep.level_1[f1][:, :, None] + v * level_2
+            high, low = level.max(axis=1), level.min(axis=1)
+            share = (u * u * sweep.energy_1[f1][:, None] + v * v * energy_2) / (
+                u * u * sweep.total_1[f1] + v * v * total_2
+            )
+            for k in np.flatnonzero(index == r):
+                factor[row, k] = share
+                np.multiply(high, multiple[k], out=peak[row, k])
+                np.multiply(low, multiple[k], out=dead[row, k])
+        factor[row, multiple == 0] = np.nan
+
+
+def _interleaved(*tasks: Callable[[], object]) -> list[float]:
+    """Median time of each task, in seconds, taken in turn so that all see the same machine; one round to warm up."""
+    times: list[list[float]] = [[] for _ in tasks]
+    for _ in range(ROUNDS + 1):
+        for task, kept in zip(tasks, times, strict=True):
+            start = time.perf_counter()
+            task()
+            kept.append(time.perf_counter() - start)
+    return [statistics.median(kept[1:]) for kept in times]
+
+
+@njit(parallel=True)
+def _write_floor(factor, peak, dead):  # type: ignore[no-untyped-def]  # numba
+    """Write as many bytes as the sweep does, on as many threads."""
+    for row in prange(factor.shape[0]):
+        factor[row] = np.float32(1)
+        peak[row] = np.float32(2)
+        dead[row] = np.float32(3)
+
+
+def _time_points(plant: Plant, grid: GridResponse) -> float:
+    """Seconds a point the way of the paper: solve the model for each (f1, f2, a1, a2), then read the figures off."""
+    rng = np.random.default_rng(0)
+    pairs_hz = rng.choice(grid.frequency_hz, size=(SAMPLED_POINTS, 2))
+    start = time.perf_counter()
+    for pair_hz in pairs_hz:
+        solve_point(plant, grid.position_m, pair_hz, np.array([0.6, 0.8]))
+    return (time.perf_counter() - start) / SAMPLED_POINTS
+
+
+def solve_point(
+    plant: Plant, position_m: NDArray[np.float64], pair_hz: NDArray[np.float64], amplitude: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Localized factor and peak of every zone for two tones, by SciPy's banded solver on the assembled matrices."""
+    zones = len(plant.device.zones)
+    energy, level = np.zeros(zones + 1), np.zeros(position_m.shape)
+    for actuator, dof, hz, weight in zip(plant.device.actuators, plant.actuator_dof, pair_hz, amplitude, strict=False):
+        omega = 2 * np.pi * hz
+        band = plant.K + 1j * omega * plant.C - omega**2 * plant.M
+        full = np.zeros((7, plant.size), dtype=np.complex128)
+        full[:4] = band
+        for k in range(1, 4):
+            full[3 + k, : plant.size - k] = band[3 - k, k:]
+        load = np.zeros(plant.size, dtype=np.complex128)
+        load[dof] = (actuator.stiffness_n_per_m + 1j * omega * actuator.damping_n_s_per_m) * actuator.full_scale_m
+        field = weight * scipy.linalg.solve_banded((3, 3), full, load)
+        local = omega * field[2 * np.arange(len(plant.element_zone))[:, None] + np.arange(4)]
+        element = np.einsum("ei,eij,ej->e", local.conj(), plant.element_integral, local).real
+        energy += np.bincount(plant.element_zone, element, zones + 1)
+        level += omega**2 * abs(plant.sampler(position_m.ravel()).sample(field)).reshape(position_m.shape)
+    return energy[:-1] / energy.sum(), level.max(axis=1)
+
+
+def _rebuild(device: Device) -> dict[str, Any]:
+    """A whole rebuild from a changed device, written and verified, kernels warm; its memory in a process of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "table.nc"
+        times = []
+        for round_ in range(3):
+            text = device.text.replace(f'name = "{device.name}"', f'name = "{device.name}-{round_}"')
+            changed = replace(device, name=f"{device.name}-{round_}", text=text)
+            start = time.perf_counter()
+            build_table(changed, path, created="bench", clicks_up_to=0)
+            times.append(time.perf_counter() - start)
+        size = path.stat().st_size
+        peak = _peak_memory(device, Path(folder))
+    return {
+        "rebuild_s": statistics.median(times[1:]),
+        "table_file_bytes": size,
+        "memory_budget_bytes": MEMORY_BUDGET_BYTES,
+        "build_peak_memory_bytes": peak["peak"],
+        "build_memory_over_imports_bytes": peak["peak"] - peak["before"],
+    }
+
+
+_MEMORY_SCRIPT = """
+import json, re, sys
+from pathlib import Path
+from engine.device.file import parse_device
+from precompute.builder.build import build_table
+def peak():  # ru_maxrss would count the parent, too
+    return 1024 * int(re.search(r"VmHWM:\\s*(\\d+)", Path("/proc/self/status").read_text())[1])
+device = parse_device(sys.stdin.read(), "bench")
+before = peak()
+build_table(device, Path(sys.argv[1]), created="bench", clicks_up_to=0)
+print(json.dumps({"before": before, "peak": peak()}))
+"""
+
+
+def _peak_memory(device: Device, folder: Path) -> dict[str, int]:
+    command = [sys.executable, "-c", _MEMORY_SCRIPT, str(folder / "memory.nc")]
+    done = subprocess.run(command, input=device.text, capture_output=True, text=True, check=True)
+    figures: dict[str, int] = json.loads(done.stdout)
+    return figures
+
+
+def print_sweep_bench(out: Console, result: dict[str, Any]) -> None:
+    """The same as a table."""
+    grid = Grid("what", "time", "ratio to ours", title=f"{result['values']:.3g} values, {result['device']}")
+    ours = result["sweep_s"]
+    rows = (
+        ("our sweep", ours, "1"),
+        ("floor: the same bytes written to memory", result["memory_floor_s"], f"1 / {result['times_the_floor']:.1f}"),
+        ("NumPy twin (extrapolated)", result["numpy_twin_s"], f"{result['times_faster_than_numpy']:.0f}"),
+        (
+            "model solved point by point (extrapolated)",
+            result["point_by_point_s"],
+            f"{result['times_faster_than_point_by_point']:.2g}",
+        ),
+    )
+    for name, seconds, ratio in rows:
+        grid.add_row(name, f"{seconds:.4g} s", ratio)
+    out.print(grid)
+    out.print(f"{result['values_per_s']:.3g} table values a second on {result['machine']['threads']} threads")
+    size, over = result["table_file_bytes"] / 1e6, result["build_memory_over_imports_bytes"] / 1e6
+    out.print(f"rebuild from a changed device, {size:.0f} MB written and verified: {result['rebuild_s']:.2f} s")
+    out.print(f"memory of a build beyond its imports: {over:.0f} MB, sweep buffers {MEMORY_BUDGET_BYTES / 1e6:.0f} MB")

@@ -1,0 +1,1 @@
+"""A calibration as the command line runs it: job, files, application."""

@@ -1,0 +1,209 @@
+"""The command `tactable diff`: what changed between two tables, for people or for machines."""
+
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table as Grid
+from rich.text import Text
+
+from engine.device.device import DeviceError
+from engine.device.values import Change, Value, number_of
+from engine.table.diff import PartDiff, TableDiff, compare_tables
+from engine.table.state_diff import DEFAULT_LIMIT_DB, FigureChange, StateChange, Tolerance, describe
+from engine.table.table import Table, TableError
+
+EXIT_DIFFERS = 1
+EXIT_TROUBLE = 2
+_SHOWN, _FIGURES, _NAMED, _LONGEST = 8, 3, 3, 40
+_UNCERTAINTY = "uncertainty."
+_UNIT_OF = {"db": "dB", "hz": "Hz", "rad": "rad", "s": "s"}
+_out = Console()
+_errors = Console(stderr=True)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to `app`."""
+
+    @app.command("diff")
+    def diff(
+        before: Annotated[Path, typer.Argument(metavar="BEFORE", help="A built table.")],
+        after: Annotated[Path, typer.Argument(metavar="AFTER", help="Another one.")],
+        limit_db: Annotated[
+            float, typer.Option("--limit", min=0.0, help="Changes up to so many dB, or as much, count as none.")
+        ] = DEFAULT_LIMIT_DB,
+        as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON for machines.")] = False,
+    ) -> None:
+        """What changed between two tables, overall and by state; exit status 0: nothing, 1: something, 2: trouble."""
+        try:
+            with Table.open(before) as own, Table.open(after) as other:
+                found = compare_tables(own, other, Tolerance(limit_db))
+        except (DeviceError, TableError, OSError) as error:
+            _errors.print(f"tactable: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+            raise typer.Exit(EXIT_TROUBLE) from None
+        if as_json:
+            print(json.dumps(diff_json(found), indent=2))  # noqa: T201  # JSON goes out as it is
+        else:
+            print_diff(_out, found)
+        if found.differs:
+            raise typer.Exit(EXIT_DIFFERS)
+
+
+def diff_json(found: TableDiff) -> dict[str, Any]:
+    """Everything as plain values; what is infinite is None."""
+    tolerance = found.tolerance
+    return {
+        "differs": found.differs,
+        "limit": {"level_db": tolerance.level_db, "percent": 100 * tolerance.ratio},
+        "notes": found.notes,
+        "device": [_change_json(change) for change in found.device],
+        "options": [_change_json(change) for change in found.options],
+        "provenance": [_change_json(change) for change in found.provenance],
+        "response_percent": found.response_percent,
+        "arrays": found.arrays,
+        "entries": _part_json(found.entries),
+        "clicks": _part_json(found.clicks),
+    }
+
+
+def short_diff_json(found: TableDiff) -> dict[str, Any]:
+    """The same without the states one by one: how many changed."""
+    whole = diff_json(found)
+    return whole | {part: whole[part] | {"changed": len(whole[part]["changed"])} for part in ("entries", "clicks")}
+
+
+def _change_json(change: Change) -> dict[str, Any]:
+    return {**asdict(change), "percent": change.percent}
+
+
+def _part_json(part: PartDiff) -> dict[str, Any]:
+    return {
+        "compared": part.compared,
+        "largest": [
+            {"figure": figure.figure, "count": count, **_state_json(state), **_figure_json(figure)}
+            for count, state, figure in part.largest()
+        ],
+        "changed": [
+            {**_state_json(state), "figures": [_figure_json(figure) for figure in state.figures]}
+            for state in part.changed
+        ],
+        "vanished": part.vanished,
+        "appeared": part.appeared,
+    }
+
+
+def _state_json(state: StateChange) -> dict[str, Any]:
+    level_db = None if state.level_db is None else _finite(state.level_db)
+    return {"felt": state.felt, "quiet": state.quiet, "level_db": level_db}
+
+
+def _figure_json(figure: FigureChange) -> dict[str, Any]:
+    values = {"figure": figure.figure, "before": _finite(figure.before), "after": _finite(figure.after)}
+    return {**values, "size": _finite(figure.size), "unit": figure.unit}
+
+
+def _finite(value: Value) -> Value:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def print_diff(out: Console, found: TableDiff) -> None:
+    """The verdict first, then what the tables are of, then the figures, the worst of each part."""
+    tolerance = found.tolerance
+    limit = f"beyond {tolerance.level_db:g} dB, {100 * tolerance.ratio:.2g} % and a step of frequency"
+    _line(out, f"the tables {'differ' if found.differs else f'are the same: nothing changed {limit}'}")
+    for note in found.notes:
+        _line(out, note)
+    for title, changes in (("device", found.device), ("option", found.options), ("made", found.provenance)):
+        for change in changes:
+            _line(out, f"{title}: {_change_text(change)}")
+    for name, percent in found.response_percent.items():
+        _line(out, f"response of {name}: changed by up to {percent:.3g} % of its greatest")
+    if found.arrays:
+        _line(out, f"other arrays that are not the same: {', '.join(found.arrays)}")
+    for title, part in (("entries", found.entries), ("clicks", found.clicks)):
+        _print_part(out, title, part, limit)
+
+
+def print_short_diff(out: Console, found: TableDiff) -> None:
+    """What changed in the device, how many entries and clicks did, and where each of their figures did most."""
+    for change in found.device:
+        if not change.key.startswith(_UNCERTAINTY):
+            _line(out, f"device: {_change_text(change)}")
+    for title, part in (("entries", found.entries), ("clicks", found.clicks)):
+        if part.compared:
+            _line(out, f"{title}: {len(part.changed)} of {part.compared} changed")
+            _print_largest(out, part)
+
+
+def _line(out: Console, text: str) -> None:
+    out.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def _change_text(change: Change) -> str:
+    if change.before is None:
+        return f"{change.key}: {_text(change.after)} appeared"
+    if change.after is None:
+        return f"{change.key}: {_text(change.before)} vanished"
+    percent = "" if change.percent is None else f" ({change.percent:+.3g} %)"
+    return f"{change.key}: {_text(change.before)} -> {_text(change.after)}{percent}"
+
+
+def _text(value: Value) -> str:
+    if value is None:
+        return "none"
+    number = number_of(value)
+    return str(value)[:_LONGEST] if number is None else f"{number:.6g}"
+
+
+def _print_part(out: Console, title: str, part: PartDiff, limit: str) -> None:
+    for states, what in ((part.vanished, "vanished"), (part.appeared, "appeared")):
+        if states:
+            more = f" and {len(states) - _NAMED} more" if len(states) > _NAMED else ""
+            _line(out, f"{title}: {len(states)} {what}: {'; '.join(states[:_NAMED])}{more}")
+    if not part.changed:
+        _line(out, f"{title}: none of {part.compared} changed" if part.compared else f"{title}: none in both")
+        return
+    _line(out, f"{title}: {len(part.changed)} of {part.compared} changed {limit}; each figure where it changed most:")
+    _print_largest(out, part)
+    _line(out, f"the {min(_SHOWN, len(part.changed))} that changed most:")
+    for state in part.changed[:_SHOWN]:
+        figures = sorted(state.figures, key=lambda f: (f.unit == "", f.unit == "dB", f.size), reverse=True)
+        texts = (f"{_named(f.figure)[0]} {_short(f.before)} -> {_short(f.after)}{_unit(f)}" for f in figures[:_FIGURES])
+        _line(out, f"  {describe(state.felt, state.quiet, state.level_db)}: {', '.join(texts)}")
+
+
+def _print_largest(out: Console, part: PartDiff) -> None:
+    if not part.changed:
+        return
+    largest = Grid("figure", "changed", "before", "after", "where it changed most")
+    for count, state, figure in part.largest():
+        words, _ = _named(figure.figure)
+        where = Text(describe(state.felt, state.quiet, state.level_db))
+        largest.add_row(words, str(count), _text(figure.before), _with_unit(figure), where)
+    out.print(largest)
+
+
+def _named(figure: str) -> tuple[str, str]:
+    """A figure in words, and the unit of its values."""
+    ending = figure.rpartition("_")[2]
+    if ending not in _UNIT_OF:
+        return figure.replace("_", " "), ""
+    return figure.removesuffix(f"_{ending}").replace("_", " "), _UNIT_OF[ending]
+
+
+def _unit(figure: FigureChange) -> str:
+    unit = "%" if figure.figure == "waveform" else _named(figure.figure)[1]
+    return f" {unit}" if unit else ""
+
+
+def _with_unit(figure: FigureChange) -> str:
+    return _text(figure.after) + _unit(figure)
+
+
+def _short(value: Value) -> str:
+    number = number_of(value)
+    return _text(value) if number is None else f"{number:.3g}"

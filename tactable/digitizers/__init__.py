@@ -1,0 +1,1 @@
+"""Touch digitizers of this machine: listed, mapped, recorded."""

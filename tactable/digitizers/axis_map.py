@@ -1,0 +1,180 @@
+"""A finger drawn along the bar to how the digitizer lies on it: the [digitizer] table of the device file."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+from engine.touch.descriptor import Surface
+from engine.touch.digitizer import DigitizerError, TouchFrame
+
+# A finger's centre cannot reach the bar's very edge: nearer than half a fingertip is at the edge.
+FINGERTIP_MM = 6.0
+_FINGERTIP = 0.02  # of the axis, where the device states no size
+_SHORTEST_STROKE = 0.25  # of the axis
+_STRAIGHT = 1.5  # travel along the bar over travel across
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """One finger from touch to lift: logical X and Y of each frame."""
+
+    x: tuple[int, ...]
+    y: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class LearntAxis:
+    """How the digitizer lies on the bar. A margin below zero: the touch area reaches beyond the bar's end.
+
+    Margins are fractions of `bar_mm`, or of the bar's unknown length where that is None.
+    """
+
+    axis: Literal["x", "y"]
+    flip: bool
+    start_margin: float
+    end_margin: float
+    bar_mm: float | None
+    touch_mm: float | None
+    """Length of the touch area as the device states it."""
+    first: int
+    last: int
+    """Logical values at the bar's start and end, as drawn."""
+    notes: tuple[str, ...]
+
+    def margin_text(self, margin: float) -> str:
+        """The margin as a device file has it."""
+        if self.bar_mm is None:
+            return f"{100 * margin:.3g} %"
+        return f"{margin * self.bar_mm:.3g} mm"
+
+
+class StrokeCollector:
+    """Follows every finger over the frames and keeps the stroke that went furthest."""
+
+    def __init__(self, surface: Surface) -> None:
+        self.longest: Stroke | None = None
+        """The furthest stroke that has ended."""
+        self._surface = surface
+        self._paths: dict[int, list[tuple[int, int]]] = {}
+
+    @property
+    def is_done(self) -> bool:
+        """Whether a stroke that is long enough has ended."""
+        return self.longest is not None and max(_travel(self._surface, self.longest)) >= _SHORTEST_STROKE
+
+    def take(self, frame: TouchFrame) -> None:
+        """Take the next frame."""
+        down = {contact.contact_id: contact for contact in frame.contacts if contact.tip}
+        for contact_id in self._paths.keys() - down.keys():
+            self._end(contact_id)
+        for contact_id, contact in down.items():
+            self._paths.setdefault(contact_id, []).append((contact.x, contact.y))
+
+    def end(self) -> None:
+        """End every stroke: no more frames will come."""
+        for contact_id in tuple(self._paths):
+            self._end(contact_id)
+
+    def _end(self, contact_id: int) -> None:
+        x, y = zip(*self._paths.pop(contact_id), strict=True)
+        stroke = Stroke(x, y)
+        if self.longest is None or max(_travel(self._surface, stroke)) > max(_travel(self._surface, self.longest)):
+            self.longest = stroke
+
+
+def collect_stroke(surface: Surface, frames: Iterable[TouchFrame]) -> Stroke:
+    """The stroke that went furthest. Raises `DigitizerError` where nothing was touched."""
+    collector = StrokeCollector(surface)
+    for frame in frames:
+        collector.take(frame)
+    collector.end()
+    if collector.longest is None:
+        raise DigitizerError("nothing was touched: draw one finger from the bar's start to its end")
+    return collector.longest
+
+
+def learn_axis(surface: Surface, stroke: Stroke, bar_mm: float | None = None) -> LearntAxis:
+    """Axis, direction and margins from a stroke between the bar's ends; `bar_mm` is the bar's length where known.
+
+    Raises `DigitizerError` for a stroke that is short or slanted, so that it tells no axis.
+    """
+    axis = _axis_of(surface, stroke)
+    field, values, touch_mm = (
+        (surface.x, stroke.x, surface.width_mm) if axis == "x" else (surface.y, stroke.y, surface.height_mm)
+    )
+    flip = values[-1] < values[0]
+    low, high = min(values), max(values)
+    span = field.logical_maximum - field.logical_minimum
+    gaps = [(low - field.logical_minimum) / span, (field.logical_maximum - high) / span]
+    first, last = (high, low) if flip else (low, high)
+    margins, notes = _margins(gaps[::-1] if flip else gaps, touch_mm, bar_mm)
+    drawn_mm = None if touch_mm is None else (1 - sum(gaps)) * touch_mm
+    return LearntAxis(axis, flip, *margins, bar_mm or drawn_mm, touch_mm, first, last, notes)
+
+
+def _axis_of(surface: Surface, stroke: Stroke) -> Literal["x", "y"]:
+    x, y = _travel(surface, stroke)
+    if max(x, y) < _SHORTEST_STROKE:
+        raise DigitizerError(
+            f"the longest stroke goes over {100 * max(x, y):.0f} % of the touch area: "
+            "draw one finger from the bar's start to its end without lifting it"
+        )
+    if surface.width_mm is not None and surface.height_mm is not None:
+        x, y = x * surface.width_mm, y * surface.height_mm
+    if max(x, y) < _STRAIGHT * min(x, y):
+        raise DigitizerError("the longest stroke goes as far across as along: draw it straight along the bar")
+    return "x" if x > y else "y"
+
+
+def _travel(surface: Surface, stroke: Stroke) -> tuple[float, float]:
+    """Way from the first place to the last, as fractions of both axes."""
+    x, y = (
+        abs(values[-1] - values[0]) / (field.logical_maximum - field.logical_minimum)
+        for values, field in ((stroke.x, surface.x), (stroke.y, surface.y))
+    )
+    return x, y
+
+
+def _margins(
+    gaps: list[float], touch_mm: float | None, bar_mm: float | None
+) -> tuple[tuple[float, float], tuple[str, ...]]:
+    """Both margins as fractions of the bar, from the parts of the touch area before and after the stroke.
+
+    Lengths are in touch areas. A stroke that reaches the touch area's edge says only that the bar reaches at least as
+    far; one that does not says where the bar ends, but for what the finger stopped short of it, equal at both ends.
+    """
+    tip = _FINGERTIP if touch_mm is None else FINGERTIP_MM / touch_mm
+    start_gap, end_gap = (0.0 if gap <= tip else gap for gap in gaps)
+    drawn = 1 - start_gap - end_gap
+    bar = drawn if bar_mm is None or touch_mm is None else bar_mm / touch_mm
+    missing = bar - drawn
+    notes = []
+    if missing < -2 * tip:
+        notes.append("the stroke is longer than the bar: is this the bar's description?")
+    if (start_gap == 0) == (end_gap == 0):
+        start, end = missing / 2 - start_gap, missing / 2 - end_gap
+        if missing > 2 * tip:
+            notes.append("the bar is longer than the stroke, which is taken to lie in its middle: measure both margins")
+    elif start_gap == 0:
+        start, end = missing, -end_gap
+    else:
+        start, end = -start_gap, missing
+    start, end = (0.0 if abs(margin) <= tip else margin for margin in (start, end))
+    if min(start, end) < 0:
+        notes.append(
+            "the touch area reaches beyond the bar: margins below zero; a touch out there counts as at the bar's end"
+        )
+    return (start / bar, end / bar), tuple(notes)
+
+
+def digitizer_table(learnt: LearntAxis) -> str:
+    """The table as text of a device file."""
+    return "\n".join(
+        (
+            "[digitizer] # learned by `tactable map`",
+            f'axis = "{learnt.axis}"',
+            f"flip = {str(learnt.flip).lower()}",
+            f'start_margin = "{learnt.margin_text(learnt.start_margin)}"',
+            f'end_margin = "{learnt.margin_text(learnt.end_margin)}"',
+        )
+    )

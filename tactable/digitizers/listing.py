@@ -1,0 +1,89 @@
+"""What this machine has: digitizers and serial ports, as rows for people and machines."""
+
+from typing import Any
+
+from engine.touch.descriptor import DescriptorError
+from engine.touch.digitizer import Digitizer, DigitizerError, open_digitizer
+from engine.touch.sources.evdev import find_evdev_digitizers, open_evdev
+from engine.touch.sources.hid_discovery import HidDigitizer, HidSystem, find_digitizers
+from engine.touch.sources.recording import read_recording
+from tactable.digitizers.record import SIMULATED
+from tactable.doctor.touch import Machine, find_problem, open_found
+from tactable.shipped import DEMO_RECORDING
+
+_MARK = "SIMULATED"
+
+
+def list_devices(machine: Machine) -> dict[str, list[Any]]:
+    """Digitizers and serial ports, and what keeps others from being found: a machine may have no hidapi."""
+    problems: list[str] = []
+    digitizers = [*_hid_rows(machine, problems), *_evdev_rows(machine), _simulated_row()]
+    ports = [
+        {
+            "path": port.path,
+            "stable_id": port.stable_id,
+            "description": port.description,
+            "simulated": _MARK in port.description,
+        }
+        for port in machine.ports()
+    ]
+    return {"digitizers": digitizers, "serial_ports": ports, "problems": problems}
+
+
+def _hid_rows(machine: Machine, problems: list[str]) -> list[dict[str, Any]]:
+    try:
+        system = machine.hid()
+        return [_hid_row(system, device) for device in find_digitizers(system)]
+    except DigitizerError as error:
+        problems.append(str(error))
+        return []
+
+
+def _hid_row(system: HidSystem, device: HidDigitizer) -> dict[str, Any]:
+    try:
+        digitizer = open_found(system, device)
+    except (DescriptorError, DigitizerError):
+        digitizer = None
+    row = _row(device.name, device.path, device.stable_id, "hidraw", find_problem(system, device), digitizer)
+    return {**row, "vendor_product": device.number, "serial_number": device.serial_number or None}
+
+
+def _evdev_rows(machine: Machine) -> list[dict[str, Any]]:
+    evdev = machine.evdev()
+    rows = []
+    for device in find_evdev_digitizers(evdev) if evdev is not None else ():
+        digitizer, slots, problem = None, None, None
+        try:
+            source = open_evdev(device.path, evdev)
+            digitizer, slots = open_digitizer(source.descriptor), source.slots
+            source.close()
+        except (DescriptorError, DigitizerError, OSError) as error:
+            problem = str(error)
+        row = _row(device.name, device.path, device.stable_id, "evdev", problem, digitizer)
+        rows.append({**row, "contact_maximum": slots})
+    return rows
+
+
+def _simulated_row() -> dict[str, Any]:
+    recording = read_recording(DEMO_RECORDING)
+    digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
+    return _row(recording.name, str(DEMO_RECORDING), SIMULATED, "recording", None, digitizer)
+
+
+def _row(
+    name: str, path: str, stable_id: str, source: str, problem: str | None, digitizer: Digitizer | None
+) -> dict[str, Any]:
+    surface = None if digitizer is None else digitizer.surface
+    return {
+        "name": name,
+        "path": path,
+        "stable_id": stable_id,
+        "source": source,
+        "kind": None if surface is None else surface.kind.name.lower(),
+        "width_mm": None if surface is None else surface.width_mm,
+        "height_mm": None if surface is None else surface.height_mm,
+        "contact_maximum": None if digitizer is None else digitizer.maximum_contacts,
+        "usable": problem is None,
+        "problem": problem,
+        "simulated": _MARK in name,
+    }

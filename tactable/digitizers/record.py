@@ -1,0 +1,130 @@
+"""A digitizer by its name to a source, and a source to a recording or to the stroke drawn on it."""
+
+import math
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+from engine.loop.loop import Clock, StopRequest, SystemClock
+from engine.touch.digitizer import Digitizer, DigitizerError, TouchFrame, open_digitizer
+from engine.touch.sources import Source
+from engine.touch.sources.evdev import open_evdev
+from engine.touch.sources.hidraw import open_hidraw
+from engine.touch.sources.playback import Playback
+from engine.touch.sources.recording import Recording, Report, read_recording
+from tactable.digitizers.axis_map import LearntAxis, Stroke, StrokeCollector, collect_stroke, learn_axis
+from tactable.doctor.touch import Machine
+from tactable.shipped import DEMO_RECORDING
+
+SIMULATED = "simulated"
+"""Stable id of the digitizer that is none: the demo's touches, played once."""
+_EVDEV_FOLDER = "/dev/input/"
+_NS_PER_S = 1_000_000_000
+_LONGEST_WAIT_NS = 100_000_000
+
+
+@contextmanager
+def opened(machine: Machine, name: str) -> Iterator[tuple[Source, int]]:
+    """A source by its name, and the kernel's number of its bus; an unplug ends it."""
+    if name == SIMULATED:
+        recording = read_recording(DEMO_RECORDING)
+        yield Playback(recording), recording.bus
+    elif name.startswith(_EVDEV_FOLDER):
+        source = open_evdev(name, machine.evdev())
+        try:
+            yield source, 0
+        finally:
+            source.close()
+    else:
+        hidraw = open_hidraw(machine.hid(), name, reconnect=False)
+        try:
+            yield hidraw, hidraw.device.bus
+        finally:
+            hidraw.close()
+
+
+def wait_for_reports(source: Source, clock: Clock, stop: StopRequest) -> Iterator[bytes | None]:
+    """Each report as it comes, and None each time there is none; until the source has ended or `stop` is set."""
+    while not (source.ended or stop.is_set()):
+        now_ns = clock.now_ns()
+        report = source.read(now_ns)
+        yield report
+        if report is None:
+            due_ns, descriptor = source.next_time_ns(), source.fileno()
+            until_ns = now_ns + _LONGEST_WAIT_NS
+            readable = () if descriptor is None or source.ended else (descriptor,)
+            clock.wait(until_ns if due_ns is None else min(due_ns, until_ns), readable, ())
+
+
+def record_source(source: Source, bus: int, clock: Clock, stop: StopRequest, seconds: float = math.inf) -> Recording:
+    """What a source reports, timed from its first report; for at most `seconds`."""
+    reports: list[Report] = []
+    start_ns, first_ns = clock.now_ns(), 0
+    for data in wait_for_reports(source, clock, stop):
+        if data is not None:
+            first_ns = first_ns if reports else source.report_time_ns
+            # The form has microseconds.
+            time_s = round((source.report_time_ns - first_ns) / 1000) / 1e6
+            reports.append(Report(len(reports), time_s, data))
+        if clock.now_ns() - start_ns >= seconds * _NS_PER_S:
+            break
+    return Recording(source.name, bus, source.vendor_id, source.product_id, source.descriptor, tuple(reports))
+
+
+def learn_from_recording(path: Path, bar_mm: float | None) -> LearntAxis:
+    """How the digitizer lies on the bar, from the longest stroke in a recording."""
+    recording = read_recording(path)
+    digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
+    return learn_axis(digitizer.surface, collect_stroke(digitizer.surface, _frames_of(digitizer, recording)), bar_mm)
+
+
+def _frames_of(digitizer: Digitizer, recording: Recording) -> Iterator[TouchFrame]:
+    for report in recording.reports:
+        time_ns = round(report.time_s * _NS_PER_S)
+        for frame in (digitizer.expire(time_ns), digitizer.decode_report(report.data, time_ns)):
+            if frame is not None:
+                yield frame
+
+
+def learn_live(machine: Machine, name: str, bar_mm: float | None) -> LearntAxis:
+    """How the digitizer lies on the bar, from the first stroke that is long enough, as it is drawn."""
+    with opened(machine, name) as (source, _), stop_at_signal() as stop:
+        digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
+        return learn_axis(digitizer.surface, wait_for_stroke(source, digitizer, SystemClock(), stop), bar_mm)
+
+
+def wait_for_stroke(source: Source, digitizer: Digitizer, clock: Clock, stop: StopRequest) -> Stroke:
+    """The first stroke that is long enough, else the longest. Raises `DigitizerError` where nothing was touched."""
+    collector = StrokeCollector(digitizer.surface)
+    for report in wait_for_reports(source, clock, stop):
+        frames = [digitizer.expire(source.source_time_ns(clock.now_ns()))]
+        if report is not None:
+            frames.append(digitizer.decode_report(report, source.report_time_ns))
+        for frame in frames:
+            if frame is not None:
+                collector.take(frame)
+        if collector.is_done:
+            break
+    collector.end()
+    if collector.longest is None:
+        raise DigitizerError("nothing was touched: draw one finger from the bar's start to its end")
+    return collector.longest
+
+
+@contextmanager
+def stop_at_signal() -> Iterator[threading.Event]:
+    """An event that Ctrl-C and a polite kill set, in place of an exception in the middle of a report."""
+    stop = threading.Event()
+
+    def set_stop(_number: int, _frame: FrameType | None) -> None:
+        stop.set()
+
+    before = {number: signal.signal(number, set_stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

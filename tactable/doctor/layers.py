@@ -1,0 +1,127 @@
+"""A short measurement of each layer between touch and drive to the one that costs most."""
+
+import os
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from engine.touch.digitizer import open_digitizer
+from engine.touch.sources.recording import read_recording
+from firmware_link.protocol.framing import encode_message
+from firmware_link.protocol.line_rate import Transport, occupied_ns
+from firmware_link.protocol.messages import DRIVE_SIZE, Set, SetFlag
+from tactable.bench.decode import time_calls
+from tactable.doctor.check import Check
+from tactable.shipped import DEMO_RECORDING
+
+_WAKES = 200
+_PERIOD_S = 0.002
+_ACTUATORS = 2
+_US = 1e3
+_PULSES = """
+import os, sys, time
+for _ in range(int(sys.argv[1])):
+    time.sleep(float(sys.argv[2]))
+    os.write(1, time.monotonic_ns().to_bytes(8, "little"))
+"""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """What one layer adds to the way from a touch to its drive, typically and for one in a hundred; None: not known."""
+
+    name: str
+    typical_us: float
+    slow_us: float | None
+    what: str
+    remedy: str
+
+
+def measure_layers(bit_rate_hz: int) -> list[Layer]:
+    """Wake-up, engine, terminal and line; takes about a second. The line is computed, not measured."""
+    command = encode_message(Set(0, SetFlag.WRITE_PHASE, 0, 0, bytes(_ACTUATORS * DRIVE_SIZE)), 0)
+    line_us = occupied_ns(Transport.UART, bit_rate_hz, len(command)) / _US
+    return [
+        Layer(
+            "host",
+            *_wake_ups_us(),
+            "the system wakes a process that waits",
+            "`tactable run --realtime all`; `tactable bench latency` says what each step brings",
+        ),
+        Layer("engine", *_decoding_us(), "a report becomes a touch frame", "`tactable bench latency` has its stages"),
+        Layer(
+            "terminal", *_terminal_us(), "bytes through a pseudo-terminal, as to an emulator", "a real port has none"
+        ),
+        Layer(
+            "line",
+            line_us,
+            None,
+            f"{len(command)} bytes of a command at {bit_rate_hz} bit/s (computed; USB ignores the rate)",
+            "a faster line: `tactable run --bit-rate 2000000`, where the board can",
+        ),
+    ]
+
+
+def check_layers(layers: Sequence[Layer]) -> list[Check]:
+    """What each costs, and by name the one that costs most."""
+    checks = [Check(f"cost of the {layer.name}", _text(layer)) for layer in layers]
+    costliest = max(layers, key=lambda layer: layer.typical_us)
+    finding = f"the {costliest.name}, {costliest.typical_us:.0f} us; to have less: {costliest.remedy}"
+    return [*checks, Check("layer that costs most here", finding)]
+
+
+def _text(layer: Layer) -> str:
+    tail = "" if layer.slow_us is None else f", one in a hundred {layer.slow_us:.0f} us"
+    return f"{layer.typical_us:.1f} us{tail}: {layer.what}"
+
+
+def _wake_ups_us() -> tuple[float, float]:
+    """From a write in another process to the return of a read that waited for it."""
+    command = [sys.executable, "-S", "-c", _PULSES, str(_WAKES), str(_PERIOD_S)]
+    late = []
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        descriptor = process.stdout.fileno()
+        while True:
+            select.select([descriptor], [], [])
+            stamp = os.read(descriptor, 8)
+            now_ns = time.monotonic_ns()
+            if not stamp:
+                break
+            late.append(now_ns - int.from_bytes(stamp, "little"))
+    return _figures(late)
+
+
+def _decoding_us() -> tuple[float, float]:
+    recording = read_recording(DEMO_RECORDING)
+    digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
+    reports = [(report.data, round(report.time_s * 1e9)) for report in recording.reports]
+    return _figures(time_calls(digitizer.decode_report, reports).tolist())
+
+
+def _terminal_us() -> tuple[float, float]:
+    """From a write on one side until the other can be read."""
+    master, slave = os.openpty()
+    late = []
+    try:
+        os.set_blocking(master, False)
+        for _ in range(_WAKES):
+            start_ns = time.monotonic_ns()
+            os.write(slave, b"tactable")
+            select.select([master], [], [])
+            late.append(time.monotonic_ns() - start_ns)
+            os.read(master, 64)
+    finally:
+        os.close(master)
+        os.close(slave)
+    return _figures(late)
+
+
+def _figures(durations_ns: Sequence[int]) -> tuple[float, float]:
+    median, slow = np.percentile(durations_ns, [50, 99]) / _US
+    return float(median), float(slow)

@@ -1,0 +1,94 @@
+"""A serial port of this machine to checks of what stands between it and a drive, and to its udev rules."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from engine.touch.sources.hid_discovery import RULE_FILE
+from firmware_link.host.serial_port import PortDescription, permission_remedy
+from tactable.doctor.check import Check
+
+_IGNORED = "E:ID_MM_DEVICE_IGNORE=1"
+
+
+@dataclass(frozen=True)
+class SystemFiles:
+    """What Linux tells in files, below `root`; where there are none, nothing is known."""
+
+    root: Path = Path("/")
+
+    def runs_modem_manager(self) -> bool:
+        """Whether the daemon is there that speaks AT commands to each new modem-like port."""
+        names = (self._read(path) for path in (self.root / "proc").glob("[0-9]*/comm"))
+        return "ModemManager" in (name.strip() for name in names)
+
+    def is_left_alone(self, port: PortDescription) -> bool:
+        """Whether a udev rule keeps ModemManager from a port."""
+        tty = self._tty(port)
+        # Our rule marks the port and its USB device; those that come with boards mark either.
+        numbers = (self._read(folder / "dev").strip() for folder in (tty, *(tty / "device").resolve().parents))
+        records = (self._read(self.root / "run/udev/data" / f"c{number}") for number in numbers if number)
+        return any(_IGNORED in record.splitlines() for record in records)
+
+    def latency_timer_ms(self, port: PortDescription) -> int | None:
+        """How long the driver collects bytes before it hands them over; None for a driver without such a timer."""
+        text = self._read(self._tty(port) / "device" / "latency_timer").strip()
+        return int(text) if text.isdecimal() else None
+
+    def governors(self) -> set[str]:
+        """How the kernel chooses the speed of the processors; empty where it does not."""
+        paths = (self.root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
+        return {self._read(path).strip() for path in paths} - {""}
+
+    def _tty(self, port: PortDescription) -> Path:
+        return self.root / "sys/class/tty" / Path(port.path).name
+
+    def _read(self, path: Path) -> str:
+        try:
+            return path.read_text(encoding="utf-8", errors="replace")
+        except OSError:
+            return ""
+
+
+def check_ports(ports: Sequence[PortDescription], files: SystemFiles) -> list[Check]:
+    """Permission of every port, and whether ModemManager keeps off those that it would speak to."""
+    if not ports:
+        return [Check("serial port", "none found", "plug the firmware's board in")]
+    checks = [_check_permission(port, files) for port in ports]
+    if files.runs_modem_manager():
+        checks += [_check_modem_manager(port, files) for port in ports if port.vendor_id is not None]
+    return checks
+
+
+def _check_permission(port: PortDescription, files: SystemFiles) -> Check:
+    name, finding = f"serial port {port.path}", port.description
+    timer_ms = files.latency_timer_ms(port)
+    if timer_ms is not None:
+        finding += f", latency timer {timer_ms} ms" + (" (a run sets 1 ms)" if timer_ms > 1 else "")
+    if os.access(port.path, os.R_OK | os.W_OK):
+        return Check(name, finding)
+    return Check(name, "no permission", permission_remedy(port.path))
+
+
+def _check_modem_manager(port: PortDescription, files: SystemFiles) -> Check:
+    name = f"ModemManager and {port.path}"
+    if files.is_left_alone(port):
+        return Check(name, "leaves it alone")
+    return Check(
+        name,
+        "it may speak AT commands to this port and keep it busy for seconds after it is plugged in",
+        f"run `tactable doctor --emit-udev {port.stable_id} | sudo tee -a {RULE_FILE}` and "
+        "`sudo udevadm control --reload`, then plug the board in again",
+    )
+
+
+def port_rules(port: PortDescription) -> tuple[str, ...]:
+    """Rules that give the port to whoever sits at the machine and keep ModemManager off; none but for USB."""
+    if port.vendor_id is None or port.product_id is None:
+        return ()
+    numbers = f'ATTRS{{idVendor}}=="{port.vendor_id:04x}", ATTRS{{idProduct}}=="{port.product_id:04x}"'
+    return (
+        f'{numbers}, ENV{{ID_MM_DEVICE_IGNORE}}="1"',
+        f'SUBSYSTEM=="tty", {numbers}, TAG+="uaccess"',
+    )

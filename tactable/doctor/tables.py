@@ -1,0 +1,53 @@
+"""Tables and what is compiled to checks: fresh or stale, there or to be made first."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from engine.loop.fast.step import FastPathError, compile_fast_path
+from engine.table.table import Table, TableError
+from tactable.doctor.check import Check
+
+
+def check_tables(paths: Sequence[Path]) -> list[Check]:
+    """Each table: whole, and built by the code that is installed."""
+    return [_check_table(path) for path in paths]
+
+
+def _check_table(path: Path) -> Check:
+    from precompute.builder.build import code_fingerprint  # the solver behind it takes a second to import
+
+    name = f"table {path}"
+    try:
+        with Table.open(path) as table:
+            device, built_by = table.device.name, str(table.attributes.get("code_fingerprint", ""))
+    except TableError as error:
+        return Check(name, str(error), "build it again: `tactable build DEVICE`")
+    if built_by != code_fingerprint():
+        remedy = f"build it again: `tactable build {device} -o {path}`"
+        return Check(name, f"for {device}, built by another version of the code", remedy, needed=False)
+    return Check(name, f"for {device}, whole and fresh")
+
+
+def check_fast_path(folder: Path) -> Check:
+    """Whether the compiled step from a report to its command is there, or can be made; it is made here."""
+    try:
+        compile_fast_path(folder)
+    except FastPathError as error:
+        finding, _, remedy = str(error).partition(": ")
+        return Check("fast path", finding, remedy or "run without it", needed=False)
+    return Check("fast path", f"compiled in {folder}")
+
+
+def check_kernels(folder: Path | None = None) -> Check:
+    """Whether the compiled kernels of `build` are kept: they take half a minute to make."""
+    where = folder or Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[2] / "precompute")
+    kept = len(list(where.rglob("*.nbi"))) if where.is_dir() else 0
+    if kept:
+        return Check("compiled kernels", f"{kept} are kept in {where}")
+    if os.access(where if where.is_dir() else where.parent, os.W_OK):
+        return Check(
+            "compiled kernels", "none yet: the first build makes them", "run `tactable demo` once", needed=False
+        )
+    remedy = "set NUMBA_CACHE_DIR to a folder that you may write to"
+    return Check("compiled kernels", f"{where} cannot be written: each build compiles anew", remedy, needed=False)

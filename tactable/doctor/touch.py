@@ -1,0 +1,119 @@
+"""What a machine has to checks: can touches be read, commands be written, what to do where not. Changes nothing."""
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from engine.touch.descriptor import DescriptorError
+from engine.touch.digitizer import Digitizer, DigitizerError, open_digitizer
+from engine.touch.sources.evdev import EvdevModule, load_evdev
+from engine.touch.sources.hid_discovery import (
+    RULE_FILE,
+    HidDigitizer,
+    HidSystem,
+    find_digitizers,
+    load_hid_system,
+    parse_number,
+    refusal,
+    select_digitizer,
+    udev_rule,
+)
+from engine.touch.sources.hidraw import read_descriptor
+from firmware_link.host.serial_port import PortDescription, find_ports
+from tactable.doctor.check import Check
+from tactable.doctor.ports import SystemFiles, check_ports, port_rules
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What the commands ask of the machine they run on."""
+
+    hid: Callable[[], HidSystem] = load_hid_system
+    evdev: Callable[[], EvdevModule | None] = load_evdev
+    ports: Callable[[], Sequence[PortDescription]] = find_ports
+    files: SystemFiles = field(default_factory=SystemFiles)
+
+
+def open_found(system: HidSystem, device: HidDigitizer) -> Digitizer:
+    """Digitizer of a device that was found, not opened. Raises `DigitizerError`, `DescriptorError`."""
+    return open_digitizer(read_descriptor(system, device), device.vendor_id, device.product_id)
+
+
+def find_problem(system: HidSystem, device: HidDigitizer) -> str | None:
+    """Why a digitizer cannot be used, None where it can."""
+    try:
+        open_found(system, device)
+    except (DescriptorError, DigitizerError) as error:
+        return str(error)
+    if system.has_nodes and not os.access(device.path, os.R_OK):
+        return str(refusal(system, device, PermissionError()))
+    return None
+
+
+def examine(machine: Machine) -> list[Check]:
+    """Every check, in the order of the chain from touch to wire."""
+    try:
+        system = machine.hid()
+        found = find_digitizers(system)
+    except DigitizerError as error:
+        return [Check("hidapi", str(error), "run `pip install hidapi`"), *check_ports(machine.ports(), machine.files)]
+    checks = [_check_backend(system), *_check_digitizers(system, found)]
+    return [*checks, *check_ports(machine.ports(), machine.files)]
+
+
+def _check_backend(system: HidSystem) -> Check:
+    if system.platform == "linux" and not system.has_nodes:
+        finding = "libusb: it takes the touch screen from the desktop and sees neither I2C nor Bluetooth"
+        return Check("hidapi", finding, "install a hidapi wheel with the module hidraw: `pip install -U hidapi`")
+    return Check("hidapi", f"module {system.backend}")
+
+
+def _check_digitizers(system: HidSystem, found: Sequence[HidDigitizer]) -> list[Check]:
+    if not found:
+        return [Check("digitizer", "none found", "plug one in; without one, `tactable demo` needs no hardware")]
+    checks = []
+    for device in found:
+        problem = find_problem(system, device)
+        what = f"digitizer {device.path}"
+        if problem is None:
+            checks.append(Check(what, f"{device.name or device.number}: readable"))
+        elif system.has_nodes and not os.access(device.path, os.R_OK):
+            checks.append(Check(what, f"{device.name or device.number}: no permission", _rule_remedy(device)))
+        else:
+            checks.append(Check(what, problem, "use another digitizer, or a page's pointer events"))
+    return checks
+
+
+def _rule_remedy(device: HidDigitizer) -> str:
+    return (
+        f"run `tactable doctor --emit-udev {device.number} | sudo tee -a {RULE_FILE}` and "
+        "`sudo udevadm control --reload`, then plug the device in again"
+    )
+
+
+def rules_text(machine: Machine, name: str | None) -> str:
+    """The udev file for one digitizer or serial port (by any of its names), or for all of them.
+
+    A digitizer's vendor:product need not be there. Raises `DigitizerError` where there is no such device.
+    """
+    number = None if name is None else parse_number(name)
+    if number is not None:
+        rules = {udev_rule(*number): name or ""}
+    else:
+        ports = [port for port in machine.ports() if name in (None, port.path, port.stable_id)]
+        rules = {rule: port.description for port in ports for rule in port_rules(port)}
+        if name is None or not ports:
+            rules = _digitizer_rules(machine, name) | rules
+    if not rules:
+        raise DigitizerError("no digitizer and no USB serial port found to write a rule for: plug one in")
+    lines = [f"# tactable: put into {RULE_FILE}; the name must sort before 73-seat-late.rules"]
+    lines.append('# Without a seat (a kiosk, a service) write MODE="0660", GROUP="input" in place of TAG+="uaccess".')
+    for rule, device_name in rules.items():
+        lines += [f"# {device_name}", rule]
+    return "\n".join(lines)
+
+
+def _digitizer_rules(machine: Machine, name: str | None) -> dict[str, str]:
+    found = find_digitizers(machine.hid())
+    chosen = found if name is None else (select_digitizer(name, found),)
+    return {udev_rule(device.vendor_id, device.product_id): device.name for device in chosen}

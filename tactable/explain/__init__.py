@@ -1,0 +1,1 @@
+"""Why an entry or a click is what it is."""

@@ -1,0 +1,236 @@
+"""A click to a page for people or values for machines: promise, bound, softer levels, and the clicks that lost."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table as Grid
+
+from engine.device.device import Spread
+from engine.table.click import ClickEntry, ClickZone, LevelSpread, played_at
+from engine.table.table import Table
+from engine.touch.finger_tracker import ZoneState
+from precompute.clicks.evaluation import Levels
+from precompute.clicks.options import ClickOptions
+from tactable.explain.click_rivals import Rival, solve_rivals
+from tactable.explain.click_source import ClickSource
+from tactable.figures.style import finite, level_text, state_text, zone_names
+
+_PERCENTILES = {"5 %": "low_db", "50 %": "middle_db", "95 %": "high_db"}
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """A click as it is played, as strong as it is, and at levels below; and what lost, as loud as it may be."""
+
+    click: ClickEntry
+    strongest: ClickEntry
+    softer: tuple[ClickEntry, ...]
+    is_tabulated: bool
+    options: ClickOptions
+    rivals: tuple[Rival, ...]
+
+
+def explain_click(source: ClickSource, states: tuple[ZoneState, ...], level_db: float, *, rivals: bool) -> Explained:
+    """The click of a state at a level; raises TableError where no finger is felt. Rivals take seconds."""
+    strongest = source.solve_click(states)
+    click = played_at(strongest, level_db)
+    levels_db = [below_db for below_db in source.table.device.levels_db if below_db < click.level_db]
+    return Explained(
+        click=click,
+        strongest=strongest,
+        softer=tuple(played_at(strongest, below_db) for below_db in levels_db),
+        is_tabulated=source.holds(states),
+        options=source.options,
+        rivals=tuple(solve_rivals(source, strongest)) if rivals else (),
+    )
+
+
+def click_json(table: Table, explained: Explained) -> dict[str, Any]:
+    """Everything as plain values; what is infinite or absent is None."""
+    click = explained.click
+    return {
+        "device": table.device.name,
+        "fingerprint": table.fingerprint,
+        "state": click.index,
+        "felt_zones": zone_names(table.device, click.states, ZoneState.FELT),
+        "quiet_zones": zone_names(table.device, click.states, ZoneState.QUIET),
+        "is_tabulated": explained.is_tabulated,
+        "wanted_level_db": finite(click.wanted_level_db),
+        "achieved": click.achieved,
+        "amplitude": click.amplitude,
+        "length_s": click.length_s,
+        "sample_rate_hz": click.sample_rate_hz,
+        "level_db": click.level_db,
+        "felt_db": _spread_json(click.felt),
+        "quiet_db": _spread_json(click.quiet),
+        "zones": [
+            _zone_json(zone.name, state, promise)
+            for zone, state, promise in zip(table.device.zones, click.states, click.zones, strict=True)
+        ],
+        "exceeds_s": click.exceeds_at_s(),
+        "peak_s": click.peak_s,
+        "residual_from_s": click.residual_from_s,
+        "residual_db": click.residual_db,
+        "objective": click.objective,
+        "upper_bound_db": finite(click.bound_db),
+        "optimality_gap_db": finite(click.gap_db),
+        "softer": [
+            {
+                "level_db": softer.level_db,
+                "amplitude": softer.amplitude,
+                "quiet_db": _spread_json(softer.quiet),
+                "exceeds_s": softer.exceeds_at_s(),
+            }
+            for softer in explained.softer
+        ],
+        "options": asdict(explained.options),
+        "alternatives": [_rival_json(rival) for rival in explained.rivals],
+        "estimated": [*table.device.inferred, "detection threshold", "spreads of the sampled plants"],
+    }
+
+
+def print_click(out: Console, table: Table, explained: Explained) -> None:
+    """The same as a page."""
+    click, options, device = explained.click, explained.options, table.device
+    where = "" if explained.is_tabulated else " - NOT IN THE TABLE, solved now by its options"
+    head = f"{device.name}, {state_text(device, click.states)}: a click of {1e3 * click.length_s:g} ms"
+    out.print(f"{head}, {_wanted_words(click)}{where}", markup=False, highlight=False, soft_wrap=True)
+    for line in _promise_lines(explained):
+        out.print(line, markup=False, highlight=False, soft_wrap=True)
+    out.print(_spread_grid(click, options.judged))
+    out.print(_zone_grid(table, click))
+    if explained.softer:
+        out.print(_softer_grid(explained.softer))
+    if explained.rivals:
+        out.print(_rival_grid(explained))
+    out.print(f"made with: {_option_words(options, device.spread)}", markup=False, highlight=False, soft_wrap=True)
+    estimates = ", ".join([*device.inferred, "detection threshold (8 dB)"])
+    out.print(f"ESTIMATES: {estimates}", style="dim", markup=False, highlight=False, soft_wrap=True)
+
+
+def _wanted_words(click: ClickEntry) -> str:
+    if click.wanted_level_db == float("inf"):
+        return "as strong as it is"
+    return f"{level_text(click.wanted_level_db)} wanted"
+
+
+def _promise_lines(explained: Explained) -> list[str]:
+    click = explained.click
+    loud = f"weakest felt finger {click.level_db:z.1f} dB above threshold in 95 % of fresh plants"
+    if click.quiet is not None:
+        loud += f", strongest quiet finger {click.quiet.high_db:z.1f} dB at most"
+    if not click.achieved:
+        loud += " - NOT ACHIEVED, the best possible"
+    bound = "no bound is known"
+    if finite(click.bound_db) is not None:
+        bound = f"no click of its tones passes {click.bound_db:z.2f} dB ({click.gap_db:.2f} dB are open)"
+    return [
+        loud,
+        f"threshold passed: {_passed_words(click)}; last peak at {1e3 * click.peak_s:.1f} ms; "
+        f"from {1e3 * click.residual_from_s:g} ms on felt fingers keep to {click.residual_db:z.1f} dB (nominal plant)",
+        f"maximised: {click.objective}; in the mean of the plants it is optimised over, {bound}",
+        f"played at {100 * click.amplitude:.1f} % of its waveform",
+    ]
+
+
+def _passed_words(click: ClickEntry) -> str:
+    """When every felt finger has passed its threshold."""
+    if click.wanted_level_db < min(click.exceeds_s):
+        return f"not known below {min(click.exceeds_s):g} dB"
+    passed_s = click.exceeds_at_s()
+    return "never by a felt finger" if passed_s is None else f"after {1e3 * passed_s:.1f} ms"
+
+
+def _spread_grid(click: ClickEntry, judged: int) -> Grid:
+    grid = Grid("dB above threshold", "nominal", *_PERCENTILES, caption=f"so many of {judged} fresh plants are below")
+    sides = {"weakest felt finger": click.felt, "strongest quiet finger": click.quiet}
+    for name, spread in sides.items():
+        if spread is not None:
+            shown = (spread.nominal_db, spread.low_db, spread.middle_db, spread.high_db)
+            grid.add_row(name, *(f"{value:z.1f}" for value in shown))
+    return grid
+
+
+def _zone_grid(table: Table, click: ClickEntry) -> Grid:
+    grid = Grid("zone", "state", "peak m/s²", "level dB", caption="nominal plant")
+    for zone, state, promise in zip(table.device.zones, click.states, click.zones, strict=True):
+        shown = ("", "")
+        if promise is not None:
+            shown = f"{promise.acceleration_at_finger_m_per_s2:.2f}", f"{promise.level_db:z.1f}"
+        grid.add_row(zone.name, state.name.lower(), *shown)
+    return grid
+
+
+def _softer_grid(softer: Sequence[ClickEntry]) -> Grid:
+    grid = Grid(
+        "played softer", "amplitude", "quiet 95 % dB", "threshold passed", caption="a dB softer is a dB quieter"
+    )
+    for each in softer:
+        quiet = "" if each.quiet is None else f"{each.quiet.high_db:z.1f}"
+        grid.add_row(f"felt {each.level_db:g} dB", f"{100 * each.amplitude:.1f} %", quiet, _passed_words(each))
+    return grid
+
+
+def _rival_grid(explained: Explained) -> Grid:
+    caption = "dB above threshold, as loud as limits and quiet level allow, on the same plants"
+    grid = Grid("alternative", "felt 5 %", "50 %", "quiet 95 %", "passed", "lost: ", caption=caption)
+    own = explained.strongest
+    grid.add_row("this click", *_rival_figures(own.felt, own.quiet, own.exceeds_at_s()), "")
+    for rival in explained.rivals:
+        verdict = rival.click.verdict
+        grid.add_row(rival.name, *_rival_figures(verdict.felt, verdict.quiet, verdict.exceeds_s), rival.lost_by)
+    return grid
+
+
+def _rival_figures(
+    felt: LevelSpread | Levels, quiet: LevelSpread | Levels | None, passed_s: float | None
+) -> tuple[str, ...]:
+    return (
+        f"{felt.low_db:z.1f}",
+        f"{felt.middle_db:z.1f}",
+        "" if quiet is None else f"{quiet.high_db:z.1f}",
+        "never" if passed_s is None else f"{1e3 * passed_s:.1f} ms",
+    )
+
+
+def _option_words(options: ClickOptions, spread: Spread) -> str:
+    lengths = ", ".join(f"{1e3 * length_s:g}" for length_s in options.lengths_s)
+    wanted = "as strong as can be" if options.wanted_db is None else f"no stronger than {options.wanted_db:g} dB"
+    brake = "no brake" if options.brake_s is None else f"braked by {1e3 * options.brake_s:g} ms"
+    slew = "no slew limit" if options.slew_per_s is None else f"slew up to {options.slew_per_s:g} full scales a second"
+    return (
+        f"{lengths} ms, {wanted}, quiet fingers at {options.quiet_db:g} dB at most in 95 % of the plants, {brake}, "
+        f"{slew}, tones {1 / options.crowding:g}/length apart; optimised over {options.scenarios} plants, "
+        f"trimmed on {options.trimmed}, judged by {options.judged} others (seed {options.seed}); standard deviations "
+        f"of stiffness {100 * spread.stiffness:g} % and mass {100 * spread.mass:g} %, finger within "
+        f"{100 * spread.finger:g} % and {1e3 * spread.finger_position_m:g} mm"
+    )
+
+
+def _spread_json(spread: LevelSpread | Levels | None) -> dict[str, float] | None:
+    if spread is None:
+        return None
+    return {"nominal": spread.nominal_db, **{name: getattr(spread, key) for name, key in _PERCENTILES.items()}}
+
+
+def _zone_json(name: str, state: ZoneState, promise: ClickZone | None) -> dict[str, Any]:
+    return {
+        "name": name,
+        "state": state.name.lower(),
+        "acceleration_at_finger_m_per_s2": None if promise is None else promise.acceleration_at_finger_m_per_s2,
+        "level_db": None if promise is None else promise.level_db,
+    }
+
+
+def _rival_json(rival: Rival) -> dict[str, Any]:
+    verdict = rival.click.verdict
+    return {
+        "name": rival.name,
+        "lost_by": rival.lost_by,
+        "felt_db": _spread_json(verdict.felt),
+        "quiet_db": _spread_json(verdict.quiet),
+        "exceeds_s": verdict.exceeds_s,
+        "residual_db": verdict.residual_db,
+    }

@@ -1,0 +1,69 @@
+"""A click and the plants that it may meet to what every finger feels of it, over time."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.table.click import ClickEntry
+from engine.touch.finger_tracker import ZoneState
+from firmware_link.protocol.bank import SAMPLE_FULL_SCALE
+from precompute.clicks.basis import LOOK_RATE_HZ, between
+from precompute.clicks.evaluation import decibels
+from precompute.entries.prediction import touched_zones
+from tactable.explain.click_source import ClickSource
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A click over time, as it is played.
+
+    time_s (time,); displacement (actuator, time): fractions of full scale; weighted (plant, finger, time):
+    acceleration over the detection threshold, in the nominal plant, then in those that the table's figures are of,
+    which nothing was optimised over. Fingers in the order of their zones (indices).
+    """
+
+    click: ClickEntry
+    zones: tuple[int, ...]
+    time_s: Array
+    displacement: Array
+    weighted: Array
+
+    def fingers(self, kind: ZoneState) -> list[int]:
+        """Which fingers are felt, or quiet."""
+        return [finger for finger, zone in enumerate(self.zones) if self.click.states[zone] is kind]
+
+    def peaks_db(self, finger: int) -> tuple[float, float, float, float]:
+        """Peak under one finger, dB above threshold: nominal, and what 5, 50 and 95 % of the sampled plants keep to."""
+        peak_db = decibels(abs(self.weighted[:, finger]).max(axis=1))
+        low, middle, high = np.percentile(peak_db[1:], (5, 50, 95)).tolist()
+        return float(peak_db[0]), low, middle, high
+
+    def fan(self, finger: int) -> Array:
+        """Shape (3, time): 5, 50 and 95 % of the sampled plants lie below, at each instant."""
+        percentiles: Array = np.percentile(self.weighted[1:, finger], (5, 50, 95), axis=0)
+        return percentiles
+
+
+def compute_course(source: ClickSource, click: ClickEntry) -> Course:
+    """The course of a click of the source's device."""
+    zones = touched_zones(click.states)
+    wave = played_displacement(click).T
+    responses = source.solver.plants_of(zones).judged
+    drawn = between(wave)
+    displacement = np.zeros((len(drawn), responses.steps))
+    displacement[:, : drawn.shape[1]] = drawn
+    return Course(
+        click=click,
+        zones=zones,
+        time_s=np.arange(responses.steps) / LOOK_RATE_HZ,
+        displacement=displacement,
+        weighted=responses.play(wave),
+    )
+
+
+def played_displacement(click: ClickEntry) -> Array:
+    """Base displacements (sample, actuator) as fractions of full scale, at the click's rate and amplitude."""
+    return click.amplitude / SAMPLE_FULL_SCALE * click.samples.astype(np.float64)

@@ -1,0 +1,41 @@
+"""A click to the waveforms that other objectives give for its state and length, judged on the same plants."""
+
+from dataclasses import dataclass
+
+from engine.table.click import ClickEntry
+from precompute.clicks.baselines import BASELINES
+from precompute.clicks.solver import Click
+from tactable.explain.click_source import ClickSource
+
+_TIE_DB = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """A waveform as loud as limits and quiet level allow; `lost_by` says what it is short of."""
+
+    name: str
+    click: Click
+    lost_by: str
+
+
+def solve_rivals(source: ClickSource, click: ClickEntry) -> list[Rival]:
+    """Every baseline against a click, as strong as it is."""
+    judged = {name: judge_rival(source, click, name) for name in BASELINES}
+    return [Rival(name, rival, _lost_by(click, rival)) for name, rival in judged.items()]
+
+
+def judge_rival(source: ClickSource, click: ClickEntry, name: str) -> Click:
+    """The baseline of that name, of the click's state and length."""
+    waveform = BASELINES[name](source.solver, click.states, click.length_s)
+    return source.solver.judge(click.states, click.length_s, waveform, name)
+
+
+def _lost_by(click: ClickEntry, rival: Click) -> str:
+    less_db = click.felt.low_db - rival.verdict.felt.low_db
+    if abs(less_db) > _TIE_DB:
+        return f"{abs(less_db):.1f} dB {'less' if less_db > 0 else 'MORE'} felt"
+    if click.quiet is None or rival.verdict.quiet is None:
+        return "as strong"
+    more_db = rival.verdict.quiet.high_db - click.quiet.high_db
+    return f"as strong, {abs(more_db):.1f} dB {'less' if more_db > 0 else 'MORE'} quiet"

@@ -1,0 +1,118 @@
+"""A click to a listening file: what every finger feels of it in the nominal plant, as sound."""
+
+import wave
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from engine.table.click import ClickEntry
+from engine.touch.finger_tracker import ZoneState
+from precompute.clicks.basis import RING_S
+from precompute.entries.prediction import touched_zones
+from precompute.model.assembly import assemble
+from precompute.model.modal import compute_basis
+from precompute.model.threshold_filter import threshold_filter
+from precompute.model.transient import TransientPlant
+from tactable.explain.click_course import played_displacement
+from tactable.figures.file import FigureError
+
+Array = NDArray[np.float64]
+
+SOUND_RATE_HZ = 48_000
+PAUSE_S = 0.5
+"""Between one finger and the next."""
+LOUDEST = 0.9 * 32_767
+"""Of a sample: converters overshoot between samples."""
+_CHANNEL_NAMES = {1: "one after another", 2: "felt left, quiet right"}
+
+
+@dataclass(frozen=True, eq=False)
+class Sound:
+    """samples (time, channel) at SOUND_RATE_HZ, all scaled alike: LOUDEST is `loudest_value`.
+
+    order: names of the zones as they are heard, those of the channels side by side.
+    """
+
+    samples: NDArray[np.int16]
+    loudest_value: float
+    is_weighted: bool
+    order: tuple[str, ...]
+
+    @property
+    def words(self) -> str:
+        """What is heard, in a line."""
+        if self.is_weighted:
+            heard = f"acceleration weighted by the detection threshold, greatest {self.loudest_value:.3g} times it"
+        else:
+            heard = f"acceleration, greatest {self.loudest_value:.3g} m/s²"
+        return f"{', '.join(self.order)} ({_CHANNEL_NAMES[self.samples.shape[1]]}): {heard}"
+
+
+def check_sound_path(path: Path) -> None:
+    """Raise FigureError for another ending or a folder that does not exist, before work is done."""
+    if path.suffix.lower() != ".wav":
+        raise FigureError(f"{path}: a sound ends in .wav; choose such a name")
+    if not path.parent.is_dir():
+        raise FigureError(f"{path.parent}: no such folder; create it or choose another output")
+
+
+def make_sound(device: Device, click: ClickEntry, *, is_weighted: bool, is_stereo: bool) -> Sound:
+    """Felt fingers, then quiet ones, a pause between; or the felt one left and the quiet one right.
+
+    Raises FigureError for stereo of other than one felt and one quiet finger.
+    """
+    touched = touched_zones(click.states)
+    order = sorted(touched, key=lambda zone: click.states[zone] is ZoneState.QUIET)
+    kinds = [click.states[zone] for zone in order]
+    if is_stereo and kinds != [ZoneState.FELT, ZoneState.QUIET]:
+        raise FigureError("--stereo is for one felt and one quiet finger; without it all are heard one after another")
+    heard = compute_felt(device, click, is_weighted=is_weighted)[:, [touched.index(zone) for zone in order]]
+    if not is_stereo:
+        pause = np.zeros((round(PAUSE_S * SOUND_RATE_HZ), len(order)))
+        heard = np.concatenate([heard, pause]).T.reshape(-1, 1)
+    loudest = float(abs(heard).max())
+    samples = np.rint(heard * (LOUDEST / loudest)).astype(np.int16)
+    return Sound(samples, loudest, is_weighted, tuple(device.zones[zone].name for zone in order))
+
+
+def compute_felt(device: Device, click: ClickEntry, *, is_weighted: bool) -> Array:
+    """Acceleration (time, finger) at SOUND_RATE_HZ in m/s^2, or over threshold, in the nominal plant and ringing out.
+
+    Fingers in the order of their zones, each in the middle of its own.
+    """
+    zones = [device.zones[zone] for zone in touched_zones(click.states)]
+    places_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in zones])
+    plant = TransientPlant(compute_basis(assemble(device)), places_m, SOUND_RATE_HZ)
+    plant.touch([(place_m, device.finger) for place_m in places_m.tolist()])
+    drive = played_displacement(click)
+    sample_s = np.arange(len(drive)) / click.sample_rate_hz
+    time_s = np.arange(round((click.length_s + RING_S) * SOUND_RATE_HZ)) / SOUND_RATE_HZ
+    acceleration, _ = plant.run(np.column_stack([np.interp(time_s, sample_s, column) for column in drive.T]))
+    if not is_weighted:
+        return acceleration
+    taps = threshold_filter(SOUND_RATE_HZ)
+    return np.stack([np.convolve(course, taps)[: len(course)] for course in acceleration.T], axis=1)
+
+
+def sound_json(sound: Sound) -> dict[str, object]:
+    """What is heard, for machines; `loudest_value` over threshold or in m/s^2."""
+    return {
+        "zones": list(sound.order),
+        "channels": sound.samples.shape[1],
+        "is_weighted": sound.is_weighted,
+        "loudest_value": sound.loudest_value,
+        "loudest_sample": round(LOUDEST),
+        "sample_rate_hz": SOUND_RATE_HZ,
+    }
+
+
+def write_sound(sound: Sound, path: Path) -> None:
+    """Write it as PCM of 16 bits."""
+    with wave.open(str(path), "wb") as file:
+        file.setnchannels(sound.samples.shape[1])
+        file.setsampwidth(sound.samples.dtype.itemsize)
+        file.setframerate(SOUND_RATE_HZ)
+        file.writeframes(sound.samples.astype("<i2").tobytes())

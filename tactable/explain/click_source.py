@@ -1,0 +1,58 @@
+"""A table and a state to its click: the table's own, or solved when it is asked for, by the table's options."""
+
+import json
+from dataclasses import fields
+from functools import cached_property
+from math import inf
+from typing import Any
+
+from engine.table.click import ClickEntry, played_at
+from engine.table.table import Table, TableError
+from engine.touch.finger_tracker import ZoneState, state_index
+from precompute.clicks.columns import ClickTabulator
+from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
+from precompute.clicks.solver import ClickSolver
+from precompute.entries.prediction import States
+
+
+class ClickSource:
+    """The clicks of a table's device, and the solver that judges them as the table's were judged."""
+
+    def __init__(self, table: Table) -> None:
+        self.table = table
+        self.options = read_click_options(table)
+        """What the table's clicks were made with; the defaults where it has none."""
+
+    @cached_property
+    def solver(self) -> ClickSolver:
+        """Of the table's device and options; its plants take a second."""
+        return ClickSolver(self.table.device, self.options)
+
+    def holds(self, states: States) -> bool:
+        """Whether the table has the click of a state; else `solve_click` takes seconds."""
+        return self.table.click_at(state_index(states), inf) is not None
+
+    def solve_click(self, states: States) -> ClickEntry:
+        """The click of any state, as strong as it is; raises TableError where no finger is felt."""
+        if ZoneState.FELT not in states:
+            raise TableError(f"{self.table.path}: a click is for felt fingers: name at least one, such as --felt I")
+        own = self.table.click_at(state_index(states), inf)
+        if own is not None:
+            return own
+        solved = ClickTabulator(self.table.device, self.options.wanted_db).tabulate(self.solver.solve(states))
+        return played_at(solved, inf)
+
+
+def read_click_options(table: Table) -> ClickOptions:
+    """The attribute `click_options`; raises TableError for options that this program does not know."""
+    text = table.attributes.get("click_options")
+    if text is None:
+        return DEFAULT_OPTIONS
+    values: dict[str, Any] = json.loads(str(text))
+    unknown = sorted(set(values) - {field.name for field in fields(ClickOptions)})
+    if unknown:
+        raise TableError(
+            f"{table.path}: its clicks were made with options unknown here: {', '.join(unknown)}; build it again"
+        )
+    known: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
+    return ClickOptions(**known)

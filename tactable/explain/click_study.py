@@ -1,0 +1,57 @@
+"""A state to its clicks of several lengths, and optimised over several numbers of plants."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from engine.device.device import Device
+from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
+from precompute.clicks.solver import Click, ClickSolver
+from precompute.entries.prediction import States
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """Clicks of one state: `by_length` with the scenarios of the options, `by_scenarios` with their first length."""
+
+    device: Device
+    states: States
+    options: ClickOptions
+    by_length: dict[float, Click]
+    by_scenarios: dict[int, Click]
+
+    @cached_property
+    def clicks(self) -> tuple[tuple[str, float, int, Click], ...]:
+        """Every click with the name of what was varied, its length and its scenarios."""
+        lengths = [("length", length_s, self.options.scenarios, c) for length_s, c in self.by_length.items()]
+        counts = [("scenarios", self.options.lengths_s[0], count, c) for count, c in self.by_scenarios.items()]
+        return (*lengths, *counts)
+
+
+def run_study(
+    device: Device,
+    states: States,
+    *,
+    lengths_s: Sequence[float],
+    scenarios: Sequence[int],
+    options: ClickOptions = DEFAULT_OPTIONS,
+    told: Callable[[float], None],
+) -> Study:
+    """Solve a state at every length and with every number of scenarios, judged on the same fresh plants.
+
+    `told` the fraction done.
+    """
+    usual = (options.lengths_s[0], options.scenarios)
+    wanted = dict.fromkeys([(length_s, usual[1]) for length_s in lengths_s] + [(usual[0], n) for n in scenarios])
+    solved = dict[tuple[float, int], Click]()
+    for length_s, count in wanted:
+        asked = replace(options, lengths_s=(length_s,), scenarios=count)
+        solved[length_s, count] = ClickSolver(device, asked).solve(states)
+        told(len(solved) / len(wanted))
+    return Study(
+        device=device,
+        states=states,
+        options=options,
+        by_length={length_s: solved[length_s, usual[1]] for length_s in lengths_s},
+        by_scenarios={count: solved[usual[0], count] for count in scenarios},
+    )

@@ -1,0 +1,209 @@
+"""An entry to a page for people or values for machines: drive, promise, worst case, and the alternatives that lost."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table as Grid
+
+from engine.device.device import Device
+from engine.table.entry import Entry, EntrySpread, ZonePromise
+from engine.table.table import Table
+from precompute.entries.alternatives import Alternative
+from precompute.entries.prediction import SHARES
+from precompute.sampling.fingers import SAMPLES
+
+
+def entry_json(table: Table, entry: Entry, alternatives: Sequence[Alternative]) -> dict[str, Any]:
+    """Everything as plain values; an infinite level is None."""
+    worst = entry.worst_case
+    return {
+        "device": table.device.name,
+        "fingerprint": table.fingerprint,
+        "state": entry.index,
+        "wanted_level_db": _finite(entry.wanted_level_db),
+        "drive": _drive_json(entry),
+        "family": entry.family,
+        "achieved": entry.achieved,
+        "level_db": entry.level_db,
+        "localized_factor": entry.localized_factor,
+        "objective": entry.objective,
+        "upper_bound": _finite(entry.upper_bound),
+        "optimality_gap_db": _finite(entry.optimality_gap_db),
+        "contrast_db": entry.contrast_db,
+        "expected_contrast_db": entry.expected_contrast_db,
+        "t90_s": entry.t90_s,
+        "limited_by": entry.limited_by,
+        "worst_case": {
+            "level_db": worst.level_db,
+            "quiet_level_db": worst.quiet_level_db,
+            "contrast_db": worst.contrast_db,
+            "localized_factor": worst.localized_factor,
+            "t90_s": worst.t90_s,
+            "fingers": SAMPLES,
+        },
+        "spread": None if entry.spread is None else _spread_json(table, entry.spread),
+        "zones": [_zone_json(zone) for zone in entry.zones],
+        "alternatives": [
+            {
+                "name": rival.name,
+                "lost_by": rival.lost_by,
+                "drive": _drive_json(rival.entry),
+                "family": rival.entry.family,
+                "level_db": rival.entry.level_db,
+                "localized_factor": rival.entry.localized_factor,
+                "contrast_db": rival.entry.contrast_db,
+                "expected_contrast_db": rival.entry.expected_contrast_db,
+                "t90_s": rival.entry.t90_s,
+            }
+            for rival in alternatives
+        ],
+        "estimated": [*table.device.inferred, "detection threshold"],
+    }
+
+
+def print_entry(out: Console, table: Table, entry: Entry, alternatives: Sequence[Alternative]) -> None:
+    """The same as a page."""
+    device, worst = table.device, entry.worst_case
+    out.print(f"{device.name}, {_state_words(entry)}: {entry.family}, {_wanted_words(entry)}", markup=False)
+    for line in _drive_lines(device, entry):
+        out.print(f"  {line}", markup=False, highlight=False)
+    level = f"weakest felt finger {entry.level_db:.1f} dB above threshold"
+    if entry.contrast_db is not None and entry.expected_contrast_db is not None:
+        level += f", contrast {entry.contrast_db:.1f} dB, expected {entry.expected_contrast_db:.1f} dB"
+    out.print(level, highlight=False)
+    out.print(
+        f"localized factor {entry.localized_factor:.4f}, t90 {1e3 * entry.t90_s:.0f} ms; maximised: {entry.objective}, "
+        f"{_bound_words(entry)}",
+        highlight=False,
+    )
+    out.print(f"limited by: {entry.limited_by}{'' if entry.achieved else ' - NOT ACHIEVED, the best possible'}")
+    out.print(_zone_grid(entry))
+    quiet = "" if worst.quiet_level_db is None else f", quiet up to {worst.quiet_level_db:.1f} dB"
+    contrast = "" if worst.contrast_db is None else f", contrast down to {worst.contrast_db:.1f} dB"
+    out.print(
+        f"worst over {SAMPLES} other fingers (anywhere in their zones, {device.finger.spread:g}-fold spread): "
+        f"felt from {worst.level_db:.1f} dB{quiet}{contrast}, localized factor {worst.localized_factor:.3f}, "
+        f"t90 {1e3 * worst.t90_s:.0f} ms",
+        highlight=False,
+        soft_wrap=True,
+    )
+    if entry.spread is not None:
+        out.print(_spread_words(table, entry.spread), highlight=False, soft_wrap=True)
+    if alternatives:
+        out.print(_alternative_grid(alternatives))
+    estimates = ", ".join([*device.inferred, "detection threshold (8 dB)"])
+    out.print(f"ESTIMATES: {estimates}", style="dim")
+
+
+def _spread_json(table: Table, spread: EntrySpread) -> dict[str, Any]:
+    """What 5, 50 and 95 % of the sampled cases lie below, dB."""
+    return {**asdict(spread), "over": str(table.attributes["spread_over"])}
+
+
+def _spread_words(table: Table, spread: EntrySpread) -> str:
+    parts = (("felt", spread.felt), ("quiet", spread.quiet), ("contrast", spread.contrast))
+    words = [f"{name} {p.low_db:.1f}, {p.middle_db:.1f}, {p.high_db:.1f} dB" for name, p in parts if p is not None]
+    return f"5, 50 and 95 % of cases lie below: {'; '.join(words)} ({table.attributes['spread_over']})"
+
+
+def _drive_json(entry: Entry) -> dict[str, list[float]]:
+    return {
+        "frequencies_hz": list(entry.frequencies_hz),
+        "amplitudes": list(entry.amplitudes),
+        "phases_rad": list(entry.phases_rad),
+    }
+
+
+def _zone_json(zone: ZonePromise) -> dict[str, Any]:
+    return {
+        "name": zone.name,
+        "state": zone.state.name.lower(),
+        "share": zone.share,
+        "share_range": list(zone.share_range),
+        "peak_acceleration_m_per_s2": zone.peak_acceleration_m_per_s2,
+        "peak_acceleration_range_m_per_s2": list(zone.peak_acceleration_range_m_per_s2),
+        "peak_position_m": zone.peak_position_m,
+        "dead_acceleration_m_per_s2": zone.dead_acceleration_m_per_s2,
+        "dead_position_m": zone.dead_position_m,
+        "acceleration_at_finger_m_per_s2": zone.acceleration_at_finger_m_per_s2,
+        "sensation_level_db": zone.sensation_level_db,
+        "sensation_level_range_db": None
+        if zone.sensation_level_range_db is None
+        else list(zone.sensation_level_range_db),
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _state_words(entry: Entry) -> str:
+    words = []
+    for kind in ("felt", "quiet"):
+        names = [zone.name for zone in entry.zones if zone.state.name.lower() == kind]
+        if names:
+            words.append(f"{kind} {', '.join(names)}")
+    return ", ".join(words)
+
+
+def _wanted_words(entry: Entry) -> str:
+    return "full scale" if math.isinf(entry.wanted_level_db) else f"{entry.wanted_level_db:g} dB wanted"
+
+
+def _bound_words(entry: Entry) -> str:
+    if math.isinf(entry.upper_bound):
+        return "for all but the worst 5 % of the sampled cases: no bound is claimed"
+    bound = f"{entry.upper_bound:.4f}" if entry.objective in SHARES else f"{entry.upper_bound:.2f} dB"
+    return f"no drive passes {bound} ({entry.optimality_gap_db:.2f} dB are open)"
+
+
+def _drive_lines(device: Device, entry: Entry) -> list[str]:
+    return [
+        f"{actuator.name}: {hz:.2f} Hz at {100 * amplitude:.1f} %, {phase:+.3f} rad"
+        if amplitude
+        else f"{actuator.name}: still"
+        for actuator, hz, amplitude, phase in zip(
+            device.actuators, entry.frequencies_hz, entry.amplitudes, entry.phases_rad, strict=True
+        )
+    ]
+
+
+def _zone_grid(entry: Entry) -> Grid:
+    grid = Grid("zone", "state", "share", "peak m/s²", "at mm", "finger m/s²", "level dB", "range dB")
+    for zone in entry.zones:
+        at_finger, level, ends = (
+            zone.acceleration_at_finger_m_per_s2,
+            zone.sensation_level_db,
+            zone.sensation_level_range_db,
+        )
+        grid.add_row(
+            zone.name,
+            zone.state.name.lower(),
+            f"{zone.share:.3f}",
+            f"{zone.peak_acceleration_m_per_s2:.2f}",
+            f"{1e3 * zone.peak_position_m:.1f}",
+            "" if at_finger is None else f"{at_finger:.3f}",
+            "" if level is None else f"{level:.1f}",
+            "" if ends is None else f"{ends[0]:.1f} to {ends[1]:.1f}",
+        )
+    return grid
+
+
+def _alternative_grid(alternatives: Sequence[Alternative]) -> Grid:
+    grid = Grid("alternative", "drive", "level dB", "contrast dB", "expected dB", "factor", "lost: ")
+    for rival in alternatives:
+        entry = rival.entry
+        tones = sorted({hz for hz, a in zip(entry.frequencies_hz, entry.amplitudes, strict=True) if a})
+        grid.add_row(
+            rival.name,
+            f"{entry.family}, {' + '.join(f'{hz:g}' for hz in tones)} Hz",
+            f"{entry.level_db:.1f}",
+            "" if entry.contrast_db is None else f"{entry.contrast_db:.1f}",
+            "" if entry.expected_contrast_db is None else f"{entry.expected_contrast_db:.1f}",
+            f"{entry.localized_factor:.3f}",
+            rival.lost_by,
+        )
+    return grid

@@ -1,0 +1,82 @@
+"""A calibration to a picture: measured against fitted along the bar, one panel a drive (paper's Figures 6 and 7)."""
+
+import io
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from precompute.calibration.calibrate import Calibration
+from tactable.figures.file import Picture
+from tactable.figures.response import reading_along
+from tactable.figures.style import BLACK, BLUE, GREY, VERMILLION, draw_actuators
+
+Array = NDArray[np.float64]
+
+_DOTS_PER_INCH = 120
+_COLUMNS, _MOST_PANELS = 3, 12
+
+
+def plot_calibration(calibration: Calibration) -> Picture:
+    """At most a dozen drives, evenly chosen; the curve has the sensor at each place, as the readings had."""
+    measurements, device = calibration.measurements, calibration.device
+    drive = measurements.drive_of_row
+    drives = np.unique(np.linspace(0, drive.max(), min(int(drive.max()) + 1, _MOST_PANELS)).round().astype(np.int64))
+    columns = min(_COLUMNS, len(drives))
+    rows = -(-len(drives) // columns)
+    figure = Figure(figsize=(1.2 + 3.9 * columns, 1.3 + 2.7 * rows), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(rows, columns, sharex=True, squeeze=False)).ravel()
+    for panel, number in zip(panels, drives, strict=False):
+        _draw(panel, calibration, np.flatnonzero(drive == number))
+    for panel in panels[len(drives) :]:
+        panel.set_visible(False)
+    panels[0].legend(fontsize="x-small")
+    typical = 100 * float(np.median(np.abs(calibration.log_residual)))
+    simulated = " SIMULATED" if measurements.is_simulated else ""
+    caption = (
+        f"{device.name}{simulated}: {len(measurements)} readings, typical misfit {typical:.2g} %; "
+        f"{len(drives)} of {int(drive.max()) + 1} drives"
+    )
+    figure.suptitle(caption, fontsize="medium")
+    return Picture(
+        figure,
+        _columns(calibration),
+        {"device": device.name, "simulated": measurements.is_simulated, "typical_misfit_percent": typical},
+        caption,
+    )
+
+
+def calibration_png(calibration: Calibration) -> bytes:
+    """The picture as a file."""
+    buffer = io.BytesIO()
+    plot_calibration(calibration).figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
+    return buffer.getvalue()
+
+
+def _draw(axes: Axes, calibration: Calibration, rows: NDArray[np.int64]) -> None:
+    measurements = calibration.measurements
+    place_m, level = reading_along(calibration.device, measurements, int(rows[0]))
+    axes.plot(1e3 * place_m, level, color=BLUE, lw=1.5, label="fitted")
+    for is_wrong, colour, name in ((False, BLACK, "measured"), (True, VERMILLION, "measured, taken for wrong")):
+        chosen = rows[calibration.is_wrong[rows] == is_wrong]
+        size = np.abs(measurements.acceleration[chosen])
+        axes.plot(1e3 * measurements.position_m[chosen], size, "o", ms=4, color=colour, label=name)
+    draw_actuators(axes, calibration.device)
+    axes.set_title(measurements.drive_text(int(rows[0])), fontsize="small")
+    axes.set(xlim=(0, 1e3 * calibration.device.bar.length_m), ylim=(0, None))
+    axes.set_xlabel("along the bar (mm)", fontsize="small")
+    axes.set_ylabel("peak acceleration (m/s²)", fontsize="small")
+    axes.grid(color=GREY, lw=0.3)
+
+
+def _columns(calibration: Calibration) -> dict[str, Array]:
+    measurements = calibration.measurements
+    names = [actuator.name for actuator in calibration.device.actuators]
+    return {
+        "position (m)": measurements.position_m,
+        **{f"frequency {name} (Hz)": measurements.frequency_hz[:, i] for i, name in enumerate(names)},
+        "measured (m/s^2)": np.abs(measurements.acceleration),
+        "fitted (m/s^2)": np.abs(calibration.predicted),
+        "ln measured over fitted (1)": calibration.log_residual,
+    }

@@ -1,0 +1,136 @@
+"""A study of a click to a picture: its levels against its length, and against the plants it is optimised over."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from engine.touch.finger_tracker import ZoneState
+from precompute.clicks.evaluation import Levels
+from precompute.clicks.solver import Click
+from tactable.explain.click_study import Study
+from tactable.figures.click import SPREAD_NOTE
+from tactable.figures.file import Picture
+from tactable.figures.style import (
+    BLACK,
+    FINGER_NOTE,
+    GREY,
+    STATE_COLOUR,
+    THRESHOLD_NOTE,
+    draw_note,
+    finite,
+    state_text,
+    zone_names,
+)
+
+Array = NDArray[np.float64]
+
+_MARKERS = {ZoneState.FELT: "o", ZoneState.QUIET: "s"}
+
+
+def plot_click_study(study: Study) -> Picture:
+    """Picture of a study."""
+    device, options = study.device, study.options
+    figure = Figure(figsize=(9, 4.8), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    _draw(left, 1e3 * np.array(list(study.by_length)), list(study.by_length.values()))
+    left.set(xlabel="length of the click (ms)", ylabel="level (dB above threshold)")
+    left.set_title(f"optimised over {options.scenarios} plants", fontsize="small", loc="left")
+    _draw(right, np.array(list(study.by_scenarios), dtype=np.float64), list(study.by_scenarios.values()))
+    right.set_xscale("log", base=2)
+    right.set_xticks(list(study.by_scenarios), [str(count) for count in study.by_scenarios])
+    right.set(xlabel="plants that it is optimised over")
+    right.set_title(f"{1e3 * options.lengths_s[0]:g} ms long", fontsize="small", loc="left")
+    handles, labels = left.get_legend_handles_labels()
+    figure.legend(handles, labels, fontsize="x-small", loc="outside right upper")
+    caption = f"{device.name}: {state_text(device, study.states)}, what a click gains"
+    figure.suptitle(f"{caption}\njudged on {options.judged} fresh plants, the same everywhere", fontsize="medium")
+    draw_note(figure, device, FINGER_NOTE, SPREAD_NOTE, THRESHOLD_NOTE)
+    return Picture(figure, _columns(study), _summary(study), f"{caption}: {_range_text(study)}")
+
+
+def _draw(axes: Axes, place: Array, clicks: Sequence[Click]) -> None:
+    sides = {ZoneState.FELT: [click.verdict.felt for click in clicks], ZoneState.QUIET: _quiet(clicks)}
+    for kind, levels in sides.items():
+        if levels:
+            _draw_levels(axes, place, levels, kind)
+    bounds_db = np.array([click.bound_db for click in clicks])
+    known = np.isfinite(bounds_db)
+    axes.plot(
+        place[known],
+        bounds_db[known],
+        "_:",
+        color=BLACK,
+        ms=10,
+        lw=1.0,
+        label="no click of its tones\nis felt more strongly\n(mean of the plants\noptimised over)",
+    )
+    axes.axhline(0.0, color=GREY, lw=1.2, ls="--", label="detection threshold\n(ESTIMATE)")
+    axes.grid(alpha=0.25)
+
+
+def _draw_levels(axes: Axes, place: Array, levels: Sequence[Levels], kind: ZoneState) -> None:
+    low, middle, high = (
+        np.array([getattr(level, key) for level in levels]) for key in ("low_db", "middle_db", "high_db")
+    )
+    colour, name = STATE_COLOUR[kind], kind.name.lower()
+    promised, percent = (low, 5) if kind is ZoneState.FELT else (high, 95)
+    axes.fill_between(place, low, high, color=colour, alpha=0.2, lw=0, label=f"{name}, 5 to 95 %")
+    axes.plot(place, middle, color=colour, lw=1.0, ls="--", label=f"{name}, 50 %")
+    axes.plot(place, promised, _MARKERS[kind], ls="-", color=colour, lw=1.8, ms=5, label=f"{name}, {percent} %")
+
+
+def _quiet(clicks: Sequence[Click]) -> list[Levels]:
+    return [click.verdict.quiet for click in clicks if click.verdict.quiet is not None]
+
+
+def _range_text(study: Study) -> str:
+    def felt(clicks: Sequence[Click]) -> str:
+        return f"felt {clicks[0].verdict.felt.low_db:z.1f} to {clicks[-1].verdict.felt.low_db:z.1f} dB"
+
+    lengths, counts = list(study.by_length), list(study.by_scenarios)
+    return (
+        f"{felt(list(study.by_length.values()))} from {1e3 * lengths[0]:g} to {1e3 * lengths[-1]:g} ms, "
+        f"{felt(list(study.by_scenarios.values()))} from {counts[0]} to {counts[-1]} plants"
+    )
+
+
+def _columns(study: Study) -> dict[str, Sequence[object]]:
+    clicks = [click for *_, click in study.clicks]
+    columns: dict[str, Sequence[object]] = {
+        "varied": [varied for varied, *_ in study.clicks],
+        "length (s)": [length_s for _, length_s, *_ in study.clicks],
+        "scenarios (1)": [count for *_, count, _ in study.clicks],
+    }
+    for key, percent in (("low_db", 5), ("middle_db", 50), ("high_db", 95)):
+        quiet = [click.verdict.quiet for click in clicks]
+        columns[f"felt level, {percent} % (dB above threshold)"] = [getattr(c.verdict.felt, key) for c in clicks]
+        columns[f"quiet level, {percent} % (dB above threshold)"] = [q and getattr(q, key) for q in quiet]
+    columns["upper bound (dB above threshold)"] = [finite(click.bound_db) for click in clicks]
+    columns["achieved (1)"] = [int(click.achieved) for click in clicks]
+    return columns
+
+
+def _summary(study: Study) -> dict[str, object]:
+    return {
+        "device": study.device.name,
+        "fingerprint": study.device.fingerprint,
+        "felt": zone_names(study.device, study.states, ZoneState.FELT),
+        "quiet": zone_names(study.device, study.states, ZoneState.QUIET),
+        "judged": study.options.judged,
+        "clicks": [
+            {
+                "varied": varied,
+                "length_s": length_s,
+                "scenarios": count,
+                "level_db": click.verdict.felt.low_db,
+                "quiet_level_db": None if click.verdict.quiet is None else click.verdict.quiet.high_db,
+                "upper_bound_db": finite(click.bound_db),
+                "achieved": click.achieved,
+            }
+            for varied, length_s, count, click in study.clicks
+        ],
+        "estimated": [FINGER_NOTE, SPREAD_NOTE, "detection threshold", *study.device.inferred],
+    }

@@ -1,0 +1,207 @@
+"""A table to a picture of the localized factor over two frequencies, untouched and with fingers on the bar."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from engine.table.table import Table, TableError
+from precompute.model.assembly import assemble
+from precompute.model.gram import compute_gram
+from precompute.model.response import solve_response
+from tactable.figures.file import Picture
+from tactable.figures.style import COLOUR_MAP, FINGER_NOTE, GREY, VERMILLION, draw_note
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_PANELS, _PANEL_INCHES, _LARGE_PANEL_INCHES = 3, 3.4, 4.4
+"""Panels in a row and their sides, of many and of one or two."""
+_ON_GRID = 1e-6
+"""An amplitude this close to one of the sweep is it."""
+
+
+@dataclass(frozen=True)
+class PairDrive:
+    """Two actuators (indices, in the order of the device) and their amplitudes as fractions of full scale."""
+
+    actuators: tuple[int, int]
+    amplitudes: tuple[float, float]
+
+
+def pair_drive(device: Device, names: Sequence[str], amplitudes: Sequence[float]) -> PairDrive:
+    """The drive of two actuators by name, none: the first two. Raises TableError for what the sweep does not have."""
+    pairs = list(itertools.combinations(range(len(device.actuators)), 2))
+    if not pairs:
+        raise TableError(f"{device.name}: has one actuator, a sweep over two frequencies needs two")
+    known = {tuple(device.actuators[i].name for i in pair): pair for pair in pairs}
+    pair = known.get(tuple(names)) if names else pairs[0]
+    if pair is None:
+        listed = "; ".join(",".join(names) for names in known)
+        raise TableError(f"{device.name}: there is no actuator pair {','.join(names)!r}; pairs are {listed}")
+    steps = device.sweep.amplitude
+    if len(amplitudes) != 2 or any(min(abs(steps - amplitude)) > _ON_GRID for amplitude in amplitudes):
+        given, listed = ",".join(f"{amplitude:g}" for amplitude in amplitudes), ", ".join(f"{a:g}" for a in steps)
+        raise TableError(f"{device.name}: amplitudes {given!r} are not two of the sweep's: {listed}")
+    if not any(amplitude > _ON_GRID for amplitude in amplitudes):
+        raise TableError(f"{device.name}: with both amplitudes 0 nothing moves; drive at least one")
+    first, second = amplitudes
+    return PairDrive(pair, (first, second))
+
+
+def plot_factor(
+    table: Table, combinations: Sequence[Sequence[str]], fingers: Sequence[str], drive: PairDrive
+) -> Picture:
+    """Picture of each combination of zones from the table's sweep; beside it with standard fingers in zones `fingers`.
+
+    Raises DeviceError for unknown zones, TableError where the table has no sweep.
+    """
+    device = table.device
+    maps = {
+        _map_name(zones, state, len(combinations) > 1): factor
+        for zones in combinations
+        for state, factor in _maps_of(table, zones, fingers, drive).items()
+    }
+    columns = min(len(maps), _PANELS if len(combinations) > 1 else len(maps))
+    rows = -(-len(maps) // columns)
+    size = _PANEL_INCHES if len(combinations) > 1 else _LARGE_PANEL_INCHES
+    figure = Figure(figsize=(1.6 + size * columns, 1.3 + 0.87 * size * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    every = np.stack(list(maps.values()))
+    scale = (float(np.nanmin(every)), float(np.nanmax(every)))
+    for axes, (name, factor) in zip(panels.ravel(), maps.items(), strict=False):
+        image = _draw(axes, device, factor, scale)
+        axes.set_title(f"{name}: {_greatest_text(device, factor)}", fontsize="small")
+    for axes in panels.ravel()[len(maps) :]:
+        axes.set_visible(False)
+    for axes in panels[:, 0]:
+        axes.set_ylabel(_axis_text(device, drive, 1))
+    for column in range(columns):
+        last = [row for row in range(rows) if row * columns + column < len(maps)][-1]
+        panels[last, column].set_xlabel(_axis_text(device, drive, 0))
+        panels[last, column].tick_params(labelbottom=True)
+    words = "each zone" if len(combinations) > 1 else ", ".join(combinations[0])
+    figure.colorbar(image, ax=panels, label=f"localized factor of {words} (1)", pad=0.02)
+    caption = f"{device.name}: localized factor of {words}"
+    legend = "on the diagonal one frequency: there fields add, in phase"
+    if np.isnan(every).any():
+        legend += "; grey: out of an actuator's band"
+    figure.suptitle(f"{caption}\n({legend})", fontsize="medium")
+    draw_note(figure, device, *([FINGER_NOTE] if fingers else []))
+    return Picture(
+        figure,
+        _columns(device, drive, maps),
+        {
+            "device": device.name,
+            "fingerprint": table.fingerprint,
+            "zones": [list(zones) for zones in combinations],
+            "fingers": list(fingers),
+            "actuators": [device.actuators[i].name for i in drive.actuators],
+            "amplitudes": list(drive.amplitudes),
+            "greatest": [_greatest(device, factor) for factor in maps.values()],
+            "estimated": [*([FINGER_NOTE] if fingers else []), *device.inferred],
+        },
+        f"{caption}: " + "; ".join(f"{name} {_greatest_text(device, factor)}" for name, factor in maps.items()),
+    )
+
+
+def _maps_of(table: Table, zones: Sequence[str], fingers: Sequence[str], drive: PairDrive) -> dict[str, Array]:
+    """Factors (frequency_1, frequency_2) by what lies on the bar."""
+    maps = {"untouched": read_factor(table, zones, drive)}
+    if fingers:
+        maps[f"with a finger in {' and '.join(fingers)}"] = compute_factor(table.device, zones, fingers, drive)
+    return maps
+
+
+def _map_name(zones: Sequence[str], state: str, is_one_of_many: bool) -> str:
+    return f"{', '.join(zones)} {state}" if is_one_of_many else state
+
+
+def read_factor(table: Table, zones: Sequence[str], drive: PairDrive) -> Array:
+    """From the sweep of the untouched bar: (frequency_1, frequency_2); NaN out of an actuator's band."""
+    device = table.device
+    pair = list(itertools.combinations(range(len(device.actuators)), 2)).index(drive.actuators)
+    first, second = (int(abs(device.sweep.amplitude - amplitude).argmin()) for amplitude in drive.amplitudes)
+    return np.asarray(table.localized_factor(zones, pair)[:, :, first, second], dtype=np.float64)
+
+
+def compute_factor(device: Device, zones: Sequence[str], fingers: Sequence[str], drive: PairDrive) -> Array:
+    """The same, standard fingers at the middles of zones `fingers`; the paper's sum of energies (eq. (10)).
+
+    Where both play one frequency their fields add, at phase 0.
+    """
+    touched = [device.zones[device.zone_index(name)] for name in fingers]
+    middles_m = [(zone.start_m + zone.stop_m) / 2 for zone in touched]
+    plant = assemble(device).with_fingers(middles_m, device.finger)
+    frequency_hz = device.sweep.frequency_hz
+    gram, total = compute_gram(solve_response(plant, frequency_hz))
+    energy = gram[:, sorted({device.zone_index(name) for name in zones})].sum(axis=1)
+    factor = _combine(energy, drive) / _combine(total, drive)
+    for axis, actuator in enumerate(drive.actuators):
+        low_hz, high_hz = device.actuators[actuator].band_hz
+        outside = (frequency_hz < low_hz - _ON_GRID) | (frequency_hz > high_hz + _ON_GRID)
+        factor[(slice(None),) * axis + (outside,)] = np.nan
+    return factor
+
+
+def _combine(gram: Complex, drive: PairDrive) -> Array:
+    """Energy (frequency_1, frequency_2) from Gram matrices (frequency, actuator, actuator)."""
+    pair, amplitude = np.array(drive.actuators), np.array(drive.amplitudes)
+    parts = gram[:, pair[:, None], pair].real * np.outer(amplitude, amplitude)
+    energy: Array = parts[:, None, 0, 0] + parts[None, :, 1, 1]
+    np.fill_diagonal(energy, parts.sum(axis=(1, 2)))
+    return energy
+
+
+def _draw(axes: Axes, device: Device, factor: Array, scale: tuple[float, float]) -> AxesImage:
+    sweep = device.sweep
+    edges_hz = (sweep.start_hz - sweep.step_hz / 2, sweep.stop_hz + sweep.step_hz / 2)
+    axes.set_facecolor(GREY)  # where an actuator is out of its band
+    image = axes.imshow(
+        factor.T,
+        origin="lower",
+        extent=(*edges_hz, *edges_hz),
+        aspect="auto",
+        cmap=COLOUR_MAP,
+        vmin=scale[0],
+        vmax=scale[1],
+    )
+    best = _greatest(device, factor)
+    axes.plot(
+        best["frequency_1_hz"], best["frequency_2_hz"], "o", ms=10, mew=2, mfc="none", color=VERMILLION, clip_on=False
+    )
+    return image
+
+
+def _axis_text(device: Device, drive: PairDrive, which: int) -> str:
+    name = device.actuators[drive.actuators[which]].name
+    return f"frequency of {name}, at {100 * drive.amplitudes[which]:g} % (Hz)"
+
+
+def _greatest(device: Device, factor: Array) -> dict[str, float]:
+    first, second = np.unravel_index(np.nanargmax(factor), factor.shape)
+    hz = device.sweep.frequency_hz
+    return {
+        "localized_factor": float(factor[first, second]),
+        "frequency_1_hz": float(hz[first]),
+        "frequency_2_hz": float(hz[second]),
+    }
+
+
+def _greatest_text(device: Device, factor: Array) -> str:
+    best = _greatest(device, factor)
+    return f"{best['localized_factor']:.3f} at {best['frequency_1_hz']:g} and {best['frequency_2_hz']:g} Hz"
+
+
+def _columns(device: Device, drive: PairDrive, maps: dict[str, Array]) -> dict[str, Array]:
+    hz = device.sweep.frequency_hz
+    names = [device.actuators[i].name for i in drive.actuators]
+    first, second = np.meshgrid(hz, hz, indexing="ij")
+    frequencies = {f"frequency of {names[0]} (Hz)": first.ravel(), f"frequency of {names[1]} (Hz)": second.ravel()}
+    return frequencies | {f"localized factor {name} (1)": factor.ravel() for name, factor in maps.items()}

@@ -1,0 +1,138 @@
+"""A device to a picture of its dead zones: the greatest acceleration and level that each place can be given."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from precompute.model.assembly import assemble
+from precompute.studies.reach import Reach, compute_reach
+from tactable.figures.file import Picture
+from tactable.figures.style import (
+    BLACK,
+    BLUE,
+    FINGER_NOTE,
+    GREEN,
+    GREY,
+    STANDARD_GRAVITY_M_PER_S2,
+    THRESHOLD_NOTE,
+    VERMILLION,
+    draw_actuators,
+    draw_gravities,
+    draw_note,
+    draw_zone_names,
+)
+
+Array = NDArray[np.float64]
+
+PLACES = 141
+PAPER_G = 1.5
+"""The published bar: "a peak acceleration greater than 1.5 g can be achieved throughout"."""
+_FLOOR, _LEGEND_ROOM = 0.4, 4.0
+
+
+def plot_reach(device: Device) -> Picture:
+    """Picture of a device: untouched, and under a standard finger that lies at each place in turn."""
+    plant, place_m = assemble(device), np.linspace(0.0, device.bar.length_m, PLACES)
+    untouched, touched = compute_reach(plant, place_m), compute_reach(plant, place_m, device.finger)
+    figure = Figure(figsize=(9, 6.6), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+    _draw_accelerations(above, device, untouched, touched)
+    _draw_level(below, device, touched)
+    caption = f"{device.name}: greatest acceleration at each place, full scale"
+    figure.suptitle(f"{caption}\n{_least_text(untouched, touched)}", fontsize="medium")
+    draw_note(figure, device, FINGER_NOTE, THRESHOLD_NOTE)
+    return Picture(
+        figure,
+        _columns(device, untouched, touched),
+        _summary(device, untouched, touched),
+        f"{caption}: {_least_text(untouched, touched)}",
+    )
+
+
+def _draw_accelerations(axes: Axes, device: Device, untouched: Reach, touched: Reach) -> None:
+    place_mm = 1e3 * untouched.position_m
+    curves = (
+        (untouched.tones, BLUE, "-", "untouched, each actuator at its best frequency"),
+        (untouched.one_tone, GREEN, "--", "untouched, all at one frequency"),
+        (touched.tones, VERMILLION, "-.", "under a standard finger lying there"),
+    )
+    for reach, colour, style, label in curves:
+        axes.plot(place_mm, reach, color=colour, ls=style, lw=1.6, label=label)
+    paper = PAPER_G * STANDARD_GRAVITY_M_PER_S2
+    axes.axhline(paper, color=BLACK, ls=":", lw=1.2, label=f"{PAPER_G:g} g, the published bar")
+    greatest = max(float(reach.max()) for reach, *_ in curves)
+    least = min(float(touched.tones.min()), paper)
+    axes.set(yscale="log", ylabel="greatest peak\nacceleration (m/s²)", ylim=(_FLOOR * least, _LEGEND_ROOM * greatest))
+    draw_gravities(axes)
+    draw_zone_names(axes, device)
+    draw_actuators(axes, device)
+    axes.legend(fontsize="x-small", loc="upper center", bbox_to_anchor=(0.5, 0.93), ncols=2)
+
+
+def _draw_level(axes: Axes, device: Device, touched: Reach) -> None:
+    axes.plot(1e3 * touched.position_m, touched.level_db, color=VERMILLION, ls="-.", lw=1.6)
+    for level_db in device.levels_db:
+        axes.axhline(level_db, color=GREY, lw=0.8, ls=":")
+        axes.text(
+            0.995,
+            level_db,
+            f"entries at {level_db:g} dB",
+            fontsize="x-small",
+            color="dimgrey",
+            va="bottom",
+            ha="right",
+            transform=axes.get_yaxis_transform(),
+        )
+    axes.set(
+        xlabel="along the bar (mm)",
+        ylabel="greatest level under a\nfinger (dB above threshold)",
+        xlim=(0, 1e3 * device.bar.length_m),
+        ylim=(0, None),
+    )
+    for zone in device.zones:
+        for edge_m in (zone.start_m, zone.stop_m):
+            axes.axvline(1e3 * edge_m, color=GREY, lw=0.5)
+
+
+def _least_text(untouched: Reach, touched: Reach) -> str:
+    return (
+        f"at least {_least_g(untouched):.2f} g untouched, "
+        f"{_least_g(touched):.2f} g and {touched.level_db.min():.1f} dB under a finger"
+    )
+
+
+def _least_g(reach: Reach) -> float:
+    return float(reach.tones.min()) / STANDARD_GRAVITY_M_PER_S2
+
+
+def _columns(device: Device, untouched: Reach, touched: Reach) -> dict[str, Array]:
+    columns = {"position (m)": untouched.position_m}
+    for name, reach in (("untouched", untouched), ("under a finger there", touched)):
+        columns[f"each actuator at its best frequency, {name} (m/s^2)"] = reach.tones
+        for actuator, hz in zip(device.actuators, reach.tones_hz.T, strict=True):
+            columns[f"best frequency of {actuator.name}, {name} (Hz)"] = hz
+        columns[f"all at one frequency, {name} (m/s^2)"] = reach.one_tone
+        columns[f"best common frequency, {name} (Hz)"] = reach.one_tone_hz
+    columns["greatest level under a finger there (dB above threshold)"] = touched.level_db
+    return columns
+
+
+def _summary(device: Device, untouched: Reach, touched: Reach) -> dict[str, object]:
+    return {
+        "device": device.name,
+        "fingerprint": device.fingerprint,
+        "untouched": _least(untouched),
+        "under_a_finger": {**_least(touched), "least_level_db": float(touched.level_db.min())},
+        "estimated": [FINGER_NOTE, "detection threshold", *device.inferred],
+    }
+
+
+def _least(reach: Reach) -> dict[str, float]:
+    at = int(reach.tones.argmin())
+    return {
+        "least_m_per_s2": float(reach.tones[at]),
+        "least_position_m": float(reach.position_m[at]),
+        "least_at_one_frequency_m_per_s2": float(reach.one_tone.min()),
+    }

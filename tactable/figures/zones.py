@@ -1,0 +1,177 @@
+"""Drives of the untouched bar to a picture: acceleration and factor of every zone (paper's Figures 3, 8)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from precompute.entries.untouched import BarDrive, find_untouched_optima
+from precompute.model.assembly import Plant, assemble
+from precompute.model.response import solve_response
+from precompute.model.steady import SteadyState, compute_steady_state
+from tactable.figures.file import FigureError, Picture
+from tactable.figures.style import CURVES, GREEN, GREY, draw_actuators, draw_gravities, draw_note, draw_zone_names
+
+Array = NDArray[np.float64]
+
+_PLACES = 401
+_HEADROOM = 1.3
+_HATCHES = ("", "///", "...", "xxx")
+_BAR_SHARE = 0.8
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """A drive, its peak acceleration along the bar (place,), m/s^2, and its figures by zone."""
+
+    drive: BarDrive
+    level: Array
+    state: SteadyState
+
+
+def plot_zones(device: Device, drives: Sequence[BarDrive]) -> Picture:
+    """Picture of up to four drives. Raises FigureError for more."""
+    if not 1 <= len(drives) <= len(_HATCHES):
+        raise FigureError(f"{len(drives)} drives: expected one to {len(_HATCHES)}; draw the others by themselves")
+    shown = _compute(assemble(device), drives)
+    caption = f"{device.name}: acceleration and localized factor by zone, untouched"
+    return _picture(device, shown, caption, [])
+
+
+def plot_optimum(device: Device, zones: Sequence[str]) -> Picture:
+    """Picture of the drives with the greatest localized factor of `zones` together.
+
+    Raises DeviceError for a zone that there is not.
+    """
+    wanted = [device.zone_index(name) for name in zones]
+    plant = assemble(device)
+    shown = _compute(plant, find_untouched_optima(plant, wanted))
+    return _picture(device, shown, f"{device.name}: greatest localized factor of {', '.join(zones)}, untouched", wanted)
+
+
+def _compute(plant: Plant, drives: Sequence[BarDrive]) -> list[_Shown]:
+    place_m = np.linspace(0.0, plant.device.bar.length_m, _PLACES)
+    return [
+        _Shown(
+            drive,
+            _along(plant, drive, place_m),
+            compute_steady_state(plant, drive.frequency_hz, drive.amplitude),
+        )
+        for drive in drives
+    ]
+
+
+def _along(plant: Plant, drive: BarDrive, place_m: Array) -> Array:
+    """Shape (place,), m/s^2: fields of one frequency add, of several as magnitudes (paper eq. (8))."""
+    tones_hz = np.unique(drive.frequency_hz[drive.amplitude != 0])
+    weight = np.where(drive.frequency_hz == tones_hz[:, None], drive.amplitude, 0)
+    field = np.einsum("ta,tap->tp", weight, solve_response(plant, tones_hz).acceleration(place_m))
+    level: Array = abs(field).sum(axis=0)
+    return level
+
+
+def _picture(device: Device, shown: Sequence[_Shown], caption: str, wanted: Sequence[int]) -> Picture:
+    figure = Figure(figsize=(9, 6.2), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+    _draw_acceleration(above, device, shown, wanted)
+    _draw_factors(below, device, shown, wanted)
+    sums = [f"{_factor_text(device, each, wanted)}" for each in shown]
+    figure.suptitle(caption, fontsize="medium")
+    draw_note(figure, device)
+    return Picture(
+        figure,
+        _columns(device, shown),
+        {
+            "device": device.name,
+            "fingerprint": device.fingerprint,
+            "zones": [device.zones[zone].name for zone in wanted],
+            "drives": [_summary_of(device, each, wanted) for each in shown],
+            "estimated": list(device.inferred),
+        },
+        f"{caption}: " + "; ".join(sums),
+    )
+
+
+def _draw_acceleration(axes: Axes, device: Device, shown: Sequence[_Shown], wanted: Sequence[int]) -> None:
+    place_mm = np.linspace(0.0, 1e3 * device.bar.length_m, _PLACES)
+    for zone in wanted:
+        axes.axvspan(1e3 * device.zones[zone].start_m, 1e3 * device.zones[zone].stop_m, color=GREEN, alpha=0.12, lw=0)
+    for each, (colour, style) in zip(shown, CURVES, strict=False):
+        axes.plot(place_mm, each.level, color=colour, ls=style, lw=1.7, label=_label(device, each.drive))
+    axes.set(
+        ylabel="peak acceleration (m/s²)",
+        xlim=(0, place_mm[-1]),
+        ylim=(0, _HEADROOM * max(float(each.level.max()) for each in shown)),
+    )
+    axes.grid(color=GREY, lw=0.3)
+    draw_gravities(axes)
+    draw_zone_names(axes, device)
+    draw_actuators(axes, device)
+    axes.legend(fontsize="x-small", loc="upper center", bbox_to_anchor=(0.5, 0.93))
+
+
+def _draw_factors(axes: Axes, device: Device, shown: Sequence[_Shown], wanted: Sequence[int]) -> None:
+    middle_mm = np.array([500 * (zone.start_m + zone.stop_m) for zone in device.zones])
+    width_mm = _BAR_SHARE / len(shown) * np.array([1e3 * zone.length_m for zone in device.zones])
+    for k, (each, (colour, _)) in enumerate(zip(shown, CURVES, strict=False)):
+        place_mm = middle_mm + (k - (len(shown) - 1) / 2) * width_mm
+        axes.bar(place_mm, each.state.share, 0.92 * width_mm, color=colour, hatch=_HATCHES[k], ec="white", lw=0)
+        for x_mm, share in zip(place_mm, each.state.share, strict=True):
+            axes.text(x_mm, share, f"{share:.3f}", ha="center", va="bottom", fontsize="x-small")
+    names = [f"{zone.name}, wanted" if k in wanted else zone.name for k, zone in enumerate(device.zones)]
+    draw_zone_names(axes, device, names)
+    greatest = max(float(each.state.share.max()) for each in shown)
+    axes.set(xlabel="along the bar (mm)", ylabel="localized factor\nof each zone (1)", ylim=(0, _HEADROOM * greatest))
+
+
+def _label(device: Device, drive: BarDrive) -> str:
+    """Such as "left 60 Hz, right 90 Hz at 60 %, +0.50 rad"."""
+    parts = []
+    for actuator, hz, amplitude in zip(device.actuators, drive.frequency_hz, drive.amplitude, strict=True):
+        if amplitude:
+            share = "" if abs(amplitude) > 1 - 1e-9 else f" at {100 * abs(amplitude):.3g} %"
+            phase = f", {np.angle(amplitude):+.2f} rad" if abs(np.angle(amplitude)) > 5e-3 else ""
+            parts.append(f"{actuator.name} {hz:g} Hz{share}{phase}")
+    words = "; ".join(parts)
+    return f"{drive.name}: {words}" if drive.name else words
+
+
+def _factor_text(device: Device, shown: _Shown, wanted: Sequence[int]) -> str:
+    if wanted:
+        return f"{shown.state.share[list(wanted)].sum():.4f} by {_label(device, shown.drive)}"
+    first, last = (device.zones[int(at)].name for at in (shown.state.share.argmax(), shown.state.share.argmin()))
+    return f"{_label(device, shown.drive)}: greatest in {first}, least in {last}"
+
+
+def _columns(device: Device, shown: Sequence[_Shown]) -> dict[str, Sequence[object] | Array]:
+    """The zones of the first drive, of the second, and so on."""
+    columns: dict[str, Sequence[object] | Array] = {
+        "drive": [_label(device, each.drive) for each in shown for _ in device.zones],
+        "zone": [zone.name for _ in shown for zone in device.zones],
+    }
+    figures = {
+        "localized factor (1)": "share",
+        "peak acceleration (m/s^2)": "peak",
+        "position of the peak (m)": "peak_position_m",
+        "least acceleration (m/s^2)": "dead",
+        "position of the least (m)": "dead_position_m",
+    }
+    for header, name in figures.items():
+        columns[header] = np.concatenate([getattr(each.state, name) for each in shown])
+    return columns
+
+
+def _summary_of(device: Device, shown: _Shown, wanted: Sequence[int]) -> dict[str, object]:
+    drive = shown.drive
+    return {
+        "drive": _label(device, drive),
+        "frequency_hz": drive.frequency_hz.tolist(),
+        "amplitude": abs(drive.amplitude).tolist(),
+        "phase_rad": np.angle(drive.amplitude).tolist(),
+        "localized_factor": float(shown.state.share[list(wanted)].sum()) if wanted else None,
+        "by_zone": dict(zip((zone.name for zone in device.zones), shown.state.share.tolist(), strict=True)),
+    }

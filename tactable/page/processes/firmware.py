@@ -1,0 +1,97 @@
+"""An emulated firmware as a process of its own, which hands over what it applied whenever it is asked. SIMULATED.
+
+Unlike `firmware_link.emulator.process` it forgets what it has told: it runs for hours.
+"""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from firmware_link.emulator.drive_log import DriveEvent, decode_drive_event, encode_events
+from firmware_link.emulator.fault_plan import parse_fault_plan
+from firmware_link.emulator.faulty_device import FaultyDevice
+from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator.pty import PseudoTerminalServer
+from firmware_link.protocol.bank import Bank, decode_bank, encode_bank, hash_of_bank
+
+_READ_SIZE = 4096
+_NS_PER_US = 1000
+
+
+@dataclass(frozen=True)
+class Applied:
+    """What the firmware did since it was asked before; the time of every event is before `until_us`."""
+
+    until_us: float
+    host_ns_at_device_zero: int
+    events: tuple[DriveEvent, ...]
+    banks: Mapping[int, Bank]
+
+
+def decode_applied(document: Mapping[str, Any], number_of_actuators: int) -> Applied:
+    """An answer of the process."""
+    banks = [bytes.fromhex(text) for text in document["banks"]]
+    return Applied(
+        until_us=document["until_us"],
+        host_ns_at_device_zero=document["host_ns_at_device_zero"],
+        events=tuple(decode_drive_event(item) for item in document["events"]),
+        banks={hash_of_bank(data): decode_bank(data, number_of_actuators) for data in banks},
+    )
+
+
+def command_of(configuration: DeviceConfiguration) -> list[str]:
+    """The command line of such a process."""
+    return [sys.executable, "-m", "tactable.page.processes.firmware", json.dumps(asdict(configuration))]
+
+
+class _Teller:
+    """What of the device was told already."""
+
+    def __init__(self, server: PseudoTerminalServer[EmulatedFirmware]) -> None:
+        self._server = server
+        self._told = set[int]()
+
+    def tell(self, now_us: int) -> dict[str, Any]:
+        """What happened since; the device forgets it."""
+        server, core = self._server, self._server.device.core
+        events = encode_events(core.drive_log)
+        core.drive_log.clear()
+        core.received.clear()
+        new = [number for number in core.banks if number not in self._told]
+        self._told.update(new)
+        actuators = core.configuration.number_of_actuators
+        return {
+            "until_us": now_us,
+            "host_ns_at_device_zero": server.host_ns_at_zero,
+            "events": events,
+            "banks": [encode_bank(core.banks[number], actuators).hex() for number in new],
+        }
+
+
+def main() -> None:
+    """Say the port, then answer whatever comes on standard input, until it ends."""
+    arguments = json.loads(sys.argv[1])
+    configuration = DeviceConfiguration(**{**arguments, "full_scales_pm": tuple(arguments["full_scales_pm"])})
+    device = FaultyDevice(
+        lambda boot_id: EmulatedFirmware(replace(configuration, boot_id=boot_id)), parse_fault_plan(""), 0
+    )
+    server = PseudoTerminalServer(device, lambda _: None)
+    teller = _Teller(server)
+    _answer({"port": server.path})
+    while server.serve([sys.stdin.fileno()]) is not None and os.read(sys.stdin.fileno(), _READ_SIZE):
+        now_us = (time.monotonic_ns() - server.host_ns_at_zero) // _NS_PER_US
+        _answer(teller.tell(now_us))
+    server.close()
+
+
+def _answer(document: dict[str, Any]) -> None:
+    sys.stdout.write(json.dumps(document) + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""The simulated chain: digitizer, firmware and bar. SIMULATED."""

@@ -1,0 +1,77 @@
+"""A device description and faults to an emulated firmware that any host can open as a serial port. SIMULATED."""
+
+import os
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from engine.device.device import Device
+from firmware_link.emulator.c_core import CompiledFirmware, open_library
+from firmware_link.emulator.fault_plan import FaultPlan
+from firmware_link.emulator.faulty_device import FaultyDevice
+from firmware_link.emulator.firmware import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator.process import termination_descriptor
+from firmware_link.emulator.pty import PseudoTerminalServer
+from firmware_link.host.emulator_registry import Announcement, own_link
+from firmware_link.protocol.errors import LinkError
+
+_PM_PER_M = 1e12
+
+
+@dataclass(frozen=True)
+class Emulated:
+    """What an emulator tells when it starts, and again whenever its port has another name."""
+
+    port: str
+    stable_name: str
+    number_of_actuators: int
+    seed: int
+
+
+def configuration_of(device: Device | None) -> DeviceConfiguration:
+    """The board that drives a device: its number of actuators and their full scales; without one, two of 0.52 um."""
+    if device is None:
+        return DeviceConfiguration(boot_id=0)
+    full_scales_pm = tuple(round(actuator.full_scale_m * _PM_PER_M) for actuator in device.actuators)
+    return DeviceConfiguration(0, len(device.actuators), LONGEST_LEASE_MS, full_scales_pm=full_scales_pm)
+
+
+def emulate(
+    configuration: DeviceConfiguration,
+    plan: FaultPlan,
+    seed: int,
+    tell: Callable[[Emulated], None],
+    core: Path | None = None,
+    link: Path | None = None,
+) -> dict[str, Any]:
+    """Be a device until SIGINT or SIGTERM; what it counted and the faults that were injected, by kind.
+
+    The device is the library `core` that `make host` builds of the firmware, or without one its twin in Python. `link`
+    becomes a symbolic link to its port, whatever that is called. Raises LinkError where something else is there.
+    """
+    library = None if core is None else open_library(core)
+    if link is not None and link.exists() and not link.is_symlink():
+        raise LinkError(f"{link}: is there already and is no link to a port; choose another name")
+    announcements = [Announcement(own_link(os.getpid())), *([] if link is None else [Announcement(link)])]
+
+    def on_port(port: str) -> None:
+        for announcement in announcements:
+            announcement.point_to(port)
+        tell(Emulated(port, str(announcements[-1].link), configuration.number_of_actuators, seed))
+
+    def start(boot_id: int) -> EmulatedFirmware | CompiledFirmware:
+        booted = replace(configuration, boot_id=boot_id)
+        return EmulatedFirmware(booted) if library is None else CompiledFirmware(library, booted, keeps_samples=False)
+
+    try:
+        with termination_descriptor() as termination:
+            server = PseudoTerminalServer(FaultyDevice(start, plan, seed), on_port)
+            server.serve([termination])
+            server.close()
+    finally:
+        for announcement in announcements:
+            announcement.close()
+    cores = [boot.core for boot in server.device.boots]
+    counters = [asdict(core.counters) | asdict(core.framing_counters) for core in cores]
+    return {"simulated": True, "boots": counters, "faults": server.device.fault_counts()}

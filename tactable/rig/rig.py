@@ -1,0 +1,123 @@
+"""The simulated rig: recorded touches to the engine, the wire and the emulated firmware. All SIMULATED."""
+
+import itertools
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from engine.effects.rules import DEFAULT_EFFECTS, Effects
+from engine.loop.latency import LatencyRecorder
+from engine.loop.loop import LoopCounters, StateChange, SystemClock
+from engine.table.table import Table
+from engine.touch.sources.playback import Playback
+from engine.touch.sources.recording import Recording
+from firmware_link.emulator.drive_log import Cause, DriveEvent, Outcome, ReceivedFrame
+from firmware_link.emulator.process import EmulatorLog, run_emulator
+from firmware_link.host.reopening import ReopeningPort
+from firmware_link.host.serial_port import SerialPort
+from tactable.run.live import Live, LiveOptions
+
+PTY_BIT_RATE_HZ = 2_000_000
+_SEQUENCES = 256
+_SET, _PLAY = "SET", "PLAY"
+
+
+@dataclass(frozen=True)
+class LiveRun:
+    """What happened between touch and firmware: the loop's trace and figures, the firmware's own log."""
+
+    trace: tuple[StateChange, ...]
+    counters: LoopCounters
+    frames_sent: int
+    """SET and PLAY frames, renewals of the lease included."""
+    latency: LatencyRecorder
+    log: EmulatorLog
+
+    def applied(self, change: StateChange) -> DriveEvent | None:
+        """What the firmware drove once it had taken the command of a state change; None if it never took it.
+
+        A command that came late is refused as stale; its renewals bring the same drive as long as the state lasts.
+        """
+        frame = next((f for f in self._frames(change) if f.outcome is Outcome.ACCEPTED), None)
+        if frame is None:
+            return None
+        # A drive that plays already is no event, and several frames of one read have the same time.
+        before = [event for event in self.log.events if _is_before(event, frame)]
+        return before[-1] if before and before[-1].cause in (Cause.SET, Cause.PLAY) else None
+
+    def came_late(self, change: StateChange) -> bool:
+        """Whether the firmware refused the command and all its renewals, as it does when the machine has stalled."""
+        frames = self._frames(change)
+        return bool(frames) and all(frame.outcome is not Outcome.ACCEPTED for frame in frames)
+
+    def _frames(self, change: StateChange) -> list[ReceivedFrame]:
+        """The command of a state change and its renewals, as the firmware received them; a terminal loses none.
+
+        A click has none: what follows it is silence.
+        """
+        since_us = (change.time_ns - self.log.host_ns_at_device_zero) / 1e3
+        # Sequences come again after that many.
+        frames = [frame for frame in self.log.received if frame.device_time_us >= since_us][:_SEQUENCES]
+        sequences = [frame.sequence for frame in frames]
+        if change.drive_sequence not in sequences:
+            return []
+        command, *later = frames[sequences.index(change.drive_sequence) :]
+        if command.message == _PLAY:
+            return [command]
+        following = (c.drive_sequence for c in self.trace[self.trace.index(change) + 1 :])
+        next_sequence = next((sequence for sequence in following if sequence is not None), None)
+        renewals = itertools.takewhile(lambda frame: frame.sequence != next_sequence, later)
+        return [command, *(frame for frame in renewals if frame.message == _SET)]
+
+
+def play(
+    table: Table, recording: Recording, speed: float, effects: Effects = DEFAULT_EFFECTS, faults: str = ""
+) -> LiveRun:
+    """Replay touches at `speed` times real pace through the engine to an emulated firmware behind a pseudo-terminal.
+
+    `faults` is a text for `parse_fault_plan`: stalls and delays; a line that loses frames is no pseudo-terminal.
+    Raises what the engine raises: DigitizerError, DescriptorError, LinkError, LimitError, RendererError.
+    """
+    # A machine that stalls for 250 ms latches the firmware, as it should: the run greets it again and goes on. If one
+    # of the two processes stalls for a second, the port is opened anew.
+    options, trace = LiveOptions(effects, reconnect=True, bit_rate_hz=PTY_BIT_RATE_HZ), list[StateChange]()
+    count = len(table.device.actuators)
+    with ExitStack() as stack:
+        emulator = stack.enter_context(run_emulator(count, faults=faults))
+        port = SerialPort(emulator.port)
+        reopening = ReopeningPort(lambda: SerialPort(emulator.port), port)
+        stack.callback(reopening.close)
+        live = Live(table, Playback(recording, speed), port, SystemClock(), options, trace, reopening)
+        live.run()
+        log = emulator.stop()
+    return LiveRun(tuple(trace), replace(live.loop.counters), live.frames_sent, live.latency, log)
+
+
+def _is_before(event: DriveEvent, frame: ReceivedFrame) -> bool:
+    """Whether an event was there once a frame had been taken."""
+    if event.device_time_us != frame.device_time_us or event.sequence is None:
+        return event.device_time_us <= frame.device_time_us
+    return (frame.sequence - event.sequence) % _SEQUENCES < _SEQUENCES // 2
+
+
+class Wanted(NamedTuple):
+    """What a state change asks for."""
+
+    state: int
+    level_db: float
+    is_click: bool
+
+
+def wanted_of(change: StateChange) -> Wanted | None:
+    """None where nothing is to be felt."""
+    return None if change.level_db is None else Wanted(change.state, change.level_db, change.is_click)
+
+
+def first_applied(run: LiveRun) -> dict[Wanted, DriveEvent]:
+    """For all that was to be felt and reached the firmware: the first drive event it caused."""
+    found: dict[Wanted, DriveEvent] = {}
+    for change in run.trace:
+        wanted, event = wanted_of(change), run.applied(change)
+        if wanted is not None and event is not None:
+            found.setdefault(wanted, event)
+    return found

@@ -1,0 +1,93 @@
+"""Fingers over time to a recording: a made-up ten-finger touch screen as long as a bar. SIMULATED."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from engine.touch.sources.recording import Recording, Report
+
+NAME = "tactable virtual touch bar (SIMULATED)"
+BUS, VENDOR_ID, PRODUCT_ID = 3, 0xFFFE, 0x7AB1
+X_MAXIMUM, Y_MAXIMUM = 16383, 1023
+FRAME_S = 0.008
+SLOTS = 5
+
+_FINGER = bytes.fromhex(
+    "05 0d 09 22 a1 02"  # finger, logical collection
+    "09 42 15 00 25 01 75 01 95 01 81 02 75 07 81 03"  # tip switch, padding
+    "09 51 25 0f 75 08 95 01 81 02"  # contact identifier
+    "05 01 15 00 26 ff 3f 35 00 46 ea 0a 55 0e 65 11 75 10 09 30 81 02"  # X, 0..16383 = 27.94 cm
+    "26 ff 03 46 7f 00 09 31 81 02"  # Y, 0..1023 = 1.27 cm
+    "45 00 55 00 65 00 c0"
+)
+
+
+def descriptor_of(slots: int) -> bytes:
+    """Descriptor of a touch screen of ten fingers whose reports have so many slots."""
+    return (
+        bytes.fromhex("05 0d 09 04 a1 01 85 01")  # touch screen, report 1
+        + _FINGER * slots
+        + bytes.fromhex(
+            "05 0d 55 0c 66 01 10 47 ff ff 00 00 27 ff ff 00 00 75 10 95 01 09 56 81 02"  # scan time, 100 us
+            "45 00 55 00 65 00 09 54 25 7f 75 08 81 02"  # contact count
+            "85 02 09 55 25 0a 75 08 95 01 b1 02 c0"  # feature: contact count maximum
+        )
+    )
+
+
+DESCRIPTOR = descriptor_of(SLOTS)
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """One finger: down at `start_s` at `start` (fraction of the bar's length), up at `stop_s` at `stop`."""
+
+    start_s: float
+    stop_s: float
+    start: float
+    stop: float
+
+    def place_at(self, time_s: float) -> float:
+        """Where it is, as a fraction of the bar's length."""
+        return self.start + (self.stop - self.start) * (time_s - self.start_s) / (self.stop_s - self.start_s)
+
+
+def make_recording(strokes: Sequence[Stroke]) -> Recording:
+    """Hybrid-free parallel reports every 8 ms while a finger is down, and one after each lift."""
+    return Recording(NAME, BUS, VENDOR_ID, PRODUCT_ID, DESCRIPTOR, tuple(_reports(strokes)))
+
+
+def _reports(strokes: Sequence[Stroke]) -> Iterator[Report]:
+    index, down = 0, set[int]()
+    for frame in range(round(max(stroke.stop_s for stroke in strokes) / FRAME_S) + 2):
+        time_s = frame * FRAME_S
+        now = {i for i, stroke in enumerate(strokes) if stroke.start_s <= time_s < stroke.stop_s}
+        if shown := sorted(now | down):
+            fingers = [(i, i in now, strokes[i].place_at(min(time_s, strokes[i].stop_s))) for i in shown]
+            yield Report(index, time_s, report_of(fingers, time_s))
+            index += 1
+        down = now
+
+
+def report_of(fingers: Sequence[tuple[int, bool, float]], time_s: float, slots: int = SLOTS) -> bytes:
+    """Report 1 with (finger, down, place) in each slot; a lifted finger is reported once without its tip."""
+    filled = b"".join(
+        bytes((down, number % 16))
+        + round(place * X_MAXIMUM).to_bytes(2, "little")
+        + (Y_MAXIMUM // 2).to_bytes(2, "little")
+        for number, down, place in fingers[:slots]
+    )
+    scan_time = round(time_s * 10_000) % 65_536
+    return b"\x01" + filled.ljust(6 * slots, b"\0") + scan_time.to_bytes(2, "little") + bytes((len(fingers),))
+
+
+DEMO_STROKES = (
+    Stroke(0.0, 0.8, 0.10, 0.10),  # one finger, zone I
+    Stroke(1.0, 1.8, 0.50, 0.50),  # zone III
+    Stroke(2.0, 3.6, 0.01, 0.99),  # a stroke along the whole bar
+    Stroke(3.9, 5.2, 0.10, 0.10),  # I, then III, then V come down; V leaves first
+    Stroke(4.1, 5.2, 0.50, 0.50),
+    Stroke(4.3, 4.9, 0.90, 0.90),
+    Stroke(5.5, 6.5, 0.30, 0.30),  # II and IV together
+    Stroke(5.5, 6.5, 0.70, 0.70),
+)
+"""What the shipped recording holds: taps, a stroke, several fingers coming and going."""

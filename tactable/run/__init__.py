@@ -1,0 +1,1 @@
+"""A live run: table, source and port to a loop, with its companions."""

@@ -1,0 +1,143 @@
+"""Laws of quantities: text with a unit becomes the SI number, or a clause that says what was expected."""
+
+import math
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from engine.device.quantity import QuantityError, read_quantity
+
+unhurried = settings(deadline=None)
+PREFIXES = {"G": 1e9, "M": 1e6, "k": 1e3, "": 1.0, "c": 1e-2, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "n": 1e-9}
+KINDS = {
+    "m": "a length",
+    "kg": "a mass",
+    "s": "a time",
+    "Hz": "a frequency",
+    "N": "a force",
+    "N/m": "a stiffness",
+    "N*s/m": "a damping",
+    "Pa": "a pressure",
+    "kg/m^3": "a density",
+    "m/s^2": "an acceleration",
+    "m/s": "a speed",
+    "": "a plain number",
+}
+HOSTILE = (
+    "5 ** 9 ** 9 m",
+    "9**9**9**9 m",
+    "5 m^9^9^9",
+    "5 m^999999999",
+    "1e999 m",
+    "-1e999 m",
+    "1e999999999 m",
+    "1e308 Gm",
+    "nan m",
+    "inf m",
+    "NaN",
+    "0x10 m",
+    "1_000 m",
+    "1,5 m",
+    "5 m; import os",
+    "__import__('os') m",
+    "5 m\n5 m",
+    "5 m\x00",
+    "5 \N{MATHEMATICAL BOLD SMALL M}",
+    "(((((5 m)))))",
+    "9" * 10_000 + " m",
+    "5 " + "m*" * 5_000 + "m",
+    "5 " + "k" * 10_000 + "m",
+    "5 " + "/s" * 25,
+    " " * 10_000 + "5 m",
+    "",
+    " ",
+    "m",
+)
+refused = pytest.mark.parametrize("text", HOSTILE, ids=[repr(text[:20]) for text in HOSTILE])
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("18.9 kN/m", "N/m", 18900.0),
+        ("18.9 N/mm", "N/m", 18900.0),
+        ("0.52 µm", "m", 0.52e-6),  # micro sign
+        ("0.52 μm", "m", 0.52e-6),  # Greek mu
+        ("11 in", "m", 0.2794),
+        ("70 GPa", "Pa", 70e9),
+        ("2.7 g/cm^3", "kg/m^3", 2700.0),
+        ("9.5 g", "kg", 0.0095),
+        ("0.045 N*s/m", "N*s/m", 0.045),
+        ("0.045 N·s/m", "N*s/m", 0.045),
+        ("1.008e-5 1/s", "1/s", 1.008e-5),
+        ("16 %", "", 0.16),
+        ("1 g_0", "m/s^2", 9.80665),
+        ("-5 mm", "m", -0.005),
+        ("  5mm ", "m", 0.005),
+    ],
+)
+def test_values_come_out_in_si(text: str, unit: str, value: float) -> None:
+    assert read_quantity(text, unit) == pytest.approx(value, rel=1e-15)
+
+
+@unhurried
+@given(st.floats(-1e200, 1e200), st.sampled_from(sorted(PREFIXES)))
+def test_a_prefix_multiplies(number: float, prefix: str) -> None:
+    assert read_quantity(f"{number!r} {prefix}m", "m") == pytest.approx(number * PREFIXES[prefix], rel=4e-16)
+
+
+@unhurried
+@given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from([unit for unit in KINDS if unit]))
+def test_a_number_in_the_wanted_unit_is_read_exactly(number: float, unit: str) -> None:
+    assert read_quantity(f"{number!r} {unit}", unit) == number
+
+
+@pytest.mark.parametrize("prefix", PREFIXES)
+@pytest.mark.parametrize("number", ["5", "0.52", "9.5", "279.4", "0.79"])
+def test_rounding_is_at_most_one_step(number: str, prefix: str) -> None:
+    """The same value in another unit may differ by the last bit; anything that compares values must allow for it."""
+    exact = float(number + {"": "", "c": "e-2"}.get(prefix, f"e{round(math.log10(PREFIXES[prefix]))}"))
+    assert abs(read_quantity(f"{number} {prefix}m", "m") - exact) <= math.ulp(exact)
+
+
+@pytest.mark.parametrize("written", [unit for unit in KINDS if unit])
+@pytest.mark.parametrize("wanted", KINDS)
+def test_another_kind_is_refused_with_both_kinds_and_the_text(written: str, wanted: str) -> None:
+    if written == wanted:
+        return
+    with pytest.raises(QuantityError) as error:
+        read_quantity(f"3.25 {written}", wanted)
+    assert f"'3.25 {written}' is {KINDS[written]}" in str(error.value)
+    assert f"expected {KINDS[wanted]} such as '1 {wanted or '%'}'" in str(error.value)
+
+
+@pytest.mark.parametrize("text", ["5", "5.0", 5, 5.0, -1, True, None, [], {}, ["5 m"]])
+def test_a_number_without_unit_is_refused(text: object) -> None:
+    with pytest.raises(QuantityError, match=r"has no unit; expected a length such as '1 m'"):
+        read_quantity(text, "m")
+
+
+@pytest.mark.parametrize("unit", ["furlong", "barn", "kkm", "M", "e", "exp", "meter_", "degC", "m_0", "PA"])
+def test_an_unknown_unit_is_named(unit: str) -> None:
+    with pytest.raises(QuantityError, match=rf"'5 {unit}' has a unit that is not known \({unit}\); expected a length"):
+        read_quantity(f"5 {unit}", "m")
+
+
+@refused
+def test_hostile_text_is_refused_quickly(text: str) -> None:
+    started = time.monotonic()
+    with pytest.raises(QuantityError, match="expected a length such as '1 m'"):
+        read_quantity(text, "m")
+    assert time.monotonic() - started < 0.5
+
+
+@unhurried
+@given(st.text(max_size=80) | st.from_regex(r"[0-9.e+-]{1,8} [a-zA-Z%µ^*/0-9]{1,12}", fullmatch=True))
+def test_any_text_is_a_finite_number_or_refused(text: str) -> None:
+    for unit in ("m", "", "N*s/m"):
+        try:
+            assert math.isfinite(read_quantity(text, unit))
+        except QuantityError as error:
+            assert "expected" in str(error)

@@ -1,0 +1,88 @@
+"""The [calibration] table: read, counted in the fingerprint, and refused by key where it cannot be."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from engine.device.device import DeviceError
+from engine.device.file import parse_device
+
+TEXT = (Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml").read_text(encoding="utf-8")
+TABLE = """
+[calibration]
+created = "2026-11-21T12:00:00+00:00"
+measurements = "measurements.csv"
+covariance = [[4e-6, 1e-6], [1e-6, 9e-4]]
+[[calibration.fitted]]
+name = "actuator[1].stiffness"
+low = "10 kN/m"
+high = "30 kN/m"
+[[calibration.fitted]]
+name = "bar.mass_damping"
+low = "0 1/s"
+high = "100 1/s"
+knee = "0.3 1/s"
+"""
+
+
+def test_what_was_fitted_is_read_in_si() -> None:
+    uncertainty = parse_device(TEXT + TABLE, "x.toml").uncertainty
+    assert uncertainty is not None
+    stiffness, damping = uncertainty.fitted
+    assert (stiffness.name, stiffness.low, stiffness.high, stiffness.knee) == ("actuator[1].stiffness", 1e4, 3e4, 0.0)
+    assert (damping.low, damping.knee) == (0.0, 0.3)
+    assert uncertainty.covariance == ((4e-6, 1e-6), (1e-6, 9e-4))
+
+
+def test_a_file_without_it_has_no_uncertainty() -> None:
+    device = parse_device(TEXT, "x.toml")
+    assert device.uncertainty is None
+    assert device.fingerprint == replace(parse_device(TEXT + TABLE, "x.toml"), uncertainty=None).fingerprint
+
+
+def test_the_fingerprint_is_of_the_uncertainty_not_of_its_making() -> None:
+    device = parse_device(TEXT + TABLE, "x.toml")
+    later = parse_device(TEXT + TABLE.replace("2026-11-21", "2027-01-01"), "y.toml")
+    surer = parse_device(TEXT + TABLE.replace("4e-6", "5e-6"), "x.toml")
+    assert device.fingerprint == later.fingerprint
+    assert len({device.fingerprint, surer.fingerprint, parse_device(TEXT, "x.toml").fingerprint}) == 3
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("actuator[1].stiffness", "actuator[3].stiffness", "fitted[1].name: 'actuator[3].stiffness': there are 2"),
+        ("actuator[1].stiffness", "actuator[0].stiffness", "expected such as actuator[1].stiffness"),
+        ("actuator[1].stiffness", "bar.length", "fitted[1].name: 'bar.length'"),
+        ("actuator[1].stiffness", "bar[1].density", "fitted[1].name: 'bar[1].density'"),
+        ('"actuator[1].stiffness"', "7", "fitted[1].name: 7"),
+        ("bar.mass_damping", "actuator[1].stiffness", "'0 1/s' is a frequency; expected a stiffness"),
+        ('low = "10 kN/m"', 'low = "0 kN/m"', "fitted[1].low: '0 N/m': expected more than 0"),
+        ('high = "30 kN/m"', 'high = "3 kN/m"', "fitted[1].high: '3 kN/m': expected more than 10000 N/m"),
+        ('high = "30 kN/m"', 'high = "30 kN/m"\nmiddle = 1', "unknown key"),
+        ("[[4e-6, 1e-6], [1e-6, 9e-4]]", "[[4e-6, 1e-6]]", "calibration.covariance"),
+        ("[1e-6, 9e-4]", "[1e-6]", "expected 2 rows of 2 numbers"),
+        ("[1e-6, 9e-4]", "[2e-6, 9e-4]", "symmetric"),
+        ("[[4e-6, 1e-6], [1e-6, 9e-4]]", "[[4e-6, 1e-3], [1e-3, 9e-4]]", "none above what its diagonal allows"),
+        ("4e-6", "-4e-6", "calibration.covariance"),
+        ("4e-6", "nan", "calibration.covariance"),
+        ("4e-6", '"4e-6"', "calibration.covariance"),
+        ('created = "2026', 'made = "2026', "calibration.made"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_key(old: str, new: str, message: str) -> None:
+    assert old in TABLE
+    with pytest.raises(DeviceError) as caught:
+        parse_device(TEXT + TABLE.replace(old, new), "x.toml")
+    assert message in str(caught.value)
+
+
+def test_a_value_fitted_twice_is_refused() -> None:
+    twice = (
+        TABLE.replace('"bar.mass_damping"', '"actuator[1].stiffness"')
+        .replace("1/s", "N/m")
+        .replace('"0 N/m"', '"1 N/m"')
+    )
+    with pytest.raises(DeviceError, match="names a value twice"):
+        parse_device(TEXT + twice, "x.toml")

@@ -1,0 +1,40 @@
+"""Laws of a device's values by name: all that the fingerprint counts, and no more."""
+
+from dataclasses import replace
+
+from engine.device.file import parse_device
+from engine.device.values import Change, compare_values, device_values
+from tests.engine.table.test_table import DEVICE, TEXT
+
+
+def test_a_value_has_the_name_of_its_place_and_its_unit() -> None:
+    values = device_values(DEVICE)
+    assert values["actuator[1].stiffness_n_per_m"] == 18900.0
+    assert values["actuator[2].band_hz[1]"] == 60.0
+    assert values["bar.length_m"] == 0.2794
+    assert values["zone[5].name"] == "V"
+    assert values["touch_axis.active_length_m"] is None
+
+
+def test_other_wording_is_the_same_device() -> None:
+    other = parse_device(TEXT.replace('"279.4 mm"', '"27.94 cm"').replace("Aluminium bar", "Bar"), "other")
+    assert compare_values(device_values(DEVICE), device_values(other)) == ()
+
+
+def test_a_change_of_any_value_changes_fingerprint_and_values_alike() -> None:
+    bar = replace(DEVICE, bar=replace(DEVICE.bar, thickness_m=0.8e-3))
+    stiffer = replace(DEVICE.actuators[1], stiffness_n_per_m=18000.0)
+    for other in (bar, replace(DEVICE, actuators=(DEVICE.actuators[0], stiffer)), replace(DEVICE, levels_db=(5.0,))):
+        assert other.fingerprint != DEVICE.fingerprint
+        assert compare_values(device_values(DEVICE), device_values(other))
+
+
+def test_what_came_and_what_went_is_named() -> None:
+    changes = compare_values({"a": 1.0, "b": "x", "c": 2.0}, {"b": "y", "c": 2.0, "d": 0.5})
+    assert changes == (Change("a", 1.0, None), Change("b", "x", "y"), Change("d", None, 0.5))
+
+
+def test_per_cent_is_told_of_numbers_only() -> None:
+    assert Change("mass_kg", 2.0, 2.5).percent == 25.0
+    for before, after in ((0.0, 1.0), ("x", "y"), (None, 1.0), (False, True)):
+        assert Change("key", before, after).percent is None

@@ -1,0 +1,467 @@
+"""Laws of what is to be felt while fingers come, rest, move and go."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from engine.effects.player import DRAG_REST_NS, STILL_M, EffectPlayer
+from engine.effects.rules import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger, burst, click
+from engine.touch.finger_tracker import Touch, ZoneState, state_index
+
+MS = 1_000_000
+MM = 1e-3
+ZONES = 5
+QUIET, FELT = ZoneState.QUIET, ZoneState.FELT
+
+BURSTS = Effects((Rule(Trigger.TOUCH, burst(20.0, 50)),))
+
+Moment = tuple[float, str, float | None]
+"""Time in ms, a letter for the state of each zone, level."""
+
+
+def touch(contact_id: int, place_mm: float, zone: int | None = None) -> Touch:
+    """Zones of 50 mm from the bar's start, unless it is said otherwise."""
+    return Touch(contact_id, place_mm * MM, int(place_mm // 50) if zone is None else zone)
+
+
+@dataclass
+class Story:
+    """What a player says over time: a moment for each change."""
+
+    effects: Effects
+    moments: list[Moment] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.player = EffectPlayer(self.effects, ZONES)
+
+    def at(self, time_ms: float, *touches: Touch) -> None:
+        """A frame, after all that is due before."""
+        self.until(time_ms)
+        self.player.take(touches, round(time_ms * MS))
+        self.note(time_ms)
+
+    def until(self, time_ms: float) -> "Story":
+        player = self.player
+        while player.next_change_ns is not None and player.next_change_ns <= time_ms * MS:
+            due_ns = player.next_change_ns
+            player.advance(due_ns)
+            assert player.next_change_ns is None or player.next_change_ns > due_ns
+            self.note(due_ns / MS)
+        return self
+
+    def note(self, time_ms: float) -> None:
+        now = (letters(self.player.state), self.player.level_db)
+        before = self.moments[-1][1:] if self.moments else ("-----", None)
+        if now != before:
+            self.moments.append((time_ms, *now))
+
+
+def letters(state: int) -> str:
+    return "".join("-qF"[state // 3**zone % 3] for zone in range(ZONES))
+
+
+def story(*rules: Rule) -> Story:
+    return Story(Effects(rules))
+
+
+def pulse(*segments: tuple[float | None, float | None]) -> Effect:
+    """Durations in ms, None for held; levels."""
+    return Effect("pulse", tuple(Segment(None if d is None else round(d * MS), level) for d, level in segments))
+
+
+HELD = pulse((None, 20.0))
+
+
+def test_a_burst_is_felt_for_its_time_and_quiet_from_then_on() -> None:
+    seen = Story(BURSTS)
+    for time_ms in range(0, 200, 8):
+        seen.at(time_ms, touch(1, 10))
+    seen.at(200)
+    assert seen.moments == [(0, "F----", 20.0), (50, "q----", None), (200, "-----", None)]
+    assert seen.player.next_change_ns is None
+
+
+def test_a_lift_ends_what_the_finger_feels() -> None:
+    seen = story(Rule(Trigger.TOUCH, burst(20.0, 50)))
+    seen.at(0, touch(1, 10))
+    seen.at(30)
+    assert seen.until(1000).moments == [(0, "F----", 20.0), (30, "-----", None)]
+
+
+def test_each_finger_has_its_own_time() -> None:
+    seen = Story(BURSTS)
+    seen.at(0, touch(1, 10))
+    seen.at(30, touch(1, 10), touch(2, 110))
+    assert seen.until(1000).moments == [
+        (0, "F----", 20.0),
+        (30, "F-F--", 20.0),
+        (50, "q-F--", 20.0),
+        (80, "q-q--", None),
+    ]
+
+
+def test_a_finger_takes_its_effect_along_into_other_zones() -> None:
+    seen = Story(BURSTS)
+    seen.at(0, touch(1, 10))
+    seen.at(16, touch(1, 60))
+    seen.at(64, touch(1, 110))
+    assert seen.moments == [(0, "F----", 20.0), (16, "-F---", 20.0), (50, "-q---", None), (64, "--q--", None)]
+
+
+def test_a_finger_in_a_gap_is_felt_once_it_is_in_a_zone() -> None:
+    seen = story(Rule(Trigger.TOUCH, HELD))
+    seen.at(0, Touch(1, 0.02, None))
+    assert (seen.player.state, seen.player.level_db) == (0, None)
+    seen.at(8, touch(1, 60))
+    assert seen.moments == [(8, "-F---", 20.0)]
+
+
+def test_an_envelope_is_played_segment_by_segment_without_drift() -> None:
+    seen = story(Rule(Trigger.TOUCH, pulse((20, 30.0), (10, None), (20, 15.0))))
+    seen.at(0.5, touch(1, 10))
+    assert seen.until(1000).moments == [
+        (0.5, "F----", 30.0),
+        (20.5, "q----", None),
+        (30.5, "F----", 15.0),
+        (50.5, "q----", None),
+    ]
+
+
+@given(st.lists(st.tuples(st.integers(1, 100), st.none() | st.integers(0, 40)), min_size=1, max_size=6))
+def test_at_any_time_the_level_is_that_of_the_segment(segments: list[tuple[int, int | None]]) -> None:
+    player = EffectPlayer(Effects((Rule(Trigger.TOUCH, pulse(*segments)),)), ZONES)
+    player.take([touch(1, 10)], 0)
+    levels = [level for duration, level in segments for _ in range(duration)] + [None] * 5
+    for time_ms, level in enumerate(levels):
+        player.advance(time_ms * MS)
+        assert (player.level_db, letters(player.state)[0]) == (level, "q" if level is None else "F")
+
+
+def test_what_a_touch_holds_lasts_as_long_as_the_finger() -> None:
+    seen = story(Rule(Trigger.TOUCH, pulse((20, 30.0), (None, 10.0))))
+    for time_ms in range(0, 5000, 100):
+        seen.at(time_ms, touch(1, 10 + time_ms / 100))
+    seen.at(5000)
+    assert seen.moments == [(0, "F----", 30.0), (20, "F----", 10.0), (4000, "-F---", 10.0), (5000, "-----", None)]
+
+
+def test_the_first_rule_that_covers_the_finger_wins() -> None:
+    rules = [
+        Rule(Trigger.TOUCH, pulse((None, 1.0)), region_m=(0.0, 0.02)),
+        Rule(Trigger.LIFT, burst(2.0, 5)),
+        Rule(Trigger.TOUCH, pulse((None, 3.0)), zones=frozenset({0, 1})),
+        Rule(Trigger.TOUCH, pulse((None, 4.0))),
+    ]
+    levels = []
+    for place_mm in (10, 30, 60, 110):
+        seen = story(*rules)
+        seen.at(0, touch(1, place_mm))
+        levels.append(seen.player.level_db)
+    assert levels == [1.0, 3.0, 3.0, 4.0]
+
+
+def test_without_a_rule_that_covers_it_a_finger_is_quiet() -> None:
+    seen = story(Rule(Trigger.TOUCH, HELD, zones=frozenset({0})))
+    seen.at(0, touch(1, 10), touch(2, 210))
+    assert seen.moments == [(0, "F---q", 20.0)]
+
+
+def test_of_several_levels_the_greatest_is_played() -> None:
+    seen = story(
+        Rule(Trigger.TOUCH, pulse((None, 10.0)), zones=frozenset({0})),
+        Rule(Trigger.TOUCH, pulse((40, 30.0), (None, 5.0))),
+    )
+    seen.at(0, touch(1, 10))
+    seen.at(10, touch(1, 10), touch(2, 60))
+    assert seen.until(100).moments == [(0, "F----", 10.0), (10, "FF---", 30.0), (50, "FF---", 10.0)]
+
+
+def test_two_fingers_in_one_zone_are_felt_if_one_of_them_feels() -> None:
+    seen = Story(BURSTS)
+    seen.at(0, touch(1, 10))
+    seen.at(100, touch(1, 10), touch(2, 30))
+    seen.at(200, touch(1, 10))
+    assert seen.moments == [
+        (0, "F----", 20.0),
+        (50, "q----", None),
+        (100, "F----", 20.0),
+        (150, "q----", None),
+    ]
+
+
+def test_a_finger_that_rests_feels_a_hold_once_and_anew_after_it_moved_on() -> None:
+    seen = story(Rule(Trigger.HOLD, burst(20.0, 50), after_ns=300 * MS))
+    for time_ms in range(0, 1000, 100):
+        seen.at(time_ms, touch(1, 10 + 0.9 * STILL_M / MM * (time_ms // 100 % 2)))
+    for time_ms in range(1000, 1500, 100):
+        seen.at(time_ms, touch(1, 20))
+    assert seen.moments == [
+        (0, "q----", None),
+        (300, "F----", 20.0),
+        (350, "q----", None),
+        (1300, "F----", 20.0),
+        (1350, "q----", None),
+    ]
+
+
+def test_a_finger_that_never_rests_feels_no_hold() -> None:
+    seen = story(Rule(Trigger.HOLD, HELD, after_ns=300 * MS))
+    for time_ms in range(0, 2000, 100):
+        seen.at(time_ms, touch(1, 10 + 1.1 * STILL_M / MM * (time_ms // 100)))
+    assert {level_db for _, _, level_db in seen.moments} == {None}
+
+
+def test_what_a_hold_holds_ends_when_the_finger_moves_on() -> None:
+    seen = story(Rule(Trigger.HOLD, pulse((200, 30.0), (None, 20.0)), after_ns=100 * MS))
+    seen.at(0, touch(1, 10))
+    seen.at(400, touch(1, 14))
+    seen.at(550, touch(1, 18))
+    assert seen.until(2000).moments == [
+        (0, "q----", None),
+        (100, "F----", 30.0),
+        (300, "F----", 20.0),
+        (400, "q----", None),
+        (500, "F----", 30.0),
+        # It moved on at 550: what has a duration plays to its end, what would be held never begins, but it rests anew.
+        (850, "F----", 20.0),
+    ]
+
+
+def test_a_drag_is_felt_at_marks_that_stay_where_they_are() -> None:
+    seen = story(Rule(Trigger.DRAG, burst(20.0, 5), every_m=5 * MM))
+    path_mm = [10, 12, 14, 16, 18, 14.5, 9.9, 14.9, 15.1, 26]
+    for frame, place_mm in enumerate(path_mm):
+        seen.at(10 * frame, touch(1, place_mm))
+    felt_ms = [time_ms for time_ms, _, level_db in seen.moments if level_db is not None]
+    # Marks at 10, 15, 20, 25 mm, each felt when it is reached from another one: 15, 10, 15, then 25 past 20.
+    assert felt_ms == [30, 60, 80, 90]
+
+
+def test_a_finger_that_trembles_is_not_dragged() -> None:
+    seen = story(Rule(Trigger.DRAG, burst(20.0, 5), every_m=5 * MM))
+    for frame in range(1000):
+        seen.at(8 * frame, touch(1, 20 + 4.9 * (-1) ** frame / 2))
+    assert [level_db for _, _, level_db in seen.moments] == [None]
+
+
+def test_what_a_drag_holds_lasts_until_it_rests() -> None:
+    seen = story(Rule(Trigger.DRAG, HELD, every_m=1 * MM))
+    for frame in range(20):
+        seen.at(50 * frame, touch(1, 10 + 1.5 * frame))
+    last_mark_ms = 950
+    assert seen.until(5000).moments == [
+        (0, "q----", None),
+        (50, "F----", 20.0),
+        (last_mark_ms + DRAG_REST_NS / MS, "q----", None),
+    ]
+
+
+def test_the_way_to_a_drag_rule_does_not_count() -> None:
+    seen = story(Rule(Trigger.DRAG, burst(20.0, 5), every_m=10 * MM, region_m=(0.05, 0.1)))
+    for frame, place_mm in enumerate([10, 30, 45, 51, 54, 56, 70]):
+        seen.at(10 * frame, touch(1, place_mm))
+    # The last place before the region is 45 mm: the first mark in it is at 55 mm.
+    assert [time_ms for time_ms, _, level_db in seen.moments if level_db is not None] == [50, 60]
+
+
+def test_a_lift_is_felt_where_the_finger_was_and_then_the_zone_is_free() -> None:
+    seen = story(Rule(Trigger.LIFT, pulse((20, 20.0), (10, None), (20, 10.0))))
+    seen.at(0, touch(1, 10))
+    seen.at(8, touch(1, 60))
+    seen.at(16)
+    assert seen.until(1000).moments == [
+        (0, "q----", None),
+        (8, "-q---", None),
+        (16, "-F---", 20.0),
+        (36, "-q---", None),
+        (46, "-F---", 10.0),
+        (66, "-----", None),
+    ]
+    assert seen.player.next_change_ns is None
+
+
+def test_a_finger_that_comes_back_does_not_end_what_the_lifted_one_left() -> None:
+    seen = story(Rule(Trigger.LIFT, burst(20.0, 100)))
+    seen.at(0, touch(1, 10))
+    seen.at(10)
+    seen.at(20, touch(1, 60))
+    assert seen.until(1000).moments == [
+        (0, "q----", None),
+        (10, "F----", 20.0),
+        (20, "Fq---", 20.0),
+        (110, "-q---", None),
+    ]
+
+
+def test_one_finger_for_another_in_one_frame_is_a_lift_and_a_touch() -> None:
+    seen = story(Rule(Trigger.TOUCH, burst(10.0, 50)), Rule(Trigger.LIFT, burst(30.0, 20)))
+    seen.at(0, touch(1, 10))
+    seen.at(100, touch(2, 60))
+    assert seen.until(1000).moments == [
+        (0, "F----", 10.0),
+        (50, "q----", None),
+        (100, "FF---", 30.0),
+        (120, "-F---", 10.0),
+        (150, "-q---", None),
+    ]
+
+
+def test_the_newest_effect_takes_the_place_of_the_one_under_way() -> None:
+    seen = story(
+        Rule(Trigger.TOUCH, HELD),
+        Rule(Trigger.DRAG, burst(30.0, 10), every_m=5 * MM),
+        Rule(Trigger.HOLD, burst(5.0, 10), after_ns=200 * MS),
+    )
+    seen.at(0, touch(1, 10))
+    seen.at(50, touch(1, 16))
+    assert seen.until(1000).moments == [
+        (0, "F----", 20.0),
+        (50, "F----", 30.0),
+        (60, "q----", None),
+        (250, "F----", 5.0),
+        (260, "q----", None),
+    ]
+
+
+def all_triggers() -> Sequence[Rule]:
+    return (
+        Rule(Trigger.TOUCH, pulse((20, 10.0), (None, 5.0)), zones=frozenset({0, 2, 4})),
+        Rule(Trigger.HOLD, pulse((30, 30.0), (None, 2.0)), after_ns=60 * MS),
+        Rule(Trigger.DRAG, pulse((7, 20.0), (None, 1.0)), every_m=4 * MM),
+        Rule(Trigger.LIFT, pulse((25, 15.0), (5, None), (5, 25.0))),
+    )
+
+
+frames = st.lists(
+    st.tuples(st.integers(1, 80), st.dictionaries(st.integers(1, 3), st.integers(0, 249), max_size=3)), max_size=25
+)
+
+
+@given(frames)
+def test_touched_zones_are_never_free_and_all_ends_after_the_last_lift(
+    path: list[tuple[int, dict[int, int]]],
+) -> None:
+    seen = story(*all_triggers())
+    time_ms = 0
+    for step_ms, places_mm in path:
+        time_ms += step_ms
+        seen.at(time_ms, *(touch(contact_id, place_mm) for contact_id, place_mm in places_mm.items()))
+        shown = letters(seen.player.state)
+        assert all(shown[place_mm // 50] != "-" for place_mm in places_mm.values())
+        assert ("F" in shown) == (seen.player.level_db is not None)
+    seen.at(time_ms + 1)
+    seen.until(time_ms + 1000)
+    assert (seen.player.state, seen.player.level_db, seen.player.next_change_ns) == (0, None, None)
+
+
+@given(frames)
+def test_looking_more_often_changes_nothing(path: list[tuple[int, dict[int, int]]]) -> None:
+    seldom, often = story(*all_triggers()), story(*all_triggers())
+    time_ms = 0
+    for step_ms, places_mm in path:
+        touches = [touch(contact_id, place_mm) for contact_id, place_mm in places_mm.items()]
+        for between_ms in range(time_ms + 1, time_ms + step_ms):
+            often.player.advance(between_ms * MS)
+            often.note(between_ms)
+        time_ms += step_ms
+        seldom.at(time_ms, *touches)
+        often.at(time_ms, *touches)
+    assert often.moments == seldom.moments
+
+
+@pytest.mark.parametrize("zones", [1, 5, 16])
+def test_states_are_numbered_as_everywhere(zones: int) -> None:
+    rule = Rule(Trigger.TOUCH, HELD, zones=frozenset(range(0, zones, 2)))
+    player = EffectPlayer(Effects((rule,)), zones)
+    player.take([Touch(zone, 0.0, zone) for zone in range(zones)], 0)
+    assert player.state == state_index([QUIET if zone % 2 else FELT for zone in range(zones)])
+
+
+CLICKS = Effects((Rule(Trigger.TOUCH, click(20.0)),))
+
+
+def clicks_of(seen: Story, *frames: tuple[float, tuple[Touch, ...]]) -> list[tuple[float, str, float | None, bool]]:
+    """What is wanted after each frame, and once more at each change in between: time, zones, level, a click or not."""
+    out = list[tuple[float, str, float | None, bool]]()
+
+    def note(time_ms: float) -> None:
+        player = seen.player
+        now = (letters(player.state), player.level_db, player.click_ns is not None)
+        if not out or out[-1][1:] != now:
+            out.append((time_ms, *now))
+
+    for time_ms, touches in frames:
+        while seen.player.next_change_ns is not None and seen.player.next_change_ns <= time_ms * MS:
+            due_ns = seen.player.next_change_ns
+            seen.player.advance(due_ns)
+            note(due_ns / MS)
+        seen.player.take(touches, round(time_ms * MS))
+        note(time_ms)
+    return out
+
+
+def test_by_default_a_touch_is_a_click_at_20_db() -> None:
+    seen = clicks_of(Story(DEFAULT_EFFECTS), (0, (touch(1, 10),)), (100, (touch(1, 10),)))
+    assert seen == [(0, "F----", 20.0, True), (30, "q----", None, False)]
+
+
+def test_the_next_finger_has_its_own_click_and_the_one_before_is_quiet() -> None:
+    one, other = touch(1, 10), touch(2, 110)
+    seen = clicks_of(Story(CLICKS), (0, (one,)), (20, (one, other)), (100, (one, other)))
+    assert seen == [(0, "F----", 20.0, True), (20, "q-F--", 20.0, True), (50, "q-q--", None, False)]
+
+
+def test_fingers_that_come_together_click_together() -> None:
+    seen = clicks_of(Story(CLICKS), (0, (touch(1, 10), touch(2, 110))))
+    assert seen == [(0, "F-F--", 20.0, True)]
+
+
+def test_a_click_interrupts_what_is_held_for_its_length() -> None:
+    held = Rule(Trigger.TOUCH, HELD, zones=frozenset({0}))
+    one, other = touch(1, 10), touch(2, 110)
+    seen = clicks_of(
+        story(held, Rule(Trigger.TOUCH, click(15.0))), (0, (one,)), (50, (one, other)), (200, (one, other))
+    )
+    assert seen == [(0, "F----", 20.0, False), (50, "q-F--", 15.0, True), (80, "F-q--", 20.0, False)]
+
+
+def test_a_texture_is_a_click_for_each_distance() -> None:
+    seen = story(Rule(Trigger.DRAG, click(20.0), every_m=4 * MM))
+    begun = list[int | None]()
+    for time_ms in range(0, 100, 8):
+        seen.at(time_ms, touch(1, 10.01 + time_ms / 7.9))  # a little more than 1 mm each 8 ms
+        begun.append(seen.player.click_ns)
+    starts = [time_ns for time_ns in dict.fromkeys(begun) if time_ns is not None]
+    assert starts == [32 * MS, 64 * MS, 96 * MS]
+
+
+def test_a_click_lasts_as_long_as_the_table_says() -> None:
+    player = EffectPlayer(CLICKS, ZONES, click_length_ns=12 * MS)
+    player.take([touch(1, 10)], 5 * MS)
+    assert player.next_change_ns == 17 * MS
+
+
+def test_an_envelope_may_pause_between_clicks() -> None:
+    double = Effect("double", (Segment(None, 20.0, True), Segment(60 * MS, None), Segment(None, 10.0, True)))
+    seen = clicks_of(Story(Effects((Rule(Trigger.TOUCH, double),))), (0, (touch(1, 10),)), (300, (touch(1, 10),)))
+    assert seen == [
+        (0, "F----", 20.0, True),
+        (30, "q----", None, False),
+        (90, "F----", 10.0, True),
+        (120, "q----", None, False),
+    ]
+
+
+def test_where_nothing_is_said_to_change_nothing_does() -> None:
+    effects = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, 20.0),))),))
+    player = EffectPlayer(effects, 5)
+    seen = list[bool]()
+    for touches in ([], [Touch(1, 0.01, 0)], [Touch(1, 0.02, 0)], [Touch(1, 0.06, 1)], [Touch(1, 0.06, 1)], []):
+        before = (player.state, player.level_db, player.next_change_ns)
+        seen.append(player.take(touches, 0))
+        if not seen[-1]:
+            assert (player.state, player.level_db, player.next_change_ns) == before
+    assert seen == [False, True, False, True, False, True]

@@ -1,0 +1,160 @@
+"""Laws of rule files: what they say is what is read, and errors name key, value and expectation."""
+
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from engine.device.device import Device
+from engine.effects.rule_file import parse_effects, read_effects
+from engine.effects.rules import DEFAULT_EFFECTS, FULL_SCALE_DB, Effect, EffectError, Effects, Rule, Segment, Trigger
+
+TABLES = Path(__file__).parents[3] / "tables"
+DEVICE = Device.read(TABLES / "devices" / "reference-a.toml")
+SHIPPED = sorted((TABLES / "effects").glob("*.toml"))
+EXAMPLES = re.findall(r"```toml\n(.*?)```", (TABLES / "EFFECTS.md").read_text(encoding="utf-8"), re.DOTALL)
+MS = 1_000_000
+
+WHOLE = """
+[[effect]]
+name = "tick"
+envelope = [["20 ms", "full scale"], ["10 ms", "quiet"], ["0.02 s", "12.5 dB"]]
+
+[[effect]]
+name = "purr"
+envelope = [["held", "10 dB"]]
+
+[[rule]]
+on = "touch"
+zones = ["I", "III"]
+effect = "tick"
+
+[[rule]]
+on = "hold"
+after = "500 ms"
+region = ["50 mm", "50 %"]
+effect = "purr"
+
+[[rule]]
+on = "drag"
+every = "1 cm"
+effect = "purr"
+
+[[rule]]
+on = "lift"
+effect = "tick"
+"""
+TICK = Effect("tick", (Segment(20 * MS, FULL_SCALE_DB), Segment(10 * MS, None), Segment(20 * MS, 12.5)))
+PURR = Effect("purr", (Segment(None, 10.0),))
+
+
+def refusal(text: str) -> str:
+    with pytest.raises(EffectError) as error:
+        parse_effects(text, "some.toml", DEVICE)
+    message = str(error.value)
+    assert message.startswith("some.toml: ")
+    return message
+
+
+def test_a_file_is_read_as_it_is_written() -> None:
+    assert parse_effects(WHOLE, "some.toml", DEVICE) == Effects(
+        (
+            Rule(Trigger.TOUCH, TICK, zones=frozenset({0, 2})),
+            Rule(Trigger.HOLD, PURR, region_m=(0.05, 0.1397), after_ns=500 * MS),
+            Rule(Trigger.DRAG, PURR, every_m=0.01),
+            Rule(Trigger.LIFT, TICK),
+        )
+    )
+
+
+def test_the_levels_of_a_file_are_those_that_its_rules_can_ask_for() -> None:
+    unused = '[[effect]]\nname = "unused"\nenvelope = [["5 ms", "70 dB"]]\n'
+    assert parse_effects(unused + WHOLE, "some.toml", DEVICE).levels_db == (10.0, 12.5, FULL_SCALE_DB)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_a_shipped_file_is_read_for_the_reference_bar(path: Path) -> None:
+    assert read_effects(path, DEVICE).rules
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_an_example_of_the_document_is_read(example: str) -> None:
+    assert parse_effects(example, "EFFECTS.md", DEVICE).rules
+
+
+def test_the_first_example_of_the_document_is_what_goes_without_a_file() -> None:
+    assert parse_effects(EXAMPLES[0], "EFFECTS.md", DEVICE) == DEFAULT_EFFECTS
+
+
+@given(st.lists(st.tuples(st.integers(1, 60_000), st.integers(0, 800)), min_size=1, max_size=5))
+def test_durations_and_levels_are_read_back(pairs: list[tuple[int, int]]) -> None:
+    envelope = [[f"{milliseconds} ms", f"{tenths / 10} dB"] for milliseconds, tenths in pairs]
+    text = f'[[effect]]\nname = "x"\nenvelope = {envelope}\n[[rule]]\non = "touch"\neffect = "x"\n'
+    (rule,) = parse_effects(text, "some.toml", DEVICE).rules
+    assert rule.effect.envelope == tuple(Segment(duration * MS, tenths / 10) for duration, tenths in pairs)
+
+
+# (what is written, what is put in its place, what the message says)
+WRONG = [
+    ('name = "tick"', 'nam = "tick"', "effect[1].nam: 'tick': unknown key; did you mean 'name'?"),
+    ('name = "tick"', "", "[effect[1]] has no key 'name'"),
+    ('name = "tick"', 'name = "purr"', "effect[2].name: 'purr': another effect has this name"),
+    ('name = "tick"', 'name = "tick"\nvolume = 3', "effect[1].volume: 3: unknown key; known keys are name, envelope"),
+    ('[["held", "10 dB"]]', "[]", "effect[2].envelope: []: expected a list of segments"),
+    ('[["held", "10 dB"]]', '"10 dB"', "effect[2].envelope: '10 dB': expected a list of segments"),
+    ('[["held", "10 dB"]]', '["held", "10 dB"]', "effect[2].envelope: 'held': expected a duration and a level"),
+    ('[["held", "10 dB"]]', '[["held", "10 dB"], ["5 ms", "10 dB"]]', "only the last segment may be 'held'"),
+    ('["held", "10 dB"]', '["50", "10 dB"]', "effect[2].envelope: '50' has no unit; expected a time"),
+    ('["held", "10 dB"]', '["5 mm", "10 dB"]', "effect[2].envelope: '5 mm' is a length; expected a time"),
+    ('["held", "10 dB"]', '["0 ms", "10 dB"]', "effect[2].envelope: '0 ms': expected at least 0.001 s"),
+    ('["held", "10 dB"]', '["held", "81 dB"]', "effect[2].envelope: '81 dB': expected 0 to 80 dB above threshold"),
+    ('["held", "10 dB"]', '["held", "-3 dB"]', "effect[2].envelope: '-3 dB': expected 0 to 80 dB above threshold"),
+    ('["held", "10 dB"]', '["held", 10]', "effect[2].envelope: 10: expected 0 to 80 dB above threshold such as"),
+    ('["held", "10 dB"]', '["held", "loud"]', "'loud': expected 0 to 80 dB above threshold such as '20 dB', 'full sc"),
+    ('on = "touch"', 'on = "tap"', "rule[1].on: 'tap': expected one of touch, hold, lift, drag"),
+    ('on = "touch"', "", "[rule[1]] has no key 'on'"),
+    (
+        'zones = ["I", "III"]',
+        'zones = ["VI"]',
+        "rule[1].zones: 'VI': reference-a has no such zone; its zones are I",
+    ),
+    ('zones = ["I", "III"]', "zones = []", "rule[1].zones: []: expected a list of zones"),
+    ('zones = ["I", "III"]', 'zones = "I"', "rule[1].zones: 'I': expected a list of zones"),
+    ('zones = ["I", "III"]', 'zone = "I"', "rule[1].zone: 'I': unknown key; did you mean 'zones'?"),
+    ('zones = ["I", "III"]', 'zones = ["I"]\nregion = ["0 mm", "1 mm"]', "give either zones or a region"),
+    ('zones = ["I", "III"]', 'after = "1 s"', "rule[1].after: '1 s': unknown key"),
+    ('["50 mm", "50 %"]', '["50 %", "50 mm"]', "rule[2].region: ['50 %', '50 mm']: is empty"),
+    ('["50 mm", "50 %"]', '["50 mm"]', "rule[2].region: ['50 mm']: expected two positions"),
+    ('["50 mm", "50 %"]', '["50 mm", "101 %"]', "rule[2].region: '101 %': is off the bar, which is 279.4 mm long"),
+    ('["50 mm", "50 %"]', '["50 g", "50 %"]', "rule[2].region: '50 g' is a mass; expected a length"),
+    ('after = "500 ms"', "", "[rule[2]] has no key 'after'"),
+    ('after = "500 ms"', 'after = "0 s"', "rule[2].after: '0 s': expected at least 0.001 s"),
+    ('every = "1 cm"', "", "[rule[3]] has no key 'every'"),
+    ('every = "1 cm"', 'every = "1 um"', "rule[3].every: '1 um': expected at least 0.0001 m"),
+    ('on = "lift"\neffect = "tick"', 'on = "lift"\neffect = "purr"', "rule[4].effect: 'purr': its envelope ends with"),
+    (
+        'on = "lift"\neffect = "tick"',
+        'on = "lift"\neffect = "tic"',
+        "rule[4].effect: 'tic': expected one of tick",
+    ),
+    ("[[effect]]", "[[effects]]", "unknown key; did you mean 'effect'?"),
+    ("[[rule]]", "[[rul]]", "unknown key; did you mean 'rule'?"),
+    ('\n[[effect]]\nname = "tick"', 'mode = 1\n[[effect]]\nname = "tick"', "mode: 1: unknown key"),
+    ("[[effect]]", "[[effect", "not TOML"),
+]
+
+
+@pytest.mark.parametrize(("written", "wrong", "expected"), WRONG, ids=[f"{w} -> {x}" for w, x, _ in WRONG])
+def test_what_is_wrong_is_refused_by_key_value_and_expectation(written: str, wrong: str, expected: str) -> None:
+    text = WHOLE.replace(written, wrong)
+    assert text != WHOLE
+    assert expected in refusal(text)
+
+
+def test_a_file_that_is_not_utf_8_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "rules.toml"
+    path.write_bytes(WHOLE.encode("utf-16"))
+    with pytest.raises(EffectError, match=re.escape(str(path))):
+        read_effects(path, DEVICE)

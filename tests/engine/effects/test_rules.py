@@ -1,0 +1,34 @@
+"""Laws of the rules of a run."""
+
+from engine.effects.rules import DEFAULT_EFFECTS, FULL_SCALE_DB, Effect, Effects, Rule, Segment, Trigger, burst
+from engine.touch.finger_tracker import Touch
+
+MS = 1_000_000
+
+
+def test_by_default_every_touch_feels_a_click_at_20_db() -> None:
+    (rule,) = DEFAULT_EFFECTS.rules
+    assert rule.on is Trigger.TOUCH
+    assert rule.effect.envelope == (Segment(None, 20.0, is_click=True),)
+    assert DEFAULT_EFFECTS.have_clicks and not Effects((Rule(Trigger.TOUCH, burst(20.0, 1)),)).have_clicks
+    assert rule.covers(Touch(1, 0.1, 2)) and rule.covers(Touch(1, 0.1, None))
+    assert DEFAULT_EFFECTS.levels_db == (20.0,)
+
+
+def test_the_levels_are_those_of_all_rules_rising_and_without_pauses() -> None:
+    loud = Effect("loud", (Segment(MS, FULL_SCALE_DB), Segment(MS, None), Segment(None, 5.0)))
+    effects = Effects((Rule(Trigger.TOUCH, loud), Rule(Trigger.LIFT, burst(20.0, 1)), Rule(Trigger.HOLD, loud)))
+    assert effects.levels_db == (5.0, 20.0, FULL_SCALE_DB)
+
+
+def test_the_rules_on_a_trigger_keep_their_order() -> None:
+    rules = tuple(Rule(on, burst(level_db, 1)) for on in Trigger for level_db in (1.0, 2.0))
+    assert Effects(rules).of(Trigger.LIFT) == (rules[4], rules[5])
+
+
+def test_zones_are_asked_by_the_zone_and_regions_by_the_place() -> None:
+    by_zone = Rule(Trigger.TOUCH, burst(20.0, 1), zones=frozenset({1, 3}))
+    by_place = Rule(Trigger.TOUCH, burst(20.0, 1), region_m=(0.1, 0.2))
+    touches = [Touch(1, 0.1, 1), Touch(2, 0.2, 2), Touch(3, 0.21, 3), Touch(4, 0.15, None)]
+    assert [by_zone.covers(touch) for touch in touches] == [True, False, True, False]
+    assert [by_place.covers(touch) for touch in touches] == [True, True, False, True]

@@ -1,0 +1,200 @@
+"""The compiled step against the loop: the same commands, byte by byte, and what is not its own is left alone."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import math
+import socket
+import struct
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from engine.effects.player import EffectPlayer
+from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, click
+from engine.loop.fast.step import FastPath, FastPathError, compile_fast_path
+from engine.loop.fast.table import MOST_CELLS, make_fast_table
+from engine.render.renderer import SILENCE
+from engine.touch.descriptor import read_surfaces
+from engine.touch.digitizer import open_digitizer
+from engine.touch.finger_tracker import ZoneTracker
+from engine.touch.sources.recording import read_recording
+from tests.engine.loop.fast.virtual_fast_path import Packets
+from tests.engine.loop.test_loop import DEVICE, HELD, Rig, entry_for, held, index_of, recording_of, report
+from tests.engine.made_clicks import click_of
+from tests.engine.made_entries import LEVEL_DB, states_of
+from tests.engine.shared_recordings import recording_params
+
+MS = 1_000_000
+LOUD_DB = LEVEL_DB + 6.0
+CLICKS = [click_of(DEVICE, states_of(DEVICE, felt, quiet), level_db=26.0) for felt, quiet in (([0], []), ([2], [0]))]
+ENTRIES = [entry_for(*zones, level_db=level) for zones in ((0,), (2,), (4,), (0, 2)) for level in (LEVEL_DB, LOUD_DB)]
+FELT = Effect("held", (Segment(None, LEVEL_DB),))
+LOUD = Effect("loud", (Segment(40 * MS, None), Segment(30 * MS, LOUD_DB)))
+
+
+@pytest.fixture(scope="module")
+def library(fast_library: ctypes.CDLL) -> ctypes.CDLL:
+    return fast_library
+
+
+class FastRig(Rig):
+    """With the fast path."""
+
+
+def both(library: ctypes.CDLL, *frames: tuple[float, bytes], effects: Effects = HELD, speed: float = 1.0) -> Rig:
+    """The run with the fast path, which does what the one without does."""
+    FastRig.library = library
+    slow, fast = (
+        rig(recording_of(*frames), effects=effects, clicks=CLICKS, entries=ENTRIES, speed=speed).run()
+        for rig in (Rig, FastRig)
+    )
+    assert fast.trace == slow.trace
+    assert fast.log == slow.log
+    assert replace(fast.loop.counters, answered=0) == slow.loop.counters
+    return fast
+
+
+def test_what_most_touches_bring_is_answered(library: ctypes.CDLL) -> None:
+    two = [(1, 0.1), (2, 0.5)]
+    frames = [*held(0.0, 0.1, (1, 0.1)), *held(0.1, 0.2, *two), (0.2, report((2, 0.5), lifted=[1]))]
+    rig = both(library, *frames, (0.25, report(lifted=[2])))
+    assert rig.loop.counters.answered == 3  # before the first the line is busy: it was only just armed
+    assert rig.loop.counters.commands == 4
+
+
+def test_clicks_are_answered(library: ctypes.CDLL) -> None:
+    effects = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB)),))
+    frames = [(0.0, report()), (0.1, report((1, 0.1))), (0.2, report((1, 0.1), (2, 0.5))), (0.3, report())]
+    rig = both(library, *frames, effects=effects)
+    assert rig.loop.counters.answered == 2
+
+
+PLACES = st.sampled_from([0.0, 0.1, 0.19, 0.201, 0.3, 0.399, 0.5, 0.7, 0.9, 1.0])
+TOUCHES = st.dictionaries(st.integers(1, 4), PLACES, max_size=2)
+SCRIPTS = st.lists(st.tuples(st.sampled_from([0.002, 0.008, 0.03, 0.2]), TOUCHES), min_size=1, max_size=12)
+RULES = st.lists(
+    st.builds(
+        Rule,
+        st.sampled_from(list(Trigger)),
+        st.sampled_from([FELT, LOUD, click(LEVEL_DB), click(LOUD_DB)]),
+        zones=st.sampled_from([None, frozenset({0}), frozenset({1, 2})]),
+        region_m=st.sampled_from([None, (0.0, 0.1)]),
+        after_ns=st.just(20 * MS),
+        every_m=st.just(0.01),
+    ),
+    min_size=1,
+    max_size=4,
+)
+
+
+@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(SCRIPTS, RULES)
+def test_whatever_fingers_do_and_rules_say_the_run_is_the_same(
+    library: ctypes.CDLL, script: list[tuple[float, dict[int, float]]], rules: Sequence[Rule]
+) -> None:
+    time_s, frames, before = 0.0, list[tuple[float, bytes]](), dict[int, float]()
+    for pause_s, touches in script:
+        lifted = [contact for contact in before if contact not in touches][: 2 - len(touches)]
+        frames.append((time_s, report(*touches.items(), lifted=lifted)))
+        time_s, before = time_s + pause_s, touches
+    both(library, *frames, effects=Effects(tuple(rules)))
+
+
+@pytest.mark.parametrize("path", recording_params("touch", "*.hid"))
+def test_a_recorded_device_is_answered_as_the_loop_does(library: ctypes.CDLL, path: Path) -> None:
+    recording = read_recording(path)
+    if not read_surfaces(recording.descriptor):
+        pytest.skip("no touch surface")
+    FastRig.library = library
+    rigs = [rig(replace(recording, reports=recording.reports[:400]), speed=8.0) for rig in (Rig, FastRig)]
+    slow, fast = (rig.run() for rig in rigs)
+    assert fast.trace == slow.trace
+    assert fast.log == slow.log
+
+
+class Sockets(Packets):
+    """Packets of a real socket."""
+
+    def __init__(self, descriptor: int) -> None:
+        super().__init__(recording_of((0.0, report())))
+        self._descriptor = descriptor
+
+    def packet_fileno(self) -> int:
+        return self._descriptor
+
+
+@pytest.mark.parametrize("waiting", [1, 2])
+def test_a_report_that_is_not_the_last_is_left_to_the_loop(library: ctypes.CDLL, waiting: int) -> None:
+    rig = Rig(recording_of((0.0, report())))
+    kind = socket.SOCK_SEQPACKET
+    with contextlib.ExitStack() as stack:
+        pairs = [socket.socketpair(socket.AF_UNIX, kind) for _ in range(2)]
+        (ours, touch), (device, port) = [[stack.enter_context(end) for end in pair] for pair in pairs]
+        digitizer = open_digitizer(rig.recording.descriptor)
+        tracker, player = ZoneTracker(DEVICE, digitizer.surface), EffectPlayer(HELD, len(DEVICE.zones))
+        source, now_ns = Sockets(touch.fileno()), time.monotonic_ns
+        fast = FastPath(library, source, digitizer, player, HELD, now_ns)
+        fast.refit(tracker, rig.fast_table)
+        for place in (0.1, 0.5)[:waiting]:
+            ours.send(struct.pack("<qq", now_ns(), 0) + report((1, place)))
+        descriptors, wanted = (touch.fileno(), port.fileno()), (0, None, None)
+        readable, answer = fast.wait(None, descriptors, rig.session.link, port.fileno(), math.inf, wanted, SILENCE)
+        device.setblocking(False)
+        assert readable == [touch.fileno()]
+        assert answer is not None
+        if waiting == 1:
+            assert answer.frame == device.recv(4096)
+            assert answer.written == len(answer.frame)
+            return
+        assert (answer.frame, answer.written) == (b"", 0)
+        with pytest.raises(BlockingIOError):
+            device.recv(4096)
+
+
+def test_a_wrong_answer_is_put_right_and_the_last(library: ctypes.CDLL) -> None:
+    FastRig.library = library
+    frames = [*held(0.0, 0.5, (1, 0.1)), *held(0.5, 1.0, (1, 0.5)), (1.0, report(lifted=[1]))]
+    rig = FastRig(recording_of(*frames), reconnect=True)
+    assert rig.fast_table is not None
+    rig.fast_table.commands["body"][:, 8] ^= 0x40
+    rig.loop.run()
+    counters = rig.loop.counters
+    assert (counters.mispredicted, counters.answered) == (1, 0)
+    assert [index for index in rig.states() if index] == [index_of(0), index_of(2)]
+    assert rig.played()[-2:] == [104.0, 0.0]
+
+
+def test_too_many_states_for_a_table_take_the_long_way() -> None:
+    rig = Rig(recording_of((0.0, report())))
+    assert rig.session.link.capabilities is not None
+    assert MOST_CELLS < 2 * 3**14
+    assert make_fast_table(rig.renderer, rig.session.link.capabilities, 14, 40) is None
+
+
+def test_it_is_compiled_once(tmp_path: Path, library: ctypes.CDLL) -> None:
+    assert library is not None
+    compile_fast_path(tmp_path)
+    (made,) = tmp_path.iterdir()
+    before = made.stat().st_mtime_ns
+    compile_fast_path(tmp_path)
+    assert [path.stat().st_mtime_ns for path in tmp_path.iterdir()] == [before]
+
+
+def test_without_a_compiler_the_remedy_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(FastPathError, match="no C compiler: install one"):
+        compile_fast_path(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_is_no_library_is_an_error(tmp_path: Path, library: ctypes.CDLL) -> None:
+    (tmp_path / Path(library._name).name).write_bytes(b"no library")
+    with pytest.raises(FastPathError, match="cannot be made or opened"):
+        compile_fast_path(tmp_path)

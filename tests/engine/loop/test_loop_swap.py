@@ -1,0 +1,232 @@
+"""Changing over to another table while fingers are on the bar, in virtual time."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from math import inf
+
+from engine.effects.player import EffectPlayer
+from engine.effects.rules import Effects, Rule, Trigger, click
+from engine.loop.loop import Loop, StateChange, connect
+from engine.render.limits import link_configuration
+from engine.render.prepared import Rendering
+from engine.render.renderer import Renderer
+from engine.table.click import ClickEntry, choose_bank, played_at
+from engine.table.entry import Entry
+from engine.touch.digitizer import open_digitizer
+from engine.touch.finger_tracker import ZoneTracker
+from engine.touch.sources.playback import Playback
+from engine.touch.sources.recording import Recording
+from firmware_link.emulator.drive_log import Cause
+from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
+from firmware_link.host.link import Link
+from firmware_link.host.link_values import Capabilities
+from firmware_link.host.session import Session
+from firmware_link.protocol.bank import encode_bank
+from tests.engine.loop.test_loop import DEVICE, HELD, MS, VirtualLine, held, recording_of, report
+from tests.engine.made_bursts import SHAPES
+from tests.engine.made_clicks import click_of
+from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
+
+CLICKS = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB)),))
+
+
+def rendering_of(
+    capabilities: Capabilities, frequency_hz: float, clicks: Sequence[ClickEntry] = (), effects: Effects = HELD
+) -> Rendering:
+    """A table whose entries all have one frequency."""
+    states = [states_of(DEVICE, [zone]) for zone in range(5)]
+    entries: list[Entry] = [entry_of(DEVICE, state, frequencies_hz=(frequency_hz,) * 2) for state in states]
+    bank, waveforms = choose_bank(clicks, capabilities)
+    played = {level_db: [played_at(each, level_db) for each in clicks] for level_db in effects.levels_db}
+    return Rendering(
+        DEVICE,
+        Renderer({LEVEL_DB: entries}, DEVICE, capabilities, clicks=played, waveforms=waveforms),
+        replace(link_configuration(DEVICE, 1_000_000), bank=bank),
+        b"" if bank is None else encode_bank(bank, 2),
+        30 * MS,
+    )
+
+
+def clicks_of(number: int) -> list[ClickEntry]:
+    """Clicks of single zones, told apart by their samples."""
+    made = [click_of(DEVICE, states_of(DEVICE, [zone]), level_db=26.0) for zone in range(5)]
+    for each in made:
+        each.samples[1:-1] = number
+    return made
+
+
+@dataclass
+class Later:
+    """Tables that come at their times."""
+
+    line: VirtualLine
+    coming: list[tuple[int, Rendering]] = field(default_factory=list)
+
+    def fileno(self) -> int:
+        return -2
+
+    def poll(self) -> Rendering | None:
+        if self.coming and self.coming[0][0] <= self.line.time_ns:
+            return self.coming.pop(0)[1]
+        return None
+
+
+class SwapLine(VirtualLine):
+    """Waits for the updates too."""
+
+    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> None:
+        super().wait(until_ns, tuple(each for each in readable if each != -2), writable)
+
+
+@dataclass
+class SwapRig:
+    recording: Recording
+    effects: Effects = HELD
+    clicks: Sequence[ClickEntry] = ()
+    capacity_bytes: int = 1 << 18
+
+    def __post_init__(self) -> None:
+        self.line = SwapLine(firmware=EmulatedFirmware(DeviceConfiguration(1, bank_capacity_bytes=self.capacity_bytes)))
+        configuration = link_configuration(DEVICE, 1_000_000)
+        self.capabilities = connect(Session(Link(configuration), self.line, self.line.now_ns), self.line)
+        first = self.rendering(100.0, self.clicks)
+        session = self.session = Session(Link(first.configuration), self.line, self.line.now_ns)
+        connect(session, self.line)
+        self.trace: list[StateChange] = []
+        self.updates = Later(self.line)
+        source = Playback(self.recording, 1.0)
+        digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
+        self.start_ns = self.line.time_ns
+        self.loop = Loop(
+            source,
+            digitizer,
+            ZoneTracker(DEVICE, digitizer.surface),
+            EffectPlayer(self.effects, 5),
+            first.renderer,
+            session,
+            self.line,
+            trace=self.trace,
+            updates=self.updates,
+            bank_data=first.bank_data,
+        )
+
+    def rendering(self, frequency_hz: float, clicks: Sequence[ClickEntry] = ()) -> Rendering:
+        return rendering_of(self.capabilities, frequency_hz, clicks, self.effects)
+
+    def run(self, *coming: tuple[float, Rendering]) -> "SwapRig":
+        """Tables come so many ms after the first report."""
+        self.updates.coming = [(self.start_ns + round(after_ms * MS), rendering) for after_ms, rendering in coming]
+        self.loop.run()
+        return self
+
+    def played_hz(self) -> list[float]:
+        log = self.line.firmware.drive_log
+        return [round(e.channels[0].frequency_hz * bool(e.channels[0].amplitude), 2) for e in log]
+
+    def played_samples(self) -> list[int]:
+        """The number in the samples of each waveform that was played."""
+        banks = self.line.firmware.banks
+        found = [e.waveform for e in self.line.firmware.drive_log if e.waveform is not None]
+        return [int(banks[each.bank_hash].waveforms[each.index][1, 0]) for each in found]
+
+
+def test_a_resting_finger_feels_the_new_table_from_the_next_frame_on() -> None:
+    rig = SwapRig(recording_of(*held(0.0, 0.4, (1, 0.1)), (0.4, report(lifted=[1]))))
+    rig.run((200.0, rig.rendering(150.0)))
+    assert rig.played_hz() == [100.0, 150.0, 0.0]
+    first, second, _ = (event.device_time_us for event in rig.line.firmware.drive_log)
+    assert 198_000 <= second - first <= 210_000
+    assert rig.loop.counters.swaps == 1
+    assert all(event.cause is Cause.SET for event in rig.line.firmware.drive_log)
+
+
+def taps(count: int) -> Recording:
+    """A tap each 100 ms."""
+    frames = list[tuple[float, bytes]]()
+    for tap in range(count):
+        start_s, contact = 0.1 * tap, tap % 15
+        frames += [*held(start_s, start_s + 0.05, (contact, 0.1)), (start_s + 0.05, report(lifted=[contact]))]
+    return recording_of(*frames)
+
+
+def test_clicks_play_on_while_the_next_bank_comes_and_then_are_the_new_ones() -> None:
+    rig = SwapRig(taps(20), CLICKS, clicks_of(1))
+    rig.run((320.0, rig.rendering(100.0, clicks_of(2))))
+    played = rig.played_samples()
+    assert len(played) == 20
+    assert played == sorted(played)
+    assert played.count(1) >= 4
+    assert played.count(2) >= 10
+    assert rig.loop.counters.swaps == 1
+    assert rig.loop.counters.reconnects == 0
+
+
+def test_without_room_for_two_banks_the_change_waits_for_a_moment_without_fingers() -> None:
+    rig = SwapRig(taps(20), CLICKS, clicks_of(1), capacity_bytes=4000)
+    rig.run((320.0, rig.rendering(100.0, clicks_of(2))))
+    played = rig.played_samples()
+    assert played == sorted(played)
+    assert set(played) == {1, 2}
+    assert len(played) >= 18  # a tap may fall into the new session
+    assert rig.loop.counters.swaps == 1
+
+
+def test_the_same_bank_is_not_handed_over_again() -> None:
+    rig = SwapRig(taps(6), CLICKS, clicks_of(1))
+    sent = rig.run((120.0, rig.rendering(100.0, clicks_of(1)))).loop.counters.swaps
+    assert sent == 1
+    assert len(rig.line.firmware.banks) == 1
+
+
+def test_other_limits_begin_a_new_session_when_nobody_touches() -> None:
+    rig = SwapRig(taps(6))
+    softer = rig.rendering(150.0)
+    rig.run((120.0, replace(softer, configuration=replace(softer.configuration, amplitude_limits=(0.5, 0.5)))))
+    log = rig.line.firmware.drive_log
+    assert {round(event.channels[0].amplitude, 2) for event in log} == {0.0, 0.5, 1.0}
+    assert 150.0 in rig.played_hz()
+
+
+def test_a_newer_table_takes_the_place_of_one_that_is_under_way() -> None:
+    rig = SwapRig(taps(20), CLICKS, clicks_of(1))
+    rig.run((320.0, rig.rendering(100.0, clicks_of(2))), (323.0, rig.rendering(100.0, clicks_of(3))))
+    played = rig.played_samples()
+    assert played[-1] == 3
+    assert played == sorted(played)
+
+
+def test_a_table_for_another_wire_is_left() -> None:
+    rig = SwapRig(taps(4))
+    foreign = rendering_of(replace(rig.capabilities, frequency_resolution_hz=0.02), 150.0)
+    rig.run((120.0, foreign))
+    assert rig.loop.counters.swaps == 0
+    assert set(rig.played_hz()) == {100.0, 0.0}
+
+
+def test_1000_changes_lose_no_report_and_no_command() -> None:
+    count = 1000
+    rig = SwapRig(taps(40))
+    tables = [rig.rendering(100.0 + i % 7) for i in range(7)]
+    rig.run(*((3.9 * i, tables[i % 7]) for i in range(count)))
+    assert rig.loop.counters.swaps == count
+    assert rig.loop.counters.reports == len(rig.recording.reports)
+    touched = [change for change in rig.trace if change.report_index is not None]
+    assert len(touched) == 80
+    due_ns = [rig.start_ns + round(1e9 * rig.recording.reports[change.report_index or 0].time_s) for change in touched]
+    late_ns = [change.time_ns - due for change, due in zip(touched, due_ns, strict=True)]
+    assert max(late_ns) == 0
+    assert all(change.level_db in (LEVEL_DB, None, inf) for change in rig.trace)
+
+
+def test_a_table_with_other_shapes_comes_with_a_new_session_once_nobody_touches() -> None:
+    frames = [
+        *held(0.0, 0.2, (1, 0.1)),
+        (0.2, report(lifted=[1])),
+        *held(0.6, 0.7, (1, 0.1)),
+        (0.7, report(lifted=[1])),
+    ]
+    rig = SwapRig(recording_of(*frames))
+    coming = rig.rendering(150.0)
+    rig.run((50.0, replace(coming, configuration=replace(coming.configuration, onsets=SHAPES))))
+    assert (rig.played_hz(), rig.loop.counters.swaps) == ([100.0, 0.0, 150.0, 0.0], 1)
+    assert rig.session.link.configuration.onsets == SHAPES

@@ -1,0 +1,122 @@
+"""Laws of the ring: what is written is read, in order, by any number of readers; what was lost is counted."""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from engine.loop.ring import MOST_TOUCHES, Record, RingCounters, RingError, RingReader, RingWriter
+from engine.touch.finger_tracker import Touch
+
+words = st.integers(-(2**63), 2**63 - 1)
+counts = st.integers(0, 2**64 - 1)
+touches = st.builds(
+    Touch, words, st.floats(allow_nan=False, allow_infinity=False), st.one_of(st.none(), st.integers(0, 9))
+)
+records = st.builds(
+    Record,
+    stamps_ns=st.tuples(*(words,) * 6),
+    report_index=st.one_of(st.none(), st.integers(0, 2**62)),
+    state=st.integers(0, 3**10),
+    level_db=st.one_of(st.none(), st.floats(0, 60), st.just(math.inf)),
+    is_click=st.booleans(),
+    drive_sequence=st.one_of(st.none(), st.integers(0, 255)),
+    counters=st.builds(RingCounters, *(counts,) * 6),
+    touches=st.lists(touches, max_size=MOST_TOUCHES).map(tuple),
+    drive=st.binary(max_size=96),
+    report=st.binary(max_size=256),
+)
+PLAIN = Record((1, 2, 3, 4, 5, 6), 0, 0, None, False, None, RingCounters(0, 0, 0, 0, 0, 0), (), b"", b"")
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Iterator[Path]:
+    yield tmp_path / "ring"
+
+
+@given(st.lists(records, max_size=20), st.integers(1, 8))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_the_latest_records_come_back_as_they_were_and_the_others_are_counted(
+    path: Path, written: list[Record], slots: int
+) -> None:
+    with RingWriter(path, slots) as writer, RingReader(path) as reader:
+        for record in written:
+            writer.write(*record)
+        assert list(reader.read()) == written[-slots:]
+        assert reader.lost == max(0, len(written) - slots)
+        assert list(reader.read()) == []
+
+
+def test_each_reader_has_its_own_place(path: Path) -> None:
+    with RingWriter(path, 4) as writer, RingReader(path) as early:
+        writer.write(*PLAIN)
+        with RingReader(path) as late, RingReader(path, from_start=True) as whole:
+            writer.write(*PLAIN)
+            assert [len(list(reader.read())) for reader in (early, late, whole)] == [2, 1, 2]
+
+
+def test_more_touches_than_fit_and_a_longer_report_are_cut(path: Path) -> None:
+    many = tuple(Touch(number, 0.1, 1) for number in range(MOST_TOUCHES + 3))
+    with RingWriter(path) as writer, RingReader(path) as reader:
+        writer.write(*PLAIN._replace(touches=many, report=bytes(range(256)) * 8))
+        (record,) = reader.read()
+    assert record.touches == many[:MOST_TOUCHES]
+    assert (bytes(range(256)) * 8).startswith(record.report)
+
+
+def test_a_record_that_is_being_overwritten_is_not_believed(path: Path) -> None:
+    with RingWriter(path) as writer, RingReader(path) as reader:
+        writer.write(*PLAIN)
+        with path.open("r+b") as file:
+            file.seek(100)  # in the first record's stamps
+            file.write(b"\xff")
+        assert list(reader.read()) == []
+        assert reader.lost == 1
+
+
+def test_the_ring_goes_with_its_writer_and_a_second_one_is_refused(path: Path) -> None:
+    with RingWriter(path), pytest.raises(RingError, match="no ring can be made there"):
+        RingWriter(path)
+    assert not path.exists()
+    with pytest.raises(RingError, match="there is no ring"):
+        RingReader(path)
+
+
+@pytest.mark.parametrize(("head", "said"), [(b"x" * 64, "is no ring"), (b"tactring" + b"\x09" * 56, "of revision")])
+def test_what_is_no_ring_of_ours_is_refused_by_name(path: Path, head: bytes, said: str) -> None:
+    path.write_bytes(head)
+    with pytest.raises(RingError, match=said):
+        RingReader(path)
+
+
+def _read_until(path: Path, last: int, found: multiprocessing.Queue[tuple[list[int], int]]) -> None:
+    states: list[int] = []
+    with RingReader(path, from_start=True) as reader:
+        while not states or states[-1] < last:
+            states += [record.state for record in reader.read() if set(record.stamps_ns) == {record.state}]
+        found.put((states, reader.lost))
+
+
+def test_a_reader_in_another_process_sees_whole_records_in_order(path: Path) -> None:
+    last, context = 2_000, multiprocessing.get_context("spawn")
+    found: multiprocessing.Queue[tuple[list[int], int]] = context.Queue()
+    with RingWriter(path, 64) as writer:
+        process = context.Process(target=_read_until, args=(path, last, found))
+        process.start()
+        number = 0
+        while found.empty():
+            number += 1
+            writer.write(*PLAIN._replace(stamps_ns=(number,) * 6, state=number, report=bytes(100)))
+            os.sched_yield()
+        states, lost = found.get()
+        process.join()
+    assert all(later > earlier for earlier, later in pairwise(states))
+    assert len(states) + lost >= states[-1] - states[0] + 1

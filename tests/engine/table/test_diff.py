@@ -1,0 +1,236 @@
+"""Laws of comparing tables: a table is its own equal, each change is found where it was made, and says how much."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from engine.device.device import Device
+from engine.device.file import parse_device
+from engine.table.click import ClickEntry
+from engine.table.diff import TableDiff, compare_tables
+from engine.table.entry import Entry
+from engine.table.state_diff import StateChange, Tolerance, describe, entry_figures
+from engine.table.table import Table
+from tests.engine.made_clicks import click_of
+from tests.engine.made_entries import entry_of, states_of
+from tests.engine.made_table import write_table
+from tests.engine.table.test_table import DEVICE, TEXT
+
+LEVELS_DB = (20.0, math.inf)
+STATES = (((0,), ()), ((0,), (3,)), ((1, 2), (4,)))
+"""Felt and quiet zones."""
+
+
+def entries_of(device: Device) -> list[Entry]:
+    return [
+        entry_of(device, states_of(device, felt, quiet), wanted_level_db=level_db)
+        for level_db in LEVELS_DB
+        for felt, quiet in STATES
+    ]
+
+
+def clicks_of(device: Device) -> list[ClickEntry]:
+    return [click_of(device, states_of(device, felt, quiet)) for felt, quiet in STATES]
+
+
+ENTRIES, CLICKS = entries_of(DEVICE), clicks_of(DEVICE)
+Compare = Callable[..., TableDiff]
+
+
+@pytest.fixture
+def compare(tmp_path: Path) -> Compare:
+    """A table of ENTRIES and CLICKS against another."""
+
+    def compared(
+        entries: Sequence[Entry] = ENTRIES,
+        clicks: Sequence[ClickEntry] = CLICKS,
+        device: Device = DEVICE,
+        tolerance: Tolerance | None = None,
+        **others: Any,
+    ) -> TableDiff:
+        before = write_table(tmp_path / "before.nc", DEVICE, ENTRIES, CLICKS)
+        after = write_table(tmp_path / "after.nc", device, entries, clicks, **others)
+        with Table.open(before) as own, Table.open(after) as other:
+            return compare_tables(own, other, tolerance)
+
+    return compared
+
+
+def with_entry(index: int, **changes: Any) -> list[Entry]:
+    return [replace(entry, **changes) if i == index else entry for i, entry in enumerate(ENTRIES)]
+
+
+def only(found: tuple[StateChange, ...]) -> StateChange:
+    assert len(found) == 1
+    return found[0]
+
+
+def test_a_table_does_not_differ_from_itself(compare: Compare) -> None:
+    found = compare()
+    assert not found.differs
+    assert (found.entries.compared, found.clicks.compared) == (6, 3)
+    assert not any((found.device, found.options, found.provenance, found.response_percent, found.notes))
+
+
+def test_who_made_it_when_is_told_but_is_no_difference(compare: Compare) -> None:
+    found = compare(created="2025-01-01", code_fingerprint="0ther")
+    assert not found.differs
+    assert [change.key for change in found.provenance] == ["created", "code_fingerprint"]
+
+
+def test_options_are_compared_one_by_one(compare: Compare) -> None:
+    found = compare(objective="paper", click_options='{"quiet_db": 3.0}')
+    assert found.differs
+    assert [(change.key, change.after) for change in found.options] == [
+        ("objective", "paper"),
+        ("click_options.quiet_db", 3.0),
+    ]
+
+
+def test_a_value_of_the_device_is_named_with_its_change(compare: Compare) -> None:
+    device = parse_device(TEXT.replace("18.9 kN/m", "18.711 kN/m"), "other")
+    found = compare(device=device)
+    change = found.device[0]
+    assert (change.key, change.before, change.after) == ("actuator[1].stiffness_n_per_m", 18900.0, 18711.0)
+    assert change.percent == pytest.approx(-1.0)
+    assert found.differs
+    assert not found.entries.differs
+
+
+@pytest.mark.parametrize(
+    ("changes", "figure", "size"),
+    [
+        ({"level_db": 20.5}, "level_db", 0.5),
+        ({"contrast_db": 11.0}, "contrast_db", 1.0),
+        ({"contrast_db": None}, "contrast_db", math.inf),
+        ({"expected_contrast_db": 13.0}, "expected_contrast_db", 2.0),
+        ({"worst_case": replace(ENTRIES[1].worst_case, contrast_db=5.0)}, "worst_contrast_db", 3.0),
+        ({"localized_factor": 0.6}, "localized_factor", 20.0),
+        ({"t90_s": 0.05}, "t90_s", 50.0),
+        ({"achieved": False}, "achieved", 1.0),
+        ({"frequencies_hz": (100.0, 61.5)}, "frequency_hz", 0.25),
+        ({"amplitudes": (0.9, 0.25)}, "amplitude", 10.0),
+    ],
+)
+def test_a_change_of_a_figure_is_found_where_it_was_made(
+    compare: Compare, changes: dict[str, Any], figure: str, size: float
+) -> None:
+    found = compare(with_entry(1, **changes))
+    state = only(found.entries.changed)
+    assert (state.felt, state.quiet, state.level_db) == (("I",), ("IV",), 20.0)
+    assert [change.figure for change in state.figures] == [figure]
+    assert state.figures[0].size == pytest.approx(size)
+    assert found.differs
+    count, where, change = found.entries.largest()[0]
+    assert (count, where, change.figure) == (1, state, figure)
+
+
+def test_only_the_phase_between_actuators_of_one_tone_is_felt() -> None:
+    before = replace(ENTRIES[0], frequencies_hz=(100.0, 100.0), phases_rad=(3.0, -3.0))
+    for phases_rad, size in (((2.0, 2.0 - 6.0), 0.0), ((3.0, -2.5), 0.5), ((-3.0, 3.0), 4 * (math.pi - 3))):
+        after = replace(before, phases_rad=phases_rad)
+        figures = {figure: size for figure, _, _, size in entry_figures(before, after, same_actuators=True)}
+        assert figures["phase_rad"] == pytest.approx(size, abs=1e-9)
+    two_tones = replace(ENTRIES[0], phases_rad=(1.0, -1.0))
+    figures = {figure: size for figure, _, _, size in entry_figures(ENTRIES[0], two_tones, same_actuators=True)}
+    assert figures["phase_rad"] == 0.0
+
+
+def test_a_silent_actuators_frequency_is_no_change(compare: Compare) -> None:
+    alone = [replace(entry, amplitudes=(1.0, 0.0)) for entry in ENTRIES]
+    moved = [replace(entry, frequencies_hz=(100.0, 250.0)) for entry in alone]
+    found = compare(moved)
+    assert {f.figure for state in found.entries.changed for f in state.figures} == {"amplitude"}
+
+
+def test_changes_within_the_limit_count_as_none(compare: Compare) -> None:
+    changed = with_entry(0, level_db=20.4, t90_s=0.103, frequencies_hz=(100.01, 61.25))
+    assert compare(changed, tolerance=Tolerance(0.1)).differs
+    assert not compare(changed, tolerance=Tolerance(0.5)).differs
+
+
+def test_the_worst_come_first_and_losing_the_level_is_the_worst(compare: Compare) -> None:
+    entries = [*ENTRIES]
+    entries[0] = replace(entries[0], contrast_db=6.0)
+    entries[1] = replace(entries[1], achieved=False)
+    entries[2] = replace(entries[2], contrast_db=9.0)
+    changed = compare(entries).entries.changed
+    assert [state.felt + state.quiet for state in changed] == [("I", "IV"), ("I",), ("II", "III", "V")]
+
+
+@pytest.mark.parametrize(
+    ("change", "figure", "size"),
+    [
+        (lambda c: click_of(DEVICE, c.states, level_db=27.0), "felt_level_db", 1.0),
+        (lambda c: replace(c, quiet=c.quiet.changed(2.0)), "quiet_level_db", 2.0),
+        (lambda c: replace(c, samples=c.samples + np.int16(3277)), "waveform", 10.0),
+        (lambda c: replace(c, achieved=False), "achieved", 1.0),
+        (lambda c: replace(c, samples=np.pad(c.samples, ((0, 12), (0, 0)))), "length_s", 10.0),
+    ],
+)
+def test_a_change_of_a_click_is_found_where_it_was_made(
+    compare: Compare, change: Callable[[ClickEntry], ClickEntry], figure: str, size: float
+) -> None:
+    found = compare(clicks=[CLICKS[0], change(CLICKS[1]), CLICKS[2]])
+    state = only(found.clicks.changed)
+    assert (state.felt, state.quiet, state.level_db) == (("I",), ("IV",), None)
+    assert {f.figure: f.size for f in state.figures} == {figure: pytest.approx(size, rel=1e-3)}
+    assert not found.entries.differs
+
+
+def test_states_that_vanished_and_appeared_are_named(compare: Compare) -> None:
+    more = entry_of(DEVICE, states_of(DEVICE, (4,)), wanted_level_db=20.0)
+    full = entry_of(DEVICE, states_of(DEVICE, (4,)), wanted_level_db=math.inf)
+    found = compare([*ENTRIES[1:3], more, *ENTRIES[4:6], full], clicks=())
+    assert found.entries.vanished == ("felt I at 20 dB", "felt I at full scale")
+    assert found.entries.appeared == ("felt V at 20 dB", "felt V at full scale")
+    assert found.clicks.vanished == ("felt I", "felt I, quiet IV", "felt II III, quiet V")
+
+
+def test_responses_that_changed_are_told_by_actuator(compare: Compare) -> None:
+    found = compare(response=1.05)
+    assert found.response_percent == {"left": pytest.approx(5.0), "right": pytest.approx(5.0)}
+    assert found.differs
+
+
+def test_arrays_of_other_groups_are_compared_by_their_bytes(compare: Compare) -> None:
+    found = compare(others={"measured": 1.0})
+    assert found.arrays == ("measured/number",)
+    assert found.differs
+    assert compare().arrays == ()
+
+
+def test_other_zones_are_matched_by_name_and_it_is_said(compare: Compare) -> None:
+    four = parse_device(TEXT.replace("count = 5", "count = 4"), "four")
+    kept = [(felt, quiet) for felt, quiet in STATES if max(felt + quiet) < 4]
+    entries = [
+        entry_of(four, states_of(four, felt, quiet), wanted_level_db=level)
+        for level in LEVELS_DB
+        for felt, quiet in kept
+    ]
+    found = compare(entries, [click_of(four, states_of(four, *kept[0]))], four)
+    assert any("zones were I, II, III, IV, V and are I, II, III, IV:" in note for note in found.notes)
+    assert any("responses" in note for note in found.notes)
+    assert found.entries.compared == 4
+    assert not found.entries.changed
+    assert len(found.entries.vanished) == 2
+
+
+def test_drives_of_other_actuators_are_not_compared_and_it_is_said(compare: Compare) -> None:
+    renamed = parse_device(TEXT.replace('name = "left"', 'name = "first"'), "renamed")
+    entries = [replace(entry, frequencies_hz=(70.0, 70.0)) for entry in entries_of(renamed)]
+    found = compare(entries, [replace(c, samples=c.samples * 0) for c in clicks_of(renamed)], renamed)
+    assert any("actuators were left, right and are first, right" in note for note in found.notes)
+    assert not found.entries.changed
+    assert not found.clicks.changed
+
+
+def test_a_state_in_words() -> None:
+    assert describe(["I", "III"], ["V"], 20.0) == "felt I III, quiet V at 20 dB"
+    assert describe(["I"], [], math.inf) == "felt I at full scale"
+    assert describe(["I"], [], None) == "felt I"

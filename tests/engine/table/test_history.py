@@ -1,0 +1,112 @@
+"""Laws of the table before this one."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from engine.table.error import TableError
+from engine.table.history import previous_of, remove_leftovers, replace_table, roll_back
+
+
+def put(path: Path, text: str) -> None:
+    """A new table takes its place."""
+    new = path.with_name("new")
+    new.write_text(text)
+    replace_table(new, path)
+
+
+@pytest.fixture(params=[True, False], ids=["links", "no links"])
+def path(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    if not request.param:
+
+        def refuse(*_: object) -> None:
+            raise OSError("no links here")
+
+        monkeypatch.setattr(os, "link", refuse)
+    return tmp_path / "bar.nc"
+
+
+def texts(path: Path) -> dict[str, str]:
+    return {kept.name: kept.read_text() for kept in path.parent.iterdir()}
+
+
+def test_the_table_before_is_kept_and_no_older_one(path: Path) -> None:
+    put(path, "1")
+    assert texts(path) == {"bar.nc": "1"}
+    put(path, "2")
+    put(path, "3")
+    assert texts(path) == {"bar.nc": "3", "bar.nc.previous": "2"}
+
+
+def test_a_table_that_is_only_completed_is_not_kept(path: Path) -> None:
+    put(path, "1")
+    put(path, "2")
+    (path.parent / "new").write_text("2 and more")
+    replace_table(path.parent / "new", path, keep=False)
+    assert texts(path) == {"bar.nc": "2 and more", "bar.nc.previous": "1"}
+
+
+def test_a_table_that_is_its_own_previous_one_leaves_nothing_behind(tmp_path: Path) -> None:
+    """As after a kill between keeping a table and putting another in its place."""
+    path = tmp_path / "bar.nc"
+    put(path, "1")
+    previous_of(path).hardlink_to(path)
+    roll_back(path)
+    assert texts(path) == {"bar.nc": "1", "bar.nc.previous": "1"}
+    put(path, "2")
+    assert texts(path) == {"bar.nc": "2", "bar.nc.previous": "1"}
+
+
+def test_rolled_back_twice_is_as_before(path: Path) -> None:
+    put(path, "1")
+    put(path, "2")
+    roll_back(path)
+    assert texts(path) == {"bar.nc": "1", "bar.nc.previous": "2"}
+    roll_back(path)
+    assert texts(path) == {"bar.nc": "2", "bar.nc.previous": "1"}
+
+
+def test_a_table_that_was_lost_is_put_back(path: Path) -> None:
+    put(path, "1")
+    put(path, "2")
+    path.unlink()
+    roll_back(path)
+    assert path.read_text() == "1"
+
+
+def test_without_a_previous_table_there_is_nothing_to_put_back(path: Path) -> None:
+    put(path, "1")
+    with pytest.raises(TableError, match="there is no previous table"):
+        roll_back(path)
+    assert texts(path) == {"bar.nc": "1"}
+
+
+def test_what_is_written_later_does_not_change_what_is_kept(path: Path) -> None:
+    """The kept table may be the same bytes under two names: no table is ever written in place."""
+    put(path, "1")
+    put(path, "2")
+    assert previous_of(path).read_text() == "1"
+    put(path, "3")
+    assert previous_of(path).read_text() == "2"
+
+
+def test_only_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
+    gone = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, check=True)
+    dead, here = int(gone.stdout), os.getpid()
+    for name in (
+        f".bar.nc.{dead}.partial",
+        f".bar.nc.{dead}.newer",
+        f".bar.nc.{here}.partial",
+        ".bar.nc.clicks",
+        ".other.nc.1.partial",
+    ):
+        (tmp_path / name).touch()
+    remove_leftovers(tmp_path / "bar.nc")
+    assert {kept.name for kept in tmp_path.iterdir()} == {
+        f".bar.nc.{here}.partial",
+        ".bar.nc.clicks",
+        ".other.nc.1.partial",
+    }

@@ -1,0 +1,409 @@
+"""Laws of the table file: read back as written, complete or absent, and refused with its own message when unusable."""
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import h5netcdf
+import h5py
+import numpy as np
+import pytest
+
+from engine.device.device import Device, DeviceError
+from engine.device.file import parse_device
+from engine.table.entry import Entry, WorstCase, ZonePromise, played_at
+from engine.table.entry_group import write_entries
+from engine.table.file import TableWriter, Variable
+from engine.table.table import Table, TableError
+from engine.touch.finger_tracker import state_index
+from tests.engine.made_entries import entry_of, states_of
+
+TEXT = (Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml").read_text(encoding="utf-8")
+DEVICE = parse_device(TEXT, "reference-a.toml")
+CODE = "c0de"
+SWEEP = ("pair", "frequency_1", "amplitude_1", "amplitude_2", "zone", "frequency_2")
+SHAPE = (2, 4, 3, 3, 5, 4)
+
+
+LEVELS_DB = (10.0, 20.0, math.inf)
+STATES = ([(0,), ()], [(1,), (4,)], [(4,), ()])
+"""Felt and quiet zones."""
+
+
+def make_entry(felt: Sequence[int], quiet: Sequence[int], wanted_level_db: float) -> Entry:
+    """Every figure another one; absent where the state has no such figure."""
+    random = np.random.default_rng([felt[0], int(min(wanted_level_db, 99))])
+    figures = iter(random.random(200).tolist())
+    entry = entry_of(DEVICE, states_of(DEVICE, felt, quiet), wanted_level_db=wanted_level_db)
+    two = (next(figures), next(figures))
+    return replace(
+        entry,
+        frequencies_hz=(100.01, 207.33),
+        amplitudes=two,
+        phases_rad=two[::-1],
+        zones=tuple(_numbered(zone, figures) for zone in entry.zones),
+        level_db=next(figures),
+        achieved=felt != (1,),
+        contrast_db=next(figures) if quiet else None,
+        expected_contrast_db=next(figures) if quiet else None,
+        localized_factor=next(figures),
+        objective="contrast" if quiet else "localized factor",
+        upper_bound=next(figures),
+        optimality_gap_db=next(figures),
+        t90_s=next(figures),
+        limited_by="full scale of left, Größe µ" if felt == (4,) else "",
+        worst_case=WorstCase(
+            next(figures),
+            next(figures) if quiet else None,
+            next(figures) if quiet else None,
+            next(figures),
+            next(figures),
+        ),
+    )
+
+
+def _numbered(zone: ZonePromise, figures: Iterator[float]) -> ZonePromise:
+    """The same fields, present where they were, each with a figure of its own."""
+
+    def other(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return next(figures), next(figures)
+        return next(figures) if type(value) is float else value
+
+    return replace(zone, **{name: other(value) for name, value in vars(zone).items()})
+
+
+ENTRIES = tuple(make_entry(felt, quiet, level_db) for level_db in LEVELS_DB for felt, quiet in STATES)
+
+
+def figure(name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+    return np.random.default_rng(len(name)).random(SHAPE, dtype=np.float32)
+
+
+def fill(writer: TableWriter, device: Device = DEVICE, code: str = CODE) -> None:
+    description = {"device_description": device.text, "device_fingerprint": device.fingerprint}
+    writer.describe({"device_name": device.name, "code_fingerprint": code, **description})
+    for name in ("localized_factor", "peak_acceleration", "dead_spot"):
+        writer.write("sweep", Variable(name, SWEEP, "1", name), figure(name))
+    write_entries(writer, ENTRIES, device)
+
+
+def make_table(path: Path, device: Device = DEVICE, code: str = CODE) -> Path:
+    with TableWriter(path) as writer:
+        fill(writer, device, code)
+    return path
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_table(tmp_path_factory.mktemp("table") / "whole.nc")
+
+
+@pytest.fixture
+def table(whole: Path) -> Iterator[Table]:
+    with Table.open(whole, device=DEVICE, code_fingerprint=CODE) as table:
+        yield table
+
+
+def copied(path: Path, target: Path) -> Path:
+    target.write_bytes(path.read_bytes())
+    return target
+
+
+def refusal(path: Path, device: Device | None = None, code: str | None = None) -> str:
+    with pytest.raises(TableError) as error:
+        Table.open(path, device=device, code_fingerprint=code).close()
+    assert str(error.value).startswith(f"{path}: ")
+    return str(error.value)
+
+
+def test_entries_are_read_back_as_written(table: Table) -> None:
+    assert table.entries == ENTRIES
+
+
+def test_an_entry_is_found_by_its_zones_in_any_order_and_its_level(table: Table) -> None:
+    assert table.levels_db == LEVELS_DB
+    assert table.entry_for(["V"], level_db=10.0) == ENTRIES[2]
+    assert table.entry_for(["V"]) == ENTRIES[5]
+    assert table.entry_for(["II"], ["V"], math.inf) == ENTRIES[7]
+    assert table.entry_at(ENTRIES[7].index, math.inf) == ENTRIES[7]
+
+
+def test_what_the_table_does_not_hold_is_refused_by_name(table: Table) -> None:
+    with pytest.raises(TableError, match="no entry for felt zones 'II, I' and quiet 'V'"):
+        table.entry_for(["II", "I"], ["V"])
+    with pytest.raises(DeviceError, match="no zone 'VI'"):
+        table.entry_for(["VI"])
+    with pytest.raises(TableError, match="zone II can't be felt and quiet"):
+        table.entry_for(["I", "II"], ["II"])
+    assert table.entry_at(state_index(table.states_of(["II"], [])), 10.0) is None
+
+
+@pytest.mark.parametrize("level_db", LEVELS_DB)
+def test_the_entries_of_a_level_are_all_of_it(table: Table, level_db: float) -> None:
+    expected = tuple(entry for entry in ENTRIES if entry.wanted_level_db == level_db)
+    assert table.entries_of(level_db) == table.entries_at(level_db) == expected
+
+
+def loud_table(path: Path) -> Path:
+    """Each entry reaches its level, full scale 40 dB."""
+    states = [states_of(DEVICE, *state) for state in STATES]
+    entries = [entry_of(DEVICE, each, wanted_level_db=level_db) for level_db in LEVELS_DB for each in states]
+    with TableWriter(path) as writer:
+        writer.describe({"device_description": TEXT, "device_fingerprint": DEVICE.fingerprint})
+        write_entries(writer, entries, DEVICE)
+    return path
+
+
+@pytest.mark.parametrize(("level_db", "above_db"), [(9.0, 10.0), (14.0, 20.0), (37.0, 40.0), (40.0, 40.0)])
+def test_between_levels_the_next_higher_one_is_played_softer(tmp_path: Path, level_db: float, above_db: float) -> None:
+    with Table.open(loud_table(tmp_path / "loud.nc")) as table:
+        softer = table.entry_for(["II"], ["V"], level_db)
+        above = table.entry_for(["II"], ["V"], math.inf if above_db == 40 else above_db)
+    scale = 10 ** ((level_db - above_db) / 20)
+    assert softer.level_db == softer.wanted_level_db == pytest.approx(level_db)
+    assert softer.achieved
+    assert softer.amplitudes == pytest.approx([scale * amplitude for amplitude in above.amplitudes])
+    assert (softer.contrast_db, softer.t90_s, softer.frequencies_hz) == (above.contrast_db, 0.1, above.frequencies_hz)
+    for quiet, loud in zip(softer.zones, above.zones, strict=True):
+        assert quiet.peak_acceleration_m_per_s2 == pytest.approx(scale * loud.peak_acceleration_m_per_s2)
+        assert quiet.share == loud.share
+
+
+def test_a_level_beyond_full_scale_is_full_scale_and_not_achieved(tmp_path: Path) -> None:
+    with Table.open(loud_table(tmp_path / "loud.nc")) as table:
+        entry, full = table.entry_for(["I"], level_db=60.0), table.entry_for(["I"], level_db=math.inf)
+    assert (entry.amplitudes, entry.level_db, entry.achieved) == (full.amplitudes, 40.0, False)
+    assert full.achieved
+
+
+@pytest.mark.parametrize("pair", [0, 1])
+def test_a_zone_combination_adds_shares_and_takes_the_extreme_levels(table: Table, pair: int) -> None:
+    zones = ["V", "II", "II"]
+    stored = {n: figure(n)[pair].transpose(0, 4, 1, 2, 3) for n in ("localized_factor", "peak_acceleration")}
+    stored["dead_spot"] = figure("dead_spot")[pair].transpose(0, 4, 1, 2, 3)
+    assert table.localized_factor(zones, pair) == pytest.approx(stored["localized_factor"][..., [1, 4]].sum(axis=-1))
+    assert (table.peak_acceleration(zones, pair) == stored["peak_acceleration"][..., [1, 4]].max(axis=-1)).all()
+    assert (table.dead_spot(zones, pair) == stored["dead_spot"][..., [1, 4]].min(axis=-1)).all()
+
+
+def test_no_zone_and_no_such_pair_are_refused(table: Table) -> None:
+    with pytest.raises(TableError, match="at least one zone"):
+        table.localized_factor([])
+    for pair in (-1, 2):
+        with pytest.raises(TableError, match=f"no actuator pair {pair}; there are 2"):
+            table.dead_spot(["I"], pair)
+
+
+def test_a_table_without_a_pair_sweep_says_so(tmp_path: Path) -> None:
+    with TableWriter(tmp_path / "one.nc") as writer:
+        writer.describe({"device_description": TEXT, "device_fingerprint": DEVICE.fingerprint})
+        write_entries(writer, ENTRIES, DEVICE)
+    with Table.open(tmp_path / "one.nc") as table, pytest.raises(TableError, match="pair"):
+        table.localized_factor(["I"])
+
+
+def test_any_byte_flipped_in_the_data_of_a_variable_is_refused(whole: Path, tmp_path: Path) -> None:
+    """Numbers only: what the file holds of text is reached by the flips anywhere."""
+    path, content = tmp_path / "flipped.nc", whole.read_bytes()
+    random = np.random.default_rng(1)
+    with h5py.File(whole) as file:
+        numbers = [v for group in file.values() for v in group.values() if v.dtype.kind in "fi" and "crc32" in v.attrs]
+        spans = {v.name: (v.id.get_offset(), v.nbytes) for v in numbers}
+    for name, (start, size) in spans.items():
+        for place in {0, size - 1, *random.integers(size, size=3).tolist()}:
+            flipped = bytearray(content)
+            flipped[start + place] ^= 1 << random.integers(8)
+            path.write_bytes(flipped)
+            assert "is corrupted: it fails its checksum" in refusal(path), name
+
+
+def content_of(path: Path) -> str:
+    """All that a reader can see of a table."""
+    with Table.open(path) as table, h5netcdf.File(path, decode_vlen_strings=True) as file:
+        variables = [v for group in file.groups.values() for v in group.variables.values()]
+        seen = [(v.name, v.dimensions, dict(v.attrs), np.asarray(v[...]).tolist()) for v in variables]
+        return repr((table.entries, table.device, {k: str(v) for k, v in file.attrs.items()}, seen))
+
+
+def verdict(path: Path, seen: str) -> str:
+    """What a changed file does to its reader."""
+    try:
+        return "ok" if content_of(path) == seen else "is believed"
+    except TableError:
+        return "ok"
+    except Exception as error:
+        return f"raises {type(error).__name__}"
+
+
+def test_a_byte_flipped_anywhere_is_refused_or_changes_nothing(whole: Path, tmp_path: Path) -> None:
+    """In a process of its own: a damaged heap of strings can send HDF5 round in circles for ever."""
+    content, seen = whole.read_bytes(), content_of(whole)
+    random, wrong = np.random.default_rng(2), []
+    workers = ProcessPoolExecutor(1, get_context("spawn"))
+    for place in random.integers(len(content), size=80).tolist():
+        flipped = bytearray(content)
+        flipped[place] ^= 1 << random.integers(8)
+        (tmp_path / "flipped.nc").write_bytes(flipped)
+        try:
+            answer = workers.submit(verdict, tmp_path / "flipped.nc", seen).result(timeout=20)
+        except TimeoutError:
+            answer = "never returns"
+            next(iter(workers._processes.values())).kill()
+            workers = ProcessPoolExecutor(1, get_context("spawn"))
+        if answer != "ok":
+            wrong.append(f"byte {place} {answer}")
+    workers.shutdown()
+    assert not wrong, f"{len(wrong)} of 80: {wrong[:12]}"
+
+
+@pytest.mark.parametrize("fraction", [0.0005, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.999])
+def test_a_truncated_table_is_refused(whole: Path, tmp_path: Path, fraction: float) -> None:
+    path, content = tmp_path / "cut.nc", whole.read_bytes()
+    path.write_bytes(content[: int(fraction * len(content))])
+    assert re.search("truncated|corrupted|not a NetCDF-4 file", refusal(path))
+
+
+def test_all_but_the_last_byte_is_refused(whole: Path, tmp_path: Path) -> None:
+    (tmp_path / "cut.nc").write_bytes(whole.read_bytes()[:-1])
+    assert "is truncated" in refusal(tmp_path / "cut.nc")
+
+
+@pytest.mark.parametrize("content", [b"", b"frequency;level\n60;1.5\n", b"\0" * 4096])
+def test_what_is_no_netcdf_file_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "other.nc"
+    path.write_bytes(content)
+    assert "not a table of tactable (not a NetCDF-4 file)" in refusal(path)
+
+
+def test_no_file_or_a_folder_is_refused(tmp_path: Path) -> None:
+    assert "no such table" in refusal(tmp_path / "missing.nc")
+    assert "no such table" in refusal(tmp_path)
+
+
+def test_a_foreign_netcdf_file_is_refused(tmp_path: Path) -> None:
+    with h5netcdf.File(tmp_path / "foreign.nc", "w") as file:
+        file.dimensions["time"] = 3
+        file.create_variable("temperature", ("time",), "f8")[...] = [1.0, 2.0, 3.0]
+    assert "is a NetCDF file, but not a table of tactable" in refusal(tmp_path / "foreign.nc")
+
+
+def test_a_newer_format_is_refused(whole: Path, tmp_path: Path) -> None:
+    path = copied(whole, tmp_path / "newer.nc")
+    with h5py.File(path, "a") as file:
+        file.attrs["format_revision"] = 5
+    assert "has format revision 5, this program reads up to 4; update tactable" in refusal(path)
+
+
+@pytest.mark.parametrize("name", ["code_fingerprint", "device_description", "device_fingerprint", "device_name"])
+def test_a_changed_attribute_is_refused(whole: Path, tmp_path: Path, name: str) -> None:
+    path = copied(whole, tmp_path / "changed.nc")
+    with h5py.File(path, "a") as file:
+        file.attrs[name] = str(file.attrs[name]) + " "
+    assert "is corrupted: it was changed after it was built" in refusal(path)
+
+
+@pytest.mark.parametrize("name", ["units", "long_name"])
+def test_a_changed_label_is_refused(whole: Path, tmp_path: Path, name: str) -> None:
+    path = copied(whole, tmp_path / "changed.nc")
+    with h5py.File(path, "a") as file:
+        file["entries/drive_frequency"].attrs[name] = "kHz"
+    assert "corrupted" in refusal(path)
+
+
+@pytest.mark.parametrize("name", ["sweep", "entries", "entries/rise_time", "sweep/dead_spot"])
+def test_a_missing_part_is_refused(whole: Path, tmp_path: Path, name: str) -> None:
+    path = copied(whole, tmp_path / "less.nc")
+    with h5py.File(path, "a") as file:
+        del file[name]
+    assert "corrupted" in refusal(path)
+
+
+def test_the_table_of_another_device_is_stale(whole: Path) -> None:
+    other = parse_device(TEXT.replace('stiffness = "18.9 kN/m"', 'stiffness = "19 kN/m"'), "other.toml")
+    assert "is stale: it was built for another state of 'reference-a'" in refusal(whole, other)
+
+
+def test_the_wording_of_a_device_does_not_make_its_table_stale(whole: Path) -> None:
+    Table.open(whole, device=replace(DEVICE, description="something else", text="")).close()
+
+
+def test_the_table_of_other_code_is_stale(whole: Path) -> None:
+    assert "is stale: it was built by another version of the code" in refusal(whole, DEVICE, "0dd")
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+def test_an_exception_while_writing_leaves_nothing_and_keeps_an_older_table(
+    whole: Path, tmp_path: Path, error: type[BaseException]
+) -> None:
+    older = copied(whole, tmp_path / "older.nc")
+    for path in (older, tmp_path / "new.nc"):
+        with pytest.raises(error), TableWriter(path) as writer:
+            fill(writer)
+            raise error
+    assert [path.name for path in tmp_path.iterdir()] == ["older.nc"]
+    assert older.read_bytes() == whole.read_bytes()
+
+
+def test_an_array_with_missing_elements_is_not_written(tmp_path: Path) -> None:
+    def write() -> None:
+        with TableWriter(tmp_path / "short.nc") as writer:
+            stream = writer.open_stream("sweep", Variable("x", ("a", "b"), "1", ""), (4, 3), np.float64)
+            stream.append(np.ones(3))
+            stream.close()
+
+    with pytest.raises(TableError, match="sweep/x: 3 elements of an array of shape"):
+        write()
+    assert not list(tmp_path.iterdir())
+
+
+def test_pieces_of_any_size_make_the_same_array(tmp_path: Path) -> None:
+    values = np.random.default_rng(0).random((2, 6, 3))
+    for step in (1, 4, 5, 6):
+        path = tmp_path / f"{step}.nc"
+        with TableWriter(path) as writer:
+            fill(writer)
+            stream = writer.open_stream("more", Variable("x", ("a", "b", "c"), "1", ""), values.shape, np.float64)
+            for row in values:
+                for start in range(0, 6, step):
+                    stream.append(row[start : start + step])
+            stream.close()
+        with Table.open(path) as table:
+            assert (table.values("more", "x") == values).all()
+
+
+def test_a_missing_folder_is_named(tmp_path: Path) -> None:
+    with pytest.raises(TableError, match="no such folder"), TableWriter(tmp_path / "absent" / "t.nc"):
+        pass
+
+
+def test_a_table_is_usable_after_closing(whole: Path) -> None:
+    with Table.open(whole) as table:
+        pass
+    assert table.entry_for(["I"], level_db=10.0) == ENTRIES[0]
+    assert table.device == DEVICE
+
+
+def test_between_levels_the_lower_drive_is_played_louder_while_full_scale_allows_it() -> None:
+    lower, higher = (
+        entry_of(
+            DEVICE,
+            states_of(DEVICE, (0,), ()),
+            wanted_level_db=level_db,
+            frequencies_hz=(hz, hz),
+            amplitudes=(0.2, 0.1),
+        )
+        for level_db, hz in ((10.0, 100.0), (20.0, 200.0))
+    )
+    reachable, beyond = lower.level_db + 3.0, lower.level_db + 9.0
+    limit = max(lower.amplitudes) * 10 ** (5 / 20)
+    assert played_at([lower, higher], reachable, limit).frequencies_hz == lower.frequencies_hz
+    assert played_at([lower, higher], reachable, limit).level_db == pytest.approx(reachable)
+    assert played_at([lower, higher], beyond, limit).frequencies_hz == higher.frequencies_hz
+    assert played_at([lower, higher], beyond, limit).level_db == pytest.approx(beyond)
+    assert played_at([lower, higher], 20.0, limit) == higher

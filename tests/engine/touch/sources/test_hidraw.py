@@ -1,0 +1,367 @@
+"""Laws of live digitizers: found, opened, read, lost and found again."""
+
+from __future__ import annotations
+
+import select
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from engine.touch.digitizer import Digitizer, DigitizerError, TouchFrame, open_digitizer
+from engine.touch.sources import Source
+from engine.touch.sources.hid_discovery import (
+    RULE_FILE,
+    HidSystem,
+    find_digitizers,
+    load_hid_system,
+    parse_number,
+    refusal,
+    select_digitizer,
+    udev_rule,
+)
+from engine.touch.sources.hidraw import Connection, HidrawSource, open_hidraw, read_descriptor
+from tests.engine.touch.sources.fake_hid import DESCRIPTOR, RING, FakeMachine, touch_report
+
+MS = 1_000_000
+NUMBER = "04f3:200a"
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Iterator[FakeMachine]:
+    made = FakeMachine(tmp_path)
+    yield made
+    made.close()
+
+
+# ---- finding ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("installed", "backend"), [({"hidraw", "hid"}, "hidraw"), ({"hid"}, "hid"), ({"hidraw"}, "hidraw")]
+)
+def test_the_module_hidraw_comes_before_the_libusb_one(installed: set[str], backend: str) -> None:
+    def import_module(name: str) -> object:
+        if name not in installed:
+            raise ImportError(name)
+        return SimpleNamespace()
+
+    assert load_hid_system(import_module, "linux").backend == backend
+
+
+def test_without_hidapi_the_remedy_is_named() -> None:
+    def import_module(name: str) -> object:
+        raise ImportError(name)
+
+    with pytest.raises(DigitizerError, match="pip install hidapi"):
+        load_hid_system(import_module, "linux")
+
+
+def test_a_device_of_several_collections_is_found_once_and_other_devices_never(machine: FakeMachine) -> None:
+    touch = machine.plug("hidraw0", usages=((0x0D, 0x04), (0x0D, 0x05), (0x01, 0x02)))
+    machine.plug("hidraw1", usages=((0x01, 0x06), (0x0D, 0x02), (0xFF00, 0x04)))
+    assert [device.path for device in find_digitizers(machine.system())] == [touch.path]
+
+
+def test_what_the_system_says_of_a_device_is_passed_on(machine: FakeMachine) -> None:
+    machine.plug(bus_type=3, serial_number=" A1 ")
+    (device,) = find_digitizers(machine.system())
+    assert (device.name, device.number, device.serial_number, device.bus) == ("Touch Bar", NUMBER, "A1", 0x18)
+    assert device.port == "usb-0000:00:14.0-6/input0"
+
+
+@pytest.mark.parametrize(("hid_id", "bus"), [("0018:000004F3:0000200A", 0x18), ("", 0x05), ("what?", 0x05)])
+def test_the_kernel_knows_the_bus_better_than_hidapi(machine: FakeMachine, hid_id: str, bus: int) -> None:
+    machine.plug(bus_type=2, hid_id=hid_id)
+    assert find_digitizers(machine.system())[0].bus == bus
+
+
+def test_a_digitizer_is_chosen_by_any_of_its_names(machine: FakeMachine) -> None:
+    device = machine.plug("hidraw0", serial_number="A1")
+    machine.plug("hidraw1", product_id=0x200B, port="usb-2")
+    found = find_digitizers(machine.system())
+    for name in (device.path, "A1", NUMBER, NUMBER.upper()):
+        assert select_digitizer(name, found).path == device.path
+    assert select_digitizer("04f3:200b@usb-2", found).path.endswith("hidraw1")
+
+
+def test_a_name_for_two_or_for_none_is_refused_with_the_choice(machine: FakeMachine) -> None:
+    machine.plug("hidraw0", port="usb-1")
+    machine.plug("hidraw1", port="usb-2")
+    found = find_digitizers(machine.system())
+    with pytest.raises(DigitizerError, match=r"2 digitizers.*hidraw0, .*hidraw1"):
+        select_digitizer(NUMBER, found)
+    with pytest.raises(DigitizerError, match=r"no digitizer 'bar'.*04f3:200a@usb-1"):
+        select_digitizer("bar", found)
+
+
+def test_the_rule_names_the_device_as_the_kernel_does() -> None:
+    number = parse_number("04F3:200a")
+    assert number == (0x04F3, 0x200A)
+    assert udev_rule(*number) == 'SUBSYSTEM=="hidraw", KERNELS=="*:04F3:200A.*", TAG+="uaccess"'
+    assert parse_number("/dev/hidraw0") is None
+
+
+def test_the_descriptor_is_read_without_permission_to_open(machine: FakeMachine) -> None:
+    device = machine.plug()
+    Path(device.path).chmod(0)
+    system = machine.system()
+    assert read_descriptor(system, find_digitizers(system)[0]) == DESCRIPTOR
+
+
+# ---- reading a node --------------------------------------------------------------------------------------
+
+
+def test_reports_come_in_order_with_index_and_time(machine: FakeMachine) -> None:
+    device = machine.plug()
+    source = open_hidraw(machine.system(), NUMBER)
+    live: Source = source
+    assert (live.name, live.vendor_id, live.product_id, live.descriptor) == ("Touch Bar", 0x04F3, 0x200A, DESCRIPTOR)
+    assert live.read(5 * MS) is None
+    reports = [touch_report((1, 100 * step, True)) for step in range(3)]
+    machine.send(device, *reports)
+    for index, report in enumerate(reports):
+        assert live.read(7 * MS + index) == report
+        assert (live.report_index, live.report_time_ns) == (index, 7 * MS + index)
+    assert live.read(9 * MS) is None
+    assert not live.ended
+    assert live.next_time_ns() is None
+    source.close()
+
+
+def readable(source: Source) -> bool:
+    descriptor = source.fileno()
+    assert descriptor is not None
+    return bool(select.select([descriptor], [], [], 0)[0])
+
+
+def test_the_descriptor_to_wait_on_stays_the_same_over_a_replug(machine: FakeMachine) -> None:
+    device = machine.plug()
+    source = open_hidraw(machine.system(), NUMBER)
+    number = source.fileno()
+    assert not readable(source)
+    machine.send(device, touch_report((1, 5, True)))
+    assert readable(source)
+    assert source.read(0) is not None
+    machine.unplug(device)
+    assert readable(source)
+    assert source.read(1 * MS) is None
+    assert not readable(source)
+    machine.send(machine.plug(), touch_report((1, 6, True)))
+    assert source.read(2000 * MS) is not None
+    assert (source.fileno(), source.state) == (number, Connection.CONNECTED)
+    source.close()
+
+
+def test_a_second_close_does_nothing_and_the_source_has_ended(machine: FakeMachine) -> None:
+    machine.plug()
+    source = open_hidraw(machine.system(), NUMBER)
+    source.close()
+    source.close()
+    assert (source.ended, source.fileno(), source.read(0)) == (True, None, None)
+
+
+# ---- unplug ----------------------------------------------------------------------------------------------
+
+
+def test_an_unplug_ends_a_source_that_does_not_wait(machine: FakeMachine) -> None:
+    device = machine.plug()
+    source = open_hidraw(machine.system(), NUMBER, reconnect=False)
+    machine.unplug(device)
+    assert source.read(0) is None
+    assert source.ended
+    assert source.next_time_ns() is None
+    source.close()
+
+
+def test_a_lost_device_is_looked_for_less_and_less_often_and_said_to_be_lost(machine: FakeMachine) -> None:
+    device = machine.plug()
+    source = open_hidraw(machine.system(), NUMBER)
+    machine.unplug(device)
+    assert source.read(0) is None
+    times_ms = []
+    for _ in range(6):
+        assert (source.state, source.ended) == (Connection.LOST, False)
+        due_ns = source.next_time_ns()
+        assert due_ns is not None
+        assert source.read(due_ns - 1) is None
+        times_ms.append(due_ns // MS)
+        assert source.read(due_ns) is None
+    assert times_ms == [250, 750, 1750, 3750, 5750, 7750]
+    assert "plug it in again" in str(source.problem)
+    machine.plug("hidraw7")
+    source.read(10_000 * MS)
+    assert source.state is Connection.CONNECTED
+    assert source.device.path.endswith("hidraw7")
+    assert source.problem is None
+    assert (source.counters.losses, source.counters.reconnects) == (1, 1)
+    source.close()
+
+
+def lose(machine: FakeMachine, name: str) -> HidrawSource:
+    source = open_hidraw(machine.system(), name)
+    machine.unplug(machine.plugged[source.device.path])
+    assert source.read(0) is None
+    return source
+
+
+def test_the_twin_of_a_lost_device_does_not_stand_in_for_it(machine: FakeMachine) -> None:
+    machine.plug("hidraw0", port="usb-1")
+    machine.plug("hidraw1", port="usb-2")
+    source = lose(machine, f"{NUMBER}@usb-1")
+    assert source.read(1000 * MS) is None
+    assert source.state is Connection.LOST
+    machine.plug("hidraw2", port="usb-1")
+    source.read(9000 * MS)
+    assert source.device.path.endswith("hidraw2")
+    source.close()
+
+
+def test_a_device_with_a_serial_number_is_known_at_any_port(machine: FakeMachine) -> None:
+    machine.plug("hidraw0", serial_number="A1", port="usb-1")
+    source = lose(machine, "A1")
+    machine.plug("hidraw3", serial_number="B2", port="usb-1")
+    machine.plug("hidraw4", serial_number="A1", port="usb-9")
+    source.read(1000 * MS)
+    assert source.device.path.endswith("hidraw4")
+    source.close()
+
+
+def test_another_descriptor_is_another_device(machine: FakeMachine) -> None:
+    machine.plug()
+    source = lose(machine, NUMBER)
+    machine.plug("hidraw1", descriptor=DESCRIPTOR[:-12])
+    assert source.read(1000 * MS) is None
+    assert source.state is Connection.LOST
+    assert "another device" in str(source.problem)
+    source.close()
+
+
+# ---- overflow --------------------------------------------------------------------------------------------
+
+
+def drain(source: Source, digitizer: Digitizer, now_ns: int) -> TouchFrame | None:
+    """A pass of the loop: all that is there, then the watchdog; the last frame."""
+    last = None
+    while (report := source.read(now_ns)) is not None:
+        last = digitizer.expire(source.report_time_ns) or last
+        last = digitizer.decode_report(report, source.report_time_ns) or last
+    return digitizer.expire(source.source_time_ns(now_ns)) or last
+
+
+@pytest.mark.parametrize(("waiting", "overflows"), [(RING - 1, 0), (RING, 1)])
+def test_a_full_ring_is_an_overflow_that_releases_everything(
+    machine: FakeMachine, waiting: int, overflows: int
+) -> None:
+    device = machine.plug()
+    source, digitizer = open_hidraw(machine.system(), NUMBER), open_digitizer(DESCRIPTOR)
+    machine.send(device, *[touch_report((1, step, True), (2, step, True)) for step in range(waiting)])
+    frame = drain(source, digitizer, 1000 * MS)
+    assert frame is not None
+    assert source.counters.overflows == overflows
+    assert [contact.contact_id for contact in frame.contacts] == ([] if overflows else [1, 2])
+    # The lift of 2 was lost with the overflow: what comes next tells of 1 alone.
+    machine.send(device, touch_report((1, 9, True)))
+    frame = drain(source, digitizer, 1008 * MS)
+    assert frame is not None
+    assert [contact.contact_id for contact in frame.contacts] == ([1] if overflows else [1, 2])
+    assert source.clock_time_ns(source.report_time_ns) == 1008 * MS
+    assert source.clock_time_ns(source.source_time_ns(1009 * MS)) == 1009 * MS
+    source.close()
+
+
+def test_as_many_reports_in_two_bursts_are_no_overflow(machine: FakeMachine) -> None:
+    device = machine.plug()
+    source, digitizer = open_hidraw(machine.system(), NUMBER), open_digitizer(DESCRIPTOR)
+    for now_ns in (MS, 2 * MS):
+        machine.send(device, *[touch_report((1, step, True)) for step in range(RING // 2 + 1)])
+        drain(source, digitizer, now_ns)
+    assert source.counters.overflows == 0
+    source.close()
+
+
+# ---- through hidapi --------------------------------------------------------------------------------------
+
+
+def test_hidapi_is_asked_again_and_again_where_nothing_can_be_waited_on(machine: FakeMachine) -> None:
+    device = machine.plug()
+    source = open_hidraw(machine.system("hid", "darwin"), NUMBER)
+    assert (source.fileno(), source.next_time_ns()) == (None, 0)
+    device.queue.append(touch_report((1, 5, True)))
+    assert source.read(3 * MS) == touch_report((1, 5, True))
+    assert source.read(3 * MS) is None
+    assert source.next_time_ns() == 5 * MS
+    machine.unplug(device)
+    assert source.read(5 * MS) is None
+    assert source.state is Connection.LOST
+    source.close()
+
+
+@pytest.mark.parametrize(
+    ("backend", "platform", "asks"),
+    [("hidraw", "linux", False), ("hid", "win32", False), ("hid", "linux", True), ("hid", "darwin", True)],
+)
+def test_features_are_sent_only_where_nobody_else_does(
+    machine: FakeMachine, backend: str, platform: str, asks: bool
+) -> None:
+    device = machine.plug(features={2: b"\x02\x05", 0x11: b"\x11" + bytes(256), 7: b"\x07\x00"})
+    open_hidraw(machine.system(backend, platform), NUMBER).close()
+    assert device.asked_features == ([2, 0x11, 7] if asks else [])
+    assert device.sent_features == ([b"\x07\x02"] if asks else [])
+
+
+def test_a_device_that_answers_no_feature_is_switched_all_the_same(machine: FakeMachine) -> None:
+    device = machine.plug()
+    source = open_hidraw(machine.system("hid", "darwin"), NUMBER)
+    assert device.sent_features == [b"\x07\x02"]
+    assert source.counters.failed_features == 2
+    source.close()
+
+
+# ---- refusals --------------------------------------------------------------------------------------------
+
+
+def test_no_permission_prints_the_rule_and_where_it_goes(machine: FakeMachine) -> None:
+    machine.plug()
+    system = machine.system()
+    said = str(refusal(system, find_digitizers(system)[0], PermissionError(13, "Permission denied")))
+    assert udev_rule(0x04F3, 0x200A) in said
+    assert RULE_FILE in said
+
+
+@pytest.mark.parametrize(
+    ("backend", "platform", "traits", "remedy"),
+    [
+        ("hid", "win32", {"read_error": "Access is denied."}, "Access is denied.*pointer events"),
+        ("hid", "darwin", {"open_error": "(0xE00002E2) not permitted"}, "not permitted.*Input Monitoring"),
+        ("hid", "linux", {"open_error": "busy"}, "busy.*other programs"),
+    ],
+)
+def test_a_device_kept_by_the_system_says_what_to_do(
+    machine: FakeMachine, backend: str, platform: str, traits: dict[str, str], remedy: str
+) -> None:
+    machine.plug(**traits)
+    with pytest.raises(DigitizerError, match=remedy):
+        open_hidraw(machine.system(backend, platform), NUMBER)
+
+
+def test_a_node_that_is_gone_again_says_so(machine: FakeMachine) -> None:
+    system = machine.system()
+    machine.plug()
+    (device,) = find_digitizers(system)
+    machine.close()
+    with pytest.raises(DigitizerError, match="plug it in again"):
+        HidrawSource(system, device)
+
+
+def test_a_system_that_cannot_list_says_so() -> None:
+    class Broken:
+        def enumerate(self) -> list[dict[str, object]]:
+            raise OSError("udev is not there")
+
+        def device(self) -> None:
+            raise AssertionError
+
+    with pytest.raises(DigitizerError, match="udev is not there"):
+        find_digitizers(HidSystem(Broken(), "hidraw", "linux"))  # type: ignore[arg-type]  # broken on purpose

@@ -1,0 +1,178 @@
+"""Laws of pointer events, and of the reports made for sources that are not HID devices."""
+
+from __future__ import annotations
+
+import math
+import os
+import select
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from engine.touch.digitizer import Contact, DigitizerError, TouchFrame, open_digitizer
+from engine.touch.sources import Source
+from engine.touch.sources.own_reports import MOST_CONTACTS, Axis, ContactReports
+from engine.touch.sources.pointer import RESOLUTION, Phase, PointerEvent, PointerFeed, PointerSource, open_pointer_pipe
+
+MS = 1_000_000
+Pipe = tuple[PointerSource, PointerFeed]
+
+
+@pytest.fixture
+def pipe() -> Iterator[Pipe]:
+    source, feed = open_pointer_pipe()
+    yield source, feed
+    source.close()
+
+
+def frames(source: Source, now_ns: int) -> list[TouchFrame]:
+    digitizer = open_digitizer(source.descriptor)
+    found = []
+    while (report := source.read(now_ns)) is not None:
+        frame = digitizer.decode_report(report, source.report_time_ns)
+        assert frame is not None
+        found.append(frame)
+    return found
+
+
+def ids(frame: TouchFrame) -> list[int]:
+    return [contact.contact_id for contact in frame.contacts]
+
+
+def test_each_event_is_a_frame_of_all_that_is_pressed(pipe: Pipe) -> None:
+    source, feed = pipe
+    feed.send(PointerEvent(7, 0.25, 0.5, Phase.DOWN))
+    feed.send(PointerEvent(1_234_567_890, 1.0, 0.0, Phase.DOWN))
+    feed.send(PointerEvent(7, 0.5, 0.5, Phase.MOVE))
+    feed.send(PointerEvent(7, 0.5, 0.5, Phase.UP))
+    feed.send(PointerEvent(1_234_567_890, 0.0, 0.0, Phase.CANCEL))
+    found = frames(source, 5 * MS)
+    assert [ids(frame) for frame in found] == [[7], [7, 1_234_567_890], [7, 1_234_567_890], [1_234_567_890], []]
+    assert found[0].contacts[0] == Contact(7, round(0.25 * RESOLUTION), round(0.5 * RESOLUTION), tip=True)
+    assert found[1].contacts[1][1:3] == (RESOLUTION, 0)
+    assert (source.report_index, source.report_time_ns) == (4, 5 * MS)
+    feed.close()
+
+
+def test_the_source_is_waited_on_by_its_pipe(pipe: Pipe) -> None:
+    source, feed = pipe
+    descriptor = source.fileno()
+    assert descriptor is not None
+    assert select.select([descriptor], [], [], 0)[0] == []
+    feed.send(PointerEvent(1, 0.0, 0.0, Phase.DOWN))
+    assert select.select([descriptor], [], [], 0)[0] == [descriptor]
+    assert source.next_time_ns() is None
+    feed.close()
+
+
+def test_a_pointer_the_page_forgot_is_released_alone(pipe: Pipe) -> None:
+    source, feed = pipe
+    digitizer = open_digitizer(source.descriptor)
+    frame = None
+    for time_ms in range(0, 300, 50):
+        if time_ms < 100:
+            feed.send(PointerEvent(1, 0.1, 0.5, Phase.MOVE))
+        feed.send(PointerEvent(2, 0.9, 0.5, Phase.MOVE))
+        while (report := source.read(time_ms * MS)) is not None:
+            frame = digitizer.decode_report(report, time_ms * MS)
+        assert frame is not None
+        assert ids(frame) == ([1, 2] if time_ms < 200 else [2])
+    assert source.silent_pointers == 1
+    assert source.next_time_ns() == (250 + 120) * MS
+    feed.close()
+
+
+def test_a_page_that_is_gone_releases_everything_and_ends(pipe: Pipe) -> None:
+    source, feed = pipe
+    feed.send(PointerEvent(1, 0.1, 0.5, Phase.DOWN))
+    feed.send(PointerEvent(2, 0.9, 0.5, Phase.DOWN))
+    feed.close()
+    assert [ids(frame) for frame in frames(source, 0)] == [[1], [1, 2], [2], []]
+    assert source.ended
+    assert (source.fileno(), source.next_time_ns(), source.silent_pointers) == (None, None, 0)
+
+
+@settings(deadline=None)  # the machine may be busy
+@given(st.floats(), st.floats(), st.integers(-(2**31), 2**31 - 1))
+def test_any_place_is_on_the_bar_or_refused(x: float, y: float, pointer_id: int) -> None:
+    source, feed = open_pointer_pipe()
+    event = PointerEvent(pointer_id, x, y, Phase.DOWN)
+    if math.isfinite(x) and math.isfinite(y):
+        feed.send(event)
+        (frame,) = frames(source, 0)
+        (contact,) = frame.contacts
+        assert 0 <= contact.x <= RESOLUTION and 0 <= contact.y <= RESOLUTION
+        assert contact.contact_id == pointer_id % 2**32
+    else:
+        with pytest.raises(DigitizerError, match="two fractions"):
+            feed.send(event)
+    feed.close()
+    source.close()
+
+
+def test_an_engine_that_is_gone_is_said() -> None:
+    source, feed = open_pointer_pipe()
+    source.close()
+    with pytest.raises(DigitizerError, match="start it again"):
+        feed.send(PointerEvent(1, 0.5, 0.5, Phase.DOWN))
+    feed.close()
+
+
+def test_a_pipe_that_nobody_reads_does_not_block_the_page() -> None:
+    source, feed = open_pointer_pipe()
+    with pytest.raises(DigitizerError, match="takes no touches"):
+        for _ in range(100_000):
+            feed.send(PointerEvent(1, 0.5, 0.5, Phase.MOVE))
+    assert len(frames(source, 0)) > 1000
+    feed.close()
+    source.close()
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(source.fileno() or -1)
+
+
+# ---- reports made up -------------------------------------------------------------------------------------
+
+axes = st.tuples(st.integers(-(2**31), 2**31 - 2), st.integers(1, 2**31), st.none() | st.floats(1, 5000)).map(
+    lambda parts: Axis(parts[0], min(parts[0] + parts[1], 2**31 - 1), parts[2])
+)
+contacts = st.lists(
+    st.builds(
+        Contact,
+        st.integers(0, 2**32 - 1),
+        st.integers(-(2**31), 2**31),
+        st.integers(-(2**31), 2**31),
+        st.just(True),
+        st.just(True),
+    ),
+    unique_by=lambda contact: contact.contact_id,
+    min_size=1,
+    max_size=MOST_CONTACTS,
+)
+
+
+@settings(deadline=None)  # the machine may be busy
+@given(axes, axes, contacts)
+def test_what_is_encoded_is_decoded_clamped_to_the_surface(x: Axis, y: Axis, down: list[Contact]) -> None:
+    reports = ContactReports(x, y, contacts=max(2, len(down)), maximum_contacts=2 * MOST_CONTACTS)
+    digitizer = open_digitizer(reports.descriptor)
+    surface = digitizer.surface
+    for length_mm, axis in ((surface.width_mm, x), (surface.height_mm, y)):
+        expected = None if axis.length_mm is None else pytest.approx(axis.length_mm, abs=0.01)
+        assert length_mm == expected
+    frame = digitizer.decode_report(reports.encode(down), 0)
+    assert frame is not None
+    assert list(frame.contacts) == [
+        contact._replace(x=min(max(contact.x, x.minimum), x.maximum), y=min(max(contact.y, y.minimum), y.maximum))
+        for contact in down
+    ]
+    lifted = digitizer.decode_report(reports.encode([contact._replace(tip=False) for contact in down]), MS)
+    assert lifted is not None
+    assert lifted.contacts == ()
+
+
+@pytest.mark.parametrize("count", [0, MOST_CONTACTS + 1])
+def test_a_report_of_none_or_too_many_contacts_is_refused(count: int) -> None:
+    with pytest.raises(ValueError, match=f"contacts is {count}"):
+        ContactReports(Axis(0, 1), Axis(0, 1), contacts=count, maximum_contacts=10)

@@ -1,0 +1,107 @@
+"""Laws of the hid-recorder text form."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from engine.touch.sources.recording import Recording, RecordingError, Report, read_recording, write_recording
+from tests.engine.shared_recordings import recording_params
+
+LINES = ("R: 2 05 0d", "N: bar", "I: 18 04f3 200a", "E: 000001.500000 3 01 02 ff")
+
+
+def read_text(tmp_path: Path, text: str) -> Recording:
+    path = tmp_path / "some.hid"
+    path.write_bytes(text.encode())
+    return read_recording(path)
+
+
+reports = st.lists(st.tuples(st.integers(0, 10**12), st.binary(max_size=70)), max_size=5).map(
+    lambda pairs: tuple(Report(index, time_us / 1e6, data) for index, (time_us, data) in enumerate(pairs))
+)
+names = st.text(st.characters(codec="ascii", exclude_categories=("C", "Z")), max_size=20)
+words = st.integers(0, 0xFFFF)
+recordings = st.builds(Recording, names, words, words, words, st.binary(min_size=1, max_size=80), reports)
+
+
+@given(recording=recordings)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_what_is_written_is_read_back(tmp_path: Path, recording: Recording) -> None:
+    path = tmp_path / "back.hid"
+    write_recording(recording, path)
+    assert read_recording(path) == recording
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@given(text=st.text(st.sampled_from("RNIED:# 0189af.\r\n\x00é"), max_size=80))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_text_is_a_recording_or_a_recording_error(tmp_path: Path, text: str) -> None:
+    try:
+        read_text(tmp_path, text)
+    except RecordingError as error:
+        assert "some.hid, line " in str(error)
+
+
+def test_a_recording_is_read_field_by_field(tmp_path: Path) -> None:
+    expected = Recording("bar", 0x18, 0x04F3, 0x200A, b"\x05\x0d", (Report(0, 1.5, b"\x01\x02\xff"),))
+    assert read_text(tmp_path, "\n".join(LINES)) == expected
+
+
+def test_line_ends_comments_and_blank_lines_do_not_matter(tmp_path: Path) -> None:
+    noisy = "\r\n".join(f"# note: 1\r\n\r\n{line}" for line in LINES)
+    assert read_text(tmp_path, noisy) == read_text(tmp_path, "\n".join(LINES))
+
+
+def test_name_and_numbers_may_be_absent(tmp_path: Path) -> None:
+    recording = read_text(tmp_path, "R: 1 05\n")
+    assert (recording.name, recording.vendor_id, recording.reports) == ("", 0, ())
+
+
+def test_of_several_devices_the_first_is_read_and_its_reports_counted(tmp_path: Path) -> None:
+    event = "E: 000000.000000 1"
+    text = f"D: 0\nR: 1 05\nD: 1\nR: 1 06\nD: 0\n{event} aa\nD: 1\n{event} bb\nD: 0\n{event} cc\n"
+    recording = read_text(tmp_path, text)
+    assert recording.descriptor == b"\x05"
+    assert [(report.index, report.data) for report in recording.reports] == [(0, b"\xaa"), (1, b"\xcc")]
+
+
+@pytest.mark.parametrize(
+    ("line", "problem"),
+    [
+        ("E: 000000.000000 2 01", "length 2 but 1 bytes"),
+        ("E: 000000.000000 1 0g", "pairs of hex digits"),
+        ("E: 000000.000000", "a length, then bytes"),
+        ("E: soon 1 00", "seconds.microseconds"),
+        ("E: 0.5 1 00", "six digits"),
+        ("I: 3 0596", "three hex numbers"),
+        ("R: 1 05", "second report descriptor"),
+    ],
+)
+def test_a_broken_line_is_named_with_its_number_and_remedy(tmp_path: Path, line: str, problem: str) -> None:
+    with pytest.raises(RecordingError, match=problem) as caught:
+        read_text(tmp_path, f"{LINES[0]}\n{line}\n")
+    assert caught.value.line_number == 2
+
+
+def test_a_file_without_descriptor_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="no report descriptor"):
+        read_text(tmp_path, "N: bar\n")
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "kept.hid"
+    path.write_text("old")
+    with pytest.raises(UnicodeEncodeError):
+        write_recording(Recording("\ud800", 3, 0, 0, b"\x05", ()), path)
+    assert [(found.name, found.read_text()) for found in tmp_path.iterdir()] == [("kept.hid", "old")]
+
+
+@pytest.mark.parametrize("path", recording_params("touch", "*.hid"))
+def test_shared_recordings_survive_a_round_trip(tmp_path: Path, path: Path) -> None:
+    recording = read_recording(path)
+    write_recording(recording, tmp_path / path.name)
+    assert read_recording(tmp_path / path.name) == recording

@@ -1,0 +1,224 @@
+"""Laws of the report descriptor reader."""
+
+from __future__ import annotations
+
+import time
+import tracemalloc
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from engine.touch.descriptor import DescriptorError, SurfaceKind, read_surfaces
+from engine.touch.sources.recording import read_recording
+from tests.engine.shared_recordings import recording_params
+from tests.engine.touch.descriptors import (
+    BLOB,
+    CONTACT_COUNT,
+    COUNT_MAXIMUM_5,
+    PEN,
+    SCAN_TIME,
+    TOUCH_PAD,
+    application,
+    finger,
+    mutated,
+)
+
+SCREEN = application(finger(), finger(), SCAN_TIME, CONTACT_COUNT, COUNT_MAXIMUM_5, BLOB)
+
+
+def test_layout_counts_bits_from_the_report_id() -> None:
+    (surface,) = read_surfaces(SCREEN)
+    (report,) = surface.reports
+    first, second = report.contacts
+    assert (first.tip.bit, first.x.bit, first.y.bit, second.tip.bit) == (8, 24, 40, 56)
+    assert (first.x.size_bits, first.x.logical_minimum, first.x.logical_maximum) == (16, 0, 1000)
+    assert report.scan_time is not None and report.scan_time.bit == 104
+    assert report.contact_count is not None and report.contact_count.bit == 120
+    assert report.size_bytes == 16
+
+
+def test_without_report_ids_bits_count_from_the_first_byte() -> None:
+    (surface,) = read_surfaces(application(finger(), report_id=None))
+    assert not surface.uses_report_ids
+    assert surface.contacts[0].tip.bit == 0
+    assert surface.reports[0].size_bytes == 6
+
+
+def test_extent_is_in_millimetres() -> None:
+    (surface,) = read_surfaces(SCREEN)
+    assert surface.width_mm == pytest.approx(200.0)
+    assert surface.height_mm == pytest.approx(200.0)
+
+
+@pytest.mark.parametrize(
+    ("items", "extent_mm"),
+    [
+        ("6511 550e", 200.0),  # 2000 times 10^-2 cm
+        ("6513 55fe", 508.0),  # 2000 times 10^-2 inch, the exponent written as a byte
+        ("6533 550d", 50.8),  # inches "cubed", as five vendors write inches
+        ("6514 550e", None),  # degrees
+        ("6500 5500", None),  # no unit
+        ("6511 550e 4500", None),  # no physical range
+    ],
+)
+def test_extent_follows_unit_and_exponent(items: str, extent_mm: float | None) -> None:
+    descriptor = application(finger()).replace(bytes.fromhex("6511 550e"), bytes.fromhex(items))
+    (surface,) = read_surfaces(descriptor)
+    assert surface.width_mm == (extent_mm if extent_mm is None else pytest.approx(extent_mm))
+
+
+def test_features_are_found_in_their_reports() -> None:
+    (surface,) = read_surfaces(SCREEN)
+    assert surface.is_win8
+    assert surface.certification_blob is not None and surface.certification_blob.report_id == 0x11
+    maximum = surface.contact_count_maximum
+    assert maximum is not None and (maximum.report_id, maximum.logical_maximum) == (2, 5)
+    assert surface.device_mode is None
+
+
+def test_device_mode_is_found_in_another_application() -> None:
+    configuration = bytes.fromhex("050d 090e a101 8504 0923 a102 0952 1500 250a 7508 9501 b102 c0 c0")
+    (surface,) = read_surfaces(SCREEN + configuration)
+    assert surface.device_mode is not None and surface.device_mode.report_id == 4
+
+
+def test_blob_of_another_size_is_no_certification() -> None:
+    (surface,) = read_surfaces(SCREEN.replace(bytes.fromhex("960001"), bytes.fromhex("964000")))
+    assert not surface.is_win8
+
+
+def test_each_touch_application_is_a_surface_of_its_own() -> None:
+    pad = application(finger(), usage=TOUCH_PAD, report_id=7)
+    surfaces = read_surfaces(SCREEN + pad)
+    assert [surface.kind for surface in surfaces] == [SurfaceKind.TOUCH_SCREEN, SurfaceKind.TOUCH_PAD]
+    assert [surface.reports[0].report_id for surface in surfaces] == [1, 7]
+
+
+def test_a_pen_application_is_no_touch_surface() -> None:
+    assert read_surfaces(application(finger(), usage=PEN)) == ()
+
+
+def test_fingers_of_an_application_come_without_its_pens() -> None:
+    (surface,) = read_surfaces(application(finger(collection=0x20), finger()))
+    assert len(surface.contacts) == 1 and surface.contacts[0].tip.bit == 56
+    (pens,) = read_surfaces(application(finger(collection=0x20)))
+    assert pens.is_stylus and not surface.is_stylus
+
+
+def test_a_relative_position_is_no_touch_surface() -> None:
+    mouse = application(finger()).replace(bytes.fromhex("0930 8102"), bytes.fromhex("0930 8106"))
+    assert read_surfaces(mouse) == ()
+
+
+def test_constant_contact_ids_are_read() -> None:
+    (surface,) = read_surfaces(application(finger()).replace(bytes.fromhex("25ff 8102"), bytes.fromhex("25ff 8103")))
+    assert surface.has_contact_ids
+
+
+def test_of_a_doubled_position_the_first_is_the_touch_point() -> None:
+    doubled = finger().replace(
+        bytes.fromhex("0930 8102 0931 8102"), bytes.fromhex("9504 0930 0930 0931 0931 8102 9501")
+    )
+    (surface,) = read_surfaces(application(doubled))
+    assert (surface.x.bit, surface.y.bit) == (24, 56)
+
+
+def test_long_items_are_skipped() -> None:
+    assert read_surfaces(bytes.fromhex("fe03aa010203") + SCREEN) == read_surfaces(SCREEN)
+
+
+def test_pop_restores_every_global() -> None:
+    wrapped = SCREEN.replace(
+        bytes.fromhex("0501 26e803"), bytes.fromhex("a4 057f 1505 2506 3507 4508 5509 650a 750b 950c b4 0501 26e803"), 1
+    )
+    assert read_surfaces(wrapped) == read_surfaces(SCREEN)
+
+
+def test_of_delimited_alternatives_the_first_counts() -> None:
+    delimited = application(finger()).replace(bytes.fromhex("0951"), bytes.fromhex("a901 0951 0938 a900"))
+    assert read_surfaces(delimited) == read_surfaces(application(finger()))
+
+
+def test_a_maximum_is_signed_only_beside_a_negative_minimum() -> None:
+    (unsigned,) = read_surfaces(SCREEN.replace(bytes.fromhex("26e803"), bytes.fromhex("26ffff")))
+    (signed,) = read_surfaces(SCREEN.replace(bytes.fromhex("26e803"), bytes.fromhex("160080 26ff7f")))
+    assert (unsigned.x.logical_maximum, unsigned.x.is_signed) == (65535, False)
+    assert (signed.x.logical_minimum, signed.x.logical_maximum, signed.x.is_signed) == (-32768, 32767, True)
+
+
+@pytest.mark.parametrize(
+    ("descriptor", "offset", "problem"),
+    [
+        (b"", 0, "length outside"),
+        (b"\x05" * 5000, 0, "length outside"),
+        (b"\x05", 0, "cut off"),
+        (b"\xc0", 0, "End Collection without Collection"),
+        (SCREEN[:-1], len(SCREEN) - 1, "open collections"),
+        (b"\xb4", 0, "Pop without Push"),
+        (b"\xa4" * 40, 32, "too many states"),
+        (b"\xa1\x01" * 40, 64, "nested too deep"),
+        (b"\x85\x00", 0, "report ID"),
+        (b"\x86\x2c\x01", 0, "report ID"),
+        (b"\x77\xff\xff\xff\xff", 0, "report size"),
+        (b"\x97\xff\xff\xff\x7f", 0, "report count"),
+        (b"\xa9\x00", 0, "delimiter"),
+    ],
+)
+def test_broken_grammar_is_refused_with_its_place(descriptor: bytes, offset: int, problem: str) -> None:
+    with pytest.raises(DescriptorError, match=problem) as caught:
+        read_surfaces(descriptor)
+    assert caught.value.offset == offset
+
+
+@pytest.mark.parametrize("logical_range", ["1500 2500", "150a 2505"])
+def test_an_empty_position_range_is_refused(logical_range: str) -> None:
+    with pytest.raises(DescriptorError, match="not below its maximum"):
+        read_surfaces(SCREEN.replace(bytes.fromhex("26e803"), bytes.fromhex(logical_range)))
+
+
+@given(st.binary(min_size=1, max_size=300))
+def test_any_bytes_give_surfaces_or_a_descriptor_error(descriptor: bytes) -> None:
+    _read_or_refuse(descriptor)
+
+
+@given(mutated(SCREEN))
+def test_any_mutation_gives_surfaces_or_a_descriptor_error(descriptor: bytes) -> None:
+    _read_or_refuse(descriptor)
+
+
+def _read_or_refuse(descriptor: bytes) -> None:
+    try:
+        surfaces = read_surfaces(descriptor)
+    except DescriptorError:
+        return
+    for surface in surfaces:
+        for contact in surface.contacts:
+            assert contact.x.logical_minimum < contact.x.logical_maximum
+            assert 1 <= contact.y.size_bits <= 32
+
+
+@pytest.mark.parametrize("path", recording_params("touch", "*.hid"))
+def test_every_recorded_digitizer_has_a_sensible_surface(path: Path) -> None:
+    surfaces = read_surfaces(read_recording(path).descriptor)
+    assert any(surface.has_contact_ids and not surface.is_stylus for surface in surfaces)
+    for surface in surfaces:
+        assert surface.kind in {SurfaceKind.TOUCH_SCREEN, SurfaceKind.TOUCH_PAD}
+        assert surface.x.logical_maximum >= 500
+        assert surface.width_mm is None or 50.0 < surface.width_mm < 2000.0
+        assert 1 <= surface.contacts_per_report <= 20
+
+
+@pytest.mark.parametrize("path", recording_params("malformed", "*.bin"))
+def test_malformed_descriptors_are_settled_within_50_ms_and_50_mb(path: Path) -> None:
+    descriptor = path.read_bytes()
+    start_s = time.process_time()
+    _read_or_refuse(descriptor)
+    assert time.process_time() - start_s < 0.050
+    tracemalloc.start()
+    try:
+        _read_or_refuse(descriptor)
+        assert tracemalloc.get_traced_memory()[1] < 50e6
+    finally:
+        tracemalloc.stop()

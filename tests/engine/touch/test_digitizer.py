@@ -1,0 +1,375 @@
+"""Laws of frame assembly, on devices made up here and on recorded ones."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from engine.touch.descriptor import DescriptorError, SurfaceKind
+from engine.touch.digitizer import Contact, Digitizer, DigitizerError, TouchFrame, open_digitizer
+from engine.touch.sources.recording import Recording, read_recording
+from tests.engine.shared_recordings import RECORDINGS, recording_params
+from tests.engine.touch.descriptors import (
+    BLOB,
+    CONTACT_COUNT,
+    COUNT_MAXIMUM_5,
+    PEN,
+    SCAN_TIME,
+    TOUCH_PAD,
+    application,
+    finger,
+    mutated,
+)
+
+MS = 1_000_000
+HYBRID = application(finger(), finger(), CONTACT_COUNT, COUNT_MAXIMUM_5)
+CERTIFIED = application(finger(), finger(), SCAN_TIME, CONTACT_COUNT, COUNT_MAXIMUM_5, BLOB)
+SERIAL = application(finger(), COUNT_MAXIMUM_5)
+
+
+class Finger(NamedTuple):
+    contact_id: int
+    x: int = 100
+    y: int = 200
+    flags: int = 1
+
+    def bytes(self) -> bytes:
+        return bytes([self.flags, self.contact_id]) + self.x.to_bytes(2, "little") + self.y.to_bytes(2, "little")
+
+
+UP = 0
+NOBODY = Finger(0, 0, 0, UP)
+
+
+def hybrid(first: Finger, second: Finger, count: int) -> bytes:
+    return b"\x01" + first.bytes() + second.bytes() + bytes([count])
+
+
+def certified(first: Finger, second: Finger, ticks: int, count: int) -> bytes:
+    return b"\x01" + first.bytes() + second.bytes() + ticks.to_bytes(2, "little") + bytes([count])
+
+
+def ids(frame: TouchFrame | None) -> list[int] | None:
+    return None if frame is None else [contact.contact_id for contact in frame.contacts]
+
+
+def test_a_report_gives_position_and_time() -> None:
+    frame = open_digitizer(SERIAL).decode_report(b"\x01" + Finger(7, 300, 400).bytes(), 5 * MS)
+    assert frame == TouchFrame(5 * MS, (Contact(7, 300, 400, tip=True),))
+
+
+def test_a_lifted_contact_is_listed_no_more() -> None:
+    digitizer = open_digitizer(SERIAL)
+    digitizer.decode_report(b"\x01" + Finger(7).bytes(), 0)
+    assert ids(digitizer.decode_report(b"\x01" + Finger(7, flags=UP).bytes(), MS)) == []
+
+
+def test_a_serial_device_keeps_state_per_contact() -> None:
+    digitizer = open_digitizer(SERIAL)
+    assert ids(digitizer.decode_report(b"\x01" + Finger(1).bytes(), 0)) == [1]
+    assert ids(digitizer.decode_report(b"\x01" + Finger(4).bytes(), MS)) == [1, 4]
+
+
+def test_slots_beyond_the_count_are_stale() -> None:
+    assert ids(open_digitizer(HYBRID).decode_report(hybrid(Finger(1), Finger(2), 1), 0)) == [1]
+
+
+def test_a_hybrid_frame_is_complete_with_its_last_report() -> None:
+    digitizer = open_digitizer(HYBRID)
+    assert digitizer.decode_report(hybrid(Finger(1), Finger(2), 3), 0) is None
+    assert ids(digitizer.decode_report(hybrid(Finger(3), NOBODY, 0), MS)) == [1, 2, 3]
+
+
+def test_silence_inside_a_frame_starts_a_new_one() -> None:
+    digitizer = open_digitizer(HYBRID)
+    digitizer.decode_report(hybrid(Finger(1), Finger(2), 3), 0)
+    assert digitizer.decode_report(hybrid(Finger(1), Finger(2), 3), 40 * MS) is None
+    assert ids(digitizer.decode_report(hybrid(Finger(3), NOBODY, 0), 41 * MS)) == [1, 2, 3]
+    assert digitizer.counters.lost_frames == 1
+
+
+def test_a_new_scan_time_inside_a_frame_starts_a_new_one() -> None:
+    digitizer = open_digitizer(CERTIFIED)
+    digitizer.decode_report(certified(Finger(1), Finger(2), 10, 3), 0)
+    assert ids(digitizer.decode_report(certified(Finger(1), Finger(2), 90, 2), 8 * MS)) == [1, 2]
+
+
+def test_contacts_and_their_count_may_come_in_either_order() -> None:
+    counts = bytes.fromhex("8503") + CONTACT_COUNT
+    contacts = b"\x01" + Finger(1).bytes() + Finger(2).bytes()
+    for reports in ([contacts, b"\x03\x01"], [b"\x03\x01", contacts]):
+        digitizer = open_digitizer(application(finger(), finger(), counts))
+        assert digitizer.decode_report(reports[0], 0) is None
+        assert ids(digitizer.decode_report(reports[1], MS)) == [1]
+
+
+def test_a_certified_device_hovers_and_others_do_not() -> None:
+    hovering = Finger(1, flags=2)
+    frame = open_digitizer(CERTIFIED).decode_report(certified(hovering, NOBODY, 1, 1), 0)
+    assert frame is not None and [contact.tip for contact in frame.contacts] == [False]
+    assert ids(open_digitizer(HYBRID).decode_report(hybrid(hovering, NOBODY, 1), 0)) == []
+
+
+def test_a_certified_device_repeats_a_contact_in_vain() -> None:
+    report = certified(Finger(1, x=10), Finger(1, x=20), 1, 1)
+    frame = open_digitizer(CERTIFIED).decode_report(report, 0)
+    assert frame is not None and [contact.x for contact in frame.contacts] == [10]
+
+
+def test_a_palm_is_a_contact_without_confidence() -> None:
+    device = application(finger(flags="0942 0947"))
+    for flags, confidence in ((3, True), (1, False)):
+        frame = open_digitizer(device).decode_report(b"\x01" + Finger(1, flags=flags).bytes(), 0)
+        assert frame is not None and frame.contacts[0].confidence is confidence
+
+
+def test_a_contact_unseen_is_up_where_the_class_says_so() -> None:
+    digitizer = open_digitizer(HYBRID, 0x1FF7, 0x0013)
+    digitizer.decode_report(hybrid(Finger(1), Finger(2), 2), 0)
+    assert ids(digitizer.decode_report(hybrid(Finger(2), NOBODY, 1), 8 * MS)) == [2]
+
+
+def test_a_contact_outside_the_logical_range_is_moved_to_its_rim() -> None:
+    frame = open_digitizer(SERIAL).decode_report(b"\x01" + Finger(1, 1001, 65535).bytes(), 0)
+    assert frame is not None and (frame.contacts[0].x, frame.contacts[0].y) == (1000, 1000)
+
+
+def test_the_first_contact_sets_the_range_of_all() -> None:
+    wider = finger().replace(bytes.fromhex("26e803"), bytes.fromhex("2650c3"))
+    frame = open_digitizer(application(finger(), wider)).decode_report(
+        b"\x01" + Finger(1).bytes() + Finger(2, 1500, 1500).bytes(), 0
+    )
+    assert frame is not None and (frame.contacts[1].x, frame.contacts[1].y) == (1000, 1000)
+
+
+def test_a_short_report_is_counted_and_gives_no_contact() -> None:
+    digitizer = open_digitizer(HYBRID)
+    for size in range(1, len(hybrid(Finger(1), Finger(2), 2))):
+        assert digitizer.decode_report(hybrid(Finger(1), Finger(2), 2)[:size], 0) is None
+    assert digitizer.counters.short_reports == 13
+
+
+def test_another_collections_report_is_passed_over() -> None:
+    digitizer = open_digitizer(HYBRID)
+    assert digitizer.decode_report(b"\x09\x01\x02", 0) is None
+    assert digitizer.counters.foreign_reports == 1
+
+
+def test_no_more_contacts_than_the_device_declares() -> None:
+    digitizer = open_digitizer(SERIAL)
+    frames = [digitizer.decode_report(b"\x01" + Finger(number).bytes(), 0) for number in range(8)]
+    assert ids(frames[-1]) == [0, 1, 2, 3, 4]
+    assert digitizer.counters.excess_contacts == 3
+
+
+def test_contacts_are_released_120_ms_after_the_last_frame() -> None:
+    digitizer = open_digitizer(SERIAL)
+    digitizer.decode_report(b"\x01" + Finger(1).bytes(), 50 * MS)
+    assert digitizer.expire(169 * MS) is None
+    assert digitizer.expire(170 * MS) == TouchFrame(170 * MS, ())
+    assert digitizer.expire(400 * MS) is None
+
+
+def test_nothing_expires_while_nothing_is_down() -> None:
+    digitizer = open_digitizer(SERIAL)
+    digitizer.decode_report(b"\x01" + NOBODY.bytes(), 0)
+    assert digitizer.expire(1000 * MS) is None
+
+
+@pytest.mark.parametrize(("ticks", "expected_ms"), [(180, 108), (100, 100), (5, 109), (65535, 109)])
+def test_scan_time_steps_count_while_they_agree_with_host_time(ticks: int, expected_ms: int) -> None:
+    digitizer = open_digitizer(CERTIFIED)
+    digitizer.decode_report(certified(Finger(1), NOBODY, 100, 1), 100 * MS)
+    frame = digitizer.decode_report(certified(Finger(1), NOBODY, ticks, 1), 109 * MS)
+    assert frame is not None and frame.scan_time_ns == expected_ms * MS
+
+
+def test_scan_time_wraps_at_its_size() -> None:
+    digitizer = open_digitizer(CERTIFIED)
+    digitizer.decode_report(certified(Finger(1), NOBODY, 65500, 1), 100 * MS)
+    frame = digitizer.decode_report(certified(Finger(1), NOBODY, 44, 1), 109 * MS)
+    assert frame is not None and frame.scan_time_ns == 108 * MS
+
+
+def test_a_touch_screen_comes_before_a_touch_pad_and_fingers_before_pens() -> None:
+    pad = application(finger(), usage=TOUCH_PAD, report_id=7)
+    pens = application(finger(collection=0x20), report_id=8)
+    surface = open_digitizer(pens + pad + HYBRID).surface
+    assert (surface.kind, surface.is_stylus) == (SurfaceKind.TOUCH_SCREEN, False)
+    assert open_digitizer(pad).surface.kind is SurfaceKind.TOUCH_PAD
+
+
+def test_a_device_without_touch_surface_is_refused() -> None:
+    with pytest.raises(DigitizerError, match="no touch screen or touch pad"):
+        open_digitizer(application(finger(), usage=PEN))
+
+
+def test_a_device_of_another_driver_is_refused() -> None:
+    with pytest.raises(DigitizerError, match="Wacom"):
+        open_digitizer(HYBRID, 0x056A, 1)
+
+
+devices = st.sampled_from(
+    [
+        (descriptor, *device)
+        for descriptor in (HYBRID, CERTIFIED, SERIAL, application(finger(), report_id=None))
+        for device in ((0, 0), (0x1FF7, 0x13), (0x0486, 0x185), (0x093A, 0x8002), (0x0EEF, 0x72FA), (0x0596, 0x500))
+    ]
+)
+bodies = st.binary(max_size=24) | st.binary(min_size=16, max_size=16).map(lambda body: b"\x01" + body)
+timed_reports = st.lists(st.tuples(bodies, st.integers(0, 60 * MS)), max_size=30)
+
+
+@given(devices, timed_reports)
+def test_any_reports_give_bounded_contacts_inside_the_surface(
+    device: tuple[bytes, int, int], reports: list[tuple[bytes, int]]
+) -> None:
+    play(open_digitizer(*device), reports)
+
+
+@given(mutated(CERTIFIED) | mutated(HYBRID), timed_reports)
+def test_any_device_gives_bounded_contacts_inside_its_surface_or_is_refused(
+    descriptor: bytes, reports: list[tuple[bytes, int]]
+) -> None:
+    try:
+        digitizer = open_digitizer(descriptor)
+    except (DescriptorError, DigitizerError):
+        return
+    play(digitizer, reports)
+
+
+def play(digitizer: Digitizer, reports: list[tuple[bytes, int]]) -> None:
+    now_ns = 0
+    for report, pause_ns in reports:
+        now_ns += pause_ns
+        for frame in (digitizer.expire(now_ns), digitizer.decode_report(report, now_ns)):
+            if frame is not None:
+                assert_inside(digitizer, frame)
+
+
+def assert_inside(digitizer: Digitizer, frame: TouchFrame) -> None:
+    x, y = digitizer.surface.x, digitizer.surface.y
+    names = ids(frame) or []
+    assert len(names) == len(set(names)) <= digitizer.maximum_contacts
+    for contact in frame.contacts:
+        assert x.logical_minimum <= contact.x <= x.logical_maximum
+        assert y.logical_minimum <= contact.y <= y.logical_maximum
+
+
+# ---- recordings ------------------------------------------------------------------------------------------
+
+
+def opened(recording: Recording) -> Digitizer:
+    return open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
+
+
+def replayed(recording: Recording) -> Iterator[tuple[int, TouchFrame]]:
+    """Report index and frame, without the watchdog: the golden run fed reports without the pauses."""
+    digitizer = opened(recording)
+    for report in recording.reports:
+        frame = digitizer.decode_report(report.data, int(report.time_s * 1e9))
+        if frame is not None:
+            yield report.index, frame
+
+
+@pytest.mark.parametrize("path", recording_params("synthetic", "*.hid"))
+def test_synthetic_devices_give_the_expected_contacts(path: Path) -> None:
+    expected = dict(json.loads(path.with_suffix(".expect.json").read_text())["expect"])
+    frames = {
+        index: sorted([contact.contact_id, contact.x, contact.y] for contact in frame.contacts if contact.tip)
+        for index, frame in replayed(read_recording(path))
+    }
+    assert frames == {index: sorted(contacts) for index, contacts in expected.items()}
+
+
+class KernelSlots:
+    """What Linux's input layer does to our frames: slots keep their last position, moves below `fuzz` are damped."""
+
+    def __init__(self, fuzz_x: int, fuzz_y: int) -> None:
+        self.fuzz = (fuzz_x, fuzz_y)
+        self.slots: dict[int, int] = {}
+        self.positions: dict[int, tuple[int, int]] = {}
+
+    def damp(self, contacts: Iterable[Contact]) -> list[tuple[int, int]]:
+        contacts = tuple(contacts)
+        leaving = {contact_id: self.slots.pop(contact_id) for contact_id in self.slots.keys() - {*names(contacts)}}
+        for contact in contacts:
+            if contact.contact_id not in self.slots:
+                taken = {*self.slots.values(), *leaving.values()}
+                self.slots[contact.contact_id] = next(slot for slot in range(100) if slot not in taken)
+            self.move(self.slots[contact.contact_id], (contact.x, contact.y))
+        return sorted(self.positions[slot] for slot in self.slots.values())
+
+    def move(self, slot: int, position: tuple[int, int]) -> None:
+        x, y = (
+            damped(value, old, fuzz)
+            for value, old, fuzz in zip(position, self.positions.get(slot, (0, 0)), self.fuzz, strict=True)
+        )
+        self.positions[slot] = (x, y)
+
+
+def names(contacts: Iterable[Contact]) -> Iterator[int]:
+    return (contact.contact_id for contact in contacts)
+
+
+def damped(value: int, old: int, fuzz: int) -> int:
+    """Input layer's noise filter: steps below fuzz/2 vanish, below fuzz a quarter counts, below 2 fuzz a half."""
+    step = abs(value - old)
+    if fuzz and step < fuzz // 2:
+        return old
+    if step < fuzz:
+        return (old * 3 + value) // 4
+    return (old + value) // 2 if step < 2 * fuzz else value
+
+
+@pytest.mark.parametrize("path", recording_params("golden", "*.jsonl.gz"))
+def test_frames_equal_the_kernels_after_every_report(path: Path) -> None:
+    """All 32, no exception: with the kernel's contact limit and noise filter nothing is left that differs."""
+    header, *lines = map(json.loads, gzip.decompress(path.read_bytes()).splitlines())
+    x, y = header["cols"].index("x"), header["cols"].index("y")
+    kernel = {index: sorted((slot[x], slot[y]) for slot in events[-1][1]) for index, events in lines}
+    recording = read_recording(RECORDINGS / "touch" / header["file"])
+    slots = KernelSlots(header["abs"]["x"]["fuzz"], header["abs"]["y"]["fuzz"])
+    ours = {index: slots.damp(frame.contacts) for index, frame in replayed(recording)}
+    expected: list[tuple[int, int]] = []
+    positions: list[tuple[int, int]] = []
+    for report in recording.reports:
+        expected = kernel.get(report.index, expected)
+        positions = ours.get(report.index, positions)
+        assert positions == expected, f"report {report.index}"
+
+
+@pytest.mark.parametrize("path", recording_params("touch", "*.hid"))
+def test_no_contact_stays_down_150_ms_after_the_last_report(path: Path) -> None:
+    recording = read_recording(path)
+    digitizer = opened(recording)
+    frame = TouchFrame(0, ())
+    reports = [(int(report.time_s * 1e9), report.data) for report in recording.reports]
+    last_ns = 0
+    for now_ns, data in [*reports, (reports[-1][0] + 1000 * MS if reports else 0, b"")]:
+        for tick_ns in range(last_ns, min(now_ns, last_ns + 200 * MS), 10 * MS):
+            frame = digitizer.expire(tick_ns) or frame
+        assert now_ns - last_ns < 150 * MS or not frame.contacts
+        frame = digitizer.decode_report(data, now_ns) or frame
+        last_ns = now_ns
+        assert_inside(digitizer, frame)
+
+
+@pytest.mark.parametrize("path", recording_params("not_touch", "*.hid"))
+def test_no_tablet_mouse_or_keyboard_opens_as_a_digitizer(path: Path) -> None:
+    recording = read_recording(path)
+    with pytest.raises((DigitizerError, DescriptorError)):
+        opened(recording)
+
+
+@pytest.mark.parametrize("path", recording_params("touch", "*.hid"))
+def test_every_recorded_digitizer_opens(path: Path) -> None:
+    surface = opened(read_recording(path)).surface
+    assert surface.has_contact_ids and not surface.is_stylus

@@ -1,0 +1,185 @@
+"""Laws of positions, zones and states."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from engine.device.device import Device, TouchAxis, Zone
+from engine.touch.descriptor import read_surfaces
+from engine.touch.digitizer import Contact, TouchFrame
+from engine.touch.finger_tracker import Touch, TouchPosition, ZoneEdges, ZoneState, ZoneTracker, state_index
+from tests.engine.touch.descriptors import application, finger
+
+REFERENCE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
+LENGTH_M = REFERENCE.bar.length_m
+SURFACE = read_surfaces(application(finger(), finger()))[0]  # x and y from 0 to 1000
+LAST = 1000
+logical = st.integers(0, LAST)
+fractions = st.floats(0, 1)
+
+
+@st.composite
+def touch_axes(draw: st.DrawFn) -> TouchAxis:
+    """Any touch area that covers some of the bar, and perhaps more than the bar on either side."""
+    start_m = draw(st.floats(-2 * LENGTH_M, 0.9 * LENGTH_M))
+    left_m = LENGTH_M - max(start_m, 0.0)
+    end_m = draw(st.floats(-2 * LENGTH_M, 0.9 * left_m))
+    before_m = max(-start_m, 0.0)
+    active_m = draw(st.none() | st.floats(before_m + 0.01 * left_m, before_m + 2 * LENGTH_M))
+    return TouchAxis(draw(st.sampled_from(["x", "y"])), draw(st.booleans()), start_m, end_m, active_m)
+
+
+@st.composite
+def zoned_devices(draw: st.DrawFn) -> Device:
+    """One to five zones with or without gaps, and a hysteresis under half of the shortest."""
+    edges_m = sorted(draw(st.lists(st.integers(0, 10_000), min_size=2, max_size=10, unique=True)))
+    edges_m = edges_m[: len(edges_m) // 2 * 2]
+    is_gapless = draw(st.booleans())
+    pairs = pairwise(edges_m) if is_gapless else zip(edges_m[::2], edges_m[1::2], strict=True)
+    zones = tuple(Zone(str(i), a / 10_000 * LENGTH_M, b / 10_000 * LENGTH_M) for i, (a, b) in enumerate(pairs))
+    hysteresis_m = draw(st.floats(0, 0.49)) * min(zone.length_m for zone in zones)
+    return replace(REFERENCE, zones=zones, zone_hysteresis_m=hysteresis_m)
+
+
+def with_axis(axis: TouchAxis) -> Device:
+    return replace(REFERENCE, touch_axis=axis)
+
+
+def at(value: int, contact_id: int = 1, *, tip: bool = True) -> Contact:
+    return Contact(contact_id, value, value, tip)
+
+
+def frame_of(*contacts: Contact) -> TouchFrame:
+    return TouchFrame(0, contacts)
+
+
+@given(touch_axes(), logical)
+def test_a_position_is_where_the_touch_area_has_it_or_the_nearest_place_on_the_bar(axis: TouchAxis, value: int) -> None:
+    position_m = TouchPosition(with_axis(axis), SURFACE).position_m(at(value))
+    assert 0 <= position_m <= LENGTH_M
+    active_m = axis.active_length_m or LENGTH_M - axis.start_margin_m - axis.end_margin_m
+    fraction = (LAST - value if axis.flip else value) / LAST
+    touched_m = axis.start_margin_m + fraction * active_m
+    assert position_m == pytest.approx(sorted([0.0, touched_m, LENGTH_M])[1], abs=1e-12)
+
+
+@given(touch_axes(), logical)
+def test_flip_twice_is_no_flip(axis: TouchAxis, value: int) -> None:
+    position = TouchPosition(with_axis(axis), SURFACE)
+    flipped = TouchPosition(with_axis(replace(axis, flip=not axis.flip)), SURFACE)
+    assert flipped.position_m(at(LAST - value)) == pytest.approx(position.position_m(at(value)), abs=1e-12)
+
+
+@given(touch_axes(), logical, logical)
+def test_positions_run_one_way_along_the_axis(axis: TouchAxis, value: int, other: int) -> None:
+    position = TouchPosition(with_axis(axis), SURFACE)
+    low, high = sorted([value, other], reverse=axis.flip)
+    assert position.position_m(at(low)) <= position.position_m(at(high))
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_the_ends_of_the_logical_range_are_the_ends_of_the_touch_area(axis: str) -> None:
+    touch_axis = TouchAxis("x" if axis == "x" else "y", False, 0.01, 0.02, None)
+    position = TouchPosition(with_axis(touch_axis), SURFACE)
+    contacts = [Contact(1, value if axis == "x" else 7, value if axis == "y" else 7, True) for value in (0, LAST)]
+    assert [position.position_m(contact) for contact in contacts] == pytest.approx([0.01, LENGTH_M - 0.02])
+
+
+@pytest.mark.parametrize("flip", [False, True])
+@pytest.mark.parametrize("states_length", [False, True])
+def test_a_touch_area_beyond_the_bar_keeps_its_scale_and_ends_with_the_bar(flip: bool, states_length: bool) -> None:
+    # A tenth of the touch area lies before the bar, two tenths after it.
+    active_m = LENGTH_M / 0.7
+    touch_axis = TouchAxis("x", flip, -active_m / 10, -active_m / 5, active_m if states_length else None)
+    position = TouchPosition(with_axis(touch_axis), SURFACE)
+    values = [LAST - value if flip else value for value in (0, 50, 100, 450, 800, 900, LAST)]
+    fractions_of_bar = [position.position_m(at(value)) / LENGTH_M for value in values]
+    assert fractions_of_bar == pytest.approx([0, 0, 0, 0.5, 1, 1, 1], abs=1e-12)
+    tracker = ZoneTracker(with_axis(touch_axis), SURFACE)
+    touches = tracker.track(frame_of(at(values[0], 1), at(values[-1], 2)))
+    assert [touch.zone for touch in touches] == [0, 4]
+
+
+@given(zoned_devices(), fractions)
+def test_a_new_contact_is_in_the_zone_that_holds_it_or_in_none(device: Device, fraction: float) -> None:
+    position_m = fraction * LENGTH_M
+    zone = ZoneEdges(device).zone_at(position_m)
+    holding = [i for i, each in enumerate(device.zones) if each.start_m <= position_m <= each.stop_m]
+    assert zone == (holding[-1] if holding else None)
+
+
+@given(zoned_devices(), st.lists(fractions, min_size=1, max_size=20))
+def test_a_contact_is_never_further_from_its_zone_than_the_hysteresis(device: Device, path: list[float]) -> None:
+    edges, zone = ZoneEdges(device), None
+    for fraction in path:
+        position_m = fraction * LENGTH_M
+        zone = edges.zone_at(position_m, zone)
+        if zone is not None:
+            start_m, stop_m = device.zones[zone].start_m, device.zones[zone].stop_m
+            assert start_m - device.zone_hysteresis_m <= position_m <= stop_m + device.zone_hysteresis_m
+
+
+@given(zoned_devices(), fractions, st.lists(st.floats(-1, 1), max_size=20))
+def test_a_contact_that_trembles_less_than_the_hysteresis_never_flickers(
+    device: Device, fraction: float, tremble: list[float]
+) -> None:
+    edges = ZoneEdges(device)
+    landing_m = fraction * LENGTH_M
+    zone = edges.zone_at(landing_m)
+    changes = 0
+    for part in tremble:
+        previous, zone = zone, edges.zone_at(landing_m + 0.49 * part * device.zone_hysteresis_m, zone)
+        changes += zone != previous
+    # Where it landed in a gap, it may enter one zone; from there it does not leave.
+    assert changes <= (edges.zone_at(landing_m) is None)
+
+
+@given(zoned_devices(), st.lists(fractions, max_size=5))
+def test_without_a_past_a_touch_is_where_its_contact_is(device: Device, places: list[float]) -> None:
+    contacts = [at(round(LAST * place), i) for i, place in enumerate(places)]
+    tracker, position, edges = ZoneTracker(device, SURFACE), TouchPosition(device, SURFACE), ZoneEdges(device)
+    places_m = [position.position_m(contact) for contact in contacts]
+    touches = [Touch(i, place_m, edges.zone_at(place_m)) for i, place_m in enumerate(places_m)]
+    assert tracker.track(frame_of(*contacts)) == touches
+
+
+@given(st.lists(st.sampled_from(ZoneState), min_size=1, max_size=6), st.data())
+def test_every_state_has_an_index_of_its_own(states: list[ZoneState], data: st.DataObject) -> None:
+    other = data.draw(st.lists(st.sampled_from(ZoneState), min_size=len(states), max_size=len(states)))
+    assert (state_index(states) == state_index(other)) == (states == other)
+    assert 0 <= state_index(states) < 3 ** len(states)
+
+
+def test_hysteresis_is_per_contact_and_ends_with_the_touch() -> None:
+    tracker = ZoneTracker(REFERENCE, SURFACE)
+    past_edge = 202  # zone I stops at 200; the hysteresis of 2 mm is 7.2 units
+
+    def zones(*contacts: Contact) -> list[int | None]:
+        return [touch.zone for touch in tracker.track(frame_of(*contacts))]
+
+    assert zones(at(195, 1)) == [0]
+    assert zones(at(past_edge, 1)) == [0]
+    assert zones(at(past_edge, 1), at(past_edge, 2)) == [0, 1]
+    assert zones() == []
+    assert zones(at(past_edge, 1)) == [1]
+
+
+def test_a_hovering_finger_touches_nothing_and_forgets_its_zone() -> None:
+    tracker = ZoneTracker(REFERENCE, SURFACE)
+    tracker.track(frame_of(at(195)))
+    assert tracker.track(frame_of(at(195, tip=False))) == []
+    assert [touch.zone for touch in tracker.track(frame_of(at(202)))] == [1]
+
+
+def test_a_finger_in_a_gap_is_seen_but_belongs_to_no_zone() -> None:
+    device = replace(REFERENCE, zones=(Zone("I", 0.0, 0.1), Zone("II", 0.2, LENGTH_M)))
+    tracker = ZoneTracker(device, SURFACE)
+    (touch,) = tracker.track(frame_of(at(round(LAST * 0.15 / LENGTH_M))))
+    assert touch.zone is None
+    assert touch.position_m == pytest.approx(0.15, abs=LENGTH_M / LAST)

@@ -1,0 +1,58 @@
+"""Scan time: the digitizer's period is told apart from what the host adds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from engine.touch.scan_time import ScanTimes
+
+MS = 1_000_000
+
+
+def times(count: int, tick_ns: float, late_ns: np.ndarray[tuple[int], np.dtype[np.float64]]) -> ScanTimes:
+    """A device of 8 ms whose 100 us take `tick_ns`, behind a host that is late."""
+    kept = ScanTimes(capacity=400)
+    for index in range(count):
+        scan_ns = 80 * 100_000 * index
+        kept.record(round(80 * tick_ns * index + late_ns[index]), scan_ns)
+    return kept
+
+
+@pytest.mark.parametrize("count", [100, 400, 1000])
+@pytest.mark.parametrize("tick_ns", [92_000.0, 100_000.0, 131_000.0])
+def test_a_punctual_host_shows_the_device_alone(count: int, tick_ns: float) -> None:
+    found = times(count, tick_ns, np.zeros(count)).summarise()
+    assert found is not None
+    assert found.period_ns == pytest.approx(80 * tick_ns, rel=1e-6)
+    assert found.tick_ns == pytest.approx(tick_ns, rel=1e-6)
+    assert found.jitter_p99_ns < 1_000
+
+
+def test_a_late_host_is_jitter_and_no_period() -> None:
+    late_ns = np.random.default_rng(1).uniform(0, 2 * MS, 300)
+    found = times(300, 100_000.0, late_ns).summarise()
+    assert found is not None
+    assert found.period_ns == pytest.approx(8 * MS, rel=1e-2)
+    intervals_ns = abs(np.diff(late_ns))
+    assert found.jitter_p50_ns == pytest.approx(np.median(intervals_ns), rel=0.1)
+
+
+def test_pauses_between_touches_do_not_count() -> None:
+    kept = ScanTimes()
+    for touch in range(20):
+        for index in range(10):
+            kept.record(round((touch + 0.008 * index) * 1e9), round((touch + 0.008 * index) * 1e9))
+    found = kept.summarise()
+    assert found is not None
+    assert (found.frames, found.longest_period_ns) == (180, 8 * MS)
+
+
+def test_few_frames_say_nothing() -> None:
+    assert times(50, 100_000.0, np.zeros(50)).summarise() is None
+    assert ScanTimes().summarise() is None
+
+
+def test_a_capacity_too_small_is_refused() -> None:
+    with pytest.raises(ValueError, match="capacity is 1"):
+        ScanTimes(1)

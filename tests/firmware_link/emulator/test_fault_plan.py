@@ -1,0 +1,73 @@
+"""Laws of the fault texts: each is read as it is meant, and a wrong one is told with its remedy."""
+
+import pytest
+
+from firmware_link.emulator.fault_plan import (
+    FaultPlan,
+    FaultPlanError,
+    TimedFault,
+    TimedKind,
+    fault_help,
+    parse_fault_plan,
+)
+
+
+def test_a_text_says_its_faults() -> None:
+    text = (
+        "bit_errors=1e-5, drop=0.01,stall=0.3s@5s,reboot@12s,baud=115200,delay=2ms,drift=-80ppm,at_noise,stall=20ms/1s"
+    )
+    assert parse_fault_plan(text) == FaultPlan(
+        bit_errors=1e-5,
+        drop=0.01,
+        baud_hz=115_200,
+        delay_us=2_000,
+        drift_ppb=-80_000,
+        at_noise=True,
+        timed=(
+            TimedFault(TimedKind.STALL, 5_000_000, 300_000, None),
+            TimedFault(TimedKind.REBOOT, 12_000_000, 0, None),
+            TimedFault(TimedKind.STALL, 1_000_000, 20_000, 1_000_000),
+        ),
+    )
+
+
+def test_no_text_is_no_fault() -> None:
+    assert parse_fault_plan("") == FaultPlan()
+
+
+@pytest.mark.parametrize("key", fault_help())
+def test_the_example_of_each_key_is_understood(key: str) -> None:
+    for example in fault_help()[key].split(": ")[1:]:
+        assert parse_fault_plan(example.split(", ")[0]) != FaultPlan()
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("dropp=0.1", r"fault 'dropp' is unknown \(did you mean 'drop'\?\); there are bit_errors, drop"),
+        ("drop=2", "'drop=2' is not understood; write it as in: .*drop=0.01"),
+        ("drop", "'drop' is not understood"),
+        ("drop=nan", "'drop=nan' is not understood"),
+        ("drop=0.1,drop=0.2", "'drop' is given twice"),
+        ("stall=0.3s", "'stall=0.3s' is not understood"),
+        ("stall@3s", "'stall@3s' is not understood"),
+        ("stall=2s/1s", "'stall=2s/1s' is not understood"),
+        ("hang_up=1@8s", "'hang_up=1@8s' is not understood"),
+        ("reboot=1.2.3s@4s", "'reboot=1.2.3s@4s' is not understood"),
+        ("drift=5", "'drift=5' is not understood"),
+        ("baud=0", "'baud=0' is not understood"),
+        ("at_noise=1", "'at_noise=1' is not understood"),
+    ],
+)
+def test_a_wrong_text_names_its_key_and_the_remedy(text: str, reason: str) -> None:
+    with pytest.raises(FaultPlanError, match=reason):
+        parse_fault_plan(text)
+
+
+def test_a_fault_comes_once_or_again_and_again() -> None:
+    once = TimedFault(TimedKind.STALL, 100, 10, None)
+    assert [once.begins_us(0), once.begins_us(100), once.begins_us(101)] == [100, 100, None]
+    assert [once.ends_us(99), once.ends_us(100), once.ends_us(109), once.ends_us(110)] == [None, 110, 110, None]
+    again = TimedFault(TimedKind.STALL, 100, 10, 100)
+    assert [again.begins_us(0), again.begins_us(101), again.begins_us(200)] == [100, 200, 200]
+    assert [again.ends_us(50), again.ends_us(205), again.ends_us(211)] == [None, 210, None]

@@ -1,0 +1,123 @@
+"""Laws of the faulty device: reboots, hang-ups and drift happen when they are due, and are counted."""
+
+import pytest
+
+from firmware_link.emulator.fault_plan import parse_fault_plan
+from firmware_link.emulator.faulty_device import AT_NOISE, FaultyDevice
+from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
+from firmware_link.protocol.framing import encode_message
+from firmware_link.protocol.messages import (
+    MAGIC,
+    Arm,
+    DeviceState,
+    FaultCode,
+    Hello,
+    HelloRequest,
+    Status,
+    Time,
+    TimeRequest,
+)
+from tests.firmware_link.virtual_rig import decode_messages
+
+SECOND_US = 1_000_000
+GREETING = encode_message(HelloRequest(MAGIC, 1, 0, 1), 1)
+
+
+def device_with(text: str, seed: int = 1) -> FaultyDevice[EmulatedFirmware]:
+    return FaultyDevice(lambda boot_id: EmulatedFirmware(DeviceConfiguration(boot_id)), parse_fault_plan(text), seed)
+
+
+def greet(device: FaultyDevice[EmulatedFirmware], now_us: int) -> Hello:
+    said = decode_messages(device.receive(GREETING, now_us))
+    return next(message for message in said if isinstance(message, Hello))
+
+
+def arm(device: FaultyDevice[EmulatedFirmware], now_us: int) -> None:
+    hello = greet(device, now_us)
+    device.receive(encode_message(Arm(hello.boot_id, 200, 40, 0, (1, 1)), 2), now_us)
+    assert device.core.state is DeviceState.ARMED
+
+
+def test_without_faults_it_is_the_device() -> None:
+    plain, faulty = EmulatedFirmware(DeviceConfiguration(0)), device_with("")
+    plain_id = faulty.core.configuration.boot_id
+    plain = EmulatedFirmware(DeviceConfiguration(plain_id))
+    for now_us in range(0, 2 * SECOND_US, 7_000):
+        data = GREETING if now_us % 70_000 == 0 else b""
+        assert faulty.receive(data, now_us) == plain.receive(data, now_us)
+        assert faulty.next_deadline_us() == plain.next_deadline_us()
+
+
+def test_a_reboot_is_another_boot_with_a_clock_from_zero_and_deaf_meanwhile() -> None:
+    device = device_with("reboot=0.5s@2s")
+    first = greet(device, 0)
+    device.advance(2_000_000)
+    assert device.receive(GREETING, 2_200_000) == b""
+    second = greet(device, 3_000_000)
+    assert first.boot_id != second.boot_id
+    (time,) = decode_messages(device.receive(encode_message(TimeRequest(0), 1), 3_000_000))
+    assert isinstance(time, Time)
+    assert time.device_received_us == 500_000
+    assert (device.counters.reboots, device.to_device.counters.lost) == (1, 1)
+    assert [boot.booted_us for boot in device.boots] == [0, 2_500_000]
+
+
+def test_seeds_make_the_same_boots() -> None:
+    ids = [[greet(device_with("reboot/1s", seed), t).boot_id for t in (0, 1_500_000)] for seed in (1, 1, 2)]
+    assert ids[0] == ids[1] != ids[2]
+
+
+def test_a_hang_up_latches_an_armed_device_and_takes_the_port_away_for_a_while() -> None:
+    device = device_with("hang_up=0.2s@0.1s")
+    arm(device, 0)
+    device.advance(99_999)
+    assert device.is_plugged
+    assert device.advance(100_000) == b""
+    assert not device.is_plugged
+    assert device.core.state is DeviceState.LATCHED
+    device.advance(300_000)
+    assert device.is_plugged
+    said = decode_messages(device.receive(encode_message(TimeRequest(0), 1), 310_000) + device.advance(500_000))
+    assert FaultCode.HUNG_UP in {message.fault for message in said if isinstance(message, Status)}
+
+
+def test_nobody_hears_a_device_whose_port_is_closed() -> None:
+    device = device_with("")
+    greet(device, 0)
+    device.hang_up(10_000)
+    assert device.advance(SECOND_US) == b""
+    assert device.to_host.counters.lost == 10
+
+
+@pytest.mark.parametrize("ppm", [-200, 0, 40, 200])
+def test_the_clock_drifts_as_asked(ppm: int) -> None:
+    device = device_with(f"drift={ppm}ppm")
+    times = []
+    for now_us in (0, 1000 * SECOND_US):
+        said = decode_messages(device.receive(encode_message(TimeRequest(now_us), 1), now_us))
+        times += [message.device_received_us for message in said if isinstance(message, Time)]
+    assert times[1] - times[0] == 1000 * SECOND_US + 1000 * ppm
+
+
+@pytest.mark.parametrize("ppm", [-200, 0, 173])
+def test_its_own_deadlines_come_on_its_own_clock(ppm: int) -> None:
+    device = device_with(f"drift={ppm}ppm")
+    arm(device, 12_345)
+    while device.core.state is DeviceState.ARMED:
+        deadline_us = device.next_deadline_us()
+        assert deadline_us is not None
+        device.advance(deadline_us)
+        latched_us = deadline_us
+    assert latched_us - 12_345 == pytest.approx(250_000 * (1 - ppm * 1e-6), abs=2)
+
+
+def test_a_modem_prober_speaks_first_at_each_opening() -> None:
+    device = device_with("at_noise")
+    for opening in range(3):
+        device.receive(b"\0" + GREETING, opening * SECOND_US)
+        device.hang_up(opening * SECOND_US + 500_000)
+    counters = device.core.framing_counters
+    assert counters.ok == 3
+    assert counters.framing + counters.crc + counters.length == 3
+    assert device.counters.at_noises == 3
+    assert b"\0" not in AT_NOISE

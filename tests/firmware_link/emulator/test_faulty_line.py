@@ -1,0 +1,138 @@
+"""Laws of the faulty line: seeded, in order, each fault counted, nothing lost without a count."""
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_link.emulator.fault_plan import parse_fault_plan
+from firmware_link.emulator.faulty_line import FaultyLine, LineCounters
+from firmware_link.protocol.framing import FrameDecoder, encode_message
+from firmware_link.protocol.messages import KeepAlive
+from tests.firmware_link.strategies import unhurried
+
+SECOND_US = 1_000_000
+
+
+def frames(number: int) -> list[bytes]:
+    return [encode_message(KeepAlive(index % 65_536, index % 256), index % 256) for index in range(number)]
+
+
+def line_of(text: str, seed: str = "1", *, can_be_half_open: bool = False) -> FaultyLine:
+    return FaultyLine(parse_fault_plan(text), seed, can_be_half_open=can_be_half_open)
+
+
+def carry(line: FaultyLine, data: list[bytes], step_us: int = 100) -> bytes:
+    """Push one a step; all that arrives in the end."""
+    arrived = b""
+    for index, part in enumerate(data):
+        line.push(part, index * step_us)
+        arrived += line.pop(index * step_us)
+    while (next_us := line.next_us()) is not None:
+        arrived += line.pop(next_us)
+    return arrived
+
+
+def lost(counters: LineCounters) -> int:
+    return counters.dropped + counters.unheard + counters.lost
+
+
+@unhurried
+@given(st.lists(st.binary(max_size=30), max_size=10))
+def test_a_line_without_faults_carries_all_that_is_ended_by_a_delimiter(parts: list[bytes]) -> None:
+    sent = b"".join(parts) + b"\0"
+    assert carry(line_of(""), [*parts, b"\0"]) == sent
+
+
+def test_bytes_without_a_delimiter_are_not_kept_for_ever() -> None:
+    assert len(carry(line_of(""), [b"\x55" * 5000])) == 5000
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("drop=0.1", "dropped"),
+        ("duplicate=0.1", "duplicated"),
+        ("bit_errors=1e-3", "flipped_bits"),
+        ("insert=0.1", "insertions"),
+        ("lose=0.1", "cuts"),
+        ("burst=0.1", "bursts"),
+    ],
+)
+def test_faults_come_as_often_as_asked_and_the_receiver_sees_what_was_counted(text: str, kind: str) -> None:
+    sent, line, decoder = frames(5000), line_of(text), FrameDecoder(2)
+    received = decoder.receive(carry(line, sent))
+    counters = line.counters
+    expected = 8e-3 * sum(map(len, sent)) if kind == "flipped_bits" else 500
+    assert 0.8 * expected < getattr(counters, kind) < 1.2 * expected
+    assert counters.frames + counters.duplicated == counters.delivered + lost(counters)
+    assert len(received) == decoder.counters.ok == counters.intact
+    refused = decoder.counters
+    assert refused.crc + refused.framing + refused.length + refused.overrun == counters.damaged
+
+
+def test_the_same_seed_gives_the_same_faults() -> None:
+    text = "bit_errors=1e-3,drop=0.1,insert=0.1,jitter=3ms"
+    first, again, other = (carry(line_of(text, seed), frames(500)) for seed in ("1", "1", "2"))
+    assert first == again != other
+
+
+def test_a_slow_line_takes_its_time() -> None:
+    line = line_of("baud=9600")
+    line.push(b"".join(frames(10)), 0)
+    bytes_sent = sum(map(len, frames(10)))
+    assert line.pop(bytes_sent * 10 * SECOND_US // 9600 - 2_000) != b""
+    assert line.next_us() is not None
+    line.pop(bytes_sent * 10 * SECOND_US // 9600 + 20)
+    assert line.next_us() is None
+
+
+def test_delay_and_jitter_keep_the_order_and_their_bounds() -> None:
+    line, sent = line_of("delay=2ms,jitter=5ms"), frames(200)
+    times_us, arrived = [], b""
+    for index, frame in enumerate(sent):
+        line.push(frame, index * 10_000)
+        assert line.next_us() is not None
+        time_us = line.next_us() or 0
+        times_us.append(time_us - index * 10_000)
+        arrived += line.pop(time_us)
+    assert arrived == b"".join(sent)
+    assert 2_000 <= min(times_us) < 2_500
+    assert 6_500 < max(times_us) <= 7_000
+
+
+def test_a_stall_holds_everything_and_then_bursts() -> None:
+    line, sent = line_of("stall=0.3s@1s"), frames(2000)
+    arrivals = []
+    for index, frame in enumerate(sent):
+        line.push(frame, index * 1000)
+        arrivals.append(len(line.pop(index * 1000)))
+    assert not any(arrivals[1000:1300])
+    assert arrivals[1300] == sum(map(len, sent[1000:1301]))
+    assert line.counters.delayed == 300
+
+
+def test_a_half_open_line_loses_one_direction_only() -> None:
+    for can_be_half_open, heard in ((True, 1000), (False, 2000)):
+        line = line_of("half_open=1s@0.5s", can_be_half_open=can_be_half_open)
+        carry(line, frames(2000), 1000)
+        assert line.counters.delivered == heard
+        assert line.counters.unheard == 2000 - heard
+
+
+def test_what_is_on_the_way_when_the_line_breaks_is_counted_as_lost() -> None:
+    line = line_of("delay=10ms")
+    line.push(b"".join(frames(5)), 0)
+    line.lose()
+    assert (line.next_us(), line.counters.lost, line.counters.delivered) == (None, 5, 0)
+
+
+def test_errors_of_bits_are_spread_over_the_frames() -> None:
+    line, sent = line_of("bit_errors=1e-3"), frames(20_000)
+    arrived = carry(line, sent)
+    differing = [a ^ b for a, b in zip(arrived, b"".join(sent), strict=True)]
+    places = [index for index, difference in enumerate(differing) if difference]
+    gaps = [b - a for a, b in pairwise(places)]
+    assert 110 < sum(gaps) / len(gaps) < 140
+    assert max(gaps) > 500

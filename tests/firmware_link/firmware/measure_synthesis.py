@@ -1,0 +1,125 @@
+"""How pure the tones of the C core are: `python -m tests.firmware_link.firmware.measure_synthesis` prints a table.
+
+A drive is armed and held over the wire for seconds of device time; the samples that the actuators got are looked at by
+FFT, and the line itself by a least-squares fit.
+"""
+
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from ctypes import CDLL
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_link.emulator.c_core import CompiledFirmware
+from firmware_link.emulator.firmware import DeviceConfiguration
+from firmware_link.protocol.framing import encode_message
+from firmware_link.protocol.messages import (
+    MAGIC,
+    Arm,
+    ChannelDrive,
+    HelloRequest,
+    KeepAlive,
+    Set,
+    SetFlag,
+    decode_drive,
+    encode_drive,
+)
+from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, core_library
+from tests.firmware_link.virtual_rig import BOOT_ID, reference
+
+US_PER_S = 1_000_000
+RESOLUTION_HZ = 0.01
+LEASE_MS = 100
+KEEP_ALIVE_US = 50_000
+SETTLED_US = 100_000
+DURATION_US = 8 * US_PER_S
+# A window whose side lobes end 160 dB down: what is left of the line is the synthesis.
+KAISER_BETA = 24.0
+LINE_WIDTH_BINS = 32
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Of one tone on two channels a known angle apart; spurious is the greatest other line below it."""
+
+    frequency_hz: float
+    frequency_error_uhz: float
+    spurious_db: float
+    phase_error_rad: float
+    amplitude_error: float
+
+
+def measure(library: CDLL, rate_hz: int, frequency_hz: float, amplitude: float, phase_rad: float) -> Quality:
+    """Quality of one tone; the second channel leads by the word next to `phase_rad`."""
+    wanted = [ChannelDrive(frequency_hz, amplitude), ChannelDrive(frequency_hz, amplitude, phase_rad)]
+    channels = decode_drive(encode_drive(wanted, RESOLUTION_HZ), RESOLUTION_HZ)
+    samples = play(library, rate_hz, channels)
+    (error_hz, first), (_, second) = (fit(column, rate_hz, frequency_hz) for column in samples.T)
+    return Quality(
+        frequency_hz=frequency_hz,
+        frequency_error_uhz=1e6 * error_hz,
+        spurious_db=max(spurious_db(column, rate_hz, frequency_hz) for column in samples.T),
+        phase_error_rad=abs(math.remainder(float(np.angle(second / first)) - channels[1].phase_rad, math.tau)),
+        amplitude_error=abs(abs(first) - amplitude),
+    )
+
+
+def play(library: CDLL, rate_hz: int, channels: Sequence[ChannelDrive]) -> NDArray[np.float64]:
+    """Displacements (time, actuator) of a drive that is held, once its ramp is over, in fractions of full scale."""
+    firmware = CompiledFirmware(library, DeviceConfiguration(BOOT_ID, synthesis_rate_hz=rate_hz))
+    now_us = 1_000
+    drive = encode_drive(channels, RESOLUTION_HZ)
+    messages = [
+        HelloRequest(MAGIC, 1, 0, 1),
+        Arm(BOOT_ID, 200, LEASE_MS, 0, (65_535, 65_535)),
+        Set(reference(now_us), SetFlag.WRITE_PHASE, LEASE_MS, 0, drive),
+    ]
+    for sequence, message in enumerate(messages, 1):
+        firmware.receive(encode_message(message, sequence), now_us)
+    applied = sequence
+    while now_us < SETTLED_US + DURATION_US:
+        now_us, sequence = now_us + KEEP_ALIVE_US, sequence + 1
+        firmware.receive(encode_message(KeepAlive(reference(now_us), applied), sequence % 256), now_us)
+    samples = firmware.take_samples()[SETTLED_US * rate_hz // US_PER_S :]
+    firmware.close()
+    return samples[: DURATION_US * rate_hz // US_PER_S] / FULL_OUTPUT
+
+
+def fit(samples: NDArray[np.float64], rate_hz: int, frequency_hz: float) -> tuple[float, complex]:
+    """Frequency error in Hz, and complex amplitude at the wanted frequency: how the phase moves from half to half."""
+    time_s = np.arange(len(samples)) / rate_hz
+    turned = samples * np.exp(-1j * math.tau * frequency_hz * time_s)
+    window = np.kaiser(len(samples) // 2, KAISER_BETA)
+    first, second = (2j * (half * window).sum() / window.sum() for half in np.split(turned, 2))
+    apart_s = len(window) / rate_hz
+    return float(np.angle(second / first)) / math.tau / apart_s, complex(first + second) / 2
+
+
+def spurious_db(samples: NDArray[np.float64], rate_hz: int, frequency_hz: float) -> float:
+    """Greatest line outside the tone's own, relative to it."""
+    spectrum = np.abs(np.fft.rfft(samples * np.kaiser(len(samples), KAISER_BETA)))
+    at = round(frequency_hz * len(samples) / rate_hz)
+    line = spectrum[max(0, at - LINE_WIDTH_BINS) : at + LINE_WIDTH_BINS].max()
+    spectrum[max(0, at - LINE_WIDTH_BINS) : at + LINE_WIDTH_BINS] = 0.0
+    return float(20 * math.log10(spectrum.max() / line))
+
+
+def table(library: CDLL) -> Iterator[str]:
+    """Rows of Markdown."""
+    yield "| rate | tone | amplitude | frequency error | greatest spurious line | phase error between channels |"
+    yield "|---|---|---|---|---|---|"
+    for rate_hz in (8_000, 48_000):
+        for frequency_hz, amplitude in ((60.0, 1.0), (187.53, 1.0), (655.35, 1.0), (187.53, 0.1)):
+            quality = measure(library, rate_hz, frequency_hz, amplitude, 1.0)
+            yield (
+                f"| {rate_hz / 1000:g} kHz | {frequency_hz:g} Hz | {amplitude:g} "
+                f"| {quality.frequency_error_uhz:+.2f} µHz | {quality.spurious_db:.0f} dB "
+                f"| {1e6 * quality.phase_error_rad:.2f} µrad |"
+            )
+
+
+if __name__ == "__main__":
+    sys.stdout.write("\n".join(table(core_library())) + "\n")

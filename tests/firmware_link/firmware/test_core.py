@@ -1,0 +1,35 @@
+"""Laws of the C core: those of every device, and that it does what its Python twin does."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.firmware_link.conformance import HANG_UP_LAWS, LAWS, WAVE_LAWS, HangUpLaw, Law, WaveLaw
+from tests.firmware_link.firmware.compiled_core import LIBRARY, CompiledTier, make, need
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.mark.parametrize("law", [*LAWS, *WAVE_LAWS, *HANG_UP_LAWS], ids=lambda law: law.__name__)
+def test_the_c_core_keeps(law: Law | WaveLaw | HangUpLaw) -> None:
+    law(CompiledTier())
+
+
+def test_the_c_core_does_nothing_undefined(tmp_path: Path) -> None:
+    need("make", "cc")
+    make(tmp_path, "host", "SANITIZE=address,undefined")
+    runtime = subprocess.run(["cc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True)
+    environment = os.environ | {
+        "TACTABLE_CORE_LIBRARY": str(tmp_path / LIBRARY),
+        # Python is not built with the sanitizer, and does not free all that it has when it ends.
+        "LD_PRELOAD": runtime.stdout.strip(),
+        "ASAN_OPTIONS": "detect_leaks=0",
+    }
+    tests = [str(path) for path in sorted(Path(__file__).parent.glob("test_*.py"))]
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *tests, "-k", "not undefined and not tone"]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-4_000:] + done.stderr[-4_000:]
+    assert " passed" in done.stdout

@@ -1,0 +1,69 @@
+"""Laws of the C frames: the decoder accepts, refuses and counts as the Python one does, whatever comes."""
+
+import itertools
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_link.codegen.vectors import FOLDER
+from firmware_link.emulator.c_core import CompiledDecoder, open_library
+from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.framing import DELIMITER, EMERGENCY_STOP, FrameDecoder, encode_frame, encode_message
+from firmware_link.protocol.messages import Features, Hello, encode_body
+from tests.firmware_link.corrupt import DAMAGES
+from tests.firmware_link.firmware.compare_decoders import compare
+from tests.firmware_link.firmware.compiled_core import core_library
+from tests.firmware_link.strategies import messages, sequences, unhurried
+
+ACTUATORS = 2
+FRAMES = 20_000
+pieces = st.one_of(
+    messages(ACTUATORS).map(lambda message: encode_message(message, 1)),
+    st.builds(encode_body, messages(ACTUATORS), sequences).map(encode_frame),
+    st.binary(max_size=300),
+    st.sampled_from([DELIMITER, EMERGENCY_STOP, EMERGENCY_STOP[1:]]),
+)
+
+
+@unhurried
+@given(st.lists(pieces, max_size=20), st.lists(st.integers(0, 2_000), max_size=10))
+def test_both_decoders_do_the_same_in_any_chunking(parts: list[bytes], cuts: list[int]) -> None:
+    stream = b"".join(parts)
+    edges = [0, *sorted(min(cut, len(stream)) for cut in cuts), len(stream)]
+    python, compiled = FrameDecoder(ACTUATORS), CompiledDecoder(core_library(), ACTUATORS)
+    for start, stop in itertools.pairwise(edges):
+        assert compiled.receive(stream[start:stop]) == python.receive(stream[start:stop])
+    assert compiled.counters == python.counters
+    compiled.close()
+
+
+def test_both_decoders_refuse_the_same_damaged_frames() -> None:
+    outcomes = compare(core_library(), FRAMES, seed=3)
+    assert outcomes.keys() == {damage.__name__ for damage in DAMAGES}
+    assert sum(sum(counts.values()) for counts in outcomes.values()) >= FRAMES
+
+
+@pytest.mark.parametrize("number_of_actuators", [1, 36, 100, 255])
+def test_the_longest_frame_fits_the_buffer(number_of_actuators: int) -> None:
+    full_scales_pm = (9,) * number_of_actuators
+    sizes = (1, 1, 1, 1, 1, 1, 1, 1, 0, number_of_actuators)
+    body = encode_body(Hello(1, 0, 1, 1, 1, Features(0), 0, 1, 0, *sizes, full_scales_pm), 1)
+    decoder = CompiledDecoder(core_library(), number_of_actuators)
+    assert decoder.receive(encode_frame(body)) == [body]
+    decoder.close()
+
+
+def test_the_vectors_decode_to_their_bodies() -> None:
+    lines = (FOLDER / "messages.txt").read_text(encoding="ascii").splitlines()
+    frames = {frame: body for *_, body, frame in (line.split(" | ") for line in lines if not line.startswith("#"))}
+    decoder = CompiledDecoder(core_library(), ACTUATORS)
+    for frame, body in frames.items():
+        assert decoder.receive(bytes.fromhex(frame)) == [bytes.fromhex(body)]
+    decoder.close()
+
+
+def test_a_file_that_is_no_library_is_named(tmp_path: Path) -> None:
+    with pytest.raises(LinkError, match=r"nothing\.so is no library"):
+        open_library(tmp_path / "nothing.so")

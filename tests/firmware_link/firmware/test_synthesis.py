@@ -1,0 +1,141 @@
+"""Laws of the C synthesis: pure tones that keep their angle, and never more than limit and slew allow."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from firmware_link.emulator.c_core import CompiledFirmware
+from firmware_link.emulator.firmware import DeviceConfiguration
+from firmware_link.protocol.bank import Bank, encode_bank, transfer_messages
+from firmware_link.protocol.framing import encode_message
+from firmware_link.protocol.layout import Message
+from firmware_link.protocol.messages import (
+    BANK_CHUNK_SIZE,
+    FULL_SCALE_WORD,
+    MAGIC,
+    Arm,
+    BankBegin,
+    BankChunk,
+    ChannelDrive,
+    HelloRequest,
+    Play,
+    Set,
+    SetFlag,
+    encode_drive,
+)
+from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, core_library
+from tests.firmware_link.firmware.measure_synthesis import measure
+from tests.firmware_link.strategies import RESOLUTION_HZ, unhurried
+from tests.firmware_link.virtual_rig import BOOT_ID, reference
+
+RATE_HZ = 20_000
+US_PER_S = 1_000_000
+ACTUATORS = 2
+GREATEST_FREQUENCY_HZ = 655.35
+ROUNDING = 1 / FULL_OUTPUT
+
+drives = st.tuples(
+    *[
+        st.builds(
+            ChannelDrive,
+            st.floats(1, GREATEST_FREQUENCY_HZ),
+            st.sampled_from([0.0, 0.2, 1.0]),
+            st.floats(0, math.tau),
+        )
+    ]
+    * ACTUATORS
+)
+commands = st.lists(
+    st.tuples(st.integers(0, 30_000), drives, st.sampled_from([SetFlag(0), SetFlag.WRITE_PHASE])), max_size=10
+)
+
+
+@pytest.mark.parametrize("rate_hz", [8_000, 48_000])
+@pytest.mark.parametrize("frequency_hz", [60.0, 187.53, 655.35])
+def test_a_tone_is_pure_and_both_channels_keep_their_angle(rate_hz: int, frequency_hz: float) -> None:
+    quality = measure(core_library(), rate_hz, frequency_hz, 1.0, 1.0)
+    # Half a step of the 32-bit phase, and what the fit itself is off by.
+    assert abs(quality.frequency_error_uhz) <= 1e6 * rate_hz / 2**33 + 0.5
+    assert quality.spurious_db < -105
+    assert quality.phase_error_rad < 1e-6
+    assert quality.amplitude_error < 1e-5
+
+
+@unhurried
+@given(
+    commands,
+    st.tuples(*[st.integers(0, FULL_SCALE_WORD)] * ACTUATORS),
+    st.sampled_from([1, 20, 200, 1_000]),
+)
+def test_nothing_passes_the_limit_or_moves_faster_than_the_slew(
+    given_commands: list[tuple[int, tuple[ChannelDrive, ...], SetFlag]], limits: tuple[int, ...], slew_per_s: int
+) -> None:
+    device = Played(limits, slew_per_s)
+    for wait_us, channels, flags in given_commands:
+        device.send(Set(reference(device.now_us), flags, 40, 0, encode_drive(channels, RESOLUTION_HZ)))
+        device.wait(wait_us)
+    device.wait(100_000)
+    samples = device.take() / FULL_OUTPUT
+    bounds = np.array(limits) / FULL_SCALE_WORD
+    assert (np.abs(samples).max(axis=0, initial=0.0) <= bounds + ROUNDING).all()
+    fastest_per_s = math.tau * GREATEST_FREQUENCY_HZ * bounds + slew_per_s
+    assert (np.abs(np.diff(samples, axis=0)).max(axis=0, initial=0.0) <= fastest_per_s / RATE_HZ + 2 * ROUNDING).all()
+    # From rest, whatever was asked for.
+    rise = np.arange(len(samples))[:, None] * slew_per_s / RATE_HZ
+    assert (np.abs(samples) <= rise + ROUNDING).all()
+
+
+def test_a_waveform_at_full_scale_comes_out_as_it_was_stored() -> None:
+    stored = np.random.default_rng(1).integers(-FULL_OUTPUT, FULL_OUTPUT, (200, ACTUATORS), np.int16, endpoint=True)
+    stored[0] = stored[-1] = 0
+    device = Played((FULL_SCALE_WORD,) * ACTUATORS, 200, Bank(RATE_HZ, (stored,)))
+    device.send(Play(reference(device.now_us), 0, FULL_SCALE_WORD))
+    device.wait(len(stored) * US_PER_S // RATE_HZ)
+    np.testing.assert_array_equal(device.take(), stored)
+
+
+def test_a_waveform_whose_bank_goes_stands_still_and_fades_on() -> None:
+    ramp = np.minimum(np.arange(400), np.arange(400)[::-1])[:, None] * 100
+    bank = Bank(RATE_HZ, (np.hstack([ramp, -ramp]).astype(np.int16),))
+    device = Played((FULL_SCALE_WORD,) * ACTUATORS, 200, bank)
+    device.send(Play(reference(device.now_us), 0, FULL_SCALE_WORD))
+    device.wait(9_000)
+    device.send(HelloRequest(MAGIC, 1, 0, 1))
+    device.send(BankBegin(1, 400))
+    device.send(BankChunk(0, b"\x55" * BANK_CHUNK_SIZE))
+    device.wait(20_000)
+    samples = device.take() / FULL_OUTPUT
+    assert np.abs(samples).max() > 0.5
+    assert np.abs(np.diff(samples, axis=0)).max() <= 200 / RATE_HZ + 100 * ROUNDING
+    assert not samples[9_000 * RATE_HZ // US_PER_S + RATE_HZ // 200 + 2 :].any()
+
+
+class Played:
+    """A device that is armed, and what its actuators get from then on."""
+
+    def __init__(self, limits: tuple[int, ...], slew_per_s: int, bank: Bank | None = None) -> None:
+        self.now_us = 1_000
+        self._sequence = 0
+        self._firmware = CompiledFirmware(core_library(), DeviceConfiguration(BOOT_ID, synthesis_rate_hz=RATE_HZ))
+        transfer = transfer_messages(encode_bank(bank, ACTUATORS)) if bank else []
+        for message in (HelloRequest(MAGIC, 1, 0, 1), *transfer, Arm(BOOT_ID, slew_per_s, 40, 0, limits)):
+            self.send(message)
+        self._firmware.take_samples()
+
+    def send(self, message: Message) -> None:
+        self._sequence += 1
+        self._firmware.receive(encode_message(message, self._sequence), self.now_us)
+
+    def wait(self, duration_us: int) -> None:
+        self.now_us += duration_us
+        self._firmware.advance(self.now_us)
+
+    def take(self) -> NDArray[np.int16]:
+        """Samples (time, actuator) since it was armed; ends the device."""
+        samples = self._firmware.take_samples()
+        self._firmware.close()
+        return samples

@@ -1,0 +1,223 @@
+"""The C core and the Python one do the same: every byte they send, every state, every sample within rounding."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_link.emulator.c_core import CompiledFirmware
+from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator.synthesis import synthesise
+from firmware_link.protocol.bank import encode_bank, make_bank, transfer_messages
+from firmware_link.protocol.framing import EMERGENCY_STOP, encode_message
+from firmware_link.protocol.layout import Message
+from firmware_link.protocol.messages import (
+    FULL_SCALE_WORD,
+    MAGIC,
+    Ack,
+    Arm,
+    BankBegin,
+    ChannelDrive,
+    DeviceState,
+    Fault,
+    HelloRequest,
+    KeepAlive,
+    Play,
+    Result,
+    Set,
+    SetFlag,
+    Shape,
+    Stop,
+    TimeRequest,
+    encode_drive,
+)
+from tests.firmware_link.conformance import hump
+from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, core_library
+from tests.firmware_link.strategies import RESOLUTION_HZ, messages, unhurried
+from tests.firmware_link.virtual_rig import BOOT_ID, reference
+
+ACTUATORS = 2
+# Commands fall on samples, so that both cores mean the same instant.
+RATE_HZ = 40_000
+SAMPLE_US = 25
+SLEW_PER_S = 200
+US_PER_S = 1_000_000
+RAMP_US = US_PER_S // SLEW_PER_S
+CONFIGURATION = DeviceConfiguration(
+    BOOT_ID, ACTUATORS, synthesis_rate_hz=RATE_HZ, bank_capacity_bytes=2_000, longest_drive_s=1
+)
+BANK = encode_bank(make_bank(2_000, [hump(1.0, -0.5), hump(0.5, 0.9, duration_us=7_000)]), ACTUATORS)
+TRANSFER = transfer_messages(BANK)
+# C writes 16 bits and moves amplitudes from sample to sample, so what changes may come two steps of the slew late.
+EXAMPLES = int(os.environ.get("TACTABLE_EXAMPLES", "300"))
+TOLERANCE = 3 * SLEW_PER_S / RATE_HZ + 1e-3
+
+
+@dataclass
+class Twins:
+    """Both cores, given the same and compared after each step."""
+
+    python: EmulatedFirmware = field(default_factory=lambda: EmulatedFirmware(CONFIGURATION))
+    compiled: CompiledFirmware = field(default_factory=lambda: CompiledFirmware(core_library(), CONFIGURATION))
+    now_us: int = 0
+    sequence: int = 0
+    applied: int = 0
+    last: bytes = b""
+
+    def send(self, message: Message, step: int = 1) -> None:
+        if isinstance(message, BankBegin):
+            # A waveform that still fades would stand still in C, whose memory the bank takes.
+            self.wait(RAMP_US)
+        self.sequence = (self.sequence + step) % 256
+        self.last = encode_message(message, self.sequence)
+        self.receive(self.last)
+
+    def drive(self, message: Set | Play, step: int = 1) -> None:
+        self.send(message, step)
+        self.applied = self.sequence
+
+    def receive(self, data: bytes) -> None:
+        assert self.compiled.receive(data, self.now_us) == self.python.receive(data, self.now_us)
+        self.compare()
+
+    def wait(self, duration_us: int) -> None:
+        self.now_us += duration_us
+        assert self.compiled.advance(self.now_us) == self.python.advance(self.now_us)
+        self.compare()
+
+    def hang_up(self) -> None:
+        assert self.compiled.hang_up(self.now_us) == self.python.hang_up(self.now_us)
+        self.compare()
+
+    def compare(self) -> None:
+        assert self.compiled.state is self.python.state
+        assert self.compiled.counters == self.python.counters
+        assert self.compiled.framing_counters == self.python.framing_counters
+        assert self.compiled.next_deadline_us() == self.python.next_deadline_us()
+        if self.python.drive_log:
+            wanted = [round(channel.amplitude * FULL_SCALE_WORD) for channel in self.python.drive_log[-1].channels]
+            assert [aimed for _, aimed in self.compiled.amplitudes()] == wanted
+
+    def compare_samples(self) -> None:
+        got = self.compiled.take_samples() / FULL_OUTPUT
+        wanted = synthesise(self.python.drive_log, 0, self.now_us, RATE_HZ, self.python.banks)
+        np.testing.assert_allclose(got, wanted if wanted.size else np.zeros_like(got), rtol=0, atol=TOLERANCE)
+
+
+Step = Callable[[Twins], None]
+
+waits = st.integers(0, 12_000) | st.integers(0, 400)
+frequencies = st.sampled_from([0.0, 60.0, 60.0, 90.0, 333.33, 655.35])
+amplitudes = st.sampled_from([0.0, 0.0, 0.25, 0.7, 1.0])
+phases = st.sampled_from([0.0, 1.0, 3.0])
+drives = st.tuples(*[st.builds(ChannelDrive, frequencies, amplitudes, phases)] * ACTUATORS).map(
+    lambda channels: encode_drive(channels, RESOLUTION_HZ)
+)
+ages_us = st.just(0) | st.integers(-60_000, 60_000)
+sequence_steps = st.just(1) | st.sampled_from([0, 127, 128, 255])
+limits = st.tuples(*[st.sampled_from([0, 20_000, FULL_SCALE_WORD])] * ACTUATORS)
+shape_words = st.sampled_from([0, 20, 50, 400, 1_000, 2_000])
+
+
+def _set(drive: bytes, age_us: int, lease_ms: int, onset: int, flags: SetFlag, step: int) -> Step:
+    return lambda twins: twins.drive(Set(reference(twins.now_us - age_us), flags, lease_ms, onset, drive), step)
+
+
+def _play(index: int, amplitude: int, age_us: int) -> Step:
+    return lambda twins: twins.drive(Play(reference(twins.now_us - age_us), index, amplitude))
+
+
+def _keep(other: int, age_us: int, step: int) -> Step:
+    return lambda twins: twins.send(KeepAlive(reference(twins.now_us - age_us), (twins.applied + other) % 256), step)
+
+
+def _send(message: Message) -> Step:
+    return lambda twins: twins.send(message)
+
+
+def _receive(data: bytes) -> Step:
+    return lambda twins: twins.receive(data)
+
+
+def _settle(twins: Twins) -> None:
+    for sequence in range(256):
+        twins.receive(encode_message(Ack(Fault.type_byte, sequence, Result.OK), 1))
+
+
+arms = st.builds(
+    Arm,
+    st.sampled_from([BOOT_ID, BOOT_ID, BOOT_ID, BOOT_ID + 1]),
+    st.sampled_from([SLEW_PER_S, SLEW_PER_S, SLEW_PER_S, 0]),
+    st.sampled_from([40, 40, 100, 7, 0, 101]),
+    st.sampled_from([0, 0, 1, 2]),
+    limits,
+)
+ordinary: st.SearchStrategy[Step] = st.one_of(
+    waits.map(lambda samples: lambda twins: twins.wait(samples * SAMPLE_US)),
+    st.builds(
+        _set,
+        drives,
+        ages_us,
+        st.sampled_from([40, 40, 255, 0]),
+        st.integers(0, 9),
+        st.sampled_from(SetFlag) | st.just(SetFlag(0)),
+        sequence_steps,
+    ),
+    st.builds(_set, drives, st.just(0), st.just(40), st.just(0), st.just(SetFlag.WRITE_PHASE), st.just(1)),
+    st.builds(_play, st.integers(0, 2), st.sampled_from([0, 30_000, FULL_SCALE_WORD]), ages_us),
+    st.builds(_play, st.integers(0, 1), st.just(FULL_SCALE_WORD), st.just(0)),
+    st.builds(_keep, st.sampled_from([0, 0, 1]), ages_us, sequence_steps),
+)
+rare: st.SearchStrategy[Step] = st.one_of(
+    arms.map(_send),
+    st.builds(Shape, st.integers(0, 8), st.integers(0, 4), *[shape_words] * 6).map(_send),
+    st.sampled_from([HelloRequest(MAGIC, 1, 0, 9), HelloRequest(MAGIC + 1, 1, 0, 9), Stop(), TimeRequest(2**63)]).map(
+        _send
+    ),
+    st.sampled_from(TRANSFER).map(_send),
+    messages(ACTUATORS).map(_send),
+    st.sampled_from([EMERGENCY_STOP, EMERGENCY_STOP[1:]]).map(_receive),
+    st.binary(max_size=400).map(_receive),
+    st.just(lambda twins: twins.receive(twins.last)),
+    st.just(Twins.hang_up),
+    st.just(_settle),
+)
+
+
+def _ready(twins: Twins) -> None:
+    for message in (HelloRequest(MAGIC, 1, 0, 1), Shape(0, 2, 20, 300, 50, 1_500, 0, 0), *TRANSFER):
+        twins.send(message)
+    twins.send(Arm(BOOT_ID, SLEW_PER_S, 40, 0, (FULL_SCALE_WORD,) * ACTUATORS))
+    assert twins.python.state is DeviceState.ARMED
+
+
+@settings(unhurried, max_examples=EXAMPLES)
+@given(st.booleans(), st.lists(ordinary | ordinary | ordinary | rare, max_size=40))
+def test_the_c_core_is_the_python_core_s_twin(is_ready: bool, steps: list[Step]) -> None:
+    twins = Twins()
+    try:
+        if is_ready:
+            _ready(twins)
+        for step in steps:
+            step(twins)
+        twins.wait(400_000)
+        twins.compare_samples()
+    finally:
+        twins.compiled.close()
+
+
+@pytest.mark.parametrize("wait_us", range(0, 20_000, 500))
+def test_both_have_room_for_a_waveform_again_at_the_same_instant(wait_us: int) -> None:
+    twins = Twins()
+    _ready(twins)
+    for pause_us in (2_000, wait_us, 0):
+        twins.drive(Play(reference(twins.now_us), 0, FULL_SCALE_WORD))
+        twins.wait(pause_us)
+    assert twins.python.counters.refused == (wait_us < RAMP_US)
+    twins.wait(100_000)
+    twins.compare_samples()
+    twins.compiled.close()

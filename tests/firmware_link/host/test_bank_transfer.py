@@ -1,0 +1,161 @@
+"""A bank that changes while its device is armed, in virtual time."""
+
+import numpy as np
+import pytest
+
+from firmware_link.emulator.drive_log import Cause
+from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
+from firmware_link.host.link import Link
+from firmware_link.host.link_values import BankRefused, BankReplaced, Event, LinkConfiguration, LinkState
+from firmware_link.protocol.bank import encode_bank, hash_of_bank, make_bank
+from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.messages import BankCommit, DeviceState, Result
+
+MS = 1_000_000
+STEP_NS = 250_000
+
+
+def hump(*amplitudes: float, count: int = 81) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    rise = np.sin(np.pi * np.linspace(0, 1, count)) ** 2
+    rise[-1] = 0.0
+    return np.outer(rise, amplitudes)
+
+
+OLD = make_bank(4000, [hump(1.0, 0.0)] * 4)
+NEW = make_bank(4000, [hump(0.0, 0.5)] * 30)
+
+
+class Rig:
+    """An armed link and its device; a frame may be lost on the way there."""
+
+    def __init__(self, capacity_bytes: int = 1 << 16) -> None:
+        self.link = Link(LinkConfiguration(2, bank=OLD, bit_rate_hz=2_000_000))
+        self.firmware = EmulatedFirmware(DeviceConfiguration(1, bank_capacity_bytes=capacity_bytes))
+        self.time_ns = 1_000 * MS
+        self.events: list[Event] = []
+        self.loses: set[int] = set()
+        self.frames = 0
+        self.link.connect(self.time_ns)
+        self.pass_until(lambda: self.link.state is LinkState.READY)
+
+    def step(self) -> None:
+        self.time_ns += STEP_NS
+        data = self.link.outgoing(self.time_ns)
+        self.frames += bool(data)
+        answer = self.firmware.receive(b"" if self.frames in self.loses and data else data, self.time_ns // 1000)
+        self.events += self.link.receive(answer + self.firmware.advance(self.time_ns // 1000), self.time_ns)
+        self.link.poll(self.time_ns)
+
+    def pass_until(self, is_over: object, most: int = 40_000) -> None:
+        for _ in range(most):
+            if is_over():  # type: ignore[operator]  # a function
+                return
+            self.step()
+        raise AssertionError("it does not end")
+
+    def end(self) -> Event | None:
+        """What the transfer came to."""
+        return next((event for event in self.events if isinstance(event, BankReplaced | BankRefused)), None)
+
+    def ends(self) -> bool:
+        return self.end() is not None
+
+    def played(self) -> list[tuple[int, int]]:
+        """Bank and index of each waveform that the firmware began."""
+        return [(e.waveform.bank_hash, e.waveform.index) for e in self.firmware.drive_log if e.waveform is not None]
+
+
+OLD_HASH, NEW_HASH = (hash_of_bank(encode_bank(bank, 2)) for bank in (OLD, NEW))
+
+
+def test_the_old_bank_plays_until_the_new_one_is_whole() -> None:
+    rig = Rig()
+    rig.link.replace_bank(NEW, encode_bank(NEW, 2))
+    due_ns = rig.time_ns + 5 * MS
+    while not rig.ends():
+        if rig.time_ns >= due_ns and not rig.link._outbox.holds_waveforms:
+            rig.link.set_play(3)
+            due_ns += 25 * MS
+        rig.step()
+    assert isinstance(rig.end(), BankReplaced)
+    before = rig.played()
+    assert len(before) > 3
+    assert set(before) == {(OLD_HASH, 3)}
+    rig.link.set_play(29)
+    rig.pass_until(lambda: len(rig.played()) > len(before))
+    assert rig.played()[-1] == (NEW_HASH, 29)
+    assert rig.firmware.state is DeviceState.DRIVING
+    assert all(event.cause is not Cause.LEASE_EXPIRED for event in rig.firmware.drive_log)
+
+
+@pytest.mark.parametrize("lost", range(1, 90, 7))
+def test_a_step_that_is_lost_is_sent_again(lost: int) -> None:
+    rig = Rig()
+    rig.link.replace_bank(NEW, encode_bank(NEW, 2))
+    rig.loses = {rig.frames + lost, rig.frames + lost + 1}
+    rig.pass_until(rig.ends)
+    assert isinstance(rig.end(), BankReplaced)
+    assert rig.firmware.state is DeviceState.ARMED
+
+
+def test_a_waveform_waits_while_the_device_changes_over() -> None:
+    rig = Rig()
+    rig.link.replace_bank(NEW, encode_bank(NEW, 2))
+    rig.pass_until(lambda: rig.link._transfer is not None and isinstance(rig.link._transfer._step, BankCommit))
+    rig.loses = {rig.frames + 1}
+    rig.pass_until(lambda: rig.link._transfer is not None and rig.link._transfer.is_committing)
+    rig.link.set_play(2)
+    rig.pass_until(lambda: bool(rig.played()))
+    assert rig.ends()
+    assert rig.played() == [(NEW_HASH, 2)]
+
+
+def test_commands_go_out_between_the_steps() -> None:
+    rig = Rig()
+    rig.link.replace_bank(NEW, encode_bank(NEW, 2))
+    asked, waited = 0, []
+    while not rig.ends():
+        rig.link.set_drive(bytes([1, 0, asked % 200 + 1, 0, 0, 0] * 2))
+        sent, start_ns = rig.link.counters.sent, rig.time_ns
+        rig.pass_until(lambda sent=sent: rig.link.counters.sent > sent)
+        waited.append(rig.time_ns - start_ns)
+        asked += 1
+        for _ in range(20):
+            rig.step()
+    assert isinstance(rig.end(), BankReplaced)
+    assert max(waited) <= 8 * MS
+    assert rig.firmware.counters.stale == 0
+
+
+def test_a_device_without_room_for_both_refuses_and_plays_on() -> None:
+    data = encode_bank(NEW, 2)
+    rig = Rig(capacity_bytes=len(data) + 10)
+    rig.link.replace_bank(NEW, data)
+    rig.pass_until(rig.ends)
+    assert rig.end() == BankRefused(Result.NO_ROOM)
+    rig.link.set_play(3)
+    rig.pass_until(lambda: bool(rig.played()))
+    assert rig.played() == [(OLD_HASH, 3)]
+
+
+def test_a_bank_that_no_room_would_hold_is_refused_at_once() -> None:
+    data = encode_bank(NEW, 2)
+    rig = Rig(capacity_bytes=len(data) - 10)
+    with pytest.raises(LinkError, match="the device holds"):
+        rig.link.replace_bank(NEW, data)
+
+
+def test_a_stop_ends_the_transfer_and_the_old_bank_stays() -> None:
+    rig = Rig()
+    rig.link.replace_bank(NEW, encode_bank(NEW, 2))
+    for _ in range(40):
+        rig.step()
+    rig.link.stop(rig.time_ns)
+    rig.pass_until(lambda: rig.link.state is LinkState.STOPPED)
+    with pytest.raises(LinkError, match="armed"):
+        rig.link.replace_bank(NEW, encode_bank(NEW, 2))
+    rig.link.connect(rig.time_ns)
+    rig.pass_until(lambda: rig.link.state is LinkState.READY)
+    assert not rig.ends()
+    assert rig.link.capabilities is not None
+    assert rig.link.capabilities.held_bank_hash == OLD_HASH

@@ -1,0 +1,451 @@
+"""Laws of the link, over an emulated firmware and a line with delays and losses, in virtual time."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_link.emulator.drive_log import Cause, Outcome
+from firmware_link.emulator.firmware import DeviceConfiguration
+from firmware_link.host.link import SILENCE_NS, Link
+from firmware_link.host.link_values import (
+    Armed,
+    FaultReceived,
+    Greeted,
+    LinkConfiguration,
+    LinkState,
+    LogReceived,
+    Stopped,
+)
+from firmware_link.protocol.bank import Bank, encode_bank, hash_of_bank, make_bank
+from firmware_link.protocol.errors import LinkError, MessageError
+from firmware_link.protocol.framing import encode_message
+from firmware_link.protocol.messages import (
+    MAGIC,
+    ChannelDrive,
+    DeviceState,
+    FaultCode,
+    HelloRequest,
+    LogCode,
+    encode_drive,
+)
+from firmware_link.protocol.onset import OnsetStep
+from tests.firmware_link.strategies import RESOLUTION_HZ, unhurried
+from tests.firmware_link.virtual_rig import BOOT_ID, MS, BareHost, VirtualRig, decode_messages
+
+
+def drive(amplitude: float, number_of_actuators: int = 2) -> bytes:
+    return encode_drive([ChannelDrive(60, amplitude)] * number_of_actuators, RESOLUTION_HZ)
+
+
+def connected(**settings: int) -> VirtualRig:
+    rig = VirtualRig(**settings)  # type: ignore[arg-type]  # only whole-number settings are given here
+    rig.connect()
+    return rig
+
+
+@settings(unhurried, max_examples=20)
+@given(st.integers(0, 20_000_000), st.sampled_from([0, 3, 7]))
+def test_the_handshake_ends_ready_whatever_delay_and_loss(delay_ns: int, drop_every: int) -> None:
+    rig = connected(delay_ns=delay_ns, drop_every=drop_every)
+    assert rig.firmware.state is DeviceState.ARMED
+    kinds = [type(item) for item in rig.events]
+    assert kinds.count(Greeted) == 1
+    assert kinds.count(Armed) == 1
+    bounds = rig.link.clock.offset_bounds(rig.now_ns)
+    assert bounds.lower_ns <= -rig.device_start_ns <= bounds.upper_ns
+
+
+def test_capabilities_are_in_si_units() -> None:
+    capabilities = connected().link.capabilities
+    assert capabilities is not None
+    assert capabilities.frequency_resolution_hz == pytest.approx(0.01)
+    assert capabilities.frequency_maximum_hz == pytest.approx(655.35)
+    assert capabilities.full_scales_m == pytest.approx((0.52e-6, 0.52e-6))
+
+
+def test_the_latest_drive_wins() -> None:
+    rig = connected()
+    for amplitude in (0.1, 0.2, 0.3):
+        rig.link.set_drive(drive(amplitude))
+    rig.run(10 * MS)
+    assert [event.channels[0].amplitude for event in rig.firmware.drive_log] == pytest.approx([0.3], abs=1e-4)
+    assert (rig.link.counters.sent, rig.link.counters.coalesced) == (1, 2)
+
+
+def test_a_busy_line_gets_one_set_at_a_time_and_always_the_newest() -> None:
+    rig = VirtualRig(LinkConfiguration(2, bit_rate_hz=115_200))
+    rig.connect()
+    rig.written.clear()
+    steps = 400
+    for step in range(steps):
+        rig.link.set_drive(drive(step / steps))
+        rig.step()
+    spent_ns = rig.written[-1][0] - rig.written[0][0]
+    bits = 10 * sum(len(data) for _, data in rig.written[:-1])
+    assert bits <= spent_ns * 115_200e-9
+    assert rig.link.counters.sent + rig.link.counters.coalesced >= steps - 1
+    rig.run(10 * MS)
+    assert rig.firmware.drive_log[-1].channels[0].amplitude == pytest.approx((steps - 1) / steps, abs=1e-4)
+
+
+def test_a_drive_is_renewed_as_long_as_the_loop_runs_and_not_longer() -> None:
+    rig = connected()
+    rig.link.set_drive(drive(1.0))
+    rig.run(1000 * MS)
+    assert rig.firmware.counters.trips == 0
+    assert len(rig.firmware.drive_log) == 1
+    rig.is_host_alive = False
+    died_us = rig.device_us()
+    rig.run(300 * MS)
+    assert rig.firmware.drive_log[-1].cause is Cause.LEASE_EXPIRED
+    assert rig.firmware.drive_log[-1].device_time_us - died_us <= 40_000 + 1000
+    assert rig.firmware.state is DeviceState.LATCHED
+
+
+def test_one_lost_frame_in_three_ends_no_drive() -> None:
+    rig = connected(drop_every=3)
+    rig.link.set_drive(drive(1.0))
+    rig.run(1000 * MS)
+    assert rig.firmware.counters.trips == 0
+    assert rig.firmware.state is DeviceState.DRIVING
+
+
+def test_silent_stays_armed() -> None:
+    rig = connected()
+    rig.link.set_drive(drive(1.0))
+    rig.run(20 * MS)
+    rig.link.set_silent()
+    rig.run(1000 * MS)
+    assert rig.firmware.state is DeviceState.ARMED
+    assert rig.link.state is LinkState.READY
+    assert rig.link.counters.renewed >= 10
+
+
+def test_a_lost_silence_ends_the_drive_all_the_same() -> None:
+    rig = connected()
+    rig.link.set_drive(drive(1.0))
+    rig.run(20 * MS)
+    rig.losing = 1
+    rig.link.set_silent()
+    rig.run(42 * MS)
+    assert rig.losing == 0
+    assert rig.firmware.state is DeviceState.ARMED
+    rig.run(1000 * MS)
+    assert rig.link.state is LinkState.READY
+
+
+def test_the_applied_sequence_comes_back() -> None:
+    rig = connected()
+    rig.link.set_drive(drive(1.0))
+    rig.run(12 * MS)
+    assert rig.link.status is not None
+    assert rig.link.status.applied_sequence == rig.link.drive_sequence
+    frame = [item for item in rig.firmware.received if item.message == "SET"][-1]
+    assert (frame.sequence, frame.outcome) == (rig.link.drive_sequence, Outcome.ACCEPTED)
+
+
+def test_counters_of_both_sides_agree() -> None:
+    rig = connected()
+    rig.link.set_drive(drive(1.0))
+    rig.run(500 * MS)
+    rig.link.set_silent()
+    rig.run(500 * MS)
+    assert rig.firmware.counters.applied == rig.link.counters.sent + rig.link.counters.renewed
+    assert rig.firmware.framing_counters.ok == len(rig.written)
+
+
+def test_stop_is_repeated_until_acknowledged_and_nothing_drives_after() -> None:
+    rig = connected(drop_every=2)
+    rig.link.set_drive(drive(1.0))
+    rig.run(20 * MS)
+    rig.link.stop(rig.now_ns)
+    rig.run_until(lambda: rig.link.state is LinkState.STOPPED)
+    assert Stopped() in rig.events
+    rig.link.set_drive(drive(1.0))
+    rig.run(1000 * MS)
+    assert rig.firmware.state is DeviceState.LATCHED
+    assert rig.link.counters.dropped == 1
+
+
+def test_a_fault_of_before_the_session_is_acknowledged_and_does_not_end_it() -> None:
+    rig = VirtualRig()
+    rig.connect()
+    rig.run(20 * MS)
+    rig.firmware.hang_up(rig.device_us())
+    rig.link.disconnect()
+    # The device repeats its fault each 100 ms; the handshake takes less.
+    rig.run(30 * MS)
+    rig.connect()
+    rig.events.clear()
+    rig.run(300 * MS)
+    assert rig.link.state is LinkState.READY
+    assert not [event for event in rig.events if isinstance(event, FaultReceived)]
+    assert rig.link.counters.faults == 1
+    assert rig.link.status is not None
+    assert (rig.link.status.state, rig.link.status.fault) == (DeviceState.ARMED, FaultCode.NONE)
+
+
+def test_a_fault_ends_the_session_and_is_acknowledged() -> None:
+    rig = connected()
+    rig.is_host_alive = False
+    rig.run(300 * MS)
+    rig.is_host_alive = True
+    rig.run(1000 * MS)
+    faults = [item for item in rig.events if isinstance(item, FaultReceived)]
+    assert faults[0].fault is FaultCode.SILENT_HOST
+    assert rig.link.state is LinkState.STOPPED
+    assert rig.link.status is not None
+    assert rig.link.status.fault is FaultCode.NONE
+    rig.connect()
+    assert rig.firmware.state is DeviceState.ARMED
+
+
+def test_a_rebooted_device_is_never_driven_and_the_host_notices() -> None:
+    rig = connected()
+    rig.link.set_drive(drive(1.0))
+    rig.run(100 * MS)
+    rig.reboot(BOOT_ID + 1)
+    with pytest.raises(LinkError, match="no answer"):
+        rig.run(2 * SILENCE_NS)
+    assert rig.firmware.drive_log == []
+    assert rig.link.state is LinkState.DISCONNECTED
+
+
+def test_no_device_is_an_error_with_a_remedy() -> None:
+    link = Link(LinkConfiguration(2, handshake_timeout_s=0.5))
+    link.connect(0)
+    assert link.outgoing(0)
+    link.poll(499 * MS)
+    with pytest.raises(LinkError, match="greeting: check that it is powered"):
+        link.poll(500 * MS)
+    assert link.next_deadline_ns() is None
+
+
+@pytest.mark.parametrize(
+    ("change", "remedy"),
+    [
+        ({"version_major": 2}, "protocol 2.0.*install the firmware"),
+        ({"schema_hash": 1}, "schema 00000001.*install the firmware"),
+        ({"number_of_actuators": 1, "full_scales_pm": (1,)}, "drives 1 actuators, 2 are needed"),
+    ],
+)
+def test_a_device_that_does_not_fit_is_refused(change: dict[str, Any], remedy: str) -> None:
+    hello = decode_messages(BareHost().send(HelloRequest(MAGIC, 1, 0, nonce=0), 0))[0]
+    link = Link(LinkConfiguration(2))
+    link.connect(0)
+    with pytest.raises(LinkError, match=remedy):
+        link.receive(encode_message(dataclasses.replace(hello, **change), 1), 1000)
+    assert link.state is LinkState.DISCONNECTED
+
+
+def test_spare_actuators_stay_silent() -> None:
+    rig = VirtualRig(device_configuration=DeviceConfiguration(BOOT_ID, number_of_actuators=4))
+    rig.connect()
+    rig.link.set_drive(drive(0.5))
+    rig.run(10 * MS)
+    amplitudes = [channel.amplitude for channel in rig.firmware.drive_log[-1].channels]
+    assert amplitudes == pytest.approx([0.5, 0.5, 0, 0], abs=1e-4)
+    with pytest.raises(LinkError, match="a drive of 30 bytes"):
+        rig.link.set_drive(drive(0.5, 5))
+
+
+def test_amplitude_limits_bind() -> None:
+    rig = VirtualRig(LinkConfiguration(2, amplitude_limits=(0.25, 0.75)))
+    rig.connect()
+    rig.link.set_drive(drive(1.0))
+    rig.run(10 * MS)
+    amplitudes = [channel.amplitude for channel in rig.firmware.drive_log[-1].channels]
+    assert amplitudes == pytest.approx([0.25, 0.75], abs=1e-4)
+
+
+def test_limits_that_make_no_sense_are_refused_at_once() -> None:
+    with pytest.raises(ValueError, match="1 amplitude limits for 2 actuators"):
+        LinkConfiguration(2, amplitude_limits=(1.0,))
+    with pytest.raises(MessageError):
+        Link(LinkConfiguration(2, amplitude_limits=(1.0, 1.5)))
+
+
+# ---- onsets, bank and waveforms ----------------------------------------------------------------------------
+
+BANK = make_bank(2000, [np.outer(np.sin(np.linspace(0, np.pi, 61)).round(9), [1.0, -0.5]), np.zeros((601, 2))])
+
+
+def rig_with_bank(**settings: int) -> VirtualRig:
+    rig = VirtualRig(LinkConfiguration(2, bit_rate_hz=1_000_000, bank=BANK), **settings)  # type: ignore[arg-type]
+    rig.connect()
+    return rig
+
+
+def frames_of(rig: VirtualRig, name: str) -> int:
+    return sum(frame.message == name for frame in rig.firmware.received)
+
+
+@settings(unhurried, max_examples=10)
+@given(st.integers(0, 20_000_000), st.sampled_from([0, 3, 7]))
+def test_a_bank_is_handed_over_whatever_delay_and_loss(delay_ns: int, drop_every: int) -> None:
+    rig = rig_with_bank(delay_ns=delay_ns, drop_every=drop_every)
+    assert list(rig.firmware.banks) == [hash_of_bank(encode_bank(BANK, 2))]
+    assert rig.firmware.state is DeviceState.ARMED
+
+
+def test_a_bank_that_the_device_holds_is_not_sent_again() -> None:
+    rig = rig_with_bank()
+    sent = frames_of(rig, "BANK_CHUNK")
+    assert sent == -(-len(encode_bank(BANK, 2)) // 192)
+    rig.connect()
+    assert frames_of(rig, "BANK_CHUNK") == sent
+    rig.link.set_play(0)
+    rig.run(10 * MS)
+    assert rig.firmware.state is DeviceState.DRIVING
+
+
+def test_a_long_transfer_on_a_slow_line_does_not_end_the_patience() -> None:
+    bank = make_bank(20_000, [np.zeros((16_000, 2))])
+    rig = VirtualRig(LinkConfiguration(2, bank=bank, handshake_timeout_s=1.0))
+    started_ns = rig.now_ns
+    rig.connect()
+    assert rig.now_ns - started_ns > 5_000 * MS
+
+
+@pytest.mark.parametrize(
+    ("configuration", "bank", "remedy"),
+    [
+        (DeviceConfiguration(BOOT_ID, bank_capacity_bytes=0), BANK, "plays no waveforms: connect another device"),
+        (DeviceConfiguration(BOOT_ID, bank_capacity_bytes=100), BANK, "has 2656 bytes, the device holds 100: take"),
+        (DeviceConfiguration(BOOT_ID, longest_waveform_ms=29), BANK, "lasts 300 ms, .* at most 29: shorten it"),
+        (DeviceConfiguration(BOOT_ID), make_bank(9, [np.zeros((3, 3))]), "for 3 actuators, not 2"),
+    ],
+)
+def test_a_bank_that_the_device_cannot_hold_is_refused(
+    configuration: DeviceConfiguration, bank: Bank, remedy: str
+) -> None:
+    rig = VirtualRig(LinkConfiguration(2, bank=bank), configuration)
+    with pytest.raises(LinkError, match=remedy):
+        rig.connect()
+    assert rig.link.state is LinkState.DISCONNECTED
+
+
+def test_a_waveform_plays_once_and_silence_follows() -> None:
+    rig = rig_with_bank()
+    rig.link.set_play(0, 0.5)
+    rig.run(500 * MS)
+    (played,) = rig.firmware.drive_log
+    assert played.waveform is not None
+    assert played.waveform.index == 0
+    assert played.waveform.amplitude == pytest.approx(0.5, abs=1e-4)
+    assert rig.firmware.state is DeviceState.ARMED
+    assert rig.firmware.counters.trips == 0
+    assert rig.link.state is LinkState.READY
+
+
+@pytest.mark.parametrize("losing", [0, 1])
+def test_a_long_waveform_is_kept_alive_and_a_lost_one_latches_nothing(losing: int) -> None:
+    rig = rig_with_bank()
+    rig.run(70 * MS)
+    rig.losing = losing
+    rig.link.set_play(1)
+    rig.run(1000 * MS)
+    assert len(rig.firmware.drive_log) == 1 - losing
+    assert rig.link.counters.kept_alive >= 3
+    assert rig.firmware.state is DeviceState.ARMED
+
+
+def test_drives_and_waveforms_share_one_slot() -> None:
+    rig = rig_with_bank()
+    rig.link.set_play(0)
+    rig.link.set_drive(drive(0.3))
+    rig.link.set_drive(drive(0.4))
+    rig.run(10 * MS)
+    rig.link.set_drive(drive(0.6))
+    rig.link.set_play(1)
+    rig.run(10 * MS)
+    causes = [(event.cause, round(event.channels[0].amplitude, 2)) for event in rig.firmware.drive_log]
+    assert causes == [(Cause.SET, 0.4), (Cause.PLAY, 0.0)]
+    assert rig.link.counters.coalesced == 3
+
+
+def test_silence_ends_a_waveform() -> None:
+    rig = rig_with_bank()
+    rig.link.set_play(1)
+    rig.run(20 * MS)
+    rig.link.set_silent()
+    rig.run(10 * MS)
+    assert [event.cause for event in rig.firmware.drive_log] == [Cause.PLAY, Cause.SET]
+    assert rig.firmware.state is DeviceState.ARMED
+
+
+def test_waveforms_in_a_hurry_wait_for_their_turn_and_the_latest_wins() -> None:
+    rig = rig_with_bank()
+    for index in range(60):
+        rig.link.set_play(index % 2, 1.0)
+        rig.run(MS)
+    rig.run(10 * MS)
+    assert rig.firmware.counters.refused == 0
+    assert 8 <= frames_of(rig, "PLAY") <= 12
+    last = rig.firmware.drive_log[-1].waveform
+    assert last is not None
+    assert last.index == 1
+
+
+@pytest.mark.parametrize("waveform", [-1, 2])
+def test_a_waveform_that_is_not_in_the_bank_is_refused_at_once(waveform: int) -> None:
+    rig = rig_with_bank()
+    with pytest.raises(LinkError, match=f"waveform {waveform} is not in the bank"):
+        rig.link.set_play(waveform)
+    with pytest.raises(LinkError, match="is not in the bank"):
+        connected().link.set_play(0)
+    with pytest.raises(MessageError):
+        rig.link.set_play(0, 1.5)
+
+
+def test_nothing_plays_before_the_link_is_ready() -> None:
+    link = Link(LinkConfiguration(2, bank=BANK))
+    link.set_play(0)
+    assert link.counters.dropped == 1
+
+
+def test_an_onset_shapes_a_drive_also_when_its_first_frame_is_lost() -> None:
+    for losing in (0, 1):
+        rig = VirtualRig(LinkConfiguration(2, bit_rate_hz=1_000_000, onsets=((OnsetStep(0.02, 0.5),),)))
+        rig.connect()
+        rig.losing = losing
+        rig.link.set_drive(drive(0.8), onset=1)
+        rig.run(60 * MS)
+        amplitudes = [event.channels[0].amplitude for event in rig.firmware.drive_log]
+        assert amplitudes == pytest.approx([0.4, 0.8], abs=1e-4)
+    with pytest.raises(LinkError, match="onset 2 is not configured; there are 1"):
+        rig.link.set_drive(drive(0.8), onset=2)
+
+
+def test_what_the_device_tells_comes_with_words() -> None:
+    rig = rig_with_bank()
+    logs = [item for item in rig.events if isinstance(item, LogReceived)]
+    assert [log.code for log in logs] == [LogCode.BOOTED, LogCode.BANK_TAKEN]
+    assert "reset cause 0" in logs[0].text
+    assert f"{hash_of_bank(encode_bank(BANK, 2)):#010x}" in logs[1].text
+
+
+def test_a_drive_that_lasts_too_long_ends_the_session() -> None:
+    rig = VirtualRig(LinkConfiguration(2, bit_rate_hz=1_000_000, longest_drive_s=1))
+    rig.connect()
+    rig.link.set_drive(drive(1.0))
+    rig.run(1_100 * MS)
+    faults = [item.fault for item in rig.events if isinstance(item, FaultReceived)]
+    assert faults == [FaultCode.DRIVEN_TOO_LONG]
+    assert (rig.firmware.state, rig.link.state) == (DeviceState.LATCHED, LinkState.STOPPED)
+
+
+def test_a_rate_is_held_to_the_actuators_of_the_device() -> None:
+    configuration = LinkConfiguration(2, command_rate_hz=400)
+    rig = VirtualRig(configuration, DeviceConfiguration(BOOT_ID, number_of_actuators=8))
+    with pytest.raises(LinkError, match=r"400 commands a second for 8 actuators .* ask for at most 188"):
+        rig.connect()
+
+
+def test_more_onsets_than_a_device_keeps_are_refused_at_once() -> None:
+    with pytest.raises(ValueError, match="8 onsets of at most 3 steps"):
+        LinkConfiguration(2, onsets=((),) * 9)

@@ -1,0 +1,113 @@
+"""Laws of the frames: what was not sent is not accepted, and the next delimiter sets all right."""
+
+import itertools
+import zlib
+
+import pytest
+from cobs import cobs
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_link.protocol.framing import EMERGENCY_STOP, FrameDecoder, Signal, encode_frame, encode_message
+from firmware_link.protocol.messages import KeepAlive, Set, SetFlag, encode_body
+from tests.firmware_link.strategies import messages, sequences, unhurried
+
+ACTUATORS = 2
+bodies = st.builds(encode_body, messages(ACTUATORS), sequences)
+
+
+def decode(data: bytes) -> list[bytes | Signal]:
+    return FrameDecoder(ACTUATORS).receive(data)
+
+
+@unhurried
+@given(st.lists(bodies, max_size=5), st.lists(st.integers(0, 300)))
+def test_frames_survive_any_chunking(sent: list[bytes], cuts: list[int]) -> None:
+    stream = b"".join(encode_frame(body) for body in sent)
+    edges = [0, *sorted(min(cut, len(stream)) for cut in cuts), len(stream)]
+    decoder = FrameDecoder(ACTUATORS)
+    received = [item for start, stop in itertools.pairwise(edges) for item in decoder.receive(stream[start:stop])]
+    assert received == sent
+    assert decoder.counters.ok == len(sent)
+
+
+@unhurried
+@given(bodies)
+def test_wire_bytes_are_the_body_and_six(body: bytes) -> None:
+    frame = encode_frame(body)
+    assert len(frame) == len(body) + 6
+    assert frame.index(0) == len(frame) - 1
+
+
+@unhurried
+@given(bodies)
+def test_no_bit_flip_is_accepted(body: bytes) -> None:
+    frame = encode_frame(body)
+    for bit in range(8 * len(frame)):
+        damaged = bytearray(frame)
+        damaged[bit // 8] ^= 1 << bit % 8
+        assert decode(bytes(damaged)) == []
+
+
+@unhurried
+@given(bodies)
+def test_no_truncation_or_duplication_is_accepted(body: bytes) -> None:
+    frame = encode_frame(body)
+    for index in range(len(frame) - 1):
+        assert decode(frame[:index] + b"\0") == []
+        assert decode(frame[:index] + frame[index + 1 :]) == []
+        # Doubling the last byte before a delimiter, or a byte of a run, may leave the frame's own content only.
+        assert decode(frame[: index + 1] + frame[index:]) in ([], [body])
+
+
+@unhurried
+@given(bodies, st.binary(min_size=1, max_size=4), st.data())
+def test_an_insertion_is_never_another_message(body: bytes, inserted: bytes, data: st.DataObject) -> None:
+    frame = encode_frame(body)
+    index = data.draw(st.integers(0, len(frame)))
+    assert decode(frame[:index] + inserted + frame[index:]) in ([], [body])
+
+
+@unhurried
+@given(st.binary(max_size=600), bodies)
+def test_any_garbage_ends_at_the_next_delimiter(garbage: bytes, body: bytes) -> None:
+    assert decode(garbage + b"\0" + encode_frame(body))[-1:] == [body]
+
+
+def test_overflow_is_counted_once_and_discarded() -> None:
+    decoder = FrameDecoder(ACTUATORS)
+    frame = encode_message(KeepAlive(7, 0), 1)
+    for _ in range(100):
+        assert decoder.receive(b"\x55" * 100) == []
+    assert decoder.receive(frame) == []
+    assert decoder.receive(frame) == [encode_body(KeepAlive(7, 0), 1)]
+    assert (decoder.counters.overrun, decoder.counters.ok) == (1, 1)
+
+
+@unhurried
+@given(st.integers(0, 20), st.integers(1, 20))
+def test_eight_delimiters_in_a_row_are_one_emergency_stop(delimiters: int, chunk: int) -> None:
+    decoder = FrameDecoder(ACTUATORS)
+    stream = b"\x55" + bytes(delimiters)
+    received = [item for at in range(0, len(stream), chunk) for item in decoder.receive(stream[at : at + chunk])]
+    assert received == ([Signal.EMERGENCY_STOP] if delimiters >= len(EMERGENCY_STOP) else [])
+
+
+def test_a_frame_of_another_definition_is_refused() -> None:
+    body = encode_body(KeepAlive(7, 0), 1)
+    decoder = FrameDecoder(ACTUATORS)
+    for seed in (0, zlib.crc32(b"KEEPALIVE 0x06 host: clock_reference u16 ms")):
+        assert decoder.receive(cobs.encode(body + zlib.crc32(body, seed).to_bytes(4, "little")) + b"\0") == []
+    assert decoder.counters.crc == 2
+
+
+def test_a_frame_for_another_number_of_actuators_is_refused() -> None:
+    decoder = FrameDecoder(ACTUATORS)
+    assert decoder.receive(encode_message(Set(0, SetFlag.WRITE_PHASE, 40, 0, bytes(6)), 1)) == []
+    assert decoder.counters.length == 1
+
+
+@pytest.mark.parametrize("number_of_actuators", [1, 36, 100, 255])
+def test_the_longest_frame_fits_the_buffer(number_of_actuators: int) -> None:
+    body = encode_body(Set(0, SetFlag.WRITE_PHASE, 40, 0, b"\x55" * 6 * number_of_actuators), 1)
+    assert FrameDecoder(number_of_actuators).receive(encode_frame(body)) == [body]

@@ -1,0 +1,277 @@
+"""Laws of a built table: its figures are the dense model's, memory does not matter, it is complete or not there."""
+
+import itertools
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from engine.device.file import parse_device
+from engine.table.entry import DEFAULT_LEVEL_DB
+from engine.table.table import Table, TableError
+from engine.touch.finger_tracker import ZoneState
+from precompute.builder.build import build_table, code_fingerprint
+from precompute.entries.solver import solve_entries
+from precompute.model.assembly import assemble
+from precompute.sweep.grid import zone_points
+from tests.precompute.dense_model import DenseModel
+from tests.precompute.devices import SHIPPED
+
+TEXT = (SHIPPED / "reference-a.toml").read_text(encoding="utf-8")
+SMALL = (
+    TEXT.replace('step = "1 Hz"', 'step = "20 Hz"')
+    .replace("amplitude_steps = 5", "amplitude_steps = 2")
+    .replace("phase_steps = 36", "phase_steps = 12")
+    .replace("count = 5", "count = 3")
+)
+THIRD = """
+[[actuator]]
+name = "middle"
+position = "45 %"
+stiffness = "12 kN/m"
+damping = "0.1 N*s/m"
+mass = "3 g"
+full_scale = "0.8 µm"
+band = ["100 Hz", "240 Hz"]
+"""
+DEVICES = {
+    "two": parse_device(SMALL, "two"),
+    "three": parse_device(SMALL.replace("\n[zones]", f"{THIRD}\n[zones]"), "three"),
+    "one": parse_device(SMALL[: SMALL.rindex("[[actuator]]")] + SMALL[SMALL.index("[zones]") :], "one"),
+}
+GROUPS = {"responses", "sweep", "coherent_sweep", "entries"}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("tables")
+    for name, device in DEVICES.items():
+        build_table(device, folder / f"{name}.nc", created="2024-01-01", clicks_up_to=0)
+    return folder
+
+
+def opened(folder: Path, name: str) -> Table:
+    return Table.open(folder / f"{name}.nc", device=DEVICES[name], code_fingerprint=code_fingerprint())
+
+
+@pytest.mark.parametrize("group", sorted(GROUPS))
+def test_every_group_opens_in_xarray_with_units_and_labels(folder: Path, group: str) -> None:
+    with xr.open_dataset(folder / "two.nc", group=group, engine="h5netcdf") as data:
+        assert data.variables
+        for name, variable in data.variables.items():
+            assert variable.attrs["units"], name
+            assert variable.attrs["long_name"], name
+        assert {"zone"} <= set(data.coords)
+        assert data["zone"].values.tolist() == ["I", "II", "III"]
+
+
+def test_the_sweep_is_read_in_xarray_by_labels(folder: Path) -> None:
+    with xr.open_dataset(folder / "two.nc", group="sweep", engine="h5netcdf") as data, opened(folder, "two") as table:
+        chosen = data["localized_factor"].sel(
+            zone="II", frequency_1=80, frequency_2=220, amplitude_1=0.5, amplitude_2=1
+        )
+        assert float(chosen[0]) == pytest.approx(table.localized_factor(["II"])[1, 8, 1, 2])
+        assert data["frequency_1"].units == "Hz"
+        assert data["peak_acceleration"].units == "m s-2"
+
+
+def drive(
+    device: Device, pair: tuple[int, int], hz: tuple[float, float], amplitude: tuple[complex, complex]
+) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+    frequency_hz, weights = np.full(len(device.actuators), 1.0), np.zeros(len(device.actuators), dtype=np.complex128)
+    frequency_hz[list(pair)], weights[list(pair)] = hz, amplitude
+    return frequency_hz, weights
+
+
+@pytest.mark.parametrize("name", ["two", "three"])
+@pytest.mark.parametrize("diagonal", [True, False])
+def test_the_pair_sweep_is_the_dense_models(folder: Path, name: str, diagonal: bool) -> None:
+    device, random = DEVICES[name], np.random.default_rng(0)
+    model, hz, amplitude = DenseModel(device), device.sweep.frequency_hz, device.sweep.amplitude
+    pairs = list(itertools.combinations(range(len(device.actuators)), 2))
+    points = zone_points(device).shape[1]
+    with opened(folder, name) as table:
+        for _ in range(25):
+            p, (f1, f2), (a, b) = int(random.integers(len(pairs))), random.integers(3, 9, 2), random.integers(1, 3, 2)
+            f2 = f1 if diagonal else (f2 if f2 != f1 else f2 + 1)
+            played = drive(device, pairs[p], (hz[f1], hz[f2]), (amplitude[a], amplitude[b]))
+            expected, looked_at = model.figures(*played), model.figures(*played, points)
+            for z, zone in enumerate(device.zones):
+                at = (f1, f2, a, b)
+                assert table.localized_factor([zone.name], p)[at] == pytest.approx(expected.share[z], rel=1e-4)
+                assert table.peak_acceleration([zone.name], p)[at] == pytest.approx(expected.peak[z], rel=1.5e-3)
+                dead = table.dead_spot([zone.name], p)[at]  # of the points looked at: between them it may be less
+                assert dead == pytest.approx(looked_at.dead[z], rel=1e-4, abs=1e-6 * looked_at.peak[z])
+
+
+@pytest.mark.parametrize("name", ["two", "three"])
+def test_one_actuator_of_a_pair_silent_is_the_other_alone(folder: Path, name: str) -> None:
+    device = DEVICES[name]
+    model, hz = DenseModel(device), device.sweep.frequency_hz
+    with opened(folder, name) as table:
+        for amplitude, at in (((0.5, 0.0), (4, 7, 1, 0)), ((0.0, 1.0), (7, 4, 0, 2)), ((0.0, 0.5), (5, 5, 0, 1))):
+            expected = model.figures(*drive(device, (0, 1), (hz[at[0]], hz[at[1]]), amplitude))
+            assert table.localized_factor(["I"])[at] == pytest.approx(expected.share[0], rel=1e-4)
+            assert table.peak_acceleration(["III"])[at] == pytest.approx(expected.peak[2], rel=1.5e-3)
+
+
+@pytest.mark.parametrize("name", ["two", "three"])
+def test_the_sweep_is_nan_only_where_nothing_moves_or_a_band_forbids(folder: Path, name: str) -> None:
+    device = DEVICES[name]
+    hz = device.sweep.frequency_hz
+    in_band = [(hz >= actuator.band_hz[0]) & (hz <= actuator.band_hz[1]) for actuator in device.actuators]
+    with opened(folder, name) as table:
+        for p, (i, j) in enumerate(itertools.combinations(range(len(device.actuators)), 2)):
+            allowed = np.broadcast_to((in_band[i][:, None] & in_band[j])[:, :, None, None], (13, 13, 3, 3)).copy()
+            assert (np.isfinite(table.peak_acceleration(["I"], p)) == allowed).all()
+            allowed[:, :, 0, 0] = False
+            assert (np.isfinite(table.localized_factor(["I"], p)) == allowed).all()
+
+
+@pytest.mark.parametrize("name", ["two", "three"])
+def test_the_coherent_sweep_is_the_dense_models(folder: Path, name: str) -> None:
+    device, random = DEVICES[name], np.random.default_rng(1)
+    model, hz = DenseModel(device), device.sweep.frequency_hz
+    pairs = list(itertools.combinations(range(len(device.actuators)), 2))
+    with opened(folder, name) as table:
+        values = {n: table.values("coherent_sweep", n) for n in ("localized_factor", "peak_acceleration", "dead_spot")}
+        first, second, phase = (table.values("coherent_sweep", n) for n in ("amplitude_1", "amplitude_2", "phase"))
+        for _ in range(25):
+            p, f, r, s = (int(random.integers(n)) for n in (len(pairs), 7, len(first), len(phase)))
+            f += 2
+            amplitude = (complex(first[r]), complex(second[r] * np.exp(1j * phase[s])))
+            played = drive(device, pairs[p], (hz[f], hz[f]), amplitude)
+            expected, looked_at = model.figures(*played), model.figures(*played, zone_points(device).shape[1])
+            assert values["localized_factor"][p, f, :, r, s] == pytest.approx(expected.share, rel=1e-3)
+            assert values["peak_acceleration"][p, f, :, r, s] == pytest.approx(expected.peak, rel=1.5e-3)
+            assert values["dead_spot"][p, f, :, r, s] == pytest.approx(looked_at.dead, rel=1e-3, abs=1e-5)
+
+
+@pytest.mark.parametrize("name", ["two", "three"])
+def test_zones_combine_over_the_whole_table(folder: Path, name: str) -> None:
+    with opened(folder, name) as table:
+        one, other = (table.localized_factor([zone]) for zone in ("I", "III"))
+        assert np.allclose(table.localized_factor(["I", "III"]), one + other, rtol=1e-6, equal_nan=True)
+        levels = [table.peak_acceleration([zone]) for zone in ("I", "III")]
+        assert np.array_equal(table.peak_acceleration(["III", "I"]), np.maximum(*levels), equal_nan=True)
+        least = [table.dead_spot([zone]) for zone in ("I", "III")]
+        assert np.array_equal(table.dead_spot(["I", "III"]), np.minimum(*least), equal_nan=True)
+        everywhere = table.localized_factor(["I", "II", "III"])
+        assert np.nanmax(abs(everywhere - 1)) < 1e-5
+
+
+def contents(path: Path) -> dict[str, object]:
+    """Bytes of every number array, lists of every text array, by name."""
+    with h5py.File(path) as file:
+        arrays = [array for group in GROUPS for array in file[group].values()]
+        return {a.name: a[...].tolist() if a.dtype.kind == "O" else a[...].tobytes() for a in arrays}
+
+
+@pytest.mark.parametrize(("name", "budget"), [("two", 20_000), ("two", 1 << 30), ("three", 50_000)])
+def test_the_memory_budget_does_not_change_a_byte(folder: Path, tmp_path: Path, name: str, budget: int) -> None:
+    build_table(DEVICES[name], tmp_path / "other.nc", created="2024-01-01", clicks_up_to=0, memory_budget_bytes=budget)
+    assert contents(tmp_path / "other.nc") == contents(folder / f"{name}.nc")
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_entries_are_read_back_as_they_were_solved(folder: Path, name: str) -> None:
+    device = DEVICES[name]
+    solved = sorted((entries for entries, _ in solve_entries(assemble(device))), key=lambda entries: entries[0].index)
+    with opened(folder, name) as table:
+        assert table.entries == tuple(entry for level in zip(*solved, strict=True) for entry in level)
+        found = table.entry_for(["III", "I"], ["II"])
+        assert found.states == (ZoneState.FELT, ZoneState.QUIET, ZoneState.FELT)
+        assert found.wanted_level_db == DEFAULT_LEVEL_DB
+
+
+def test_a_bar_with_one_actuator_has_a_table_without_pairs(folder: Path) -> None:
+    with opened(folder, "one") as table:
+        assert table.entry_for(["I"]).family == "single tone"
+        with pytest.raises(TableError, match="pair"):
+            table.localized_factor(["I"])
+
+
+def test_the_interpolation_error_is_stored_and_not_negative(folder: Path) -> None:
+    with opened(folder, "two") as table:
+        for name in ("localized_factor_error", "peak_acceleration_error"):
+            error = table.values("responses", name)
+            assert error.shape == (12, 2)
+            assert (error >= 0).all()
+            assert error.max() > 0.01  # 20 Hz apart, resonances are missed
+
+
+def test_progress_only_grows_and_ends_at_one(tmp_path: Path) -> None:
+    told: list[tuple[str, float]] = []
+    build_table(DEVICES["two"], tmp_path / "t.nc", created="", clicks_up_to=0, progress=lambda *what: told.append(what))
+    fractions = [fraction for _, fraction in told]
+    assert fractions == sorted(fractions)
+    assert told[-1] == ("done", 1.0)
+
+
+class Stop:
+    """Progress that raises at its n-th call."""
+
+    def __init__(self, error: type[BaseException], calls: int) -> None:
+        self.error, self.left = error, calls
+
+    def __call__(self, step: str, fraction: float) -> None:
+        self.left -= 1
+        if not self.left:
+            raise self.error(f"{step}: {fraction}")
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+@pytest.mark.parametrize("calls", [1, 2, 4, 6])
+def test_an_exception_on_the_way_leaves_nothing(
+    folder: Path, tmp_path: Path, error: type[BaseException], calls: int
+) -> None:
+    older = tmp_path / "older.nc"
+    older.write_bytes((folder / "three.nc").read_bytes())
+    for path in (older, tmp_path / "new.nc"):
+        with pytest.raises(error):
+            build_table(
+                DEVICES["two"], path, created="", clicks_up_to=0, memory_budget_bytes=1, progress=Stop(error, calls)
+            )
+    assert [path.name for path in tmp_path.iterdir()] == ["older.nc"]
+    assert older.read_bytes() == (folder / "three.nc").read_bytes()
+
+
+@pytest.mark.parametrize("at", ["sweep", "entries"])
+def test_ctrl_c_of_a_build_leaves_nothing_behind(folder: Path, tmp_path: Path, at: str) -> None:
+    older = tmp_path / "table.nc"
+    older.write_bytes((folder / "three.nc").read_bytes())
+    (tmp_path / "device.toml").write_text(TEXT.replace('step = "1 Hz"', 'step = "2 Hz"'), encoding="utf-8")
+    script = (
+        "import sys; from pathlib import Path; from engine.device.device import Device\n"
+        "from precompute.builder.build import build_table\n"
+        "build_table(Device.read(Path('device.toml')), Path('table.nc'), created='', clicks_up_to=0,\n"
+        "            memory_budget_bytes=1,\n"
+        "            progress=lambda step, fraction: print(step, flush=True))"
+    )
+    # The handler is set anew: a shell tells the jobs it runs in the background to ignore Ctrl-C.
+    child = subprocess.Popen(
+        [sys.executable, "-c", f"import signal; signal.signal(2, signal.default_int_handler)\n{script}"],
+        cwd=tmp_path,
+        env={"PYTHONPATH": str(Path(__file__).parents[3]), "PATH": "/usr/bin"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    assert child.stdout is not None
+    while child.stdout.readline().strip() != at:
+        assert child.poll() is None
+    time.sleep(0.05)
+    child.send_signal(signal.SIGINT)
+    child.stdout.read()
+    child.stdout.close()
+    assert child.wait() != 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["device.toml", "table.nc"]
+    assert older.read_bytes() == (folder / "three.nc").read_bytes()

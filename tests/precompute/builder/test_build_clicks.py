@@ -1,0 +1,139 @@
+"""Laws of a table with clicks: what it holds, and what an interrupted build need not solve again."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+
+from engine.device.device import Device
+from engine.device.file import parse_device
+from engine.table.click import ClickEntry
+from engine.table.table import Table
+from engine.touch.finger_tracker import ZoneState
+from precompute.builder.build import build_table
+from precompute.clicks.basis import LOOK_RATE_HZ
+from precompute.clicks.options import ClickOptions
+from precompute.clicks.store import ClickStore
+from precompute.entries.solver import tabulated_states
+from tests.engine.made_clicks import click_of
+from tests.precompute.builder.test_build import SMALL
+
+CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=4, trimmed=10, judged=20)
+DEVICE = parse_device(SMALL, "bar")
+STATES = 19  # 3^3 - 2^3
+
+
+def build(path: Path, device: Device = DEVICE, clicks_up_to: int | None = None, **stop: int) -> list[str]:
+    """Build a table; `stop`: after so many clicks by Ctrl-C. Returns the steps that were told."""
+    told = list[str]()
+
+    def progress(step: str, fraction: float) -> None:
+        assert 0 <= fraction <= 1
+        told.append(step)
+        if told.count("clicks") == stop.get("clicks"):
+            raise KeyboardInterrupt
+
+    build_table(device, path, created="", clicks_up_to=clicks_up_to, click_options=CHEAP, progress=progress)
+    return told
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("clicks") / "bar.nc"
+    build(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def table(path: Path) -> Table:
+    return Table.open(path)
+
+
+def same(one: ClickEntry, other: ClickEntry) -> bool:
+    return (
+        np.array_equal(one.samples, other.samples)
+        and (one.states, one.felt, one.quiet, one.zones) == (other.states, other.felt, other.quiet, other.zones)
+        and one.exceeds_s == other.exceeds_s
+    )
+
+
+def test_every_state_with_a_felt_zone_has_its_click(table: Table) -> None:
+    assert [click.states for click in table.clicks] == tabulated_states(DEVICE)
+    assert len(table.clicks) == STATES
+
+
+def test_a_click_s_figures_of_the_nominal_plant_agree_with_its_verdict(table: Table) -> None:
+    for click in table.clicks:
+        levels = {kind: [] for kind in ZoneState}  # type: dict[ZoneState, list[float]]
+        for state, zone in zip(click.states, click.zones, strict=True):
+            assert (zone is None) == (state is ZoneState.FREE)
+            if zone is not None:
+                levels[state].append(zone.level_db)
+        # Two ways to the same figure: closed-form sample responses, and the time-domain plant at a finer step.
+        assert min(levels[ZoneState.FELT]) == pytest.approx(click.felt.nominal_db, abs=0.06)
+        if click.quiet is not None:
+            assert max(levels[ZoneState.QUIET]) == pytest.approx(click.quiet.nominal_db, abs=0.06)
+        softest, *_, full = click.exceeds_s.values()
+        assert full is not None
+        assert softest is None or full <= softest
+        assert full <= click.peak_s + 1 / LOOK_RATE_HZ
+
+
+def test_other_programs_read_the_waveforms_in_fractions_of_full_scale(path: Path, table: Table) -> None:
+    with xarray.open_dataset(path, group="clicks") as clicks:
+        assert clicks.waveform.dims == ("state", "actuator", "sample")
+        assert list(clicks.actuator.values) == [actuator.name for actuator in DEVICE.actuators]
+        assert clicks.sample.attrs["units"] == "s"
+        for row, click in enumerate(table.clicks):
+            count = int(clicks.samples[row])
+            assert count == len(click.samples)
+            found = clicks.waveform[row, :, :count].values.T
+            assert found == pytest.approx(click.samples / 32767, abs=1e-9)
+            assert abs(found).max() <= DEVICE.limits.amplitude
+        assert all(
+            "long_name" in variable.attrs and "units" in variable.attrs for variable in clicks.variables.values()
+        )
+
+
+def test_clicks_for_few_fingers_only(tmp_path: Path) -> None:
+    build(tmp_path / "bar.nc", clicks_up_to=1)
+    with Table.open(tmp_path / "bar.nc") as few:
+        assert [click.fingers for click in few.clicks] == [1] * 3
+    assert "clicks" not in build(tmp_path / "none.nc", clicks_up_to=0)
+    with Table.open(tmp_path / "none.nc") as none:
+        assert none.clicks == ()
+
+
+def test_an_interrupted_build_goes_on_where_its_clicks_were(tmp_path: Path, table: Table) -> None:
+    path = tmp_path / "bar.nc"
+    with pytest.raises(KeyboardInterrupt):
+        build(path, clicks=7)
+    assert [kept.name for kept in tmp_path.iterdir()] == [".bar.nc.clicks"]
+    assert build(path).count("clicks") == STATES - 7
+    assert [kept.name for kept in tmp_path.iterdir()] == ["bar.nc"]
+    with Table.open(path) as resumed:
+        assert all(same(one, other) for one, other in zip(resumed.clicks, table.clicks, strict=True))
+
+
+def test_a_store_that_was_cut_anywhere_gives_what_was_whole(tmp_path: Path) -> None:
+    clicks = [click_of(DEVICE, states) for states in tabulated_states(DEVICE)[:4]]
+    with ClickStore(tmp_path / "bar.nc", "it") as store:
+        for click in clicks:
+            store.add(click)
+    data = store.path.read_bytes()
+    ends = [end for end in range(len(data)) if data[end : end + 1] == b"\n"]
+    for size in {0, 1, 40, *ends, *(end + 5 for end in ends), len(data) - 1}:
+        store.path.write_bytes(data[:size])
+        with ClickStore(tmp_path / "bar.nc", "it") as cut:
+            whole = max(0, sum(end <= size for end in ends) - 1)
+            assert [same(one, other) for one, other in zip(cut.clicks.values(), clicks, strict=False)] == [True] * whole
+            assert len(cut.clicks) == whole
+
+
+def test_a_store_of_another_device_is_dropped(tmp_path: Path) -> None:
+    with ClickStore(tmp_path / "bar.nc", "one") as store:
+        store.add(click_of(DEVICE, tabulated_states(DEVICE)[0]))
+    with ClickStore(tmp_path / "bar.nc", "other") as other:
+        assert not other.clicks
+    assert not other.path.exists()

@@ -1,0 +1,150 @@
+"""What a change of the device cannot affect is taken over from the table that is there, and is the same."""
+
+import shutil
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from engine.device.device import Device
+from engine.device.file import parse_device
+from engine.table.history import previous_of
+from engine.table.table import Table
+from precompute.builder.build import build_table, code_fingerprint
+from precompute.builder.incremental import Part, Recipe, is_current, outdated_parts
+from precompute.clicks.options import ClickOptions
+from tests.precompute.builder.test_build import SMALL
+
+CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=2, trimmed=6, judged=10)
+DEVICE = parse_device(SMALL, "bar")
+AS_BEFORE = {part: f"{part} as before" for part in ("responses", "entries", "clicks")}
+
+
+def build(device: Device, path: Path, **options: object) -> set[str]:
+    """The steps that were told."""
+    told = set[str]()
+    wanted = {"clicks_up_to": 1, "click_options": CHEAP} | options
+    build_table(device, path, created="", progress=lambda step, _: told.add(step), **wanted)  # type: ignore[arg-type]  # by name
+    return told - {"done", "responses"}
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("parts") / "bar.nc"
+    build(DEVICE, path)
+    return path
+
+
+@pytest.fixture
+def path(built: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(built, tmp_path / "bar.nc"))
+
+
+def arrays(path: Path) -> dict[str, object]:
+    found = dict[str, object]()
+    with h5py.File(path) as file:
+        file.visititems(lambda name, item: found.update({name: item[...]}) if isinstance(item, h5py.Dataset) else None)
+    return found
+
+
+CHANGES = {
+    "nothing": ("", "", set(AS_BEFORE)),
+    "how the digitizer lies": ("flip = false", "flip = true", set(AS_BEFORE)),
+    "a word": ("Aluminium bar", "Another bar", set(AS_BEFORE)),
+    "the finger": ('stiffness = "1 kN/m"', 'stiffness = "0.9 kN/m"', {"responses"}),
+    "a level": ('"10 dB"', '"12 dB"', {"responses"}),
+    "the grid": ("amplitude_steps = 2", "amplitude_steps = 1", {"clicks"}),
+    "zones": ("count = 3", "count = 2", set[str]()),
+    "full scale": ('full_scale = "0.52', 'full_scale = "0.6', set[str]()),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_part_is_computed_again_only_if_what_it_rests_on_has_changed(path: Path, change: str) -> None:
+    before, after, kept = CHANGES[change]
+    assert before in SMALL
+    device = parse_device(SMALL.replace(before, after), "bar")
+    told = build(device, path)
+    assert {part for part, step in AS_BEFORE.items() if step in told} == kept
+    assert ("sweep" in told) == ("responses" not in kept)
+    assert ("entries" in told) == ("entries" not in kept)
+    assert ("clicks" in told) == ("clicks" not in kept)
+    Table.open(path, device=device).close()
+
+
+def test_what_is_taken_over_is_what_would_be_computed(path: Path) -> None:
+    text = SMALL.replace('stiffness = "1 kN/m"', 'stiffness = "0.9 kN/m"')
+    assert text != SMALL
+    device = parse_device(text, "bar")
+    told = build(device, path)
+    assert AS_BEFORE["responses"] in told
+    scratch = path.with_name("scratch.nc")
+    assert AS_BEFORE["responses"] not in build(device, scratch)
+    one, other = arrays(path), arrays(scratch)
+    assert one.keys() == other.keys()
+    assert all(np.array_equal(one[name], other[name], equal_nan=_is_float(one[name])) for name in one)  # type: ignore[arg-type]  # arrays
+    with Table.open(path, device=device) as table:
+        assert table.attributes["responses_rest_on"]
+
+
+def _is_float(values: object) -> bool:
+    return isinstance(values, np.ndarray) and values.dtype.kind == "f"
+
+
+def test_without_reuse_all_is_computed(path: Path) -> None:
+    assert not build(DEVICE, path, reuse=False) & set(AS_BEFORE.values())
+
+
+def test_a_damaged_table_is_not_taken_over(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    assert not build(DEVICE, path) & set(AS_BEFORE.values())
+    Table.open(path, device=DEVICE).close()
+
+
+def test_other_wishes_are_computed(path: Path) -> None:
+    assert AS_BEFORE["entries"] not in build(DEVICE, path, objective="localized factor")
+    assert AS_BEFORE["clicks"] not in build(DEVICE, path, clicks_up_to=2)
+
+
+def clicks_of(path: Path) -> list[bytes]:
+    with Table.open(path) as table:
+        return [click.samples.tobytes() for click in table.clicks]
+
+
+def test_clicks_may_be_left_for_later_and_are_marked_until_they_are_made(path: Path) -> None:
+    device = parse_device(SMALL.replace('full_scale = "0.52', 'full_scale = "0.6'), "bar")
+    before, kept = clicks_of(path), path.read_bytes()
+    assert AS_BEFORE["clicks"] in build(device, path, clicks_later=True)
+    assert clicks_of(path) == before
+    with Table.open(path, device=device) as table:
+        assert outdated_parts(table) == (Part.CLICKS,)
+        assert is_current(table, device, Recipe.of(table)) and not is_current(table, DEVICE, Recipe.of(table))
+    told = build(device, path, completes=True)
+    assert "clicks" in told and {AS_BEFORE["responses"], AS_BEFORE["entries"]} <= told
+    with Table.open(path, device=device) as table:
+        assert not outdated_parts(table)
+    assert clicks_of(path) != before
+    assert previous_of(path).read_bytes() == kept
+
+
+def test_clicks_of_other_zones_are_not_kept_for_now(path: Path) -> None:
+    device = parse_device(SMALL.replace("count = 3", "count = 2"), "bar")
+    build(device, path, clicks_later=True)
+    assert clicks_of(path) == []
+    with Table.open(path, device=device) as table:
+        assert outdated_parts(table) == (Part.CLICKS,)
+
+
+def test_a_table_says_what_it_was_built_by(path: Path) -> None:
+    build(DEVICE, path, objective="fair share", clicks_up_to=2, bursts_up_to=0)
+    with Table.open(path) as table:
+        assert Recipe.of(table) == Recipe(code_fingerprint(), "fair share", 2, CHEAP)
+
+
+def test_entries_are_the_same_however_many_processes_solve_them(path: Path, tmp_path: Path) -> None:
+    build(DEVICE, tmp_path / "scratch.nc", workers=2, clicks_up_to=0)
+    with Table.open(path) as own, Table.open(tmp_path / "scratch.nc") as other:
+        assert own.entries == other.entries

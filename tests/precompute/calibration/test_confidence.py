@@ -1,0 +1,76 @@
+"""Laws of the certainty: textbook covariance without outliers, profiles where the likelihood bends, honest bounds."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from precompute.calibration.confidence import Certainty, compute_certainty, compute_intervals
+from precompute.calibration.fit import Fit, fit, pose
+from precompute.calibration.misfit import Loss, MisfitModel
+from precompute.measurements.model import MeasurementModel
+from precompute.measurements.parameters import default_names, find_parameters
+from precompute.measurements.simulate import Flaws
+from tests.precompute.devices import shipped
+from tests.precompute.measured import TRUTH, read_bar
+
+DEVICE = shipped("reference-a")
+
+
+@cache
+def fitted(loss: Loss, noise: float = 0.02, wrong: float = 0.0) -> tuple[Fit, Certainty]:
+    read = read_bar(DEVICE, TRUTH, flaws=Flaws(noise, wrong))
+    parameters = find_parameters(DEVICE, default_names(DEVICE), {}, 0.0)
+    found = fit(pose(MisfitModel(MeasurementModel(DEVICE, read, parameters), read, parameters)), loss, 1, seed=0)
+    return found, compute_certainty(found)
+
+
+def test_plain_squares_have_the_covariance_of_the_textbook() -> None:
+    found, certainty = fitted(Loss.SQUARES)
+    slope, residual = found.misfit.log_slope, found.misfit.log_residual
+    variance = residual @ residual / (len(residual) - slope.shape[1])
+    assert certainty.information == pytest.approx(slope.T @ slope / variance, rel=1e-9)
+    well = np.ix_([0, 1, 3], [0, 1, 3])  # the others lean on the prior
+    assert certainty.covariance[well] == pytest.approx(np.linalg.inv(certainty.information)[well], rel=0.05)
+    assert certainty.freedom == 60
+
+
+@pytest.mark.parametrize("loss", [Loss.ROBUST, Loss.L1])
+def test_other_losses_are_nearly_as_sure_on_normal_noise(loss: Loss) -> None:
+    """95 % as sharp for the robust loss, 64 % for the median-like one; both are estimates from 66 readings."""
+    deviation = np.sqrt(np.diag(fitted(loss)[1].covariance))[[0, 1, 3]]
+    plain = np.sqrt(np.diag(fitted(Loss.SQUARES)[1].covariance))[[0, 1, 3]]
+    assert (deviation / plain > 0.7).all() and (deviation / plain < 2.5).all()
+
+
+def test_wrong_readings_make_squares_unsure_and_hardly_touch_the_robust_loss() -> None:
+    robust, clean = (
+        np.sqrt(np.diag(fitted(Loss.ROBUST, wrong=wrong)[1].covariance))[[0, 1, 3]] for wrong in (0.1, 0.0)
+    )
+    squares = np.sqrt(np.diag(fitted(Loss.SQUARES, wrong=0.1)[1].covariance))[[0, 1, 3]]
+    assert (robust < 2 * clean).all()
+    assert (squares > 3 * robust).all()
+
+
+@pytest.mark.parametrize("loss", Loss)
+def test_a_narrow_interval_is_its_standard_error_times_students_t(loss: Loss) -> None:
+    found, certainty = fitted(loss)
+    low, high = compute_intervals(found, certainty)[0]
+    reach = 2.0003 * np.sqrt(certainty.covariance[0, 0])  # t of 60 degrees of freedom
+    assert (high - low) / 2 == pytest.approx(reach, rel=1e-4)
+    assert (high + low) / 2 == pytest.approx(found.coordinate[0], rel=1e-9)
+
+
+def test_a_wide_interval_ends_where_the_cost_has_risen_or_at_a_bound() -> None:
+    found, certainty = fitted(Loss.ROBUST, noise=0.05)
+    intervals = compute_intervals(found, certainty)
+    assert (intervals[:, 0] <= found.coordinate).all() and (intervals[:, 1] >= found.coordinate).all()
+    sigma = found.problem.misfit.parameters[4]
+    assert intervals[4, 0] == sigma.coordinate(sigma.low)  # 0 explains these readings as well
+    assert sigma.value_at(float(intervals[4, 1])) > TRUTH["bar.mass_damping"]
+    assert intervals[4, 1] < sigma.coordinate(sigma.high)
+
+
+def test_no_noise_leaves_the_rounding_of_the_model_not_certainty() -> None:
+    _, certainty = fitted(Loss.ROBUST, noise=0.0)
+    assert 1e-11 < np.sqrt(np.diag(certainty.covariance)).min() < 1e-7

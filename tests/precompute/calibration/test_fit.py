@@ -1,0 +1,83 @@
+"""Laws of the fit: other starts leave a wrong basin, what is not told stays, bounds hold, what is held stays."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from precompute.calibration.fit import Problem, fit, pose, refit_held
+from precompute.calibration.misfit import Loss, MisfitModel
+from precompute.measurements.model import MeasurementModel
+from precompute.measurements.parameters import default_names, find_parameters
+from precompute.measurements.simulate import Flaws
+from tests.precompute.devices import shipped
+from tests.precompute.measured import TRUTH, read_bar
+
+DEVICE = shipped("reference-a")
+
+
+def problem_of(
+    names: tuple[str, ...], truth: dict[str, float], flaws: Flaws, bounds: dict[str, tuple[float, float]]
+) -> Problem:
+    read = read_bar(DEVICE, truth, flaws=flaws)
+    parameters = find_parameters(DEVICE, names, bounds, 2e-3)
+    return pose(MisfitModel(MeasurementModel(DEVICE, read, parameters), read, parameters))
+
+
+@cache
+def noisy() -> Problem:
+    return problem_of(default_names(DEVICE), TRUTH, Flaws(noise=0.02), {})
+
+
+def test_other_starts_leave_a_basin_that_is_not_the_least() -> None:
+    far = {**TRUTH, "actuator[1].stiffness": 11e3, "actuator[2].stiffness": 37e3}
+    problem = problem_of(default_names(DEVICE), far, Flaws(), {})
+    alone, several = (fit(problem, Loss.ROBUST, starts, seed=0) for starts in (1, 6))
+    assert alone.noise > 0.01
+    assert several.noise < 1e-6
+    assert np.exp(several.coordinate[:2]) == pytest.approx([11e3, 37e3], rel=1e-6)
+
+
+def test_a_doubtful_basin_earns_more_starts_than_were_asked() -> None:
+    """Neither of the first two starts leads to this bar."""
+    stiffness = {"actuator[1].stiffness": 44.01e3, "actuator[2].stiffness": 9.41e3}
+    found = fit(problem_of(default_names(DEVICE), {**TRUTH, **stiffness}, Flaws(), {}), Loss.ROBUST, 2, seed=0)
+    assert np.exp(found.coordinate[:2]) == pytest.approx(list(stiffness.values()), rel=1e-6)
+
+
+def test_what_no_reading_tells_stays_where_it_was() -> None:
+    names = ("actuator[1].stiffness", "bar.mass_damping")
+    found = fit(problem_of(names, {}, Flaws(noise=0.05), {}), Loss.ROBUST, 1, seed=0)
+    told = fit(problem_of(names, {"bar.mass_damping": 30.0}, Flaws(noise=0.05), {}), Loss.ROBUST, 1, seed=0)
+    sigma = found.problem.misfit.parameters[1]
+    assert sigma.value_at(float(told.coordinate[1])) == pytest.approx(30, rel=0.5)
+    assert sigma.value_at(float(found.coordinate[1])) < 3.0
+
+
+@pytest.mark.parametrize("loss", Loss)
+def test_bounds_hold_and_are_reached(loss: Loss) -> None:
+    bounds = {"actuator.full_scale": (0.5e-6, 0.6e-6)}
+    problem = problem_of(("actuator.full_scale",), {"actuator.full_scale": 0.4e-6}, Flaws(), bounds)
+    found = fit(problem, loss, 1, seed=0)
+    assert np.exp(found.coordinate[0]) == pytest.approx(0.5e-6, rel=1e-12)
+
+
+@pytest.mark.parametrize("loss", Loss)
+def test_holding_a_parameter_costs_and_costs_nothing_where_it_was(loss: Loss) -> None:
+    found = fit(noisy(), loss, 1, seed=0)
+    same, cost = refit_held(found, 2, found.coordinate)
+    assert cost == pytest.approx(found.cost, rel=1e-4)
+    assert same[2] == found.coordinate[2]
+    moved = found.coordinate + np.array([0, 0, 1.0, 0, 0, 0])
+    there, dearer = refit_held(found, 2, moved)
+    assert there[2] == moved[2]
+    assert dearer > found.cost + 1
+
+
+def test_noise_is_found() -> None:
+    assert fit(noisy(), Loss.ROBUST, 1, seed=0).noise == pytest.approx(0.02, rel=0.35)
+
+
+def test_the_same_seed_gives_the_same_fit() -> None:
+    first, second = (fit(noisy(), Loss.ROBUST, 2, seed=5) for _ in range(2))
+    assert (first.coordinate == second.coordinate).all()

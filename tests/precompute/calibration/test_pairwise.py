@@ -1,0 +1,48 @@
+"""The paper's way: exact without noise where each drive tells all, its average worse than one fit of all drives."""
+
+import numpy as np
+import pytest
+
+from precompute.calibration.calibrate import calibrate
+from precompute.calibration.misfit import Loss
+from precompute.calibration.pairwise import fit_pairwise
+from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration
+from tests.precompute.measured import read_bar
+
+
+def test_without_noise_every_drive_gives_the_same() -> None:
+    truth = {"actuator[1].stiffness": 20e3, "actuator.full_scale": 0.45e-6}
+    found = calibrate(DEVICE, read_bar(DEVICE, truth), list(truth), starts=1)
+    pairwise = fit_pairwise(DEVICE, found)
+    assert pairwise is not None
+    assert pairwise.value == pytest.approx(np.tile(list(truth.values()), (3, 1)), rel=1e-6)
+    assert pairwise.average == pytest.approx(list(truth.values()), rel=1e-6)
+    assert pairwise.typical < 1e-6
+
+
+def test_with_noise_the_average_explains_less_than_the_one_fit() -> None:
+    pairwise = fit_pairwise(DEVICE, noisy_calibration())
+    assert pairwise is not None
+    assert pairwise.value.shape == (3, 6)
+    assert pairwise.average == pytest.approx(pairwise.value.mean(axis=0))
+    assert pairwise.typical > pairwise.joint_typical
+    assert pairwise.joint_typical == pytest.approx(0.0135, rel=0.3)  # of 2 % noise the median size
+
+
+def test_the_l1_fit_of_all_drives_has_the_least_sum_of_differences() -> None:
+    names = ["actuator[1].stiffness", "actuator.full_scale"]
+    found = calibrate(DEVICE, noisy_calibration().measurements, names, Loss.L1, starts=1)
+    pairwise = fit_pairwise(DEVICE, found)
+    assert pairwise is not None
+    assert pairwise.joint_total <= pairwise.total
+
+
+@pytest.mark.parametrize("pairs_hz", [((150, 130),), tuple((100 + i, 150) for i in range(25))])
+def test_one_drive_or_very_many_have_no_such_way(pairs_hz: tuple[tuple[float, float], ...]) -> None:
+    found = calibrate(DEVICE, read_bar(DEVICE, {}, pairs_hz, points=4), ["actuator.full_scale"], starts=1)
+    assert fit_pairwise(DEVICE, found) is None
+
+
+def test_drives_with_no_more_readings_than_parameters_have_no_such_way() -> None:
+    found = calibrate(DEVICE, read_bar(DEVICE, {}, points=2), ["actuator.full_scale", "bar.density"], starts=1)
+    assert fit_pairwise(DEVICE, found) is None

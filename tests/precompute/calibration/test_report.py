@@ -1,0 +1,71 @@
+"""The report says in numbers and in words what the fit says; JSON takes it, and every row of a table is whole."""
+
+import json
+
+import numpy as np
+import pytest
+
+from precompute.calibration.calibrate import calibrate
+from precompute.calibration.pairwise import fit_pairwise
+from precompute.calibration.report import calibration_report, drive_text, open_text, report_markdown
+from precompute.measurements.simulate import Flaws
+from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration, published_calibration
+from tests.precompute.measured import NAN, read_bar
+
+NOISY = noisy_calibration()
+REPORT = calibration_report(NOISY, fit_pairwise(DEVICE, NOISY))
+
+
+def test_the_report_is_json_with_the_numbers_of_the_fit() -> None:
+    again = json.loads(json.dumps(REPORT, allow_nan=False))
+    assert again["simulated"] is True
+    assert again["readings"] == 66
+    for told, estimate in zip(again["parameters"], NOISY.estimates, strict=True):
+        assert (told["name"], told["value"]) == (estimate.parameter.name, estimate.value)
+        assert told["interval"] == [estimate.low, estimate.high]
+    assert len(again["wrong_readings"]) == NOISY.is_wrong.sum() == 3
+    assert len(again["correlations"]) == 15
+    sizes = [abs(pair["correlation"]) for pair in again["correlations"]]
+    assert sizes == sorted(sizes, reverse=True) and sizes[0] <= 1 + 1e-9
+
+
+def test_residuals_are_told_by_drive_and_by_position() -> None:
+    assert [row["drive"] for row in REPORT["residual_by_drive"]] == [
+        "150 Hz and 130 Hz",
+        "150 Hz and 200 Hz",
+        "150 Hz and 230 Hz",
+    ]
+    assert [row["readings"] for row in REPORT["residual_by_position"]] == [3] * 22
+    worst = max(abs(row["greatest"]) for row in REPORT["residual_by_drive"])
+    assert worst == pytest.approx(np.abs(NOISY.log_residual).max())
+    assert worst == pytest.approx(np.log(3), abs=0.1)
+
+
+def test_the_page_has_whole_tables_and_says_simulated() -> None:
+    page = report_markdown(REPORT)
+    assert page.startswith("# Calibration of reference-a SIMULATED\n")
+    tables = [block.splitlines() for block in page.split("\n\n") if block.startswith("|")]
+    assert len(tables) == 4
+    for table in tables:
+        assert len({line.count("|") for line in table}) == 1
+    assert "taken for wrong" not in page and "times the fitted" in page
+
+
+def test_what_is_open_is_told_with_what_would_close_it() -> None:
+    text = open_text(calibration_report(published_calibration(), None))
+    assert "bar.mass_damping alone: it hardly changes what was measured" in text
+    assert "bar.mass_damping is at most" in text
+    assert "Leave it as it is, or give it bounds." in text or "read along the bar, would make that" in text
+
+
+def test_what_is_not_there_is_said_not_to_be() -> None:
+    found = calibrate(DEVICE, read_bar(DEVICE, {}, ((140, NAN),), Flaws(0.01)), ["actuator.full_scale"], starts=1)
+    page = report_markdown(calibration_report(found, None))
+    assert "Nothing: every parameter is known within a factor of 2 or better." in page
+    assert "No two are correlated by 0.9 or more." in page
+    assert "No reading is further off than four times the noise." in page
+    assert "it needs from 2 to 24 drives" in page
+
+
+def test_a_drive_is_said_with_who_is_still() -> None:
+    assert drive_text([150.0, None]) == drive_text([150.0, NAN]) == "150 Hz and still"

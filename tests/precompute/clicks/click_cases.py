@@ -1,0 +1,15 @@
+"""States and cheap options that the laws of clicks are checked with."""
+
+from engine.touch.finger_tracker import ZoneState
+from precompute.clicks.options import ClickOptions
+from precompute.entries.prediction import States
+
+CHEAP = ClickOptions(lengths_s=(0.02,), quiet_db=0.0, crowding=1.0, scenarios=6, trimmed=20, judged=20)
+"""Few plants: enough for laws, not for figures."""
+
+_KINDS = {"-": ZoneState.FREE, "q": ZoneState.QUIET, "F": ZoneState.FELT}
+
+
+def states(letters: str) -> States:
+    """One letter a zone: F felt, q quiet, - free."""
+    return tuple(_KINDS[letter] for letter in letters)

@@ -1,0 +1,66 @@
+"""Laws of the judge: levels rise with the waveform, the nominal plant is not a sample, times are when it happens."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from precompute.clicks.basis import LOOK_RATE_HZ, RING_S, Responses, compute_bases, compute_responses, make_tones
+from precompute.clicks.evaluation import decibels, judge_waveform
+from precompute.sampling.plants import sample_scenarios
+from tests.precompute.devices import shipped
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def responses() -> Responses:
+    scenarios = sample_scenarios(shipped("reference-a"), 40, seed=8)
+    return compute_responses(scenarios, compute_bases(scenarios), (0, 1, 3), 0.02)
+
+
+@pytest.fixture(scope="module")
+def waveform() -> Array:
+    tones = make_tones(shipped("reference-a"), 0.02)
+    return tones.waveform(0.2 * np.random.default_rng(0).normal(size=len(tones.wave)))
+
+
+def test_levels_are_of_the_weakest_felt_and_the_strongest_quiet_finger(responses: Responses, waveform: Array) -> None:
+    verdict = judge_waveform(waveform, responses, [0, 2], [1], 0.05)
+    peak_db = 20 * np.log10(abs(responses.play(waveform)).max(axis=2))
+    felt_db = peak_db[:, [0, 2]].min(axis=1)
+    assert verdict.quiet is not None
+    assert verdict.felt.nominal_db == pytest.approx(felt_db[0])
+    assert verdict.quiet.nominal_db == pytest.approx(peak_db[0, 1])
+    expected = np.percentile(felt_db[1:], [5, 50, 95])
+    assert (verdict.felt.low_db, verdict.felt.middle_db, verdict.felt.high_db) == pytest.approx(tuple(expected))
+    assert verdict.quiet.high_db == pytest.approx(np.percentile(peak_db[1:, 1], 95))
+
+
+def test_twice_the_waveform_is_6_db_more(responses: Responses, waveform: Array) -> None:
+    one, two = (judge_waveform(factor * waveform, responses, [0], [1, 2], 0.05) for factor in (1, 2))
+    assert one.quiet is not None and two.quiet is not None
+    gain_db = 20 * np.log10(2)
+    assert two.felt.low_db - one.felt.low_db == pytest.approx(gain_db)
+    assert two.quiet.high_db - one.quiet.high_db == pytest.approx(gain_db)
+    assert two.residual_db - one.residual_db == pytest.approx(gain_db)
+    assert two.peak_s == one.peak_s
+
+
+def test_times_are_those_of_the_nominal_course(responses: Responses, waveform: Array) -> None:
+    verdict = judge_waveform(waveform, responses, [1], [], 0.05)
+    course = abs(responses.play(waveform)[0, 1])
+    assert verdict.quiet is None and verdict.exceeds_s is not None
+    first, peak = round(verdict.exceeds_s * LOOK_RATE_HZ), round(verdict.peak_s * LOOK_RATE_HZ)
+    assert course[first] > 1 and (course[:first] <= 1).all()
+    assert course[peak] == course.max()
+    assert verdict.residual_db == pytest.approx(float(decibels(course[round(0.05 * LOOK_RATE_HZ) :].max())))
+
+
+def test_what_stays_below_threshold_never_exceeds_it(responses: Responses, waveform: Array) -> None:
+    faint = waveform * (0.99 / abs(responses.play(waveform)[0, 0]).max())
+    verdict = judge_waveform(faint, responses, [0], [], 0.05)
+    assert verdict.exceeds_s is None and verdict.felt.nominal_db == pytest.approx(20 * np.log10(0.99))
+
+
+def test_silence_is_far_below_threshold(responses: Responses, waveform: Array) -> None:
+    assert judge_waveform(0 * waveform, responses, [0], [1], RING_S).felt.high_db < -200

@@ -1,0 +1,114 @@
+"""Laws of the program: the optimum of the whole, exactly within its limits, below its bound, homogeneous."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from precompute.clicks.program import ENDLESS, TOLERANCE, Program
+
+Array = NDArray[np.float64]
+seeds = pytest.mark.parametrize("seed", range(6))
+aims_of = pytest.mark.parametrize("aims", [1, 2, 3])
+
+
+def problem(seed: int, aims: int) -> tuple[Array, Array, Array]:
+    """Kept rows (row, tone), watched courses (course, time, tone) that hold, and aims."""
+    random = np.random.default_rng(seed)
+    return random.normal(size=(30, 8)), 0.3 * random.normal(size=(5, 60, 8)), random.normal(size=(aims, 8))
+
+
+def whole(kept: Array, watched: Array, aims: Array, limit: float = 1.0) -> float:
+    """The same program with all its rows at once, by SciPy."""
+    rows, tones = np.concatenate([kept, watched.reshape(-1, kept.shape[1]) / limit]), kept.shape[1]
+    limits = np.concatenate([np.column_stack([s * rows, np.zeros(len(rows))]) for s in (1, -1)])
+    goals = np.column_stack([-aims, np.ones(len(aims))])
+    right = np.concatenate([np.ones(len(limits)), np.zeros(len(aims))])
+    cost = np.append(np.zeros(tones), -1.0)
+    return -float(linprog(cost, np.concatenate([limits, goals]), right, bounds=(None, None)).fun or np.nan)
+
+
+@seeds
+@aims_of
+def test_it_is_the_optimum_of_the_whole_program(seed: int, aims: int) -> None:
+    kept, watched, goals = problem(seed, aims)
+    found, expected = Program(kept, watched, aims).maximise(goals), whole(kept, watched, goals)
+    assert found.value == pytest.approx(expected, rel=2 * TOLERANCE)
+    assert found.value <= expected * (1 + 1e-9) and expected <= found.bound.at(1.0) * (1 + 1e-9)
+    assert found.value == pytest.approx((goals @ found.weight).min())
+
+
+@seeds
+@aims_of
+def test_no_limit_is_violated(seed: int, aims: int) -> None:
+    kept, watched, goals = problem(seed, aims)
+    weight = Program(kept, watched, aims).maximise(goals).weight
+    assert abs(kept @ weight).max() <= 1 + 1e-9 and abs(watched @ weight).max() <= 1 + 1e-9
+
+
+@seeds
+@aims_of
+def test_what_was_solved_before_does_not_matter(seed: int, aims: int) -> None:
+    kept, watched, goals = problem(seed, aims)
+    program = Program(kept, watched, aims)
+    for other in range(3):
+        program.maximise(problem(100 + other, aims)[2])
+    program.set_limit(0.4)
+    program.maximise(goals)
+    program.set_limit(1.0)
+    assert program.maximise(goals).value == pytest.approx(whole(kept, watched, goals), rel=2 * TOLERANCE)
+
+
+@seeds
+@aims_of
+def test_the_limit_is_what_the_watched_courses_may_reach(seed: int, aims: int) -> None:
+    kept, watched, goals = problem(seed, aims)
+    program = Program(kept, watched, aims)
+    program.maximise(goals)
+    program.set_limit(0.3)
+    found = program.maximise(goals)
+    assert found.value == pytest.approx(whole(kept, watched, goals, 0.3), rel=2 * TOLERANCE)
+    assert abs(watched @ found.weight).max() <= 0.3 * (1 + 1e-9) and abs(kept @ found.weight).max() <= 1 + 1e-9
+
+
+@seeds
+@aims_of
+@pytest.mark.parametrize("limit", [0.2, 0.7, 1.5, 4.0])
+def test_a_bound_holds_at_every_other_limit(seed: int, aims: int, limit: float) -> None:
+    kept, watched, goals = problem(seed, aims)
+    bound = Program(kept, watched, aims).maximise(goals).bound
+    assert bound.at(limit) >= whole(kept, watched, goals, limit) * (1 - 1e-9)
+    assert bound.at(1.0) == pytest.approx(whole(kept, watched, goals), rel=2 * TOLERANCE)
+
+
+def test_what_was_not_tried_has_no_bound() -> None:
+    assert ENDLESS.at(0.5) == np.inf
+
+
+def test_a_search_below_its_floor_is_given_up_with_a_bound() -> None:
+    kept, watched, goals = problem(0, 1)
+    best = whole(kept, watched, goals)
+    given_up = Program(kept, watched, 1).maximise(goals, floor=1.05 * best)
+    assert best * (1 - 1e-9) <= given_up.bound.at(1.0) <= 1.05 * best
+
+
+def test_a_wide_tolerance_ends_within_it() -> None:
+    kept, watched, goals = problem(2, 1)
+    rough = Program(kept, watched, 1).maximise(goals, tolerance=0.1)
+    assert rough.value >= 0.9 * rough.bound.at(1.0) >= 0.9 * whole(kept, watched, goals) * (1 - 1e-9)
+
+
+def test_many_aims_one_after_another_do_not_fill_the_program() -> None:
+    """Rows that press no longer go; what they leave is solved like the first."""
+    random = np.random.default_rng(7)
+    kept, watched = random.normal(size=(60, 20)), 0.4 * random.normal(size=(40, 300, 20))
+    program, aims = Program(kept, watched, 1), random.normal(size=(12, 1, 20))
+    values = [program.maximise(aim).value for aim in aims]
+    assert program.maximise(aims[0]).value == pytest.approx(values[0], rel=2 * TOLERANCE)
+    assert program.rows < 0.1 * watched[..., 0].size
+
+
+def test_without_watched_courses_only_the_kept_rows_count() -> None:
+    kept, _, goals = problem(1, 1)
+    found = Program(kept, np.zeros((0, 60, 8)), 1).maximise(goals)
+    assert found.value == pytest.approx(whole(kept, np.zeros((0, 60, 8)), goals), rel=TOLERANCE)

@@ -1,0 +1,99 @@
+"""Laws of a drive's figures: under every touch those of a dense model with its fingers assembled."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from precompute.entries.performance import DriveFigures, compute_figures
+from precompute.model.assembly import assemble
+from precompute.sampling.fingers import sample_touches
+from tests.precompute.dense_model import DenseModel, Figures
+from tests.precompute.devices import every_device
+from tests.precompute.entries.dense_state import fingers_of, threshold
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+DEVICES = every_device()
+any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+either = pytest.mark.parametrize("coherent", [True, False], ids=["coherent", "a tone each"])
+TOUCHED = (0, 2, 3)
+LOOKED_AT = (0, 3, 20, 32)
+
+
+def drive_of(device: Device, coherent: bool) -> tuple[Array, Complex]:
+    count = len(device.actuators)
+    hz = np.full(count, 187.0) if coherent else np.array([104.0, 243.0, 171.0])[:count]
+    return hz, np.array([0.8, 0.5j - 0.3, -0.6])[:count]
+
+
+@cache
+def figures_of(device: Device, coherent: bool) -> DriveFigures:
+    return compute_figures(assemble(device), sample_touches(device), TOUCHED, *drive_of(device, coherent))
+
+
+@cache
+def dense(device: Device, touch: int) -> DenseModel:
+    return DenseModel(device, fingers_of(sample_touches(device), touch, TOUCHED))
+
+
+@cache
+def dense_figures(device: Device, coherent: bool, touch: int) -> Figures:
+    return dense(device, touch).figures(*drive_of(device, coherent))
+
+
+@any_device
+@either
+def test_shares_and_peaks_of_a_touch_are_the_dense_models(device: Device, coherent: bool) -> None:
+    found = figures_of(device, coherent)
+    for touch in LOOKED_AT:
+        expected = dense_figures(device, coherent, touch)
+        assert found.share[touch] == pytest.approx(expected.share, rel=1e-5, abs=1e-9)
+        assert found.peak[touch] == pytest.approx(expected.peak, rel=1e-3)
+
+
+@any_device
+@either
+def test_standard_figures_are_the_dense_models(device: Device, coherent: bool) -> None:
+    found, expected = figures_of(device, coherent).standard, dense_figures(device, coherent, 0)
+    assert found.share == pytest.approx(expected.share, rel=1e-5, abs=1e-9)
+    assert found.peak == pytest.approx(expected.peak, rel=1e-4)
+    assert found.dead == pytest.approx(expected.dead, rel=1e-2, abs=2e-3 * expected.peak.max())
+
+
+@any_device
+@either
+def test_under_fingers_magnitudes_of_tones_add_and_powers_over_their_thresholds(device: Device, coherent: bool) -> None:
+    found, touches = figures_of(device, coherent), sample_touches(device)
+    hz, amplitude = drive_of(device, coherent)
+    for touch in LOOKED_AT:
+        places_m = np.array([at for at, _ in fingers_of(touches, touch, TOUCHED)])
+        tones = np.unique(hz)
+        unit = dense(device, touch).unit_acceleration(tones, places_m)
+        each = abs(np.einsum("tpa,ta->tp", unit, np.where(hz == tones[:, None], amplitude, 0)))
+        assert found.acceleration[touch] == pytest.approx(each.sum(axis=0), rel=1e-5)
+        levels = each / np.array([threshold(tone) for tone in tones])[:, None]
+        assert found.power[touch] == pytest.approx((levels**2).sum(axis=0), rel=1e-5)
+
+
+@any_device
+@either
+def test_the_standard_touch_comes_first(device: Device, coherent: bool) -> None:
+    found = figures_of(device, coherent)
+    assert found.share[0] == pytest.approx(found.standard.share, rel=1e-6)
+    assert (found.peak[0] <= found.standard.peak * (1 + 1e-9)).all()
+    assert found.peak[0] == pytest.approx(found.standard.peak, rel=5e-3)
+
+
+@any_device
+def test_all_but_the_shares_is_proportional_to_the_amplitude(device: Device) -> None:
+    hz, amplitude = drive_of(device, coherent=False)
+    half = compute_figures(assemble(device), sample_touches(device), TOUCHED, hz, amplitude / 2)
+    whole = figures_of(device, coherent=False)
+    assert half.share == pytest.approx(whole.share)
+    assert 2 * half.peak == pytest.approx(whole.peak)
+    assert 2 * half.acceleration == pytest.approx(whole.acceleration)
+    assert 4 * half.power == pytest.approx(whole.power)
+    assert 2 * half.standard.dead == pytest.approx(whole.standard.dead)

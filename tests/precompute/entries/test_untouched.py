@@ -1,0 +1,64 @@
+"""The greatest localized factor of the untouched bar: no sampled drive has more, and the paper's words are met."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from precompute.entries.untouched import BarDrive, find_untouched_optima, greatest_factors
+from precompute.model.assembly import assemble
+from precompute.model.steady import compute_steady_state
+from tests.precompute.devices import every_device, shipped
+
+
+def factor(device_name: str, drive: BarDrive, zones: list[int]) -> float:
+    plant = assemble(every_device()[device_name])
+    return float(compute_steady_state(plant, drive.frequency_hz, drive.amplitude).share[zones].sum())
+
+
+@pytest.mark.parametrize("name", every_device())
+def test_no_sampled_drive_has_a_greater_factor(name: str) -> None:
+    device = every_device()[name]
+    plant, zones = assemble(device), [0, 2]
+    different, one = find_untouched_optima(plant, zones)
+    best, coherent = factor(name, different, zones), factor(name, one, zones)
+    assert coherent >= best - 1e-9
+    random = np.random.default_rng(11)
+    count = len(device.actuators)
+    for _ in range(60):
+        hz, amplitude = random.uniform(60.0, 300.0, count), random.uniform(0.0, 1.0, count)
+        phase = np.exp(2j * np.pi * random.random(count))
+        assert factor(name, BarDrive("", hz, amplitude.astype(np.complex128)), zones) <= best + 2e-3
+        assert factor(name, BarDrive("", np.full(count, hz[0]), amplitude * phase), zones) <= coherent + 2e-3
+
+
+def test_different_frequencies_leave_one_actuator_and_one_frequency_takes_all() -> None:
+    different, one = find_untouched_optima(assemble(shipped("reference-a")), [0, 2, 4])
+    assert np.count_nonzero(different.amplitude) == 1
+    assert np.count_nonzero(one.amplitude) == 2
+    assert abs(one.amplitude).max() == pytest.approx(1.0)
+
+
+def test_the_papers_figure_8_is_passed_as_physics_says() -> None:
+    different, one = find_untouched_optima(assemble(shipped("reference-a")), [0, 2, 4])
+    assert factor("reference-a", different, [0, 2, 4]) == pytest.approx(0.955, abs=0.002)
+    assert factor("reference-a", one, [0, 2, 4]) == pytest.approx(0.966, abs=0.002)
+
+
+def test_the_factor_of_each_zone_is_that_of_its_own_optimum() -> None:
+    plant = assemble(shipped("reference-d"))
+    found = greatest_factors(plant)
+    for zone in range(5):
+        _, one = find_untouched_optima(plant, [zone])
+        assert found[zone] == pytest.approx(factor("reference-d", one, [zone]), rel=1e-9)
+
+
+def test_an_actuator_out_of_its_band_is_not_driven() -> None:
+    device = shipped("reference-a")
+    left, right = device.actuators
+    narrow = replace(device, actuators=(replace(left, band_hz=(60.0, 61.0)), replace(right, band_hz=(250.0, 300.0))))
+    different, one = find_untouched_optima(assemble(narrow), [0])
+    for drive in (different, one):
+        assert np.count_nonzero(drive.amplitude) == 1
+        low_hz, high_hz = narrow.actuators[int(abs(drive.amplitude).argmax())].band_hz
+        assert low_hz <= drive.frequency_hz[0] <= high_hz

@@ -1,0 +1,109 @@
+"""Laws of the CSV form: what is written is read again, units are heeded, every bad cell is named."""
+
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from precompute.measurements.csv import parse_csv, write_csv
+from precompute.measurements.types import Kind, MeasurementError, Measurements
+from tests.precompute.devices import shipped
+
+DEVICE = shipped("reference-a")
+HEADER = "position (mm),frequency left (Hz),frequency right (Hz),peak acceleration (m/s^2)"
+
+
+def assert_same(found: Measurements, expected: Measurements) -> None:
+    assert (found.kind, found.is_simulated) == (expected.kind, expected.is_simulated)
+    for field in fields(Measurements):
+        value = getattr(expected, field.name)
+        if isinstance(value, np.ndarray):
+            close = 1e-5 if field.name == "acceleration" else 1e-9
+            np.testing.assert_allclose(getattr(found, field.name), value, rtol=close, atol=1e-15, err_msg=field.name)
+
+
+@st.composite
+def measurements(draw: Any) -> Measurements:
+    rows, seed = draw(st.integers(1, 6)), draw(st.integers(0, 2**32 - 1))
+    random = np.random.default_rng(seed)
+    kind = draw(st.sampled_from(Kind))
+    frequency_hz = random.uniform(60, 300, (rows, 2))
+    if kind is Kind.RESPONSE:
+        frequency_hz[:, 1] = frequency_hz[:, 0]
+    phase = random.uniform(-3, 3, (rows, 2)) if draw(st.booleans()) else np.zeros((rows, 2))
+    amplitude = random.uniform(0.01, 1.0, (rows, 2)) * np.exp(1j * phase)
+    still = random.integers(0, 3, rows)  # 0: none, 1: left, 2: right
+    for i in (0, 1):
+        amplitude[still == i + 1, i] = 0
+    reading = random.uniform(0.01, 30, rows) * np.exp(1j * random.uniform(-3, 3, rows))
+    finger_m = np.where(random.random(rows) < 0.5, random.uniform(0, 0.279, rows), np.nan)
+    return Measurements(
+        kind=kind,
+        position_m=random.uniform(0, 0.279, rows),
+        frequency_hz=np.where(amplitude == 0, np.nan, frequency_hz),
+        amplitude=amplitude,
+        sensor_mass_kg=random.uniform(0, 5e-3, rows),
+        finger_m=finger_m if draw(st.booleans()) else np.full(rows, np.nan),
+        acceleration=np.abs(reading).astype(complex) if kind is Kind.PEAK else reading,
+        is_simulated=draw(st.booleans()),
+    )
+
+
+@given(measurements())
+def test_what_is_written_is_read(written: Measurements) -> None:
+    assert_same(parse_csv(write_csv(written, DEVICE, "made by a test"), DEVICE, 0.0, "x.csv"), written)
+
+
+def test_units_of_the_header_are_heeded_and_absent_columns_have_their_meaning() -> None:
+    text = (
+        "# a note\n\nposition (%),frequency left (Hz),amplitude left (1),phase left (deg),frequency right (Hz),"
+        "peak acceleration (g_0)\n50,150,0.5,90,,2\n"
+    )
+    found = parse_csv(text, DEVICE, 1.5e-3, "x.csv")
+    assert found.position_m[0] == pytest.approx(DEVICE.bar.length_m / 2)
+    assert found.amplitude[0] == pytest.approx(np.array([0.5j, 0]))
+    assert found.acceleration[0] == pytest.approx(2 * 9.80665)
+    assert found.sensor_mass_kg[0] == 1.5e-3
+    assert np.isnan(found.finger_m[0]) and not found.is_simulated
+
+
+def test_a_comment_that_says_simulated_is_believed() -> None:
+    assert parse_csv(f"# SIMULATED by hand\n{HEADER}\n1,150,130,2\n", DEVICE, 0.0, "x.csv").is_simulated
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "x.csv: is empty"),
+        ("# only a comment\n", "x.csv: is empty"),
+        (HEADER + "\n", "has no measurement"),
+        (HEADER + "\n1,150,130,2\n1,150,130,two\n", "row 3, column 'peak acceleration (m/s^2)': 'two'"),
+        ("# note\n" + HEADER + "\n1,150,130,\n", "row 3, column 'peak acceleration (m/s^2)': ''"),
+        (HEADER + '\n"1,5",150,130,2\n', "row 2, column 'position (mm)': '1,5': expected a finite number"),
+        (HEADER + "\nnan,150,130,2\n", "row 2, column 'position (mm)': 'nan'"),
+        (HEADER + "\n1,150,130\n", "row 2: has 3 cells, the header 4"),
+        (HEADER + "\n\n400,150,130,2\n", "row 3: position: 400 mm: expected 0 to 279.4 mm"),
+        (HEADER.replace(" (mm)", "") + "\n1,150,130,2\n", "column 1: 'position': has no unit"),
+        (HEADER.replace("(mm)", "(kg)") + "\n1,150,130,2\n", "column 1: 'position (kg)': '1 kg' is a mass"),
+        (HEADER.replace("position", "postion") + "\n1,1,1,2\n", "did you mean 'position'?"),
+        (HEADER.replace("right", "left") + "\n1,1,1,2\n", "column 3: 'frequency left (Hz)': is there twice"),
+        (HEADER.replace("position", "sensor mass").replace("mm", "g") + "\n1,1,1,2\n", "has no column 'position'"),
+        ("position (mm),frequency left (Hz)\n1,1\n", "expected either a column 'peak acceleration' or the two"),
+        (HEADER + ",acceleration real (m/s^2)\n1,1,1,2,3\n", "expected either a column 'peak acceleration' or"),
+        (HEADER + ",amplitude right (%)\n1,150,130,2,\n", "row 2: amplitude right: is empty beside a frequency"),
+        (HEADER + ",phase left (Hz)\n1,1,1,2,3\n", "'Hz' is not an angle"),
+    ],
+)
+def test_what_is_wrong_is_named_by_row_and_column(text: str, message: str) -> None:
+    with pytest.raises(MeasurementError) as caught:
+        parse_csv(text, DEVICE, 0.0, "x.csv")
+    assert message in str(caught.value)
+
+
+def test_simulated_readings_stay_marked_when_written() -> None:
+    read = parse_csv(f"# SIMULATED\n{HEADER}\n1,150,130,2\n", DEVICE, 0.0, "x.csv")
+    assert write_csv(read, DEVICE, "copied").splitlines()[1] == "# SIMULATED"
+    assert "SIMULATED" not in write_csv(replace(read, is_simulated=False), DEVICE, "copied")

@@ -1,0 +1,104 @@
+"""Laws of the predicted readings: the dense model with sensor and finger assembled, and derivatives by differences."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from engine.device.device import Device, Finger
+from precompute.measurements.model import MeasurementModel
+from precompute.measurements.parameters import find_parameters, known_names
+from precompute.measurements.simulate import even_places
+from precompute.measurements.types import Kind, Measurements, lay_out
+from tests.precompute.dense_model import DenseModel
+from tests.precompute.devices import every_device, shipped, with_bar
+from tests.precompute.measured import NAN
+
+Array = NDArray[np.float64]
+DEVICE = with_bar(shipped("reference-a"), mass_damping_per_s=0.7)
+any_device = pytest.mark.parametrize("device", every_device().values(), ids=every_device())
+
+
+def rows_of(device: Device, drives_hz: Array, kind: Kind = Kind.PEAK, *, finger: bool = True) -> Measurements:
+    """Every drive at seven places with a heavy sensor; every second row has a finger on the bar."""
+    rows = lay_out(drives_hz, even_places(device, 7), 2e-3, kind)
+    finger_m = np.where(np.arange(len(rows)) % 2 == 0, 0.37 * device.bar.length_m, NAN)
+    return replace(rows, finger_m=finger_m if finger else np.full(len(rows), NAN))
+
+
+def dense_reading(device: Device, rows: Measurements, row: int) -> complex:
+    """From a model with sensor and finger assembled into full matrices."""
+    mass = Finger(float(rows.sensor_mass_kg[row]), 0.0, 0.0, 1.0)
+    attached = [(float(rows.position_m[row]), mass)]
+    if not np.isnan(rows.finger_m[row]):
+        attached.append((float(rows.finger_m[row]), device.finger))
+    model, place = DenseModel(device, attached), rows.position_m[row : row + 1]
+    moved = np.flatnonzero(rows.amplitude[row])
+    total: complex = 0.0
+    for hz in np.unique(rows.frequency_hz[row, moved]):
+        weight = np.where(rows.frequency_hz[row] == hz, rows.amplitude[row], 0)
+        phasor = complex(weight @ model.unit_acceleration(np.array([hz]), place)[0, 0])
+        total += phasor if rows.kind is Kind.RESPONSE else abs(phasor)
+    return total
+
+
+@any_device
+def test_readings_are_those_of_the_dense_model_with_sensor_and_finger_assembled(device: Device) -> None:
+    still = [NAN] * (len(device.actuators) - 2)
+    drives_hz = np.array([[150, 130, *still], [140, NAN, *still], [200, 200, *still]])
+    rows = rows_of(device, drives_hz)
+    rows = replace(rows, amplitude=rows.amplitude * np.array([0.8, 0.3 + 0.4j, *[1.0] * len(still)]))
+    found = np.exp(MeasurementModel(device, rows, ()).predict(np.zeros(0)).log_acceleration)
+    for row in range(0, len(rows), 5):
+        assert found[row] == pytest.approx(dense_reading(device, rows, row), rel=1e-7)
+
+
+def test_responses_are_those_of_the_dense_model() -> None:
+    rows = rows_of(DEVICE, np.array([[150, NAN], [180, 180]]), Kind.RESPONSE)
+    found = np.exp(MeasurementModel(DEVICE, rows, ()).predict(np.zeros(0)).log_acceleration)
+    for row in range(0, len(rows), 5):
+        assert found[row] == pytest.approx(dense_reading(DEVICE, rows, row), rel=1e-7)
+
+
+@pytest.mark.parametrize("kind", Kind)
+@pytest.mark.parametrize("name", known_names(DEVICE))
+def test_derivatives_are_those_of_differences(name: str, kind: Kind) -> None:
+    drives_hz = np.array([[150, 130], [200, 200], [60, NAN]] if kind is Kind.PEAK else [[150, NAN], [200, 200]])
+    rows = rows_of(DEVICE, drives_hz, kind)
+    parameters = find_parameters(DEVICE, [name], {}, 2e-3)
+    model, value = MeasurementModel(DEVICE, rows, parameters), parameters[0].start
+    found = model.predict(np.array([value])).by_parameter[:, 0]
+    step = 1e-4 / np.abs(found).max()  # changes no reading by more: beyond rounding, before anything bends
+    above, below = (model.predict(np.array([value + s])).log_acceleration for s in (step, -step))
+    numeric = (above - below) / (2 * step)
+    assert np.abs(found - numeric).max() <= 1e-5 * np.abs(numeric).max()
+
+
+def test_a_row_without_a_finger_does_not_feel_one() -> None:
+    with_one, without = (rows_of(DEVICE, np.array([[150, 130]]), finger=finger) for finger in (True, False))
+    found, alone = (
+        MeasurementModel(DEVICE, rows, ()).predict(np.zeros(0)).log_acceleration for rows in (with_one, without)
+    )
+    assert found[1::2] == pytest.approx(alone[1::2], rel=1e-9)
+    assert np.abs(found[::2] - alone[::2]).min() > 1e-3
+
+
+def test_frequencies_beyond_one_chunk_are_solved_alike() -> None:
+    drives_hz = np.column_stack([np.linspace(60, 300, 150), np.full(150, NAN)])
+    rows = lay_out(drives_hz, even_places(DEVICE, 2), 2e-3, Kind.RESPONSE)
+    parameters = find_parameters(DEVICE, ["actuator[1].stiffness"], {}, 0.0)
+    value = np.array([parameters[0].start])
+    whole = MeasurementModel(DEVICE, rows, parameters).predict(value)
+    part = np.array([3, 140, 141, 299])
+    alone = MeasurementModel(DEVICE, rows.part(part), parameters).predict(value)
+    assert whole.log_acceleration[part] == pytest.approx(alone.log_acceleration, rel=1e-9)
+    assert whole.by_parameter[part] == pytest.approx(alone.by_parameter, rel=1e-7)
+
+
+def test_a_roving_sensor_of_2_g_shifts_what_a_light_one_reads() -> None:
+    """PHYSICS.md section 5: visibly."""
+    rows = rows_of(DEVICE, np.array([[150, 130]]), finger=False)
+    light = replace(rows, sensor_mass_kg=np.zeros(len(rows)))
+    found = [MeasurementModel(DEVICE, r, ()).predict(np.zeros(0)).log_acceleration.real for r in (rows, light)]
+    assert np.abs(found[0] - found[1]).max() > 0.1

@@ -1,0 +1,50 @@
+"""Laws of simulated readings: the model's without flaws, as noisy and as often wrong as asked, seeded and marked."""
+
+import numpy as np
+import pytest
+
+from precompute.measurements.model import MeasurementModel
+from precompute.measurements.simulate import Flaws, even_places
+from precompute.measurements.types import Kind
+from tests.precompute.devices import shipped
+from tests.precompute.measured import NAN, PAIRS_HZ, read_bar
+
+DEVICE = shipped("reference-a")
+CLEAN = read_bar(DEVICE, {}, PAIRS_HZ)
+
+
+def test_without_flaws_they_are_the_models() -> None:
+    expected = np.exp(MeasurementModel(DEVICE, CLEAN, ()).predict(np.zeros(0)).log_acceleration)
+    assert CLEAN.acceleration == pytest.approx(expected)
+    assert CLEAN.is_simulated
+
+
+def test_noise_is_as_large_as_asked() -> None:
+    noisy = read_bar(DEVICE, {}, PAIRS_HZ, Flaws(noise=0.05))
+    assert np.std(np.log(noisy.acceleration / CLEAN.acceleration).real) == pytest.approx(0.05, rel=0.2)
+
+
+def test_noise_of_a_response_is_in_size_and_phase() -> None:
+    clean, noisy = (
+        read_bar(DEVICE, {}, [(hz, NAN) for hz in range(60, 70)], Flaws(noise=n), kind=Kind.RESPONSE) for n in (0, 0.05)
+    )
+    ratio = np.log(noisy.acceleration / clean.acceleration)
+    assert [np.std(ratio.real), np.std(ratio.imag)] == pytest.approx([0.05, 0.05], rel=0.2)
+
+
+def test_as_many_are_wrong_by_3_as_asked() -> None:
+    ratio = np.abs(read_bar(DEVICE, {}, PAIRS_HZ, Flaws(wrong=0.1)).acceleration / CLEAN.acceleration)
+    wrong = ratio[np.abs(ratio - 1) > 1e-9]
+    assert len(wrong) == round(0.1 * len(CLEAN))
+    assert np.exp(np.abs(np.log(wrong))) == pytest.approx(3)
+
+
+def test_they_depend_on_their_seed_alone() -> None:
+    first, again, other = (read_bar(DEVICE, {}, flaws=Flaws(0.1, 0.1), seed=s).acceleration for s in (1, 1, 2))
+    assert (first == again).all() and (first != other).any()
+
+
+def test_places_are_even_and_on_the_bar() -> None:
+    places = even_places(DEVICE, 22)
+    assert places.min() > 0 and places.max() < DEVICE.bar.length_m
+    assert np.diff(places) == pytest.approx(np.diff(places)[0])

@@ -1,0 +1,76 @@
+"""Laws of measurements: rows taken apart, drives named, rows that cannot be refused by place, column and value."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from precompute.measurements.types import Kind, MeasurementError, check_measurements
+from tests.precompute.devices import shipped
+from tests.precompute.measured import NAN, read_bar
+
+DEVICE = shipped("reference-a")
+READ = read_bar(DEVICE, {}, ((150, 130), (140, NAN)), points=3)
+
+
+def test_drives_are_numbered_as_they_appear() -> None:
+    assert READ.drive_of_row.tolist() == [0, 0, 0, 1, 1, 1]
+    turned = READ.part(np.array([5, 0, 4, 1]))
+    assert turned.drive_of_row.tolist() == [0, 1, 0, 1]
+
+
+def test_a_part_keeps_rows_together() -> None:
+    part = READ.part(READ.drive_of_row == 1)
+    assert len(part) == 3
+    assert (part.position_m == READ.position_m[3:]).all()
+    assert np.isnan(part.frequency_hz[:, 1]).all()
+    assert part.is_simulated and part.kind is Kind.PEAK
+
+
+def test_a_drive_is_named_as_one_says_it() -> None:
+    assert READ.drive_text(0) == "150 Hz and 130 Hz"
+    assert READ.drive_text(3) == "140 Hz and still"
+    assert replace(READ, amplitude=0.6j * READ.amplitude).drive_text(3) == "140 Hz at 60 % and still"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"position_m": -1e-3}, "position: -1 mm: expected 0 to 279.4 mm"),
+        ({"position_m": 0.28}, "position: 280 mm: expected 0 to 279.4 mm"),
+        ({"finger_m": 0.3}, "finger position: 300 mm"),
+        ({"frequency_hz": [NAN, 130.0]}, "frequency left: nan Hz: expected more than 0 Hz"),
+        ({"frequency_hz": [150.0, -1.0]}, "frequency right: -1 Hz"),
+        ({"amplitude": [1.0, 1.2]}, "amplitude right: 120 %: expected at most 100 %"),
+        ({"amplitude": [0.0, 0.0]}, "no actuator moves"),
+        ({"sensor_mass_kg": -1e-3}, "sensor mass: -1 g"),
+        ({"sensor_mass_kg": NAN}, "sensor mass: nan g"),
+        ({"acceleration": 0.0}, "acceleration: 0 m/s^2: expected more than 0"),
+        ({"acceleration": np.inf}, "acceleration: inf m/s^2"),
+    ],
+)
+def test_a_row_that_cannot_be_is_refused_by_place_column_and_value(changes: dict[str, Any], message: str) -> None:
+    bad: dict[str, Any] = {}
+    for key, value in changes.items():
+        column = np.array(getattr(READ, key))
+        column[1] = value
+        bad[key] = column
+    with pytest.raises(MeasurementError) as caught:
+        check_measurements(replace(READ, **bad), DEVICE, "some.csv", lambda row: f"row {row + 2}")
+    assert str(caught.value).startswith("some.csv: row 3: ")
+    assert message in str(caught.value)
+
+
+def test_a_complex_response_of_two_frequencies_is_refused() -> None:
+    with pytest.raises(MeasurementError, match="150 Hz and 130 Hz: a complex response has one frequency"):
+        check_measurements(replace(READ, kind=Kind.RESPONSE), DEVICE, "some.csv", str)
+
+
+def test_no_row_is_refused() -> None:
+    with pytest.raises(MeasurementError, match="has no measurement"):
+        check_measurements(READ.part(np.zeros(0, dtype=np.int64)), DEVICE, "some.csv", str)
+
+
+def test_what_is_right_passes_unchanged() -> None:
+    assert check_measurements(READ, DEVICE, "some.csv", str) is READ

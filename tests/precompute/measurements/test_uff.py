@@ -1,0 +1,110 @@
+"""Laws of universal files: responses written with pyuff are read as rows; what is wrong is named by its dataset."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import pyuff
+
+from precompute.measurements.types import Kind, MeasurementError
+from precompute.measurements.uff import read_uff
+from tests.precompute.devices import shipped
+
+DEVICE = shipped("reference-a")
+HZ = np.array([0.0, 120.0, 150.0, 180.0])
+PLACE_M = {1: 0.02, 2: 0.13, 8: DEVICE.actuators[0].position_m, 9: DEVICE.actuators[1].position_m}
+
+
+def nodes() -> dict[str, Any]:
+    numbers, zero = list(PLACE_M), [0] * len(PLACE_M)
+    return dict(
+        pyuff.prepare_15(
+            node_nums=numbers,
+            def_cs=zero,
+            disp_cs=zero,
+            color=zero,
+            x=[PLACE_M[n] for n in numbers],
+            y=[0.0] * len(numbers),
+            z=[0.0] * len(numbers),
+        )
+    )
+
+
+def response(place: int, actuator: int, **changes: Any) -> dict[str, Any]:
+    value = np.array([0, 1 + 2j, 3 - 1j, -2 + 0.5j]) * place
+    keys = {
+        "binary": 0,
+        "func_type": 4,
+        "rsp_node": place,
+        "rsp_dir": 3,
+        "ref_node": actuator,
+        "ref_dir": 3,
+        "data": value,
+        "x": HZ,
+        "id1": "made by a test",
+        "rsp_ent_name": "bar",
+        "ref_ent_name": "bar",
+        "abscissa_spec_data_type": 18,
+        "ordinate_spec_data_type": 12,
+        "orddenom_spec_data_type": 0,
+        "ordinate_axis_units_lab": "m/s2",
+    }
+    return dict(pyuff.prepare_58(**(keys | changes)))
+
+
+def written(folder: Path, *sets: dict[str, Any]) -> Path:
+    path = folder / "x.uff"
+    pyuff.UFF(str(path)).write_sets(list(sets), "add")
+    return path
+
+
+def test_every_line_of_every_response_is_a_row(tmp_path: Path) -> None:
+    found = read_uff(written(tmp_path, nodes(), response(1, 8), response(2, 9)), DEVICE, 2e-3)
+    assert found.kind is Kind.RESPONSE
+    assert found.position_m == pytest.approx([0.02] * 3 + [0.13] * 3)
+    assert found.frequency_hz[:3, 0].tolist() == HZ[1:].tolist()
+    assert np.isnan(found.frequency_hz[:3, 1]).all() and np.isnan(found.frequency_hz[3:, 0]).all()
+    assert found.amplitude.tolist() == [[1, 0]] * 3 + [[0, 1]] * 3
+    assert found.acceleration == pytest.approx(np.array([1 + 2j, 3 - 1j, -2 + 0.5j, 2 + 4j, 6 - 2j, -4 + 1j]), rel=1e-4)
+    assert found.sensor_mass_kg.tolist() == [2e-3] * 6
+
+
+def test_accelerations_may_be_in_g(tmp_path: Path) -> None:
+    found = read_uff(written(tmp_path, nodes(), response(1, 8, ordinate_axis_units_lab="g")), DEVICE, 0.0)
+    assert found.acceleration[0] == pytest.approx(9.80665 * (1 + 2j), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("sets", "message"),
+    [
+        ([nodes()], "has no dataset 58"),
+        ([nodes(), response(1, 8, func_type=1)], "dataset 2 (58): func_type: 1: expected a frequency response, 4"),
+        ([nodes(), response(1, 8, ordinate_spec_data_type=8)], "ordinate_spec_data_type: 8: expected an acceleration"),
+        ([nodes(), response(1, 8, abscissa_spec_data_type=17)], "abscissa_spec_data_type: 17: expected a frequency"),
+        ([nodes(), response(5, 8)], "rsp_node: node 5 has no place"),
+        ([nodes(), response(1, 2)], "ref_node: 130 mm: is where no actuator is; they are left 44.704 mm"),
+        ([nodes(), response(1, 8, ordinate_axis_units_lab="N")], "ordinate_axis_units_lab: '1 N' is a force"),
+        ([nodes(), response(1, 8, data=np.zeros(4, complex))], "dataset 2 (58) at 120 Hz: acceleration: 0 m/s^2"),
+    ],
+)
+def test_what_is_wrong_is_named_by_its_dataset(sets: list[dict[str, Any]], message: str, tmp_path: Path) -> None:
+    with pytest.raises(MeasurementError) as caught:
+        read_uff(written(tmp_path, *sets), DEVICE, 0.0)
+    assert message in str(caught.value)
+
+
+def test_units_that_are_not_si_are_refused(tmp_path: Path) -> None:
+    units = dict(
+        pyuff.prepare_164(
+            units_code=2, units_description="feet", temp_mode=1, length=3.28, force=0.22, temp=1.0, temp_offset=0.0
+        )
+    )
+    with pytest.raises(MeasurementError, match="dataset 164: units code 2: expected 1, SI"):
+        read_uff(written(tmp_path, units, nodes(), response(1, 8)), DEVICE, 0.0)
+
+
+def test_another_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "x.uff").write_bytes(b"\x00\x01 no universal file \xff" * 9)
+    with pytest.raises(MeasurementError, match=r"x\.uff"):
+        read_uff(tmp_path / "x.uff", DEVICE, 0.0)

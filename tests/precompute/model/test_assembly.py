@@ -1,0 +1,213 @@
+"""Laws of the assembled plant: mesh, symmetry, definiteness, rigid bodies, natural frequencies at order 4."""
+
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+from scipy.optimize import brentq
+
+from engine.device.device import Device, Zone
+from precompute.model.assembly import BANDWIDTH, Plant, assemble, build_mesh, dense
+from tests.precompute.devices import bare, every_device, random_device, shipped, unhurried, with_actuators, with_bar
+
+Array = NDArray[np.float64]
+places = st.floats(0.0, 1.0)
+any_device = pytest.mark.parametrize("device", every_device().values(), ids=every_device())
+
+
+@st.composite
+def meshed(draw: st.DrawFn) -> tuple[Device, list[float]]:
+    """A bar with one to five actuators, some zones, extra places, and a largest element: all anywhere."""
+    device = with_bar(shipped("reference-a"), length_m=draw(st.floats(0.01, 2.0)))
+    length_m = device.bar.length_m
+    device = with_bar(device, largest_element_m=length_m * draw(st.floats(5e-3, 3.0)))
+    at = draw(st.lists(places, min_size=1, max_size=5, unique=True))
+    actuators = tuple(replace(device.actuators[0], position_m=min(p * length_m, length_m)) for p in at)
+    edges = sorted(draw(st.sets(places, min_size=2, max_size=9)))
+    zones = tuple(Zone(str(i), a * length_m, b * length_m) for i, (a, b) in enumerate(itertools.pairwise(edges)))
+    extra = [p * length_m for p in draw(st.lists(places, max_size=6))]
+    return replace(device, actuators=actuators, zones=zones), extra
+
+
+@unhurried
+@given(meshed())
+def test_mesh_has_a_node_at_every_place_and_no_element_longer_than_asked(case: tuple[Device, list[float]]) -> None:
+    device, extra = case
+    node_m, length_m = build_mesh(device, extra), device.bar.length_m
+    wanted = [0.0, length_m, *extra, *(actuator.position_m for actuator in device.actuators)]
+    wanted += [edge for zone in device.zones for edge in (zone.start_m, zone.stop_m)]
+    assert node_m[0] == 0.0 and node_m[-1] == length_m
+    for place in wanted:  # places closer than a millionth of the bar may share a node
+        assert np.abs(node_m - place).min() <= 1.01e-6 * length_m
+    assert np.diff(node_m).max() <= device.bar.largest_element_m * (1 + 1e-8)
+    assert np.diff(node_m).min() > 0.5e-6 * length_m
+
+
+@unhurried
+@given(meshed())
+def test_mesh_wastes_no_node(case: tuple[Device, list[float]]) -> None:
+    device, extra = case
+    forced = 2 + len(extra) + len(device.actuators) + 2 * len(device.zones)
+    assert len(build_mesh(device, extra)) <= forced + device.bar.length_m / device.bar.largest_element_m + 1
+
+
+@any_device
+def test_each_actuator_drives_the_node_at_its_place(device: Device) -> None:
+    plant = assemble(device)
+    assert plant.node_m[plant.actuator_dof // 2] == pytest.approx([a.position_m for a in device.actuators], abs=1e-12)
+    assert (plant.actuator_dof % 2 == 0).all()
+
+
+@any_device
+def test_dense_is_the_symmetric_matrix_of_the_band(device: Device) -> None:
+    plant = assemble(device)
+    full = dense(plant.K)
+    assert (full == full.T).all()
+    assert all((np.diag(full, k) == plant.K[BANDWIDTH - k, k:]).all() for k in range(BANDWIDTH + 1))
+    assert (np.triu(full, BANDWIDTH + 1) == 0).all()
+
+
+@any_device
+def test_stiffness_damping_and_mass_are_positive_definite(device: Device) -> None:
+    plant = assemble(device)
+    unit = np.tile([1.0, 1.0 / device.bar.largest_element_m], plant.size // 2)  # slopes and deflections alike
+    for band in (plant.K, plant.C, plant.M):
+        np.linalg.cholesky(unit[:, None] * dense(band) * unit)
+
+
+@any_device
+def test_band_adds_up_elements_springs_dampers_and_masses(device: Device) -> None:
+    plant, free = assemble(device), assemble(bare(device), _all_places(device))
+    assert plant.node_m == pytest.approx(free.node_m)
+    points = {"K": "stiffness_n_per_m", "C": "damping_n_s_per_m", "M": "mass_kg"}
+    for matrix, value in points.items():
+        added = dense(getattr(plant, matrix)) - dense(getattr(free, matrix))
+        expected = np.zeros(plant.size)
+        expected[plant.actuator_dof] = [getattr(actuator, value) for actuator in device.actuators]
+        assert added == pytest.approx(np.diag(expected), abs=1e-12 * np.abs(getattr(plant, matrix)).max())
+
+
+def _all_places(device: Device) -> list[float]:
+    edges = [edge for zone in device.zones for edge in (zone.start_m, zone.stop_m)]
+    return [*edges, *(actuator.position_m for actuator in device.actuators)]
+
+
+@any_device
+def test_material_damping_acts_on_the_bars_own_matrices(device: Device) -> None:
+    free = assemble(bare(device))
+    bar = device.bar
+    expected = bar.mass_damping_per_s * free.M + bar.stiffness_damping_s * free.K
+    assert np.abs(free.C - expected).max() <= 1e-13 * np.abs(expected).max()
+
+
+@any_device
+def test_mass_matrix_weighs_bar_and_bolts(device: Device) -> None:
+    plant, bar = assemble(device), device.bar
+    shift = np.tile([1.0, 0.0], plant.size // 2)
+    bolts = sum(actuator.mass_kg for actuator in device.actuators)
+    weight = bar.density_kg_per_m3 * bar.length_m * bar.width_m * bar.thickness_m + bolts
+    assert shift @ dense(plant.M) @ shift == pytest.approx(weight, rel=1e-12)
+
+
+@any_device
+def test_free_bar_has_exactly_two_rigid_body_modes(device: Device) -> None:
+    free = assemble(bare(device, elements=12))
+    K, M = dense(free.K), dense(free.M)
+    shift = np.tile([1.0, 0.0], free.size // 2)
+    turn = np.column_stack([free.node_m, np.ones_like(free.node_m)]).ravel()
+    for rigid in (shift, turn):
+        assert np.abs(K @ rigid).max() <= 1e-12 * np.abs(K).max()
+    squares = eigh(K, M, eigvals_only=True)
+    assert np.abs(squares[:2]).max() < 1e-6 * squares[2]
+
+
+def _free_free(x: float) -> float:
+    return float(np.cos(x) - 1 / np.cosh(x))
+
+
+def _cantilever(x: float) -> float:
+    return float(np.cos(x) + 1 / np.cosh(x))
+
+
+def _pinned(x: float) -> float:
+    return float(np.sin(x))
+
+
+def _natural_omegas(elements: int, clamped: list[int], rigid: int) -> Array:
+    """First three elastic modes of REF-A's bar, rad/s, without the degrees of freedom in `clamped`."""
+    free = assemble(bare(shipped("reference-a"), elements))
+    keep = np.delete(np.arange(free.size), clamped)
+    squares = eigh(dense(free.K)[np.ix_(keep, keep)], dense(free.M)[np.ix_(keep, keep)], eigvals_only=True)
+    omegas: Array = np.sqrt(squares[rigid : rigid + 3])
+    return omegas
+
+
+@pytest.mark.parametrize(
+    ("characteristic", "first", "clamped", "rigid"),
+    [(_free_free, 1.5, [], 2), (_pinned, 1.0, [0, -2], 0), (_cantilever, 0.5, [0, 1], 0)],
+    ids=["free-free", "pinned-pinned", "cantilever"],
+)
+def test_natural_frequencies_converge_at_order_four_to_the_closed_forms(
+    characteristic: Callable[[float], float], first: float, clamped: list[int], rigid: int
+) -> None:
+    bar = shipped("reference-a").bar
+    wavenumbers = [brentq(characteristic, (first + n - 0.2) * np.pi, (first + n + 0.2) * np.pi) for n in range(3)]
+    speed = np.sqrt(bar.youngs_modulus_pa / bar.density_kg_per_m3 / 12) * bar.thickness_m  # sqrt(EI / rho A)
+    exact = (np.array(wavenumbers) / bar.length_m) ** 2 * speed
+    coarse, fine = (_natural_omegas(elements, clamped, rigid) / exact - 1 for elements in (14, 28))
+    assert (fine > 0).all(), "a conforming element with consistent mass is too stiff, never too soft"
+    assert (fine < 2e-5).all()
+    order = np.log2(coarse / fine)
+    assert ((order > 3.8) & (order < 4.2)).all(), order
+
+
+@any_device
+def test_stiffer_actuators_raise_and_heavier_ones_lower_every_natural_frequency(device: Device) -> None:
+    def squares(plant: Plant) -> Array:
+        found: Array = eigh(dense(plant.K), dense(plant.M), eigvals_only=True)[:8]
+        return found
+
+    base = squares(assemble(device))
+    assert (squares(assemble(with_actuators(device, stiffness_n_per_m=1e6))) > base * (1 - 1e-9)).all()
+    assert (squares(assemble(with_actuators(device, mass_kg=0.1))) < base * (1 + 1e-9)).all()
+
+
+@any_device
+def test_sampler_reads_any_cubic_anywhere_on_the_bar(device: Device) -> None:
+    plant, length_m = assemble(device), device.bar.length_m
+    cubic = np.polynomial.Polynomial([1.0, -2.0, 0.5, 3.0], [0, length_m], [0, 1])
+    field = np.column_stack([cubic(plant.node_m), cubic.deriv()(plant.node_m)]).ravel() * (1 + 2j)
+    position_m = np.concatenate([np.linspace(0.0, length_m, 101), plant.node_m])
+    assert plant.sampler(position_m).sample(field) == pytest.approx(cubic(position_m) * (1 + 2j), abs=1e-12)
+
+
+@any_device
+def test_fingers_add_the_work_of_springs_dampers_and_masses_at_their_places(device: Device) -> None:
+    plant, length_m = assemble(device), device.bar.length_m
+    position_m = [0.0, 0.317 * length_m, 0.318 * length_m, length_m]
+    fingers = [replace(device.finger, stiffness_n_per_m=k) for k in (100.0, 200.0, 400.0, 800.0)]
+    touched = plant.with_fingers(position_m, fingers)
+    field = np.random.default_rng(1).normal(size=plant.size) * np.tile([1.0, 50.0], plant.size // 2)
+    at = plant.sampler(np.array(position_m)).sample(field.astype(complex)).real
+    pairs = ((touched.K, plant.K, "stiffness_n_per_m"), (touched.C, plant.C, "damping_n_s_per_m"))
+    for after, before, value in (*pairs, (touched.M, plant.M, "mass_kg")):
+        work = sum(getattr(finger, value) * y * y for finger, y in zip(fingers, at, strict=True))
+        assert field @ (dense(after) - dense(before)) @ field == pytest.approx(work, rel=1e-6)
+
+
+def test_touching_leaves_the_untouched_plant_as_it_was() -> None:
+    plant = assemble(random_device(seed=3))
+    before = (plant.K.copy(), plant.C.copy(), plant.M.copy())
+    plant.with_fingers([0.05], plant.device.finger)
+    assert all((a == b).all() for a, b in zip(before, (plant.K, plant.C, plant.M), strict=True))
+
+
+@pytest.mark.parametrize("actuators", [1, 3, 5])
+def test_any_number_of_actuators(actuators: int) -> None:
+    assert len(set(assemble(random_device(seed=actuators, actuators=actuators)).actuator_dof)) == actuators

@@ -1,0 +1,187 @@
+"""What the paper and PHYSICS.md say of the two bars in figures, found again from the shipped descriptions."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from engine.device.device import Device
+from precompute.model.assembly import Plant, assemble, dense
+from precompute.model.gram import compute_gram
+from precompute.model.response import solve_response
+from tests.precompute.devices import shipped, with_actuators, with_bar
+
+Array = NDArray[np.float64]
+INCH_M = 0.0254
+STANDARD_GRAVITY_M_PER_S2 = 9.80665
+LEFT, RIGHT = 0, 1
+
+
+@pytest.mark.parametrize(
+    ("name", "printed_hz", "rounding_hz"),
+    [("reference-a", [34.0, 121.8, 179.4, 208.6, 247.5, 379.4], 0.05), ("reference-d", [95, 207, 275, 448], 0.5)],
+)
+def test_undamped_natural_frequencies(name: str, printed_hz: list[float], rounding_hz: float) -> None:
+    plant = assemble(shipped(name))
+    found_hz = np.sqrt(eigh(dense(plant.K), dense(plant.M), eigvals_only=True)) / 2 / np.pi
+    for found, printed in zip(found_hz, printed_hz, strict=False):
+        assert found == pytest.approx(printed, abs=rounding_hz + 5e-4 * printed)
+
+
+def test_modes_below_300_hz_of_reference_a_decay_in_24_to_880_ms() -> None:
+    plant = assemble(shipped("reference-a"))
+    K, C, M = (dense(band) for band in (plant.K, plant.C, plant.M))
+    nothing, one = np.zeros_like(K), np.eye(plant.size)
+    first_order = np.block([[nothing, one], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    pole = np.linalg.eigvals(first_order)
+    decay_s = -1 / pole.real[(pole.imag > 0) & (np.abs(pole) < 2 * np.pi * 300)]
+    assert len(decay_s) == 5
+    assert 1e3 * decay_s.min() == pytest.approx(24, abs=0.5)
+    assert 1e3 * decay_s.max() == pytest.approx(880, abs=5)
+
+
+@cache
+def level_by_the_right_actuator(frequency_hz: float) -> tuple[Array, Array]:
+    """Places in inches, and |acceleration| there as a fraction of its maximum on the bar."""
+    device = shipped("reference-a")
+    place_m = np.linspace(0.0, device.bar.length_m, 1101)
+    field = np.abs(solve_response(assemble(device), np.array([frequency_hz])).acceleration(place_m))[0, RIGHT]
+    return place_m / INCH_M, field / field.max()
+
+
+def least_level_near(place_in: float, frequency_hz: float) -> float:
+    """Within half an inch."""
+    at_in, level = level_by_the_right_actuator(frequency_hz)
+    return float(level[np.abs(at_in - place_in) <= 0.5].min())
+
+
+@pytest.mark.parametrize(("place_in", "frequency_hz"), [(2, 140), (4, 230)])
+def test_the_papers_nodes_of_one_actuator(place_in: float, frequency_hz: float) -> None:
+    assert least_level_near(place_in, frequency_hz) < 0.06
+    at_in, level = level_by_the_right_actuator(frequency_hz)
+    dips = at_in[1:-1][(level[1:-1] < level[:-2]) & (level[1:-1] < level[2:])]
+    assert np.abs(dips - place_in).min() < 0.5, "a minimum between higher levels, not a slope"
+
+
+@pytest.mark.parametrize(("place_in", "frequency_hz"), [(2, 200), (2, 230), (4, 140)])
+def test_other_frequencies_neutralise_the_papers_nodes(place_in: float, frequency_hz: float) -> None:
+    assert least_level_near(place_in, frequency_hz) > 3 * 0.06
+
+
+@cache
+def swept(finger_in_zone: int | None = None) -> tuple[NDArray[np.complex128], NDArray[np.complex128], Plant]:
+    """Zone Gram matrices, their total, plant: REF-A, 60-300 Hz, 1 Hz."""
+    device = shipped("reference-a")
+    plant = assemble(device)
+    if finger_in_zone is not None:
+        zone = device.zones[finger_in_zone]
+        plant = plant.with_fingers([(zone.start_m + zone.stop_m) / 2], device.finger)
+    response = solve_response(plant, np.arange(60.0, 301.0))
+    return *compute_gram(response), plant
+
+
+def best_coherent(zones: list[int], finger_in_zone: int | None = None) -> tuple[float, int, NDArray[np.complex128]]:
+    """Largest localized factor over frequency, amplitudes and phase; index of its frequency; its drive."""
+    gram, total, _ = swept(finger_in_zone)
+    found = [eigh(R, T) for R, T in zip(gram[:, zones].sum(axis=1), total, strict=True)]
+    index = int(np.argmax([values[-1] for values, _ in found]))
+    return float(found[index][0][-1]), index, found[index][1][:, -1]
+
+
+@pytest.mark.parametrize(
+    ("zones", "single", "coherent"),
+    [([0, 2, 4], 0.955, 0.966), ([1], 0.385, 0.431), ([1, 3], 0.634, 0.731), ([3], 0.275, 0.328)],
+    ids=["I, III, V", "II", "II, IV", "IV"],
+)
+def test_unloaded_optima_of_reference_a(zones: list[int], single: float, coherent: float) -> None:
+    gram, total, _ = swept()
+    shares = np.einsum("fzaa->fza", gram[:, zones]).sum(axis=1).real / np.einsum("faa->fa", total).real
+    assert shares.max() == pytest.approx(single, abs=0.002)
+    assert best_coherent(zones)[0] == pytest.approx(coherent, abs=0.002)
+
+
+def test_the_papers_figure_8_is_within_reach() -> None:
+    assert best_coherent([0, 2, 4])[0] > 0.8626
+
+
+def test_two_actuators_cannot_isolate_the_middle_zone() -> None:
+    assert 0.28 < best_coherent([2])[0] < 0.48
+
+
+def test_a_finger_in_zone_i_spoils_the_unloaded_optimum_and_a_new_one_mends_it() -> None:
+    unloaded, index, drive = best_coherent([0])
+    gram, total, _ = swept(finger_in_zone=0)
+    spoiled = (drive.conj() @ gram[index, 0] @ drive).real / (drive.conj() @ total[index] @ drive).real
+    assert unloaded == pytest.approx(0.944, abs=0.002)
+    assert spoiled == pytest.approx(0.159, abs=0.002)
+    assert best_coherent([0], finger_in_zone=0)[0] == pytest.approx(0.695, abs=0.002)
+
+
+def test_one_finger_can_feel_1_6_to_2_4_g_in_every_zone() -> None:
+    reached_g = []
+    for zone in range(5):
+        *_, plant = swept(finger_in_zone=zone)
+        edges = plant.device.zones[zone]
+        response = solve_response(plant, np.arange(60.0, 301.0))
+        field = np.abs(response.acceleration(np.array([(edges.start_m + edges.stop_m) / 2])))[:, :, 0]
+        reached_g.append(field.sum(axis=1).max() / STANDARD_GRAVITY_M_PER_S2)  # in phase under the finger
+    assert min(reached_g) == pytest.approx(1.6, abs=0.05)
+    assert max(reached_g) == pytest.approx(2.4, abs=0.05)
+
+
+def test_every_point_of_reference_a_can_exceed_one_and_a_half_g() -> None:
+    """The paper's 22 points; two tones, one an actuator (8)."""
+    device = shipped("reference-a")
+    points_m = np.linspace(0.0, device.bar.length_m, 22)
+    response = solve_response(assemble(device), np.arange(60.0, 301.0))
+    reach = np.abs(response.acceleration(points_m)).max(axis=0).sum(axis=0)
+    assert reach.min() > 1.5 * STANDARD_GRAVITY_M_PER_S2
+
+
+def figure_3_demo() -> Device:
+    undamped = with_bar(shipped("reference-a"), mass_damping_per_s=0.0, stiffness_damping_s=0.0)
+    return with_actuators(undamped, stiffness_n_per_m=20e3, damping_n_s_per_m=0.0265, full_scale_m=0.42e-6)
+
+
+def test_figure_3_is_matched_only_roughly() -> None:
+    """The paper: zone V highest, III lowest. REF-A: I and V nearly tie for highest, III and IV for lowest."""
+    response = solve_response(assemble(figure_3_demo()), np.array([60.0, 90.0]))
+    gram, _ = compute_gram(response)
+    energy = gram[0, :, LEFT, LEFT].real + gram[1, :, RIGHT, RIGHT].real
+    i, ii, iii, iv, v = energy / energy.sum()
+    assert i == pytest.approx(v, abs=0.01) and iii == pytest.approx(iv, abs=0.01)
+    assert min(i, v) > 2 * ii > 2 * max(iii, iv)
+
+
+def test_the_shipped_values_are_the_published_ones() -> None:
+    device = shipped("reference-a")
+    bar, (left, right) = device.bar, device.actuators
+    assert (bar.youngs_modulus_pa, bar.density_kg_per_m3) == pytest.approx((70e9, 2700.0))
+    assert (bar.mass_damping_per_s, bar.stiffness_damping_s) == pytest.approx((1.008e-5, 5.00456e-5))
+    assert (left.position_m, right.position_m) == pytest.approx((0.16 * bar.length_m, 0.977 * bar.length_m))
+    assert (left.stiffness_n_per_m, right.stiffness_n_per_m) == pytest.approx((18.9e3, 17.5e3))
+    for actuator in (left, right):
+        assert (actuator.damping_n_s_per_m, actuator.full_scale_m) == pytest.approx((0.045, 0.52e-6))
+
+
+@pytest.mark.parametrize(
+    ("name", "length_m", "width_m", "thickness_m", "mass_kg"),
+    [("reference-a", 0.2794, 0.0127, 0.79e-3, 9.5e-3), ("reference-d", 0.2286, 0.0254, 1.6e-3, 2e-3)],
+)
+def test_the_shipped_estimates_are_those_of_physics(
+    name: str, length_m: float, width_m: float, thickness_m: float, mass_kg: float
+) -> None:
+    device = shipped(name)
+    bar = device.bar
+    assert (bar.length_m, bar.width_m, bar.thickness_m) == pytest.approx((length_m, width_m, thickness_m))
+    assert [actuator.mass_kg for actuator in device.actuators] == pytest.approx([mass_kg, mass_kg])
+    finger = device.finger
+    assert (finger.mass_kg, finger.damping_n_s_per_m, finger.stiffness_n_per_m) == pytest.approx((1e-4, 1.0, 1e3))
+    lengths_m = [zone.length_m for zone in device.zones]
+    assert lengths_m == pytest.approx([length_m / 5] * 5)
+    sweep = replace(device.sweep, amplitude_steps=1)
+    assert sweep.frequency_hz[[0, -1]].tolist() == [60.0, 300.0]
+    assert sweep.amplitude.tolist() == [0.0, 1.0]

@@ -1,0 +1,68 @@
+"""Cross-check: scikit-fem's Hermite element assembles the same bar; springs, dampers and masses are added by hand."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from skfem import Basis, BilinearForm, ElementLineHermite, MeshLine
+
+from engine.device.device import Device
+from precompute.model.assembly import Plant, assemble, dense
+from precompute.model.response import solve_response
+from tests.precompute.devices import every_device
+
+FREQUENCY_HZ = np.array([5.0, 34.05, 60.0, 121.8, 140.0, 208.57, 247.5, 300.0, 600.0])
+any_device = pytest.mark.parametrize("device", every_device().values(), ids=every_device())
+
+
+def _bending(u: Any, v: Any, _: Any) -> Any:
+    return u.hess[0, 0] * v.hess[0, 0]
+
+
+def _inertia(u: Any, v: Any, _: Any) -> Any:
+    return u * v
+
+
+def assemble_independently(plant: Plant) -> tuple[NDArray[np.float64], ...]:
+    """K, C, M of the untouched device on the plant's nodes, full; degrees of freedom (deflection, slope) by node."""
+    bar = plant.device.bar
+    basis = Basis(MeshLine(plant.node_m), ElementLineHermite(), intorder=6)
+    order = basis.nodal_dofs.T.ravel()
+    curvature, square = (
+        BilinearForm(form).assemble(basis).toarray()[np.ix_(order, order)] for form in (_bending, _inertia)
+    )
+    K = bar.youngs_modulus_pa * bar.width_m * bar.thickness_m**3 / 12 * curvature
+    M = bar.density_kg_per_m3 * bar.width_m * bar.thickness_m * square
+    C = bar.mass_damping_per_s * M + bar.stiffness_damping_s * K
+    for actuator in plant.device.actuators:
+        dof = 2 * int(np.argmin(np.abs(plant.node_m - actuator.position_m)))
+        K[dof, dof] += actuator.stiffness_n_per_m
+        C[dof, dof] += actuator.damping_n_s_per_m
+        M[dof, dof] += actuator.mass_kg
+    return K, C, M
+
+
+@any_device
+def test_matrices_equal_scikit_fems(device: Device) -> None:
+    plant = assemble(device)
+    unit = np.tile([1.0, 1.0 / device.bar.largest_element_m], plant.size // 2)  # slopes and deflections alike
+    for band, expected in zip((plant.K, plant.C, plant.M), assemble_independently(plant), strict=True):
+        difference = unit[:, None] * (dense(band) - expected) * unit
+        assert np.abs(difference).max() <= 1e-8 * np.abs(unit[:, None] * expected * unit).max()
+
+
+@any_device
+def test_responses_equal_those_of_scikit_fems_matrices(device: Device) -> None:
+    """Dense complex solves; deflections within 1e-6 of the largest at every node, frequency and actuator."""
+    plant = assemble(device)
+    K, C, M = assemble_independently(plant)
+    found = solve_response(plant, FREQUENCY_HZ).displacement_m
+    for row, omega in zip(found, 2 * np.pi * FREQUENCY_HZ, strict=True):
+        for field, actuator in zip(row, device.actuators, strict=True):
+            force = np.zeros(plant.size, dtype=complex)
+            dof = 2 * int(np.argmin(np.abs(plant.node_m - actuator.position_m)))
+            force[dof] = (actuator.stiffness_n_per_m + 1j * omega * actuator.damping_n_s_per_m) * actuator.full_scale_m
+            expected = np.linalg.solve(K + 1j * omega * C - omega**2 * M, force)
+            assert np.abs(field - expected)[0::2].max() <= 1e-6 * np.abs(expected[0::2]).max()
+            assert np.abs(field - expected)[1::2].max() <= 1e-6 * np.abs(expected[1::2]).max()

@@ -1,0 +1,85 @@
+"""Law of the steady state: share, peak and dead spot of any drive are those of the dense model."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from precompute.model.assembly import assemble
+from precompute.model.steady import compute_steady_state
+from tests.precompute.dense_model import DenseModel
+from tests.precompute.devices import every_device
+
+DEVICES = every_device()
+any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+Complex = NDArray[np.complex128]
+
+
+def random_amplitude(random: np.random.Generator, count: int) -> Complex:
+    amplitude: Complex = random.uniform(0.01, 1, count) * np.exp(2j * np.pi * random.uniform(size=count))
+    return amplitude
+
+
+def compare(device: Device, frequency_hz: NDArray[np.float64], amplitude: Complex) -> None:
+    steady = compute_steady_state(assemble(device), frequency_hz, amplitude)
+    expected = DenseModel(device).figures(frequency_hz, amplitude, points=2001)
+    assert steady.share == pytest.approx(expected.share, rel=1e-6)
+    assert steady.peak == pytest.approx(expected.peak, rel=1e-5)
+    assert steady.dead == pytest.approx(expected.dead, rel=1e-3, abs=1e-3 * expected.peak.max())
+
+
+@any_device
+@pytest.mark.parametrize("seed", range(4))
+def test_coherent_drives_are_those_of_the_dense_model(device: Device, seed: int) -> None:
+    random, count = np.random.default_rng(seed), len(device.actuators)
+    compare(device, np.full(count, random.uniform(60, 300)), random_amplitude(random, count))
+
+
+@any_device
+@pytest.mark.parametrize("seed", range(4))
+def test_drives_of_different_tones_are_those_of_the_dense_model(device: Device, seed: int) -> None:
+    random, count = np.random.default_rng(seed), len(device.actuators)
+    compare(device, random.uniform(60, 300, count), random_amplitude(random, count))
+
+
+def test_two_of_three_actuators_on_one_tone_add_as_fields() -> None:
+    device = DEVICES["random-20230247606"]
+    compare(device, np.array([150.0, 222.0, 150.0]), np.array([0.4, 0.3j, -0.9 + 0.1j]))
+
+
+@any_device
+def test_a_silent_actuator_does_not_count_whatever_its_frequency(device: Device) -> None:
+    count = len(device.actuators)
+    frequency_hz, amplitude = np.array([137.0, *[1.0] * (count - 1)]), np.array([0.5, *[0.0] * (count - 1)]) + 0j
+    louder = (replace(actuator, full_scale_m=1e-3) for actuator in device.actuators[1:])
+    alone = replace(device, actuators=(device.actuators[0], *louder))
+    compare(device, frequency_hz, amplitude)
+    assert compute_steady_state(assemble(alone), frequency_hz, amplitude).peak == pytest.approx(
+        compute_steady_state(assemble(device), frequency_hz, amplitude).peak
+    )
+
+
+@any_device
+def test_peak_and_dead_spot_are_where_they_are_said_to_be(device: Device) -> None:
+    random, count = np.random.default_rng(9), len(device.actuators)
+    frequency_hz, amplitude = np.full(count, 190.0), random_amplitude(random, count)
+    steady = compute_steady_state(assemble(device), frequency_hz, amplitude)
+    unit = DenseModel(device).unit_acceleration
+    for place, value in ((steady.peak_position_m, steady.peak), (steady.dead_position_m, steady.dead)):
+        assert abs(unit(frequency_hz[:1], place)[0] @ amplitude) == pytest.approx(value, rel=1e-5)
+    for zone, peak_m, dead_m in zip(device.zones, steady.peak_position_m, steady.dead_position_m, strict=True):
+        assert zone.start_m <= peak_m <= zone.stop_m
+        assert zone.start_m <= dead_m <= zone.stop_m
+
+
+@any_device
+@pytest.mark.parametrize("scale", [1e-6, 0.5])
+def test_levels_are_proportional_to_the_amplitudes_and_shares_do_not_change(device: Device, scale: float) -> None:
+    random, count = np.random.default_rng(3), len(device.actuators)
+    frequency_hz, amplitude = random.uniform(60, 300, count), random_amplitude(random, count)
+    one, other = (compute_steady_state(assemble(device), frequency_hz, amplitude * by) for by in (1.0, scale))
+    assert other.share == pytest.approx(one.share, rel=1e-9)
+    assert other.peak == pytest.approx(one.peak * scale, rel=1e-9)
+    assert other.dead == pytest.approx(one.dead * scale, rel=1e-9)

@@ -1,0 +1,190 @@
+"""Laws of the bar in time: steady state equals the frequency response, chunks do not matter, free motion decays."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from engine.device.device import Device, Finger
+from precompute.model.assembly import assemble
+from precompute.model.modal import Basis, compute_basis
+from precompute.model.transient import TransientPlant
+from tests.precompute.dense_model import DenseModel, Figures
+from tests.precompute.devices import every_device, shipped, with_bar
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+RATE_HZ = 48000.0
+DEVICES = {device.name: with_bar(device, mass_damping_per_s=20.0) for device in every_device().values()}
+"""Damped, so that a second and a half from rest all is steady to 1e-6; the laws do not depend on it."""
+any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+
+
+def fingers_on(device: Device) -> list[tuple[float, Finger]]:
+    return [(0.11 * device.bar.length_m, device.finger), (0.6 * device.bar.length_m, device.finger)]
+
+
+def points_of(device: Device) -> Array:
+    return np.linspace(0, device.bar.length_m, 22)
+
+
+@cache
+def basis_of(device: Device) -> Basis:
+    return compute_basis(assemble(device))
+
+
+def plant_of(device: Device) -> TransientPlant:
+    return TransientPlant(basis_of(device), points_of(device), RATE_HZ)
+
+
+def tones(frequency_hz: Array, amplitude: Complex, seconds: float) -> Array:
+    """Base displacements (time, actuator), cosines of these amplitudes; the first sample is one step after t = 0."""
+    time_s = np.arange(1, round(seconds * RATE_HZ) + 1) / RATE_HZ
+    waves: Array = (amplitude * np.exp(2j * np.pi * np.outer(time_s, frequency_hz))).real
+    return waves
+
+
+@cache
+def settled(device: Device, touched: bool, coherent: bool) -> tuple[Array, Array]:
+    """Acceleration and zone energies of the second after the first one and a half, of `drive_of`."""
+    plant, (hz, amplitude) = plant_of(device), drive_of(device, coherent)
+    plant.touch(fingers_on(device) if touched else [])
+    waves = tones(hz, amplitude, 2.5)
+    plant.run(waves[: round(1.5 * RATE_HZ)])
+    return plant.run(waves[round(1.5 * RATE_HZ) :])
+
+
+def drive_of(device: Device, coherent: bool) -> tuple[Array, Complex]:
+    """Whole numbers of hertz: a second holds whole periods, of each tone and of their differences."""
+    count = len(device.actuators)
+    hz = np.full(count, 187.0) if coherent else np.array([104.0, 243.0, 171.0])[:count]
+    return hz, np.array([0.8, 0.5j - 0.3, -0.6])[:count]
+
+
+def expected(device: Device, fingers: list[tuple[float, Finger]], hz: Array, amplitude: Complex) -> Figures:
+    return DenseModel(device, fingers).figures(hz, amplitude)
+
+
+@any_device
+@pytest.mark.parametrize("coherent", [True, False])
+@pytest.mark.parametrize("touched", [True, False])
+def test_steady_state_equals_the_frequency_response(device: Device, coherent: bool, touched: bool) -> None:
+    fingers = fingers_on(device) if touched else []
+    hz, amplitude = drive_of(device, coherent)
+    acceleration, _ = settled(device, touched, coherent)
+    unit = DenseModel(device, fingers).unit_acceleration(np.unique(hz), points_of(device))
+    time_s = (1.5 * RATE_HZ + np.arange(1, len(acceleration) + 1)) / RATE_HZ
+    rest = acceleration.copy()
+    for tone, there in zip(np.unique(hz), unit, strict=True):
+        turning = np.exp(2j * np.pi * tone * time_s)
+        found, right = 2 * (turning.conj() @ acceleration) / len(time_s), there @ np.where(hz == tone, amplitude, 0)
+        assert abs(found - right).max() <= 1e-3 * abs(right).max()
+        rest -= (turning[:, None] * found).real
+    assert abs(rest).max() <= 1e-3 * abs(acceleration).max()
+
+
+@any_device
+@pytest.mark.parametrize("coherent", [True, False])
+@pytest.mark.parametrize("touched", [True, False])
+def test_zone_energies_over_a_long_window_give_the_localized_factors(
+    device: Device, coherent: bool, touched: bool
+) -> None:
+    """Paper eq. (10), relative to all zones together: they need not cover the bar."""
+    fingers = fingers_on(device) if touched else []
+    hz, amplitude = drive_of(device, coherent)
+    _, energy = settled(device, touched, coherent)
+    share = expected(device, fingers, hz, amplitude).share
+    assert energy / energy.sum() == pytest.approx(share / share.sum(), rel=1e-3, abs=1e-6)
+
+
+def test_zone_energies_are_integrals_of_the_velocity_squared() -> None:
+    device = DEVICES["reference-a"]
+    hz, amplitude = drive_of(device, coherent=True)
+    _, energy = settled(device, touched=False, coherent=True)
+    place_m = np.linspace(device.zones[1].start_m, device.zones[1].stop_m, 4001)
+    field = DenseModel(device).unit_acceleration(hz[:1], place_m)[0] @ amplitude / (2 * np.pi * hz[0])
+    assert energy[1] == pytest.approx(np.trapezoid(abs(field) ** 2, place_m) / 2, rel=2e-3)
+
+
+@pytest.mark.parametrize("pieces", [[1] * 50 + [8191], [8192, 49], [3000, 5241], [8193, 48], [17, 8224]])
+def test_stretches_do_not_matter(pieces: list[int]) -> None:
+    device = shipped("reference-a")
+    waves = np.random.default_rng(0).normal(size=(8241, 2))
+    whole, energy = plant_of(device).run(waves)
+    plant = plant_of(device)
+    parts = [plant.run(part) for part in np.split(waves, np.cumsum(pieces)[:-1])]
+    scale = abs(whole).max()
+    assert np.concatenate([part for part, _ in parts]) == pytest.approx(whole, rel=1e-9, abs=1e-9 * scale)
+    assert sum(part for _, part in parts) == pytest.approx(energy, rel=1e-9)
+
+
+def test_the_motion_is_linear_in_the_displacements() -> None:
+    device = shipped("reference-d")
+    one, other = np.random.default_rng(1).normal(size=(2, 3000, 2))
+    runs = [plant_of(device).run(waves)[0] for waves in (one, other, 2 * one - 3 * other)]
+    assert runs[2] == pytest.approx(2 * runs[0] - 3 * runs[1], rel=1e-9, abs=1e-9 * abs(runs[2]).max())
+
+
+def test_at_rest_without_drive_nothing_moves() -> None:
+    acceleration, energy = plant_of(shipped("reference-a")).run(np.zeros((100, 2)))
+    assert not acceleration.any()
+    assert not energy.any()
+
+
+def dense_poles(device: Device, fingers: list[tuple[float, Finger]]) -> Complex:
+    model = DenseModel(device, fingers)
+    size, inverse = len(model.K), np.linalg.inv(model.M)
+    upper = np.hstack([np.zeros((size, size)), np.eye(size)])
+    poles = np.linalg.eigvals(np.vstack([upper, np.hstack([-inverse @ model.K, -inverse @ model.C])]))
+    return poles.astype(np.complex128)
+
+
+@pytest.mark.parametrize("touched", [True, False])
+def test_free_decay_is_a_sum_of_the_dense_models_damped_modes(touched: bool) -> None:
+    device = shipped("reference-a")
+    fingers = fingers_on(device) if touched else []
+    plant = plant_of(device)
+    plant.touch(fingers)
+    plant.run(np.vstack([np.random.default_rng(3).normal(size=(2000, 2)), np.zeros((2400, 2))]))  # fast modes die
+    decay, _ = plant.run(np.zeros((9600, 2)))
+    poles = dense_poles(device, fingers)
+    slow = poles[(poles.real > -250) & (poles.imag >= 0)]
+    motions = np.exp(np.outer(np.arange(9600) / RATE_HZ, slow))
+    basis = np.hstack([motions.real, motions.imag])
+    left = decay - basis @ np.linalg.lstsq(basis, decay, rcond=1e-12)[0]
+    assert abs(left).max() <= 1e-3 * abs(decay).max()
+
+
+@any_device
+@pytest.mark.parametrize("touched", [True, False])
+def test_energy_only_decays_without_drive(device: Device, touched: bool) -> None:
+    """Kinetic and elastic energy of the bar's own modes and of the fingers, sample by sample."""
+    plant, fingers = plant_of(device), fingers_on(device) if touched else []
+    plant.touch(fingers)
+    plant.run(np.random.default_rng(4).normal(size=(500, len(device.actuators))))
+    plant.run(np.zeros((1, len(device.actuators))))
+    energies = []
+    rows = plant.basis.at(np.array([place_m for place_m, _ in fingers])) if fingers else None
+    for _ in range(300):
+        plant.run(np.zeros((7, len(device.actuators))))
+        q, rate = np.split(plant._state, 2)  # the public figures hold no elastic energy
+        energy = rate @ rate + plant.basis.square_omega @ q**2
+        for row, (_, finger) in zip(rows if rows is not None else [], fingers, strict=True):
+            energy += finger.mass_kg * (row @ rate) ** 2 + finger.stiffness_n_per_m * (row @ q) ** 2
+        energies.append(energy)
+    assert (np.diff(energies) < 0).all()
+
+
+def test_a_finger_that_comes_and_goes_leaves_the_steady_state_of_the_bar_alone() -> None:
+    device = DEVICES["reference-a"]
+    hz, amplitude = drive_of(device, coherent=True)
+    waves, plant = tones(hz, amplitude, 3.0), plant_of(device)
+    plant.run(waves[:24000])
+    plant.touch(fingers_on(device))
+    plant.run(waves[24000:48000])
+    plant.touch(())
+    plant.run(waves[48000:-9600])
+    again, _ = plant.run(waves[-9600:])
+    never, _ = settled(device, touched=False, coherent=True)
+    assert abs(again).max(axis=0) == pytest.approx(abs(never).max(axis=0), rel=1e-3)

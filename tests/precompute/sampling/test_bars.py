@@ -1,0 +1,103 @@
+"""Laws of the bars that a calibration leaves possible: what a drive does to each is what that bar's model says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.device.device import Device, FittedValue, Uncertainty
+from engine.device.file import parse_device
+from precompute.entries.performance import compute_figures
+from precompute.entries.prediction import touched_zones
+from precompute.entries.solver import EntrySolver, tabulated_states
+from precompute.model.assembly import assemble
+from precompute.model.response import solve_response
+from precompute.model.threshold import detection_threshold
+from precompute.sampling.bars import SampledBars, sample_bars, sampled_words
+from precompute.sampling.fingers import SAMPLES, sample_touches
+from tests.precompute.builder.test_build import SMALL
+
+DEVICE = parse_device(SMALL, "bar")
+TOUCHED = (0, 2)
+HZ, AMPLITUDE = np.array([150.0, 173.25]), np.array([1.0, 0.4 - 0.7j])
+STIFFNESS = DEVICE.actuators[0].stiffness_n_per_m
+
+
+def calibrated(deviation: float, spread: float = 0.0) -> Device:
+    """As if the stiffness of the first actuator had been fitted, its logarithm known within `deviation`."""
+    fitted = (FittedValue("actuator[1].stiffness", STIFFNESS / 2, STIFFNESS * 2, 0.0),)
+    return replace(
+        DEVICE,
+        uncertainty=Uncertainty(fitted, ((deviation**2,),)),
+        spread=replace(DEVICE.spread, stiffness=spread, mass=spread),
+    )
+
+
+def bars_of(device: Device) -> SampledBars:
+    bars = sample_bars(device, sample_touches(device))
+    assert bars is not None
+    return bars
+
+
+def test_a_bar_answers_as_its_own_model_with_its_own_fingers() -> None:
+    device = calibrated(0.05, spread=0.02)
+    bars = bars_of(device)
+    power = bars.powers(TOUCHED, HZ, AMPLITUDE)
+    for number in (0, 7, SAMPLES - 1):
+        fingers = bars.touches.fingers(number + 1, TOUCHED)
+        places_m = np.array([at for at, _ in fingers])
+        plant = bars.plants[number].with_fingers(places_m.tolist(), [finger for _, finger in fingers])
+        moved = np.einsum("aap->ap", solve_response(plant, HZ).acceleration(places_m))  # each actuator at its tone
+        size = abs(moved * AMPLITUDE[:, None]) / detection_threshold(HZ)[:, None]
+        assert power[number] == pytest.approx((size**2).sum(axis=0), rel=1e-9)
+
+
+def test_tones_of_one_frequency_add_with_their_phases() -> None:
+    device = calibrated(0.05)
+    bars, one = bars_of(device), np.full(2, 150.0)
+    power = bars.powers(TOUCHED, one, AMPLITUDE)
+    fingers = bars.touches.fingers(4, TOUCHED)
+    places_m = np.array([at for at, _ in fingers])
+    plant = bars.plants[3].with_fingers(places_m.tolist(), [finger for _, finger in fingers])
+    moved = AMPLITUDE @ solve_response(plant, one[:1]).acceleration(places_m)[0]
+    assert power[3] == pytest.approx((abs(moved) / detection_threshold(one[:1])) ** 2, rel=1e-9)
+
+
+def test_where_nothing_is_unknown_of_the_bar_the_touches_are_left() -> None:
+    device = calibrated(0.0)
+    touches = sample_touches(device)
+    figures = compute_figures(assemble(device), touches, TOUCHED, HZ, AMPLITUDE)
+    assert bars_of(device).powers(TOUCHED, HZ, AMPLITUDE) == pytest.approx(figures.power[1:], rel=1e-6)
+
+
+def test_without_a_calibration_there_are_no_other_bars_and_it_says_so() -> None:
+    assert sample_bars(DEVICE, sample_touches(DEVICE)) is None
+    assert "no calibration" in sampled_words(DEVICE, is_measured=False)
+    assert "another bar" in sampled_words(calibrated(0.1), is_measured=False)
+
+
+def test_an_entry_states_what_its_drive_does_in_the_sampled_cases() -> None:
+    device = calibrated(0.05)
+    solver = EntrySolver(assemble(device))
+    state = next(s for s in tabulated_states(device) if len(touched_zones(s)) == 2 and 1 in s and 2 in s)
+    entry = solver.solve(state)[-1]
+    amplitude = np.array(entry.amplitudes) * np.exp(1j * np.array(entry.phases_rad))
+    power = bars_of(device).powers(touched_zones(state), np.array(entry.frequencies_hz), amplitude)
+    felt, quiet = (10 * np.log10(power[:, k]) for k in np.argsort([-z for z in state if z]))
+    assert entry.spread is not None and entry.spread.quiet is not None and entry.spread.contrast is not None
+    for said, cases in (
+        (entry.spread.felt, felt),
+        (entry.spread.quiet, quiet),
+        (entry.spread.contrast, felt - quiet),
+    ):
+        found = (said.low_db, said.middle_db, said.high_db)
+        assert found == pytest.approx(np.percentile(cases, (5, 50, 95)), abs=1e-6)
+
+
+def test_the_less_is_known_the_further_the_bars_lie_apart() -> None:
+    as_described = bars_of(calibrated(0.0)).powers(TOUCHED, HZ, AMPLITUDE)
+    apart_db = [
+        abs(10 * np.log10(bars_of(calibrated(deviation)).powers(TOUCHED, HZ, AMPLITUDE) / as_described)).mean()
+        for deviation in (0.001, 0.01, 0.1)
+    ]
+    assert apart_db == sorted(apart_db)

@@ -1,0 +1,102 @@
+"""Laws of the sampled plants: the nominal one first, spread as asked, seeded, their own mirror image."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from engine.device.device import Device, FittedValue, Spread, Uncertainty
+from precompute.sampling.plants import Scenarios, sample_scenarios
+from tests.precompute.devices import every_device, mirrored, shipped
+
+Array = NDArray[np.float64]
+DEVICES = every_device()
+any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+
+
+def solid(scenarios: Scenarios) -> Array:
+    """Shape (scenario, parameter): of the bar and the actuators."""
+    columns = (scenarios.bar_stiffness, scenarios.bar_mass, scenarios.stiffness, scenarios.mass)
+    return np.column_stack(columns)
+
+
+def soft(scenarios: Scenarios) -> Array:
+    """Shape (parameter, scenario, zone): of the fingers."""
+    return np.stack([scenarios.finger_mass, scenarios.finger_damping, scenarios.finger_stiffness])
+
+
+@any_device
+def test_the_first_plant_is_the_nominal_one(device: Device) -> None:
+    scenarios = sample_scenarios(device, 8, seed=1)
+    assert scenarios.device_of(0) == device
+    for (position_m, finger), zone in zip(scenarios.fingers_of(0, range(len(device.zones))), device.zones, strict=True):
+        assert position_m == pytest.approx((zone.start_m + zone.stop_m) / 2)
+        assert replace(finger, spread=device.finger.spread) == device.finger
+
+
+@any_device
+def test_the_samples_have_the_spreads_asked_for(device: Device) -> None:
+    spread = Spread(stiffness=0.02, mass=0.01, finger=0.3, finger_position_m=0.004)
+    scenarios = sample_scenarios(replace(device, spread=spread), 2000, 5)
+    count = len(device.actuators)
+    deviation = [0.02, 0.01, *[0.02] * count, *[0.01] * count]
+    assert solid(scenarios)[1:].std(axis=0) == pytest.approx(deviation, rel=0.02)
+    assert solid(scenarios)[1:].mean(axis=0) == pytest.approx(np.ones(len(deviation)), abs=1e-3)
+    assert abs(soft(scenarios) - 1).max() <= 0.3 and soft(scenarios)[:, 1:].std() == pytest.approx(
+        0.3 / np.sqrt(3), rel=0.01
+    )
+    off_m = scenarios.position_m - scenarios.position_m[0]
+    reach_m = [min(0.004, zone.length_m / 2) for zone in device.zones]
+    assert abs(off_m).max(axis=0) == pytest.approx(reach_m, rel=1e-2) and (abs(off_m) <= reach_m).all()
+
+
+@any_device
+def test_a_mirrored_bar_gets_the_mirrored_plants(device: Device) -> None:
+    here, there = (sample_scenarios(each, 12, seed=3) for each in (device, mirrored(device)))
+    order = np.r_[0, np.arange(1, 13).reshape(6, 2)[:, ::-1].ravel()]
+    assert solid(there)[order] == pytest.approx(solid(here))
+    assert soft(there)[:, order, ::-1] == pytest.approx(soft(here))
+    assert device.bar.length_m - there.position_m[order, ::-1] == pytest.approx(here.position_m)
+
+
+def test_a_seed_says_everything_and_another_says_otherwise() -> None:
+    one, again, other = (sample_scenarios(shipped("reference-a"), 10, seed) for seed in (1, 1, 2))
+    assert (solid(one) == solid(again)).all() and (soft(one) == soft(again)).all()
+    assert not (solid(one)[1:] == solid(other)[1:]).any()
+
+
+def test_an_odd_count_is_rounded_up() -> None:
+    assert len(sample_scenarios(shipped("reference-a"), 5, seed=1)) == 1 + 6
+
+
+def test_without_spreads_every_plant_is_the_nominal_one() -> None:
+    device = replace(shipped("reference-d"), spread=Spread(0.0, 0.0, 0.0, 0.0))
+    scenarios = sample_scenarios(device, 4, 1)
+    assert all(scenarios.device_of(s) == device for s in range(5))
+    assert np.ptp(scenarios.position_m, axis=0) == pytest.approx(np.zeros(5))
+
+
+def test_what_a_calibration_has_fitted_varies_as_that_has_left_it_and_only_so() -> None:
+    """Two stiffnesses and the modulus, known to 0.2 %, those of the actuators together."""
+    base = shipped("reference-a")
+    names = ("actuator[1].stiffness", "actuator[2].stiffness", "bar.youngs_modulus")
+    values = [base.actuators[0].stiffness_n_per_m, base.actuators[1].stiffness_n_per_m, base.bar.youngs_modulus_pa]
+    covariance = 4e-6 * np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    fitted = tuple(FittedValue(name, 0.5 * value, 2 * value, 0.0) for name, value in zip(names, values, strict=True))
+    device = replace(base, uncertainty=Uncertainty(fitted, tuple(map(tuple, covariance.tolist()))))
+    scenarios = sample_scenarios(device, 800, seed=3)
+    found = [scenarios.device_of(s) for s in range(len(scenarios))]
+    stiffness = np.log([[a.stiffness_n_per_m for a in each.actuators] + [each.bar.youngs_modulus_pa] for each in found])
+    assert np.cov(stiffness[1:].T) == pytest.approx(covariance, rel=0.2, abs=5e-7)
+    density = np.array([each.bar.density_kg_per_m3 for each in found]) / base.bar.density_kg_per_m3
+    assert density[1:].std() == pytest.approx(base.spread.mass, rel=0.05)
+    assert found[0] == device
+    assert (stiffness[1::2] == stiffness[2::2]).all()  # mirror images are the same bar
+
+
+def test_a_stiffness_that_all_actuators_share_is_fitted_for_each() -> None:
+    base = shipped("reference-a")
+    fitted = (FittedValue("actuator.mass", 1e-3, 1.0, 0.0),)
+    scenarios = sample_scenarios(replace(base, uncertainty=Uncertainty(fitted, ((0.0,),))), 6, seed=3)
+    assert (scenarios.mass == 1).all() and (scenarios.bar_mass[1:] != 1).all() and (scenarios.stiffness[1:] != 1).all()

@@ -1,0 +1,98 @@
+"""The search for places of actuators: what it looks at can be built, and what it ends at is the best of that."""
+
+from dataclasses import replace
+from itertools import pairwise
+from math import comb
+
+import numpy as np
+import pytest
+
+from engine.device.device import Device
+from precompute.sampling.fingers import sample_touches
+from precompute.studies.placement import (
+    APART,
+    MARGIN,
+    PlacementSearch,
+    even_places,
+    grid_of,
+    own_places,
+    search_placement,
+    with_actuators_at,
+)
+from precompute.studies.two_fingers import screen_two_fingers, solve_two_fingers
+from tests.precompute.devices import shipped, with_zones
+
+MOST = 20
+
+
+def small() -> Device:
+    device = with_zones(shipped("reference-a"), 2)
+    return replace(device, sweep=replace(device.sweep, step_hz=4.0))
+
+
+@pytest.fixture(scope="module")
+def found() -> PlacementSearch:
+    return search_placement(small(), 2, 20.0, MOST, lambda _: None)
+
+
+def test_actuators_where_the_device_has_them_are_the_device() -> None:
+    device = small()
+    placed = with_actuators_at(device, own_places(device))
+    assert [replace(actuator, name="") for actuator in placed.actuators] == [
+        replace(actuator, name="") for actuator in device.actuators
+    ]
+
+
+def test_more_actuators_repeat_those_of_the_device_in_their_order() -> None:
+    left, right = shipped("reference-a").actuators
+    placed = with_actuators_at(shipped("reference-a"), [0.2, 0.1, 0.05, 0.25]).actuators
+    assert [actuator.position_m for actuator in placed] == [0.05, 0.1, 0.2, 0.25]
+    stiffness = [actuator.stiffness_n_per_m for actuator in placed]
+    assert stiffness == [left.stiffness_n_per_m] * 2 + [right.stiffness_n_per_m] * 2
+    assert len({actuator.name for actuator in placed}) == 4
+
+
+@pytest.mark.parametrize(("count", "most"), [(1, 7), (2, 20), (2, 300), (3, 300), (4, 300)])
+def test_the_grid_holds_as_many_placements_as_allowed_and_they_can_be_built(count: int, most: int) -> None:
+    device = shipped("reference-a")
+    grid, step_m = grid_of(device, count, most)
+    points = round((1 - 2 * MARGIN) * device.bar.length_m / step_m) + 1
+    assert comb(points, count) <= most < comb(points + 1, count)
+    for at in grid:
+        assert MARGIN * device.bar.length_m - 1e-9 <= min(at) and max(at) <= (1 - MARGIN) * device.bar.length_m + 1e-9
+        assert all(b - a >= APART * device.bar.length_m - 2e-6 for a, b in pairwise(at))
+
+
+def test_what_is_found_is_screened_as_no_worse_than_any_placement_of_the_grid(found: PlacementSearch) -> None:
+    device = small()
+    best = next(placement for placement in found.judged if placement.name == "found")
+    again = screen_two_fingers(with_actuators_at(device, best.position_m), sample_touches(device), 20.0, 2.0)
+    on_the_grid = [
+        screen_two_fingers(with_actuators_at(device, at), sample_touches(device), 20.0, 2.0).rank
+        for at in found.screened_m[np.argsort(-np.nan_to_num(found.screened_db, nan=-99.0))[:2]].tolist()
+    ]
+    assert again.rank >= max(on_the_grid)
+    assert found.moved > 4
+
+
+def test_the_objective_of_the_shipped_places_is_that_of_the_shipped_device(found: PlacementSearch) -> None:
+    own = next(placement for placement in found.judged if placement.name == "as described")
+    assert own.position_m == own_places(small())
+    assert own.fingers.worst_db == pytest.approx(solve_two_fingers(small(), 20.0).worst_db, abs=1e-9)
+
+
+def test_the_best_judged_comes_first_and_the_even_placement_is_among_them(found: PlacementSearch) -> None:
+    ranks = [placement.fingers.rank for placement in found.judged]
+    assert ranks == sorted(ranks, reverse=True)
+    assert {placement.name for placement in found.judged} == {"found", "even", "as described"}
+    even = next(placement for placement in found.judged if placement.name == "even")
+    assert even.position_m == even_places(small(), 2) == pytest.approx((0.06985, 0.20955))
+
+
+def test_it_is_the_same_every_time_and_of_another_number_than_the_devices_has_no_own_placement() -> None:
+    done = list[float]()
+    one, again = (search_placement(small(), 1, 20.0, 3, done.append) for _ in range(2))
+    assert [placement.position_m for placement in again.judged] == [placement.position_m for placement in one.judged]
+    assert done[: len(done) // 2] == sorted(done[: len(done) // 2]) and done[-1] == pytest.approx(1.0)
+    assert {placement.name for placement in one.judged} == {"found", "even"}
+    assert one.count == 1 and len(one.screened_db) == 3

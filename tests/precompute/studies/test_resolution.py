@@ -1,0 +1,55 @@
+"""Narrower zones: mirror laws, and the same figures as for the device itself."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.device.device import Device
+from precompute.entries.untouched import greatest_factors
+from precompute.model.assembly import assemble
+from precompute.studies.placement import even_places, own_places
+from precompute.studies.resolution import study_resolution, with_equal_zones
+from precompute.studies.two_fingers import solve_two_fingers
+from tests.precompute.devices import shipped
+
+SEARCH_DB = 0.05
+
+
+def coarse(name: str) -> Device:
+    device = shipped(name)
+    return replace(device, sweep=replace(device.sweep, step_hz=4.0))
+
+
+def test_equal_zones_cover_the_bar() -> None:
+    device = with_equal_zones(shipped("reference-a"), 7)
+    assert [zone.name for zone in device.zones][-1] == "VII"
+    assert sum(zone.length_m for zone in device.zones) == pytest.approx(device.bar.length_m)
+    assert with_equal_zones(device, 5).zones == shipped("reference-a").zones
+
+
+def test_the_device_itself_has_its_own_figures() -> None:
+    device = with_equal_zones(coarse("reference-d"), 3)
+    (found,) = study_resolution(device, [own_places(device)], [3], 20.0, lambda _: None)
+    assert found.fingers.worst_db == pytest.approx(solve_two_fingers(device, 20.0).worst_db, abs=1e-9)
+    assert found.factor == pytest.approx(greatest_factors(assemble(device)), rel=1e-9)
+    assert found.zone_length_m == pytest.approx(device.bar.length_m / 3)
+
+
+def test_one_actuator_in_the_middle_cannot_tell_mirrored_fingers_apart() -> None:
+    device, done = coarse("reference-a"), list[float]()
+    two, three = study_resolution(device, [even_places(device, 1)], [2, 3], 20.0, done.append)
+    assert two.fingers.worst_db == pytest.approx(0.0, abs=1e-6)
+    assert two.factor == pytest.approx([0.5, 0.5])
+    mirrored = [three.fingers.contrast_db[i, 2 - i] for i in (0, 2)]
+    assert mirrored == pytest.approx([0.0, 0.0], abs=1e-6)
+    assert done == [0.5, 1.0]
+
+
+def test_an_actuator_more_never_makes_the_worst_zone_worse_to_isolate() -> None:
+    """A third actuator may stay still, but its spring is there: so the same places, and one of them out of its band."""
+    device = coarse("reference-t")
+    idle = replace(device.actuators[1], band_hz=(59.0, 59.5))
+    without = replace(device, actuators=(device.actuators[0], idle, device.actuators[2]))
+    more, fewer = greatest_factors(assemble(device)), greatest_factors(assemble(without))
+    assert (more >= fewer - 1e-9).all() and np.max(more - fewer) > 0.05

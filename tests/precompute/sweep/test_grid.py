@@ -1,0 +1,83 @@
+"""Laws of the grid: points close enough, an honest interpolation error."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from engine.device.device import Device
+from precompute.model.assembly import assemble
+from precompute.sweep.grid import SAMPLING_ERROR, compute_grid_response, estimate_interpolation_error, zone_points
+from tests.precompute.dense_model import DenseModel
+from tests.precompute.devices import every_device, random_device
+
+DEVICES = every_device() | {f"random-{seed}": random_device(seed) for seed in (1, 2, 3)}
+any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+FREQUENCY_HZ = np.linspace(60.0, 300.0, 25)
+
+
+@any_device
+def test_a_peak_on_the_points_is_within_the_sampling_error_of_one_on_twenty_times_as_many(device: Device) -> None:
+    model, points_m = DenseModel(device), zone_points(device)
+    frequency_hz = np.append(FREQUENCY_HZ, device.sweep.stop_hz)
+    drives = np.array([[1, -1, 1j, 0.3], [0.2, 1, 1, 1j], [0, 0.1j, -1, 1]])[: len(device.actuators)]
+    for row in points_m:
+        fine_m = np.linspace(row[0], row[-1], 20 * (len(row) - 1) + 1)
+        coarse, fine = (
+            abs(model.unit_acceleration(frequency_hz, place_m) @ drives).max(axis=1) for place_m in (row, fine_m)
+        )
+        assert (coarse >= fine * (1 - SAMPLING_ERROR)).all()
+
+
+@any_device
+def test_points_reach_from_edge_to_edge_in_eights(device: Device) -> None:
+    points_m = zone_points(device)
+    assert points_m.shape[0] == len(device.zones)
+    assert points_m.shape[1] % 8 == 0
+    assert points_m[:, 0] == pytest.approx([zone.start_m for zone in device.zones])
+    assert points_m[:, -1] == pytest.approx([zone.stop_m for zone in device.zones])
+
+
+def looked_at(device: Device, frequency_hz: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Localized factor and peak of each actuator alone, (frequency, actuator, zone), through the dense model."""
+    model, points_m = DenseModel(device), zone_points(device)
+    peak = np.stack([abs(model.unit_acceleration(frequency_hz, row)).max(axis=1) for row in points_m], axis=-1)
+    energies = [model.unit_gram(frequency_hz, zone.start_m, zone.stop_m) for zone in device.zones]
+    total = np.einsum("faa->fa", model.unit_gram(frequency_hz, 0.0, device.bar.length_m, 4001)).real
+    return np.stack([np.einsum("faa->fa", e).real for e in energies], axis=-1) / total[..., None], peak
+
+
+@any_device
+def test_the_interpolation_error_is_that_of_a_direct_comparison(device: Device) -> None:
+    frequency_hz = np.linspace(100.0, 220.0, 25)
+    plant = assemble(device)
+    error = estimate_interpolation_error(plant, compute_grid_response(plant, frequency_hz, zone_points(device)))
+    factor, peak = looked_at(device, frequency_hz)
+    factor_there, peak_there = looked_at(device, (frequency_hz[:-1] + frequency_hz[1:]) / 2)
+    expected = abs((factor[:-1] + factor[1:]) / 2 - factor_there).max(axis=2)
+    relative = abs(((peak[:-1] + peak[1:]) / 2 - peak_there) / peak_there).max(axis=2)
+    assert error.localized_factor == pytest.approx(expected, rel=1e-3, abs=1e-6)
+    assert error.peak_acceleration == pytest.approx(relative, rel=1e-3, abs=1e-6)
+
+
+@any_device
+def test_the_grid_response_is_that_of_the_dense_model(device: Device) -> None:
+    points_m = zone_points(device)
+    grid = compute_grid_response(assemble(device), FREQUENCY_HZ, points_m)
+    model = DenseModel(device)
+    for z, zone in enumerate(device.zones):
+        expected = model.unit_acceleration(FREQUENCY_HZ, points_m[z]).transpose(0, 2, 1)
+        assert abs(grid.acceleration[:, :, z] - expected).max() <= 1e-7 * abs(expected).max()
+        gram = model.unit_gram(FREQUENCY_HZ, zone.start_m, zone.stop_m)
+        assert abs(grid.gram[:, z] - gram).max() <= 1e-6 * abs(gram).max()
+
+
+def test_a_band_says_which_frequencies_may_be_driven() -> None:
+    device = DEVICES["reference-a"]
+    bands = ((60.0, 120.0), (110.0, 300.0))
+    actuators = tuple(replace(a, band_hz=band) for a, band in zip(device.actuators, bands, strict=True))
+    device = replace(device, actuators=actuators)
+    grid = compute_grid_response(assemble(device), FREQUENCY_HZ, zone_points(device))
+    for i, (low_hz, high_hz) in enumerate(bands):
+        assert FREQUENCY_HZ[grid.in_band[:, i]].tolist() == [f for f in FREQUENCY_HZ if low_hz <= f <= high_hz]

@@ -1,0 +1,255 @@
+"""Hours of recorded touch through the loop in virtual time: memory, deadlines, collections.
+
+`python -m tests.studies.replay_day --hours 24 --figure memory.png` does the day; a test does some minutes of it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import resource
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from engine.device.device import Device
+from engine.effects.player import EffectPlayer
+from engine.effects.rules import Effects, Rule, Trigger, burst
+from engine.loop.latency import LatencyRecorder
+from engine.loop.loop import Loop, connect
+from engine.loop.realtime import Step, real_time
+from engine.render.limits import link_configuration
+from engine.render.renderer import Renderer
+from engine.touch.digitizer import DigitizerError, open_digitizer
+from engine.touch.finger_tracker import ZoneTracker
+from engine.touch.sources.recording import Recording, Report, read_recording
+from firmware_link.emulator.drive_log import Cause
+from firmware_link.emulator.firmware import DeviceConfiguration, DeviceCounters, EmulatedFirmware
+from firmware_link.host.link import Link
+from firmware_link.host.session import Session
+from tests.engine.made_entries import LEVEL_DB, entry_of, felt_states
+from tests.engine.shared_recordings import RECORDINGS
+
+ROOT = Path(__file__).parents[2]
+DEVICE = Device.read(ROOT / "tables" / "devices" / "reference-a.toml")
+BURSTS = Effects((Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),))
+NS_PER_S = 1_000_000_000
+DELAY_NS = 300_000
+PAUSE_S = 1.0
+LOGGED = 1_000
+
+
+class Machine:
+    """A clock, a line and an emulated firmware in virtual time, whose logs are counted and forgotten."""
+
+    def __init__(self) -> None:
+        self.time_ns = NS_PER_S
+        self.firmware = EmulatedFirmware(DeviceConfiguration(0x5EED))
+        self.expired = 0
+        self._to_host: list[tuple[int, bytes]] = []
+        self._written: list[tuple[int, bytes]] = []
+
+    def now_ns(self) -> int:
+        return self.time_ns
+
+    def fileno(self) -> int:
+        return -1
+
+    def write(self, data: bytes) -> int:
+        self._written.append((self.time_ns + DELAY_NS, data))
+        return len(data)
+
+    def read(self) -> bytes:
+        here = [data for time_ns, data in self._to_host if time_ns <= self.time_ns]
+        if here:
+            self._to_host = [item for item in self._to_host if item[0] > self.time_ns]
+        return b"".join(here)
+
+    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> None:
+        assert readable == (-1,) and not writable
+        end_ns = self.time_ns + NS_PER_S if until_ns is None else max(until_ns, self.time_ns)
+        while self.time_ns < end_ns and not any(time_ns <= self.time_ns for time_ns, _ in self._to_host):
+            deadline_us = self.firmware.next_deadline_us()
+            times_ns = [end_ns, *(time_ns for time_ns, _ in (*self._written, *self._to_host))]
+            if deadline_us is not None:
+                times_ns.append(max(self.time_ns + 1_000, 1_000 * deadline_us))
+            self._run_to(max(self.time_ns + 1, min(times_ns)))
+        self._forget()
+
+    def _run_to(self, end_ns: int) -> None:
+        while self._written and self._written[0][0] <= end_ns:
+            time_ns, data = self._written.pop(0)
+            self._answer(self.firmware.receive(data, time_ns // 1_000), time_ns)
+        self._answer(self.firmware.advance(end_ns // 1_000), end_ns)
+        self.time_ns = end_ns
+
+    def _answer(self, data: bytes, time_ns: int) -> None:
+        if data:
+            self._to_host.append((time_ns + DELAY_NS, data))
+
+    def _forget(self) -> None:
+        log, received = self.firmware.drive_log, self.firmware.received
+        if len(log) + len(received) > LOGGED:
+            self.expired += sum(event.cause is Cause.LEASE_EXPIRED for event in log)
+            log.clear()
+            received.clear()
+
+
+class Repeated:
+    """A recording as a Source, again and again until a time, with a pause between."""
+
+    def __init__(self, recording: Recording, clock: Machine, stop_ns: int) -> None:
+        self.name, self.descriptor = recording.name, recording.descriptor
+        self.vendor_id, self.product_id = recording.vendor_id, recording.product_id
+        self.report_index, self.report_time_ns = -1, 0
+        self._reports: tuple[Report, ...] = recording.reports
+        self._times_ns = [round(NS_PER_S * report.time_s) for report in recording.reports]
+        self._start_ns, self._stop_ns, self._next = clock.time_ns, stop_ns, 0
+
+    @property
+    def ended(self) -> bool:
+        return self._start_ns >= self._stop_ns
+
+    def fileno(self) -> None:
+        return None
+
+    def next_time_ns(self) -> int | None:
+        return None if self.ended else self._start_ns + self._times_ns[self._next]
+
+    def read(self, now_ns: int) -> bytes | None:
+        due_ns = self.next_time_ns()
+        if due_ns is None or now_ns < due_ns:
+            return None
+        self.report_index, self.report_time_ns = self.report_index + 1, due_ns
+        data = self._reports[self._next].data
+        self._next += 1
+        if self._next == len(self._reports):
+            self._next = 0
+            self._start_ns = due_ns + round(PAUSE_S * NS_PER_S)
+        return data
+
+    def source_time_ns(self, now_ns: int) -> int:
+        return now_ns
+
+    def clock_time_ns(self, source_time_ns: int) -> int:
+        return source_time_ns
+
+
+@dataclass
+class Day:
+    """What was found; memory by virtual hour."""
+
+    reports: int = 0
+    frames: int = 0
+    commands: int = 0
+    renewals: int = 0
+    expired_leases: int = 0
+    counters: DeviceCounters | None = None
+    collections: int = 0
+    unreachable: int = 0
+    hours: tuple[float, ...] = ()
+    memory_mib: tuple[float, ...] = ()
+
+
+def memory_mib() -> float:
+    """What the process has in memory now."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * resource.getpagesize() / 2**20
+
+
+def replay(recordings: Sequence[Recording], seconds: float, pieces: int = 24) -> Day:
+    """Each recording for its share of the time, in pieces; one session from the first to the last."""
+    machine, day = Machine(), Day(counters=DeviceCounters())
+    link = Link(link_configuration(DEVICE, 1_000_000))
+    session = Session(link, machine, machine.now_ns)
+    entries = {LEVEL_DB: [entry_of(DEVICE, state) for state in felt_states(DEVICE)]}
+    collections: list[str] = []
+
+    def note(phase: str, _: dict[str, int]) -> None:
+        collections.append(phase)
+
+    hours, memory = [], []
+    for piece in range(pieces):
+        recording = recordings[piece % len(recordings)]
+        capabilities = connect(session, machine)
+        source = Repeated(recording, machine, machine.time_ns + round(seconds / pieces * NS_PER_S))
+        digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
+        loop = Loop(
+            source,
+            digitizer,
+            ZoneTracker(DEVICE, digitizer.surface),
+            EffectPlayer(BURSTS, len(DEVICE.zones)),
+            Renderer(entries, DEVICE, capabilities),
+            session,
+            machine,
+            latency=LatencyRecorder(1_000),
+        )
+        trips = machine.firmware.counters.trips
+        with real_time([Step.COLLECTOR]):
+            gc.callbacks.append(note)
+            try:
+                loop.run()
+            finally:
+                gc.callbacks.remove(note)
+        # A run ends with STOP, which is none.
+        day.expired_leases += machine.expired
+        machine.expired = 0
+        day.counters = replace(machine.firmware.counters)
+        assert machine.firmware.counters.trips == trips
+        day.reports += loop.counters.reports
+        day.frames += loop.counters.frames
+        day.commands += loop.counters.commands
+        day.unreachable += gc.collect()
+        hours.append(machine.time_ns / NS_PER_S / 3600)
+        memory.append(memory_mib())
+    day.renewals, day.collections = link.counters.renewed, len(collections)
+    day.hours, day.memory_mib = tuple(hours), tuple(memory)
+    return day
+
+
+def usable(paths: Sequence[Path]) -> list[Recording]:
+    """Recordings with reports of a digitizer that is ours to drive."""
+    found = []
+    for path in paths:
+        recording = read_recording(path)
+        try:
+            open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
+        except DigitizerError:
+            continue
+        if recording.reports:
+            found.append(recording)
+    return found
+
+
+def draw(day: Day, path: Path) -> None:
+    """Memory over the hours."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 3), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(day.hours, day.memory_mib, marker=".")
+    axes.set(xlabel="hours of touch, virtual", ylabel="memory, MiB", ylim=(0, 1.2 * max(day.memory_mib)))
+    figure.savefig(path)
+
+
+def main() -> None:
+    """Print what was found as JSON; exit status 1 where it is not as it should be."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--hours", type=float, default=24.0)
+    parser.add_argument("--figure", type=Path)
+    arguments = parser.parse_args()
+    paths = sorted((RECORDINGS / "touch").glob("*.hid")) or [ROOT / "tactable" / "demo.hid"]
+    recordings = usable(paths)
+    day = replay(recordings, 3600 * arguments.hours, max(24, 2 * len(recordings)))
+    found: dict[str, Any] = asdict(day)
+    sys.stdout.write(json.dumps(found, indent=2) + "\n")
+    if arguments.figure:
+        draw(day, arguments.figure)
+    sys.exit(day.expired_leases > 0 or day.collections > 0)
+
+
+if __name__ == "__main__":
+    main()

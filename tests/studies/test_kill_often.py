@@ -1,0 +1,17 @@
+"""Whatever instant it is killed at: nothing half is accepted, a run never lacks a table, and started again it ends."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.studies.kill_often import kill_often, work_of
+
+TIMES = {"build": 3, "calibrate": 3, "swap": 5, "fleet": 2}
+"""`python -m tests.studies.kill_often WHAT 200` is the long version."""
+
+
+@pytest.mark.parametrize("what", TIMES)
+def test_killed_at_any_instant_it_leaves_what_is_whole_and_goes_on(what: str, tmp_path: Path) -> None:
+    with work_of(what, tmp_path) as work:
+        reached, _ = kill_often(work, tmp_path, TIMES[what], seed=len(what))
+    assert sum(reached.values()) == TIMES[what]

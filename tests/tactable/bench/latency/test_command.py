@@ -1,0 +1,200 @@
+"""The command `bench latency`, whole: nothing is lost, order is kept, a stall is found in its layer, worse is said."""
+
+import json
+import shutil
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner, Result
+
+from engine.loop.realtime import Step
+from engine.table.entry_group import write_entries
+from engine.table.file import TableWriter
+from tactable.bench.latency.command import EXIT_WORSE, register
+from tactable.bench.latency.report import LatencyReportError
+from tactable.shipped import DEMO_RECORDING, find_device
+from tests.engine.made_entries import entry_of, felt_states
+from tests.tactable.bench.latency.test_capture import write_capture
+
+DEVICE = find_device("reference-a")
+HAS_COMPILER = any(map(shutil.which, ("cc", "gcc", "clang")))
+# As root of a busy machine: what else runs must be able to go on.
+GENTLE = ("--realtime", "collector,switch-interval")
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("bench") / "bar.nc"
+    entries = [
+        entry_of(DEVICE, state, frequencies_hz=(70.0 + number, 60.0), wanted_level_db=level_db)
+        for level_db in (20.0, inf)
+        for number, state in enumerate(felt_states(DEVICE))
+    ]
+    with TableWriter(path) as writer:
+        writer.describe({"device_description": DEVICE.text, "device_fingerprint": DEVICE.fingerprint})
+        write_entries(writer, entries, DEVICE)
+    return path
+
+
+def bench(folder: Path, *words: str) -> Result:
+    app = typer.Typer()
+    app.callback()(lambda: None)
+    register(app)
+    return CliRunner().invoke(app, ["latency", *words, "-o", str(folder)], catch_exceptions=False)
+
+
+def report(folder: Path, *words: str) -> dict[str, Any]:
+    done = bench(folder, *words, "--json")
+    assert done.exit_code == 0, done.output
+    document: dict[str, Any] = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    assert json.loads(done.stdout)["conditions"] == document["conditions"]
+    return document
+
+
+@pytest.fixture(scope="module")
+def measured(table: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Two rates, two rounds, beside nothing; a baseline for others."""
+    folder = tmp_path_factory.mktemp("measured")
+    words = ("--rates", "200,1000", "--loads", "idle", "--seconds", "0.3", "--rounds", "2", "--no-ablations", *GENTLE)
+    return folder, report(folder, str(table), *words)
+
+
+def test_no_report_is_lost_no_command_stale_and_order_is_kept(measured: tuple[Path, dict[str, Any]]) -> None:
+    _, document = measured
+    ours = [condition for condition in document["conditions"] if condition["engine"] == "tactable"]
+    assert [condition["rate_hz"] for condition in ours] == [200, 1000]
+    for condition in ours:
+        assert condition["reports_sent"] == 0.6 * condition["rate_hz"]
+        assert (condition["reports_lost"], condition["stale_sent"]) == (0, 0)
+        assert condition["order_kept"] or condition["released_by_watchdog"]
+        assert condition["mispredicted"] == 0
+        assert condition["answered_by_fast_path"] >= 0.5 * condition["commands"] * HAS_COMPILER
+        assert condition["commands"] + condition["replaced_unsent"] >= 0.9 * condition["reports_sent"]
+        assert {step["step"] for step in condition["steps"]} == {Step.COLLECTOR, Step.SWITCH_INTERVAL}
+        stages = condition["stages"]
+        assert {"digitizer", "wake-up", "decode", "state", "look-up", "encode and write", "line"} <= stages.keys()
+        assert 0 < stages["bar (promised)"]["p50_us"] < 100_000  # the made entries' t90
+
+
+def test_what_a_reader_must_know_is_in_the_report(measured: tuple[Path, dict[str, Any]], table: Path) -> None:
+    _, document = measured
+    assert document["simulated"] == ["the touches", "the firmware"]
+    assert document["table"]["device_fingerprint"] == DEVICE.fingerprint
+    assert document["table"]["path"] == str(table)
+    assert document["configuration"]["rates_hz"] == [200, 1000]
+    assert document["environment"]["clock"]["reading_ns"] > 0
+    assert {"processor", "governor", "clock_source", "virtual_machine"} <= document["environment"].keys()
+    assert [row["stream"].split()[0] for row in document["in_process"]] == ["1", "10"]
+    assert all(row["report_to_bytes"]["count"] > 0 for row in document["in_process"])
+    if HAS_COMPILER:
+        assert all(row["by_fast_path"] == row["report_to_bytes"]["count"] for row in document["in_process"])
+
+
+@pytest.mark.skipif(not HAS_COMPILER, reason="there is no C compiler")
+def test_the_c_echo_engine_is_measured_beside_each_engine(measured: tuple[Path, dict[str, Any]]) -> None:
+    _, document = measured
+    floors = [condition for condition in document["conditions"] if condition["engine"] == "C echo"]
+    assert [floor["rate_hz"] for floor in floors] == [200, 1000]
+    assert all(floor["commands"] == 0.6 * floor["rate_hz"] for floor in floors)
+    assert len(document["ratios"]) == 4
+    assert all(row["median"]["low"] <= row["median"]["value"] <= row["median"]["high"] for row in document["ratios"])
+
+
+@pytest.mark.parametrize("layer", ["digitizer", "host", "link"])
+def test_a_stall_is_found_in_its_layer_and_nothing_stale_follows_it(table: Path, tmp_path: Path, layer: str) -> None:
+    words = ("--rates", "1000", "--loads", "idle", "--seconds", "1", "--rounds", "1", "--no-ablations", "--no-echo")
+    document = report(tmp_path, str(table), *words, "--stall", layer, *GENTLE)
+    (condition,) = document["conditions"]
+    assert condition["blame"]["slowest"]["layer"] == layer
+    assert condition["reports_lost"] == 0
+    assert condition["stale_sent"] == 0
+    # What came while a layer stood still was replaced by what came last.
+    assert condition["replaced_unsent"] >= 30
+    assert condition["misses"]["5 ms"] > 0
+
+
+def test_at_8000_reports_a_second_none_is_lost_and_order_is_kept(table: Path, tmp_path: Path) -> None:
+    """Ten minutes of it: docs/latency.md."""
+    words = ("--rates", "8000", "--loads", "idle", "--seconds", "1", "--rounds", "1", "--no-ablations", "--no-echo")
+    (condition,) = report(tmp_path, str(table), *words, *GENTLE)["conditions"]
+    assert (condition["reports_sent"], condition["reports_lost"], condition["stale_sent"]) == (8_000, 0, 0)
+    assert condition["order_kept"] or condition["released_by_watchdog"]
+
+
+def test_a_run_is_no_worse_than_itself_and_worse_than_a_faster_one(
+    measured: tuple[Path, dict[str, Any]], table: Path, tmp_path: Path
+) -> None:
+    folder, document = measured
+    with np.load(folder / "samples.npz") as arrays:
+        faster = {name: arrays[name] if "due" in name or name == "points" else arrays[name] / 20 for name in arrays}
+    shutil.copy(folder / "report.json", tmp_path)
+    echo = {name: arrays for name, arrays in faster.items() if not name.startswith("C echo")}
+    np.savez(tmp_path / "samples.npz", **echo)
+    words = ("--rates", "200", "--loads", "idle", "--seconds", "0.3", "--rounds", "2", "--no-ablations", *GENTLE)
+    done = bench(tmp_path / "new", str(table), *words, "--compare", str(tmp_path / "report.json"))
+    assert done.exit_code == EXIT_WORSE
+    assert "WORSE than the baseline: tactable, 200/s" in done.stdout.replace("\n", " ")
+    compared = json.loads((tmp_path / "new" / "report.json").read_text(encoding="utf-8"))["comparison"]
+    (found,) = compared.values()
+    assert found["median"]["low"] > 5
+    assert found["stage"]["low_us"] > 0
+    assert len(document["conditions"]) == 2 + 2 * HAS_COMPILER
+
+
+def test_a_baseline_of_other_conditions_is_refused(
+    measured: tuple[Path, dict[str, Any]], table: Path, tmp_path: Path
+) -> None:
+    words = ("--rates", "300", "--loads", "idle", "--seconds", "0.1", "--rounds", "1", "--no-ablations", "--no-echo")
+    baseline = str(measured[0] / "report.json")
+    with pytest.raises(LatencyReportError, match="has none of these conditions"):
+        bench(tmp_path, str(table), *words, *GENTLE, "--compare", baseline)
+
+
+def test_over_a_pseudo_terminal_the_firmware_says_when_it_had_each_command(table: Path, tmp_path: Path) -> None:
+    words = ("--rates", "200", "--loads", "idle", "--seconds", "0.5", "--rounds", "1", "--no-ablations", "--no-echo")
+    document = report(tmp_path, str(table), *words, "--over", "pty", *GENTLE)
+    (condition,) = document["conditions"]
+    assert condition["stages"]["line"]["count"] >= 0.9 * condition["commands"]
+    assert condition["stages"]["device"]["count"] > 0
+    assert condition["clock_bounds_us"] > 0
+    assert document["ratios"] == []
+
+
+def test_a_recording_is_sent_at_the_stated_rate(table: Path, tmp_path: Path) -> None:
+    words = ("--rates", "1000", "--loads", "thread", "--seconds", "0.7", "--rounds", "1", *GENTLE)
+    document = report(tmp_path, str(table), *words, "--recording", str(DEMO_RECORDING))
+    (condition,) = document["conditions"]
+    assert condition["reports_sent"] == 700
+    assert condition["reports_lost"] == 0
+    assert document["in_process"][-1]["reports"] == 692
+    assert "SIMULATED" in (tmp_path / "report.md").read_text(encoding="utf-8")
+
+
+def test_a_capture_becomes_the_same_report(tmp_path: Path) -> None:
+    path = write_capture(tmp_path / "scope.csv", [0.010] * 30, [0.014] * 30)
+    document = report(tmp_path / "report", "--capture", str(path))
+    (condition,) = document["conditions"]
+    assert condition["stages"]["touch to acceleration"]["p50_us"] == pytest.approx(14_000, abs=150)
+    assert document["whole"] == "touch to acceleration"
+    assert "SIMULATED" not in (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--rates", "1000,125"), "expected rising rates"),
+        (("--loads", "busy"), "'busy' is not a valid Load"),
+        (("--realtime", "nice"), "is unknown: write all, none"),
+        (("--seconds", "600"), "take more --rounds"),
+    ],
+)
+def test_what_cannot_be_measured_is_a_usage_error(
+    table: Path, tmp_path: Path, words: tuple[str, str], said: str
+) -> None:
+    done = bench(tmp_path, str(table), *words)
+    assert done.exit_code == 2
+    assert said in " ".join(done.output.replace("│", " ").split())

@@ -1,0 +1,80 @@
+"""Laws of comparing two measurements: the same is no change, worse is worse, and the machine's share is not ours."""
+
+import numpy as np
+
+from tactable.bench.latency.compare import (
+    Rounds,
+    compare,
+    compare_condition,
+    compare_runs,
+    got_worse,
+    median,
+    percentile,
+    ratio,
+)
+from tactable.bench.latency.stages import Point, Values
+
+WAYS_NS = (20e3, 30e3, 4e3, 3e3, 1e3, 9e3)
+
+
+def rounds_of(seed: int, scale: float = 1.0, **slower: float) -> Rounds:
+    """Four rounds of 400 commands with some spread; every stage times `scale`, the named ones times their own."""
+    random = np.random.default_rng(seed)
+    rounds = []
+    for _ in range(4):
+        ways = np.array(WAYS_NS) * scale * random.lognormal(0.0, 0.2, (400, len(WAYS_NS)))
+        for name, factor in slower.items():
+            ways[:, Point[name] - 1] *= factor
+        stamps = np.full((400, len(Point)), np.nan)
+        stamps[:, 0] = 0.0
+        stamps[:, 1 : Point.WRITTEN + 1] = ways.cumsum(axis=1)
+        rounds.append(stamps)
+    return rounds
+
+
+def test_the_same_is_no_change() -> None:
+    found = compare_condition(rounds_of(1), rounds_of(2), 1.0)
+    for name in ("median", "p99"):
+        assert found[name]["verdict"] == "no difference that these samples tell"
+        assert found[name]["low"] < 1 < found[name]["high"]
+
+
+def test_what_got_worse_is_said_with_its_stage() -> None:
+    found = compare_condition(rounds_of(1, WRITTEN=3.0), rounds_of(2), 1.0)
+    assert found["median"]["verdict"] == "worse"
+    assert found["median"]["low"] <= (67 + 18) / 67 <= found["median"]["high"]
+    assert (found["stage"]["name"], found["stage"]["layer"]) == ("encode and write", "link")
+    assert found["stage"]["low_us"] <= 18 <= found["stage"]["high_us"]
+
+
+def test_what_got_better_is_said_too() -> None:
+    assert compare_condition(rounds_of(1), rounds_of(2, READ=3.0), 1.0)["median"]["verdict"] == "better"
+
+
+def test_a_slower_machine_is_not_a_worse_engine() -> None:
+    ours, floor = "tactable", "C echo"
+    before = {ours: rounds_of(1), floor: rounds_of(2)}
+    slower = {ours: rounds_of(3, 1.4), floor: rounds_of(4, 1.4)}
+    assert got_worse(compare_runs(slower, before, {ours: floor})) == []
+    assert got_worse(compare_runs({**slower, floor: rounds_of(4)}, before, {ours: floor})) == [ours]
+    assert got_worse(compare_runs(slower, before, {})) == [ours, floor]
+
+
+def test_conditions_of_one_run_only_are_not_compared() -> None:
+    assert compare_runs({"a": rounds_of(1)}, {"b": rounds_of(1)}, {}) == {}
+
+
+def test_an_interval_holds_the_truth_about_as_often_as_it_says() -> None:
+    held = 0
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        ours, theirs = ([random.exponential(scale, 300) for _ in range(3)] for scale in (1.2, 1.0))
+        found = compare(ours, theirs, median, ratio, seed)
+        held += found.low <= 1.2 <= found.high
+    assert held >= 16  # of 20: at 95 % fewer come once in 400
+
+
+def test_nothing_measured_has_no_figures() -> None:
+    nothing: list[Values] = [np.full(5, np.nan)]
+    found = compare(nothing, nothing, percentile(99), ratio)
+    assert np.isnan([found.value, found.low, found.high]).all()

@@ -1,0 +1,44 @@
+"""The plan: every step is left out once, each engine has its floor, and no condition is always the first."""
+
+from engine.loop.realtime import ALL_STEPS, Step
+from tactable.bench.latency.load import Load
+from tactable.bench.latency.plan import Plan
+from tactable.bench.latency.run import ECHO, PAGED, TACTABLE, Condition
+
+PLAN = Plan((125, 1000, 4000), tuple(Load), ALL_STEPS, has_echo=True, ablates=True)
+
+
+def test_every_step_is_left_out_once_and_all_once_at_the_middle_rate_under_stress() -> None:
+    left_out = [
+        condition
+        for load in PLAN.loads
+        for condition in PLAN.conditions(load)
+        if condition.steps != ALL_STEPS and condition.engine == TACTABLE
+    ]
+    assert {(condition.rate_hz, condition.load) for condition in left_out} == {(1000, Load.STRESS)}
+    assert [condition.steps_text for condition in left_out] == ["none", *(f"all but {step}" for step in Step)]
+
+
+def test_each_engine_is_next_to_its_floor() -> None:
+    for load in (Load.IDLE, Load.STRESS):
+        for rate_hz in PLAN.rates_hz:
+            floor = PLAN.floor_of(Condition(TACTABLE, rate_hz, load, ALL_STEPS))
+            assert floor == Condition(ECHO, rate_hz, load, ALL_STEPS)
+            assert floor in PLAN.conditions(load)
+            assert PLAN.floor_of(floor) is None
+    assert PLAN.floor_of(Condition(TACTABLE, 1000, Load.THREAD, ALL_STEPS)) is None
+
+
+def test_rounds_begin_with_another_condition_and_measure_all_of_them() -> None:
+    rounds = [conditions for _, load, conditions in PLAN.rounds(4) if load is Load.IDLE]
+    assert len({conditions[0] for conditions in rounds}) == 4
+    assert all(set(conditions) == set(PLAN.conditions(Load.IDLE)) for conditions in rounds)
+    assert PLAN.segments_a_round == sum(len(PLAN.conditions(load)) for load in Load)
+
+
+def test_a_page_is_compared_with_the_same_engine_without_one() -> None:
+    plan = Plan((1000,), (Load.IDLE, Load.STRESS), ALL_STEPS, has_echo=False, ablates=False, pages=True)
+    paged = Condition(PAGED, 1000, Load.IDLE, ALL_STEPS)
+    assert paged in plan.conditions(Load.IDLE)
+    assert plan.floor_of(paged) == Condition(TACTABLE, 1000, Load.IDLE, ALL_STEPS)
+    assert not any(condition.engine == PAGED for condition in PLAN.conditions(Load.IDLE))

@@ -1,0 +1,88 @@
+"""Laws of stages: what is too few is not told, what was not measured is passed over, the guilty layer is named."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactable.bench.latency.stages import (
+    STAGES,
+    Point,
+    Stamps,
+    blame,
+    durations_of,
+    figures_of,
+    last_measured,
+    misses_of,
+    stages_json,
+    us,
+)
+
+WAYS_NS = {
+    Point.SENT: 20e3,
+    Point.READ: 30e3,
+    Point.FRAME: 4e3,
+    Point.STATE: 3e3,
+    Point.COMMAND: 1e3,
+    Point.WRITTEN: 9e3,
+}
+
+
+def stamps_of(count: int, **late_ns: float) -> Stamps:
+    """Commands that each took WAYS_NS; the last twentieth is late in the points named."""
+    ways = np.tile([0.0, *WAYS_NS.values()], (count, 1))
+    for name, extra_ns in late_ns.items():
+        ways[-(count // 20) :, Point[name]] += extra_ns
+    stamps = np.full((count, len(Point)), np.nan)
+    stamps[:, : Point.WRITTEN + 1] = ways.cumsum(axis=1)
+    return stamps
+
+
+@given(st.lists(st.integers(0, 10**9), min_size=1, max_size=300))
+def test_a_percentile_is_a_sample_and_told_only_with_ten_beyond_it(durations_ns: list[int]) -> None:
+    figures = figures_of(np.array(durations_ns, np.float64))
+    assert figures is not None
+    count = len(durations_ns)
+    assert figures.count == count
+    assert round(1e3 * figures.p50_us) in durations_ns
+    assert (figures.p90_us is None) == (count * 0.1 < 10 - 1e-9)
+    assert figures.p99_us is None
+    assert round(1e3 * figures.max_us) == max(durations_ns)
+
+
+def test_without_samples_there_are_no_figures() -> None:
+    assert figures_of(np.array([np.nan])) is None
+    assert blame(stamps_of(0)) is None
+
+
+def test_a_stage_begins_with_the_last_point_that_was_measured() -> None:
+    stamps = stamps_of(3)
+    stamps[:, [Point.FRAME, Point.STATE, Point.COMMAND]] = np.nan
+    assert durations_of(stamps, Point.WRITTEN).tolist() == [17e3] * 3
+    assert last_measured(stamps) is Point.WRITTEN
+
+
+@pytest.mark.parametrize(
+    ("point", "layer"),
+    [("SENT", "digitizer"), ("READ", "host"), ("FRAME", "engine"), ("STATE", "engine"), ("WRITTEN", "link")],
+)
+def test_the_layer_that_was_late_is_named(point: str, layer: str) -> None:
+    found = blame(stamps_of(1000, **{point: 5e6}))
+    assert found is not None
+    assert (found["slowest"]["layer"], found["slowest"]["stage"]) == (layer, STAGES[Point[point]].name)
+    assert found["slowest"]["share"] > 0.99
+    assert found["typical"]["layer"] == "host"
+
+
+def test_what_was_never_written_is_a_miss() -> None:
+    assert misses_of(np.array([2e6, np.nan, 0.5e6, 60e6])) == {"1 ms": 3, "5 ms": 2, "10 ms": 2, "20 ms": 2, "50 ms": 2}
+
+
+def test_stages_add_up_to_the_way() -> None:
+    told = stages_json(stamps_of(50))["stages"]
+    assert told["due to written"]["p50_us"] == pytest.approx(67.0)
+    assert sum(told[STAGES[point].name]["p50_us"] for point in WAYS_NS) == pytest.approx(67.0)
+
+
+def test_what_is_not_known_is_a_dash() -> None:
+    assert [us(value) for value in (None, float("nan"), 3.14159, 12345.6)] == ["-", "-", "3.1", "12346"]

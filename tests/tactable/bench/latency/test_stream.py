@@ -1,0 +1,48 @@
+"""Streams of touches: taps that change the state as often as they say, whatever the rate."""
+
+from dataclasses import replace
+from itertools import islice, pairwise
+
+import pytest
+
+from engine.touch.digitizer import open_digitizer
+from engine.touch.sources.recording import read_recording
+from tactable.bench.latency.stream import MOST_COMMANDS_HZ, expected_states, replayed, tapping
+from tactable.shipped import DEMO_RECORDING, find_device
+
+DEVICE = find_device("reference-a")
+
+
+@pytest.mark.parametrize("fingers", [1, 2, 10])
+@pytest.mark.parametrize("rate_hz", [125, 1000, 8000])
+def test_each_tap_and_each_lift_is_a_new_state_at_its_pace(fingers: int, rate_hz: int) -> None:
+    stream, count = tapping(fingers, rate_hz, DEVICE), 400
+    assert stream.reports_per_command == max(1, rate_hz // MOST_COMMANDS_HZ)
+    changes = expected_states(stream, count, DEVICE)
+    reports = [report for report, _ in changes]
+    assert reports == list(range(0, count, stream.reports_per_command))
+    assert all(earlier != later for (_, earlier), (_, later) in pairwise(changes))
+    assert stream.simulated
+
+
+def test_as_many_fingers_touch_as_are_asked_for() -> None:
+    stream = tapping(10, 1000, DEVICE)
+    digitizer = open_digitizer(stream.descriptor)
+    frames = [digitizer.decode_report(report, 0) for report in islice(stream.packets(), 20)]
+    assert {len(frame.contacts) for frame in frames if frame} == {9, 10}
+
+
+@pytest.mark.parametrize("fingers", [0, 11])
+def test_more_fingers_than_there_are_is_refused(fingers: int) -> None:
+    with pytest.raises(ValueError, match="expected 1 to 10"):
+        tapping(fingers, 1000, DEVICE)
+
+
+def test_a_recording_comes_again_from_its_first_report() -> None:
+    recording = read_recording(DEMO_RECORDING)
+    stream = replayed(recording)
+    count = len(recording.reports)
+    again = list(islice(stream.packets(), 2 * count))
+    assert again[:count] == again[count:] == [report.data for report in recording.reports]
+    with pytest.raises(ValueError, match="no reports"):
+        replayed(replace(recording, reports=()))

@@ -1,0 +1,133 @@
+"""From measurements to the table that is played: built as the one before was, or left; never lost, never done twice."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from engine.device.file import parse_device
+from engine.table.history import previous_of
+from engine.table.table import Table
+from precompute.builder.build import build_table
+from precompute.builder.incremental import Part, outdated_parts
+from precompute.clicks.options import ClickOptions
+from tactable.cli.calibrate import EXIT_DOUBTFUL
+from tactable.cli.main import app
+from tests.precompute.builder.test_build import SMALL
+from tests.precompute.builder.test_incremental import arrays
+
+CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=2, trimmed=6, judged=10)
+WISHES: dict[str, Any] = {"objective": "fair share", "clicks_up_to": 1, "click_options": CHEAP}
+DEVICE = parse_device(SMALL, "bar.toml")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "bar.toml").write_text(SMALL, encoding="utf-8")
+    build_table(DEVICE, folder / "bar.nc", created="at first", **WISHES)
+    words = ["simulate-measurements", str(folder / "bar.toml"), "-o", str(folder / "measured.csv"), "--points", "12"]
+    done = CliRunner().invoke(app, [*words, "--change", "actuator[1].stiffness=20.5 kN/m"])
+    assert done.exit_code == 0, done.output
+    return folder
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    for path in made.iterdir():
+        shutil.copy(path, tmp_path)
+    return tmp_path
+
+
+def apply(*options: str) -> Result:
+    words = ["calibrate", "bar.toml", "measured.csv", "-o", "new", "--starts", "1", "--apply", "bar.nc"]
+    return CliRunner().invoke(app, [*words, *options])
+
+
+def test_the_table_is_built_for_the_new_bar_as_it_was_built_before(folder: Path) -> None:
+    done = apply("--json")
+    assert done.exit_code == 0, done.output
+    said = json.loads(done.stdout)
+    new = parse_device((folder / "new" / "reference-a.toml").read_text(encoding="utf-8"), "new")
+    assert new.actuators[0].stiffness_n_per_m == pytest.approx(20.5e3, rel=1e-2)
+    build_table(new, folder / "scratch.nc", created="by hand", **WISHES)
+    one, other = arrays(folder / "bar.nc"), arrays(folder / "scratch.nc")
+    assert one.keys() == other.keys()
+    with Table.open(folder / "bar.nc", device=new) as table, Table.open(folder / "scratch.nc") as scratch:
+        assert table.entries == scratch.entries
+        assert table.checksums() == scratch.checksums()
+        assert table.attributes["objective"] == "fair share" and not outdated_parts(table)
+    with Table.open(previous_of(folder / "bar.nc"), device=DEVICE) as before:
+        assert before.attributes["created"] == "at first"
+    applied = said["applied"]
+    assert {"start", "fit", "entries", "verify", "put in place"} <= applied["seconds"].keys()
+    assert sum(applied["seconds"].values()) == pytest.approx(applied["in_place_after_s"], rel=1e-2)
+    assert applied["diff"]["entries"]["changed"] > 0
+    assert "actuator[1].stiffness_n_per_m" in {change["key"] for change in applied["diff"]["device"]}
+
+
+def test_asked_again_it_goes_on_where_it_was_and_then_does_nothing(folder: Path) -> None:
+    first = apply("--no-clicks")
+    assert first.exit_code == 0, first.output
+    assert "its clicks are still those of the bar before" in first.stdout
+    with Table.open(folder / "bar.nc") as table:
+        assert outdated_parts(table) == (Part.CLICKS,)
+        assert [click.samples.tobytes() for click in table.clicks]
+        entries = table.entries
+    with Table.open(previous_of(folder / "bar.nc")) as before, Table.open(folder / "bar.nc") as table:
+        played = zip(before.clicks, table.clicks, strict=True)
+        assert all(own.samples.tobytes() == other.samples.tobytes() for own, other in played)
+    report = (folder / "new" / "report.json").read_bytes()
+    second = apply()
+    assert second.exit_code == 0, second.output
+    assert "was put in place before" in second.stdout and "clicks made anew" in second.stdout
+    with Table.open(folder / "bar.nc") as table:
+        assert table.entries == entries and not outdated_parts(table)
+    with Table.open(previous_of(folder / "bar.nc"), device=DEVICE):
+        pass  # not the table that was only completed
+    whole = (folder / "bar.nc").read_bytes()
+    assert apply().exit_code == 0
+    assert (folder / "bar.nc").read_bytes() == whole
+    assert (folder / "new" / "report.json").read_bytes() == report
+
+
+def test_a_doubtful_fit_leaves_the_table_unless_it_is_wanted_all_the_same(folder: Path) -> None:
+    before = (folder / "bar.nc").read_bytes()
+    strict = ("--accept", "0.001 %", "--no-clicks")
+    done = apply(*strict)
+    assert done.exit_code == EXIT_DOUBTFUL
+    assert "left as it was, for the doubts" in done.stdout
+    assert (folder / "bar.nc").read_bytes() == before and not previous_of(folder / "bar.nc").exists()
+    assert (folder / "new" / "report.md").is_file()
+    assert apply(*strict, "--despite-doubts").exit_code == 0
+    assert previous_of(folder / "bar.nc").read_bytes() == before
+
+
+def test_other_data_for_the_same_folder_are_refused(folder: Path) -> None:
+    (folder / "new").mkdir()
+    before = (folder / "bar.nc").read_bytes()
+    done = apply()
+    assert done.exit_code == 1 and "is there already and is not overwritten" in str(done.exception)
+    assert (folder / "bar.nc").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "there is no such table"),
+        (SMALL.replace("count = 3", "count = 2"), "not of 'reference-a' with its zones, actuators and limits"),
+    ],
+)
+def test_a_table_that_cannot_be_made_is_refused_before_anything_is_fitted(
+    folder: Path, text: str | None, message: str
+) -> None:
+    (folder / "bar.nc").unlink()
+    if text is not None:
+        build_table(parse_device(text, "other"), folder / "bar.nc", clicks_up_to=0)
+    done = apply()
+    assert done.exit_code == 1 and message in str(done.exception)
+    assert not (folder / "new").exists()

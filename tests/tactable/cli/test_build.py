@@ -1,0 +1,89 @@
+"""The commands `build --watch` and `rollback`."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from engine.device.file import parse_device
+from engine.table.history import previous_of
+from engine.table.table import Table
+from precompute.builder.build import build_table
+from tests.precompute.builder.test_build import SMALL
+
+TACTABLE = str(Path(sys.executable).parent / "tactable")
+SOFTER = SMALL.replace('stiffness = "1 kN/m"', 'stiffness = "0.9 kN/m"')
+
+
+def tactable(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([TACTABLE, *words], cwd=folder, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A table in another's place."""
+    for text in (SMALL, SOFTER):
+        build_table(parse_device(text, "bar.toml"), tmp_path / "bar.nc", created=str(len(text)), clicks_up_to=0)
+    return tmp_path
+
+
+def test_rolled_back_is_the_table_before_and_once_more_as_it_was(folder: Path) -> None:
+    devices = []
+    for _ in range(3):
+        with Table.open(folder / "bar.nc") as table:
+            devices.append(table.device.finger.stiffness_n_per_m)
+        done = tactable(folder, "rollback", "bar.nc", "--json")
+        assert done.returncode == 0, done.stderr
+        assert json.loads(done.stdout)["device"] == "reference-a"
+    assert devices == [900.0, 1000.0, 900.0]
+
+
+def test_a_damaged_table_is_not_put_back(folder: Path) -> None:
+    kept = previous_of(folder / "bar.nc")
+    data = bytearray(kept.read_bytes())
+    data[len(data) // 2] ^= 1
+    kept.write_bytes(data)
+    before = (folder / "bar.nc").read_bytes()
+    done = tactable(folder, "rollback", "bar.nc")
+    assert done.returncode == 1
+    assert "is corrupted" in done.stderr
+    assert (folder / "bar.nc").read_bytes() == before
+
+
+def test_without_a_previous_table_rollback_says_so(folder: Path) -> None:
+    previous_of(folder / "bar.nc").unlink()
+    done = tactable(folder, "rollback", "bar.nc")
+    assert done.returncode == 1
+    assert "there is no previous table" in done.stderr
+
+
+def test_a_watched_device_is_built_at_each_change_and_a_wrong_one_is_told(tmp_path: Path) -> None:
+    device = tmp_path / "bar.toml"
+    device.write_text(SMALL, encoding="utf-8")
+    command = [TACTABLE, "build", "bar.toml", "-o", "bar.nc", "--clicks-up-to", "0", "--watch"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, cwd=tmp_path, text=True, stdout=pipe, stderr=pipe) as process:
+        assert process.stderr is not None
+
+        def told() -> str:
+            """All that was said until it waits."""
+            said = ""
+            while "waiting for a change" not in said:
+                line = process.stderr.readline()  # type: ignore[union-attr]  # a pipe, see above
+                assert line, said
+                said += line
+            return said
+
+        told()
+        for text, remark in ((SOFTER, ""), ("name = 1", "tactable: bar.toml"), (SMALL, "")):
+            new = tmp_path / "new"
+            new.write_text(text, encoding="utf-8")
+            new.replace(device)
+            assert remark in told()
+            if not remark:
+                Table.open(tmp_path / "bar.nc", device=parse_device(text, "bar.toml")).close()
+        process.send_signal(signal.SIGINT)
+        assert process.wait() == 0

@@ -1,0 +1,52 @@
+"""The command build with measured responses: what it builds, what it says of it, how it refuses."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from engine.table.table import Table
+from precompute.measurements.csv import write_csv
+from precompute.measurements.types import Kind
+from tactable.cli.main import app
+from tests.precompute.fleet.small_fleet import small_text
+from tests.precompute.measurements.test_responses import COARSE, rows
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The coarse device, and its responses as a file."""
+    (tmp_path / "bar.toml").write_text(small_text(), encoding="utf-8")
+    measured = rows(COARSE, np.arange(60.0, 301.0, 5.0), 22)
+    assert measured.kind is Kind.RESPONSE
+    (tmp_path / "bar.csv").write_text(write_csv(measured, COARSE, "SIMULATED"), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_it_says_what_is_measured_and_what_is_an_estimate(folder: Path) -> None:
+    done = CliRunner().invoke(app, ["build", "bar.toml", "-o", "bar.nc", "--responses", "bar.csv"])
+    assert done.exit_code == 0, done.output
+    for part in ("0 clicks", "measured responses (SIMULATED) in bar.csv", "ESTIMATE", "there are no clicks"):
+        assert part in done.stdout
+    with Table.open(folder / "bar.nc") as table:
+        assert table.attributes["responses_file"] == "bar.csv"
+    done = CliRunner().invoke(app, ["build", "bar.toml", "-o", "bar.nc", "--responses", "bar.csv", "--json"])
+    summary = json.loads(done.stdout)
+    assert summary["source"] == "measured responses (SIMULATED)"
+    assert summary["model_disagreement"]["left"] < 1e-5
+    done = CliRunner().invoke(app, ["build", "bar.toml", "-o", "bar.nc", "--clicks-up-to", "0", "--json"])
+    assert json.loads(done.stdout)["source"] == "model"
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [(("no.csv",), "no.csv"), (("bar.toml",), ".csv"), (("bar.csv", "--sensor-mass", "2"), "--sensor-mass")],
+)
+def test_a_file_that_is_none_is_refused(folder: Path, words: tuple[str, ...], part: str) -> None:
+    done = CliRunner().invoke(app, ["build", "bar.toml", "-o", "bar.nc", "--responses", *words])
+    assert isinstance(done.exception, ValueError | OSError)
+    assert part in str(done.exception)
+    assert not (folder / "bar.nc").exists()

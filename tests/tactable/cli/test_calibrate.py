@@ -1,0 +1,175 @@
+"""The commands around calibration: what they write, refuse and leave alone, and the exit status that they end with."""
+
+import hashlib
+import json
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from engine.device.device import Device
+from tactable.cli.calibrate import EXIT_DOUBTFUL
+from tactable.cli.main import app, main
+
+ROOT = Path(__file__).parents[3]
+DRIVES = "150,130;150,200;140,-"
+
+
+def run(*words: str) -> Result:
+    return CliRunner().invoke(app, list(words))
+
+
+def simulated(path: Path, *options: str) -> Path:
+    assert run("simulate-measurements", "reference-a", "-o", str(path), "--drives", DRIVES, *options).exit_code == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    changes = ("--change", "actuator[1].stiffness=20.5 kN/m", "--change", "actuator.full_scale=0.48 µm")
+    return simulated(tmp_path_factory.mktemp("measured") / "m.csv", *changes, "--noise", "2 %", "--wrong", "5 %")
+
+
+@pytest.fixture(scope="module")
+def calibrated(measured: Path) -> tuple[Path, dict[str, Any]]:
+    folder = measured.parent / "new"
+    done = run("calibrate", "reference-a", str(measured), "-o", str(folder), "--starts", "2", "--json")
+    assert done.exit_code == 0, done.output
+    return folder, json.loads(done.stdout)
+
+
+def test_a_new_folder_holds_device_data_report_and_picture(measured: Path, calibrated: tuple[Path, Any]) -> None:
+    folder, printed = calibrated
+    names = ["fit.png", "measurements.csv", "reference-a.toml", "report.json", "report.md"]
+    assert sorted(path.name for path in folder.iterdir()) == names
+    assert (folder / "measurements.csv").read_bytes() == measured.read_bytes()
+    report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    device = Device.read(Path(printed["device_file"]))
+    assert report["fingerprint"] == device.fingerprint
+    assert report["sha256"] == hashlib.sha256(measured.read_bytes()).hexdigest()
+    assert (folder / "fit.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_new_device_has_what_was_measured(calibrated: tuple[Path, Any]) -> None:
+    folder, printed = calibrated
+    device = Device.read(folder / "reference-a.toml")
+    assert device.actuators[0].stiffness_n_per_m == pytest.approx(20.5e3, rel=5e-3)
+    assert device.actuators[1].full_scale_m == pytest.approx(0.48e-6, rel=1e-2)
+    assert device.uncertainty is not None
+    assert printed["simulated"] and printed["doubts"] == []
+
+
+def test_what_is_there_is_not_overwritten(measured: Path, calibrated: tuple[Path, Any]) -> None:
+    folder, _ = calibrated
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    again = run("calibrate", "reference-a", str(measured), "-o", str(folder))
+    assert again.exit_code == 1
+    assert "is there already and is not overwritten" in str(again.exception)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_misfit_beyond_what_is_accepted_is_written_and_doubted(measured: Path, tmp_path: Path) -> None:
+    options = ("--fit", "bar.stiffness_damping", "--accept", "1 %", "--strict", "--starts", "1")
+    done = run("calibrate", "reference-a", str(measured), "-o", str(tmp_path / "new"), *options)
+    assert done.exit_code == EXIT_DOUBTFUL
+    assert "DOUBTFUL: the typical misfit" in done.stdout
+    assert (tmp_path / "new" / "reference-a.toml").is_file()
+
+
+def test_people_are_told_what_was_found_and_where_it_is(measured: Path, tmp_path: Path) -> None:
+    fitted = ("--fit", "actuator.full_scale=0.3 µm..0.6 µm", "--also", "actuator[1].stiffness")
+    options = (*fitted, "--starts", "1", "--no-compare")
+    done = run("calibrate", "reference-a", str(measured), "-o", str(tmp_path / "new"), *options)
+    assert done.exit_code == 0, done.output
+    assert "reference-a SIMULATED: 66 readings" in done.stdout
+    assert "actuator[1].stiffness" in done.stdout
+    assert "Not done: " in (tmp_path / "new" / "report.md").read_text(encoding="utf-8")
+    assert f"written: {tmp_path / 'new'}" in done.stdout.replace("\n", "")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--loss l2", "--loss 'l2': expected one of robust, squares, l1"),
+        ("--fit bar.densty", "did you mean bar.density?"),
+        ("--also bar.density=1", "--also bar.density=1: expected bounds such as 1 kg/m^3..2 kg/m^3"),
+        ("--also 'bar.density=1 kg..2 kg'", "--also bar.density: '1 kg' is a mass; expected a density"),
+        ("--accept much", "--accept: 'much' is not a number with a unit"),
+        ("--sensor-mass '-1 g'", "--sensor-mass '-1 g': expected at least 0"),
+        ("--fit finger.mass --fit bar.density", "finger.mass: changes none of these readings"),
+    ],
+)
+def test_options_that_cannot_be_are_refused(words: str, message: str, measured: Path, tmp_path: Path) -> None:
+    done = run("calibrate", "reference-a", str(measured), "-o", str(tmp_path / "new"), *shlex.split(words))
+    assert done.exit_code == 1
+    assert message in str(done.exception)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_error_is_one_line_and_status_1(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("sys.argv", ["tactable", "calibrate", "reference-a", "nowhere.txt", "-o", "/nowhere/new"])
+    with pytest.raises(SystemExit) as stopped:
+        main()
+    assert stopped.value.code == 1
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_plan_proposes_readings_and_what_they_would_tell(measured: Path) -> None:
+    done = run("plan-measurements", "reference-a", str(measured), "--count", "3", "--json")
+    plan = json.loads(done.stdout)
+    assert len(plan["readings"]) == 3
+    for parameter in plan["parameters"]:
+        assert parameter["standard_error_after"] <= parameter["standard_error"]
+
+
+def test_a_plan_needs_no_measurement() -> None:
+    done = run("plan-measurements", "reference-a", "--count", "2", "--criterion", "A", "--also", "bar.density")
+    assert done.exit_code == 0
+    assert "bar.density" in done.stdout and "standard error" in done.stdout
+
+
+def test_simulated_measurements_are_marked_and_never_overwrite(tmp_path: Path) -> None:
+    path = simulated(tmp_path / "m.csv", "--points", "3", "--seed", "4")
+    text = path.read_text(encoding="utf-8")
+    assert text.startswith("# SIMULATED by tactable simulate-measurements: reference-a; ")
+    assert len(text.splitlines()) == 2 + 9
+    again = run("simulate-measurements", "reference-a", "-o", str(path))
+    assert again.exit_code == 1 and "is there already" in str(again.exception)
+    assert path.read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--drives 150", "expected frequencies in Hz of left,right"),
+        ("--drives -,-", "expected frequencies in Hz of left,right"),
+        ("--drives 150,x", "'x': expected a frequency in Hz"),
+        ("--drives ;", "--drives names no drive"),
+        ("--change bar.density", "--change bar.density: '' is not a number with a unit"),
+        ("--change bar.wood=1", "'bar.wood': is nothing that can be fitted"),
+    ],
+)
+def test_drives_and_changes_that_cannot_be_are_refused(words: str, message: str, tmp_path: Path) -> None:
+    done = run("simulate-measurements", "reference-a", "-o", str(tmp_path / "m.csv"), *words.split())
+    assert done.exit_code == 1
+    assert message in str(done.exception)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_shipped_measurements_are_made_by_the_command_in_their_first_line(tmp_path: Path) -> None:
+    shipped = ROOT / "tables" / "measurements" / "reference-a-drifted.csv"
+    text = shipped.read_text(encoding="utf-8")
+    made = re.findall(r"^tactable (simulate-measurements .*)$", (ROOT / "tables" / "MEASUREMENTS.md").read_text(), re.M)
+    words = [
+        str(tmp_path / "m.csv") if word == f"measurements/{shipped.name}" else word for word in shlex.split(made[0])
+    ]
+    assert run(*words).exit_code == 0
+    again = (tmp_path / "m.csv").read_text(encoding="utf-8")
+    assert again.splitlines()[:2] == text.splitlines()[:2]
+    for line, other in zip(again.splitlines()[2:], text.splitlines()[2:], strict=True):
+        assert [float(cell or 0) for cell in line.split(",")] == pytest.approx(
+            [float(cell or 0) for cell in other.split(",")], rel=1e-5
+        )

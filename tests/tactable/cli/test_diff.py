@@ -1,0 +1,92 @@
+"""The command diff: its exit status, what it prints for people, what for machines."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from tactable.cli.main import app
+from tests.engine.made_table import write_table
+from tests.engine.table.test_diff import CLICKS, ENTRIES
+from tests.engine.table.test_table import DEVICE
+
+_louder = replace(ENTRIES[1], contrast_db=10.5, worst_case=replace(ENTRIES[1].worst_case, contrast_db=7.0))
+
+
+@pytest.fixture
+def tables(tmp_path: Path) -> tuple[str, str]:
+    before = write_table(tmp_path / "before.nc", DEVICE, ENTRIES, CLICKS)
+    after = write_table(
+        tmp_path / "after.nc", DEVICE, [ENTRIES[0], _louder, *ENTRIES[2:]], CLICKS[:2], objective="paper"
+    )
+    return str(before), str(after)
+
+
+def diff(*words: str) -> tuple[int, str, str]:
+    done = CliRunner().invoke(app, ["diff", *words])
+    return done.exit_code, done.stdout, done.stderr
+
+
+def test_the_status_is_0_for_the_same_1_for_others_and_2_for_trouble(tables: tuple[str, str]) -> None:
+    before, after = tables
+    assert diff(before, before)[0] == 0
+    assert diff(before, after)[0] == 1
+    for words in ((before, "no-such.nc"), (before, __file__), (before,), (before, after, "--limit", "-1")):
+        assert diff(*words)[0] == 2, words
+
+
+def test_trouble_is_one_line_that_names_the_table(tables: tuple[str, str]) -> None:
+    status, out, errors = diff(tables[0], "no-such.nc")
+    assert (status, out) == (2, "")
+    assert errors.startswith("tactable: no-such.nc: ")
+    assert errors.count("\n") == 1
+
+
+def test_words_and_figures_say_what_changed(tables: tuple[str, str]) -> None:
+    out = diff(*tables)[1]
+    for part in (
+        "the tables differ",
+        "option: objective: contrast -> paper",
+        "entries: 1 of 6 changed beyond 0.1 dB",
+        "felt I, quiet IV at 20 dB: contrast 12 -> 10.5 dB, worst contrast 8 -> 7 dB",
+        "clicks: 1 vanished: felt II III, quiet V",
+        "clicks: none of 2 changed",
+    ):
+        assert part in out
+
+
+def test_the_same_is_said_in_one_line_a_part(tables: tuple[str, str]) -> None:
+    out = diff(tables[0], tables[0])[1]
+    assert "the tables are the same" in out
+    assert "entries: none of 6 changed" in out
+
+
+def test_json_holds_all_of_it(tables: tuple[str, str]) -> None:
+    status, out, _ = diff(*tables, "--json")
+    found = json.loads(out)
+    assert status == 1
+    assert found["differs"] is True
+    assert found["options"] == [{"key": "objective", "before": "contrast", "after": "paper", "percent": None}]
+    changed = found["entries"]["changed"]
+    assert changed == [
+        {
+            "felt": ["I"],
+            "quiet": ["IV"],
+            "level_db": 20.0,
+            "figures": [
+                {"figure": "contrast_db", "before": 12.0, "after": 10.5, "size": 1.5, "unit": "dB"},
+                {"figure": "worst_contrast_db", "before": 8.0, "after": 7.0, "size": 1.0, "unit": "dB"},
+            ],
+        }
+    ]
+    assert found["clicks"]["vanished"] == ["felt II III, quiet V"]
+    assert [row["figure"] for row in found["entries"]["largest"]] == ["contrast_db", "worst_contrast_db"]
+    assert json.loads(diff(tables[0], tables[0], "--json")[1])["differs"] is False
+
+
+def test_the_limit_is_the_users(tables: tuple[str, str]) -> None:
+    out = diff(*tables, "--limit", "1.2")[1]
+    assert "felt I, quiet IV at 20 dB: contrast 12 -> 10.5 dB" in out
+    assert "worst contrast" not in out

@@ -1,0 +1,247 @@
+"""The command `run`: from touches to an emulated firmware of another process, and how it refuses."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from engine.loop.ring import Record, RingReader
+from engine.table.entry_group import write_entries
+from engine.table.file import TableWriter
+from engine.table.table import TableError
+from engine.touch.digitizer import DigitizerError
+from engine.touch.sources.recording import RecordingError, read_recording, write_recording
+from firmware_link.emulator.drive_log import Cause
+from firmware_link.emulator.process import EmulatorLog, RunningEmulator, run_emulator
+from firmware_link.protocol.errors import LinkError
+from tactable.cli.run import register
+from tactable.doctor.touch import Machine
+from tactable.rig.virtual_digitizer import Stroke, make_recording
+from tactable.shipped import find_device
+from tests.engine.made_entries import entry_of, felt_states
+from tests.engine.touch.sources.fake_hid import FakeMachine
+
+TACTABLE = str(Path(sys.executable).parent / "tactable")
+DEVICE = find_device("reference-a")
+HELD = """
+[[effect]]
+name = "held"
+envelope = [["held", "20 dB"]]
+[[rule]]
+on = "touch"
+effect = "held"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A table whose 20 dB is out of reach wherever zone I is felt, rules, and a finger in I, then one in III."""
+    folder = tmp_path_factory.mktemp("run")
+    states = felt_states(DEVICE)
+    entries = [
+        entry_of(DEVICE, state, wanted_level_db=level_db, achieved=level_db == inf or state[0] != 2)
+        for level_db in (20.0, inf)
+        for state in states
+    ]
+    with TableWriter(folder / "bar.nc") as writer:
+        writer.describe({"device_description": DEVICE.text, "device_fingerprint": DEVICE.fingerprint})
+        write_entries(writer, entries, DEVICE)
+    (folder / "held.toml").write_text(HELD, encoding="utf-8")
+    (folder / "wrong.toml").write_text(HELD.replace("on =", 'zones = ["VI"]\non ='), encoding="utf-8")
+    strokes = (Stroke(0.0, 0.2, 0.1, 0.1), Stroke(0.3, 0.5, 0.5, 0.5))
+    write_recording(make_recording(strokes), folder / "two.hid")
+    return folder
+
+
+@pytest.fixture
+def emulator() -> Iterator[RunningEmulator]:
+    with run_emulator() as running:
+        yield running
+
+
+def tactable(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([TACTABLE, "run", *words], cwd=folder, capture_output=True, text=True, check=False)
+
+
+def played(folder: Path, emulator: RunningEmulator, *words: str) -> tuple[dict[str, Any], list[bool] | None, str]:
+    """The summary, whether each drive in the firmware sounded, and what was said beside.
+
+    The second is None where the machine stalled: the firmware falls silent after 40 ms and latches after 250 ms.
+    """
+    paths = ("bar.nc", "--touch", "two.hid", "--port", emulator.port, "--reconnect", "--json")
+    done = tactable(folder, *paths, *words)
+    assert done.returncode == 0, done.stderr
+    summary, events = json.loads(done.stdout), emulator.stop().events
+    if summary["reconnects"] or summary["link"]["coalesced"] or any(e.cause is Cause.LEASE_EXPIRED for e in events):
+        return summary, None, done.stderr
+    return summary, [any(channel.amplitude for channel in event.channels) for event in events], done.stderr
+
+
+@contextmanager
+def started(folder: Path, *words: str) -> Iterator["subprocess.Popen[str]"]:
+    """The command, once it plays."""
+    command, pipe = [TACTABLE, "run", *words], subprocess.PIPE
+    with subprocess.Popen(command, cwd=folder, text=True, stdout=pipe, stderr=pipe) as process:
+        assert process.stderr is not None
+        while "Ctrl-C ends" not in process.stderr.readline():
+            assert process.poll() is None
+        yield process
+
+
+def test_touches_of_a_recording_are_played_and_counted(folder: Path, emulator: RunningEmulator) -> None:
+    summary, sounds, said = played(folder, emulator)
+    assert summary["reports"] == summary["touch_frames"] == 52
+    assert summary["state_changes"] == 6
+    assert summary["simulated_firmware"]
+    assert (summary["unknown_states"], summary["not_achieved_states"]) == (0, 1)
+    assert summary["commands_sent"] + summary["link"]["coalesced"] == 4
+    assert sounds in (None, [True, False] * 2)
+    assert "SIMULATED" in said
+
+
+@pytest.mark.parametrize(("when", "refused", "warned"), [("refuse", 1, False), ("warn", 0, True), ("go-on", 0, False)])
+def test_what_is_not_achieved_is_refused_or_told_or_played(
+    folder: Path, emulator: RunningEmulator, when: str, refused: int, warned: bool
+) -> None:
+    summary, sounds, said = played(folder, emulator, "--when-not-achieved", when, "--effects", "held.toml")
+    assert ("81 states do not reach 20 dB" in said) == warned
+    assert summary["not_achieved_states"] == 1
+    assert sounds in (None, [True, False] * (2 - refused))
+
+
+def test_a_run_ends_after_its_time(folder: Path, emulator: RunningEmulator) -> None:
+    words = ("--touch", "simulated", "--for", "0.5", "--effects", "held.toml")
+    summary, sounds, _ = played(folder, emulator, *words)
+    assert summary["duration_s"] >= 0.5
+    assert summary["reports"] < 692
+    assert sounds in (None, [True, False])
+
+
+def test_ctrl_c_ends_a_run_with_silence_and_its_summary(folder: Path, emulator: RunningEmulator) -> None:
+    words = ["bar.nc", "--touch", "simulated", "--port", emulator.port, "--reconnect"]
+    with started(folder, *words) as process:
+        process.send_signal(signal.SIGINT)
+        told, _ = process.communicate()
+    assert process.returncode == 0
+    assert "touch frames" in told
+    assert not any(channel.amplitude for event in emulator.stop().events[-1:] for channel in event.channels)
+
+
+def test_what_was_done_is_told_even_when_the_port_is_lost(folder: Path, emulator: RunningEmulator) -> None:
+    words = ["bar.nc", "--touch", "simulated", "--port", emulator.port, "--json"]
+    with started(folder, *words) as process:
+        emulator.unplug()
+        told, said = process.communicate()
+    assert process.returncode == 1
+    assert json.loads(told)["touches"].endswith("(SIMULATED)")
+    assert said.splitlines()[-1].startswith("tactable: ")
+
+
+def wait_for(emulator: RunningEmulator, sets: int) -> EmulatorLog:
+    """Until the firmware has begun so many drives that sound; nothing else ends it but the run."""
+    while True:
+        log = emulator.log()
+        sounding = [e for e in log.events if e.cause is Cause.SET and any(channel.amplitude for channel in e.channels)]
+        if len(sounding) >= sets:
+            return log
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize("by_signal", [signal.SIGINT, signal.SIGTERM])
+def test_an_unplugged_device_plays_on_when_it_is_back_under_another_name(
+    folder: Path, emulator: RunningEmulator, by_signal: signal.Signals
+) -> None:
+    write_recording(make_recording((Stroke(0.0, 600.0, 0.5, 0.5),)), folder / "resting.hid")
+    paths = ("bar.nc", "--touch", "resting.hid", "--port", emulator.stable_port)
+    before = Path(emulator.stable_port).readlink()
+    with started(folder, *paths, "--reconnect", "--effects", "held.toml", "--json") as process:
+        sounded = len(wait_for(emulator, 1).events)
+        emulator.unplug()
+        log = wait_for(emulator, sounded + 1)
+        process.send_signal(by_signal)
+        told, said = process.communicate()
+    assert process.returncode == 0, said
+    assert Path(emulator.stable_port).readlink() != before
+    summary = json.loads(told)
+    assert summary["losses_of_the_port"] >= 1
+    assert summary["reconnects"] >= 1
+    assert f"{emulator.stable_port} is open again" in said
+    # A stall of this machine may have ended the drive before the cable did.
+    assert {Cause.HUNG_UP, Cause.LEASE_EXPIRED} & {event.cause for event in log.events}
+    drives = {event.channels for event in log.events if event.cause is Cause.SET}
+    assert len({tuple((c.frequency_hz, c.amplitude) for c in channels) for channels in drives}) == 1
+    assert not any(channel.amplitude for channel in emulator.stop().events[-1].channels)
+
+
+@pytest.mark.parametrize(
+    ("words", "error", "parts"),
+    [
+        (("bar.nc", "--touch", "no-such-panel"), DigitizerError, ["no-such-panel", "tactable list"]),
+        (("missing.nc", "--touch", "simulated"), TableError, ["missing.nc", "tactable build"]),
+        (("bar.nc", "--touch", "simulated", "--device", "reference-d"), TableError, ["bar.nc", "stale"]),
+        (("bar.nc", "--touch", "simulated", "--effects", "missing.toml"), OSError, ["missing.toml"]),
+        (("bar.nc", "--touch", "held.toml"), RecordingError, ["held.toml"]),
+        (("bar.nc", "--touch", "simulated"), LinkError, ["no-such-port", "tactable list"]),
+    ],
+)
+def test_a_refusal_names_the_thing(
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    error: type[Exception],
+    parts: list[str],
+) -> None:
+    monkeypatch.chdir(folder)
+    app = typer.Typer()
+    register(app, Machine(FakeMachine(folder).system, lambda: None, lambda: ()))
+    found = CliRunner().invoke(app, [*words, "--port", "no-such-port"]).exception
+    assert isinstance(found, error)
+    assert all(part in str(found) for part in parts)
+
+
+def test_a_zone_that_the_device_has_not_is_refused_in_one_line(folder: Path) -> None:
+    done = tactable(folder, "bar.nc", "--touch", "simulated", "--port", "no-such-port", "--effects", "wrong.toml")
+    assert done.returncode == 1
+    assert done.stderr.startswith("tactable: wrong.toml: rule[1].zones: 'VI': reference-a has no such zone")
+    assert done.stderr.count("\n") == 1
+
+
+def test_another_process_records_what_is_touched(folder: Path, emulator: RunningEmulator, tmp_path: Path) -> None:
+    recorded = tmp_path / "again.hid"
+    summary, _, _ = played(folder, emulator, "--record", str(recorded), "--realtime", "collector")
+    before, again = read_recording(folder / "two.hid"), read_recording(recorded)
+    assert [report.data for report in again.reports] == [report.data for report in before.reports]
+    assert (again.name, again.bus, again.descriptor) == (before.name, before.bus, before.descriptor)
+    assert summary["realtime"] == [
+        {"step": "collector", "finding": "collected, frozen and off", "remedy": "", "in_force": True}
+    ]
+
+
+def test_a_ring_shows_a_run_to_whoever_looks_and_goes_with_it(folder: Path, emulator: RunningEmulator) -> None:
+    ring = folder / "ring"
+    words = ["bar.nc", "--touch", "simulated", "--port", emulator.port, "--reconnect", "--ring", "ring"]
+    with started(folder, *words) as process, RingReader(ring, from_start=True) as reader:
+        records = list[Record]()
+        while len(records) < 20:
+            records += reader.read()
+        process.send_signal(signal.SIGINT)
+        process.communicate()
+    assert [record.report_index for record in records if record.report][:3] == [0, 1, 2]
+    assert any(record.touches for record in records)
+    assert not ring.exists()
+
+
+def test_a_step_that_is_none_is_a_usage_error(folder: Path) -> None:
+    done = tactable(folder, "bar.nc", "--touch", "two.hid", "--port", "/nowhere", "--realtime", "nice")
+    assert done.returncode == 2
+    assert "is unknown: write all, none" in " ".join(done.stderr.replace("│", " ").split())

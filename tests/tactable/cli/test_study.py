@@ -1,0 +1,98 @@
+"""The command `tactable study`: pictures, data and summaries, and how it refuses."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tactable.cli.main import main
+from tactable.shipped import find_device
+
+_CHANGES = {"count = 5": "count = 2", 'step = "1 Hz"': 'step = "4 Hz"'}
+
+
+@pytest.fixture
+def tactable_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Run `tactable study` with these words beside bar.toml, of two zones; its exit status."""
+    text = find_device("reference-a").text
+    for old, new in _CHANGES.items():
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "bar.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "one.toml").write_text(text.replace("count = 2", "count = 1"), encoding="utf-8")
+
+    def run(*words: str) -> int:
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", ["tactable", "study", *words])
+        with pytest.raises(SystemExit) as end:
+            main()
+        return int(end.value.code or 0)
+
+    return run
+
+
+def strict_json(text: str) -> Any:
+    """JSON without what only Python reads: NaN and Infinity."""
+    return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+
+
+def test_a_placement_comes_with_its_data_and_a_summary(
+    tmp_path: Path, tactable_study: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("placement", "bar.toml", "--actuators", "2", "--most", "6", "-o", "p.svg", "--csv", "p.csv", "--json")
+    assert tactable_study(*words) == 0
+    summary = strict_json(capsys.readouterr().out)
+    (search,) = summary["searches"]
+    own = next(each for each in search["judged"] if each["placement"] == "as described")
+    assert own["position_percent"] == pytest.approx([16.0, 97.7])
+    assert own["worst_contrast_db"] == pytest.approx(min(own["contrast_db"][0][1], own["contrast_db"][1][0]))
+    assert (tmp_path / "p.svg").stat().st_size > 10_000
+    assert len((tmp_path / "p.csv").read_text(encoding="utf-8").splitlines()) == 1 + 3 + search["screened"]
+
+
+def test_it_says_how_much_was_looked_at_and_what_was_not(
+    tactable_study: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tactable_study("placement", "bar.toml", "--actuators", "1", "--most", "3") == 0
+    said = capsys.readouterr()
+    assert "written: placement.png" in said.out
+    assert "looked at" in said.err and "not at states of more fingers, at clicks" in said.err
+
+
+def test_a_resolution_comes_with_its_data_and_a_summary(
+    tmp_path: Path, tactable_study: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("resolution", "bar.toml", "--zones", "2,3", "--at", "97.7,16;50", "--json")
+    assert tactable_study(*words, "-o", "r.pdf", "--csv", "r.csv") == 0
+    summary = strict_json(capsys.readouterr().out)
+    assert [each["position_percent"] for each in summary["placements"]] == [pytest.approx([16.0, 97.7]), [50.0]]
+    assert [each["zones"] for each in summary["placements"]] == [[2, 3], [2, 3]]
+    assert len((tmp_path / "r.csv").read_text(encoding="utf-8").splitlines()) == 5
+    assert (tmp_path / "r.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        (("placement", "no-such-bar"), ("no-such-bar", "reference-a")),
+        (("placement", "one.toml"), ("two fingers need two zones",)),
+        (("placement", "bar.toml", "--actuators", "2,5"), ("--actuators '2,5'", "1 to 4")),
+        (("placement", "bar.toml", "--actuators", "two"), ("--actuators 'two'",)),
+        (("placement", "bar.toml", "-o", "p.gif"), ("p.gif", ".png, .svg, .pdf")),
+        (("resolution", "bar.toml", "--zones", "1,2"), ("--zones '1,2'", "2 to 10")),
+        (("resolution", "bar.toml", "--at", "16,120"), ("--at '16,120'", "% of the bar")),
+        (("resolution", "bar.toml", "--at", "16;16,16"), ("'16,16'", "different places")),
+        (("resolution", "bar.toml", "--csv", "r.txt"), ("r.txt", ".csv")),
+    ],
+)
+def test_a_refusal_is_one_line_naming_the_thing(
+    tactable_study: Any, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], parts: tuple[str, ...]
+) -> None:
+    assert tactable_study(*words) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("tactable: ")
+    assert said.count("\n") == 1
+    for part in parts:
+        assert part in said

@@ -1,0 +1,374 @@
+"""The commands around touch devices, on machines made up here."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner, Result
+
+from engine.device.file import parse_device
+from engine.loop.loop import SystemClock
+from engine.touch.descriptor import Surface
+from engine.touch.digitizer import DigitizerError, open_digitizer
+from engine.touch.sources.hid_discovery import HidSystem, find_digitizers
+from engine.touch.sources.hidraw import open_hidraw
+from engine.touch.sources.playback import Playback
+from engine.touch.sources.recording import read_recording, write_recording
+from firmware_link.host.serial_port import PortDescription
+from tactable.bench.decode import run_decode_bench
+from tactable.cli.touch import map_json, register
+from tactable.digitizers.axis_map import FINGERTIP_MM, Stroke, digitizer_table, learn_axis
+from tactable.digitizers.record import learn_from_recording, record_source
+from tactable.doctor.touch import Machine, examine
+from tactable.rig.virtual_digitizer import DESCRIPTOR, X_MAXIMUM, Y_MAXIMUM, make_recording
+from tactable.rig.virtual_digitizer import Stroke as DrawnStroke
+from tactable.shipped import DEMO_RECORDING, device_folder
+from tests.engine.touch.sources.fake_hid import FakeMachine, touch_report
+
+SURFACE = open_digitizer(DESCRIPTOR).surface
+TOUCH_MM = 279.4
+MS = 1_000_000
+
+
+@dataclass
+class Bench:
+    """A machine made up, and the commands on it."""
+
+    hid: FakeMachine
+    ports: tuple[PortDescription, ...] = ()
+    backend: str = "hidraw"
+    platform: str = "linux"
+
+    def system(self) -> HidSystem:
+        return self.hid.system(self.backend, self.platform)
+
+    def machine(self) -> Machine:
+        return Machine(self.system, lambda: None, lambda: self.ports)
+
+    def run(self, *words: str) -> Result:
+        app = typer.Typer()
+        register(app, self.machine())
+        return CliRunner().invoke(app, words)
+
+    def json(self, *words: str) -> Any:
+        return json.loads(self.run(*words, "--json").stdout)
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    made = Bench(FakeMachine(tmp_path))
+    yield made
+    made.hid.close()
+
+
+# ---- list ------------------------------------------------------------------------------------------------
+
+
+def test_list_shows_size_contacts_and_a_stable_name(bench: Bench) -> None:
+    device = bench.hid.plug(serial_number="A1")
+    bench.ports = (PortDescription("/dev/ttyACM0", "/dev/serial/by-id/usb-bar", "bar driver"),)
+    listing = bench.json("list")
+    row = listing["digitizers"][0]
+    assert (row["name"], row["path"], row["stable_id"], row["usable"]) == ("Touch Bar", device.path, "A1", True)
+    assert (row["width_mm"], row["height_mm"], row["contact_maximum"]) == (200.0, 200.0, 5)
+    assert listing["serial_ports"] == [
+        {
+            "path": "/dev/ttyACM0",
+            "stable_id": "/dev/serial/by-id/usb-bar",
+            "description": "bar driver",
+            "simulated": False,
+        }
+    ]
+    assert "Touch Bar" in bench.run("list").stdout
+
+
+def test_what_is_simulated_is_marked(bench: Bench) -> None:
+    bench.hid.plug(product_string="virtual bar (SIMULATED)")
+    bench.ports = (PortDescription("/dev/ttyACM0", "x", "emulated firmware (SIMULATED)"),)
+    listing = bench.json("list")
+    assert [row["simulated"] for row in listing["digitizers"]] == [True, True]
+    assert listing["digitizers"][-1]["stable_id"] == "simulated"
+    assert listing["serial_ports"][0]["simulated"]
+
+
+def test_a_device_that_cannot_be_used_is_listed_with_the_reason(bench: Bench) -> None:
+    bench.hid.plug("hidraw0", descriptor=b"\x05\x0d\x09")
+    bench.hid.plug("hidraw1", vendor_id=0x056A)
+    rows = bench.json("list")["digitizers"]
+    assert [row["usable"] for row in rows] == [False, False, True]
+    assert "cut off" in rows[0]["problem"]
+    assert "Wacom" in rows[1]["problem"]
+
+
+def test_a_machine_without_hidapi_still_lists_the_rest() -> None:
+    def system() -> HidSystem:
+        raise DigitizerError("hidapi is not installed: run `pip install hidapi`")
+
+    app = typer.Typer()
+    register(app, Machine(system, lambda: None, lambda: ()))
+    listing = json.loads(CliRunner().invoke(app, ["list", "--json"]).stdout)
+    assert [row["stable_id"] for row in listing["digitizers"]] == ["simulated"]
+    assert "pip install hidapi" in listing["problems"][0]
+
+
+# ---- record ----------------------------------------------------------------------------------------------
+
+
+def test_what_is_recorded_is_read_back_report_for_report(bench: Bench, tmp_path: Path) -> None:
+    device = bench.hid.plug()
+    reports = [touch_report((1, step, True)) for step in range(5)]
+    bench.hid.send(device, *reports)
+    path = tmp_path / "bar.hid"
+    summary = bench.json("record", "04f3:200a", "-o", str(path), "--seconds", "0.2")
+    recording = read_recording(path)
+    assert [report.data for report in recording.reports] == reports
+    assert recording.reports[0].time_s == 0.0
+    assert (recording.name, recording.bus, recording.vendor_id, recording.product_id) == (
+        "Touch Bar",
+        3,
+        0x04F3,
+        0x200A,
+    )
+    assert (summary["reports"], summary["recording"]) == (5, str(path))
+
+
+def test_an_unplug_ends_the_recording_cleanly(bench: Bench) -> None:
+    device = bench.hid.plug()
+    source = open_hidraw(bench.system(), "04f3:200a", reconnect=False)
+    bench.hid.send(device, touch_report((1, 5, True)))
+    timer = threading.Timer(0.2, bench.hid.unplug, [device])
+    timer.start()
+    recording = record_source(source, 3, SystemClock(), threading.Event())
+    assert len(recording.reports) == 1
+    timer.join()
+    source.close()
+
+
+def test_a_recording_that_is_played_is_recorded_as_it_was() -> None:
+    recording = read_recording(DEMO_RECORDING)
+    again = record_source(Playback(recording, speed=None), recording.bus, SystemClock(), threading.Event())
+    assert again == recording
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_ends_a_recording_with_a_whole_file(tmp_path: Path, number: signal.Signals) -> None:
+    script = "import typer; from tactable.cli.touch import register; a = typer.Typer(); register(a); a()"
+    path = tmp_path / "bar.hid"
+    command = [sys.executable, "-c", script, "record", "simulated", "-o", str(path), "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None and process.stdout is not None
+        assert "Ctrl-C ends" in process.stderr.readline()
+        time.sleep(0.5)
+        assert not path.exists()
+        process.send_signal(number)
+        reports = json.loads(process.stdout.read())["reports"]
+    assert process.returncode == 0
+    assert 0 < reports == len(read_recording(path).reports) < len(read_recording(DEMO_RECORDING).reports)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_device_that_is_not_there_leaves_no_file(bench: Bench, tmp_path: Path) -> None:
+    path = tmp_path / "bar.hid"
+    result = bench.run("record", "04f3:200a", "-o", str(path))
+    assert isinstance(result.exception, DigitizerError)
+    assert not path.exists()
+
+
+# ---- doctor ----------------------------------------------------------------------------------------------
+
+
+def test_a_machine_that_is_well_passes(bench: Bench, tmp_path: Path) -> None:
+    bench.hid.plug()
+    port = tmp_path / "ttyACM0"
+    port.touch()
+    bench.ports = (PortDescription(str(port), "bar", "bar driver"),)
+    result = bench.run("doctor")
+    assert result.exit_code == 0
+    assert "FAIL" not in result.stdout
+
+
+def test_every_failed_check_has_its_remedy_and_the_exit_status_tells(bench: Bench) -> None:
+    bench.ports = (PortDescription("/nowhere/ttyACM0", "bar", "bar driver"),)
+    bench.backend = "hid"
+    result = bench.run("doctor", "--json")
+    assert result.exit_code == 1
+    checks = {check["name"]: check for check in json.loads(result.stdout)}
+    failed = {name for name, check in checks.items() if check["needed"] and not check["passed"]}
+    assert failed == {"hidapi", "digitizer", "serial port /nowhere/ttyACM0"}
+    assert all(check["remedy"] for check in checks.values() if not check["passed"])
+    assert 'KERNEL=="ttyACM0", TAG+="uaccess"' in checks["serial port /nowhere/ttyACM0"]["remedy"]
+    assert "hidraw" in checks["hidapi"]["remedy"]
+
+
+def test_doctor_opens_no_node(bench: Bench) -> None:
+    bench.hid.plug()
+    before = set(Path("/proc/self/fd").iterdir())
+    examine(bench.machine())
+    assert set(Path("/proc/self/fd").iterdir()) == before
+
+
+def test_the_rule_is_printed_for_one_for_all_and_for_a_device_not_there(bench: Bench) -> None:
+    bench.hid.plug("hidraw0")
+    bench.hid.plug("hidraw1", product_id=0xBEEF)
+    rule = 'SUBSYSTEM=="hidraw", KERNELS=="*:{}.*", TAG+="uaccess"'
+    lines = bench.run("doctor", "--emit-udev").stdout.splitlines()
+    assert [line for line in lines if not line.startswith("#")] == [rule.format("04F3:200A"), rule.format("04F3:BEEF")]
+    assert rule.format("04F3:BEEF") in bench.run("doctor", "--emit-udev", "04f3:beef").stdout
+    assert rule.format("1234:ABCD") in bench.run("doctor", "--emit-udev", "1234:abcd").stdout
+    assert isinstance(bench.run("doctor", "--emit-udev", "bar").exception, DigitizerError)
+
+
+def test_the_rules_of_a_serial_port_are_printed_with_those_of_digitizers(bench: Bench) -> None:
+    bench.hid.plug()
+    usb = PortDescription("/dev/ttyACM0", "bar-1", "bar driver", 0x16C0, 0x0483)
+    bench.ports = (PortDescription("/dev/ttyS0", "/dev/ttyS0", "n/a"), usb)
+    ignored = 'ATTRS{idVendor}=="16c0", ATTRS{idProduct}=="0483", ENV{ID_MM_DEVICE_IGNORE}="1"'
+    for words in ((), ("bar-1",), ("/dev/ttyACM0",)):
+        lines = bench.run("doctor", "--emit-udev", *words).stdout.splitlines()
+        assert ignored in lines
+        assert any("hidraw" in line for line in lines if line[0] != "#") == (not words)
+    assert isinstance(bench.run("doctor", "--emit-udev", "/dev/ttyS0").exception, DigitizerError)
+
+
+def test_no_permission_is_told_with_the_command_that_helps(bench: Bench) -> None:
+    device = bench.hid.plug()
+    (found,) = find_digitizers(bench.system())
+    # Root may read everything; a node that is listed and gone cannot be read by anyone.
+    Path(device.path).rename(device.path + "-gone")
+    checks = examine(bench.machine())
+    Path(device.path + "-gone").rename(device.path)
+    (check,) = [check for check in checks if check.name.startswith("digitizer")]
+    assert f"--emit-udev {found.number}" in check.remedy
+
+
+# ---- map -------------------------------------------------------------------------------------------------
+
+
+def drawn(start: float, stop: float, *, axis: str = "x", across: float = 0.5) -> Stroke:
+    """A stroke over fractions of the touch area."""
+    along = [start + (stop - start) * step / 20 for step in range(21)]
+    maximum, other = (X_MAXIMUM, Y_MAXIMUM) if axis == "x" else (Y_MAXIMUM, X_MAXIMUM)
+    values = tuple(round(place * maximum) for place in along)
+    rest = (round(across * other),) * 21
+    return Stroke(values, rest) if axis == "x" else Stroke(rest, values)
+
+
+def without_size(surface: Surface) -> Surface:
+    """The same surface of a device that states no size."""
+
+    def bare(contact: Any) -> Any:
+        return replace(contact, x=replace(contact.x, unit=0), y=replace(contact.y, unit=0))
+
+    reports = tuple(replace(r, contacts=tuple(map(bare, r.contacts))) for r in surface.reports)
+    return replace(surface, reports=reports)
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+@pytest.mark.parametrize("flip", [False, True])
+def test_axis_and_direction_are_those_of_the_stroke(axis: str, flip: bool) -> None:
+    learnt = learn_axis(without_size(SURFACE), drawn(*((1, 0) if flip else (0, 1)), axis=axis))
+    assert (learnt.axis, learnt.flip, learnt.start_margin, learnt.end_margin) == (axis, flip, 0.0, 0.0)
+    assert (learnt.first, learnt.last) == ((X_MAXIMUM if axis == "x" else Y_MAXIMUM, 0)[:: 1 if flip else -1])
+
+
+margins_mm = st.floats(0, 60)
+
+
+@settings(deadline=None)  # the machine may be busy
+@given(margins_mm, margins_mm, st.booleans(), st.booleans())
+def test_a_bar_drawn_whole_puts_its_ends_where_the_finger_was(
+    before_mm: float, after_mm: float, flip: bool, knows_bar: bool
+) -> None:
+    """The touch area reaches beyond the bar by `before_mm` and `after_mm`."""
+    ends = (before_mm / TOUCH_MM, 1 - after_mm / TOUCH_MM)
+    bar_mm = TOUCH_MM - before_mm - after_mm
+    stroke = drawn(1 - ends[0], 1 - ends[1]) if flip else drawn(*ends)
+    learnt = learn_axis(SURFACE, stroke, bar_mm if knows_bar else None)
+    assert (learnt.axis, learnt.flip) == ("x", flip)
+    assert learnt.bar_mm is not None
+    for margin, beyond_mm in ((learnt.start_margin, before_mm), (learnt.end_margin, after_mm)):
+        tolerance_mm = 1.05 * FINGERTIP_MM if min(before_mm, after_mm) <= FINGERTIP_MM + 0.1 else 0.1
+        assert margin * learnt.bar_mm == pytest.approx(-beyond_mm, abs=2 * tolerance_mm)
+        assert margin <= 0 or margin * learnt.bar_mm > FINGERTIP_MM
+
+
+def test_a_touch_area_shorter_than_the_bar_leaves_margins() -> None:
+    learnt = learn_axis(SURFACE, drawn(0, 1), TOUCH_MM + 40)
+    for margin in (learnt.start_margin, learnt.end_margin):
+        assert margin == pytest.approx(20 / 319.4)
+    assert "measure" in learnt.notes[0]
+    # The finger leaves the touch area before the bar's start only: the end is where it was lifted.
+    learnt = learn_axis(SURFACE, drawn(0, 0.999), TOUCH_MM + 40)
+    assert learnt.margin_text(learnt.start_margin) == "20 mm"
+
+
+def test_a_stroke_that_stops_a_fingertip_short_of_the_edges_leaves_no_margin() -> None:
+    tip = FINGERTIP_MM / 2 / TOUCH_MM
+    learnt = learn_axis(SURFACE, drawn(tip, 1 - tip), TOUCH_MM)
+    assert (learnt.start_margin, learnt.end_margin, learnt.notes) == (0.0, 0.0, ())
+
+
+@pytest.mark.parametrize("knows_size", [True, False])
+def test_what_is_printed_is_what_a_device_file_reads(knows_size: bool) -> None:
+    surface = SURFACE if knows_size else without_size(SURFACE)
+    learnt = learn_axis(surface, drawn(1, 0), TOUCH_MM + 40)
+    text = (device_folder() / "reference-a.toml").read_text().replace("279.4 mm", f"{TOUCH_MM + 40} mm")
+    before, _, after = text.partition("[digitizer]")
+    rest = after[after.index("\n[") :]
+    axis = parse_device(f"{before}{digitizer_table(learnt)}\n{rest}", "test").touch_axis
+    assert (axis.axis, axis.flip) == ("x", True)
+    assert axis.start_margin_m == pytest.approx(0.02 if knows_size else 0.0)
+    assert map_json(learnt)["table"] == digitizer_table(learnt)
+
+
+def test_a_stroke_that_tells_no_axis_is_refused() -> None:
+    with pytest.raises(DigitizerError, match="20 % of the touch area"):
+        learn_axis(SURFACE, drawn(0.4, 0.6))
+    with pytest.raises(DigitizerError, match="straight along"):
+        learn_axis(without_size(SURFACE), Stroke((0, X_MAXIMUM), (0, Y_MAXIMUM)))
+
+
+def test_of_several_strokes_in_a_recording_the_longest_counts(tmp_path: Path) -> None:
+    strokes = (DrawnStroke(0.0, 0.5, 0.1, 0.3), DrawnStroke(0.2, 1.0, 0.99, 0.01), DrawnStroke(1.2, 1.5, 0.5, 0.9))
+    write_recording(make_recording(strokes), tmp_path / "drawn.hid")
+    learnt = learn_from_recording(tmp_path / "drawn.hid", TOUCH_MM)
+    assert (learnt.axis, learnt.flip, learnt.start_margin) == ("x", True, 0.0)
+
+
+def test_a_recording_without_a_touch_is_refused(tmp_path: Path) -> None:
+    write_recording(replace(make_recording((DrawnStroke(0, 1, 0, 1),)), reports=()), tmp_path / "nothing.hid")
+    with pytest.raises(DigitizerError, match="nothing was touched"):
+        learn_from_recording(tmp_path / "nothing.hid", None)
+
+
+def test_map_of_a_live_device_ends_with_the_stroke(bench: Bench) -> None:
+    device = bench.hid.plug()
+    places = [20 * step for step in range(51)]
+    bench.hid.send(device, *[touch_report((1, x, True)) for x in places], touch_report((1, 1000, False)))
+    learnt = bench.json("map", "04f3:200a")
+    assert (learnt["axis"], learnt["flip"], learnt["logical_at_end"]) == ("x", False, 1000)
+    assert learnt["table"].startswith("[digitizer]")
+
+
+# ---- bench decode ----------------------------------------------------------------------------------------
+
+
+def test_the_decode_bench_times_every_report_of_every_recording(tmp_path: Path) -> None:
+    write_recording(replace(read_recording(DEMO_RECORDING), reports=()), tmp_path / "empty.hid")
+    result = run_decode_bench([DEMO_RECORDING, tmp_path / "empty.hid"])
+    assert result["reports"] == len(read_recording(DEMO_RECORDING).reports)
+    assert 0 < result["median_us"] <= result["p99_us"]
+    assert [row["recording"] for row in result["recordings"]] == ["demo.hid"]

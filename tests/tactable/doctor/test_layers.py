@@ -1,0 +1,30 @@
+"""The layer that costs most is named, with what to do about it."""
+
+import pytest
+
+from tactable.doctor.layers import Layer, check_layers, measure_layers
+
+LAYERS = [
+    Layer("host", 40.0, 900.0, "wakes up", "real time"),
+    Layer("engine", 2.0, 5.0, "decodes", "nothing"),
+    Layer("line", 2170.0, None, "25 bytes", "a faster line"),
+]
+
+
+@pytest.mark.parametrize(("name", "remedy"), [("host", "real time"), ("engine", "nothing"), ("line", "a faster line")])
+def test_the_layer_that_costs_most_is_named_with_its_remedy(name: str, remedy: str) -> None:
+    layers = [layer if layer.name == name else Layer(layer.name, 1.0, None, "", "") for layer in LAYERS]
+    *_, found = check_layers(layers)
+    assert found.finding.startswith(f"the {name}, ")
+    assert found.finding.endswith(remedy)
+    assert found.passed
+
+
+def test_every_layer_is_measured_and_a_slow_line_is_the_costliest() -> None:
+    layers = {layer.name: layer for layer in measure_layers(9_600)}
+    assert list(layers) == ["host", "engine", "terminal", "line"]
+    assert layers["line"].typical_us == pytest.approx(25 * 10 / 9_600 * 1e6, rel=1e-3)
+    for layer in layers.values():
+        assert layer.typical_us > 0
+        assert layer.slow_us is None or layer.slow_us >= layer.typical_us
+    assert check_layers(list(layers.values()))[-1].finding.startswith("the line, ")

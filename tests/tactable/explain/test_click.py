@@ -1,0 +1,120 @@
+"""Laws of the page about a click: it says what the table promises, at every level, and where the click came from."""
+
+import json
+from dataclasses import replace
+from io import StringIO
+from math import inf
+
+import pytest
+from rich.console import Console
+
+from tactable.explain.click import Explained, click_json, explain_click, print_click
+from tactable.explain.click_source import ClickSource
+
+
+def explained_of(source: ClickSource, felt: str, quiet: str, level_db: float = inf, rivals: bool = False) -> Explained:
+    states = source.table.states_of(felt.split(), quiet.split())
+    return explain_click(source, states, level_db, rivals=rivals)
+
+
+def page_of(source: ClickSource, explained: Explained) -> str:
+    page = StringIO()
+    print_click(Console(file=page, width=80), source.table, explained)
+    return page.getvalue()
+
+
+def test_the_values_are_the_table_s(source: ClickSource) -> None:
+    explained = explained_of(source, "I", "III")
+    values, click = click_json(source.table, explained), source.table.click_for(["I"], ["III"], inf)
+    assert json.loads(json.dumps(values, allow_nan=False)) == values | {
+        "options": values["options"] | {"lengths_s": [0.02]}
+    }
+    assert click.quiet is not None
+    assert values["felt_db"] == {
+        "nominal": click.felt.nominal_db,
+        "5 %": click.felt.low_db,
+        "50 %": click.felt.middle_db,
+        "95 %": click.felt.high_db,
+    }
+    assert values["quiet_db"]["95 %"] == click.quiet.high_db
+    assert values["wanted_level_db"] is None
+    assert (values["upper_bound_db"], values["optimality_gap_db"]) == (click.bound_db, click.gap_db)
+    assert [zone["level_db"] for zone in values["zones"]] == [zone and zone.level_db for zone in click.zones]
+    assert values["exceeds_s"] == click.exceeds_s[inf]
+    assert values["is_tabulated"] is True and values["options"]["scenarios"] == 4
+
+
+def test_softer_is_quieter_by_as_much(source: ClickSource) -> None:
+    explained = explained_of(source, "I", "")
+    assert [each.level_db for each in explained.softer] == pytest.approx([10.0, 20.0, 30.0])
+    assert explained.strongest.quiet is None
+    beside = explained_of(source, "III", "I", 10.0)
+    loud, strongest = beside.click, beside.strongest
+    assert loud.quiet is not None and strongest.quiet is not None
+    change_db = loud.level_db - strongest.level_db
+    assert loud.quiet.high_db == pytest.approx(strongest.quiet.high_db + change_db)
+    assert [each.level_db < loud.level_db for each in beside.softer] == [True] * len(beside.softer)
+
+
+def test_a_state_that_the_table_does_not_hold_is_solved_and_says_so(source: ClickSource) -> None:
+    explained = explained_of(source, "I", "II III")
+    assert not explained.is_tabulated
+    assert click_json(source.table, explained)["is_tabulated"] is False
+    assert "NOT IN THE TABLE, solved now" in page_of(source, explained)
+    assert "NOT IN THE TABLE" not in page_of(source, explained_of(source, "I", "III"))
+
+
+def test_what_lost_is_told_beside_the_click_as_strong_as_it_is(source: ClickSource) -> None:
+    explained = explained_of(source, "I", "III", 2.0, rivals=True)
+    values = click_json(source.table, explained)
+    assert [rival["name"] for rival in values["alternatives"]] == ["energy contrast", "gated steady drive"]
+    page = page_of(source, explained)
+    for part in ("this click", f"{explained.strongest.felt.low_db:z.1f}", "lost", "dB less"):
+        assert part in page
+
+
+def test_the_page_says_everything(source: ClickSource) -> None:
+    click = source.table.click_for(["I"], ["III"], inf)
+    page = page_of(source, explained_of(source, "I", "III"))
+    assert click.quiet is not None
+    passed_s = click.exceeds_s[inf]
+    assert passed_s is not None
+    for part in (
+        "as strong as it is",
+        f"{click.felt.low_db:z.1f} dB above threshold in 95 %",
+        f"{click.quiet.high_db:z.1f} dB at most",
+        f"after {1e3 * passed_s:.1f} ms",
+        f"last peak at {1e3 * click.peak_s:.1f} ms",
+        f"passes {click.bound_db:z.2f} dB",
+        "optimised over 4 plants, trimmed on 10, judged by 20 others",
+        "ESTIMATES",
+    ):
+        assert part in page
+    assert max(map(len, page.split("made with")[0].split("\n┏", 1)[1].splitlines())) <= 80
+
+
+def test_what_is_missed_or_not_known_is_said(source: ClickSource) -> None:
+    assert "60 dB wanted" in page_of(source, explained_of(source, "I", "III", 60.0))
+    assert "NOT ACHIEVED" in page_of(source, explained_of(source, "I", "III", 60.0))
+    assert "not known below 10 dB" in page_of(source, explained_of(source, "I", "III", 2.0))
+    explained = explained_of(source, "I", "III")
+    unproved = replace(explained, click=replace(explained.click, bound_db=inf, gap_db=inf))
+    assert "no bound is known" in page_of(source, unproved)
+    assert click_json(source.table, unproved)["upper_bound_db"] is None
+    never = replace(explained, click=replace(explained.click, exceeds_s={10.0: None, inf: None}))
+    assert "never by a felt finger" in page_of(source, never)
+
+
+def test_options_are_put_in_words(source: ClickSource) -> None:
+    options = replace(source.options, wanted_db=12.0, brake_s=0.05, slew_per_s=300.0, crowding=2.0)
+    page = page_of(source, replace(explained_of(source, "I", "III"), options=options))
+    for part in ("no stronger than 12 dB", "braked by 50 ms", "slew up to 300 full scales", "tones 0.5/length apart"):
+        assert part in page.replace("\n", " ")
+
+
+@pytest.mark.parametrize("level_db", [0.5, 5.0])
+def test_a_level_scales_the_waveform(source: ClickSource, level_db: float) -> None:
+    click = explained_of(source, "I", "III", level_db).click
+    strongest = source.table.click_for(["I"], ["III"], inf)
+    assert click.level_db == pytest.approx(level_db)
+    assert click.amplitude == pytest.approx(10 ** ((level_db - strongest.level_db) / 20))

@@ -1,0 +1,54 @@
+"""Laws of a click over time: its peaks are the figures of the table, and softer is the same, smaller."""
+
+from dataclasses import astuple
+from math import inf
+
+import numpy as np
+import pytest
+
+from engine.table.click import ClickEntry, played_at
+from engine.touch.finger_tracker import ZoneState
+from precompute.clicks.basis import LOOKS
+from tactable.explain.click_course import Course, compute_course
+from tactable.explain.click_source import ClickSource
+
+
+def course_of(source: ClickSource, felt: str, quiet: str, level_db: float = inf) -> tuple[ClickEntry, Course]:
+    states = source.table.states_of(felt.split(), quiet.split())
+    click = played_at(source.solve_click(states), level_db)
+    return click, compute_course(source, click)
+
+
+@pytest.mark.parametrize("level_db", [inf, 3.0])
+@pytest.mark.parametrize(("felt", "quiet"), [("I", "III"), ("III", "II"), ("II", "")])
+def test_peaks_are_the_levels_of_the_table(source: ClickSource, felt: str, quiet: str, level_db: float) -> None:
+    click, course = course_of(source, felt, quiet, level_db)
+    (finger,) = course.fingers(ZoneState.FELT)
+    assert course.peaks_db(finger) == pytest.approx(astuple(click.felt))
+    for finger in course.fingers(ZoneState.QUIET):
+        assert click.quiet is not None
+        assert course.peaks_db(finger) == pytest.approx(astuple(click.quiet))
+
+
+def test_of_several_felt_fingers_the_weakest_counts(source: ClickSource) -> None:
+    click, course = course_of(source, "I II", "")
+    peaks_db = [course.peaks_db(finger)[0] for finger in course.fingers(ZoneState.FELT)]
+    assert len(peaks_db) == 2
+    assert min(peaks_db) == pytest.approx(click.felt.nominal_db)
+
+
+def test_the_displacement_passes_through_the_samples_and_ends_in_silence(source: ClickSource) -> None:
+    click, course = course_of(source, "I", "III", 2.0)
+    drawn = course.displacement[:, : LOOKS * len(click.samples) : LOOKS]
+    assert pytest.approx(click.samples / 32767 * click.amplitude) == drawn.T
+    assert not course.displacement[:, LOOKS * (len(click.samples) - 1) :].any()
+    assert course.time_s[LOOKS * (len(click.samples) - 1)] == pytest.approx(click.length_s)
+    assert course.displacement.shape[1] == course.weighted.shape[2] == len(course.time_s)
+
+
+def test_a_fan_opens_where_its_percentages_lie_below(source: ClickSource) -> None:
+    _, course = course_of(source, "I", "III")
+    low, middle, high = course.fan(1)
+    assert (low <= middle).all() and (middle <= high).all()
+    below = (course.weighted[1:, 1] <= high).mean(axis=0)
+    assert np.ptp(below) < 0.1 and below.mean() == pytest.approx(0.95, abs=0.02)

@@ -1,0 +1,44 @@
+"""Laws of the clicks that lost: judged as the winner is, and they say what they are short of."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.table.click import ClickEntry
+from precompute.clicks.baselines import BASELINES
+from tactable.explain.click_rivals import solve_rivals
+from tactable.explain.click_source import ClickSource
+
+
+@pytest.fixture(scope="module")
+def click(source: ClickSource) -> ClickEntry:
+    return source.solve_click(source.table.states_of(["I"], ["III"]))
+
+
+def test_every_baseline_is_judged_at_the_length_of_the_click(source: ClickSource, click: ClickEntry) -> None:
+    rivals = solve_rivals(source, click)
+    assert [rival.name for rival in rivals] == list(BASELINES)
+    for rival in rivals:
+        assert rival.click.waveform.shape == click.samples.T.shape
+        assert abs(rival.click.waveform).max() <= source.table.device.limits.amplitude
+        assert rival.lost_by == f"{click.felt.low_db - rival.click.verdict.felt.low_db:.1f} dB less felt"
+
+
+def test_what_does_not_lose_says_so(source: ClickSource, click: ClickEntry) -> None:
+    rival = solve_rivals(source, click)[0].click.verdict
+    assert rival.quiet is not None and click.quiet is not None
+    weaker = replace(click, felt=click.felt.changed(rival.felt.low_db - click.felt.low_db - 1.0))
+    assert solve_rivals(source, weaker)[0].lost_by == "1.0 dB MORE felt"
+    as_strong = replace(
+        weaker, felt=weaker.felt.changed(1.0), quiet=click.quiet.changed(rival.quiet.high_db - click.quiet.high_db - 2)
+    )
+    assert solve_rivals(source, as_strong)[0].lost_by == "as strong, 2.0 dB less quiet"
+    assert solve_rivals(source, replace(as_strong, quiet=None))[0].lost_by == "as strong"
+
+
+def test_rivals_keep_to_the_quiet_level(source: ClickSource, click: ClickEntry) -> None:
+    plants = source.solver.plants_of((0, 2)).trimmed
+    for rival in solve_rivals(source, click):
+        peak = abs(plants.play(rival.click.waveform))[1:, 1].max(axis=1)
+        assert np.percentile(20 * np.log10(peak), 95) <= source.options.quiet_db + 0.01

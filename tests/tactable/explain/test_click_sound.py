@@ -1,0 +1,104 @@
+"""Laws of a listening file: it holds the acceleration under every finger, all on one scale."""
+
+import wave
+from math import inf
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from engine.table.click import ClickEntry, played_at
+from precompute.clicks.basis import LOOK_RATE_HZ, RING_S
+from tactable.explain.click_course import compute_course
+from tactable.explain.click_sound import (
+    LOUDEST,
+    PAUSE_S,
+    SOUND_RATE_HZ,
+    check_sound_path,
+    compute_felt,
+    make_sound,
+    sound_json,
+    write_sound,
+)
+from tactable.explain.click_source import ClickSource
+from tactable.figures.file import FigureError
+
+
+def click_of(source: ClickSource, felt: str, quiet: str, level_db: float = inf) -> ClickEntry:
+    return played_at(source.solve_click(source.table.states_of(felt.split(), quiet.split())), level_db)
+
+
+def peaks(course: NDArray[np.float64]) -> list[float]:
+    values: list[float] = abs(course).max(axis=0).tolist()
+    return values
+
+
+@pytest.mark.parametrize("level_db", [inf, 5.0])
+def test_what_is_heard_has_the_peaks_of_the_table(source: ClickSource, level_db: float) -> None:
+    """The table looks at fewer instants; where little moves, the corners between samples are 2 % of the peak."""
+    click = click_of(source, "I", "III", level_db)
+    promised = [zone for zone in click.zones if zone is not None]
+    plain, weighted = (compute_felt(source.table.device, click, is_weighted=choice) for choice in (False, True))
+    assert peaks(plain) == pytest.approx([zone.acceleration_at_finger_m_per_s2 for zone in promised], rel=0.03)
+    assert peaks(plain)[0] == pytest.approx(promised[0].acceleration_at_finger_m_per_s2, rel=2e-3)
+    assert 20 * np.log10(peaks(weighted)) == pytest.approx([zone.level_db for zone in promised], abs=0.05)
+
+
+def test_what_is_heard_is_the_acceleration_that_the_plants_are_judged_by(source: ClickSource) -> None:
+    """Another way to it: closed-form responses at a lower rate, whose filter of least phase is a moment earlier."""
+    click, step = click_of(source, "I", "III"), round(SOUND_RATE_HZ / LOOK_RATE_HZ)
+    heard = compute_felt(source.table.device, click, is_weighted=True)
+    judged = compute_course(source, click).weighted[0].T
+    differences = [abs(heard[late::step][:1700] - judged[:1700]).max() for late in range(2 * step)]
+    assert min(differences) < 0.01 * abs(judged).max()
+
+
+@pytest.mark.parametrize("is_weighted", [True, False])
+def test_fingers_come_one_after_another_felt_ones_first_on_one_scale(source: ClickSource, is_weighted: bool) -> None:
+    click = click_of(source, "III", "I")
+    heard = compute_felt(source.table.device, click, is_weighted=is_weighted)
+    sound = make_sound(source.table.device, click, is_weighted=is_weighted, is_stereo=False)
+    assert sound.order == ("III", "I")
+    assert sound.samples.shape == (2 * round((click.length_s + RING_S + PAUSE_S) * SOUND_RATE_HZ), 1)
+    felt, quiet = sound.samples[:, 0].reshape(2, -1)[:, : len(heard)]
+    scaled = heard * (LOUDEST / sound.loudest_value)
+    assert felt == pytest.approx(scaled[:, 1], abs=0.51)
+    assert quiet == pytest.approx(scaled[:, 0], abs=0.51)
+    assert abs(sound.samples).max() == round(LOUDEST)
+    assert not sound.samples[:, 0].reshape(2, -1)[:, len(heard) :].any()
+
+
+def test_stereo_is_the_felt_finger_left_and_the_quiet_one_right(source: ClickSource) -> None:
+    click = click_of(source, "III", "I")
+    one_by_one, beside = (
+        make_sound(source.table.device, click, is_weighted=True, is_stereo=choice) for choice in (False, True)
+    )
+    halves = one_by_one.samples[:, 0].reshape(2, -1)[:, : len(beside.samples)]
+    assert (beside.samples == halves.T).all()
+    assert "felt left, quiet right" in beside.words
+
+
+@pytest.mark.parametrize(("felt", "quiet"), [("I", ""), ("I II", "")])
+def test_stereo_of_other_fingers_is_refused(source: ClickSource, felt: str, quiet: str) -> None:
+    with pytest.raises(FigureError, match="one felt and one quiet"):
+        make_sound(source.table.device, click_of(source, felt, quiet), is_weighted=True, is_stereo=True)
+
+
+@pytest.mark.parametrize("is_stereo", [True, False])
+def test_a_file_holds_the_samples(source: ClickSource, tmp_path: Path, is_stereo: bool) -> None:
+    sound = make_sound(source.table.device, click_of(source, "I", "III"), is_weighted=False, is_stereo=is_stereo)
+    write_sound(sound, tmp_path / "click.wav")
+    with wave.open(str(tmp_path / "click.wav"), "rb") as file:
+        assert (file.getnchannels(), file.getsampwidth(), file.getframerate()) == (1 + is_stereo, 2, SOUND_RATE_HZ)
+        read = np.frombuffer(file.readframes(file.getnframes()), "<i2").reshape(-1, 1 + is_stereo)
+    assert (read == sound.samples).all()
+    assert sound_json(sound)["channels"] == 1 + is_stereo
+
+
+def test_a_path_that_takes_no_sound_is_refused(tmp_path: Path) -> None:
+    check_sound_path(tmp_path / "click.wav")
+    with pytest.raises(FigureError, match=r"\.wav"):
+        check_sound_path(tmp_path / "click.mp3")
+    with pytest.raises(FigureError, match="no such folder"):
+        check_sound_path(tmp_path / "nowhere" / "click.wav")

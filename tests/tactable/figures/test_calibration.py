@@ -1,0 +1,51 @@
+"""The picture of a calibration: a panel a drive, the curve through noiseless readings, wrong readings set apart."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from precompute.calibration.calibrate import calibrate
+from precompute.measurements.types import Kind
+from tactable.figures.calibration import calibration_png, plot_calibration
+from tactable.figures.response import reading_along
+from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration
+from tests.precompute.measured import NAN, read_bar
+
+
+def test_there_is_a_panel_for_every_drive_with_all_its_readings() -> None:
+    picture = plot_calibration(noisy_calibration())
+    panels = [axes for axes in picture.figure.axes if axes.get_visible()]
+    assert [axes.get_title() for axes in panels] == ["150 Hz and 130 Hz", "150 Hz and 200 Hz", "150 Hz and 230 Hz"]
+    lines = [{line.get_label(): np.size(line.get_xdata()) for line in axes.lines} for axes in panels]
+    assert all(line["measured"] + line["measured, taken for wrong"] == 22 for line in lines)
+    assert sum(line["measured, taken for wrong"] for line in lines) == 3
+    assert "SIMULATED" in picture.caption
+
+
+def test_the_curve_goes_through_noiseless_readings() -> None:
+    read = read_bar(DEVICE, {"actuator.full_scale": 0.4e-6}, points=41)
+    found = calibrate(DEVICE, read, ["actuator.full_scale"], starts=1)
+    place_m, level = reading_along(found.device, read, 50)
+    first = slice(41, 82)
+    assert np.interp(read.position_m[first], place_m, level) == pytest.approx(
+        np.abs(read.acceleration[first]), rel=0.05
+    )
+
+
+def test_of_very_many_drives_a_dozen_are_drawn() -> None:
+    read = read_bar(DEVICE, {}, [(hz, NAN) for hz in np.linspace(80, 280, 40)], points=3, kind=Kind.RESPONSE)
+    picture = plot_calibration(calibrate(DEVICE, read, ["actuator.full_scale"], starts=1))
+    assert len([axes for axes in picture.figure.axes if axes.get_visible()]) == 12
+    assert "12 of 40 drives" in picture.caption
+    assert len(picture.columns["measured (m/s^2)"]) == 120
+
+
+def test_the_picture_is_a_png() -> None:
+    assert calibration_png(noisy_calibration()).startswith(b"\x89PNG\r\n")
+
+
+def test_what_was_measured_is_not_called_simulated() -> None:
+    found = noisy_calibration()
+    real = replace(found, measurements=replace(found.measurements, is_simulated=False))
+    assert "SIMULATED" not in plot_calibration(real).caption

@@ -1,0 +1,63 @@
+"""Laws of the picture of a click: its data are the click's, and its words the table's figures."""
+
+import csv
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from engine.table.click import played_at
+from tactable.explain.click_source import ClickSource
+from tactable.figures.click import plot_click
+from tactable.figures.file import Picture, write_columns
+
+
+def picture_of(source: ClickSource, felt: str, quiet: str, level_db: float = inf) -> Picture:
+    states = source.table.states_of(felt.split(), quiet.split())
+    return plot_click(source, played_at(source.solve_click(states), level_db))
+
+
+def test_the_written_data_have_the_level_of_the_table(source: ClickSource, tmp_path: Path) -> None:
+    write_columns(picture_of(source, "I", "III", 4.0), tmp_path / "click.csv")
+    with (tmp_path / "click.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    click = source.table.click_for(["I"], ["III"], 4.0)
+    assert click.quiet is not None
+    for header, spread in (("I felt", click.felt), ("III quiet", click.quiet)):
+        nominal = [float(row[f"{header}, nominal (acceleration over threshold)"]) for row in rows]
+        assert 20 * np.log10(max(map(abs, nominal))) == pytest.approx(spread.nominal_db)
+    left = [float(row["left (fraction of full scale)"]) for row in rows]
+    peak = abs(click.samples[:, 0]).max() / 32767
+    assert max(map(abs, left)) == pytest.approx(peak * click.amplitude)
+
+
+def test_every_finger_has_its_fan(source: ClickSource) -> None:
+    for felt, quiet in (("I", ""), ("I", "III"), ("I", "II III")):
+        fingers = len((felt + " " + quiet).split())
+        picture = picture_of(source, felt, quiet)
+        assert len(picture.figure.axes) == 2 + fingers
+        assert len([header for header in picture.columns if "95 %" in header]) == fingers
+
+
+def test_the_words_are_the_promise(source: ClickSource) -> None:
+    click = source.table.click_for(["I"], ["III"], inf)
+    picture = picture_of(source, "I", "III")
+    assert click.quiet is not None
+    assert f"felt {click.felt.low_db:.1f} dB" in picture.caption
+    assert f"quiet {click.quiet.high_db:z.1f} dB" in picture.caption
+    assert picture.summary["level_db"] == click.felt.low_db
+    assert picture.summary["is_tabulated"] is True
+    first, second = picture.summary["fingers"]
+    assert first["peak_db"]["5 %"] == pytest.approx(click.felt.low_db)
+    assert second["peak_db"]["95 %"] == pytest.approx(click.quiet.high_db)
+
+
+def test_a_level_that_is_not_reached_is_said(source: ClickSource) -> None:
+    picture = picture_of(source, "I", "III", 60.0)
+    assert "NOT ACHIEVED (60 dB wanted)" in picture.caption
+    assert picture.summary["achieved"] is False
+    states = source.table.states_of(["I"], ["III"])
+    missed = replace(source.solve_click(states), achieved=False)
+    assert "NOT ACHIEVED, felt" in plot_click(source, missed).caption

@@ -1,0 +1,63 @@
+"""Laws of the map of clicks: every state of two fingers is in it, with the figures of the table."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise, product
+
+import pytest
+
+from engine.table.table import TableError
+from precompute.clicks.baselines import solve_baseline
+from tactable.explain.click_source import ClickSource
+from tactable.figures.click_map import GATED, plot_click_map
+from tactable.figures.file import Picture
+
+NAMES = ("I", "II", "III")
+
+
+@pytest.fixture(scope="module")
+def told() -> list[float]:
+    return []
+
+
+@pytest.fixture(scope="module")
+def picture(source: ClickSource, told: list[float]) -> Iterator[Picture]:
+    yield plot_click_map(source, told.append)
+
+
+def test_every_ordered_pair_is_there_with_the_figures_of_the_table(source: ClickSource, picture: Picture) -> None:
+    columns = picture.columns
+    pairs = list(zip(columns["felt zone"], columns["quiet zone"], strict=True))
+    assert pairs == [(felt, "" if felt == quiet else quiet) for felt, quiet in product(NAMES, repeat=2)]
+    for row, (felt, quiet) in enumerate(pairs):
+        click = source.table.click_for([felt], [quiet] if quiet else [], float("inf"))
+        assert columns["felt level of the click, 5 % (dB above threshold)"][row] == click.felt.low_db
+        quiet_db = columns["quiet level of the click, 95 % (dB above threshold)"][row]
+        assert quiet_db == (None if click.quiet is None else click.quiet.high_db)
+
+
+def test_beside_it_is_the_gated_drive_judged_alike(source: ClickSource, picture: Picture) -> None:
+    gated = solve_baseline(source.solver, source.table.states_of(["III"], ["I"]), GATED).verdict
+    assert gated.quiet is not None
+    assert picture.summary["gated_felt_level_db"][2][0] == pytest.approx(gated.felt.low_db)
+    assert picture.summary["gated_quiet_level_db"][2][0] == pytest.approx(gated.quiet.high_db)
+
+
+def test_the_matrices_are_whole(picture: Picture) -> None:
+    for key in ("felt_level_db", "quiet_level_db", "gated_felt_level_db", "gated_quiet_level_db", "is_tabulated"):
+        matrix = picture.summary[key]
+        assert [len(row) for row in matrix] == [3, 3, 3]
+        for felt, quiet in product(range(3), repeat=2):
+            assert (matrix[felt][quiet] is None) == (felt == quiet and "quiet" in key)
+
+
+def test_the_fraction_done_rises_to_one(picture: Picture, told: list[float]) -> None:
+    assert picture.caption
+    assert len(told) == 9 and told[-1] == 1 and all(one < other for one, other in pairwise(told))
+
+
+def test_a_bar_of_one_zone_is_refused(source: ClickSource, monkeypatch: pytest.MonkeyPatch) -> None:
+    device = source.table.device
+    monkeypatch.setattr(source.table, "device", replace(device, zones=device.zones[:1]))
+    with pytest.raises(TableError, match="two zones"):
+        plot_click_map(source, list[float]().append)

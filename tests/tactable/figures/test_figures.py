@@ -1,0 +1,375 @@
+"""The figures: what they draw is what the table promises, what other models give, and what the search claims."""
+
+import csv
+from collections.abc import Iterator
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from engine.table.entry import Entry
+from engine.table.table import Table, TableError
+from engine.touch.finger_tracker import ZoneState
+from precompute.model.assembly import assemble
+from precompute.model.steady import compute_steady_state
+from precompute.model.threshold import detection_threshold
+from tactable.figures.contrast_map import plot_contrast_map
+from tactable.figures.course import compute_rising, plot_course
+from tactable.figures.factor import PairDrive, compute_factor, pair_drive, plot_factor, read_factor
+from tactable.figures.file import FigureError, Picture, check_paths, write_columns, write_picture
+from tactable.figures.pareto import STEP_DB, Front, plot_pareto, solve_front, solve_paper_drive
+from tactable.figures.rise import plot_rise
+from tactable.figures.state import compute_envelope, plot_state
+from tests.precompute.dense_model import DenseModel
+from tests.tactable.plot_table import build_small_table
+
+SEARCH_DB = 0.05
+"""The entries' own claim: so far from the optimum at most (tests/precompute)."""
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Table]:
+    with Table.open(build_small_table(tmp_path_factory.mktemp("table"))) as table:
+        yield table
+
+
+@pytest.fixture(scope="module")
+def state(table: Table) -> tuple[ZoneState, ...]:
+    return table.states_of(["I"], ["III"])
+
+
+@pytest.fixture(scope="module")
+def front(table: Table, state: tuple[ZoneState, ...]) -> Front:
+    return solve_front(table.device, state, "contrast")
+
+
+@pytest.fixture(scope="module")
+def paper(table: Table, state: tuple[ZoneState, ...]) -> Front:
+    return solve_paper_drive(table.device, state)
+
+
+def complex_amplitudes(entry: Entry) -> np.ndarray:
+    return np.array(entry.amplitudes) * np.exp(1j * np.array(entry.phases_rad))
+
+
+# ---- state -----------------------------------------------------------------------------------------------
+
+
+def test_the_envelope_under_a_standard_finger_is_what_the_entry_promises(table: Table) -> None:
+    for entry in table.entries_at(20.0):
+        envelope = compute_envelope(table.device, entry)
+        for zone, promise in zip(table.device.zones, entry.zones, strict=True):
+            if promise.acceleration_at_finger_m_per_s2 is not None:
+                here = np.interp((zone.start_m + zone.stop_m) / 2, envelope.position_m, envelope.standard)
+                assert here == pytest.approx(promise.acceleration_at_finger_m_per_s2, rel=1e-6)
+
+
+def test_the_envelope_is_that_of_the_dense_model_with_the_fingers_on_it(table: Table) -> None:
+    entry, device = table.entry_for(["I"], ["III"]), table.device
+    envelope = compute_envelope(device, entry)
+    middles_m = [(device.zones[z].start_m + device.zones[z].stop_m) / 2 for z in (0, 2)]
+    model = DenseModel(device, [(place_m, device.finger) for place_m in middles_m])
+    (hz,) = set(entry.frequencies_hz)
+    field = model.unit_acceleration(np.array([hz]), envelope.position_m)[0] @ complex_amplitudes(entry)
+    assert envelope.standard == pytest.approx(abs(field), rel=1e-5)
+
+
+def test_the_band_holds_the_levels_that_the_entry_gives_for_other_fingers(table: Table) -> None:
+    entry, device = table.entry_for(["I"], ["III"]), table.device
+    envelope = compute_envelope(device, entry)
+    threshold = float(detection_threshold(np.array(entry.frequencies_hz[:1]))[0])
+    assert (envelope.least <= envelope.standard).all()
+    assert (envelope.standard <= envelope.greatest).all()
+    for zone, promise in zip(device.zones, entry.zones, strict=True):
+        if promise.sensation_level_range_db is not None:
+            least, greatest = (threshold * 10 ** (level_db / 20) for level_db in promise.sensation_level_range_db)
+            inside = (envelope.position_m >= zone.start_m) & (envelope.position_m <= zone.stop_m)
+            assert envelope.least[inside].min() <= least
+            assert envelope.greatest[inside].max() >= greatest
+
+
+def test_a_state_that_is_not_achieved_says_so(table: Table) -> None:
+    loudest_db = table.entry_for(["I"], ["III"], inf).level_db
+    picture = plot_state(table, table.entry_for(["I"], ["III"], loudest_db + 3))
+    assert "NOT ACHIEVED" in picture.caption
+    assert picture.summary["achieved"] is False
+
+
+def test_every_tone_has_its_threshold(table: Table) -> None:
+    entry = replace(table.entry_for(["I"], ["III"]), frequencies_hz=(100.0, 200.0))
+    thresholds = plot_state(table, entry).summary["threshold_m_per_s2"]
+    assert thresholds == {hz: pytest.approx(float(detection_threshold(np.array([float(hz)]))[0])) for hz in thresholds}
+    assert list(thresholds) == ["100.0", "200.0"]
+
+
+# ---- pareto ----------------------------------------------------------------------------------------------
+
+
+def test_more_level_never_gives_more_contrast(front: Front) -> None:
+    assert (np.diff(front.level_db) > 0).all()
+    assert (np.diff(front.expected_db) < SEARCH_DB).all()
+
+
+def test_the_front_passes_through_the_entries_of_the_table(table: Table, front: Front) -> None:
+    for level_db in table.levels_db:
+        entry = table.entry_for(["I"], ["III"], level_db)
+        at = int(abs(front.level_db - entry.level_db).argmin())
+        assert front.level_db[at] == pytest.approx(entry.level_db, abs=1e-3)
+        assert front.expected_db[at] == pytest.approx(entry.expected_contrast_db, abs=SEARCH_DB)
+
+
+def test_the_papers_drive_has_the_greatest_factor_of_the_untouched_bar_and_less_contrast_with_fingers(
+    table: Table, front: Front, paper: Front
+) -> None:
+    plant = assemble(table.device)
+
+    def untouched_factor(drives: Front, k: int) -> float:
+        return float(compute_steady_state(plant, drives.frequency_hz[k], drives.amplitude[k]).share[0])
+
+    every = [untouched_factor(front, k) for k in range(len(front.level_db))]
+    assert untouched_factor(paper, 0) > max(every)
+    as_loud = front.level_db >= paper.level_db[0]
+    assert paper.expected_db[0] < front.expected_db[as_loud][0]
+
+
+def test_the_papers_drive_is_judged_as_an_entry_is(table: Table, paper: Front) -> None:
+    device = table.device
+    middles_m = [(device.zones[z].start_m + device.zones[z].stop_m) / 2 for z in (0, 2)]
+    model = DenseModel(device, [(place_m, device.finger) for place_m in middles_m])
+    hz = paper.frequency_hz[0]
+    assert hz[0] == hz[1]
+    under = abs(model.unit_acceleration(hz[:1], np.array(middles_m))[0] @ paper.amplitude[0])
+    level_db = 20 * np.log10(under / detection_threshold(hz[:1]))
+    assert paper.level_db[0] == pytest.approx(level_db[0], abs=1e-3)
+    assert paper.standard_db[0] == pytest.approx(level_db[0] - level_db[1], abs=1e-3)
+    assert paper.worst_db[0] <= paper.standard_db[0]
+
+
+def test_contrast_without_a_quiet_finger_is_refused(table: Table) -> None:
+    with pytest.raises(TableError, match="--quiet IV"):
+        plot_pareto(table, table.states_of(["I"], []))
+
+
+def test_the_levels_of_the_front_are_a_step_apart(front: Front) -> None:
+    assert np.diff(front.level_db)[:-1] == pytest.approx(STEP_DB)
+
+
+# ---- contrast map ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("level_db", [20.0, 33.0, inf])
+def test_the_map_shows_the_entries(table: Table, level_db: float) -> None:
+    columns = plot_contrast_map(table, level_db).columns
+    for k, (felt, quiet) in enumerate(zip(columns["felt zone"], columns["quiet zone"], strict=True)):
+        entry = table.entry_for([felt], [quiet] if quiet else [], level_db)
+        assert columns["expected contrast (dB)"][k] == entry.expected_contrast_db
+        assert columns["level (dB above threshold)"][k] == entry.level_db
+    assert list(columns["quiet zone"]).count("") == 3
+
+
+def test_what_is_not_achieved_is_hatched(table: Table) -> None:
+    loudest_db = [table.entry_for([zone.name], [], inf).level_db for zone in table.device.zones]
+    picture = plot_contrast_map(table, max(loudest_db) + 1)
+    hatched = [patch for patch in picture.figure.axes[0].patches if patch.get_hatch()]
+    missed = [reached for row in picture.summary["achieved"] for reached in row if not reached]
+    assert len(hatched) == len(missed) == 9
+    assert not [patch for patch in plot_contrast_map(table, 20.0).figure.axes[0].patches if patch.get_hatch()]
+
+
+# ---- rise times ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("level_db", [20.0, 33.0, inf])
+def test_the_rise_times_are_those_of_the_entries(table: Table, level_db: float) -> None:
+    columns = plot_rise(table, level_db).columns
+    assert len(columns["t90 (s)"]) == 19  # every state of three zones with a felt finger
+    for k, (felt, quiet) in enumerate(zip(columns["felt zones"], columns["quiet zones"], strict=True)):
+        entry = table.entry_for(str(felt).split(), str(quiet).split(), level_db)
+        assert columns["t90 (s)"][k] == entry.t90_s
+        assert columns["worst t90 (s)"][k] == entry.worst_case.t90_s >= entry.t90_s
+
+
+def test_the_distribution_reaches_every_state_at_the_slowest(table: Table) -> None:
+    picture = plot_rise(table, 20.0)
+    standard = next(line for line in picture.figure.axes[1].lines if line.get_label() == "standard fingers")
+    time_ms, risen = (np.asarray(data, dtype=np.float64) for data in standard.get_data())
+    assert (np.diff(time_ms) >= 0).all() and risen[-1] == pytest.approx(100.0)
+    assert time_ms[-1] == pytest.approx(1e3 * max(entry.t90_s for entry in table.entries_at(20.0)))
+
+
+def test_the_course_of_a_state_is_risen_when_its_entry_says_and_stays_near_what_it_promises(table: Table) -> None:
+    for felt, quiet in ((["I"], []), (["III"], ["I"]), (["I"], ["II", "III"])):
+        entry = table.entry_for(felt, quiet, 20.0)
+        rising = compute_rising(table, entry)
+        own = rising.level_db[rising.zones.index(table.device.zone_index(felt[0]))]
+        promised_db = entry.zones[table.device.zone_index(felt[0])].sensation_level_db
+        outside = np.flatnonzero(abs(10 ** ((own - promised_db) / 20) - 1) > 0.1)
+        assert rising.time_s[outside[-1]] == pytest.approx(entry.t90_s, abs=2e-3)
+
+
+def test_the_contrast_of_a_course_is_felt_over_quiet_at_each_moment(table: Table) -> None:
+    entry = table.entry_for(["I"], ["II", "III"], 20.0)
+    columns = plot_course(table, entry).columns
+    level_db = {
+        name: np.asarray(columns[f"level of {name} (dB above threshold)"])
+        for name in ("I felt", "II quiet", "III quiet")
+    }
+    quiet_db = np.maximum(level_db["II quiet"], level_db["III quiet"])
+    assert np.asarray(columns["contrast (dB)"]) == pytest.approx(level_db["I felt"] - quiet_db)
+    assert "contrast (dB)" not in plot_course(table, table.entry_for(["I"], [], 20.0)).columns
+
+
+# ---- localized factor ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("amplitudes", [(1.0, 1.0), (1.0, 0.4), (0.0, 1.0)])
+def test_without_fingers_the_factor_is_that_of_the_sweep(table: Table, amplitudes: tuple[float, float]) -> None:
+    drive = PairDrive((0, 1), amplitudes)
+    computed = compute_factor(table.device, ["I", "III"], [], drive)
+    assert computed == pytest.approx(read_factor(table, ["I", "III"], drive), abs=2e-6)
+
+
+def test_with_fingers_the_factor_is_that_of_the_steady_state(table: Table) -> None:
+    device = table.device
+    middle_m = (device.zones[1].start_m + device.zones[1].stop_m) / 2
+    plant, hz = assemble(device).with_fingers([middle_m], device.finger), device.sweep.frequency_hz
+    factor = compute_factor(device, ["III"], ["II"], PairDrive((0, 1), (1.0, 0.6)))
+    for first, second in ((3, 40), (40, 3), (25, 25)):
+        steady = compute_steady_state(plant, hz[[first, second]], np.array([1.0, 0.6], dtype=np.complex128))
+        assert factor[first, second] == pytest.approx(steady.share[2], rel=1e-8)
+
+
+def test_out_of_its_band_an_actuator_has_no_factor(table: Table) -> None:
+    left, right = table.device.actuators
+    device = replace(table.device, actuators=(replace(left, band_hz=(100.0, 300.0)), right))
+    factor = compute_factor(device, ["I"], [], PairDrive((0, 1), (1.0, 1.0)))
+    below = device.sweep.frequency_hz < 100.0
+    assert np.isnan(factor[below]).all()
+    assert np.isfinite(factor[~below]).all()
+
+
+def test_fingers_add_a_panel_of_the_same_scale(table: Table) -> None:
+    drive = pair_drive(table.device, [], [1.0, 1.0])
+    alone, beside = (plot_factor(table, [["I"]], fingers, drive) for fingers in ([], ["I"]))
+    assert len(alone.figure.axes) == 2  # with the colour bar
+    assert len(beside.figure.axes) == 3
+    assert len({axes.images[0].get_clim() for axes in beside.figure.axes[:2]}) == 1
+    assert len(beside.summary["greatest"]) == 2
+
+
+def test_every_zone_has_a_panel_and_its_share_and_they_add_up_to_what_covers_the_bar(table: Table) -> None:
+    drive = pair_drive(table.device, [], [1.0, 1.0])
+    picture = plot_factor(table, [["I"], ["II"], ["III"]], [], drive)
+    assert len(picture.figure.axes) == 4  # with the colour bar
+    shares = [picture.columns[f"localized factor {name} untouched (1)"] for name in ("I", "II", "III")]
+    assert np.sum(shares, axis=0) == pytest.approx(1.0, abs=1e-5)
+    together = plot_factor(table, [["I", "III"]], [], drive).columns["localized factor untouched (1)"]
+    assert np.asarray(together) == pytest.approx(np.asarray(shares[0]) + np.asarray(shares[2]), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("names", "amplitudes", "part"),
+    [
+        (["left", "middle"], [1.0, 1.0], "left,right"),
+        ([], [1.0, 0.55], "0, 0.2, 0.4, 0.6, 0.8, 1"),
+        ([], [1.0], "'1'"),
+        ([], [0.0, 0.0], "nothing moves"),
+    ],
+)
+def test_a_drive_that_the_sweep_does_not_have_is_refused(
+    table: Table, names: list[str], amplitudes: list[float], part: str
+) -> None:
+    with pytest.raises(TableError, match=part):
+        pair_drive(table.device, names, amplitudes)
+
+
+# ---- files -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def pictures(table: Table, state: tuple[ZoneState, ...]) -> dict[str, Picture]:
+    return {
+        "state": plot_state(table, table.entry_for(["I"], ["III"])),
+        "pareto": plot_pareto(table, state),
+        "contrast-map": plot_contrast_map(table, 20.0),
+        "rise": plot_rise(table, 20.0),
+        "course": plot_course(table, table.entry_for(["I"], ["III"])),
+        "factor": plot_factor(table, [["I"]], ["I"], PairDrive((0, 1), (1.0, 1.0))),
+    }
+
+
+@pytest.mark.parametrize("name", ["state", "pareto", "contrast-map", "rise", "course", "factor"])
+def test_every_axis_and_every_column_has_its_unit(pictures: dict[str, Picture], name: str) -> None:
+    picture = pictures[name]
+    words = {"drive", "felt zone", "quiet zone", "felt zones", "quiet zones", "family"}
+    assert all(header.endswith(")") for header in picture.columns if header not in words)
+    labels = [label for axes in picture.figure.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
+    assert len(labels) >= 2
+    assert all(label.endswith((")", "finger in zone")) for label in labels)
+
+
+@pytest.mark.parametrize("name", ["state", "pareto", "contrast-map", "rise", "course", "factor"])
+def test_every_picture_says_what_is_estimated(table: Table, pictures: dict[str, Picture], name: str) -> None:
+    note = " ".join(pictures[name].figure.get_supxlabel().split())
+    assert "Computed, not measured. ESTIMATES" in note
+    assert "finger" in note
+    assert f"{len(table.device.inferred)} values of the device" in note
+    assert set(table.device.inferred) <= set(pictures[name].summary["estimated"])
+
+
+@pytest.mark.parametrize("name", ["state", "pareto", "contrast-map", "rise", "course", "factor"])
+def test_the_csv_is_the_data(pictures: dict[str, Picture], name: str, tmp_path: Path) -> None:
+    write_columns(pictures[name], tmp_path / "data.csv")
+    with (tmp_path / "data.csv").open(newline="", encoding="utf-8") as file:
+        header, *rows = csv.reader(file)
+    assert header == list(pictures[name].columns)
+    for cells, values in zip(zip(*rows, strict=True), pictures[name].columns.values(), strict=True):
+        for cell, value in zip(cells, values, strict=True):
+            if isinstance(value, str):
+                assert cell == value
+            elif value is None or np.isnan(value):
+                assert cell == ""
+            else:
+                assert float(cell) == value
+
+
+@pytest.mark.parametrize(("ending", "magic"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".PDF", b"%PDF")])
+def test_the_same_data_are_the_same_file(table: Table, ending: str, magic: bytes, tmp_path: Path) -> None:
+    paths = [tmp_path / f"{k}{ending}" for k in range(2)]
+    for path in paths:
+        write_picture(plot_contrast_map(table, 20.0), path)
+    first, second = (path.read_bytes() for path in paths)
+    assert first.startswith(magic)
+    assert first == second
+
+
+@pytest.mark.parametrize(
+    ("picture", "data", "part"),
+    [
+        ("state.gif", None, ".png, .svg, .pdf"),
+        ("state", None, ".png, .svg, .pdf"),
+        ("state.png", "bar.nc", ".csv"),
+        ("nowhere/state.png", None, "nowhere: no such folder"),
+        ("state.png", "nowhere/state.csv", "nowhere: no such folder"),
+    ],
+)
+def test_a_file_that_could_not_be_written_is_refused_before_work(picture: str, data: str | None, part: str) -> None:
+    with pytest.raises(FigureError, match=part):
+        check_paths(Path(picture), None if data is None else Path(data))
+
+
+def test_a_picture_that_cannot_be_drawn_leaves_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, figure = tmp_path / "kept.png", Figure()
+    path.write_bytes(b"before")
+
+    def broken(where: Path, **_unused: object) -> None:
+        where.write_bytes(b"half")
+        raise OSError("no space left")
+
+    monkeypatch.setattr(figure, "savefig", broken)
+    with pytest.raises(OSError, match="no space"):
+        write_picture(Picture(figure, {}, {}, ""), path)
+    assert [each.read_bytes() for each in tmp_path.iterdir()] == [b"before"]

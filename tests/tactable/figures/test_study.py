@@ -1,0 +1,104 @@
+"""Pictures of studies: what is drawn and written is what was found."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.device.device import Device
+from precompute.studies.placement import Placement, PlacementSearch, even_places, own_places
+from precompute.studies.resolution import Resolved
+from precompute.studies.two_fingers import TwoFingers
+from tactable.figures.file import Picture
+from tactable.figures.placement import plot_placement
+from tactable.figures.resolution import TOLD_APART_DB, narrowest_zone_m, plot_resolution
+from tests.precompute.devices import shipped
+
+DEVICE: Device = shipped("reference-a")
+
+
+def fingers(worst_db: float, level_db: float = 20.0) -> TwoFingers:
+    contrast_db = np.full((5, 5), worst_db + 6.0)
+    contrast_db[1, 3] = worst_db
+    np.fill_diagonal(contrast_db, np.nan)
+    return TwoFingers(20.0, contrast_db, np.where(np.isnan(contrast_db), np.nan, level_db))
+
+
+def search(count: int) -> PlacementSearch:
+    screened_m = np.sort(np.random.default_rng(count).uniform(0.01, 0.27, (9, count)), axis=1)
+    judged = [Placement("found", tuple(screened_m[0].tolist()), fingers(8.0 + count))]
+    judged.append(Placement("even", even_places(DEVICE, count), fingers(3.0, 15.0)))
+    if count == 2:
+        judged.append(Placement("as described", own_places(DEVICE), fingers(4.0)))
+    return PlacementSearch(screened_m, np.append(np.linspace(-3.0, 7.0, 8), np.nan), 5, tuple(judged))
+
+
+def resolved(actuators: int, zones: int, worst_db: float, level_db: float = 20.0) -> Resolved:
+    length_m = DEVICE.bar.length_m / zones
+    return Resolved(
+        even_places(DEVICE, actuators), zones, length_m, fingers(worst_db, level_db), np.linspace(0.3, 0.9, zones)
+    )
+
+
+STUDY = [resolved(2, 2, 14.0), resolved(2, 4, 11.0), resolved(2, 8, 6.0), resolved(3, 2, 9.0), resolved(3, 4, 12.0, 18)]
+
+
+@pytest.fixture(scope="module")
+def pictures() -> dict[str, Picture]:
+    return {
+        "placement": plot_placement(DEVICE, [search(2), search(3)], 20.0),
+        "resolution": plot_resolution(DEVICE, STUDY, 20.0),
+    }
+
+
+@pytest.mark.parametrize("name", ["placement", "resolution"])
+def test_every_axis_and_column_has_its_unit_and_estimates_are_named(pictures: dict[str, Picture], name: str) -> None:
+    picture = pictures[name]
+    assert all(header.endswith(")") for header in picture.columns if header != "placement")
+    labels = [label for axes in picture.figure.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
+    assert len(labels) >= 4 and all(label.endswith(")") for label in labels)
+    assert "ESTIMATES: finger" in " ".join(picture.figure.get_supxlabel().split())
+    assert set(DEVICE.inferred) <= set(picture.summary["estimated"])
+    assert len({len(column) for column in picture.columns.values()}) == 1
+
+
+def test_every_placement_is_a_row_judged_ones_first(pictures: dict[str, Picture]) -> None:
+    columns = pictures["placement"].columns
+    assert list(columns["placement"]) == ["found", "even", "as described", *["screened"] * 9, "found", "even"] + (
+        ["screened"] * 9
+    )
+    assert list(columns["worst contrast (dB)"])[:3] == [10.0, None, 4.0], "a level out of reach has no contrast"
+    assert list(columns["position 3 (m)"])[:12] == [None] * 12
+    assert list(columns["position 1 (m)"])[1] == even_places(DEVICE, 2)[0]
+
+
+def test_the_worst_state_is_named_beside_its_placement(pictures: dict[str, Picture]) -> None:
+    words = [text.get_text() for text in pictures["placement"].figure.axes[0].texts]
+    assert "worst 10.0 dB (II felt, IV quiet), median 16.0 dB" in words
+    assert "a level out of reach: 15.0 dB at most" in words
+
+
+def test_without_two_actuators_there_is_no_map() -> None:
+    assert len(plot_placement(DEVICE, [search(3)], 20.0).figure.axes) == 2
+    assert len(plot_placement(DEVICE, [search(2)], 20.0).figure.axes) == 4
+
+
+def test_zones_are_told_apart_down_to_the_first_that_are_not() -> None:
+    two = STUDY[:3]
+    assert narrowest_zone_m(two) == pytest.approx(DEVICE.bar.length_m / 4)
+    assert narrowest_zone_m(STUDY[3:]) is None, "the widest are not, whatever narrower ones are"
+    missed = [replace(two[0], fingers=fingers(14.0, 19.0)), *two[1:]]
+    assert narrowest_zone_m(missed) is None, "not at the level that was asked for"
+    assert narrowest_zone_m([resolved(2, 2, TOLD_APART_DB)]) is not None
+
+
+def test_the_figure_has_a_line_a_placement_and_hollow_marks_where_a_level_is_missed(
+    pictures: dict[str, Picture],
+) -> None:
+    picture = pictures["resolution"]
+    left = picture.figure.axes[0]
+    drawn = {str(line.get_label()): line for line in left.lines}
+    assert np.asarray(drawn["2 at 25, 75 %"].get_ydata()).tolist() == [14.0, 11.0, 6.0]
+    hollow = [line for line in left.lines if line.get_color() == "white" and np.size(line.get_xdata())]
+    assert [np.asarray(line.get_ydata()).tolist() for line in hollow if np.size(line.get_ydata())] == [[12.0]]
+    assert picture.summary["placements"][0]["narrowest_zone_m"] == pytest.approx(DEVICE.bar.length_m / 4)
