@@ -1,7 +1,14 @@
-"""What can go wrong between host and device, by whose fault."""
+"""The root of the project's errors, and the errors of the link by whose fault they are."""
 
 
-class LinkError(Exception):
+class TactableError(Exception):
+    """Root of every error that a user can cause and mend; its text says what, where and the remedy.
+
+    It stands in the lowest room, which every other room may import, so that the command line catches one class.
+    """
+
+
+class LinkError(TactableError):
     """The device, its port or its firmware does not do what the link needs; the text says the remedy."""
 
 
