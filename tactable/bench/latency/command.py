@@ -55,9 +55,6 @@ def register(bench: typer.Typer) -> None:
         ] = "all",
         ablations: Annotated[bool, typer.Option(help="Also without each step, and without all.")] = True,
         echo: Annotated[bool, typer.Option(help="Also the C echo engine, where there is a compiler.")] = True,
-        page: Annotated[
-            bool, typer.Option("--page", help="Also with the page attached, and drawn where there is Chromium.")
-        ] = False,
         stall: Annotated[
             StalledLayer | None, typer.Option(help="Let a layer stand still 60 ms each 250 ms, to see it named.")
         ] = None,
@@ -67,31 +64,21 @@ def register(bench: typer.Typer) -> None:
         baseline: Annotated[
             Path | None, typer.Option("--compare", help="A report.json of before; exit status 4 if it got worse.")
         ] = None,
-        capture: Annotated[
-            Path | None, typer.Option(help="No measurement here: report on this capture of a scope (docs/latency.md).")
-        ] = None,
-        threshold: Annotated[
-            float | None, typer.Option(help="With --capture: acceleration that counts, m/s^2; default: 6 x the noise.")
-        ] = None,
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
     ) -> None:
         """Where each microsecond goes from a report to its command, with tails, beside loads and floors."""
         # It draws, and knows the demo: for a run of the engine that would be too much.
-        from tactable.bench.latency.measure import compare_with, measure, report_on_capture, ways_us, write_report
+        from tactable.bench.latency.measure import compare_with, measure, ways_us, write_report
 
-        if capture is not None:
-            document, ways = report_on_capture(capture, threshold)
-            run = None
-        else:
-            with _opened(table_path) as table:
-                streams = _streams(table, _numbers(rates), fingers, recordings or [])
-                way = Way(over) if over == "sockets" else Way(over, bit_rate_hz)
-                plan = _plan(tuple(rate for rate, _ in streams), loads, real_time, ablations, echo, page)
-                _check_samples(plan.rates_hz[-1] if recordings else min(plan.rates_hz[-1], MOST_COMMANDS_HZ), seconds)
-                injected = None if stall is None else Stall(stall)
-                document, run = measure(table, plan, streams, recordings or [], way, seconds, rounds, injected, _told)
-                ways = {name: ways_us(parts) for name, parts in run.rounds().items()}
-        if baseline is not None and run is not None:
+        with _opened(table_path) as table:
+            streams = _streams(table, _numbers(rates), fingers, recordings or [])
+            way = Way(over) if over == "sockets" else Way(over, bit_rate_hz)
+            plan = _plan(tuple(rate for rate, _ in streams), loads, real_time, ablations, echo)
+            _check_samples(plan.rates_hz[-1] if recordings else min(plan.rates_hz[-1], MOST_COMMANDS_HZ), seconds)
+            injected = None if stall is None else Stall(stall)
+            document, run = measure(table, plan, streams, recordings or [], way, seconds, rounds, injected, _told)
+        ways = {name: ways_us(parts) for name, parts in run.rounds().items()}
+        if baseline is not None:
             document["comparison"] = compare_with(run, baseline)
         write_report(document, run, ways, output)
         if as_json:
@@ -134,7 +121,7 @@ def _numbers(rates: str) -> tuple[int, ...]:
     return numbers
 
 
-def _plan(rates: tuple[int, ...], loads: str, steps: str, ablates: bool, echo: bool, pages: bool) -> Plan:
+def _plan(rates: tuple[int, ...], loads: str, steps: str, ablates: bool, echo: bool) -> Plan:
     try:
         chosen: tuple[Step, ...] = parse_steps(steps)
         beside = tuple(Load(part.strip()) for part in loads.split(",") if part.strip())
@@ -142,7 +129,7 @@ def _plan(rates: tuple[int, ...], loads: str, steps: str, ablates: bool, echo: b
         raise typer.BadParameter(str(error)) from error
     if not beside:
         raise typer.BadParameter(f"--loads {loads!r}: expected some of {', '.join(Load)}")
-    return Plan(rates, beside, chosen, has_echo=echo, ablates=ablates, pages=pages)
+    return Plan(rates, beside, chosen, has_echo=echo, ablates=ablates)
 
 
 def _check_samples(commands_hz: int, seconds: float) -> None:

@@ -19,7 +19,6 @@ import numpy as np
 from engine.loop.latency import Stage
 from engine.loop.loop import StateChange, SystemClock
 from engine.loop.realtime import Step
-from engine.loop.ring import RingWriter
 from engine.render.limits import LimitError
 from engine.render.renderer import RendererError, WhenNotAchieved
 from engine.table.entry import DEFAULT_LEVEL_DB
@@ -61,8 +60,6 @@ class Segment:
     """A serial port; None: the second socket."""
     bit_rate_hz: int = SOCKET_BIT_RATE_HZ
     has_fast_path: bool = True
-    ring: str | None = None
-    """Where others may look on."""
 
 
 class EngineProcess:
@@ -144,12 +141,9 @@ def _run(
         steps = tuple(Step(step) for step in segment.steps)
         options = LiveOptions(HELD, WhenNotAchieved.GO_ON, True, segment.bit_rate_hz, steps, segment.processor, fast)
         stack.enter_context(_busy_thread(segment.has_busy_thread))
-        ring = None if segment.ring is None else stack.enter_context(RingWriter(Path(segment.ring)))
-        live = Live(table, source, port, SystemClock(), options, trace, ring=ring)
+        live = Live(table, source, port, SystemClock(), options, trace)
         with live.armed():
-            capabilities = live.capabilities
-            about = {"board": capabilities.board, "frequency_resolution_hz": capabilities.frequency_resolution_hz}
-            _say(control, about)
+            _say(control, {"board": live.capabilities.board})
             live.loop.run()
         try:
             bounds = live.link.clock.offset_bounds(SystemClock().now_ns())

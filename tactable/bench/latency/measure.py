@@ -15,7 +15,6 @@ import numpy as np
 from engine.table.table import Table
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator.firmware import BOARD_EMULATED
-from tactable.bench.latency.capture import capture_json, delays_of, read_capture
 from tactable.bench.latency.compare import compare_runs
 from tactable.bench.latency.environment import environment_json
 from tactable.bench.latency.floor import build_echo_engine
@@ -129,14 +128,6 @@ def ways_us(parts: Sequence[Stamps]) -> Values:
     return whole
 
 
-def report_on_capture(path: Path, threshold: float | None) -> tuple[dict[str, Any], dict[str, Values]]:
-    """Document and whole ways, us, of a physical measurement. Raises LatencyReportError for a broken capture."""
-    captured = read_capture(path)
-    document = capture_json(captured, threshold)
-    document |= {"command": shlex.join(["tactable", *sys.argv[1:]]), "environment": environment_json()}
-    return document, {path.name: delays_of(captured, threshold)[document["whole"]] / _US}
-
-
 def compare_with(run: Run, baseline: Path) -> dict[str, Any]:
     """Each condition that a baseline (its report.json) has too. Raises LatencyReportError where it is of no use."""
     try:
@@ -154,14 +145,13 @@ def compare_with(run: Run, baseline: Path) -> dict[str, Any]:
     return compared
 
 
-def write_report(document: dict[str, Any], run: Run | None, ways_us: dict[str, Values], folder: Path) -> None:
-    """report.html, report.md, report.json and, of a measurement, samples.npz."""
+def write_report(document: dict[str, Any], run: Run, ways_us: dict[str, Values], folder: Path) -> None:
+    """report.html, report.md, report.json and samples.npz."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "report.json").write_text(json.dumps(_finite(document), indent=2), encoding="utf-8")
     (folder / "report.html").write_text(page_html(document, ways_us), encoding="utf-8")
     (folder / "report.md").write_text(page_markdown(document), encoding="utf-8")
-    if run is not None:
-        write_samples(run, folder / "samples.npz")
+    write_samples(run, folder / "samples.npz")
 
 
 def _finite(value: Any) -> Any:

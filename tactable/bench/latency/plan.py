@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from engine.loop.realtime import Step
 from tactable.bench.latency.load import Load
-from tactable.bench.latency.run import ECHO, LONG_WAY, PAGED, TACTABLE, Condition
+from tactable.bench.latency.run import ECHO, LONG_WAY, TACTABLE, Condition
 
 
 @dataclass(frozen=True)
@@ -19,8 +19,6 @@ class Plan:
     """The C echo engine is there, as a floor."""
     ablates: bool
     """Without each step, without all, and without the fast path."""
-    pages: bool = False
-    """At each rate also with a page attached and drawn."""
 
     @property
     def middle_hz(self) -> int:
@@ -33,8 +31,6 @@ class Plan:
             return (Condition(TACTABLE, self.middle_hz, load, self.steps),)
         engines = (TACTABLE, ECHO) if self.has_echo else (TACTABLE,)
         both = [Condition(engine, rate_hz, load, self.steps) for rate_hz in self.rates_hz for engine in engines]
-        if self.pages:
-            both += [Condition(PAGED, rate_hz, load, self.steps) for rate_hz in self.rates_hz]
         if self.ablates and load is self._ablation_load:
             both += [Condition(TACTABLE, self.middle_hz, load, steps) for steps in self._ablations()]
             both.append(Condition(LONG_WAY, self.middle_hz, load, self.steps))
@@ -64,9 +60,8 @@ class Plan:
         return sum(len(self.conditions(load)) for load in self.loads)
 
     def floor_of(self, condition: Condition) -> Condition | None:
-        """What to compare with, beside the same load, as fast and with the same steps: of a page, the same without."""
-        compared = {TACTABLE: ECHO, PAGED: TACTABLE}.get(condition.engine)
-        if compared is None:
+        """What to compare with: the C echo engine beside the same load, as fast and with the same steps."""
+        if condition.engine != TACTABLE:
             return None
-        floor = Condition(compared, condition.rate_hz, condition.load, condition.steps)
+        floor = Condition(ECHO, condition.rate_hz, condition.load, condition.steps)
         return floor if floor in self.conditions(condition.load) else None

@@ -6,7 +6,6 @@ import socket
 import subprocess
 import time
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,7 +24,6 @@ from tactable.bench.latency.device import Arrivals, LightDevice
 from tactable.bench.latency.engine import SOCKET_BIT_RATE_HZ, EngineProcess, Segment
 from tactable.bench.latency.floor import read_echo_samples, start_echo_engine
 from tactable.bench.latency.load import Load
-from tactable.bench.latency.paged import page_on
 from tactable.bench.latency.source import LEAD_NS, Apparatus, Echoed, Schedule, Stall
 from tactable.bench.latency.stages import Point, Stamps
 from tactable.bench.latency.stream import Stream, expected_states
@@ -33,7 +31,7 @@ from tactable.bench.latency.stream import Stream, expected_states
 Times = NDArray[np.int64]
 
 TACTABLE, ECHO = "tactable", "C echo"
-LONG_WAY, PAGED = "tactable without fast path", "tactable with its page"
+LONG_WAY = "tactable without fast path"
 PTY_BIT_RATE_HZ = 2_000_000
 # A SET comes within a fraction of a lease, or a stall of the line; its sequence comes again after 256 frames.
 _LONGEST_WAY_NS = 200_000_000
@@ -143,12 +141,6 @@ class Bench:
             idle = Schedule(iter(()), 1.0, 0, 0)
             Apparatus(idle, touch, link, device, keeps_open=True).run(self._engine.fileno())
             armed = self._engine.answer()
-            if segment.ring is not None:
-                page = page_on(Path(segment.ring), self._table.path, armed["frequency_resolution_hz"])
-                # The engine goes on meanwhile: its link is served.
-                opening = stack.enter_context(ThreadPoolExecutor(1)).submit(stack.enter_context, page)
-                Apparatus(idle, touch, link, device, keeps_open=True).run(self._engine.fileno(), opening.done)
-                opening.result()
             schedule = Schedule(stream.packets(), condition.rate_hz, count, time.monotonic_ns() + LEAD_NS)
             apparatus = Apparatus(schedule, touch, link, device, stall=stall, engine_process_id=self._engine.process_id)
             apparatus.run(self._engine.fileno())
@@ -181,7 +173,6 @@ class Bench:
             port,
             self._way.bit_rate_hz,
             condition.engine != LONG_WAY,
-            str(self._folder / "ring") if condition.engine == PAGED else None,
         )
 
     def _facts(

@@ -18,7 +18,6 @@ from tactable.bench.latency.command import EXIT_WORSE, register
 from tactable.bench.latency.report import LatencyReportError
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.made_entries import entry_of, felt_states
-from tests.tactable.bench.latency.test_capture import write_capture
 
 DEVICE = find_device("reference-a")
 HAS_COMPILER = any(map(shutil.which, ("cc", "gcc", "clang")))
@@ -172,15 +171,6 @@ def test_a_recording_is_sent_at_the_stated_rate(table: Path, tmp_path: Path) -> 
     assert condition["reports_lost"] == 0
     assert document["in_process"][-1]["reports"] == 692
     assert "SIMULATED" in (tmp_path / "report.md").read_text(encoding="utf-8")
-
-
-def test_a_capture_becomes_the_same_report(tmp_path: Path) -> None:
-    path = write_capture(tmp_path / "scope.csv", [0.010] * 30, [0.014] * 30)
-    document = report(tmp_path / "report", "--capture", str(path))
-    (condition,) = document["conditions"]
-    assert condition["stages"]["touch to acceleration"]["p50_us"] == pytest.approx(14_000, abs=150)
-    assert document["whole"] == "touch to acceleration"
-    assert "SIMULATED" not in (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

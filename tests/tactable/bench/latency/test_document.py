@@ -1,4 +1,4 @@
-"""What docs/latency.md says of commands, stages and captures is what the program has."""
+"""What docs/latency.md says of commands and stages is what the program has."""
 
 import re
 import shlex
@@ -7,7 +7,6 @@ from pathlib import Path
 import typer
 from typer.main import get_command
 
-from tactable.bench.latency.capture import ACCELERATION, ECHO, TIME, TOUCH
 from tactable.bench.latency.command import register
 from tactable.bench.latency.stages import STAGES
 
@@ -28,7 +27,3 @@ def test_every_option_that_it_shows_exists() -> None:
 def test_it_names_every_stage_with_its_layer() -> None:
     rows = dict(re.findall(r"^\| ([a-z() -]+) \| .* \| (\w+)[^|]* \|$", TEXT, re.MULTILINE))
     assert {stage.name: stage.layer for stage in STAGES.values()}.items() <= rows.items()
-
-
-def test_the_header_of_a_capture_is_the_one_that_is_read() -> None:
-    assert f"```\n{TIME},{TOUCH},{ECHO},{ACCELERATION}\n```" in TEXT

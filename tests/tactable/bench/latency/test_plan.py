@@ -3,7 +3,7 @@
 from engine.loop.realtime import ALL_STEPS, Step
 from tactable.bench.latency.load import Load
 from tactable.bench.latency.plan import Plan
-from tactable.bench.latency.run import ECHO, PAGED, TACTABLE, Condition
+from tactable.bench.latency.run import ECHO, TACTABLE, Condition
 
 PLAN = Plan((125, 1000, 4000), tuple(Load), ALL_STEPS, has_echo=True, ablates=True)
 
@@ -34,11 +34,3 @@ def test_rounds_begin_with_another_condition_and_measure_all_of_them() -> None:
     assert len({conditions[0] for conditions in rounds}) == 4
     assert all(set(conditions) == set(PLAN.conditions(Load.IDLE)) for conditions in rounds)
     assert PLAN.segments_a_round == sum(len(PLAN.conditions(load)) for load in Load)
-
-
-def test_a_page_is_compared_with_the_same_engine_without_one() -> None:
-    plan = Plan((1000,), (Load.IDLE, Load.STRESS), ALL_STEPS, has_echo=False, ablates=False, pages=True)
-    paged = Condition(PAGED, 1000, Load.IDLE, ALL_STEPS)
-    assert paged in plan.conditions(Load.IDLE)
-    assert plan.floor_of(paged) == Condition(TACTABLE, 1000, Load.IDLE, ALL_STEPS)
-    assert not any(condition.engine == PAGED for condition in PLAN.conditions(Load.IDLE))
