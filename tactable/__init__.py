@@ -9,8 +9,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from engine.device.device import Device as Device
-    from engine.table.table import Table as Table
+    from engine.device import Device as Device
+    from engine.table import Table as Table
     from precompute.builder.build import build_table as build_table
     from precompute.calibration.calibrate import calibrate as calibrate
     from precompute.calibration.calibrated_device import calibrated_device as calibrated_device
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from tactable.shipped import find_device as find_device
 
 _HOMES = {
-    "Device": "engine.device.device",
-    "Table": "engine.table.table",
+    "Device": "engine.device",
+    "Table": "engine.table",
     "build_table": "precompute.builder.build",
     "calibrate": "precompute.calibration.calibrate",
     "calibrated_device": "precompute.calibration.calibrated_device",

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from engine.device.device import Device, DeviceError
+from engine.device import Device, DeviceError
 
 _HERE = Path(__file__).parent
 DEMO_RECORDING = _HERE / "rig" / "demo.hid"

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from engine.device.device import DeviceError
-from engine.device.file import parse_device
+from engine.device import DeviceError
 from tactable import Device, build_table
 from tests.documents import (
     ROOT,
@@ -74,7 +73,7 @@ def known_keys(section: str) -> list[str]:
         place = "[[actuator]]" if section == "actuator" else f"[{section}]"
         text = text.replace(place, f"{place}\nqqqqqq = 1", 1)
     with pytest.raises(DeviceError, match="known keys are") as refused:
-        parse_device(text, "my-bar.toml")
+        Device.parse(text, "my-bar.toml")
     return str(refused.value).partition("known keys are ")[2].split(", ")
 
 

@@ -1,1 +1,31 @@
-"""A bar with all that is on it: values, files and units."""
+"""The description of one bar with its actuators, zones, finger, digitizer and limits: values, files and units."""
+
+from engine.device.device import Device
+from engine.device.parts import (
+    Actuator,
+    Bar,
+    DeviceError,
+    Finger,
+    FittedValue,
+    Limits,
+    Spread,
+    Sweep,
+    TouchAxis,
+    Uncertainty,
+    Zone,
+)
+
+__all__ = [
+    "Actuator",
+    "Bar",
+    "Device",
+    "DeviceError",
+    "Finger",
+    "FittedValue",
+    "Limits",
+    "Spread",
+    "Sweep",
+    "TouchAxis",
+    "Uncertainty",
+    "Zone",
+]

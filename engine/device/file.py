@@ -1,15 +1,14 @@
-"""A device description in TOML to a `Device`, validated once; every error names key, value and what was expected."""
+"""The tables of a device description in TOML to validated parts; an error names key, value and what was expected."""
 
 import itertools
 import math
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from engine.device.device import Actuator, Bar, Device, DeviceError, Finger, Limits, Spread, Sweep, TouchAxis, Zone
-from engine.device.toml_table import Section
-from engine.device.uncertainty import read_uncertainty
+from engine.device.parts import Actuator, Bar, DeviceError, Finger, Limits, Spread, Sweep, TouchAxis, Zone
+from engine.device.toml_table import TomlTable
 
 ROMAN = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII", "XIII", "XIV", "XV", "XVI")
 _LARGEST_SPREAD = 1000
@@ -22,70 +21,46 @@ _LEAST_DISTANCE = 1e-3
 _Part = TypeVar("_Part")
 
 
-class _Section(Section):
-    """A table of a device file: it may mark keys whose values are estimates."""
+class DeviceTable(TomlTable):
+    """A table of a device file. Every table may mark keys whose values are estimates, in its key `inferred`."""
 
     family = DeviceError
 
     def __init__(self, source: str, path: str, table: object) -> None:
         super().__init__(source, path, table)
+        self.inferred: list[str] = []
+        """Marked keys with their paths, of all tables of the file that were closed."""
         marks = self.left.pop("inferred", [])
         if not (isinstance(marks, list) and all(isinstance(mark, str) for mark in marks)):
             raise self.error("inferred", marks, "expected a list of keys of this table")
-        self.marks: list[str] = marks
+        self._marks: list[str] = marks
 
-    def close(self) -> list[str]:
-        """Refuse keys nobody asked for; the marked keys with their paths."""
-        self.refuse_rest()
-        for mark in self.marks:
-            if mark not in self.known:
-                raise self.error("inferred", mark, f"is no key of this table; its keys are {', '.join(self.known)}")
-        return [".".join(part for part in (self.path, mark) if part) for mark in self.marks]
-
-
-def parse_device(text: str, source: str) -> Device:
-    """Validate the description `text`; `source` names it in errors. Raises DeviceError."""
-    top = _Section.parse(text, source)
-    inferred: list[str] = []
-
-    def section(key: str, read: Callable[[_Section], _Part], default: dict[str, Any] | None = None) -> _Part:
-        part = _Section(source, key, top.take(key, default))
+    def section(self, key: str, read: Callable[["DeviceTable"], _Part], default: dict[str, Any] | None = None) -> _Part:
+        """Read the table [key] with `read`, and close it."""
+        part = DeviceTable(self.source, key, self.take(key, default))
+        part.inferred = self.inferred
         value = read(part)
-        inferred.extend(part.close())
+        part.close()
         return value
 
-    name = top.name("name")
-    description = top.sentence("description")
-    bar = section("bar", _read_bar)
-    actuators = _read_actuators(top, bar, inferred)
-    zones, hysteresis_m = _read_zones(top, bar, inferred)
-    sweep = section("sweep", _read_sweep)
-    _check_bands(source, actuators, sweep)
-    uncertainty = None
-    if "calibration" in top.left:
-        uncertainty = section("calibration", lambda part: read_uncertainty(part, len(actuators)))
-    device = Device(
-        name=name,
-        description=description,
-        bar=bar,
-        actuators=actuators,
-        zones=zones,
-        zone_hysteresis_m=hysteresis_m,
-        finger=section("finger", _read_finger),
-        spread=section("spread", _read_spread, default={}),
-        touch_axis=section("digitizer", lambda part: _read_touch_axis(part, bar)),
-        sweep=sweep,
-        levels_db=section("feel", _read_levels, default={}),
-        limits=section("limits", _read_limits),
-        inferred=tuple(inferred),
-        uncertainty=uncertainty,
-        text=text,
-    )
-    top.close()
-    return device
+    def tables(self, key: str) -> list[Self]:
+        """One or more [[key]] tables."""
+        parts = super().tables(key)
+        for part in parts:
+            part.inferred = self.inferred
+        return parts
+
+    def close(self) -> None:
+        """Refuse unknown keys, and keep the marked ones."""
+        self.refuse_rest()
+        for mark in self._marks:
+            if mark not in self.known:
+                raise self.error("inferred", mark, f"is no key of this table; its keys are {', '.join(self.known)}")
+            self.inferred.append(".".join(part for part in (self.path, mark) if part))
 
 
-def _read_bar(part: _Section) -> Bar:
+def read_bar(part: DeviceTable) -> Bar:
+    """The table [bar]."""
     length_m = part.quantity("length", "m", exclusive=True)
     return Bar(
         length_m=length_m,
@@ -99,7 +74,8 @@ def _read_bar(part: _Section) -> Bar:
     )
 
 
-def _read_actuators(top: _Section, bar: Bar, inferred: list[str]) -> tuple[Actuator, ...]:
+def read_actuators(top: DeviceTable, bar: Bar) -> tuple[Actuator, ...]:
+    """The [[actuator]] tables; no two actuators share a name or a place."""
     actuators: list[Actuator] = []
     for i, part in enumerate(top.tables("actuator"), 1):
         actuator = Actuator(
@@ -117,11 +93,11 @@ def _read_actuators(top: _Section, bar: Bar, inferred: list[str]) -> tuple[Actua
             if abs(other.position_m - actuator.position_m) < _LEAST_DISTANCE * bar.length_m:
                 raise part.error("position", f"{1e3 * actuator.position_m:g} mm", f"is the place of {other.name}")
         actuators.append(actuator)
-        inferred.extend(part.close())
+        part.close()
     return tuple(actuators)
 
 
-def _read_band(part: _Section) -> tuple[float, float]:
+def _read_band(part: DeviceTable) -> tuple[float, float]:
     band = part.take("band")
     if not isinstance(band, list) or len(band) != 2:
         raise part.error("band", band, "expected two frequencies such as ['60 Hz', '300 Hz']")
@@ -131,25 +107,24 @@ def _read_band(part: _Section) -> tuple[float, float]:
     return low_hz, high_hz
 
 
-def _read_zones(top: _Section, bar: Bar, inferred: list[str]) -> tuple[tuple[Zone, ...], float]:
-    part = _Section(top.source, "zones", top.take("zones", {}))
+def read_zones(part: DeviceTable, top: DeviceTable, bar: Bar) -> tuple[tuple[Zone, ...], float]:
+    """The zones, from the [[zone]] tables of `top` or of equal length, and their hysteresis in metres."""
     hysteresis_m = part.quantity("hysteresis", "m", default="0 mm")
     if "zone" in top.left:
         if "count" in part.left:
             raise part.error("count", part.left["count"], "give either a count of equal zones or [[zone]] tables")
-        zones = _read_zone_tables(top, bar, inferred)
+        zones = _read_zone_tables(top, bar)
     else:
         count = part.integer("count", 1, len(ROMAN))
         edges = np.linspace(0.0, bar.length_m, count + 1).tolist()
         zones = [Zone(n, a, b) for n, (a, b) in zip(ROMAN, itertools.pairwise(edges), strict=False)]
-    inferred.extend(part.close())
     shortest = min(zones, key=lambda zone: zone.length_m)
     if hysteresis_m >= shortest.length_m / 2:
         raise part.error("hysteresis", f"{1e3 * hysteresis_m:g} mm", f"must be under half of zone {shortest.name}")
     return tuple(zones), hysteresis_m
 
 
-def _read_zone_tables(top: _Section, bar: Bar, inferred: list[str]) -> list[Zone]:
+def _read_zone_tables(top: DeviceTable, bar: Bar) -> list[Zone]:
     zones: list[Zone] = []
     parts = top.tables("zone")
     if len(parts) > len(ROMAN):
@@ -166,11 +141,12 @@ def _read_zone_tables(top: _Section, bar: Bar, inferred: list[str]) -> list[Zone
         if zone.name in [other.name for other in zones]:
             raise part.error("name", zone.name, "another zone has this name")
         zones.append(zone)
-        inferred.extend(part.close())
+        part.close()
     return zones
 
 
-def _read_sweep(part: _Section) -> Sweep:
+def read_sweep(part: DeviceTable) -> Sweep:
+    """The table [sweep]."""
     start_hz = part.quantity("start", "Hz", exclusive=True)
     stop_hz = part.quantity("stop", "Hz", least=start_hz, exclusive=True)
     step_hz = part.quantity("step", "Hz", exclusive=True)
@@ -188,7 +164,8 @@ def _read_sweep(part: _Section) -> Sweep:
     )
 
 
-def _check_bands(source: str, actuators: tuple[Actuator, ...], sweep: Sweep) -> None:
+def check_bands(source: str, actuators: tuple[Actuator, ...], sweep: Sweep) -> None:
+    """Refuse an actuator whose band holds no frequency of the sweep."""
     for i, actuator in enumerate(actuators, 1):
         low_hz, high_hz = actuator.band_hz
         if not np.any((sweep.frequency_hz >= low_hz) & (sweep.frequency_hz <= high_hz)):
@@ -196,7 +173,8 @@ def _check_bands(source: str, actuators: tuple[Actuator, ...], sweep: Sweep) -> 
             raise DeviceError(f"{source}: actuator[{i}].band: {low_hz:g}-{high_hz:g} Hz: has no frequency of {grid}")
 
 
-def _read_finger(part: _Section) -> Finger:
+def read_finger(part: DeviceTable) -> Finger:
+    """The table [finger]."""
     spread = part.take("spread", 1.0)
     if isinstance(spread, bool) or not isinstance(spread, int | float) or not 1 <= spread <= _LARGEST_SPREAD:
         raise part.error("spread", spread, "expected a factor of at least 1, such as 3.0")
@@ -208,7 +186,9 @@ def _read_finger(part: _Section) -> Finger:
     )
 
 
-def _read_spread(part: _Section) -> Spread:
+def read_spread(part: DeviceTable) -> Spread:
+    """The table [spread]."""
+
     def fraction(key: str, default: str, below: float) -> float:
         value = part.quantity(key, "", default=default)
         if value >= below:
@@ -223,7 +203,8 @@ def _read_spread(part: _Section) -> Spread:
     )
 
 
-def _read_touch_axis(part: _Section, bar: Bar) -> TouchAxis:
+def read_touch_axis(part: DeviceTable, bar: Bar) -> TouchAxis:
+    """The table [digitizer]."""
     axis = part.word("axis", ("x", "y"), "x")
     # Below zero: the touch area reaches beyond that end of the bar.
     start_m = part.position("start_margin", bar.length_m, least=-math.inf, default="0 mm")
@@ -247,7 +228,8 @@ def _read_touch_axis(part: _Section, bar: Bar) -> TouchAxis:
     )
 
 
-def _read_levels(part: _Section) -> tuple[float, ...]:
+def read_levels(part: DeviceTable) -> tuple[float, ...]:
+    """The levels of the table [feel], rising."""
     texts = part.take("levels", list(_LEVELS))
     if not isinstance(texts, list) or not 1 <= len(texts) <= _MOST_LEVELS:
         raise part.error("levels", texts, f"expected a list of 1 to {_MOST_LEVELS} levels such as ['10 dB', '20 dB']")
@@ -257,7 +239,8 @@ def _read_levels(part: _Section) -> tuple[float, ...]:
     return levels_db
 
 
-def _read_limits(part: _Section) -> Limits:
+def read_limits(part: DeviceTable) -> Limits:
+    """The table [limits]."""
     amplitude = part.quantity("amplitude", "", exclusive=True, default="100 %")
     if amplitude > 1:
         raise part.error("amplitude", f"{100 * amplitude:g} %", "expected at most 100 % of full scale")

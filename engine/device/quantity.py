@@ -1,11 +1,15 @@
 """A number with its unit, written as text, to an SI float."""
 
+from __future__ import annotations
+
 import math
 import re
 import reprlib
 from functools import cache
+from typing import TYPE_CHECKING
 
-import pint
+if TYPE_CHECKING:
+    import pint
 
 # Only what describes a bar. The full default registry costs half a second and knows 'barn' and 'hogshead'.
 _UNITS = (
@@ -53,6 +57,8 @@ class QuantityError(ValueError):
 
 @cache
 def _registry() -> pint.UnitRegistry[float]:
+    import pint  # 0.2 s, which a command that reads no device need not wait for
+
     registry: pint.UnitRegistry[float] = pint.UnitRegistry(None)
     for definition in _UNITS:
         registry.define(definition)

@@ -13,7 +13,7 @@ HIGHEST_LEVEL_DB = 80.0
 _MISSPELT = 0.8  # as alike as a misspelt key; keys that are meant differ more
 
 
-class Section:
+class TomlTable:
     """A table being read: every key is asked for once; `refuse_rest` refuses what was not.
 
     Errors are of the `family` of the file and name file, key, value and what was expected.

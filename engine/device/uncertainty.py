@@ -4,8 +4,8 @@ import math
 import re
 from typing import Any
 
-from engine.device.device import FittedValue, Uncertainty
-from engine.device.toml_table import Section
+from engine.device.parts import FittedValue, Uncertainty
+from engine.device.toml_table import TomlTable
 
 FITTED_UNITS = {
     "actuator.stiffness": "N/m",
@@ -25,7 +25,7 @@ _PROVENANCE = ("created", "measurements", "sha256", "report", "loss")
 _ROUNDING = 1e-9
 
 
-def read_uncertainty(part: Section, actuators: int) -> Uncertainty:
+def read_uncertainty(part: TomlTable, actuators: int) -> Uncertainty:
     """Raises the error of the file's family."""
     for key in _PROVENANCE:
         part.sentence(key)
@@ -36,7 +36,7 @@ def read_uncertainty(part: Section, actuators: int) -> Uncertainty:
     return Uncertainty(fitted, _read_covariance(part, len(fitted)))
 
 
-def _read_fitted(part: Section, actuators: int) -> FittedValue:
+def _read_fitted(part: TomlTable, actuators: int) -> FittedValue:
     name = part.take("name")
     match = re.fullmatch(r"(\w+)(?:\[([1-9]\d{0,2})\])?\.(\w+)", name) if isinstance(name, str) else None
     key = f"{match[1]}.{match[3]}" if match else ""
@@ -58,7 +58,7 @@ def _read_fitted(part: Section, actuators: int) -> FittedValue:
     return value
 
 
-def _read_covariance(part: Section, count: int) -> tuple[tuple[float, ...], ...]:
+def _read_covariance(part: TomlTable, count: int) -> tuple[tuple[float, ...], ...]:
     rows: Any = part.take("covariance")
     expected = f"expected {count} rows of {count} numbers, symmetric, none above what its diagonal allows"
     is_square = isinstance(rows, list) and len(rows) == count

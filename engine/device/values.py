@@ -6,7 +6,8 @@ from dataclasses import asdict, dataclass
 from itertools import chain
 from typing import Any
 
-from engine.device.device import Device, Uncertainty
+from engine.device.device import Device
+from engine.device.parts import Uncertainty
 
 Value = int | float | str | None
 

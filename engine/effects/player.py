@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from engine.effects.rules import Effects, Rule, Trigger
-from engine.touch.finger_tracker import Touch
+from engine.touch import Touch
 
 STILL_M = 2e-3
 """A finger that stays within this of where it came to rest is still: a fingertip rolls by a millimetre."""

@@ -2,15 +2,15 @@
 
 from pathlib import Path
 
-from engine.device.device import Device
-from engine.device.toml_table import HIGHEST_LEVEL_DB, Section, read_text
+from engine.device import Device
+from engine.device.toml_table import HIGHEST_LEVEL_DB, TomlTable, read_text
 from engine.effects.rules import FULL_SCALE_DB, Effect, EffectError, Effects, Rule, Segment, Trigger
 
 CLICK, HELD, FULL_SCALE, QUIET = "click", "held", "full scale", "quiet"
 _SHORTEST_S, _LEAST_TRAVEL_M = 1e-3, 1e-4  # finer than any digitizer reports
 
 
-class _Section(Section):
+class _RuleTable(TomlTable):
     family = EffectError
 
 
@@ -21,7 +21,7 @@ def read_effects(path: Path, device: Device) -> Effects:
 
 def parse_effects(text: str, source: str, device: Device) -> Effects:
     """Validate the rules in `text`; `source` names it in errors. Raises EffectError."""
-    top = _Section.parse(text, source)
+    top = _RuleTable.parse(text, source)
     effects: dict[str, Effect] = {}
     for part in top.tables("effect"):
         effect = Effect(part.name("name"), _read_envelope(part))
@@ -34,7 +34,7 @@ def parse_effects(text: str, source: str, device: Device) -> Effects:
     return Effects(rules)
 
 
-def _read_envelope(part: _Section) -> tuple[Segment, ...]:
+def _read_envelope(part: _RuleTable) -> tuple[Segment, ...]:
     pairs = part.take("envelope")
     if not isinstance(pairs, list) or not pairs:
         raise part.error(
@@ -46,7 +46,7 @@ def _read_envelope(part: _Section) -> tuple[Segment, ...]:
     return segments
 
 
-def _read_segment(part: _Section, pair: object) -> Segment:
+def _read_segment(part: _RuleTable, pair: object) -> Segment:
     if not isinstance(pair, list) or len(pair) != 2:
         raise part.error(
             "envelope", pair, 'expected a duration and a level such as ["click", "20 dB"] or ["50 ms", "20 dB"]'
@@ -62,7 +62,7 @@ def _read_segment(part: _Section, pair: object) -> Segment:
     return Segment(round(1e9 * duration_s), _read_level(part, level))
 
 
-def _read_level(part: _Section, text: object) -> float | None:
+def _read_level(part: _RuleTable, text: object) -> float | None:
     if text == QUIET:
         return None
     if text == FULL_SCALE:
@@ -73,7 +73,7 @@ def _read_level(part: _Section, text: object) -> float | None:
     return part.level_db("envelope", text)
 
 
-def _read_rule(part: _Section, effects: dict[str, Effect], device: Device) -> Rule:
+def _read_rule(part: _RuleTable, effects: dict[str, Effect], device: Device) -> Rule:
     on = Trigger(part.word("on", tuple(Trigger)))
     effect = effects[part.word("effect", tuple(effects))]
     last = effect.envelope[-1]
@@ -93,7 +93,7 @@ def _read_rule(part: _Section, effects: dict[str, Effect], device: Device) -> Ru
     return rule
 
 
-def _read_place(part: _Section, device: Device) -> tuple[frozenset[int] | None, tuple[float, float] | None]:
+def _read_place(part: _RuleTable, device: Device) -> tuple[frozenset[int] | None, tuple[float, float] | None]:
     """Zones, or a region, or neither: everywhere."""
     if "zones" in part.left and "region" in part.left:
         raise part.error("region", part.left["region"], "give either zones or a region")
@@ -102,7 +102,7 @@ def _read_place(part: _Section, device: Device) -> tuple[frozenset[int] | None, 
     return zones, _read_region(part, device) if "region" in part.left else None
 
 
-def _read_zones(part: _Section, device: Device) -> frozenset[int]:
+def _read_zones(part: _RuleTable, device: Device) -> frozenset[int]:
     names = part.left.pop("zones")
     if not isinstance(names, list) or not names:
         raise part.error("zones", names, "expected a list of zones such as ['I', 'III']; without the key: everywhere")
@@ -113,7 +113,7 @@ def _read_zones(part: _Section, device: Device) -> frozenset[int]:
     return frozenset(map(known.index, names))
 
 
-def _read_region(part: _Section, device: Device) -> tuple[float, float]:
+def _read_region(part: _RuleTable, device: Device) -> tuple[float, float]:
     ends = part.left.pop("region")
     if not isinstance(ends, list) or len(ends) != 2:
         raise part.error("region", ends, "expected two positions such as ['40 mm', '60 %']")

@@ -6,14 +6,15 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from engine.table.entry import DEFAULT_LEVEL_DB
-from engine.touch.finger_tracker import Touch
+from engine.touch import Touch
+from firmware_link.protocol.errors import TactableError
 
 FULL_SCALE_DB = math.inf
 """The level that stands for as much as full scale gives."""
 NS_PER_MS = 1_000_000
 
 
-class EffectError(ValueError):
+class EffectError(TactableError, ValueError):
     """A rule file is wrong; the message names file, key, value and what was expected."""
 
 

@@ -7,15 +7,15 @@ from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
-from engine.effects.player import EffectPlayer
+from engine.effects import EffectPlayer
 from engine.loop.fast.step import Answer, FastPath
 from engine.loop.fast.table import FastTable
 from engine.loop.latency import LatencyRecorder, Stamps
 from engine.loop.ring import RingWriter
 from engine.render.prepared import Rendering
 from engine.render.renderer import SILENCE, DriveCommand, Renderer
-from engine.touch.digitizer import RELEASE_AFTER_NS, Digitizer, TouchFrame
-from engine.touch.finger_tracker import Touch, ZoneTracker
+from engine.touch import Digitizer, FingerTracker, Touch, TouchFrame
+from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.scan_time import ScanTimes
 from engine.touch.sources import Source
 from firmware_link.host.link_values import (
@@ -208,7 +208,7 @@ class Loop:
         self,
         source: Source,
         digitizer: Digitizer,
-        tracker: ZoneTracker,
+        tracker: FingerTracker,
         player: EffectPlayer,
         renderer: Renderer,
         session: Session,
@@ -514,7 +514,7 @@ class Loop:
         self.counters.swaps += 1
         self._next = None
         self._renderer, self._bank_data = coming.renderer, coming.bank_data
-        self._tracker = ZoneTracker(coming.device, self._digitizer.surface)
+        self._tracker = FingerTracker(coming.device, self._digitizer.surface)
         if self._fast is not None:
             self._fast.refit(self._tracker, coming.fast_table)
         self._player.click_length_ns = coming.click_length_ns

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple, Self
 
-from engine.touch.finger_tracker import Touch
+from engine.touch import Touch
 
 MAGIC = b"tactring"
 REVISION = 1

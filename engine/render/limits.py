@@ -3,9 +3,9 @@
 import math
 from dataclasses import dataclass
 
-from engine.device.device import Actuator, Device, Limits
+from engine.device import Actuator, Device, Limits
+from engine.table import Entry
 from engine.table.burst import BurstEntry
-from engine.table.entry import Entry
 from firmware_link.host.link_values import LinkConfiguration
 from firmware_link.protocol.messages import ChannelDrive
 

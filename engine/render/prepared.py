@@ -2,15 +2,15 @@
 
 from dataclasses import dataclass, replace
 
-from engine.device.device import Device
+from engine.device import Device
+from engine.effects import Effects
 from engine.effects.player import DEFAULT_CLICK_NS
-from engine.effects.rules import Effects
 from engine.loop.fast.table import FastTable, make_fast_table
 from engine.render.limits import link_configuration
 from engine.render.renderer import Renderer, WhenNotAchieved
+from engine.table import Table
 from engine.table.burst import needs_bursts
 from engine.table.click import choose_bank
-from engine.table.table import Table
 from firmware_link.host.link_values import Capabilities, LinkConfiguration
 from firmware_link.protocol.bank import Bank, encode_bank
 

@@ -5,11 +5,10 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.render.limits import Drive, clamp
+from engine.table import ClickEntry, Entry
 from engine.table.burst import BurstEntry
-from engine.table.click import ClickEntry
-from engine.table.entry import Entry
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import encode_drive

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from engine.table.click import LevelSpread
 from engine.table.entry import LEVEL_TOLERANCE_DB
-from engine.touch.finger_tracker import ZoneState, state_index
+from engine.touch import ZoneState, state_index
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import (
     NUMBER_OF_SHAPES,

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.table.burst import NUMBER_OF_SHAPES, BurstEntry, OnsetStep, Shape
 from engine.table.click import LevelSpread
 from engine.table.click_group import FELT, QUIET, SPREAD, ZONE_STATE, spread_numbers
 from engine.table.error import TableError
 from engine.table.file import TableWriter, Variable
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 
 _CHANNEL = ("state", "actuator")
 

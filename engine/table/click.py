@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.table.entry import LEVEL_TOLERANCE_DB
-from engine.touch.finger_tracker import ZoneState, state_index
+from engine.touch import ZoneState, state_index
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.bank import Bank, bank_size
 from firmware_link.protocol.messages import Features

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.table.click import ClickEntry, ClickZone, LevelSpread
 from engine.table.file import TableWriter, Variable
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 from firmware_link.protocol.bank import SAMPLE_FULL_SCALE
 
 SPREAD = ("nominal", "5 %", "50 %", "95 %")

@@ -21,7 +21,7 @@ from engine.table.state_diff import (
     entry_figures,
 )
 from engine.table.table import Table
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 
 _PROVENANCE = ("created", "code_fingerprint", "code_version")
 _DEVICE = ("title", "device_name", "device_description", "device_fingerprint")

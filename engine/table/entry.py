@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from engine.touch.finger_tracker import ZoneState, state_index
+from engine.touch import ZoneState, state_index
 
 DEFAULT_LEVEL_DB = 20.0
 """Sensation level where nothing else is asked for: plainly felt, 20 dB below full drive on the published bar."""

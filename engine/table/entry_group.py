@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.table.entry import Entry, EntrySpread, Percentiles, WorstCase, ZonePromise
 from engine.table.file import TableWriter, Variable, is_text
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 
 _ROW = ("level", "state")
 ENTRY_VARIABLES = {

@@ -8,8 +8,7 @@ from typing import Any
 import h5netcdf
 import numpy as np
 
-from engine.device.device import Device
-from engine.device.file import parse_device
+from engine.device import Device
 from engine.table.burst import BurstEntry, Shape
 from engine.table.burst import played_at as burst_played_at
 from engine.table.burst_group import read_bursts, read_shapes
@@ -20,7 +19,7 @@ from engine.table.entry import DEFAULT_LEVEL_DB, Entry, played_at
 from engine.table.entry_group import read_entries
 from engine.table.error import TableError
 from engine.table.file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes
-from engine.touch.finger_tracker import ZoneState, state_index
+from engine.touch import ZoneState, state_index
 
 __all__ = ["Table", "TableError", "states_of"]
 
@@ -35,7 +34,7 @@ class Table:
         self.path = path
         self._file = file
         self.attributes: dict[str, Any] = dict(file.attrs)
-        self.device: Device = parse_device(str(self.attributes["device_description"]), f"{path}: device_description")
+        self.device: Device = Device.parse(str(self.attributes["device_description"]), f"{path}: device_description")
         self.fingerprint = str(self.attributes["device_fingerprint"])
         self.entries: tuple[Entry, ...] = tuple(read_entries(file.groups["entries"], self.device))
         self.levels_db = tuple(dict.fromkeys(entry.wanted_level_db for entry in self.entries))

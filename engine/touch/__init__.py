@@ -1,1 +1,19 @@
-"""HID reports to touch frames, and touch frames to fingers on the bar."""
+"""Reports of a digitizer to the fingers on the bar: where each one is and which zone it touches."""
+
+from engine.touch.descriptor import DescriptorError
+from engine.touch.digitizer import Contact, Digitizer, DigitizerError, TouchFrame, open_digitizer
+from engine.touch.finger_tracker import FingerTracker, Touch, TouchPosition, ZoneState, state_index
+
+__all__ = [
+    "Contact",
+    "DescriptorError",
+    "Digitizer",
+    "DigitizerError",
+    "FingerTracker",
+    "Touch",
+    "TouchFrame",
+    "TouchPosition",
+    "ZoneState",
+    "open_digitizer",
+    "state_index",
+]

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from engine.touch.descriptor import ContactLayout, Field, ReportLayout, Surface, SurfaceKind, read_surfaces
 from engine.touch.quirks import Key, QuirkClass, Validity, quirks_for, vendor_with_own_driver
+from firmware_link.protocol.errors import TactableError
 
 # Frames of live digitizers come every 2..26 ms: later than this inside a frame, its rest is lost.
 FRAME_SILENCE_NS = 30_000_000
@@ -29,7 +30,7 @@ _from_bytes, _new = int.from_bytes, tuple.__new__
 _KIND_PREFERENCE = (SurfaceKind.TOUCH_SCREEN, SurfaceKind.MULTI_POINT, SurfaceKind.TOUCH_PAD)
 
 
-class DigitizerError(Exception):
+class DigitizerError(TactableError):
     """The device cannot be used as a touch surface: why."""
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.touch.descriptor import Surface
 from engine.touch.digitizer import Contact, TouchFrame
 
@@ -84,7 +84,7 @@ class ZoneEdges:
         return zone if zone >= 0 and position_m <= self.stops_m[zone] else None
 
 
-class ZoneTracker:
+class FingerTracker:
     """Follows every contact that touches over the zones of one bar."""
 
     def __init__(self, device: Device, surface: Surface) -> None:

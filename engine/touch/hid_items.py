@@ -7,6 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+from firmware_link.protocol.errors import TactableError
+
 # Linux refuses longer descriptors and longer reports (HID_MAX_DESCRIPTOR_SIZE, HID_MAX_BUFFER_SIZE).
 MAXIMUM_DESCRIPTOR_BYTES = 4096
 MAXIMUM_REPORT_BITS = 8 * 16384
@@ -23,7 +25,7 @@ _APPLICATION_COLLECTION = 0x01
 _STYLUS = 0x000D_0020
 
 
-class DescriptorError(Exception):
+class DescriptorError(TactableError):
     """The descriptor breaks the HID grammar or its touch fields cannot be used: what, at which byte, which value."""
 
     def __init__(self, problem: str, offset: int, value: int | None = None) -> None:

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.touch.descriptor import Surface
 from engine.touch.digitizer import TouchFrame
 from engine.touch.finger_tracker import TouchPosition

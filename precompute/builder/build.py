@@ -14,14 +14,13 @@ from threadpoolctl import threadpool_limits
 
 import engine
 import precompute
-from engine.device.device import Device
-from engine.device.file import parse_device
+from engine.device import Device
+from engine.table import Table, TableError
 from engine.table.burst_group import write_bursts
 from engine.table.click_group import write_clicks
 from engine.table.entry_group import write_entries
 from engine.table.file import TableWriter
-from engine.table.table import Table, TableError
-from engine.touch.finger_tracker import state_index
+from engine.touch import state_index
 from precompute.builder.incremental import KEPT_FOR_NOW, OUTDATED, Part, Recipe, plays_on, rests_on
 from precompute.builder.measured_responses import source_attributes, write_measured
 from precompute.clicks.burst_table import solve_bursts
@@ -99,7 +98,7 @@ def build_table(
     >>> build_table(Device.read("my-bar.toml"), "my-bar.nc", clicks_up_to=0)
     """
     path = Path(path)
-    if parse_device(device.text, device.name).fingerprint != device.fingerprint:
+    if Device.parse(device.text, device.name).fingerprint != device.fingerprint:
         raise TableError(f"{device.name}: was changed after it was read; write its text anew and read that")
     sha256 = "" if responses is None else responses.sha256
     recipe = Recipe(

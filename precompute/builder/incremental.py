@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
-from engine.device.device import Device
-from engine.table.table import Table, TableError
+from engine.device import Device
+from engine.table import Table, TableError
 from precompute.clicks.options import ClickOptions
 from precompute.entries.prediction import MadeFor
 

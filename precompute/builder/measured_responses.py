@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from engine.device.device import Device
+from engine.device import Device
+from engine.table import Table
 from engine.table.file import TableWriter, Variable
-from engine.table.table import Table
 from precompute.measurements.plant import doubt, measured_plant
 from precompute.measurements.responses import MeasuredResponses
 from precompute.model.assembly import Plant, assemble

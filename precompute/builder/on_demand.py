@@ -8,9 +8,9 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from engine.table.entry import Entry, EntrySpread, Percentiles, WorstCase, ZonePromise
-from engine.table.table import Table
-from engine.touch.finger_tracker import ZoneState, state_index
+from engine.table import Entry, Table
+from engine.table.entry import EntrySpread, Percentiles, WorstCase, ZonePromise
+from engine.touch import ZoneState, state_index
 from precompute.builder.build import code_fingerprint
 from precompute.builder.measured_responses import plant_of
 from precompute.entries.prediction import MadeFor, States

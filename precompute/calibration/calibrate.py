@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from engine.device.device import Device, FittedValue, Uncertainty
+from engine.device import Device, FittedValue, Uncertainty
 from precompute.calibration.confidence import Certainty, compute_certainty, compute_intervals
 from precompute.calibration.fit import Fit, Problem, fit, pose
 from precompute.calibration.misfit import Loss, MisfitModel

@@ -8,8 +8,7 @@ import numpy as np
 import tomlkit
 from numpy.typing import NDArray
 
-from engine.device.device import Device, FittedValue, Uncertainty
-from engine.device.file import parse_device
+from engine.device import Device, FittedValue, Uncertainty
 from precompute.calibration.calibrate import Calibration
 from precompute.calibration.quantity_text import quantity_text
 from precompute.measurements.parameters import Parameter, find_parameters, with_values
@@ -44,7 +43,7 @@ def calibrated_text(calibration: Calibration, provenance: Mapping[str, str]) -> 
 def calibrated_device(calibration: Calibration) -> Device:
     """The device with the fitted values and a description that says them: to build a table, or to write to a file."""
     provenance = {"loss": calibration.loss.value}
-    return parse_device(calibrated_text(calibration, provenance), calibration.device.name)
+    return Device.parse(calibrated_text(calibration, provenance), calibration.device.name)
 
 
 def _tables(document: Any, parameter: Parameter) -> list[Any]:

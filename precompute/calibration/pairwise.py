@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.calibration.calibrate import Calibration, pose_fit
 from precompute.calibration.fit import fit
 from precompute.calibration.misfit import Loss

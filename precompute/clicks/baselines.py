@@ -6,8 +6,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from engine.table.entry import Entry
-from engine.touch.finger_tracker import ZoneState
+from engine.table import Entry
+from engine.touch import ZoneState
 from precompute.clicks.basis import LOOK_RATE_HZ, PLAY_RATE_HZ, make_tones
 from precompute.clicks.design import fingers_of
 from precompute.clicks.solver import Click, ClickSolver

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, ModalModel, compute_basis, compute_modal_model
 from precompute.model.threshold_filter import LENGTH_S as FILTER_S

@@ -5,7 +5,7 @@ from dataclasses import astuple
 from functools import partial
 from typing import TypeVar
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.table.burst import NUMBER_OF_SHAPES, BurstEntry, Shape
 from engine.table.click import LevelSpread
 from precompute.clicks.onset_design import ShapedOnset, Steps, choose_steps, fit_each, solve_burst

@@ -5,9 +5,10 @@ from dataclasses import astuple
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device
-from engine.table.click import ClickEntry, ClickZone, LevelSpread
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.table import ClickEntry
+from engine.table.click import ClickZone, LevelSpread
+from engine.touch import ZoneState
 from precompute.clicks.basis import LOOK_RATE_HZ, LOOKS, PLAY_RATE_HZ, RING_S
 from precompute.clicks.solver import FULL_SCALE, Click
 from precompute.entries.prediction import touched_zones

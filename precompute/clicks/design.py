@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.touch import ZoneState
 from precompute.clicks.basis import LOOKS, PLAY_RATE_HZ, RING_S, Responses, Tones, independent, make_tones
 from precompute.clicks.evaluation import decibels
 from precompute.clicks.options import ClickOptions

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
 
+from engine.table import Entry
 from engine.table.burst import SHAPE_FULL_GAIN, SHAPE_STEPS, SHAPE_TIME_US, OnsetStep
-from engine.table.entry import Entry
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 from precompute.clicks.basis import PLAY_RATE_HZ, Responses
 from precompute.clicks.design import fingers_of
 from precompute.clicks.evaluation import Verdict, decibels, judge_waveform

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.clicks.basis import PLAY_RATE_HZ, compute_bases, compute_responses
 from precompute.clicks.design import Design, Designer, Plants
 from precompute.clicks.evaluation import Verdict, judge_waveform

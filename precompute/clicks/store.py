@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from engine.table.click import ClickEntry, ClickZone, LevelSpread
-from engine.touch.finger_tracker import ZoneState
+from engine.table import ClickEntry
+from engine.table.click import ClickZone, LevelSpread
+from engine.touch import ZoneState
 
 
 class ClickStore:

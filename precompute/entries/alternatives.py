@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from engine.table.entry import LEVEL_TOLERANCE_DB, Entry
+from engine.table import Entry
+from engine.table.entry import LEVEL_TOLERANCE_DB
 from precompute.entries.candidate import Drive
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES, Problem, paper
 from precompute.entries.prediction import States, touched_zones

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 from precompute.entries.forms import Forms
 
 Complex = NDArray[np.complex128]

@@ -6,9 +6,10 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device
-from engine.table.entry import LEVEL_TOLERANCE_DB, Entry, EntrySpread, Percentiles, WorstCase, ZonePromise
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.table import Entry
+from engine.table.entry import LEVEL_TOLERANCE_DB, EntrySpread, Percentiles, WorstCase, ZonePromise
+from engine.touch import ZoneState
 from precompute.entries.candidate import FREQUENCY_STEP_HZ, Drive
 from precompute.entries.performance import DriveFigures
 

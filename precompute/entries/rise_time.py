@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit, prange, types
 from numpy.typing import NDArray
 
-from engine.device.device import Finger
+from engine.device import Finger
 from precompute.model.modal import Basis, compute_modal_model
 
 Array = NDArray[np.float64]

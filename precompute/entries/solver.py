@@ -10,9 +10,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device
-from engine.table.entry import Entry
-from engine.touch.finger_tracker import ZoneState, state_index
+from engine.device import Device
+from engine.table import Entry
+from engine.touch import ZoneState, state_index
 from precompute.entries.candidate import Drive, on_the_wire
 from precompute.entries.forms import Forms, compute_forms
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES, Problem, level

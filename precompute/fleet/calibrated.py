@@ -6,7 +6,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.calibration.calibrate import Calibration, calibrate
 from precompute.calibration.calibrated_device import calibrated_text
 from precompute.calibration.misfit import Loss

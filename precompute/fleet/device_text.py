@@ -7,7 +7,7 @@ from typing import Any
 import tomlkit
 from tomlkit.exceptions import ParseError
 
-from engine.device.device import DeviceError
+from engine.device import DeviceError
 
 _KEY = re.compile(r"(?:(\w+)(?:\[([1-9]\d{0,2})\])?\.)?(\w+)")
 

@@ -4,8 +4,8 @@ import math
 import statistics
 from collections.abc import Callable
 
-from engine.table.entry import DEFAULT_LEVEL_DB, Entry
-from engine.table.table import Table, TableError
+from engine.table import Entry, Table, TableError
+from engine.table.entry import DEFAULT_LEVEL_DB
 from precompute.entries.solver import tabulated_states
 
 

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from engine.device.toml_table import Section
+from engine.device.toml_table import TomlTable
 from precompute.fleet.error import FleetError
 
 
-class ManifestSection(Section):
+class ManifestSection(TomlTable):
     """A table of a manifest or a study; files it names are relative to `folder`."""
 
     family = FleetError

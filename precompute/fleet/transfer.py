@@ -4,10 +4,9 @@ import statistics
 
 import numpy as np
 
-from engine.device.device import Device
-from engine.table.entry import Entry
-from engine.table.table import Table
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.table import Entry, Table
+from engine.touch import ZoneState
 from precompute.entries.performance import compute_figures
 from precompute.entries.prediction import touched_zones
 from precompute.fleet.error import FleetError

@@ -11,12 +11,11 @@ from pathlib import Path
 import numba
 from threadpoolctl import threadpool_limits
 
-from engine.device.device import Device, DeviceError
-from engine.device.file import parse_device
+from engine.device import Device, DeviceError
 from engine.device.toml_table import read_text
 from engine.device.values import device_values
+from engine.table import Table, TableError
 from engine.table.history import remove_leftovers
-from engine.table.table import Table, TableError
 from precompute.builder.build import build_table, code_fingerprint
 from precompute.fleet.calibrated import calibrate_unit
 from precompute.fleet.device_text import with_values
@@ -133,7 +132,7 @@ def _prepare(job: Job, progress: Progress) -> tuple[Device, tuple[str, ...]]:
     """The device that the table is built of, and why its calibration should not be used unseen."""
     unit = job.unit
     text = with_values(read_text(unit.device, DeviceError), unit.values, str(unit.device))
-    device = parse_device(text, str(unit.device))
+    device = Device.parse(text, str(unit.device))
     if unit.measurements is None:
         return device, ()
     progress("calibration", 0.0)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.device.quantity import QuantityError, read_quantity
 from precompute.measurements.types import Kind, MeasurementError, Measurements, check_measurements
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.device.toml_table import read_text
 from precompute.measurements.csv import parse_csv
 from precompute.measurements.types import MeasurementError, Measurements

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device, Finger
+from engine.device import Device, Finger
 from precompute.measurements.parameters import Parameter, with_values
 from precompute.measurements.types import Kind, Measurements
 from precompute.model.assembly import BANDWIDTH, Plant, assemble

@@ -7,7 +7,7 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.device.quantity import QuantityError
 from precompute.measurements.columns import SIMULATED, assemble_measurements, column_names, may_be_empty, unit_scale
 from precompute.measurements.types import MeasurementError, Measurements

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.device.uncertainty import FITTED_UNITS
 from precompute.measurements.error import CalibrationError
 

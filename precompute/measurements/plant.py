@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from engine.device.device import Device, Finger
+from engine.device import Device, Finger
 from precompute.measurements.responses import MeasuredResponses
 from precompute.model.assembly import Plant, assemble
 from precompute.model.response import solve_response

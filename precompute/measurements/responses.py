@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.measurements.file import read_measurements
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.types import Kind, MeasurementError, Measurements

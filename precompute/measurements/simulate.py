@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.types import Kind, Measurements
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pyuff
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.device.quantity import QuantityError, read_quantity
 from precompute.measurements.types import Kind, MeasurementError, Measurements, check_measurements
 

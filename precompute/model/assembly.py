@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device, Finger
+from engine.device import Device, Finger
 from precompute.model.element import shape_functions, shape_integral, stiffness_matrix
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from engine.device.device import Finger
+from engine.device import Finger
 from precompute.model.assembly import Plant, dense
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.signal
 from numpy.typing import NDArray
 
-from engine.device.device import Finger
+from engine.device import Finger
 from precompute.model.modal import Basis, ModalModel, compute_modal_model
 
 Array = NDArray[np.float64]

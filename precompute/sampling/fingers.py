@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from engine.device.device import Device, Finger
+from engine.device import Device, Finger
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from engine.device.device import Device, Finger
+from engine.device import Device, Finger
 from precompute.calibration.calibrated_device import sample_devices
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.parallel.pool import Crew
 from precompute.parallel.shared_work import solve_shared
 from precompute.sampling.fingers import Touches, sample_touches

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Finger
+from engine.device import Finger
 from precompute.model.assembly import Plant
 from precompute.model.resonances import fine_frequencies, in_band
 from precompute.model.response import solve_response

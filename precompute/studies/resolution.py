@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device, Zone
+from engine.device import Device, Zone
 from engine.device.file import ROMAN
 from precompute.entries.untouched import greatest_factors
 from precompute.model.assembly import assemble

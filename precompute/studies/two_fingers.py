@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.touch import ZoneState
 from precompute.entries.bfgs import scan
 from precompute.entries.forms import compute_forms
 from precompute.entries.objective import Problem, contrast

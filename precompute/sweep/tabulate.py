@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.table.file import TableWriter, Variable
 from precompute.model.assembly import Plant
 from precompute.sweep.coherent import compute_coherent_figures, pair_directions

@@ -15,7 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table as Grid
 
-from engine.device.device import Device, Zone
+from engine.device import Device, Zone
 from engine.device.file import ROMAN
 from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.solver import ClickSolver

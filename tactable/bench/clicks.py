@@ -14,9 +14,9 @@ import typer
 from rich.console import Console
 from rich.table import Table as Grid
 
-from engine.device.device import Device
-from engine.table.entry import Entry
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.table import Entry
+from engine.touch import ZoneState
 from precompute.clicks.baselines import gate
 from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.solver import Click, ClickSolver

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as Grid
 
-from engine.device.device import Device
-from engine.effects.player import EffectPlayer
-from engine.effects.rules import Effects, Rule, Trigger, burst, click
+from engine.device import Device
+from engine.effects import EffectPlayer, Effects, Rule, Trigger
+from engine.effects.rules import burst, click
 from engine.render.limits import link_configuration
 from engine.render.renderer import Command, DriveCommand, PlayCommand
 from engine.table.entry import DEFAULT_LEVEL_DB
-from engine.touch.digitizer import open_digitizer
-from engine.touch.finger_tracker import ZoneTracker
+from engine.touch import FingerTracker, open_digitizer
 from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
@@ -110,7 +109,7 @@ def _time_commands(
 ) -> Times:
     recording = make_recording((Stroke(0.0, 0.1, 0.5, 0.5),))
     digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
-    tracker, player = ZoneTracker(device, digitizer.surface), EffectPlayer(effects, len(device.zones))
+    tracker, player = FingerTracker(device, digitizer.surface), EffectPlayer(effects, len(device.zones))
     spent, before = list[int](), player.level_db
     for data, report_ns in reports:
         now_ns = start_ns + report_ns

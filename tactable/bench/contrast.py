@@ -9,10 +9,9 @@ from rich.console import Console
 from rich.table import Table as Grid
 from threadpoolctl import threadpool_limits
 
-from engine.device.device import Device
-from engine.table.entry import Entry
-from engine.table.table import Table
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.table import Entry, Table
+from engine.touch import ZoneState
 from precompute.entries.alternatives import paper_drive
 from precompute.entries.prediction import touched_zones
 from precompute.entries.solver import EntrySolver

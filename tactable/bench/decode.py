@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as Grid
 
-from engine.touch.digitizer import open_digitizer
+from engine.touch import open_digitizer
 from engine.touch.sources.recording import Recording, read_recording
 
 ROUNDS = 5

@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as Grid
 
-from engine.device.device import Device
-from engine.effects.player import EffectPlayer
+from engine.device import Device
+from engine.effects import DEFAULT_EFFECTS, EffectPlayer, Effects
 from engine.effects.rule_file import parse_effects
-from engine.effects.rules import DEFAULT_EFFECTS, Effects
-from engine.touch.digitizer import open_digitizer
-from engine.touch.finger_tracker import ZoneTracker
+from engine.touch import FingerTracker, open_digitizer
 from engine.touch.sources.recording import Recording, read_recording
 from tactable.bench.decode import clock_cost_ns, summarise, time_calls
 from tactable.shipped import DEMO_RECORDING, find_device
@@ -100,7 +98,7 @@ def run_effects_bench(recording: Recording) -> dict[str, Any]:
 def _plain_step(recording: Recording, device: Device) -> Step:
     """The least that a touch needs: decode, zones, and the drive of these zones."""
     digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
-    tracker, drives = ZoneTracker(device, digitizer.surface), dict[frozenset[int | None], bytes]()
+    tracker, drives = FingerTracker(device, digitizer.surface), dict[frozenset[int | None], bytes]()
 
     def step(report: bytes, time_ns: int) -> bytes | None:
         frame = digitizer.decode_report(report, time_ns)
@@ -114,7 +112,7 @@ def _plain_step(recording: Recording, device: Device) -> Step:
 def _effects_step(recording: Recording, device: Device, effects: Effects) -> Step:
     """The same with effects, as the loop takes it: what is due before the report, then the report."""
     digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
-    tracker, player = ZoneTracker(device, digitizer.surface), EffectPlayer(effects, len(device.zones))
+    tracker, player = FingerTracker(device, digitizer.surface), EffectPlayer(effects, len(device.zones))
     drives: dict[float, dict[int, bytes]] = {level_db: {} for level_db in effects.levels_db}
 
     def step(report: bytes, time_ns: int) -> bytes | None:

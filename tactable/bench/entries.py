@@ -17,9 +17,9 @@ from rich.console import Console
 from rich.table import Table as Grid
 from threadpoolctl import threadpool_limits
 
-from engine.device.device import Device, Zone
+from engine.device import Device, Zone
 from engine.device.file import ROMAN
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 from precompute.entries.candidate import powers_of
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES, Problem
 from precompute.entries.prediction import touched_zones

@@ -92,7 +92,7 @@ def measure_chain(device_name: str, folder: Path) -> dict[str, Any]:
 
 def make_tables(device_name: str, folder: Path) -> tuple[Path, Path]:
     """Two tables of a device on a coarse grid, with all its states, that drive differently."""
-    from engine.device.file import parse_device
+    from engine.device import Device
     from precompute.builder.build import build_table
     from precompute.fleet.device_text import with_values
     from precompute.parallel.cores import available_cores
@@ -102,7 +102,7 @@ def make_tables(device_name: str, folder: Path) -> tuple[Path, Path]:
     for number, stiffness in enumerate(_STIFFNESS):
         path = folder / f"table-{number}.nc"
         values = {**coarse, "actuator[1].stiffness": stiffness}
-        device = parse_device(with_values(text, values, device_name), device_name)
+        device = Device.parse(with_values(text, values, device_name), device_name)
         build_table(device, path, clicks_up_to=0, workers=available_cores())
         paths.append(path)
     return paths[0], paths[1]

@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 from threadpoolctl import threadpool_limits
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.builder.build import MEMORY_BUDGET_BYTES, build_table
 from precompute.model.assembly import Plant, assemble
 from precompute.sweep.grid import GridResponse, compute_grid_response, zone_points
@@ -171,11 +171,11 @@ def _rebuild(device: Device) -> dict[str, Any]:
 _MEMORY_SCRIPT = """
 import json, re, sys
 from pathlib import Path
-from engine.device.file import parse_device
+from engine.device import Device
 from precompute.builder.build import build_table
 def peak():  # ru_maxrss would count the parent, too
     return 1024 * int(re.search(r"VmHWM:\\s*(\\d+)", Path("/proc/self/status").read_text())[1])
-device = parse_device(sys.stdin.read(), "bench")
+device = Device.parse(sys.stdin.read(), "bench")
 before = peak()
 build_table(device, Path(sys.argv[1]), created="bench", clicks_up_to=0)
 print(json.dumps({"before": before, "peak": peak()}))

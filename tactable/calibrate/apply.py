@@ -9,10 +9,10 @@ from typing import Any
 
 from rich.console import Console
 
-from engine.device.device import Device
+from engine.device import Device
+from engine.table import Table, TableError
 from engine.table.diff import TableDiff, compare_tables
 from engine.table.history import previous_of
-from engine.table.table import Table, TableError
 from precompute.builder.build import build_table, code_fingerprint
 from precompute.builder.incremental import Recipe, is_current, outdated_parts, plays_on
 from precompute.entries.solver import prepare_entries

@@ -4,7 +4,7 @@ import hashlib
 import json
 from typing import Any
 
-from engine.device.file import parse_device
+from engine.device import Device
 from precompute.calibration.calibrate import Calibration
 from precompute.calibration.calibrated_device import calibrated_text
 from precompute.calibration.report import report_markdown
@@ -18,7 +18,7 @@ def calibration_files(
 
     name = calibration.device.name
     text = device_text(calibration, raw, ending, created)
-    more = {**_provenance(calibration, raw, ending, created), "fingerprint": parse_device(text, name).fingerprint}
+    more = {**_provenance(calibration, raw, ending, created), "fingerprint": Device.parse(text, name).fingerprint}
     return {
         f"{name}.toml": text.encode(),
         _data_name(ending): raw,

@@ -8,8 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from engine.device.device import Device
-from engine.device.file import parse_device
+from engine.device import Device
 from precompute.calibration.misfit import Loss
 from precompute.calibration.new_folder import check_new_folder, write_new_folder
 from precompute.measurements.parameters import Bounds
@@ -112,7 +111,7 @@ class Fitted:
         """The device of the file that will be written; `source` is its name in messages."""
         from tactable.calibrate.files import device_text
 
-        return parse_device(device_text(self.calibration, self.raw, self.ending, self.created), source)
+        return Device.parse(device_text(self.calibration, self.raw, self.ending, self.created), source)
 
 
 def calibration_json(job: CalibrationJob, report: Mapping[str, Any], doubts: Sequence[str]) -> dict[str, Any]:

@@ -12,9 +12,9 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from engine.device.device import Device, DeviceError
+from engine.device import Device, DeviceError
+from engine.table import Table, TableError
 from engine.table.history import previous_of, roll_back
-from engine.table.table import Table, TableError
 from precompute.entries.prediction import MadeFor
 from precompute.measurements.error import CalibrationError
 from tactable.progress import shown_progress

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import TypeVar
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.device.quantity import QuantityError, read_quantity
 from precompute.measurements.error import CalibrationError
 from precompute.measurements.parameters import Bounds, default_names, parameter_unit

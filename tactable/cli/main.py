@@ -12,17 +12,14 @@ import typer
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
-from engine.device.device import Device, DeviceError
-from engine.effects.rule_file import read_effects
-from engine.effects.rules import DEFAULT_EFFECTS, EffectError
+from engine.device import Device, DeviceError
+from engine.effects import DEFAULT_EFFECTS, EffectError, read_effects
 from engine.loop.ring import RingError
 from engine.render.limits import LimitError
 from engine.render.renderer import RendererError
+from engine.table import Table, TableError
 from engine.table.entry import DEFAULT_LEVEL_DB, played_at
-from engine.table.table import Table, TableError
-from engine.touch.descriptor import DescriptorError
-from engine.touch.digitizer import DigitizerError, open_digitizer
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import DescriptorError, DigitizerError, ZoneState, open_digitizer
 from engine.touch.sources.recording import RecordingError, read_recording
 from firmware_link.protocol.errors import LinkError
 from precompute.fleet.error import FleetError

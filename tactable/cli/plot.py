@@ -10,8 +10,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from engine.table import Table
 from engine.table.entry import DEFAULT_LEVEL_DB
-from engine.table.table import Table
 from tactable.figures.file import FigureError, Picture, check_paths, write_columns, write_picture
 
 plot = typer.Typer(no_args_is_help=True, help="Draw what a table holds: PNG, SVG or PDF, and the data as CSV.")

@@ -7,7 +7,7 @@ import numpy as np
 import typer
 from threadpoolctl import threadpool_limits
 
-from engine.device.device import Device
+from engine.device import Device
 from tactable.cli.plot import AsJson, CsvPath, Output, deliver, named_zones
 from tactable.figures.file import FigureError, check_paths
 from tactable.shipped import find_device

@@ -12,15 +12,14 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from engine.device.device import Device
-from engine.effects.rule_file import read_effects
-from engine.effects.rules import DEFAULT_EFFECTS, Effects
+from engine.device import Device
+from engine.effects import DEFAULT_EFFECTS, Effects, read_effects
 from engine.loop.fast.step import FastPathError, compile_fast_path
 from engine.loop.latency import Stage
 from engine.loop.loop import Clock, StopRequest, SystemClock, Updates
 from engine.loop.realtime import ALL_STEPS, Step, parse_steps
 from engine.render.renderer import WhenNotAchieved
-from engine.table.table import Table
+from engine.table import Table
 from engine.touch.sources import Source
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import read_recording

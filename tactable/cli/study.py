@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
-from engine.device.device import Device
+from engine.device import Device
 from tactable.cli.plot import AsJson, CsvPath, Output, deliver, names_in
 from tactable.figures.file import FigureError, check_paths
 from tactable.progress import shown_progress

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
+from engine.touch import DigitizerError, TouchFrame
 from engine.touch.descriptor import Surface
-from engine.touch.digitizer import DigitizerError, TouchFrame
 
 # A finger's centre cannot reach the bar's very edge: nearer than half a fingertip is at the edge.
 FINGERTIP_MM = 6.0

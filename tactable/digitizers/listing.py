@@ -2,8 +2,7 @@
 
 from typing import Any
 
-from engine.touch.descriptor import DescriptorError
-from engine.touch.digitizer import Digitizer, DigitizerError, open_digitizer
+from engine.touch import DescriptorError, Digitizer, DigitizerError, open_digitizer
 from engine.touch.sources.evdev import find_evdev_digitizers, open_evdev
 from engine.touch.sources.hid_discovery import HidDigitizer, HidSystem, find_digitizers
 from engine.touch.sources.recording import read_recording

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import FrameType
 
 from engine.loop.loop import Clock, StopRequest, SystemClock
-from engine.touch.digitizer import Digitizer, DigitizerError, TouchFrame, open_digitizer
+from engine.touch import Digitizer, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.sources import Source
 from engine.touch.sources.evdev import open_evdev
 from engine.touch.sources.hidraw import open_hidraw

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from engine.touch.digitizer import open_digitizer
+from engine.touch import open_digitizer
 from engine.touch.sources.recording import read_recording
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.line_rate import Transport, occupied_ns

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from engine.loop.fast.step import FastPathError, compile_fast_path
-from engine.table.table import Table, TableError
+from engine.table import Table, TableError
 from tactable.doctor.check import Check
 
 

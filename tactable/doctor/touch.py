@@ -4,8 +4,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from engine.touch.descriptor import DescriptorError
-from engine.touch.digitizer import Digitizer, DigitizerError, open_digitizer
+from engine.touch import DescriptorError, Digitizer, DigitizerError, open_digitizer
 from engine.touch.sources.evdev import EvdevModule, load_evdev
 from engine.touch.sources.hid_discovery import (
     RULE_FILE,

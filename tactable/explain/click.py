@@ -7,10 +7,10 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table as Grid
 
-from engine.device.device import Spread
-from engine.table.click import ClickEntry, ClickZone, LevelSpread, played_at
-from engine.table.table import Table
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Spread
+from engine.table import ClickEntry, Table
+from engine.table.click import ClickZone, LevelSpread, played_at
+from engine.touch import ZoneState
 from precompute.clicks.evaluation import Levels
 from precompute.clicks.options import ClickOptions
 from tactable.explain.click_rivals import Rival, solve_rivals

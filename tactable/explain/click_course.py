@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.table.click import ClickEntry
-from engine.touch.finger_tracker import ZoneState
+from engine.table import ClickEntry
+from engine.touch import ZoneState
 from firmware_link.protocol.bank import SAMPLE_FULL_SCALE
 from precompute.clicks.basis import LOOK_RATE_HZ, between
 from precompute.clicks.evaluation import decibels

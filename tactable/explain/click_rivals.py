@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from engine.table.click import ClickEntry
+from engine.table import ClickEntry
 from precompute.clicks.baselines import BASELINES
 from precompute.clicks.solver import Click
 from tactable.explain.click_source import ClickSource

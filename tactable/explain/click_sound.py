@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device
-from engine.table.click import ClickEntry
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.table import ClickEntry
+from engine.touch import ZoneState
 from precompute.clicks.basis import RING_S
 from precompute.entries.prediction import touched_zones
 from precompute.model.assembly import assemble

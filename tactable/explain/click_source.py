@@ -6,9 +6,9 @@ from functools import cached_property
 from math import inf
 from typing import Any
 
-from engine.table.click import ClickEntry, played_at
-from engine.table.table import Table, TableError
-from engine.touch.finger_tracker import ZoneState, state_index
+from engine.table import ClickEntry, Table, TableError
+from engine.table.click import played_at
+from engine.touch import ZoneState, state_index
 from precompute.clicks.columns import ClickTabulator
 from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.solver import ClickSolver

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.solver import Click, ClickSolver
 from precompute.entries.prediction import States

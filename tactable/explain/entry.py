@@ -8,9 +8,9 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table as Grid
 
-from engine.device.device import Device
-from engine.table.entry import Entry, EntrySpread, ZonePromise
-from engine.table.table import Table
+from engine.device import Device
+from engine.table import Entry, Table
+from engine.table.entry import EntrySpread, ZonePromise
 from precompute.entries.alternatives import Alternative
 from precompute.entries.prediction import SHARES
 from precompute.sampling.fingers import SAMPLES

@@ -5,9 +5,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from engine.device.device import Device
-from engine.table.click import ClickEntry
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.table import ClickEntry
+from engine.touch import ZoneState
 from tactable.explain.click_course import Course, compute_course
 from tactable.explain.click_source import ClickSource
 from tactable.figures.file import Picture

@@ -12,8 +12,7 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from engine.table.click import ClickEntry
-from engine.table.table import TableError
+from engine.table import ClickEntry, TableError
 from precompute.clicks.solver import Click
 from tactable.explain.click_rivals import judge_rival
 from tactable.explain.click_source import ClickSource

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 from precompute.clicks.evaluation import Levels
 from precompute.clicks.solver import Click
 from tactable.explain.click_study import Study

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from engine.table.entry import Entry
-from engine.table.table import Table, TableError
+from engine.table import Entry, Table, TableError
 from tactable.figures.file import Picture
 from tactable.figures.style import (
     COLOUR_MAP,

@@ -7,9 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from engine.table.entry import Entry
-from engine.table.table import Table
-from engine.touch.finger_tracker import ZoneState
+from engine.table import Entry, Table
+from engine.touch import ZoneState
 from precompute.entries.envelope import compute_envelopes
 from precompute.entries.prediction import touched_zones
 from precompute.entries.rise_time import compute_rise_model

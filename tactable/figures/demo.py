@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from engine.device.device import Device
-from engine.table.click import ClickEntry
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.table import ClickEntry
+from engine.touch import ZoneState
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
 from tactable.rig.bar import Felt

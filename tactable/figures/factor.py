@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
-from engine.device.device import Device
-from engine.table.table import Table, TableError
+from engine.device import Device
+from engine.table import Table, TableError
 from precompute.model.assembly import assemble
 from precompute.model.gram import compute_gram
 from precompute.model.response import solve_response

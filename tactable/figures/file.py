@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
+from firmware_link.protocol.errors import TactableError
+
 if TYPE_CHECKING:  # matplotlib takes half a second, which commands that draw nothing do not pay
     from matplotlib.figure import Figure
 
@@ -19,7 +21,7 @@ _METADATA: Mapping[str, Mapping[str, None]] = {".png": {}, ".svg": {"Date": None
 _DOTS_PER_INCH = 150
 
 
-class FigureError(ValueError):
+class FigureError(TactableError, ValueError):
     """A picture cannot be made as asked; the message names the option, its value and what would do."""
 
 

@@ -9,10 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from engine.device.device import Device
-from engine.table.entry import Entry
-from engine.table.table import Table, TableError
-from engine.touch.finger_tracker import ZoneState, state_index
+from engine.device import Device
+from engine.table import Entry, Table, TableError
+from engine.touch import ZoneState, state_index
 from precompute.entries.alternatives import paper_drive
 from precompute.entries.prediction import States
 from precompute.entries.solver import EntrySolver

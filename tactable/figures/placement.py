@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.studies.placement import Placement, PlacementSearch
 from tactable.figures.file import Picture
 from tactable.figures.style import (

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.studies.reach import Reach, compute_reach
 from tactable.figures.file import Picture

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.studies.resolution import Resolved
 from tactable.figures.file import Picture
 from tactable.figures.style import BLACK, CURVES, FINGER_NOTE, GREY, THRESHOLD_NOTE, draw_note

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.types import Measurements, lay_out
 from tactable.figures.file import Picture

@@ -10,9 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator, ScalarFormatter
 from numpy.typing import NDArray
 
-from engine.table.entry import Entry
-from engine.table.table import Table
-from engine.touch.finger_tracker import ZoneState
+from engine.table import Entry, Table
+from engine.touch import ZoneState
 from tactable.figures.file import Picture
 from tactable.figures.style import (
     COLOUR_MAP,

@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from engine.device.device import Device
-from engine.table.entry import Entry, ZonePromise
-from engine.table.table import Table
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.table import Entry, Table
+from engine.table.entry import ZonePromise
+from engine.touch import ZoneState
 from precompute.entries.prediction import touched_zones
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from engine.device.device import Device
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.touch import ZoneState
 
 if TYPE_CHECKING:  # as in figure_file: pages use the words of this module, and draw nothing
     from matplotlib.axes import Axes

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.entries.untouched import BarDrive, find_untouched_optima
 from precompute.model.assembly import Plant, assemble
 from precompute.model.response import solve_response

@@ -7,10 +7,11 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from engine.device.device import Device
-from engine.effects.rule_file import read_effects
-from engine.effects.rules import FULL_SCALE_DB, Effect, Effects, Rule, Segment, Trigger
+from engine.device import Device
+from engine.effects import Effect, Effects, Rule, Segment, Trigger, read_effects
+from engine.effects.rules import FULL_SCALE_DB
 from engine.table.entry import DEFAULT_LEVEL_DB
+from firmware_link.protocol.errors import TactableError
 from precompute.entries.objective import DEFAULT_OBJECTIVE
 from tactable.shipped import shipped_names
 
@@ -19,7 +20,7 @@ HOLD_NS = 500_000_000
 _NOTHING = Effect("nothing", (Segment(None, None),))
 
 
-class ChoiceError(ValueError):
+class ChoiceError(TactableError, ValueError):
     """A switch that there is not, or a position that it has not: which, and what it has."""
 
 

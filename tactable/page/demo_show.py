@@ -12,10 +12,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from engine.device.device import Device, DeviceError
+from engine.device import Device, DeviceError
 from engine.loop.ring import RingError, RingReader
-from engine.table.table import Table
+from engine.table import Table
 from engine.touch.sources.pointer import PointerEvent, PointerFeed
+from firmware_link.protocol.errors import TactableError
 from tactable.page.choices import Choice, ChoiceError, Offered, changed
 from tactable.page.live_bar import LiveBar
 from tactable.page.messages import encode_picture
@@ -34,7 +35,7 @@ SHORTEST_BACK_OFF_S, LONGEST_BACK_OFF_S = 0.25, 5.0
 _LINE_BYTES = 1 << 22  # a bank of clicks is told in one line
 
 
-class ProcessError(Exception):
+class ProcessError(TactableError):
     """A process of the rig ended: which, and what it said."""
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.loop.ring import RingReader
-from engine.table.table import Table, TableError
+from engine.table import Table, TableError
 from engine.touch.sources.pointer import PointerEvent
 from tactable.page.live_bar import LiveBar
 from tactable.page.messages import encode_picture

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import uvicorn
 
-from engine.device.device import Device
+from engine.device import Device
 from tactable.page.choices import Choice, Rules, offered
 from tactable.page.demo_show import DemoShow
 from tactable.page.security import LOOPBACK, Door, new_token

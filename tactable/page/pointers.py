@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from engine.touch.digitizer import DigitizerError
+from engine.touch import DigitizerError
 from engine.touch.sources.pointer import Phase, PointerEvent, PointerFeed
 
 MOST_FINGERS = 10

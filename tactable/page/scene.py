@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from engine.device.device import Device
+from engine.device import Device
 
 
 def device_json(device: Device) -> dict[str, Any]:

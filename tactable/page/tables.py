@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from engine.device.device import Device
-from engine.table.table import Table, TableError
+from engine.device import Device
+from engine.table import Table, TableError
 from precompute.builder.build import code_fingerprint
 from precompute.entries.objective import DEFAULT_OBJECTIVE
 from tactable.page.choices import Source

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from engine.loop.latency import Stage
 from engine.loop.ring import Record, RingCounters
-from engine.table.table import Table
-from engine.touch.finger_tracker import Touch, ZoneState
+from engine.table import Table
+from engine.touch import Touch, ZoneState
 from firmware_link.emulator.synthesis import US_PER_S
 from firmware_link.protocol.messages import decode_drive
 from tactable.page.live_bar import POINTS, RATE_HZ, BarFinger, LiveBar, Moved

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device
-from engine.table.entry import Entry
-from engine.touch.finger_tracker import ZoneEdges, ZoneState
+from engine.device import Device
+from engine.table import Entry
+from engine.touch import ZoneState
+from engine.touch.finger_tracker import ZoneEdges
 from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.emulator.synthesis import synthesise
 from firmware_link.protocol.bank import Bank

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from engine.device.device import Device
-from engine.effects.rules import DEFAULT_EFFECTS, Effects
+from engine.device import Device
+from engine.effects import DEFAULT_EFFECTS, Effects
 from engine.loop.latency import Stage
-from engine.table.table import Table, TableError
-from engine.touch.finger_tracker import ZoneState
+from engine.table import Table, TableError
+from engine.touch import ZoneState
 from engine.touch.sources.recording import Recording
 from precompute.builder.build import Progress, build_table, code_fingerprint
 from precompute.parallel.cores import available_cores

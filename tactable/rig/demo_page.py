@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from engine.loop.latency import Stage
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 from tactable.rig.demo import DemoReport
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, StateReport
 from tactable.rig.rig import Wanted

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.table.click import ClickEntry
-from engine.table.entry import Entry
-from engine.touch.finger_tracker import ZoneState
+from engine.table import ClickEntry, Entry
+from engine.touch import ZoneState
 from tactable.rig.bar import Measured, MeasuredClick
 
 AGREEMENT = 0.02

@@ -5,10 +5,10 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from engine.effects.rules import DEFAULT_EFFECTS, Effects
+from engine.effects import DEFAULT_EFFECTS, Effects
 from engine.loop.latency import LatencyRecorder
 from engine.loop.loop import LoopCounters, StateChange, SystemClock
-from engine.table.table import Table
+from engine.table import Table
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording
 from firmware_link.emulator.drive_log import Cause, DriveEvent, Outcome, ReceivedFrame

@@ -5,8 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from engine.effects.player import EffectPlayer
-from engine.effects.rules import DEFAULT_EFFECTS, Effects
+from engine.effects import DEFAULT_EFFECTS, EffectPlayer, Effects
 from engine.loop.fast.step import FastPath, FastPathError, PacketSource, compile_fast_path
 from engine.loop.latency import LatencyRecorder
 from engine.loop.loop import Clock, Loop, Reopening, StateChange, StopRequest, Updates, connect
@@ -15,9 +14,8 @@ from engine.loop.ring import RingWriter
 from engine.render.limits import link_configuration
 from engine.render.prepared import render_table
 from engine.render.renderer import WhenNotAchieved
-from engine.table.table import Table
-from engine.touch.digitizer import open_digitizer
-from engine.touch.finger_tracker import ZoneTracker
+from engine.table import Table
+from engine.touch import FingerTracker, open_digitizer
 from engine.touch.scan_time import ScanTimes
 from engine.touch.sources import Source
 from firmware_link.host.link import Link
@@ -94,7 +92,7 @@ class Live:
         self.loop = Loop(
             source,
             self.digitizer,
-            ZoneTracker(table.device, self.digitizer.surface),
+            FingerTracker(table.device, self.digitizer.surface),
             player,
             self.renderer,
             session,

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
-from engine.device.device import DeviceError
-from engine.effects.rules import Effects
+from engine.device import DeviceError
+from engine.effects import Effects
 from engine.render.limits import LimitError
 from engine.render.prepared import Rendering, render_table
 from engine.render.renderer import RendererError, WhenNotAchieved
-from engine.table.table import Table, TableError
+from engine.table import Table, TableError
 from firmware_link.host.link_values import Capabilities
 
 LOOK_S = 0.3

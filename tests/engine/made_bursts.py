@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.table.burst import BurstEntry, OnsetStep
 from engine.table.click import LevelSpread
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 
 SHAPES = (
     (OnsetStep(0.004, 1.0), OnsetStep(0.009, 0.25), OnsetStep(0.012, 1.5)),

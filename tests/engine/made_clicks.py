@@ -5,9 +5,10 @@ from math import inf
 
 import numpy as np
 
-from engine.device.device import Device
-from engine.table.click import ClickEntry, ClickZone, LevelSpread
-from engine.touch.finger_tracker import ZoneState, state_index
+from engine.device import Device
+from engine.table import ClickEntry
+from engine.table.click import ClickZone, LevelSpread
+from engine.touch import ZoneState, state_index
 
 
 def click_of(

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from itertools import product
 from math import inf
 
-from engine.device.device import Device
-from engine.table.entry import DEFAULT_LEVEL_DB, Entry, WorstCase, ZonePromise
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.table import Entry
+from engine.table.entry import DEFAULT_LEVEL_DB, WorstCase, ZonePromise
+from engine.touch import ZoneState
 
 LEVEL_DB = DEFAULT_LEVEL_DB
 

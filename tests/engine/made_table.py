@@ -5,12 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.device.device import Device
+from engine.device import Device
+from engine.table import ClickEntry, Entry
 from engine.table.burst import BurstEntry, Shape
 from engine.table.burst_group import write_bursts
-from engine.table.click import ClickEntry
 from engine.table.click_group import write_clicks
-from engine.table.entry import Entry
 from engine.table.entry_group import write_entries
 from engine.table.file import TableWriter, Variable
 

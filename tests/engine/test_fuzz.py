@@ -30,8 +30,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from engine.touch.descriptor import DescriptorError
-from engine.touch.digitizer import Digitizer, DigitizerError, TouchFrame, open_digitizer
+from engine.touch import DescriptorError, Digitizer, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.sources.recording import read_recording
 from tests.engine.shared_recordings import RECORDINGS
 from tests.engine.touch.descriptors import (

@@ -15,7 +15,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from scipy.integrate import simpson
 
-from engine.device.device import Device, Finger
+from engine.device import Device, Finger
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

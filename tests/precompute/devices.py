@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from hypothesis import settings
 
-from engine.device.device import Actuator, Device, Zone
+from engine.device import Actuator, Device, Zone
 from engine.device.file import ROMAN
 
 unhurried = settings(deadline=None)

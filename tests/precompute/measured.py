@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.measurements.parameters import with_changes
 from precompute.measurements.simulate import SENSOR_MASS_KG, Flaws, even_places, simulate_measurements
 from precompute.measurements.types import Kind, Measurements, lay_out

@@ -18,10 +18,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
-from engine.device.device import Device
-from engine.device.file import parse_device
+from engine.device import Device
+from engine.table import Table
 from engine.table.history import previous_of, replace_table
-from engine.table.table import Table
 from precompute.builder.build import build_table
 from precompute.builder.incremental import outdated_parts
 from precompute.clicks.options import ClickOptions
@@ -31,7 +30,7 @@ from tests.precompute.fleet.small_fleet import small_text, write_measurements, w
 
 ROOT = Path(__file__).parents[2]
 CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=2, trimmed=6, judged=10)
-OLD, NEW = parse_device(small_text(), "old"), parse_device(small_text("20.5 kN/m"), "new")
+OLD, NEW = Device.parse(small_text(), "old"), Device.parse(small_text("20.5 kN/m"), "new")
 _GONE_S = 60.0
 _BEGIN = 'print("begun", flush=True)\n'
 
@@ -70,7 +69,7 @@ class Build:
 
     script = f"""
 from pathlib import Path
-from engine.device.device import Device
+from engine.device import Device
 from precompute.builder.build import build_table
 from tests.studies.kill_often import CHEAP
 if __name__ == "__main__":

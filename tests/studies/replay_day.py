@@ -15,16 +15,15 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from engine.device.device import Device
-from engine.effects.player import EffectPlayer
-from engine.effects.rules import Effects, Rule, Trigger, burst
+from engine.device import Device
+from engine.effects import EffectPlayer, Effects, Rule, Trigger
+from engine.effects.rules import burst
 from engine.loop.latency import LatencyRecorder
 from engine.loop.loop import Loop, connect
 from engine.loop.realtime import Step, real_time
 from engine.render.limits import link_configuration
 from engine.render.renderer import Renderer
-from engine.touch.digitizer import DigitizerError, open_digitizer
-from engine.touch.finger_tracker import ZoneTracker
+from engine.touch import DigitizerError, FingerTracker, open_digitizer
 from engine.touch.sources.recording import Recording, Report, read_recording
 from firmware_link.emulator.drive_log import Cause
 from firmware_link.emulator.firmware import DeviceConfiguration, DeviceCounters, EmulatedFirmware
@@ -180,7 +179,7 @@ def replay(recordings: Sequence[Recording], seconds: float, pieces: int = 24) ->
         loop = Loop(
             source,
             digitizer,
-            ZoneTracker(DEVICE, digitizer.surface),
+            FingerTracker(DEVICE, digitizer.surface),
             EffectPlayer(BURSTS, len(DEVICE.zones)),
             Renderer(entries, DEVICE, capabilities),
             session,

@@ -5,15 +5,14 @@ from dataclasses import dataclass, replace
 from itertools import combinations, groupby
 from pathlib import Path
 
-from engine.device.device import Device
-from engine.effects.player import EffectPlayer
-from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger
+from engine.device import Device
+from engine.effects import Effect, EffectPlayer, Effects, Rule, Segment, Trigger
 from engine.loop.loop import Loop, LoopCounters, StateChange, StopRequest, SystemClock, connect
 from engine.render.limits import link_configuration
 from engine.render.renderer import Renderer
-from engine.table.entry import Entry
-from engine.touch.digitizer import DigitizerCounters, open_digitizer
-from engine.touch.finger_tracker import ZoneTracker
+from engine.table import Entry
+from engine.touch import FingerTracker, open_digitizer
+from engine.touch.digitizer import DigitizerCounters
 from engine.touch.sources import Source
 from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.emulator.process import EmulatorLog
@@ -56,7 +55,7 @@ def run_chain(source: Source, port: SerialPort, stop: StopRequest | None, on_rea
     """Greet the firmware, say so, then run until the source has ended or `stop` is set; closes the port."""
     clock, trace = SystemClock(), list[StateChange]()
     digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
-    tracker, player = ZoneTracker(DEVICE, digitizer.surface), EffectPlayer(HELD, len(DEVICE.zones))
+    tracker, player = FingerTracker(DEVICE, digitizer.surface), EffectPlayer(HELD, len(DEVICE.zones))
     link = Link(replace(link_configuration(DEVICE, BIT_RATE_HZ), handshake_timeout_s=PATIENCE_S))
     link_error = None
     with port:

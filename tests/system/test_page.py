@@ -20,8 +20,8 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, CDPSession, ConsoleMessage, Page, sync_playwright
 
-from engine.table.table import Table
-from engine.touch.finger_tracker import ZoneState
+from engine.table import Table
+from engine.touch import ZoneState
 from tactable.page.live_bar import LiveBar
 from tactable.page.messages import encode_picture
 from tactable.page.ring_drive import RingDrive

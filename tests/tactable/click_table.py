@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from engine.device.file import parse_device
+from engine.device import Device
 from precompute.builder.build import build_table
 from precompute.clicks.options import ClickOptions
 from tests.precompute.builder.test_build import SMALL
@@ -14,5 +14,5 @@ FINGERS = 2
 def build_click_table(folder: Path, clicks_up_to: int = FINGERS) -> Path:
     """Build it in `folder`."""
     path = folder / "bar.nc"
-    build_table(parse_device(SMALL, "bar.toml"), path, created="", clicks_up_to=clicks_up_to, click_options=CHEAP)
+    build_table(Device.parse(SMALL, "bar.toml"), path, created="", clicks_up_to=clicks_up_to, click_options=CHEAP)
     return path

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from engine.table.table import Table
+from engine.table import Table
 from tactable.explain.click_source import ClickSource
 from tests.tactable.click_table import build_click_table
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from engine.device.file import parse_device
+from engine.device import Device
 from precompute.builder.build import build_table
 from tactable.shipped import find_device
 
@@ -16,5 +16,5 @@ def build_small_table(folder: Path) -> Path:
         assert old in text
         text = text.replace(old, new)
     path = folder / "bar.nc"
-    build_table(parse_device(text, "bar.toml"), path, created="test", clicks_up_to=0)
+    build_table(Device.parse(text, "bar.toml"), path, created="test", clicks_up_to=0)
     return path

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import tactable
-from engine.table.error import TableError
+from engine.table import TableError
 from tactable import Device, Table, build_table, calibrate, calibrated_device, find_device, read_measurements
 from tests.small_device import small_text
 

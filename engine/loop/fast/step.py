@@ -18,12 +18,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol, runtime_checkable
 
-from engine.effects.player import EffectPlayer, Feeling
-from engine.effects.rules import Effects, Rule, Trigger
+from engine.effects import EffectPlayer, Effects, Rule, Trigger
+from engine.effects.player import Feeling
 from engine.loop.fast.table import COMMAND, FastTable
 from engine.render.renderer import Command
-from engine.touch.digitizer import Bits, Digitizer, NumberBits, ReportPlan, SlotPlan
-from engine.touch.finger_tracker import ZoneTracker
+from engine.touch import Digitizer, FingerTracker
+from engine.touch.digitizer import Bits, NumberBits, ReportPlan, SlotPlan
 from engine.touch.quirks import Key
 from engine.touch.sources import Source
 from firmware_link.host.link import Link
@@ -146,10 +146,10 @@ class FastPath:
         self._memory = memoryview((ctypes.c_uint8 * ctypes.sizeof(_Fast)).from_buffer(self._fast)).cast("B")
         self._table: FastTable | None = None
         self._levels: dict[float | None, int] = {}
-        self._tracker: ZoneTracker | None = None
+        self._tracker: FingerTracker | None = None
         self._set_digitizer(digitizer, source.packet_head)
 
-    def refit(self, tracker: ZoneTracker, table: FastTable | None) -> None:
+    def refit(self, tracker: FingerTracker, table: FastTable | None) -> None:
         """Answer with these commands from now on, for fingers on these zones; with None it only waits."""
         self._tracker, self._table = tracker, table
         if table is None:
@@ -286,7 +286,7 @@ class FastPath:
         fast.unseen_means_up, fast.maximum_contacts = quirks.unseen_means_up, digitizer.maximum_contacts
         fast.plans = len(digitizer.plans)
 
-    def _set_zones(self, tracker: ZoneTracker) -> None:
+    def _set_zones(self, tracker: FingerTracker) -> None:
         fast, position, edges = self._fast, tracker.position, tracker.edges
         fast.zones, fast.hysteresis_m = len(edges.starts_m), edges.hysteresis_m
         fast.zone_start_m[: fast.zones], fast.zone_stop_m[: fast.zones] = edges.starts_m, edges.stops_m

@@ -7,10 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from firmware_link.protocol.errors import TactableError
+
 _EVENT_TIME = re.compile(r"[0-9]{1,12}\.[0-9]{6}")
 
 
-class RecordingError(Exception):
+class RecordingError(TactableError):
     """A recording cannot be read: which file and line, what is wrong, what to do."""
 
     def __init__(self, path: Path, line_number: int, problem: str, remedy: str) -> None:

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from engine.loop.realtime import Step, parse_steps
-from engine.table.table import Table
+from engine.table import Table
 from engine.touch.sources.recording import read_recording
 from tactable.bench.latency.compare import got_worse
 from tactable.bench.latency.load import Load

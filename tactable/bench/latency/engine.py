@@ -21,10 +21,9 @@ from engine.loop.loop import StateChange, SystemClock
 from engine.loop.realtime import Step
 from engine.render.limits import LimitError
 from engine.render.renderer import RendererError, WhenNotAchieved
+from engine.table import Table
 from engine.table.entry import DEFAULT_LEVEL_DB
-from engine.table.table import Table
-from engine.touch.descriptor import DescriptorError
-from engine.touch.digitizer import DigitizerError
+from engine.touch import DescriptorError, DigitizerError
 from firmware_link.host.clock import OffsetBounds
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Port

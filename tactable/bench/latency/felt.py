@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.render.limits import clamp
-from engine.table.entry import Entry
-from engine.touch.finger_tracker import ZoneState
+from engine.table import Entry
+from engine.touch import ZoneState
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
 from firmware_link.emulator.synthesis import synthesise
 from precompute.model.assembly import assemble

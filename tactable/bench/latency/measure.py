@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from engine.table.table import Table
+from engine.table import Table
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator.firmware import BOARD_EMULATED
 from tactable.bench.latency.compare import compare_runs

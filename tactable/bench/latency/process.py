@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from engine.loop.fast.step import NONE, FastPath
 from engine.loop.loop import StateChange
 from engine.render.renderer import WhenNotAchieved
-from engine.table.table import Table
-from engine.touch.digitizer import open_digitizer
+from engine.table import Table
+from engine.touch import open_digitizer
 from tactable.bench.latency.device import LightDevice
 from tactable.bench.latency.stages import figures_of
 from tactable.bench.latency.stream import HELD, Stream

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.loop.latency import Stage
 from engine.loop.realtime import Outcome, Step, real_time
-from engine.table.table import Table
+from engine.table import Table
 from firmware_link.emulator.process import RunningEmulator, run_emulator
 from firmware_link.protocol.errors import LinkError
 from tactable.bench.latency.device import Arrivals, LightDevice

@@ -4,12 +4,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import cycle, islice
 
-from engine.device.device import Device
-from engine.effects.player import EffectPlayer
-from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger
+from engine.device import Device
+from engine.effects import Effect, EffectPlayer, Effects, Rule, Segment, Trigger
 from engine.table.entry import DEFAULT_LEVEL_DB
-from engine.touch.digitizer import open_digitizer
-from engine.touch.finger_tracker import ZoneTracker
+from engine.touch import FingerTracker, open_digitizer
 from engine.touch.sources.recording import Recording
 from tactable.rig.virtual_digitizer import PRODUCT_ID, VENDOR_ID, descriptor_of, report_of
 
@@ -85,7 +83,7 @@ def replayed(recording: Recording) -> Stream:
 def expected_states(stream: Stream, count: int, device: Device) -> list[tuple[int, int]]:
     """(report, state) of each change that `count` reports bring, as long as none is lost or late."""
     digitizer = open_digitizer(stream.descriptor, stream.vendor_id, stream.product_id)
-    tracker, player = ZoneTracker(device, digitizer.surface), EffectPlayer(HELD, len(device.zones))
+    tracker, player = FingerTracker(device, digitizer.surface), EffectPlayer(HELD, len(device.zones))
     changes, state = [], 0
     for index, report in enumerate(islice(stream.packets(), count)):
         frame = digitizer.decode_report(report, 0)

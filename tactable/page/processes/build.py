@@ -9,8 +9,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from engine.device.device import DeviceError
-from engine.table.table import TableError
+from engine.device import DeviceError
+from engine.table import TableError
 from precompute.builder.build import build_table
 from precompute.parallel.cores import available_cores
 from precompute.parallel.pool import WorkerError

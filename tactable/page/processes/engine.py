@@ -12,15 +12,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from engine.device.device import DeviceError
-from engine.effects.rules import EffectError
+from engine.device import DeviceError
+from engine.effects import EffectError
 from engine.loop.loop import SystemClock
 from engine.loop.ring import RingError, RingWriter
 from engine.render.limits import LimitError
 from engine.render.renderer import RendererError, WhenNotAchieved
-from engine.table.table import Table, TableError
-from engine.touch.descriptor import DescriptorError
-from engine.touch.digitizer import DigitizerError
+from engine.table import Table, TableError
+from engine.touch import DescriptorError, DigitizerError
 from engine.touch.sources.pointer import PointerSource
 from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.serial_port import SerialPort

@@ -10,7 +10,7 @@ from typing import Any
 import uvicorn
 
 from engine.loop.ring import RingError, RingReader
-from engine.table.table import TableError
+from engine.table import TableError
 from tactable.page.live_show import LiveShow
 from tactable.page.opening import announcement, token_for
 from tactable.page.server import open_door, serve

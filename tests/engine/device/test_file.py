@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from engine.device.device import Device, DeviceError
-from engine.device.file import ROMAN, parse_device
-from engine.touch.digitizer import Contact, open_digitizer
-from engine.touch.finger_tracker import TouchPosition
+from engine.device import Device, DeviceError
+from engine.device.file import ROMAN
+from engine.touch import Contact, TouchPosition, open_digitizer
 from tactable.digitizers.axis_map import Stroke, digitizer_table, learn_axis
 from tactable.rig.virtual_digitizer import DESCRIPTOR, X_MAXIMUM
 
@@ -67,14 +66,14 @@ def with_zones(*zones: str) -> str:
 
 def refusal(text: str) -> str:
     with pytest.raises(DeviceError) as error:
-        parse_device(text, "some.toml")
+        Device.parse(text, "some.toml")
     message = str(error.value)
     assert message.startswith("some.toml: ")
     return message
 
 
 def fingerprint(text: str) -> str:
-    return parse_device(text, "some.toml").fingerprint
+    return Device.parse(text, "some.toml").fingerprint
 
 
 # What is wrong: (section, key, value in TOML, what the message must also say)
@@ -190,7 +189,7 @@ def test_a_missing_key_is_named_or_has_a_documented_default(section: str, key: s
     }
     text = changed(section, key, None, without_marks())
     if (section, key) in optional:
-        parse_device(text, "some.toml")
+        Device.parse(text, "some.toml")
     else:
         assert refusal(text).endswith(f"{f'[{section}] ' if section else ''}has no key {key!r}")
 
@@ -205,7 +204,7 @@ def test_a_missing_table_is_named(header: str) -> None:
 def test_without_a_word_on_feeling_there_are_entries_for_10_20_and_30_db() -> None:
     bodies = dict(zip(SECTIONS, re.split(r"^(?=\[)", TEXT, flags=re.MULTILINE), strict=True))
     text = "".join(body for section, body in bodies.items() if section != "feel")
-    assert parse_device(text, "some.toml").levels_db == (10.0, 20.0, 30.0)
+    assert Device.parse(text, "some.toml").levels_db == (10.0, 20.0, 30.0)
 
 
 @pytest.mark.parametrize("key", ["actuator", "bar", "zones", "finger"])
@@ -253,7 +252,7 @@ def test_a_step_that_does_not_divide_the_range_is_refused(step: str) -> None:
 
 @pytest.mark.parametrize(("step", "count"), [("240 Hz", 2), ("0.1 Hz", 2401), ("0.3 Hz", 801), ("16 Hz", 16)])
 def test_a_step_that_divides_gives_both_ends(step: str, count: int) -> None:
-    frequency_hz = parse_device(changed("sweep", "step", f'"{step}"'), "some.toml").sweep.frequency_hz
+    frequency_hz = Device.parse(changed("sweep", "step", f'"{step}"'), "some.toml").sweep.frequency_hz
     assert len(frequency_hz) == count
     assert frequency_hz[[0, -1]].tolist() == [60.0, 300.0]
 
@@ -318,7 +317,7 @@ def test_hysteresis_is_less_than_half_the_shortest_zone() -> None:
 def test_margins_leave_something_of_the_bar() -> None:
     text = changed("digitizer", "start_margin", '"50 %"', changed("digitizer", "end_margin", '"50 %"'))
     assert "digitizer.end_margin: '139.7 mm': the margins leave nothing of the bar" in refusal(text)
-    assert parse_device(text.replace('"50 %"', '"49.9 %"'), "some.toml").touch_axis.end_margin_m < 0.1397
+    assert Device.parse(text.replace('"50 %"', '"49.9 %"'), "some.toml").touch_axis.end_margin_m < 0.1397
 
 
 def with_margins(start: str, end: str) -> str:
@@ -335,7 +334,7 @@ def with_margins(start: str, end: str) -> str:
     ],
 )
 def test_a_touch_area_may_reach_beyond_the_bar(start: str, end: str, start_m: float, end_m: float) -> None:
-    axis = parse_device(with_margins(start, end), "some.toml").touch_axis
+    axis = Device.parse(with_margins(start, end), "some.toml").touch_axis
     assert (axis.start_margin_m, axis.end_margin_m) == pytest.approx((start_m, end_m))
 
 
@@ -360,7 +359,7 @@ def test_margins_whose_sum_is_not_finite_are_refused() -> None:
 @pytest.mark.parametrize(("start", "active"), [("10 mm", "270 mm"), ("-10 mm", "500 mm"), ("-10 mm", "10.1 mm")])
 def test_an_active_length_may_end_beyond_the_bar(start: str, active: str) -> None:
     text = changed("digitizer", "active_length", f'"{active}"', with_margins(start, "0 mm"))
-    axis = parse_device(text, "some.toml").touch_axis
+    axis = Device.parse(text, "some.toml").touch_axis
     assert axis.active_length_m == pytest.approx(float(active.split()[0]) / 1000)
     assert axis.start_margin_m == pytest.approx(float(start.split()[0]) / 1000)
 
@@ -386,7 +385,7 @@ def test_what_map_prints_for_a_touch_area_beyond_the_bar_is_read(
     learnt = learn_axis(TOUCH_SURFACE, Stroke(x, (0, 0)), bar_mm)
     body = re.split(r"^(?=\[)", TEXT, flags=re.MULTILINE)[SECTIONS.index("digitizer")]
     text = changed("bar", "length", f'"{learnt.bar_mm!r} mm"', TEXT.replace(body, digitizer_table(learnt) + "\n\n"))
-    axis = parse_device(text, "some.toml").touch_axis
+    axis = Device.parse(text, "some.toml").touch_axis
     assert (axis.axis, axis.flip) == ("x", flip)
     read, meant = (axis.start_margin_m, axis.end_margin_m), (learnt.start_margin, learnt.end_margin)
     assert learnt.bar_mm is not None
@@ -398,7 +397,7 @@ def test_what_map_prints_goes_into_reference_a_as_it_is() -> None:
     learnt = learn_axis(TOUCH_SURFACE, Stroke((low, high), (0, 0)))
     assert "beyond the bar" in learnt.notes[-1]
     body = re.split(r"^(?=\[)", TEXT, flags=re.MULTILINE)[SECTIONS.index("digitizer")]
-    device = parse_device(TEXT.replace(body, digitizer_table(learnt) + "\n\n"), "some.toml")
+    device = Device.parse(TEXT.replace(body, digitizer_table(learnt) + "\n\n"), "some.toml")
     axis = device.touch_axis
     assert (axis.start_margin_m, axis.end_margin_m) == pytest.approx((-0.02794, -0.05588), rel=5e-3)
     position = TouchPosition(device, TOUCH_SURFACE)
@@ -474,21 +473,21 @@ def test_a_list_nested_without_end_is_refused() -> None:
 @given(st.integers(0, len(TEXT)), st.integers(0, 40), st.text(max_size=20))
 def test_any_damage_leaves_a_device_or_a_device_error(start: int, length: int, patch: str) -> None:
     try:
-        assert isinstance(parse_device(TEXT[:start] + patch + TEXT[start + length :], "some.toml"), Device)
+        assert isinstance(Device.parse(TEXT[:start] + patch + TEXT[start + length :], "some.toml"), Device)
     except DeviceError as error:
         assert str(error).startswith("some.toml: ")
 
 
 @pytest.mark.parametrize("places", [["0 %"], ["0 mm", "50 %", "100 %"], ["1 %", "2 %", "3 %", "99 %", "98 %"]])
 def test_any_number_of_actuators(places: list[str]) -> None:
-    device = parse_device(with_actuators(places), "some.toml")
+    device = Device.parse(with_actuators(places), "some.toml")
     assert [actuator.name for actuator in device.actuators] == [f"actuator {i + 1}" for i in range(len(places))]
     assert device.actuators[-1].position_m <= device.bar.length_m
 
 
 @pytest.mark.parametrize("count", [1, 2, 8, 16])
 def test_any_number_of_equal_zones_covers_the_bar(count: int) -> None:
-    device = parse_device(changed("zones", "count", str(count)), "some.toml")
+    device = Device.parse(changed("zones", "count", str(count)), "some.toml")
     assert [zone.name for zone in device.zones] == list(ROMAN[:count])
     edges = [0.0, *(zone.stop_m for zone in device.zones)]
     assert [zone.start_m for zone in device.zones] == edges[:-1]
@@ -499,7 +498,7 @@ def test_any_number_of_equal_zones_covers_the_bar(count: int) -> None:
 @pytest.mark.parametrize("count", [1, 2, 8])
 def test_any_number_of_zone_tables_with_gaps_and_names(count: int) -> None:
     zones = [f'name = "key {i}"\nstart = "{10 * i + 1} %"\nstop = "{10 * i + 9} %"' for i in range(count)]
-    device = parse_device(with_zones(*zones), "some.toml")
+    device = Device.parse(with_zones(*zones), "some.toml")
     assert [zone.name for zone in device.zones] == [f"key {i}" for i in range(count)]
     assert [zone.length_m for zone in device.zones] == pytest.approx([0.08 * device.bar.length_m] * count)
     assert device.zone_index("key 0") == 0

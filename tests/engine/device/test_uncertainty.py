@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from engine.device.device import DeviceError
-from engine.device.file import parse_device
+from engine.device import Device, DeviceError
 
 TEXT = (Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml").read_text(encoding="utf-8")
 TABLE = """
@@ -27,7 +26,7 @@ knee = "0.3 1/s"
 
 
 def test_what_was_fitted_is_read_in_si() -> None:
-    uncertainty = parse_device(TEXT + TABLE, "x.toml").uncertainty
+    uncertainty = Device.parse(TEXT + TABLE, "x.toml").uncertainty
     assert uncertainty is not None
     stiffness, damping = uncertainty.fitted
     assert (stiffness.name, stiffness.low, stiffness.high, stiffness.knee) == ("actuator[1].stiffness", 1e4, 3e4, 0.0)
@@ -36,17 +35,17 @@ def test_what_was_fitted_is_read_in_si() -> None:
 
 
 def test_a_file_without_it_has_no_uncertainty() -> None:
-    device = parse_device(TEXT, "x.toml")
+    device = Device.parse(TEXT, "x.toml")
     assert device.uncertainty is None
-    assert device.fingerprint == replace(parse_device(TEXT + TABLE, "x.toml"), uncertainty=None).fingerprint
+    assert device.fingerprint == replace(Device.parse(TEXT + TABLE, "x.toml"), uncertainty=None).fingerprint
 
 
 def test_the_fingerprint_is_of_the_uncertainty_not_of_its_making() -> None:
-    device = parse_device(TEXT + TABLE, "x.toml")
-    later = parse_device(TEXT + TABLE.replace("2026-11-21", "2027-01-01"), "y.toml")
-    surer = parse_device(TEXT + TABLE.replace("4e-6", "5e-6"), "x.toml")
+    device = Device.parse(TEXT + TABLE, "x.toml")
+    later = Device.parse(TEXT + TABLE.replace("2026-11-21", "2027-01-01"), "y.toml")
+    surer = Device.parse(TEXT + TABLE.replace("4e-6", "5e-6"), "x.toml")
     assert device.fingerprint == later.fingerprint
-    assert len({device.fingerprint, surer.fingerprint, parse_device(TEXT, "x.toml").fingerprint}) == 3
+    assert len({device.fingerprint, surer.fingerprint, Device.parse(TEXT, "x.toml").fingerprint}) == 3
 
 
 @pytest.mark.parametrize(
@@ -74,7 +73,7 @@ def test_the_fingerprint_is_of_the_uncertainty_not_of_its_making() -> None:
 def test_what_cannot_be_is_refused_by_key(old: str, new: str, message: str) -> None:
     assert old in TABLE
     with pytest.raises(DeviceError) as caught:
-        parse_device(TEXT + TABLE.replace(old, new), "x.toml")
+        Device.parse(TEXT + TABLE.replace(old, new), "x.toml")
     assert message in str(caught.value)
 
 
@@ -85,4 +84,4 @@ def test_a_value_fitted_twice_is_refused() -> None:
         .replace('"0 N/m"', '"1 N/m"')
     )
     with pytest.raises(DeviceError, match="names a value twice"):
-        parse_device(TEXT + twice, "x.toml")
+        Device.parse(TEXT + twice, "x.toml")

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from engine.device.file import parse_device
+from engine.device import Device
 from engine.device.values import Change, compare_values, device_values
 from tests.engine.table.test_table import DEVICE, TEXT
 
@@ -17,7 +17,7 @@ def test_a_value_has_the_name_of_its_place_and_its_unit() -> None:
 
 
 def test_other_wording_is_the_same_device() -> None:
-    other = parse_device(TEXT.replace('"279.4 mm"', '"27.94 cm"').replace("Aluminium bar", "Bar"), "other")
+    other = Device.parse(TEXT.replace('"279.4 mm"', '"27.94 cm"').replace("Aluminium bar", "Bar"), "other")
     assert compare_values(device_values(DEVICE), device_values(other)) == ()
 
 

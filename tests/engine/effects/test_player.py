@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.effects.player import DRAG_REST_NS, STILL_M, EffectPlayer
-from engine.effects.rules import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger, burst, click
-from engine.touch.finger_tracker import Touch, ZoneState, state_index
+from engine.effects import DEFAULT_EFFECTS, Effect, EffectPlayer, Effects, Rule, Segment, Trigger
+from engine.effects.player import DRAG_REST_NS, STILL_M
+from engine.effects.rules import burst, click
+from engine.touch import Touch, ZoneState, state_index
 
 MS = 1_000_000
 MM = 1e-3

@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.device.device import Device
-from engine.effects.rule_file import parse_effects, read_effects
-from engine.effects.rules import DEFAULT_EFFECTS, FULL_SCALE_DB, Effect, EffectError, Effects, Rule, Segment, Trigger
+from engine.device import Device
+from engine.effects import DEFAULT_EFFECTS, Effect, EffectError, Effects, Rule, Segment, Trigger, read_effects
+from engine.effects.rule_file import parse_effects
+from engine.effects.rules import FULL_SCALE_DB
 
 TABLES = Path(__file__).parents[3] / "tables"
 DEVICE = Device.read(TABLES / "devices" / "reference-a.toml")

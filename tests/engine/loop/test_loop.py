@@ -12,21 +12,21 @@ from typing import ClassVar
 
 import pytest
 
-from engine.device.device import Device
-from engine.effects.player import EffectPlayer
-from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, burst
+from engine.device import Device
+from engine.effects import Effect, EffectPlayer, Effects, Rule, Segment, Trigger
+from engine.effects.rules import burst
 from engine.loop.fast.table import make_fast_table
 from engine.loop.latency import LatencyRecorder, Stage
 from engine.loop.loop import Loop, StateChange, SystemClock, connect
 from engine.loop.ring import RingWriter
 from engine.render.limits import link_configuration
 from engine.render.renderer import Renderer
+from engine.table import ClickEntry, Entry
 from engine.table.burst import BurstEntry, Shape, needs_bursts
 from engine.table.burst import played_at as burst_played_at
-from engine.table.click import ClickEntry, choose_bank, played_at
-from engine.table.entry import Entry
-from engine.touch.digitizer import RELEASE_AFTER_NS, open_digitizer
-from engine.touch.finger_tracker import ZoneTracker, state_index
+from engine.table.click import choose_bank, played_at
+from engine.touch import FingerTracker, open_digitizer, state_index
+from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording, Report, read_recording
 from firmware_link.emulator.drive_log import Cause, DriveEvent
@@ -250,7 +250,7 @@ class Rig:
         self.loop = Loop(
             source,
             digitizer,
-            ZoneTracker(DEVICE, digitizer.surface),
+            FingerTracker(DEVICE, digitizer.surface),
             player,
             self.renderer,
             self.session,
@@ -674,7 +674,7 @@ def test_a_touch_reaches_the_emulator_of_another_process() -> None:
         session = Session(link, port, clock.now_ns)
         renderer = Renderer({LEVEL_DB: ENTRIES}, DEVICE, connect(session, clock))
         source, digitizer = Playback(recording_of(*frames)), open_digitizer(DESCRIPTOR)
-        tracker, player = ZoneTracker(DEVICE, digitizer.surface), EffectPlayer(HELD, len(DEVICE.zones))
+        tracker, player = FingerTracker(DEVICE, digitizer.surface), EffectPlayer(HELD, len(DEVICE.zones))
         # A stall of this machine may latch the device: the run goes on.
         chain = (source, digitizer, tracker, player, renderer, session, clock)
         loop = Loop(*chain, reconnect=True, trace=trace, latency=latency)

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from engine.effects.rules import Effects, Rule, Trigger, click
+from engine.effects import Effects, Rule, Trigger
+from engine.effects.rules import click
 from firmware_link.emulator.drive_log import Cause
 from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
 from firmware_link.protocol.messages import SHAPE_FULL_GAIN

@@ -1,6 +1,7 @@
 """Clicks through the loop, to an emulated firmware in virtual time."""
 
-from engine.effects.rules import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger, click
+from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
+from engine.effects.rules import click
 from firmware_link.emulator.drive_log import Cause, DriveEvent
 from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
 from tests.engine.loop.test_loop import DEVICE, MS, Rig, VirtualLine, entry_for, held, index_of, recording_of, report

@@ -5,7 +5,8 @@ from __future__ import annotations
 from itertools import pairwise
 from pathlib import Path
 
-from engine.effects.rules import Effects, Rule, Trigger, burst
+from engine.effects import Effects, Rule, Trigger
+from engine.effects.rules import burst
 from engine.loop.ring import Record, RingReader, RingWriter
 from tests.engine.loop.test_loop import BIT_RATE_HZ, HELD, Rig, held, recording_of, report
 from tests.engine.made_entries import LEVEL_DB

@@ -4,16 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 
-from engine.effects.player import EffectPlayer
-from engine.effects.rules import Effects, Rule, Trigger, click
+from engine.effects import EffectPlayer, Effects, Rule, Trigger
+from engine.effects.rules import click
 from engine.loop.loop import Loop, StateChange, connect
 from engine.render.limits import link_configuration
 from engine.render.prepared import Rendering
 from engine.render.renderer import Renderer
-from engine.table.click import ClickEntry, choose_bank, played_at
-from engine.table.entry import Entry
-from engine.touch.digitizer import open_digitizer
-from engine.touch.finger_tracker import ZoneTracker
+from engine.table import ClickEntry, Entry
+from engine.table.click import choose_bank, played_at
+from engine.touch import FingerTracker, open_digitizer
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording
 from firmware_link.emulator.drive_log import Cause
@@ -100,7 +99,7 @@ class SwapRig:
         self.loop = Loop(
             source,
             digitizer,
-            ZoneTracker(DEVICE, digitizer.surface),
+            FingerTracker(DEVICE, digitizer.surface),
             EffectPlayer(self.effects, 5),
             first.renderer,
             session,

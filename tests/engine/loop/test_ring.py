@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from engine.loop.ring import MOST_TOUCHES, Record, RingCounters, RingError, RingReader, RingWriter
-from engine.touch.finger_tracker import Touch
+from engine.touch import Touch
 
 words = st.integers(-(2**63), 2**63 - 1)
 counts = st.integers(0, 2**64 - 1)

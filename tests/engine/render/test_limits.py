@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.render.limits import LimitError, clamp, link_configuration
-from engine.table.entry import Entry
+from engine.table import Entry
 from tests.engine import made_entries
 
 REFERENCE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")

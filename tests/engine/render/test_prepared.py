@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from engine.device.device import Device
-from engine.effects.rules import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
+from engine.device import Device
+from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
 from engine.render.prepared import render_table
 from engine.render.renderer import SILENCE, DriveCommand, PlayCommand, WhenNotAchieved
-from engine.table.table import Table
+from engine.table import Table
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import Features, decode_drive
 from tests.engine.made_bursts import SHAPES, burst_of

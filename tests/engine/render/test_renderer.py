@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from engine.device.device import Device
+from engine.device import Device
 from engine.render.limits import LimitError
 from engine.render.renderer import SILENCE, DriveCommand, PlayCommand, Renderer, RendererError, WhenNotAchieved
 from engine.table.click import played_at

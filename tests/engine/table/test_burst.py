@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from engine.device.device import Device
+from engine.device import Device
+from engine.table import Table, TableError
 from engine.table.burst import NUMBER_OF_SHAPES, played_at
-from engine.table.table import Table, TableError
 from tests.engine.made_bursts import SHAPES, burst_of
 from tests.engine.made_entries import entry_of, felt_states, states_of
 from tests.engine.made_table import write_table

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.device.device import Device
-from engine.table.click import ClickEntry, choose_bank, played_at
+from engine.device import Device
+from engine.table import ClickEntry, Table, TableError
+from engine.table.click import choose_bank, played_at
 from engine.table.click_group import write_clicks
 from engine.table.entry_group import write_entries
 from engine.table.file import TableWriter
-from engine.table.table import Table, TableError
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.bank import bank_size, encode_bank
 from firmware_link.protocol.messages import Features

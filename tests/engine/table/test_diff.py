@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.device.device import Device
-from engine.device.file import parse_device
-from engine.table.click import ClickEntry
+from engine.device import Device
+from engine.table import ClickEntry, Entry, Table
 from engine.table.diff import TableDiff, compare_tables
-from engine.table.entry import Entry
 from engine.table.state_diff import StateChange, Tolerance, describe, entry_figures
-from engine.table.table import Table
 from tests.engine.made_clicks import click_of
 from tests.engine.made_entries import entry_of, states_of
 from tests.engine.made_table import write_table
@@ -93,7 +90,7 @@ def test_options_are_compared_one_by_one(compare: Compare) -> None:
 
 
 def test_a_value_of_the_device_is_named_with_its_change(compare: Compare) -> None:
-    device = parse_device(TEXT.replace("18.9 kN/m", "18.711 kN/m"), "other")
+    device = Device.parse(TEXT.replace("18.9 kN/m", "18.711 kN/m"), "other")
     found = compare(device=device)
     change = found.device[0]
     assert (change.key, change.before, change.after) == ("actuator[1].stiffness_n_per_m", 18900.0, 18711.0)
@@ -206,7 +203,7 @@ def test_arrays_of_other_groups_are_compared_by_their_bytes(compare: Compare) ->
 
 
 def test_other_zones_are_matched_by_name_and_it_is_said(compare: Compare) -> None:
-    four = parse_device(TEXT.replace("count = 5", "count = 4"), "four")
+    four = Device.parse(TEXT.replace("count = 5", "count = 4"), "four")
     kept = [(felt, quiet) for felt, quiet in STATES if max(felt + quiet) < 4]
     entries = [
         entry_of(four, states_of(four, felt, quiet), wanted_level_db=level)
@@ -222,7 +219,7 @@ def test_other_zones_are_matched_by_name_and_it_is_said(compare: Compare) -> Non
 
 
 def test_drives_of_other_actuators_are_not_compared_and_it_is_said(compare: Compare) -> None:
-    renamed = parse_device(TEXT.replace('name = "left"', 'name = "first"'), "renamed")
+    renamed = Device.parse(TEXT.replace('name = "left"', 'name = "first"'), "renamed")
     entries = [replace(entry, frequencies_hz=(70.0, 70.0)) for entry in entries_of(renamed)]
     found = compare(entries, [replace(c, samples=c.samples * 0) for c in clicks_of(renamed)], renamed)
     assert any("actuators were left, right and are first, right" in note for note in found.notes)

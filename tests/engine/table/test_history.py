@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from engine.table.error import TableError
+from engine.table import TableError
 from engine.table.history import previous_of, remove_leftovers, replace_table, roll_back
 
 

@@ -14,17 +14,16 @@ import h5py
 import numpy as np
 import pytest
 
-from engine.device.device import Device, DeviceError
-from engine.device.file import parse_device
-from engine.table.entry import Entry, WorstCase, ZonePromise, played_at
+from engine.device import Device, DeviceError
+from engine.table import Entry, Table, TableError
+from engine.table.entry import WorstCase, ZonePromise, played_at
 from engine.table.entry_group import write_entries
 from engine.table.file import TableWriter, Variable
-from engine.table.table import Table, TableError
-from engine.touch.finger_tracker import state_index
+from engine.touch import state_index
 from tests.engine.made_entries import entry_of, states_of
 
 TEXT = (Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml").read_text(encoding="utf-8")
-DEVICE = parse_device(TEXT, "reference-a.toml")
+DEVICE = Device.parse(TEXT, "reference-a.toml")
 CODE = "c0de"
 SWEEP = ("pair", "frequency_1", "amplitude_1", "amplitude_2", "zone", "frequency_2")
 SHAPE = (2, 4, 3, 3, 5, 4)
@@ -325,7 +324,7 @@ def test_a_missing_part_is_refused(whole: Path, tmp_path: Path, name: str) -> No
 
 
 def test_the_table_of_another_device_is_stale(whole: Path) -> None:
-    other = parse_device(TEXT.replace('stiffness = "18.9 kN/m"', 'stiffness = "19 kN/m"'), "other.toml")
+    other = Device.parse(TEXT.replace('stiffness = "18.9 kN/m"', 'stiffness = "19 kN/m"'), "other.toml")
     assert "is stale: it was built for another state of 'reference-a'" in refusal(whole, other)
 
 

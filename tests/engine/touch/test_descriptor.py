@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.touch.descriptor import DescriptorError, SurfaceKind, read_surfaces
+from engine.touch import DescriptorError
+from engine.touch.descriptor import SurfaceKind, read_surfaces
 from engine.touch.sources.recording import read_recording
 from tests.engine.shared_recordings import recording_params
 from tests.engine.touch.descriptors import (

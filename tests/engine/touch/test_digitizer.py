@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.touch.descriptor import DescriptorError, SurfaceKind
-from engine.touch.digitizer import Contact, Digitizer, DigitizerError, TouchFrame, open_digitizer
+from engine.touch import Contact, DescriptorError, Digitizer, DigitizerError, TouchFrame, open_digitizer
+from engine.touch.descriptor import SurfaceKind
 from engine.touch.sources.recording import Recording, read_recording
 from tests.engine.shared_recordings import RECORDINGS, recording_params
 from tests.engine.touch.descriptors import (

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.device.device import Device, TouchAxis, Zone
+from engine.device import Device, TouchAxis, Zone
+from engine.touch import Contact, FingerTracker, Touch, TouchFrame, TouchPosition, ZoneState, state_index
 from engine.touch.descriptor import read_surfaces
-from engine.touch.digitizer import Contact, TouchFrame
-from engine.touch.finger_tracker import Touch, TouchPosition, ZoneEdges, ZoneState, ZoneTracker, state_index
+from engine.touch.finger_tracker import ZoneEdges
 from tests.engine.touch.descriptors import application, finger
 
 REFERENCE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
@@ -101,7 +101,7 @@ def test_a_touch_area_beyond_the_bar_keeps_its_scale_and_ends_with_the_bar(flip:
     values = [LAST - value if flip else value for value in (0, 50, 100, 450, 800, 900, LAST)]
     fractions_of_bar = [position.position_m(at(value)) / LENGTH_M for value in values]
     assert fractions_of_bar == pytest.approx([0, 0, 0, 0.5, 1, 1, 1], abs=1e-12)
-    tracker = ZoneTracker(with_axis(touch_axis), SURFACE)
+    tracker = FingerTracker(with_axis(touch_axis), SURFACE)
     touches = tracker.track(frame_of(at(values[0], 1), at(values[-1], 2)))
     assert [touch.zone for touch in touches] == [0, 4]
 
@@ -143,7 +143,7 @@ def test_a_contact_that_trembles_less_than_the_hysteresis_never_flickers(
 @given(zoned_devices(), st.lists(fractions, max_size=5))
 def test_without_a_past_a_touch_is_where_its_contact_is(device: Device, places: list[float]) -> None:
     contacts = [at(round(LAST * place), i) for i, place in enumerate(places)]
-    tracker, position, edges = ZoneTracker(device, SURFACE), TouchPosition(device, SURFACE), ZoneEdges(device)
+    tracker, position, edges = FingerTracker(device, SURFACE), TouchPosition(device, SURFACE), ZoneEdges(device)
     places_m = [position.position_m(contact) for contact in contacts]
     touches = [Touch(i, place_m, edges.zone_at(place_m)) for i, place_m in enumerate(places_m)]
     assert tracker.track(frame_of(*contacts)) == touches
@@ -157,7 +157,7 @@ def test_every_state_has_an_index_of_its_own(states: list[ZoneState], data: st.D
 
 
 def test_hysteresis_is_per_contact_and_ends_with_the_touch() -> None:
-    tracker = ZoneTracker(REFERENCE, SURFACE)
+    tracker = FingerTracker(REFERENCE, SURFACE)
     past_edge = 202  # zone I stops at 200; the hysteresis of 2 mm is 7.2 units
 
     def zones(*contacts: Contact) -> list[int | None]:
@@ -171,7 +171,7 @@ def test_hysteresis_is_per_contact_and_ends_with_the_touch() -> None:
 
 
 def test_a_hovering_finger_touches_nothing_and_forgets_its_zone() -> None:
-    tracker = ZoneTracker(REFERENCE, SURFACE)
+    tracker = FingerTracker(REFERENCE, SURFACE)
     tracker.track(frame_of(at(195)))
     assert tracker.track(frame_of(at(195, tip=False))) == []
     assert [touch.zone for touch in tracker.track(frame_of(at(202)))] == [1]
@@ -179,7 +179,7 @@ def test_a_hovering_finger_touches_nothing_and_forgets_its_zone() -> None:
 
 def test_a_finger_in_a_gap_is_seen_but_belongs_to_no_zone() -> None:
     device = replace(REFERENCE, zones=(Zone("I", 0.0, 0.1), Zone("II", 0.2, LENGTH_M)))
-    tracker = ZoneTracker(device, SURFACE)
+    tracker = FingerTracker(device, SURFACE)
     (touch,) = tracker.track(frame_of(at(round(LAST * 0.15 / LENGTH_M))))
     assert touch.zone is None
     assert touch.position_m == pytest.approx(0.15, abs=LENGTH_M / LAST)

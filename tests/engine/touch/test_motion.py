@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.touch.digitizer import Contact, TouchFrame, open_digitizer
+from engine.touch import Contact, TouchFrame, open_digitizer
 from engine.touch.motion import FingerMotion
 from tactable.rig.virtual_digitizer import DESCRIPTOR, X_MAXIMUM
 from tactable.shipped import find_device

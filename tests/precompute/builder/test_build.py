@@ -13,11 +13,10 @@ import pytest
 import xarray as xr
 from numpy.typing import NDArray
 
-from engine.device.device import Device
-from engine.device.file import parse_device
+from engine.device import Device
+from engine.table import Table, TableError
 from engine.table.entry import DEFAULT_LEVEL_DB
-from engine.table.table import Table, TableError
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 from precompute.builder.build import build_table, code_fingerprint
 from precompute.entries.solver import solve_entries
 from precompute.model.assembly import assemble
@@ -43,9 +42,9 @@ full_scale = "0.8 µm"
 band = ["100 Hz", "240 Hz"]
 """
 DEVICES = {
-    "two": parse_device(SMALL, "two"),
-    "three": parse_device(SMALL.replace("\n[zones]", f"{THIRD}\n[zones]"), "three"),
-    "one": parse_device(SMALL[: SMALL.rindex("[[actuator]]")] + SMALL[SMALL.index("[zones]") :], "one"),
+    "two": Device.parse(SMALL, "two"),
+    "three": Device.parse(SMALL.replace("\n[zones]", f"{THIRD}\n[zones]"), "three"),
+    "one": Device.parse(SMALL[: SMALL.rindex("[[actuator]]")] + SMALL[SMALL.index("[zones]") :], "one"),
 }
 GROUPS = {"responses", "sweep", "coherent_sweep", "entries"}
 
@@ -250,7 +249,7 @@ def test_ctrl_c_of_a_build_leaves_nothing_behind(folder: Path, tmp_path: Path, a
     older.write_bytes((folder / "three.nc").read_bytes())
     (tmp_path / "device.toml").write_text(TEXT.replace('step = "1 Hz"', 'step = "2 Hz"'), encoding="utf-8")
     script = (
-        "import sys; from pathlib import Path; from engine.device.device import Device\n"
+        "import sys; from pathlib import Path; from engine.device import Device\n"
         "from precompute.builder.build import build_table\n"
         "build_table(Device.read(Path('device.toml')), Path('table.nc'), created='', clicks_up_to=0,\n"
         "            memory_budget_bytes=1,\n"

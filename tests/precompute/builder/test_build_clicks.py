@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 import xarray
 
-from engine.device.device import Device
-from engine.device.file import parse_device
-from engine.table.click import ClickEntry
-from engine.table.table import Table
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.table import ClickEntry, Table
+from engine.touch import ZoneState
 from precompute.builder.build import build_table
 from precompute.clicks.basis import LOOK_RATE_HZ
 from precompute.clicks.options import ClickOptions
@@ -20,7 +18,7 @@ from tests.engine.made_clicks import click_of
 from tests.precompute.builder.test_build import SMALL
 
 CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=4, trimmed=10, judged=20)
-DEVICE = parse_device(SMALL, "bar")
+DEVICE = Device.parse(SMALL, "bar")
 STATES = 19  # 3^3 - 2^3
 
 

@@ -7,17 +7,16 @@ import h5py
 import numpy as np
 import pytest
 
-from engine.device.device import Device
-from engine.device.file import parse_device
+from engine.device import Device
+from engine.table import Table
 from engine.table.history import previous_of
-from engine.table.table import Table
 from precompute.builder.build import build_table, code_fingerprint
 from precompute.builder.incremental import Part, Recipe, is_current, outdated_parts
 from precompute.clicks.options import ClickOptions
 from tests.precompute.builder.test_build import SMALL
 
 CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=2, trimmed=6, judged=10)
-DEVICE = parse_device(SMALL, "bar")
+DEVICE = Device.parse(SMALL, "bar")
 AS_BEFORE = {part: f"{part} as before" for part in ("responses", "entries", "clicks")}
 
 
@@ -64,7 +63,7 @@ CHANGES = {
 def test_a_part_is_computed_again_only_if_what_it_rests_on_has_changed(path: Path, change: str) -> None:
     before, after, kept = CHANGES[change]
     assert before in SMALL
-    device = parse_device(SMALL.replace(before, after), "bar")
+    device = Device.parse(SMALL.replace(before, after), "bar")
     told = build(device, path)
     assert {part for part, step in AS_BEFORE.items() if step in told} == kept
     assert ("sweep" in told) == ("responses" not in kept)
@@ -76,7 +75,7 @@ def test_a_part_is_computed_again_only_if_what_it_rests_on_has_changed(path: Pat
 def test_what_is_taken_over_is_what_would_be_computed(path: Path) -> None:
     text = SMALL.replace('stiffness = "1 kN/m"', 'stiffness = "0.9 kN/m"')
     assert text != SMALL
-    device = parse_device(text, "bar")
+    device = Device.parse(text, "bar")
     told = build(device, path)
     assert AS_BEFORE["responses"] in told
     scratch = path.with_name("scratch.nc")
@@ -115,7 +114,7 @@ def clicks_of(path: Path) -> list[bytes]:
 
 
 def test_clicks_may_be_left_for_later_and_are_marked_until_they_are_made(path: Path) -> None:
-    device = parse_device(SMALL.replace('full_scale = "0.52', 'full_scale = "0.6'), "bar")
+    device = Device.parse(SMALL.replace('full_scale = "0.52', 'full_scale = "0.6'), "bar")
     before, kept = clicks_of(path), path.read_bytes()
     assert AS_BEFORE["clicks"] in build(device, path, clicks_later=True)
     assert clicks_of(path) == before
@@ -131,7 +130,7 @@ def test_clicks_may_be_left_for_later_and_are_marked_until_they_are_made(path: P
 
 
 def test_clicks_of_other_zones_are_not_kept_for_now(path: Path) -> None:
-    device = parse_device(SMALL.replace("count = 3", "count = 2"), "bar")
+    device = Device.parse(SMALL.replace("count = 3", "count = 2"), "bar")
     build(device, path, clicks_later=True)
     assert clicks_of(path) == []
     with Table.open(path, device=device) as table:

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.device.file import parse_device
-from engine.table.table import Table
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.table import Table
+from engine.touch import ZoneState
 from precompute.builder import on_demand
 from precompute.builder.build import build_table
 from precompute.builder.on_demand import entries_on_demand
@@ -38,10 +38,10 @@ def test_beyond_eight_zones_states_of_few_fingers_are_tabulated() -> None:
 
 
 def test_a_state_that_no_table_holds_is_solved_once_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = replace(parse_device(NINE, "nine"), levels_db=(20.0,))
+    device = replace(Device.parse(NINE, "nine"), levels_db=(20.0,))
     monkeypatch.setattr("precompute.entries.solver.MOST_TOUCHED_BEYOND", 1)  # a small table
     text = NINE.replace('levels = ["10 dB", "20 dB", "30 dB"]', 'levels = ["20 dB"]')
-    build_table(parse_device(text, "nine"), tmp_path / "nine.nc", created="2026-01-01", clicks_up_to=0)
+    build_table(Device.parse(text, "nine"), tmp_path / "nine.nc", created="2026-01-01", clicks_up_to=0)
     states = (ZoneState.FELT, ZoneState.QUIET, *(ZoneState.FREE,) * 7)
     with Table.open(tmp_path / "nine.nc") as table:
         solved = entries_on_demand(table, states, tmp_path / "kept")

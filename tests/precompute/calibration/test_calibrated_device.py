@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.device.device import Device, FittedValue, Uncertainty
-from engine.device.file import parse_device
+from engine.device import Device, FittedValue, Uncertainty
 from precompute.calibration.calibrate import calibrate
 from precompute.calibration.calibrated_device import calibrated_text, sample_devices
 from precompute.measurements.parameters import find_parameters
@@ -27,7 +26,7 @@ FITTED = Uncertainty(
 
 def test_the_new_file_has_the_fitted_values_and_nothing_else_changed() -> None:
     found = noisy_calibration()
-    read = parse_device(calibrated_text(found, PROVENANCE), "new.toml")
+    read = Device.parse(calibrated_text(found, PROVENANCE), "new.toml")
     expected = found.device
     for actual, wanted in zip(read.actuators, expected.actuators, strict=True):
         assert actual.stiffness_n_per_m == pytest.approx(wanted.stiffness_n_per_m, rel=1e-9)
@@ -40,7 +39,7 @@ def test_the_new_file_has_the_fitted_values_and_nothing_else_changed() -> None:
 
 def test_the_new_file_says_how_well_the_values_are_known() -> None:
     found = noisy_calibration()
-    uncertainty = parse_device(calibrated_text(found, PROVENANCE), "new.toml").uncertainty
+    uncertainty = Device.parse(calibrated_text(found, PROVENANCE), "new.toml").uncertainty
     assert uncertainty is not None
     assert [value.name for value in uncertainty.fitted] == [p.name for p in found.parameters]
     assert np.array(uncertainty.covariance) == pytest.approx(found.covariance, rel=1e-12)
@@ -53,14 +52,14 @@ def test_comments_stay_and_what_was_fitted_is_no_estimate_any_more() -> None:
     found = calibrate(DEVICE, read_bar(DEVICE, {}, flaws=Flaws(0.01)), ["actuator[1].mass"], starts=1)
     text = calibrated_text(found, PROVENANCE)
     assert "# REF-A: the aluminium touch bar" in text and "# sigma in C = C_A + sigma M + eta K" in text
-    read = parse_device(text, "new.toml")
+    read = Device.parse(text, "new.toml")
     assert set(DEVICE.inferred) - set(read.inferred) == {"actuator[1].mass"}
 
 
 def test_a_calibrated_file_can_be_calibrated_again() -> None:
-    first = parse_device(calibrated_text(noisy_calibration(), PROVENANCE), "first.toml")
+    first = Device.parse(calibrated_text(noisy_calibration(), PROVENANCE), "first.toml")
     found = calibrate(first, noisy_calibration().measurements, ["actuator.full_scale"], starts=1)
-    second = parse_device(calibrated_text(found, PROVENANCE), "second.toml")
+    second = Device.parse(calibrated_text(found, PROVENANCE), "second.toml")
     assert second.uncertainty is not None
     assert [value.name for value in second.uncertainty.fitted] == ["actuator.full_scale"]
 

@@ -1,6 +1,6 @@
 """States and cheap options that the laws of clicks are checked with."""
 
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 from precompute.clicks.options import ClickOptions
 from precompute.entries.prediction import States
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 from precompute.clicks.baselines import BASELINES, energy_contrast, gate, gated_drive, solve_baseline
 from precompute.clicks.basis import LOOK_RATE_HZ, PLAY_RATE_HZ, make_tones
 from precompute.clicks.solver import PEAK, ClickSolver

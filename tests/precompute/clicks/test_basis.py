@@ -7,7 +7,7 @@ import pytest
 import scipy.signal
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.clicks.basis import (
     LOOK_RATE_HZ,
     LOOKS,

@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.device.file import parse_device
-from engine.effects.rules import Effects, Rule, Trigger, click
+from engine.device import Device
+from engine.effects import Effects, Rule, Trigger
+from engine.effects.rules import click
 from engine.render.prepared import render_table
 from engine.render.renderer import DriveCommand
+from engine.table import Table
 from engine.table.burst import NUMBER_OF_SHAPES
-from engine.table.table import Table
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator.synthesis import synthesise
 from firmware_link.protocol.messages import FULL_SCALE_WORD, MAGIC, Arm, Features, HelloRequest, Set, SetFlag
@@ -32,7 +33,7 @@ from tests.firmware_link.virtual_rig import BOOT_ID, BareHost, reference
 from tests.precompute.builder.test_build import SMALL
 
 CHEAP = ClickOptions(lengths_s=(0.02,), quiet_db=0.0, scenarios=4, trimmed=10, judged=20)
-DEVICE = parse_device(SMALL, "bar")
+DEVICE = Device.parse(SMALL, "bar")
 LENGTH_S = 0.03
 """Of what is listened to: the burst and its fade."""
 FULL = Effects((Rule(Trigger.TOUCH, click(np.inf)),))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator.synthesis import synthesise
 from firmware_link.protocol.messages import (

@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from engine.device.device import Device
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.touch import ZoneState
 from precompute.clicks.basis import LOOK_RATE_HZ, LOOKS, PLAY_RATE_HZ, RING_S, make_tones
 from precompute.clicks.design import Designer, fingers_of
 from precompute.clicks.options import ClickOptions

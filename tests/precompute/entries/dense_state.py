@@ -13,8 +13,8 @@ import scipy.sparse
 from numpy.typing import NDArray
 from scipy.linalg.lapack import zgbtrf, zgbtrs
 
-from engine.device.device import Finger
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Finger
+from engine.touch import ZoneState
 from precompute.sampling.fingers import PLACES, Touches
 from tests.precompute.dense_model import DenseModel, Fingers
 

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from tests.precompute.entries.dense_state import DenseState
 
 Array = NDArray[np.float64]

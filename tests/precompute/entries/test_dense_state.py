@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 from precompute.sampling.fingers import sample_touches
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import random_device, shipped

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.entries.forms import Forms, _fill_loaded, compute_forms, compute_loaded
 from precompute.model.assembly import Plant, assemble
 from precompute.model.receptance import Receptance, solve_receptance

@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.device.file import parse_device
-from engine.table.entry import Entry
-from engine.table.table import Table
+from engine.device import Device
+from engine.table import Entry, Table
 from precompute.builder.build import build_table
 from precompute.entries.prediction import MadeFor
 from precompute.entries.solver import EntrySolver, tabulated_states
@@ -65,7 +64,7 @@ def test_it_claims_no_bound(both: list[tuple[Entry, Entry]]) -> None:
 
 
 def test_a_table_says_what_it_is_made_for_and_plays_levels_between_accordingly(tmp_path: Path) -> None:
-    device = parse_device(DEVICE.text, "bar")
+    device = Device.parse(DEVICE.text, "bar")
     build_table(device, tmp_path / "bar.nc", made_for=MadeFor.WORST, clicks_up_to=0)
     with Table.open(tmp_path / "bar.nc") as table:
         assert table.attributes["made_for"] == "worst"

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 from precompute.entries.forms import Forms
 from precompute.entries.objective import (
     FREE_WEIGHT,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.entries.performance import DriveFigures, compute_figures
 from precompute.model.assembly import assemble
 from precompute.sampling.fingers import sample_touches

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.device.device import Device, Finger
+from engine.device import Device, Finger
 from precompute.entries.rise_time import LONGEST_S, STEP_S, WITHIN, compute_rise_model, compute_rise_time
 from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis

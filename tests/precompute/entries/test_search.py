@@ -10,8 +10,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from engine.device.device import Device
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.touch import ZoneState
 from precompute.entries.forms import Forms, compute_forms
 from precompute.entries.objective import OBJECTIVES, Problem, level, localized_factor
 from precompute.entries.search import BEAT_HZ, TIE_DB, Found, Search, Start, search_directions, two_blocks

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.device.device import Device, Zone
-from engine.table.entry import Entry, scaled_to
-from engine.touch.finger_tracker import ZoneState, state_index
+from engine.device import Device, Zone
+from engine.table import Entry
+from engine.table.entry import scaled_to
+from engine.touch import ZoneState, state_index
 from precompute.entries.objective import OBJECTIVES
 from precompute.entries.rise_time import STEP_S, WITHIN
 from precompute.entries.solver import MOST_TOUCHED_BEYOND, EntrySolver, solve_entries, tabulated_states

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.measurements.csv import write_csv
 from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
 from precompute.measurements.types import lay_out

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from engine.device.device import DeviceError
-from engine.device.file import parse_device
+from engine.device import Device, DeviceError
 from precompute.fleet.device_text import with_values
 from precompute.fleet.error import FleetError
 from precompute.fleet.plan import plan_fleet
@@ -141,7 +140,7 @@ def test_values_are_set_and_the_rest_of_the_text_stays() -> None:
         "zones.count": "3",
     }
     changed = with_values(text, values, "bar")
-    device = parse_device(changed, "bar")
+    device = Device.parse(changed, "bar")
     assert [actuator.mass_kg for actuator in device.actuators] == pytest.approx([0.0095, 0.01])
     assert device.bar.thickness_m == pytest.approx(0.8e-3)
     assert (device.name, len(device.zones)) == ("other", 3)
@@ -150,7 +149,7 @@ def test_values_are_set_and_the_rest_of_the_text_stays() -> None:
 
 
 def test_a_value_of_every_actuator_is_set_at_each() -> None:
-    device = parse_device(with_values(small_text(), {"actuator.damping": "0.1 N*s/m"}, "bar"), "bar")
+    device = Device.parse(with_values(small_text(), {"actuator.damping": "0.1 N*s/m"}, "bar"), "bar")
     assert [actuator.damping_n_s_per_m for actuator in device.actuators] == [0.1, 0.1]
 
 
@@ -168,4 +167,4 @@ def test_a_place_that_the_description_has_not_is_refused(key: str) -> None:
 
 def test_an_unknown_key_is_refused_by_the_reader() -> None:
     with pytest.raises(DeviceError, match="thicknes"):
-        parse_device(with_values(small_text(), {"bar.thicknes": "1 mm"}, "bar"), "bar")
+        Device.parse(with_values(small_text(), {"bar.thicknes": "1 mm"}, "bar"), "bar")

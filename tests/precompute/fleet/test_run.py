@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from engine.device.device import Device
-from engine.table.table import Table
+from engine.device import Device
+from engine.table import Table
 from precompute.builder.build import build_table, code_fingerprint
 from precompute.fleet.figures import usual_entries
 from precompute.fleet.plan import plan_fleet

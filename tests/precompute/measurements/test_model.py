@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.device.device import Device, Finger
+from engine.device import Device, Finger
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import find_parameters, known_names
 from precompute.measurements.simulate import even_places

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.measurements.parameters import (
     ParameterError,
     default_names,

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.device.device import Device
-from engine.device.file import parse_device
-from engine.table.table import Table
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.table import Table
+from engine.touch import ZoneState
 from precompute.builder.build import build_table
 from precompute.builder.measured_responses import doubts_of, plant_of
 from precompute.entries.solver import EntrySolver
@@ -29,7 +28,7 @@ from tests.precompute.fleet.small_fleet import small_text
 Array = NDArray[np.float64]
 
 REFERENCE = shipped("reference-a")
-COARSE = parse_device(small_text(), "coarse")
+COARSE = Device.parse(small_text(), "coarse")
 SMALL_HZ = np.arange(60.0, 301.0, 2.0)
 
 

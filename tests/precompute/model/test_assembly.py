@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 
-from engine.device.device import Device, Zone
+from engine.device import Device, Zone
 from precompute.model.assembly import BANDWIDTH, Plant, assemble, build_mesh, dense
 from tests.precompute.devices import bare, every_device, random_device, shipped, unhurried, with_actuators, with_bar
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from engine.device.device import Device, Zone
+from engine.device import Device, Zone
 from precompute.model.assembly import assemble
 from precompute.model.gram import compute_gram
 from precompute.model.response import Response, solve_response

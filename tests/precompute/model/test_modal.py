@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.device.device import Device, Finger
+from engine.device import Device, Finger
 from precompute.model.assembly import assemble
 from precompute.model.modal import ModalModel, compute_basis, compute_modal_model
 from precompute.model.response import solve_response

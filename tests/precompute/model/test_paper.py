@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.model.assembly import Plant, assemble, dense
 from precompute.model.gram import compute_gram
 from precompute.model.response import solve_response

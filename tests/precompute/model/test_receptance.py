@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.model.receptance import Receptance, solve_receptance
 from precompute.sampling.fingers import PLACES, sample_touches

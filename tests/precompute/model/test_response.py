@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.model.assembly import BANDWIDTH, Plant, assemble, dense
 from precompute.model.band_solver import solve_banded
 from precompute.model.gram import compute_gram

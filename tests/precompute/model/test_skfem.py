@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from skfem import Basis, BilinearForm, ElementLineHermite, MeshLine
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.model.assembly import Plant, assemble, dense
 from precompute.model.response import solve_response
 from tests.precompute.devices import every_device

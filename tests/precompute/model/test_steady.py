@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
 from tests.precompute.dense_model import DenseModel

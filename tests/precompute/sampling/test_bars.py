@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.device.device import Device, FittedValue, Uncertainty
-from engine.device.file import parse_device
+from engine.device import Device, FittedValue, Uncertainty
 from precompute.entries.performance import compute_figures
 from precompute.entries.prediction import touched_zones
 from precompute.entries.solver import EntrySolver, tabulated_states
@@ -17,7 +16,7 @@ from precompute.sampling.bars import SampledBars, sample_bars, sampled_words
 from precompute.sampling.fingers import SAMPLES, sample_touches
 from tests.precompute.builder.test_build import SMALL
 
-DEVICE = parse_device(SMALL, "bar")
+DEVICE = Device.parse(SMALL, "bar")
 TOUCHED = (0, 2)
 HZ, AMPLITUDE = np.array([150.0, 173.25]), np.array([1.0, 0.4 - 0.7j])
 STIFFNESS = DEVICE.actuators[0].stiffness_n_per_m

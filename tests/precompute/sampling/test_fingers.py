@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.sampling.fingers import PLACES, SAMPLES, Touches, sample_touches
 from tests.precompute.devices import every_device, mirrored, shipped
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.device.device import Device, FittedValue, Spread, Uncertainty
+from engine.device import Device, FittedValue, Spread, Uncertainty
 from precompute.sampling.plants import Scenarios, sample_scenarios
 from tests.precompute.devices import every_device, mirrored, shipped
 

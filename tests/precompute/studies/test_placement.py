@@ -7,7 +7,7 @@ from math import comb
 import numpy as np
 import pytest
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.sampling.fingers import sample_touches
 from precompute.studies.placement import (
     APART,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
 from precompute.model.resonances import fine_frequencies

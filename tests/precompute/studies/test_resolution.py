@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.entries.untouched import greatest_factors
 from precompute.model.assembly import assemble
 from precompute.studies.placement import even_places, own_places

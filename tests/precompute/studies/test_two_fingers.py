@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.device.device import Device
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.touch import ZoneState
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
 from precompute.sampling.fingers import sample_touches

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.sweep.grid import SAMPLING_ERROR, compute_grid_response, estimate_interpolation_error, zone_points
 from tests.precompute.dense_model import DenseModel

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from engine.device.file import parse_device
-from engine.table.table import Table
+from engine.device import Device
+from engine.table import Table
 from precompute.builder.build import build_table
 from tactable.bench.contrast import run_contrast_bench
 from tactable.bench.entries import draw_states_bench, run_states_bench
@@ -25,7 +25,7 @@ def test_states_are_counted_and_timed(tmp_path: Path) -> None:
 
 def test_contrast_in_time_is_the_contrast_in_frequency(tmp_path: Path) -> None:
     text = (SHIPPED / "reference-a.toml").read_text(encoding="utf-8")
-    device = parse_device(text.replace("count = 5", "count = 2").replace('step = "1 Hz"', 'step = "8 Hz"'), "two zones")
+    device = Device.parse(text.replace("count = 5", "count = 2").replace('step = "1 Hz"', 'step = "8 Hz"'), "two zones")
     build_table(device, tmp_path / "bar.nc", created="2026-01-01", clicks_up_to=0)
     with Table.open(tmp_path / "bar.nc") as table:
         result = run_contrast_bench(table, 10.0)

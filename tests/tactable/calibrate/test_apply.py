@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
-from engine.device.file import parse_device
+from engine.device import Device
+from engine.table import Table
 from engine.table.history import previous_of
-from engine.table.table import Table
 from precompute.builder.build import build_table
 from precompute.builder.incremental import Part, outdated_parts
 from precompute.clicks.options import ClickOptions
@@ -21,7 +21,7 @@ from tests.precompute.builder.test_incremental import arrays
 
 CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=2, trimmed=6, judged=10)
 WISHES: dict[str, Any] = {"objective": "fair share", "clicks_up_to": 1, "click_options": CHEAP}
-DEVICE = parse_device(SMALL, "bar.toml")
+DEVICE = Device.parse(SMALL, "bar.toml")
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_the_table_is_built_for_the_new_bar_as_it_was_built_before(folder: Path)
     done = apply("--json")
     assert done.exit_code == 0, done.output
     said = json.loads(done.stdout)
-    new = parse_device((folder / "new" / "reference-a.toml").read_text(encoding="utf-8"), "new")
+    new = Device.parse((folder / "new" / "reference-a.toml").read_text(encoding="utf-8"), "new")
     assert new.actuators[0].stiffness_n_per_m == pytest.approx(20.5e3, rel=1e-2)
     build_table(new, folder / "scratch.nc", created="by hand", **WISHES)
     one, other = arrays(folder / "bar.nc"), arrays(folder / "scratch.nc")
@@ -127,7 +127,7 @@ def test_a_table_that_cannot_be_made_is_refused_before_anything_is_fitted(
 ) -> None:
     (folder / "bar.nc").unlink()
     if text is not None:
-        build_table(parse_device(text, "other"), folder / "bar.nc", clicks_up_to=0)
+        build_table(Device.parse(text, "other"), folder / "bar.nc", clicks_up_to=0)
     done = apply()
     assert done.exit_code == 1 and message in str(done.exception)
     assert not (folder / "new").exists()

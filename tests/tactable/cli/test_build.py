@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from engine.device.file import parse_device
+from engine.device import Device
+from engine.table import Table
 from engine.table.history import previous_of
-from engine.table.table import Table
 from precompute.builder.build import build_table
 from tests.precompute.builder.test_build import SMALL
 
@@ -26,7 +26,7 @@ def tactable(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 def folder(tmp_path: Path) -> Path:
     """A table in another's place."""
     for text in (SMALL, SOFTER):
-        build_table(parse_device(text, "bar.toml"), tmp_path / "bar.nc", created=str(len(text)), clicks_up_to=0)
+        build_table(Device.parse(text, "bar.toml"), tmp_path / "bar.nc", created=str(len(text)), clicks_up_to=0)
     return tmp_path
 
 
@@ -84,6 +84,6 @@ def test_a_watched_device_is_built_at_each_change_and_a_wrong_one_is_told(tmp_pa
             new.replace(device)
             assert remark in told()
             if not remark:
-                Table.open(tmp_path / "bar.nc", device=parse_device(text, "bar.toml")).close()
+                Table.open(tmp_path / "bar.nc", device=Device.parse(text, "bar.toml")).close()
         process.send_signal(signal.SIGINT)
         assert process.wait() == 0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from engine.table.table import Table
+from engine.table import Table
 from precompute.measurements.csv import write_csv
 from precompute.measurements.types import Kind
 from tactable.cli.main import app

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
-from engine.device.device import Device
+from engine.device import Device
 from tactable.cli.calibrate import EXIT_DOUBTFUL
 from tactable.cli.main import app, main
 

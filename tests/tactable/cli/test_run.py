@@ -16,10 +16,10 @@ import typer
 from typer.testing import CliRunner
 
 from engine.loop.ring import Record, RingReader
+from engine.table import TableError
 from engine.table.entry_group import write_entries
 from engine.table.file import TableWriter
-from engine.table.table import TableError
-from engine.touch.digitizer import DigitizerError
+from engine.touch import DigitizerError
 from engine.touch.sources.recording import RecordingError, read_recording, write_recording
 from firmware_link.emulator.drive_log import Cause
 from firmware_link.emulator.process import EmulatorLog, RunningEmulator, run_emulator

@@ -19,10 +19,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner, Result
 
-from engine.device.file import parse_device
+from engine.device import Device
 from engine.loop.loop import SystemClock
+from engine.touch import DigitizerError, open_digitizer
 from engine.touch.descriptor import Surface
-from engine.touch.digitizer import DigitizerError, open_digitizer
 from engine.touch.sources.hid_discovery import HidSystem, find_digitizers
 from engine.touch.sources.hidraw import open_hidraw
 from engine.touch.sources.playback import Playback
@@ -328,7 +328,7 @@ def test_what_is_printed_is_what_a_device_file_reads(knows_size: bool) -> None:
     text = (device_folder() / "reference-a.toml").read_text().replace("279.4 mm", f"{TOUCH_MM + 40} mm")
     before, _, after = text.partition("[digitizer]")
     rest = after[after.index("\n[") :]
-    axis = parse_device(f"{before}{digitizer_table(learnt)}\n{rest}", "test").touch_axis
+    axis = Device.parse(f"{before}{digitizer_table(learnt)}\n{rest}", "test").touch_axis
     assert (axis.axis, axis.flip) == ("x", True)
     assert axis.start_margin_m == pytest.approx(0.02 if knows_size else 0.0)
     assert map_json(learnt)["table"] == digitizer_table(learnt)

@@ -6,8 +6,9 @@ from math import inf
 import numpy as np
 import pytest
 
-from engine.table.click import ClickEntry, played_at
-from engine.touch.finger_tracker import ZoneState
+from engine.table import ClickEntry
+from engine.table.click import played_at
+from engine.touch import ZoneState
 from precompute.clicks.basis import LOOKS
 from tactable.explain.click_course import Course, compute_course
 from tactable.explain.click_source import ClickSource

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.table.click import ClickEntry
+from engine.table import ClickEntry
 from precompute.clicks.baselines import BASELINES
 from tactable.explain.click_rivals import solve_rivals
 from tactable.explain.click_source import ClickSource

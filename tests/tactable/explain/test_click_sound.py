@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.table.click import ClickEntry, played_at
+from engine.table import ClickEntry
+from engine.table.click import played_at
 from precompute.clicks.basis import LOOK_RATE_HZ, RING_S
 from tactable.explain.click_course import compute_course
 from tactable.explain.click_sound import (

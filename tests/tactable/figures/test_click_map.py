@@ -6,7 +6,7 @@ from itertools import pairwise, product
 
 import pytest
 
-from engine.table.table import TableError
+from engine.table import TableError
 from precompute.clicks.baselines import solve_baseline
 from tactable.explain.click_source import ClickSource
 from tactable.figures.click_map import GATED, plot_click_map

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from engine.table.entry import Entry
-from engine.table.table import Table, TableError
-from engine.touch.finger_tracker import ZoneState
+from engine.table import Entry, Table, TableError
+from engine.touch import ZoneState
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
 from precompute.model.threshold import detection_threshold

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.device.device import Device
+from engine.device import Device
 from precompute.studies.placement import Placement, PlacementSearch, even_places, own_places
 from precompute.studies.resolution import Resolved
 from precompute.studies.two_fingers import TwoFingers

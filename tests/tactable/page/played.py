@@ -4,9 +4,9 @@ from collections.abc import Iterable, Sequence
 
 from engine.loop.ring import Record, RingCounters
 from engine.render.limits import clamp
+from engine.table import Table
 from engine.table.entry import DEFAULT_LEVEL_DB
-from engine.table.table import Table
-from engine.touch.finger_tracker import Touch, ZoneState, state_index
+from engine.touch import Touch, ZoneState, state_index
 from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.protocol.messages import encode_drive
 from tactable.page.live_bar import LiveBar

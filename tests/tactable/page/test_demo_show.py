@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 from engine.touch.sources.pointer import Phase, PointerEvent
 from tactable.page import tables
 from tactable.page.choices import Choice, offered

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.table.table import Table
-from engine.touch.finger_tracker import ZoneState
+from engine.table import Table
+from engine.touch import ZoneState
 from firmware_link.emulator.synthesis import synthesise
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis

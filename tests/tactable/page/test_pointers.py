@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from engine.touch.digitizer import open_digitizer
+from engine.touch import open_digitizer
 from engine.touch.sources.pointer import Phase, PointerEvent, PointerFeed, PointerSource, open_pointer_pipe
 from tactable.page.pointers import MOST_FINGERS, REPEAT_NS, SILENT_NS, Pointers
 

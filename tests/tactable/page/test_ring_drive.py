@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.table.table import Table
-from engine.touch.finger_tracker import ZoneState
+from engine.table import Table
+from engine.touch import ZoneState
 from firmware_link.emulator.drive_log import Cause
 from tactable.page.ring_drive import RingDrive
 from tests.tactable.page.played import RESOLUTION_HZ, record_of

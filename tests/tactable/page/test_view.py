@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.table.table import Table
-from engine.touch.finger_tracker import ZoneState, state_index
+from engine.table import Table
+from engine.touch import ZoneState, state_index
 from tactable.page.live_bar import POINTS, RATE_HZ, LiveBar
 from tactable.page.messages import LOWEST_DB, Drive, Kind, encode_picture
 from tactable.page.ring_drive import RingDrive

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.device.device import Device
-from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, burst
-from engine.table.entry import DEFAULT_LEVEL_DB, Entry
-from engine.table.table import Table
-from engine.touch.finger_tracker import ZoneState
+from engine.device import Device
+from engine.effects import Effect, Effects, Rule, Segment, Trigger
+from engine.effects.rules import burst
+from engine.table import Entry, Table
+from engine.table.entry import DEFAULT_LEVEL_DB
+from engine.touch import ZoneState
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator.drive_log import Cause, DriveEvent
 from precompute.builder.build import build_table

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.device.device import Device
+from engine.device import Device
 from tactable.bench.latency.load import Load
 from tactable.rig.swap_run import FRAME_NS, Segment, measure_changes, touches
 from tests.tactable.run.test_table_watch import DEVICE, write_table

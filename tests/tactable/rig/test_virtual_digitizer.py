@@ -1,6 +1,6 @@
 """The made-up digitizer: what its fingers do is what the engine decodes."""
 
-from engine.touch.digitizer import open_digitizer
+from engine.touch import open_digitizer
 from engine.touch.sources.recording import read_recording
 from tactable.rig.virtual_digitizer import DEMO_STROKES, FRAME_S, X_MAXIMUM, Stroke, make_recording
 from tactable.shipped import DEMO_RECORDING

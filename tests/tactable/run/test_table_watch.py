@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from engine.device.device import Device
-from engine.device.file import parse_device
+from engine.device import Device
 from engine.table.entry_group import write_entries
 from engine.table.file import TableWriter
 from engine.table.history import roll_back
@@ -111,7 +110,7 @@ def test_a_table_that_fails_a_check_is_refused_and_the_run_goes_on(tmp_path: Pat
     damaged.write_bytes(data)
     damaged.replace(run.path)
     assert "is corrupted" in run.say_until("the new table is refused")
-    wide = parse_device(DEVICE.text.replace("count = 5", "count = 4"), "bar.toml")
+    wide = Device.parse(DEVICE.text.replace("count = 5", "count = 4"), "bar.toml")
     write_table(run.path, 130.0, wide)
     assert "has zones I, II, III, IV" in run.say_until("start it again")
     run.path.unlink()

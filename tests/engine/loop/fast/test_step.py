@@ -16,14 +16,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from engine.effects.player import EffectPlayer
-from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, click
+from engine.effects import Effect, EffectPlayer, Effects, Rule, Segment, Trigger
+from engine.effects.rules import click
 from engine.loop.fast.step import FastPath, FastPathError, compile_fast_path
 from engine.loop.fast.table import MOST_CELLS, make_fast_table
 from engine.render.renderer import SILENCE
+from engine.touch import FingerTracker, open_digitizer
 from engine.touch.descriptor import read_surfaces
-from engine.touch.digitizer import open_digitizer
-from engine.touch.finger_tracker import ZoneTracker
 from engine.touch.sources.recording import read_recording
 from tests.engine.loop.fast.virtual_fast_path import Packets
 from tests.engine.loop.test_loop import DEVICE, HELD, Rig, entry_for, held, index_of, recording_of, report
@@ -138,7 +137,7 @@ def test_a_report_that_is_not_the_last_is_left_to_the_loop(library: ctypes.CDLL,
         pairs = [socket.socketpair(socket.AF_UNIX, kind) for _ in range(2)]
         (ours, touch), (device, port) = [[stack.enter_context(end) for end in pair] for pair in pairs]
         digitizer = open_digitizer(rig.recording.descriptor)
-        tracker, player = ZoneTracker(DEVICE, digitizer.surface), EffectPlayer(HELD, len(DEVICE.zones))
+        tracker, player = FingerTracker(DEVICE, digitizer.surface), EffectPlayer(HELD, len(DEVICE.zones))
         source, now_ns = Sockets(touch.fileno()), time.monotonic_ns
         fast = FastPath(library, source, digitizer, player, HELD, now_ns)
         fast.refit(tracker, rig.fast_table)

@@ -6,10 +6,9 @@ import ctypes
 import struct
 from typing import TYPE_CHECKING
 
-from engine.effects.player import EffectPlayer
-from engine.effects.rules import Effects
+from engine.effects import EffectPlayer, Effects
 from engine.loop.fast.step import NONE, FastPath
-from engine.touch.digitizer import Digitizer
+from engine.touch import Digitizer
 from engine.touch.sources.playback import Playback
 
 if TYPE_CHECKING:

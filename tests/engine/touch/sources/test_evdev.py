@@ -13,7 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from engine.touch.digitizer import RELEASE_AFTER_NS, DigitizerError, TouchFrame, open_digitizer
+from engine.touch import DigitizerError, TouchFrame, open_digitizer
+from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources import Source
 from engine.touch.sources.evdev import (
     EvdevSource,

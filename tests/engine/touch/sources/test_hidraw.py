@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from engine.touch.digitizer import Digitizer, DigitizerError, TouchFrame, open_digitizer
+from engine.touch import Digitizer, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.sources import Source
 from engine.touch.sources.hid_discovery import (
     RULE_FILE,

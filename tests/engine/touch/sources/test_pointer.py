@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from engine.touch.digitizer import Contact, DigitizerError, TouchFrame, open_digitizer
+from engine.touch import Contact, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.sources import Source
 from engine.touch.sources.own_reports import MOST_CONTACTS, Axis, ContactReports
 from engine.touch.sources.pointer import RESOLUTION, Phase, PointerEvent, PointerFeed, PointerSource, open_pointer_pipe

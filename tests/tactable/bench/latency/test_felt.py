@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from engine.touch.finger_tracker import ZoneState
+from engine.touch import ZoneState
 from tactable.bench.latency.felt import FeltStart
 from tactable.shipped import find_device
 from tests.engine.made_entries import entry_of, felt_states
