@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 
 from firmware_link.emulator.firmware import FULL_SCALE_PM, DeviceConfiguration, DeviceCounters
 from firmware_link.protocol.errors import LinkError
-from firmware_link.protocol.framing import FramingCounters, Signal
+from firmware_link.protocol.framing import FramingCounters
 from firmware_link.protocol.messages import DeviceState
 
 _NEVER_US = 2**64 - 1
 _TAKE_SIZE = 65_536
-_LENGTH_SIZE = 2
-_u8_p, _i16_p = ctypes.POINTER(ctypes.c_uint8), ctypes.POINTER(ctypes.c_int16)
-_u16_p, _u32_p = ctypes.POINTER(ctypes.c_uint16), ctypes.POINTER(ctypes.c_uint32)
+_i16_p, _u16_p, _u32_p = (ctypes.POINTER(kind) for kind in (ctypes.c_int16, ctypes.c_uint16, ctypes.c_uint32))
 # As host/host.h declares them: the options of a device, then the functions, each with its result and its arguments.
 _OPTIONS = (
     "boot_id",
@@ -48,10 +46,6 @@ _SIGNATURES = {
     "host_allows_high_voltage": (ctypes.c_bool, ctypes.c_void_p),
     "host_amplitudes": (None, ctypes.c_void_p, _u16_p, _u16_p),
     "host_counters": (None, ctypes.c_void_p, _u32_p),
-    "host_decoder_open": (ctypes.c_void_p, ctypes.c_uint8),
-    "host_decoder_close": (None, ctypes.c_void_p),
-    "host_decoder_receive": (ctypes.c_size_t, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t, _u8_p),
-    "host_decoder_counters": (None, ctypes.c_void_p, _u32_p),
 }
 
 
@@ -155,42 +149,5 @@ class CompiledFirmware:
         return sent
 
 
-class CompiledDecoder:
-    """The C core's frame decoder by itself."""
-
-    def __init__(self, library: ctypes.CDLL, number_of_actuators: int) -> None:
-        self._library = library
-        self._decoder = library.host_decoder_open(number_of_actuators)
-
-    def close(self) -> None:
-        """Free the decoder; nothing else may be called afterwards."""
-        self._library.host_decoder_close(self._decoder)
-
-    @property
-    def counters(self) -> FramingCounters:
-        """Frames accepted and refused since the decoder was made."""
-        counters = (ctypes.c_uint32 * 5)()
-        self._library.host_decoder_counters(self._decoder, counters)
-        return FramingCounters(*counters)
-
-    def receive(self, data: bytes) -> list[bytes | Signal]:
-        """Bodies with a valid checksum and length, and emergency stops, in the order of the stream."""
-        # An emergency stop is 2 bytes out for 8 in; a body is less than its frame, which came in one piece or more.
-        out = np.empty(3 * len(data) + _TAKE_SIZE, np.uint8)
-        size = self._library.host_decoder_receive(self._decoder, data, len(data), out.ctypes.data_as(_u8_p))
-        return _split(out[:size].tobytes())
-
-
 def _words(values: Sequence[int]) -> "ctypes.Array[ctypes.c_uint32]":
     return (ctypes.c_uint32 * len(values))(*values)
-
-
-def _split(items: bytes) -> list[bytes | Signal]:
-    received: list[bytes | Signal] = []
-    at = 0
-    while at < len(items):
-        length = int.from_bytes(items[at : at + _LENGTH_SIZE], "little")
-        at += _LENGTH_SIZE
-        received.append(items[at : at + length] if length else Signal.EMERGENCY_STOP)
-        at += length
-    return received

@@ -1,4 +1,4 @@
-/* The core as a library of this machine, for tests: a device with virtual time, a frame decoder by itself. */
+/* The core as a shared library of this machine: a device with virtual time, for `tactable emulate --core` and the tests. */
 #ifndef TACTABLE_HOST_H
 #define TACTABLE_HOST_H
 
@@ -50,17 +50,5 @@ void host_amplitudes(const struct host *host, uint16_t *amplitudes, uint16_t *ta
 
 /* applied, stale, refused, trips; then ok, crc, framing, length, overrun. */
 void host_counters(const struct host *host, uint32_t counters[9]);
-
-struct host_decoder;
-
-struct host_decoder *host_decoder_open(uint8_t number_of_actuators);
-void host_decoder_close(struct host_decoder *decoder);
-
-/* Takes bytes; writes each body that was accepted after its length u16, and 0 for an emergency stop. Returns the bytes
- * written; `room` of 3 times the bytes is enough. */
-size_t host_decoder_receive(struct host_decoder *decoder, const uint8_t *bytes, size_t length, uint8_t *out);
-
-/* ok, crc, framing, length, overrun. */
-void host_decoder_counters(const struct host_decoder *decoder, uint32_t counters[5]);
 
 #endif

@@ -11,10 +11,10 @@ import time
 from collections import Counter
 from ctypes import CDLL
 
-from firmware_link.emulator.c_core import CompiledDecoder
 from firmware_link.protocol.framing import FrameDecoder
 from tests.firmware_link.corrupt import ACTUATORS, BATCH, DAMAGES, count_outcomes, make_batch
 from tests.firmware_link.firmware.compiled_core import core_library
+from tests.firmware_link.firmware.compiled_decoder import CompiledDecoder
 
 
 def compare(library: CDLL, count: int, seed: int) -> dict[str, Counter[str]]:

@@ -16,6 +16,7 @@ from firmware_link.emulator.c_core import CompiledFirmware, open_library
 from firmware_link.emulator.firmware import DeviceConfiguration
 
 FIRMWARE = Path(__file__).parents[3] / "firmware_link" / "firmware"
+DECODER = Path(__file__).parent / "c" / "decoder.c"
 LIBRARY = "libtactable_core.so"
 FULL_OUTPUT = 32_767
 US_PER_S = 1_000_000
@@ -24,7 +25,10 @@ US_PER_S = 1_000_000
 def make(folder: Path, *arguments: str) -> str:
     """Run make in the firmware's folder; what it said. Fails the test with that where make fails."""
     done = subprocess.run(
-        ["make", "-C", str(FIRMWARE), f"BUILD={folder}", *arguments], capture_output=True, text=True, check=False
+        ["make", "-C", str(FIRMWARE), f"BUILD={folder}", f"EXTRA={DECODER}", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

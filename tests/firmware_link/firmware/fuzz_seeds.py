@@ -1,4 +1,4 @@
-"""Sessions as files for firmware/host/fuzz.c to begin with.
+"""Sessions as files for c/fuzz.c to begin with.
 
 `python -m tests.firmware_link.firmware.fuzz_seeds FOLDER` writes them.
 """

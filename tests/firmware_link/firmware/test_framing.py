@@ -8,13 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_link.codegen.vectors import FOLDER
-from firmware_link.emulator.c_core import CompiledDecoder, open_library
+from firmware_link.emulator.c_core import open_library
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import DELIMITER, EMERGENCY_STOP, FrameDecoder, encode_frame, encode_message
 from firmware_link.protocol.messages import Features, Hello, encode_body
 from tests.firmware_link.corrupt import DAMAGES
 from tests.firmware_link.firmware.compare_decoders import compare
 from tests.firmware_link.firmware.compiled_core import core_library
+from tests.firmware_link.firmware.compiled_decoder import CompiledDecoder
 from tests.firmware_link.strategies import messages, sequences, unhurried
 
 ACTUATORS = 2

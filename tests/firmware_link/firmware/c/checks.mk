@@ -1,0 +1,20 @@
+# Included by firmware_link/firmware/Makefile, whose variables it uses and whose folder it is relative to.
+.PHONY: fuzz syntax
+
+fuzz: $(BUILD)/fuzz
+
+$(BUILD)/fuzz: $(CORE) $(CHECKS)/fuzz.c $(HEADERS) Makefile
+	@mkdir -p $(BUILD)
+	clang $(WARNINGS) -O1 -g -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=all -Icore $(filter %.c,$^) -o $@
+
+# The shims declare what these boards use of their vendors' libraries: nothing is linked, nothing has run. The fuzzer's
+# source is compiled here too, since few machines have clang.
+syntax:
+	$(ARM)g++ -std=gnu++17 -Wall -Wextra -Wconversion -Werror -mcpu=cortex-m7 -mthumb -fsyntax-only -Icore -Iboards \
+	    -I$(CHECKS)/shim/teensy41 boards/teensy41/board.cpp
+	$(ARM)gcc $(WARNINGS) -mcpu=cortex-m0plus -mthumb -fsyntax-only -Icore -Iboards -I$(CHECKS)/shim/rp2040 \
+	    boards/rp2040/board.c $(PORTED)
+	$(CC) $(WARNINGS) -fsyntax-only -Icore -Iboards -I$(CHECKS)/shim/esp32 boards/esp32/board.c $(PORTED)
+	$(CC) $(WARNINGS) -fsyntax-only -Icore $(CHECKS)/fuzz.c
+
+check: syntax
