@@ -1,7 +1,6 @@
 """The table file: written beside its target and renamed, sealed, and its bytes checked before they are parsed."""
 
 import math
-import os
 import struct
 import zlib
 from collections.abc import Callable, Mapping, Sequence
@@ -15,6 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from engine.files import partial_path
 from engine.table.error import TableError
 from engine.table.history import remove_leftovers, replace_table
 
@@ -54,7 +54,7 @@ class TableWriter:
     def __init__(self, path: Path, check: Callable[[Path], None] | None = None, *, completes: bool = False) -> None:
         self.path = path
         self._check, self._completes = check, completes
-        self._partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+        self._partial = partial_path(path)
         self._checksums: dict[str, int] = {}
 
     def __enter__(self) -> "TableWriter":
@@ -174,12 +174,10 @@ def check_bytes(path: Path, verify: bool) -> bool:
 
 
 def _append_seal(path: Path) -> None:
-    """Close the file with a magic and the CRC-32 of all before it, which HDF5 does not read; then to the disk."""
+    """Close the file with a magic and the CRC-32 of all before it, which HDF5 does not read."""
     checksum = _file_checksum(path, path.stat().st_size)
     with path.open("ab") as file:
         file.write(_SEAL.pack(_SEAL_MAGIC, checksum))
-        file.flush()
-        os.fsync(file.fileno())
 
 
 def _read_seal(path: Path) -> int | None:

@@ -1,10 +1,10 @@
 """The table before this one: kept when a new one takes its place, and put back."""
 
-import contextlib
 import os
 import shutil
 from pathlib import Path
 
+from engine.files import partial_path, remove_partials, rename_durably
 from engine.table.error import TableError
 
 
@@ -31,10 +31,10 @@ def roll_back(path: Path) -> None:
     previous = previous_of(path)
     if not previous.is_file():
         raise TableError(f"{previous}: there is no previous table; `tactable build` keeps one when it replaces another")
-    older = _beside(path, "older")
+    older = partial_path(path, "older")
     _copy(previous, older)
     if path.exists():
-        newer = _beside(path, "newer")
+        newer = partial_path(path, "newer")
         _copy(path, newer)
         _rename(older, path)
         _rename(newer, previous)
@@ -44,21 +44,18 @@ def roll_back(path: Path) -> None:
 
 def remove_leftovers(path: Path) -> None:
     """Remove what killed processes left beside a table."""
-    for leftover in path.parent.glob(f".{path.name}.*.*"):
-        process = leftover.name.removeprefix(f".{path.name}.").split(".")[0]
-        if leftover.suffix in (".partial", ".older", ".newer") and process.isdigit() and not _lives(int(process)):
-            leftover.unlink(missing_ok=True)
+    remove_partials(path, ("partial", "older", "newer"))
 
 
 def _keep_as(path: Path, kept: Path) -> None:
-    newer = _beside(path, "newer")
+    newer = partial_path(path, "newer")
     _copy(path, newer)
     _rename(newer, kept)
 
 
 def _rename(name: Path, path: Path) -> None:
     """Also where both are names of one file already: then the system would leave them both."""
-    name.replace(path)
+    rename_durably(name, path)
     name.unlink(missing_ok=True)
 
 
@@ -69,16 +66,3 @@ def _copy(path: Path, copy: Path) -> None:
         os.link(path, copy)
     except OSError:
         shutil.copyfile(path, copy)
-
-
-def _beside(path: Path, kind: str) -> Path:
-    return path.with_name(f".{path.name}.{os.getpid()}.{kind}")
-
-
-def _lives(process: int) -> bool:
-    with contextlib.suppress(PermissionError):  # somebody else's lives
-        try:
-            os.kill(process, 0)
-        except ProcessLookupError:
-            return False
-    return True

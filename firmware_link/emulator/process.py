@@ -3,7 +3,6 @@
 import argparse
 import contextlib
 import json
-import os
 import secrets
 import select
 import signal
@@ -180,13 +179,6 @@ def _end_process(process: "subprocess.Popen[str]") -> None:
     process.stdout.close()
 
 
-def write_atomically(path: Path, document: dict[str, Any]) -> None:
-    """Write JSON beside its target and rename it: a reader never sees half a file."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_text(json.dumps(document), encoding="utf-8")
-    temporary.replace(path)
-
-
 def main() -> None:
     """Print one JSON line with the port, serve until SIGTERM or the end of standard input, write the log.
 
@@ -216,7 +208,7 @@ def main() -> None:
     if announcement:
         announcement.close()
     if arguments.log is not None:
-        write_atomically(arguments.log, server.log())
+        arguments.log.write_text(json.dumps(server.log()), encoding="utf-8")
 
 
 def _answer(document: dict[str, Any]) -> None:

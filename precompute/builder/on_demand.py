@@ -1,13 +1,13 @@
 """States that no table holds, solved when they are asked for and kept in a folder: bars of many zones, odd levels."""
 
 import json
-import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from threadpoolctl import threadpool_limits
 
+from engine.files import replace_file
 from engine.table import Entry, Table
 from engine.table.entry import EntrySpread, Percentiles, WorstCase, ZonePromise
 from engine.touch import ZoneState, state_index
@@ -36,12 +36,8 @@ def entries_on_demand(table: Table, states: States, folder: Path) -> list[Entry]
     with threadpool_limits(1, "blas"):
         entries = EntrySolver(plant_of(table), objective, made_for).solve(states)
     folder.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{name}.{os.getpid()}.partial")
-    try:
+    with replace_file(path) as partial:
         partial.write_text(json.dumps([asdict(entry) for entry in entries]), encoding="utf-8")
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
     return entries
 
 

@@ -1,11 +1,11 @@
 """Files to a folder that appears whole or not at all, and never in the place of another."""
 
-import os
 import shutil
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
+from engine.files import sync
 from precompute.measurements.error import CalibrationError
 
 
@@ -32,24 +32,14 @@ def write_new_folder(folder: Path, files: Mapping[str, bytes]) -> None:
     partial = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".partial", dir=parent))
     try:
         for name, content in files.items():
-            with (partial / name).open("wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
+            (partial / name).write_bytes(content)
+            sync(partial / name)
         partial.chmod(0o755)  # mkdtemp's is for the owner alone
-        _sync_folder(partial)
+        sync(partial)
         try:
             partial.rename(folder)
         except OSError as error:
             raise FolderError(f"{folder}: is there already and is not overwritten; choose another output") from error
-        _sync_folder(parent)
+        sync(parent)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

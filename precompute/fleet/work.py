@@ -14,8 +14,8 @@ from threadpoolctl import threadpool_limits
 from engine.device import Device, DeviceError
 from engine.device.toml_table import read_text
 from engine.device.values import device_values
+from engine.files import remove_partials, replace_file
 from engine.table import Table, TableError
-from engine.table.history import remove_leftovers
 from precompute.builder.build import build_table, code_fingerprint
 from precompute.fleet.calibrated import calibrate_unit
 from precompute.fleet.device_text import with_values
@@ -23,7 +23,6 @@ from precompute.fleet.error import FleetError
 from precompute.fleet.figures import compute_figures
 from precompute.fleet.transfer import judge_table
 from precompute.fleet.units import Job, Outcome
-from precompute.fleet.whole_file import write_whole
 
 TABLE = "table.nc"
 DEVICE = "device.toml"
@@ -90,9 +89,10 @@ def _run(job: Job, progress: Progress) -> Outcome:
     job.folder.mkdir(parents=True, exist_ok=True)
     (job.folder / OUTCOME).unlink(missing_ok=True)
     for name in (DEVICE, OUTCOME):
-        remove_leftovers(job.folder / name)
+        remove_partials(job.folder / name)
     device, doubts = _prepare(job, progress)
-    write_whole(job.folder / DEVICE, device.text)
+    with replace_file(job.folder / DEVICE) as partial:
+        partial.write_text(device.text, encoding="utf-8")
     table_crc32 = None
     if job.unit.judged is None:
         figures = _build(job, device, progress)
@@ -109,7 +109,8 @@ def _run(job: Job, progress: Progress) -> Outcome:
         figures=figures,
         doubts=doubts,
     )
-    write_whole(job.folder / OUTCOME, outcome.as_json())
+    with replace_file(job.folder / OUTCOME) as partial:
+        partial.write_text(outcome.as_json(), encoding="utf-8")
     return outcome
 
 

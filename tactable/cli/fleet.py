@@ -45,13 +45,13 @@ def fleet(
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON for machines.")] = False,
 ) -> None:
     """Calibrate, build and verify many devices; run again, it goes on where it was. Exit status 3: a unit failed."""
+    from engine.files import replace_file
     from precompute.fleet.error import FleetError
     from precompute.fleet.plan import plan_fleet
     from precompute.fleet.pool import run_here, run_on_processes, run_on_scheduler
     from precompute.fleet.run import run_fleet
     from precompute.fleet.summary import summarise, summary_csv, summary_json
     from precompute.fleet.units import Recipe
-    from precompute.fleet.whole_file import write_whole
     from tactable.cli.calibrate_options import read_option
     from tactable.cli.fleet_page import print_fleet
 
@@ -78,8 +78,9 @@ def fleet(
         )
     summary = summarise(units, outcomes)
     values = summary_json(summary)
-    write_whole(output / f"{SUMMARY}.csv", summary_csv(summary))
-    write_whole(output / f"{SUMMARY}.json", json.dumps(values, indent=1))
+    for ending, text in ((".csv", summary_csv(summary)), (".json", json.dumps(values, indent=1))):
+        with replace_file(output / f"{SUMMARY}{ending}") as partial:
+            partial.write_text(text, encoding="utf-8")
     if as_json:
         print(json.dumps(values, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
     else:

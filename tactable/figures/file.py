@@ -2,15 +2,14 @@
 
 import csv
 import math
-import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
+from engine.files import replace_file
 from firmware_link.protocol.errors import TactableError
 
 if TYPE_CHECKING:  # matplotlib takes half a second, which commands that draw nothing do not pay
@@ -54,27 +53,17 @@ def write_picture(picture: Picture, path: Path) -> None:
     import matplotlib
 
     # 42: letters stay letters, as journals ask.
-    with matplotlib.rc_context({"svg.hashsalt": "tactable", "pdf.fonttype": 42}), _in_place_of(path) as made:
-        picture.figure.savefig(made, dpi=_DOTS_PER_INCH, metadata=dict(_METADATA[path.suffix.lower()]))
+    with matplotlib.rc_context({"svg.hashsalt": "tactable", "pdf.fonttype": 42}), replace_file(path) as made:
+        ending = path.suffix.lower()
+        picture.figure.savefig(made, format=ending[1:], dpi=_DOTS_PER_INCH, metadata=dict(_METADATA[ending]))
 
 
 def write_columns(picture: Picture, path: Path) -> None:
     """Write the data: a header, then a row for each place; what is absent is empty."""
-    with _in_place_of(path) as made, made.open("w", newline="", encoding="utf-8") as file:
+    with replace_file(path) as made, made.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
         rows.writerow(picture.columns)
         rows.writerows([_cell(value) for value in row] for row in zip(*picture.columns.values(), strict=True))
-
-
-@contextmanager
-def _in_place_of(path: Path) -> Iterator[Path]:
-    """Where to write: it takes the file's place once it is whole."""
-    made = path.with_name(f".{os.getpid()}-{path.name}")
-    try:
-        yield made
-        made.replace(path)
-    finally:
-        made.unlink(missing_ok=True)
 
 
 def _cell(value: Any) -> Any:

@@ -11,7 +11,6 @@ import shutil
 import struct
 import subprocess
 import sys
-import tempfile
 import weakref
 import zlib
 from collections.abc import Callable, Sequence
@@ -20,6 +19,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 from engine.effects import EffectPlayer, Effects, Rule, Trigger
 from engine.effects.player import Feeling
+from engine.files import replace_file
 from engine.loop.fast.table import COMMAND, FastTable
 from engine.render.renderer import Command
 from engine.touch import Digitizer, FingerTracker
@@ -109,13 +109,11 @@ def _compile(path: Path) -> None:
     if compiler is None:
         raise FastPathError("no C compiler: install one (gcc) and commands leave some 20 us sooner")
     path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        made = Path(folder) / path.name
+    with replace_file(path) as made:
         command = [compiler, *_FLAGS, "-o", str(made), str(SOURCE), "-lm"]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             raise FastPathError(f"{compiler} does not compile {SOURCE.name}: {done.stderr.strip()[-500:]}")
-        made.replace(path)
 
 
 class FastPath:

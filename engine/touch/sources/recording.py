@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from engine.files import replace_file
 from firmware_link.protocol.errors import TactableError
 
 _EVENT_TIME = re.compile(r"[0-9]{1,12}\.[0-9]{6}")
@@ -76,12 +77,8 @@ def write_recording(recording: Recording, path: Path) -> None:
         f"I: {recording.bus:x} {recording.vendor_id:04x} {recording.product_id:04x}",
         *(f"E: {report.time_s:013.6f} {_sized(report.data)}" for report in recording.reports),
     ]
-    beside = path.with_name(f"{path.name}.part")
-    try:
-        beside.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
+    with replace_file(path) as partial:
+        partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _sized(data: bytes) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.device import DeviceError
+from engine.files import rename_durably
 from engine.table import TableError
 from precompute.builder.build import build_table
 from precompute.parallel.cores import available_cores
@@ -53,7 +54,7 @@ def build(order: BuildOrder) -> None:
             progress=lambda step, fraction: _say({"step": step, "fraction": fraction}),
         )
         if clicks_up_to == stages[-1]:
-            order.early_path.replace(order.path)
+            rename_durably(order.early_path, order.path)
             _say({"usable": str(order.path)})
         else:
             _say({"usable": str(order.early_path)})
