@@ -24,7 +24,7 @@ class Forms:
 
     level (finger): power of the acceleration under the standard finger over the detection threshold; expected
     (finger): the same, averaged over the sampled touches; energy (zone) and total: Gram matrices with the standard
-    fingers on the bar; density (zone): mean over the zone of the power over the threshold; untouched_energy (zone) and
+    fingers on the bar; bar_mean: power over the threshold, averaged along the bar; untouched_energy (zone) and
     untouched_total: Gram matrices without fingers. in_band (frequency, actuator).
     """
 
@@ -34,7 +34,7 @@ class Forms:
     expected: Complex
     energy: Complex
     total: Complex
-    density: Complex
+    bar_mean: Complex
     untouched_energy: Complex
     untouched_total: Complex
     in_band: NDArray[np.bool_]
@@ -49,9 +49,7 @@ def compute_forms(receptance: Receptance, touched: Sequence[int]) -> Forms:
     weight = (omega**2 / detection_threshold(receptance.frequency_hz)) ** 2
     standard, sampled = loaded[:, 0], loaded[:, 1:]
     energy, total = _loaded_gram(receptance, zones, standard)
-    length_m = np.array([zone.length_m for zone in device.zones])
     actuators = len(device.actuators)
-    density = energy * (weight / omega**2)[None, :, None, None] / length_m[:, None, None, None]
     bands = np.array([actuator.band_hz for actuator in device.actuators])
     slack = 1e-9 * receptance.frequency_hz[:, None]
     return Forms(
@@ -61,7 +59,7 @@ def compute_forms(receptance: Receptance, touched: Sequence[int]) -> Forms:
         expected=_mean_power(sampled) * weight[None, :, None, None],
         energy=energy,
         total=total,
-        density=density,
+        bar_mean=total * (weight / omega**2)[:, None, None] / device.bar.length_m,
         untouched_energy=np.ascontiguousarray(receptance.zone_gram[:, :, :actuators, :actuators].transpose(1, 0, 2, 3)),
         untouched_total=receptance.total_gram[:, :actuators, :actuators],
         in_band=(receptance.frequency_hz[:, None] >= bands[:, 0] - slack)

@@ -11,8 +11,12 @@ from precompute.entries.forms import Forms
 
 Complex = NDArray[np.complex128]
 
-FREE_WEIGHT = 1e-3
-"""What the mean power in the free zones counts against that under a quiet finger: 30 dB less."""
+QUIET_FLOOR = 1e-3
+"""Standard contrast only: a quiet finger counts at least this fraction (-30 dB) of the bar's mean power.
+
+Two actuators can silence one finger exactly, so without a floor the ratio has no greatest value. The averages of
+`contrast` need none: no drive silences 32 different fingers at once.
+"""
 
 
 @dataclass(frozen=True)
@@ -67,16 +71,16 @@ class Problem:
 
 
 def contrast(forms: Forms, states: Sequence[ZoneState]) -> Problem:
-    """Weakest felt over strongest quiet finger, powers averaged over the fingers there may be.
+    """Weakest felt over strongest quiet finger, each power averaged over the sampled fingers.
 
-    Free zones count FREE_WEIGHT. With nothing quiet: the localized factor.
+    With nothing quiet it is the localized factor.
     """
     return _contrast("contrast", forms, states, forms.expected)
 
 
 def standard_contrast(forms: Forms, states: Sequence[ZoneState]) -> Problem:
-    """The same for the standard finger at the middle of its zone alone: as if nothing about a finger were unknown."""
-    return _contrast("standard contrast", forms, states, forms.level)
+    """The same for the standard finger at the middle of its zone alone, QUIET_FLOOR added to every quiet power."""
+    return _contrast("standard contrast", forms, states, forms.level, QUIET_FLOOR * forms.bar_mean)
 
 
 def localized_factor(forms: Forms, states: Sequence[ZoneState]) -> Problem:
@@ -120,13 +124,13 @@ OBJECTIVES: dict[str, Callable[[Forms, Sequence[ZoneState]], Problem]] = {
 """What a table can be built for. All but the paper's stand above the level and have the fingers in the plant."""
 
 
-def _contrast(name: str, forms: Forms, states: Sequence[ZoneState], power: Complex) -> Problem:
+def _contrast(
+    name: str, forms: Forms, states: Sequence[ZoneState], power: Complex, floor: Complex | float = 0.0
+) -> Problem:
     felt, quiet = (_fingers(forms, states, state) for state in (ZoneState.FELT, ZoneState.QUIET))
     if not quiet:
         return localized_factor(forms, states)
-    free = [zone for zone, state in enumerate(states) if state is ZoneState.FREE]
-    spill = FREE_WEIGHT * forms.density[free].mean(axis=0) if free else 0.0
-    return _problem(name, forms, states, power[felt], power[quiet] + spill, is_share=False)
+    return _problem(name, forms, states, power[felt], power[quiet] + floor, is_share=False)
 
 
 def _fingers(forms: Forms, states: Sequence[ZoneState], state: ZoneState) -> list[int]:

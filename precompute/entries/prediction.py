@@ -129,6 +129,18 @@ def make_entry(device: Device, choice: Choice, wanted_level_db: float, made_for:
     )
 
 
+def objective_value(entry: Entry) -> float | None:
+    """What the drive reaches of its objective, in the unit of the bound (a share, or dB); None where none is claimed.
+
+    "contrast" is the expected contrast, "level" the level; "standard contrast" counts its quiet floor.
+    """
+    if np.isinf(entry.upper_bound):
+        return None
+    if entry.objective in SHARES:
+        return float(entry.upper_bound * 10 ** (-entry.optimality_gap_db / 10))
+    return entry.upper_bound - entry.optimality_gap_db
+
+
 def _spread(power: Array, felt: list[int], quiet: list[int], change_db: float) -> EntrySpread:
     level_db = 10 * np.log10(np.maximum(power, 1e-30)) + change_db
     weakest, strongest = level_db[:, felt].min(axis=1), level_db[:, quiet].max(axis=1, initial=-np.inf)

@@ -12,7 +12,7 @@ from engine.device import Device
 from engine.table import Entry, Table
 from engine.table.entry import EntrySpread, ZonePromise
 from precompute.entries.alternatives import Alternative
-from precompute.entries.prediction import SHARES
+from precompute.entries.prediction import SHARES, objective_value
 from precompute.sampling.fingers import SAMPLES
 
 
@@ -30,6 +30,7 @@ def entry_json(table: Table, entry: Entry, alternatives: Sequence[Alternative]) 
         "level_db": entry.level_db,
         "localized_factor": entry.localized_factor,
         "objective": entry.objective,
+        "objective_value": objective_value(entry),
         "upper_bound": _finite(entry.upper_bound),
         "optimality_gap_db": _finite(entry.optimality_gap_db),
         "contrast_db": entry.contrast_db,
@@ -154,10 +155,12 @@ def _wanted_words(entry: Entry) -> str:
 
 
 def _bound_words(entry: Entry) -> str:
-    if math.isinf(entry.upper_bound):
+    value = objective_value(entry)
+    if value is None:
         return "for all but the worst 5 % of the sampled cases: no bound is claimed"
-    bound = f"{entry.upper_bound:.4f}" if entry.objective in SHARES else f"{entry.upper_bound:.2f} dB"
-    return f"no drive passes {bound} ({entry.optimality_gap_db:.2f} dB are open)"
+    digits, unit = (4, "") if entry.objective in SHARES else (2, " dB")
+    reached, bound = f"{value:.{digits}f}{unit}", f"{entry.upper_bound:.{digits}f}{unit}"
+    return f"{reached} reached, no drive passes {bound} ({entry.optimality_gap_db:.2f} dB are open)"
 
 
 def _drive_lines(device: Device, entry: Entry) -> list[str]:

@@ -26,7 +26,6 @@ THRESHOLD_DB = {
     175: 104.4, 200: 103.6, 230: 102.8, 250: 102.3, 300: 105.5,
 }  # fmt: skip
 """PHYSICS.md section 3.5: peak acceleration in dB re 1e-6 m/s^2 by frequency in Hz."""
-FREE_WEIGHT = 1e-3
 _OFFSETS = (3, 2, 1, 0, -1, -2, -3)
 
 
@@ -84,8 +83,6 @@ class DenseState:
         parts = [self.bare.square_integral(zone.start_m, zone.stop_m) for zone in zones]
         self._total = self.bare.square_integral(0.0, self.bare.device.bar.length_m)
         self._energy = sum((parts[zone] for zone in self.zones_of(ZoneState.FELT)), 0 * self._total)
-        free = self.zones_of(ZoneState.FREE)
-        self._density = sum((parts[zone] / zones[zone].length_m for zone in free), 0 * self._total) / max(len(free), 1)
         numerators = 1 if not self.quiet and not self.loudest else len(self.felt)
         denominators = 0 if self.loudest else len(self.quiet) or 1
         self.numerators = slice(0, numerators)
@@ -130,9 +127,7 @@ class DenseState:
             energies = [_integrated(standard, matrix) for matrix in (self._energy, self._total)]
             ratio = _weighted(np.stack(energies, axis=1), frequency_hz**2, 2 / frequency_hz)
             return np.concatenate([ratio, level], axis=1)
-        spill = _weighted(_integrated(standard, self._density)[:, None], *self._weight(frequency_hz))
-        denominators = expected[:, self.quiet] + FREE_WEIGHT * spill
-        return np.concatenate([expected[:, self.felt], denominators, level], axis=1)
+        return np.concatenate([expected[:, self.felt], expected[:, self.quiet], level], axis=1)
 
     def _weight(self, frequency_hz: float) -> tuple[float, float]:
         """Power over threshold of a displacement squared, and the slope of its logarithm per hertz."""

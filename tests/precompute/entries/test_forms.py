@@ -102,8 +102,13 @@ def test_the_kernel_solves_one_plus_receptance_times_stiffness(
 
 def stacks_of(forms: Forms) -> dict[str, Complex]:
     """Every set of forms, (form, frequency, actuator, actuator)."""
-    named = {name: getattr(forms, name) for name in ("level", "expected", "energy", "density", "untouched_energy")}
-    return {**named, "total": forms.total[None], "untouched_total": forms.untouched_total[None]}
+    named = {name: getattr(forms, name) for name in ("level", "expected", "energy", "untouched_energy")}
+    return {
+        **named,
+        "total": forms.total[None],
+        "bar_mean": forms.bar_mean[None],
+        "untouched_total": forms.untouched_total[None],
+    }
 
 
 @any_device
@@ -143,7 +148,9 @@ def assert_forms(found: Complex, expected: Complex, relative: float) -> None:
 
 @any_device
 @touched_sets
-def test_energies_and_densities_are_those_of_the_dense_model(device: Device, touched: tuple[int, ...]) -> None:
+def test_energies_and_the_mean_power_of_the_bar_are_those_of_the_dense_model(
+    device: Device, touched: tuple[int, ...]
+) -> None:
     forms, fingers = forms_of(device, touched), fingers_of(sample_touches(device), 0, touched)
     model = DenseModel(device, fingers)
     velocity = model.unit_field(FREQUENCY_HZ) / (2 * np.pi * FREQUENCY_HZ[:, None, None])
@@ -153,9 +160,10 @@ def test_energies_and_densities_are_those_of_the_dense_model(device: Device, tou
         part = model.square_integral(zone.start_m, zone.stop_m)
         energy = velocity.conj().swapaxes(1, 2) @ part @ velocity
         assert_forms(forms.energy[z], energy, 1e-6)
-        # Mean over the zone of |y|^2 with y = v / omega, as a power over threshold.
-        weight = np.array([unit_weight(hz) / (2 * np.pi * hz) ** 2 for hz in FREQUENCY_HZ])[:, None, None]
-        assert_forms(forms.density[z], energy * weight / zone.length_m, 1e-6)
+    # Mean over the bar of |y|^2 with y = v / omega, as a power over threshold.
+    weight = np.array([unit_weight(hz) / (2 * np.pi * hz) ** 2 for hz in FREQUENCY_HZ])[:, None, None]
+    total = velocity.conj().swapaxes(1, 2) @ whole @ velocity
+    assert_forms(forms.bar_mean, total * weight / device.bar.length_m, 1e-6)
 
 
 @any_device

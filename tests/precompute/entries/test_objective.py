@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 from engine.touch import ZoneState
 from precompute.entries.forms import Forms
 from precompute.entries.objective import (
-    FREE_WEIGHT,
     OBJECTIVES,
+    QUIET_FLOOR,
     Problem,
     contrast,
     fair_share,
     level,
     localized_factor,
     paper,
+    standard_contrast,
 )
 from tests.precompute.entries.problems import random_drives, random_forms, random_problem, ratios
 
@@ -49,7 +50,7 @@ def random_state_forms(seed: int, actuators: int, states: States) -> Forms:
         expected=random_forms(random, len(touched), FREQUENCIES, actuators),
         energy=energy,
         total=1.3 * energy.sum(axis=0),
-        density=random_forms(random, ZONES, FREQUENCIES, actuators),
+        bar_mean=random_forms(random, 1, FREQUENCIES, actuators)[0],
         untouched_energy=untouched,
         untouched_total=1.2 * untouched.sum(axis=0),
         in_band=np.ones((FREQUENCIES, actuators), dtype=bool),
@@ -84,16 +85,18 @@ def some_drive(seed: int, actuators: int) -> Complex:
 
 @few
 @given(seeds, actuator_counts, states_with(QUIET))
-def test_contrast_is_weakest_felt_over_strongest_quiet_finger_and_what_spills_into_free_zones(
+def test_contrast_is_the_weakest_felt_over_the_strongest_quiet_finger(
     seed: int, actuators: int, states: States
 ) -> None:
     forms, drive = random_state_forms(seed, actuators, states), some_drive(seed, actuators)
     expected = coherent_powers(forms.expected, 2, drive)
-    free = coherent_powers(forms.density, 2, drive)[zones(states, FREE)]
-    spill = FREE_WEIGHT * free.mean() if len(free) else 0.0
-    wanted = expected[fingers(forms, states, FELT)].min() / (expected[fingers(forms, states, QUIET)].max() + spill)
+    wanted = expected[fingers(forms, states, FELT)].min() / expected[fingers(forms, states, QUIET)].max()
     ratio, loud = judged(contrast(forms, states), 2, drive)
     assert ratio == pytest.approx(wanted)
+    standard = coherent_powers(forms.level, 2, drive)
+    floor = QUIET_FLOOR * coherent_powers(forms.bar_mean[None], 2, drive)[0]
+    wanted = standard[fingers(forms, states, FELT)].min() / (standard[fingers(forms, states, QUIET)].max() + floor)
+    assert judged(standard_contrast(forms, states), 2, drive)[0] == pytest.approx(wanted)
     assert loud == pytest.approx(coherent_powers(forms.level, 2, drive)[fingers(forms, states, FELT)].min())
 
 
