@@ -71,6 +71,7 @@ def read_bar(part: DeviceTable) -> Bar:
         mass_damping_per_s=part.quantity("mass_damping", "1/s"),
         stiffness_damping_s=part.quantity("stiffness_damping", "s"),
         largest_element_m=part.quantity("largest_element", "m", least=length_m / 2000, default="5 mm"),
+        damping_of="bar" if part.word("damping_of", ("bar", "assembly"), "bar") == "bar" else "assembly",
     )
 
 

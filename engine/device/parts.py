@@ -15,7 +15,10 @@ class DeviceError(TactableError, ValueError):
 
 @dataclass(frozen=True)
 class Bar:
-    """A uniform Euler-Bernoulli bar with material damping C_M = sigma M + eta K (paper eq. (2))."""
+    """A uniform Euler-Bernoulli bar with the damping sigma M + eta K (paper eq. (2)).
+
+    `damping_of` says whose M and K: those of the bar alone, or of the assembly with the actuators' springs and masses.
+    """
 
     length_m: float
     width_m: float
@@ -25,6 +28,7 @@ class Bar:
     mass_damping_per_s: float
     stiffness_damping_s: float
     largest_element_m: float
+    damping_of: Literal["bar", "assembly"] = "bar"
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from engine.device import Device, Finger
 from precompute.measurements.parameters import Parameter, with_values
 from precompute.measurements.types import Kind, Measurements
-from precompute.model.assembly import BANDWIDTH, Plant, assemble
+from precompute.model.assembly import BANDWIDTH, Plant, add_actuators, assemble
 from precompute.model.response import solve_response
 
 Array = NDArray[np.float64]
@@ -99,12 +99,7 @@ class MeasurementModel:
         free, bar, was = self._free, device.bar, self._device.bar
         K = free.K * (bar.youngs_modulus_pa / was.youngs_modulus_pa)
         M = free.M * (bar.density_kg_per_m3 / was.density_kg_per_m3)
-        C = bar.mass_damping_per_s * M + bar.stiffness_damping_s * K
-        for actuator, dof in zip(device.actuators, free.actuator_dof, strict=True):
-            K[-1, dof] += actuator.stiffness_n_per_m
-            C[-1, dof] += actuator.damping_n_s_per_m
-            M[-1, dof] += actuator.mass_kg
-        return Plant(device, free.node_m, K, C, M)
+        return add_actuators(device, free.node_m, K, M)
 
     def _sensor_kg(self, values: Array) -> Array:
         """Shape (row,): a fitted mass is that of every sensor that weighs anything."""
@@ -162,28 +157,30 @@ class MeasurementModel:
         at, field = loaded.adjoint[:, plant.actuator_dof], loaded.field[:, plant.actuator_dof]
         base_m = drive * np.array([actuator.full_scale_m for actuator in device.actuators])
         stretch = at * (base_m - field)
-        k, c = np.array([(a.stiffness_n_per_m, a.damping_n_s_per_m) for a in device.actuators]).T
+        k, c, m = np.array([(a.stiffness_n_per_m, a.damping_n_s_per_m, a.mass_kg) for a in device.actuators]).T
         bent = -(loaded.adjoint * _times(self._free.K, loaded.field)).sum(axis=1) / self._device.bar.youngs_modulus_pa
         moved = -(loaded.adjoint * _times(self._free.M, loaded.field)).sum(axis=1) / self._device.bar.density_kg_per_m3
         E, rho = device.bar.youngs_modulus_pa, device.bar.density_kg_per_m3
         sigma, eta = device.bar.mass_damping_per_s, device.bar.stiffness_damping_s
+        # damping_of "assembly": sigma and eta also damp the actuators' masses and springs.
+        damped = -jw[:, None] * at * field * (device.bar.damping_of == "assembly")
         row, push = tones.row[chosen], -loaded.at_place.prod(axis=-1)
         sensor, finger = push[:, _SENSOR] * (self._sensor_mass_kg[row] > 0), push[:, -1] * self._has_finger[row]
         single = {
             ("bar", "youngs_modulus"): (1 + jw * eta) * bent,
             ("bar", "density"): (jw**2 + jw * sigma) * moved,
-            ("bar", "mass_damping"): jw * rho * moved,
-            ("bar", "stiffness_damping"): jw * E * bent,
+            ("bar", "mass_damping"): jw * rho * moved + damped @ m,
+            ("bar", "stiffness_damping"): jw * E * bent + damped @ k,
             ("finger", "stiffness"): finger,
             ("finger", "damping"): jw * finger,
             ("finger", "mass"): jw**2 * finger,
             ("sensor", "mass"): jw**2 * sensor,
         }
         own = {
-            "stiffness": stretch,
+            "stiffness": stretch + eta * damped,
             "damping": jw[:, None] * stretch,
             "full_scale": at * (k + jw[:, None] * c) * drive,
-            "mass": -(jw**2)[:, None] * at * field,
+            "mass": -(jw**2)[:, None] * at * field + sigma * damped,
         }
         slopes = [
             own[p.key][:, list(p.actuators)].sum(axis=1) if p.part == "actuator" else single[p.part, p.key]

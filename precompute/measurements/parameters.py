@@ -225,7 +225,7 @@ def _read(device: Device, part: str, key: str, actuators: tuple[int, ...]) -> fl
 
 def with_values(device: Device, parameters: Sequence[Parameter], values: Array) -> Device:
     """The device with these values (parameter,) in SI; a sensor is no part of it and is passed over."""
-    parts: dict[str, dict[str, float]] = {"bar": {}, "finger": {}}
+    parts: dict[str, dict[str, Any]] = {"bar": {}, "finger": {}}
     actuators: list[dict[str, Any]] = [{} for _ in device.actuators]
     for parameter, value in zip(parameters, values.tolist(), strict=True):
         field = parameter.quantity.field

@@ -124,11 +124,7 @@ def build_mesh(device: Device, extra_m: Sequence[float] = ()) -> Array:
 
 
 def assemble(device: Device, extra_m: Sequence[float] = ()) -> Plant:
-    """The plant of the untouched bar, C = C_A + sigma M + eta K (paper eqs. (2), (3)).
-
-    Sigma and eta are the bar's material damping, so M and K there are the bar's own, without bolts and springs:
-    eta times an actuator's spring would be 20 times the damper that was measured for it.
-    """
+    """The plant of the untouched bar: the mesh, and its elements and actuators assembled."""
     bar = device.bar
     node_m = build_mesh(device, extra_m)
     size = 2 * len(node_m)
@@ -138,12 +134,22 @@ def assemble(device: Device, extra_m: Sequence[float] = ()) -> Plant:
     for i, length_m in enumerate(np.diff(node_m)):
         _add(K, 2 * i, stiffness_matrix(bending_stiffness, length_m))
         _add(M, 2 * i, mass_per_length * shape_integral(length_m))
-    C = bar.mass_damping_per_s * M + bar.stiffness_damping_s * K
-    plant = Plant(device, node_m, K, C, M)
+    return add_actuators(device, node_m, K, M)
+
+
+def add_actuators(device: Device, node_m: Array, K: Array, M: Array) -> Plant:
+    """The plant of a bar K, M (upper bands, changed in place) with its actuators; C = C_A + sigma M + eta K.
+
+    Paper eqs. (2), (3). M and K there are the bar's own, without bolts and springs, or with `damping_of` "assembly"
+    the whole plant's. The paper can be read either way; docs/theory.md (damping) says what speaks for each.
+    """
+    bar, plant = device.bar, Plant(device, node_m, K, np.zeros_like(K), M)
+    of_bar = bar.mass_damping_per_s * M + bar.stiffness_damping_s * K
     for actuator, dof in zip(device.actuators, plant.actuator_dof, strict=True):
         K[-1, dof] += actuator.stiffness_n_per_m
-        C[-1, dof] += actuator.damping_n_s_per_m
+        plant.C[-1, dof] += actuator.damping_n_s_per_m
         M[-1, dof] += actuator.mass_kg
+    plant.C[:] += of_bar if bar.damping_of == "bar" else bar.mass_damping_per_s * M + bar.stiffness_damping_s * K
     return plant
 
 

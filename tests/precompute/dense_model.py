@@ -47,10 +47,12 @@ class DenseModel:
             self.K[part, part] += bending * _integral(_hermite(length_m), length_m, derivative=2)
             self.M[part, part] += line_mass * _integral(_hermite(length_m), length_m, derivative=0)
         self.C = bar.mass_damping_per_s * self.M + bar.stiffness_damping_s * self.K
+        sigma, eta = (bar.mass_damping_per_s, bar.stiffness_damping_s) if bar.damping_of == "assembly" else (0.0, 0.0)
         self.spring, self.damper = (np.zeros((size, len(device.actuators))) for _ in range(2))
         for i, actuator in enumerate(device.actuators):
             row = self.rows([actuator.position_m])[0]
-            self._ground(row, actuator.mass_kg, actuator.damping_n_s_per_m, actuator.stiffness_n_per_m)
+            m, c, k = actuator.mass_kg, actuator.damping_n_s_per_m, actuator.stiffness_n_per_m
+            self._ground(row, m, c + sigma * m + eta * k, k)
             self.spring[:, i] = row * actuator.stiffness_n_per_m * actuator.full_scale_m
             self.damper[:, i] = row * actuator.damping_n_s_per_m * actuator.full_scale_m
         self._touch(fingers)

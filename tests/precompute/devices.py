@@ -74,6 +74,11 @@ def with_actuators(device: Device, **changes: Any) -> Device:
     return replace(device, actuators=tuple(replace(actuator, **changes) for actuator in device.actuators))
 
 
+def damped_as_assembly(device: Device) -> Device:
+    """The device whose damping acts on the springs and masses of the actuators too."""
+    return replace(with_bar(device, damping_of="assembly"), name=f"{device.name}, assembly damped")
+
+
 def bare(device: Device, elements: int | None = None) -> Device:
     """The free bar: no actuators, no zones; in `elements` equal elements if asked."""
     length_m = device.bar.largest_element_m if elements is None else device.bar.length_m / elements

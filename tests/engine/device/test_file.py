@@ -89,6 +89,8 @@ WRONG = [
     ("bar", "mass_damping", '"-1 1/s"', "expected at least 0 1/s"),
     ("bar", "stiffness_damping", '"5e-5 1/s"', "is a frequency; expected a time"),
     ("bar", "largest_element", '"1 um"', "expected at least"),
+    ("bar", "damping_of", '"table"', "expected one of bar, assembly"),
+    ("bar", "damping_of", "1", "expected one of bar, assembly"),
     ("actuator[1]", "stiffness", '"18.9 kN"', "is a force; expected a stiffness such as '1 N/m'"),
     ("actuator[2]", "stiffness", '"0 N/m"', "expected more than 0 N/m"),
     ("actuator[2]", "damping", '"0.045 N/m"', "is a stiffness; expected a damping"),
@@ -589,6 +591,14 @@ def test_any_other_value_has_another_fingerprint(section: str, key: str) -> None
     value = OTHER.get(key) or (written and f'"{float(written[1]) * 1.001:.12g} {written[2]}"')
     assert value
     assert fingerprint(changed(section, key, value)) != fingerprint(TEXT)
+
+
+def test_what_the_bars_damping_acts_on_is_the_bar_where_the_file_does_not_say() -> None:
+    assert Device.parse(TEXT, "some.toml").bar.damping_of == "bar"
+    assert fingerprint(changed("bar", "damping_of", '"bar"')) == fingerprint(TEXT)
+    assembly = changed("bar", "damping_of", '"assembly"')
+    assert Device.parse(assembly, "some.toml").bar.damping_of == "assembly"
+    assert fingerprint(assembly) != fingerprint(TEXT)
 
 
 def test_exchanged_actuators_have_another_fingerprint() -> None:

@@ -12,12 +12,14 @@ from precompute.measurements.parameters import find_parameters, known_names
 from precompute.measurements.simulate import even_places
 from precompute.measurements.types import Kind, Measurements, lay_out
 from tests.precompute.dense_model import DenseModel
-from tests.precompute.devices import every_device, shipped, with_bar
+from tests.precompute.devices import damped_as_assembly, every_device, shipped, with_bar
 from tests.precompute.measured import NAN
 
 Array = NDArray[np.float64]
 DEVICE = with_bar(shipped("reference-a"), mass_damping_per_s=0.7)
-any_device = pytest.mark.parametrize("device", every_device().values(), ids=every_device())
+ASSEMBLY = damped_as_assembly(DEVICE)
+DEVICES = [*every_device().values(), ASSEMBLY]
+any_device = pytest.mark.parametrize("device", DEVICES, ids=[device.name for device in DEVICES])
 
 
 def rows_of(device: Device, drives_hz: Array, kind: Kind = Kind.PEAK, *, finger: bool = True) -> Measurements:
@@ -61,13 +63,14 @@ def test_responses_are_those_of_the_dense_model() -> None:
         assert found[row] == pytest.approx(dense_reading(DEVICE, rows, row), rel=1e-7)
 
 
+@pytest.mark.parametrize("device", [DEVICE, ASSEMBLY], ids=["bar", "assembly"])
 @pytest.mark.parametrize("kind", Kind)
 @pytest.mark.parametrize("name", known_names(DEVICE))
-def test_derivatives_are_those_of_differences(name: str, kind: Kind) -> None:
+def test_derivatives_are_those_of_differences(name: str, kind: Kind, device: Device) -> None:
     drives_hz = np.array([[150, 130], [200, 200], [60, NAN]] if kind is Kind.PEAK else [[150, NAN], [200, 200]])
-    rows = rows_of(DEVICE, drives_hz, kind)
-    parameters = find_parameters(DEVICE, [name], {}, 2e-3)
-    model, value = MeasurementModel(DEVICE, rows, parameters), parameters[0].start
+    rows = rows_of(device, drives_hz, kind)
+    parameters = find_parameters(device, [name], {}, 2e-3)
+    model, value = MeasurementModel(device, rows, parameters), parameters[0].start
     found = model.predict(np.array([value])).by_parameter[:, 0]
     step = 1e-4 / np.abs(found).max()  # changes no reading by more: beyond rounding, before anything bends
     above, below = (model.predict(np.array([value + s])).log_acceleration for s in (step, -step))

@@ -14,7 +14,16 @@ from scipy.optimize import brentq
 
 from engine.device import Device, Zone
 from precompute.model.assembly import BANDWIDTH, Plant, assemble, build_mesh, dense
-from tests.precompute.devices import bare, every_device, random_device, shipped, unhurried, with_actuators, with_bar
+from tests.precompute.devices import (
+    bare,
+    damped_as_assembly,
+    every_device,
+    random_device,
+    shipped,
+    unhurried,
+    with_actuators,
+    with_bar,
+)
 
 Array = NDArray[np.float64]
 places = st.floats(0.0, 1.0)
@@ -104,6 +113,16 @@ def test_material_damping_acts_on_the_bars_own_matrices(device: Device) -> None:
     bar = device.bar
     expected = bar.mass_damping_per_s * free.M + bar.stiffness_damping_s * free.K
     assert np.abs(free.C - expected).max() <= 1e-13 * np.abs(expected).max()
+
+
+@any_device
+def test_damping_of_the_assembly_acts_on_springs_and_bolts_too(device: Device) -> None:
+    bar, plant = device.bar, assemble(damped_as_assembly(device))
+    own = [actuator.damping_n_s_per_m for actuator in device.actuators]
+    expected = bar.mass_damping_per_s * plant.M + bar.stiffness_damping_s * plant.K
+    expected[-1, plant.actuator_dof] += own
+    assert np.abs(plant.C - expected).max() <= 1e-13 * np.abs(expected).max()
+    assert (plant.K == assemble(device).K).all() and (plant.M == assemble(device).M).all()
 
 
 @any_device
