@@ -1,4 +1,4 @@
-"""A page to look on at a run: a process of its own, fed by the ring alone, which the loop never waits for."""
+"""Serves the page of a live run from a separate process, which reads only the ring; the loop never waits for it."""
 
 import json
 import subprocess
@@ -12,7 +12,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class PageOf:
-    """What the page is to show, and where it is to be."""
+    """What the page shows, and where it is served."""
 
     ring: Path
     table: Path
@@ -23,13 +23,13 @@ class PageOf:
 
 @contextmanager
 def page_of(shown: PageOf) -> Iterator[list[str]]:
-    """A process that serves the page, until the end; what people are to be told. Raises OSError where it can't."""
+    """Serve the page in a child process while the context lasts; yields the lines to print. Raises OSError."""
     words = [str(shown.ring), str(shown.table), repr(shown.frequency_resolution_hz), shown.host, str(shown.port)]
     process = subprocess.Popen(
         [sys.executable, "-m", "tactable.page.processes.live", *words],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        start_new_session=True,  # Ctrl-C is for the run: this one ends with it
+        start_new_session=True,  # Ctrl-C reaches the run alone, which then ends this process
     )
     assert process.stdin is not None
     assert process.stdout is not None

@@ -18,7 +18,7 @@ from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transient import TransientPlant
 from tactable.page.messages import LOWEST_DB
-from tactable.page.past import Past
+from tactable.page.rolling_buffer import RollingBuffer
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ class LiveBar:
     def _rest(self) -> None:
         """The bar at rest, and all of the past forgotten."""
         kept = round(KEPT_S * RATE_HZ)
-        self._motion, self._weighted = Past(kept, POINTS), Past(kept, _COLUMNS)
+        self._motion, self._weighted = RollingBuffer(kept, POINTS), RollingBuffer(kept, _COLUMNS)
         self._unweighted = np.zeros((len(self._taps) - 1, _COLUMNS))
         self._loud_us = -np.inf
         self._plant = TransientPlant(self._basis, self.grid_m, RATE_HZ)

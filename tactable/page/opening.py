@@ -1,4 +1,4 @@
-"""A show to an address that people open: the door, the warning, the browser, and Ctrl-C that ends it."""
+"""Opens the page of the demo: its address and token, the warning, the browser, and Ctrl-C that ends it."""
 
 import asyncio
 import contextlib
@@ -15,9 +15,9 @@ import uvicorn
 
 from engine.device import Device
 from tactable.page.choices import Choice, Rules, offered
-from tactable.page.demo_show import DemoShow
-from tactable.page.security import LOOPBACK, Door, new_token
-from tactable.page.server import Show, open_door, serve
+from tactable.page.demo_backend import DemoBackend
+from tactable.page.security import LOOPBACK, AccessPolicy, new_token
+from tactable.page.server import PageBackend, listen_at, serve
 from tactable.shipped import cache_folder
 
 _MEMORY = Path("/dev/shm")
@@ -26,7 +26,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Address:
-    """Where the page is to be; port 0 takes any that is free."""
+    """Where the page is served; port 0 takes any free one."""
 
     host: str = LOOPBACK[0]
     port: int = 0
@@ -34,7 +34,7 @@ class Address:
 
 
 def has_browser(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> bool:
-    """Whether there is a browser with a screen; one in a terminal shows no page of ours."""
+    """Whether a graphical browser can be opened; a browser in a terminal cannot show the page."""
     if platform.startswith("linux") and not (environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY")):
         return False
     try:
@@ -51,31 +51,31 @@ def show_demo(
     rules = Rules.TOUCH if rule_file is None else Rules.FILE
     choice, where = Choice(device_name, rules=rules), _MEMORY if _MEMORY.is_dir() else None
     with tempfile.TemporaryDirectory(prefix="tactable-page-", dir=where) as work:
-        show = DemoShow(choice, device, offered(device_name, rule_file), cache, Path(work))
-        # A polite kill is a Ctrl-C: nothing of the rig is left behind.
+        backend = DemoBackend(choice, device, offered(device_name, rule_file), cache, Path(work))
+        # SIGTERM ends the demo as Ctrl-C does, so that no process of the rig is left behind.
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         with contextlib.suppress(KeyboardInterrupt):
-            asyncio.run(_show(show, address, say))
+            asyncio.run(_serve(backend, address, say))
         signal.signal(signal.SIGTERM, before)
 
 
-async def _show(show: Show, address: Address, say: Say) -> None:
-    listening, door = open_door(address.host, address.port, token_for(address.port))
+async def _serve(backend: PageBackend, address: Address, say: Say) -> None:
+    listening, access = listen_at(address.host, address.port, token_for(address.port))
     with listening:
-        for line in announcement(door):
+        for line in announcement(access):
             say(line)
 
         async def open_browser(_server: uvicorn.Server) -> None:
             if address.opens_browser:
-                await asyncio.to_thread(webbrowser.open, door.url)
+                await asyncio.to_thread(webbrowser.open, access.url)
 
-        await serve(show, listening, door, open_browser)
+        await serve(backend, listening, access, open_browser)
 
 
 def token_for(port: int) -> str:
-    """A token for a page: of a port that was asked for always the same, so that an open page finds it again.
+    """The token of a page: new for port 0; the same every time for a stated port, so that an open page reconnects.
 
-    It is kept where only its user reads it.
+    It is kept in a file that only its user can read.
     """
     if port == 0:
         return new_token()
@@ -91,10 +91,10 @@ def token_for(port: int) -> str:
     return token
 
 
-def announcement(door: Door) -> list[str]:
-    """What people are told before the page is there."""
-    lines = [f"the page: {door.url}  (Ctrl-C ends)"]
-    if not door.is_loopback:
-        warning = "anybody who can reach this machine and knows this address can use the page; nothing is encrypted"
-        lines.append(f"WARNING: bound to {door.host}: {warning}")
+def announcement(access: AccessPolicy) -> list[str]:
+    """The lines that are printed once the page is served."""
+    lines = [f"the page: {access.url}  (Ctrl-C ends)"]
+    if not access.is_loopback:
+        warning = "everybody who reaches this machine and knows the address can use the page; nothing is encrypted"
+        lines.append(f"WARNING: bound to {access.host}: {warning}")
     return lines

@@ -1,4 +1,4 @@
-"""Who may see the page: token, Host and Origin of a request, and what its answer forbids the browser."""
+"""Access to the page: checks of token, Host and Origin, and the security headers of every answer."""
 
 import ipaddress
 import secrets
@@ -26,17 +26,17 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
 }
-"""Of every answer: nothing from elsewhere, nothing inline, no frame around it, no address passed on."""
+"""Headers of every answer: no foreign or inline content, no framing, no referrer (which would hold the token)."""
 
 
 def new_token() -> str:
-    """One that nobody guesses."""
+    """A random token of 192 bits."""
     return secrets.token_urlsafe(_TOKEN_BYTES)
 
 
 @dataclass(frozen=True)
-class Door:
-    """Where the page is: `host` is what it is bound to, `port` the port it got."""
+class AccessPolicy:
+    """Decides which requests may see the page. `host` and `port`: what the server is bound to."""
 
     host: str
     port: int
@@ -54,13 +54,13 @@ class Door:
         return self.host in LOOPBACK
 
     def knows(self, token: str) -> bool:
-        """Whether it is the token; takes as long for every wrong one."""
+        """Whether `token` is the right one; compares in constant time."""
         return secrets.compare_digest(token.encode(), self.token.encode())
 
     def admits_host(self, header: str | None) -> bool:
-        """Whether a Host header names this server: on loopback its own names, else its name or any address.
+        """Whether a Host header names this server: by a loopback name, its bound name or, off loopback, any IP address.
 
-        Never another name: one that leads here is a page of somebody else's.
+        Another name that resolves here belongs to a foreign site (DNS rebinding) and is refused.
         """
         name, separator, port = (header or "").rpartition(":")
         if not separator or port != str(self.port):
@@ -71,7 +71,7 @@ class Door:
         return name == self.host or name in LOOPBACK or _is_address(name)
 
     def admits_origin(self, origin: str | None, host: str | None) -> bool:
-        """Whether an Origin header is that of a page of this very server."""
+        """Whether an Origin header names a page of this server."""
         return self.admits_host(host) and origin == f"http://{host}"
 
 

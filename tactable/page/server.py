@@ -1,4 +1,12 @@
-"""Browsers to a show and back: the files of the page, one WebSocket a browser, nothing that waits for a slow one."""
+"""The web server of the page: static files, and one WebSocket for each browser.
+
+Who waits for whom. One asyncio loop runs three kinds of tasks. `broadcast` ticks the backend up to 60 times a second
+and offers every browser the messages of the tick; it never waits for a browser. Each browser has a sender, which waits
+for its socket alone: of every kind of message it keeps only the newest that is not sent, so a slow browser misses
+pictures and delays nobody. Each browser also has a listener, which hands decoded messages to the backend at once. The
+backend's own `run` starts and watches its processes beside them. If `broadcast` or `run` fails, the server ends with
+that error.
+"""
 
 import asyncio
 import contextlib
@@ -24,49 +32,49 @@ from tactable.page.messages import (
     decode_message,
     encode_scene,
 )
-from tactable.page.security import HEADERS, Door
+from tactable.page.security import HEADERS, AccessPolicy
 
 FRAME_S = 1 / 60
 IDLE_FRAMES = 12
-"""While nothing happens, only one picture of so many is sent."""
+"""While nothing happens, one picture in this many is sent."""
 ALONE_S = 0.1
-"""While nobody looks on, time passes in such steps."""
+"""Time between two ticks while no browser is connected."""
 MOST_BROWSERS = 8
 _STATIC = Path(__file__).parent / "static"
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _GRACE_S = 1
 
 
-class Show(Protocol):
-    """What is shown, and what its viewers may do to it."""
+class PageBackend(Protocol):
+    """What the page shows, and what its browsers may do to it."""
 
     scene_number: int
-    """Another one whenever the scene is."""
+    """Changes whenever the scene does."""
 
     def scene(self) -> dict[str, Any]:
-        """What changes seldom, for JSON."""
+        """The part of the state that changes seldom, as JSON values."""
 
     def tick(self) -> tuple[list[bytes], bool]:
-        """Let time pass: messages for all, and whether anything happens."""
+        """Advance to the present; the messages for all browsers, and whether anything moves."""
 
     def touch(self, browser: int, events: Sequence[PointerEvent]) -> None:
-        """Pointers of a browser."""
+        """Take pointer events of a browser."""
 
     def leave(self, browser: int) -> None:
-        """A browser is gone, and its pointers with it."""
+        """Release the pointers of a browser that disconnected."""
 
     def choose(self, switches: dict[str, Any]) -> None:
-        """Somebody moved switches."""
+        """Move switches."""
 
     def sound(self, finger: int) -> bytes | None:
-        """What a finger felt, as a message."""
+        """What a finger felt, as a SOUND message; None where it is not known."""
 
     async def run(self) -> None:
-        """What it needs to do beside, until it is cancelled."""
+        """Do the background work until cancelled."""
 
 
 class _Browser:
-    """What one browser is to be told: of each kind the newest."""
+    """The messages that wait for one browser: the newest of each kind."""
 
     def __init__(self, socket_: WebSocket) -> None:
         self._socket = socket_
@@ -74,12 +82,12 @@ class _Browser:
         self._has_news = asyncio.Event()
 
     def offer(self, message: bytes) -> None:
-        """In place of an older one of its kind that is not sent yet."""
+        """Queue a message in place of an older one of its kind that is not sent yet."""
         self._news[message[1]] = message
         self._has_news.set()
 
     async def send(self) -> None:
-        """As fast as it takes them."""
+        """Send what is queued, as fast as the browser takes it, until cancelled."""
         while True:
             await self._has_news.wait()
             self._has_news.clear()
@@ -90,10 +98,10 @@ class _Browser:
 
 
 class PageServer:
-    """One show behind one door, for any number of browsers up to MOST_BROWSERS."""
+    """One backend, served under one access policy to at most MOST_BROWSERS browsers."""
 
-    def __init__(self, show: Show, door: Door) -> None:
-        self.show, self.door = show, door
+    def __init__(self, backend: PageBackend, access: AccessPolicy) -> None:
+        self.backend, self.access = backend, access
         self._browsers: dict[int, _Browser] = {}
         self._opened = 0
         self._files = {path.name: path.read_bytes() for path in _STATIC.iterdir() if path.suffix in _TYPES}
@@ -106,7 +114,7 @@ class PageServer:
 
     async def _answer_file(self, request: Request) -> Response:
         token, name = request.path_params["token"], request.path_params.get("name", "index.html")
-        if not self.door.admits_host(request.headers.get("host")) or not self.door.knows(token):
+        if not self.access.admits_host(request.headers.get("host")) or not self.access.knows(token):
             return await _refused(request, None)
         content = self._files.get(name)
         if content is None:
@@ -115,8 +123,8 @@ class PageServer:
 
     async def _answer_socket(self, socket_: WebSocket) -> None:
         headers = socket_.headers
-        is_ours = self.door.admits_origin(headers.get("origin"), headers.get("host"))
-        if not is_ours or not self.door.knows(socket_.path_params["token"]):
+        is_ours = self.access.admits_origin(headers.get("origin"), headers.get("host"))
+        if not is_ours or not self.access.knows(socket_.path_params["token"]):
             await socket_.close()  # before it is accepted: 403
             return
         await socket_.accept()
@@ -128,7 +136,7 @@ class PageServer:
     async def _serve(self, socket_: WebSocket) -> None:
         self._opened += 1
         number, browser = self._opened, _Browser(socket_)
-        browser.offer(encode_scene(self.show.scene()))
+        browser.offer(encode_scene(self.backend.scene()))
         self._browsers[number] = browser
         sender = asyncio.create_task(browser.send())
         try:
@@ -139,7 +147,7 @@ class PageServer:
             pass
         finally:
             del self._browsers[number]
-            self.show.leave(number)
+            self.backend.leave(number)
             sender.cancel()
             with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
                 await sender
@@ -154,27 +162,27 @@ class PageServer:
                 raise PageMessageError(CloseCode.NOT_BINARY, "a message of text; expected bytes")
             asked = decode_message(data)
             if isinstance(asked, tuple):
-                self.show.touch(number, asked)
+                self.backend.touch(number, asked)
             elif isinstance(asked, dict):
-                self.show.choose(asked)
-            elif (sound := self.show.sound(asked)) is not None:
+                self.backend.choose(asked)
+            elif (sound := self.backend.sound(asked)) is not None:
                 browser.offer(sound)
 
     async def broadcast(self) -> None:
-        """Let the show go on, and tell all browsers, until it is cancelled."""
-        scene_number, idle, due_s = self.show.scene_number, 0, time.monotonic()
+        """Tick the backend and offer its messages to all browsers, until cancelled."""
+        scene_number, idle, due_s = self.backend.scene_number, 0, time.monotonic()
         while True:
-            messages, is_busy = self.show.tick()
+            messages, is_busy = self.backend.tick()
             idle = 0 if is_busy else idle + 1
             if idle % IDLE_FRAMES:
                 messages = [message for message in messages if message[1] != Kind.PICTURE]
-            if scene_number != self.show.scene_number:
-                scene_number = self.show.scene_number
-                messages.insert(0, encode_scene(self.show.scene()))
+            if scene_number != self.backend.scene_number:
+                scene_number = self.backend.scene_number
+                messages.insert(0, encode_scene(self.backend.scene()))
             for browser in self._browsers.values():
                 for message in messages:
                     browser.offer(message)
-            # A machine that is late leaves pictures out.
+            # A late machine leaves pictures out instead of catching up.
             due_s = max(due_s + (FRAME_S if self._browsers else ALONE_S), time.monotonic() + FRAME_S / 4)
             await asyncio.sleep(due_s - time.monotonic())
 
@@ -183,8 +191,8 @@ async def _refused(_request: Request, _error: Exception | None) -> Response:
     return Response("refused: open the address that tactable printed\n", 403, HEADERS)
 
 
-def open_door(host: str, port: int, token: str) -> tuple[socket.socket, Door]:
-    """A listening socket, and the door it is; port 0 takes any that is free. Raises OSError."""
+def listen_at(host: str, port: int, token: str) -> tuple[socket.socket, AccessPolicy]:
+    """Open a listening socket; its policy knows the port it got (`port` 0 takes any free one). Raises OSError."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listening = socket.socket(family, socket.SOCK_STREAM)
     try:
@@ -194,17 +202,17 @@ def open_door(host: str, port: int, token: str) -> tuple[socket.socket, Door]:
     except OSError:
         listening.close()
         raise
-    return listening, Door(host, listening.getsockname()[1], token)
+    return listening, AccessPolicy(host, listening.getsockname()[1], token)
 
 
 async def serve(
-    show: Show,
+    backend: PageBackend,
     listening: socket.socket,
-    door: Door,
+    access: AccessPolicy,
     on_start: Callable[[uvicorn.Server], Awaitable[None]] | None = None,
 ) -> None:
-    """Serve a show until a signal, or until the server is told to exit."""
-    page = PageServer(show, door)
+    """Serve a backend until a signal, or until `on_start` makes the server exit. Raises what the backend raised."""
+    page = PageServer(backend, access)
     config = uvicorn.Config(
         page.app,
         http="h11",
@@ -220,7 +228,7 @@ async def serve(
         timeout_graceful_shutdown=_GRACE_S,
     )
     server = uvicorn.Server(config)
-    beside = [asyncio.create_task(show.run()), asyncio.create_task(page.broadcast())]
+    beside = [asyncio.create_task(backend.run()), asyncio.create_task(page.broadcast())]
     for task in beside:
         task.add_done_callback(lambda done: _end_if_broken(done, server))
     try:
@@ -237,6 +245,6 @@ async def serve(
 
 
 def _end_if_broken(done: "asyncio.Task[None]", server: uvicorn.Server) -> None:
-    """A show that broke ends the server, and its error is the server's."""
+    """A background task that failed ends the server; `serve` raises its error."""
     if not done.cancelled():
         server.should_exit = True

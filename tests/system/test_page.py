@@ -25,7 +25,7 @@ from engine.touch import ZoneState
 from tactable.page.live_bar import LiveBar
 from tactable.page.messages import encode_picture
 from tactable.page.ring_drive import RingDrive
-from tactable.page.server import open_door
+from tactable.page.server import listen_at
 from tactable.page.tables import cached_table
 from tactable.page.view import View
 from tactable.shipped import find_device
@@ -57,9 +57,9 @@ class Demo:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        listening, door = open_door("127.0.0.1", 0, "")
+        listening, access = listen_at("127.0.0.1", 0, "")
         listening.close()
-        self._port = door.port
+        self._port = access.port
         self.process: subprocess.Popen[str] | None = None
         self.url = self.start()
 

@@ -11,9 +11,9 @@ import uvicorn
 
 from engine.loop.ring import RingError, RingReader
 from engine.table import TableError
-from tactable.page.live_show import LiveShow
+from tactable.page.live_backend import LiveBackend
 from tactable.page.opening import announcement, token_for
-from tactable.page.server import open_door, serve
+from tactable.page.server import listen_at, serve
 
 _NICE = 5
 
@@ -24,16 +24,16 @@ def main() -> None:
     ring, table, resolution_hz, host, port = sys.argv[1:]
     try:
         with RingReader(Path(ring)) as reader:
-            asyncio.run(_serve(LiveShow(reader, Path(table), float(resolution_hz)), host, int(port)))
+            asyncio.run(_serve(LiveBackend(reader, Path(table), float(resolution_hz)), host, int(port)))
     except (OSError, RingError, TableError) as error:
         _say({"error": str(error)})
         raise SystemExit(1) from None
 
 
-async def _serve(show: LiveShow, host: str, port: int) -> None:
-    listening, door = open_door(host, port, token_for(port))
+async def _serve(backend: LiveBackend, host: str, port: int) -> None:
+    listening, access = listen_at(host, port, token_for(port))
     with listening:
-        _say({"lines": announcement(door)})
+        _say({"lines": announcement(access)})
 
         async def end_with_input(server: uvicorn.Server) -> None:
             def end() -> None:
@@ -42,7 +42,7 @@ async def _serve(show: LiveShow, host: str, port: int) -> None:
 
             asyncio.get_running_loop().add_reader(sys.stdin, end)
 
-        await serve(show, listening, door, end_with_input)
+        await serve(backend, listening, access, end_with_input)
 
 
 def _say(document: dict[str, Any]) -> None:

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from tactable.cli import main as cli
 from tactable.page import opening
 from tactable.page.opening import announcement, has_browser, token_for
-from tactable.page.security import Door
+from tactable.page.security import AccessPolicy
 
 SCREEN = {"DISPLAY": ":0"}
 
@@ -118,9 +118,9 @@ def test_a_report_and_a_page_are_not_asked_for_at_once(shown: list[opening.Addre
 
 
 def test_only_a_page_that_others_reach_has_a_warning() -> None:
-    (line,) = announcement(Door("127.0.0.1", 8000, "secret"))
+    (line,) = announcement(AccessPolicy("127.0.0.1", 8000, "secret"))
     assert "http://127.0.0.1:8000/secret/" in line
-    _, warning = announcement(Door("0.0.0.0", 8000, "secret"))
+    _, warning = announcement(AccessPolicy("0.0.0.0", 8000, "secret"))
     assert "WARNING" in warning
     assert "secret" not in warning
 

@@ -2,10 +2,10 @@
 
 import pytest
 
-from tactable.page.security import HEADERS, POLICY, Door, new_token
+from tactable.page.security import HEADERS, POLICY, AccessPolicy, new_token
 
-LOOPBACK = Door("127.0.0.1", 8000, "secret")
-OPEN = Door("0.0.0.0", 8000, "secret")
+LOOPBACK = AccessPolicy("127.0.0.1", 8000, "secret")
+OPEN = AccessPolicy("0.0.0.0", 8000, "secret")
 
 
 def test_only_the_token_opens_the_door() -> None:
@@ -21,7 +21,7 @@ def test_tokens_are_never_the_same_and_long_enough() -> None:
 
 def test_the_token_is_in_the_address_and_in_no_text_of_the_door() -> None:
     assert LOOPBACK.url == "http://127.0.0.1:8000/secret/"
-    assert Door("::1", 8000, "secret").url == "http://[::1]:8000/secret/"
+    assert AccessPolicy("::1", 8000, "secret").url == "http://[::1]:8000/secret/"
     assert "secret" not in repr(LOOPBACK)
 
 
@@ -45,7 +45,7 @@ def test_an_open_door_admits_addresses_but_no_foreign_names(host: str, is_admitt
 
 
 def test_a_door_admits_the_name_that_it_is_bound_to() -> None:
-    assert Door("bar.example", 8000, "secret").admits_host("bar.example:8000")
+    assert AccessPolicy("bar.example", 8000, "secret").admits_host("bar.example:8000")
 
 
 @pytest.mark.parametrize(

@@ -24,16 +24,16 @@ from tactable.page.messages import (
     encode_sound,
     encode_touches,
 )
-from tactable.page.security import HEADERS, Door, new_token
-from tactable.page.server import MOST_BROWSERS, open_door, serve
+from tactable.page.security import HEADERS, AccessPolicy, new_token
+from tactable.page.server import MOST_BROWSERS, listen_at, serve
 
 DOWN = PointerEvent(1, 0.25, 0.5, Phase.DOWN)
 SOUND = encode_sound(3, 8000, np.zeros(4, np.int16))
-Visit = Callable[[Door, "Notes"], Awaitable[None]]
+Visit = Callable[[AccessPolicy, "Notes"], Awaitable[None]]
 
 
 class Notes:
-    """A show that notes what is done to it, and shows one picture after another."""
+    """A backend that notes what is done to it, and shows one picture after another."""
 
     def __init__(self) -> None:
         self.scene_number = 0
@@ -49,7 +49,7 @@ class Notes:
 
     def tick(self) -> tuple[list[bytes], bool]:
         if self.is_broken:
-            raise RuntimeError("the show is broken")
+            raise RuntimeError("the backend is broken")
         self.ticks += 1
         return [bytes([VERSION, Kind.PICTURE]) + self.ticks.to_bytes(4, "little")], self.is_busy
 
@@ -71,16 +71,16 @@ class Notes:
 
 
 def visit(visitor: Visit) -> Notes:
-    """What a visitor leaves on a show that is served while it is there."""
-    show = Notes()
+    """What a visitor leaves on a backend that is served while it is there."""
+    backend = Notes()
 
     async def served() -> None:
-        listening, door = open_door("127.0.0.1", 0, new_token())
+        listening, access = listen_at("127.0.0.1", 0, new_token())
 
         async def stay(server: uvicorn.Server) -> None:
             async def come_and_go() -> None:
                 try:
-                    await visitor(door, show)
+                    await visitor(access, backend)
                 finally:
                     server.should_exit = True
 
@@ -88,17 +88,17 @@ def visit(visitor: Visit) -> Notes:
 
         stays: list[asyncio.Task[None]] = []
         with listening:
-            await serve(show, listening, door, stay)
+            await serve(backend, listening, access, stay)
         await stays[0]
 
     asyncio.run(served())
-    return show
+    return backend
 
 
-def socket_of(door: Door, **words: Any) -> connect:
+def socket_of(access: AccessPolicy, **words: Any) -> connect:
     """A WebSocket as the page itself opens it."""
-    address = door.url.replace("http:", "ws:") + "socket"
-    return connect(address, **{"origin": Origin(f"http://127.0.0.1:{door.port}"), "compression": None, **words})
+    address = access.url.replace("http:", "ws:") + "socket"
+    return connect(address, **{"origin": Origin(f"http://127.0.0.1:{access.port}"), "compression": None, **words})
 
 
 async def next_of(socket: ClientConnection, kind: Kind) -> bytes:
@@ -123,7 +123,7 @@ async def until(condition: Callable[[], bool]) -> None:
 
 
 def test_every_file_of_the_page_is_served_with_its_type_and_nothing_else_is() -> None:
-    async def visitor(door: Door, _show: Notes) -> None:
+    async def visitor(access: AccessPolicy, _backend: Notes) -> None:
         async with httpx.AsyncClient() as client:
             for name, kind in (
                 ("", "text/html"),
@@ -131,36 +131,36 @@ def test_every_file_of_the_page_is_served_with_its_type_and_nothing_else_is() ->
                 ("page.css", "text/css"),
                 ("icon.svg", "image/svg+xml"),
             ):
-                found = await client.get(door.url + name)
+                found = await client.get(access.url + name)
                 assert found.status_code == 200
                 assert found.headers["content-type"].startswith(kind)
                 assert all(found.headers[header] == value for header, value in HEADERS.items())
             for name in ("server.py", "..%2fserver.py", "%2e%2e/server.py", "socket"):
-                assert (await client.get(door.url + name)).status_code in (403, 404)
-            assert (await client.post(door.url)).status_code == 403
+                assert (await client.get(access.url + name)).status_code in (403, 404)
+            assert (await client.post(access.url)).status_code == 403
 
     visit(visitor)
 
 
 def test_a_wrong_token_and_a_foreign_host_see_nothing() -> None:
-    async def visitor(door: Door, _show: Notes) -> None:
+    async def visitor(access: AccessPolicy, _backend: Notes) -> None:
         async with httpx.AsyncClient() as client:
-            root = f"http://127.0.0.1:{door.port}/"
-            for address in (root, root + "x/", root + door.token[:-1] + "/", root + door.token, root + "app.js"):
+            root = f"http://127.0.0.1:{access.port}/"
+            for address in (root, root + "x/", root + access.token[:-1] + "/", root + access.token, root + "app.js"):
                 found = await client.get(address)
                 assert found.status_code in (307, 403)
                 assert "script" not in found.text
-            for host in ("evil.example", f"evil.example:{door.port}", "127.0.0.1"):
-                assert (await client.get(door.url, headers={"Host": host})).status_code == 403
+            for host in ("evil.example", f"evil.example:{access.port}", "127.0.0.1"):
+                assert (await client.get(access.url, headers={"Host": host})).status_code == 403
 
     visit(visitor)
 
 
 @pytest.mark.parametrize("origin", [None, "http://evil.example", "null", "https://127.0.0.1"])
 def test_a_socket_of_a_foreign_page_is_refused(origin: str | None) -> None:
-    async def visitor(door: Door, _show: Notes) -> None:
+    async def visitor(access: AccessPolicy, _backend: Notes) -> None:
         with pytest.raises(InvalidStatus) as caught:
-            async with socket_of(door, origin=origin):
+            async with socket_of(access, origin=origin):
                 pass
         assert caught.value.response.status_code == 403
 
@@ -168,9 +168,9 @@ def test_a_socket_of_a_foreign_page_is_refused(origin: str | None) -> None:
 
 
 def test_a_socket_with_a_wrong_token_is_refused() -> None:
-    async def visitor(door: Door, _show: Notes) -> None:
+    async def visitor(access: AccessPolicy, _backend: Notes) -> None:
         with pytest.raises(InvalidStatus) as caught:
-            async with socket_of(Door(door.host, door.port, "wrong")):
+            async with socket_of(AccessPolicy(access.host, access.port, "wrong")):
                 pass
         assert caught.value.response.status_code == 403
 
@@ -189,20 +189,20 @@ def test_a_socket_with_a_wrong_token_is_refused() -> None:
     ],
 )
 def test_what_is_no_message_closes_the_socket_and_hurts_nobody_else(message: bytes | str, code: CloseCode) -> None:
-    async def visitor(door: Door, show: Notes) -> None:
-        async with socket_of(door) as other, socket_of(door) as socket:
+    async def visitor(access: AccessPolicy, backend: Notes) -> None:
+        async with socket_of(access) as other, socket_of(access) as socket:
             await socket.send(message)
             assert await closed_with(socket) == code
             await other.send(encode_touches([DOWN]))
-            await until(lambda: bool(show.touched))
+            await until(lambda: bool(backend.touched))
             await next_of(other, Kind.PICTURE)
 
     assert len(visit(visitor).left) == 2
 
 
 def test_what_browsers_ask_reaches_the_show_and_goes_with_them() -> None:
-    async def visitor(door: Door, show: Notes) -> None:
-        async with socket_of(door) as socket:
+    async def visitor(access: AccessPolicy, backend: Notes) -> None:
+        async with socket_of(access) as socket:
             assert json.loads((await next_of(socket, Kind.SCENE))[2:]) == {"number": 0}
             await socket.send(encode_touches([DOWN]))
             await socket.send(encode_choice({"level_db": None}))
@@ -210,23 +210,23 @@ def test_what_browsers_ask_reaches_the_show_and_goes_with_them() -> None:
             await socket.send(encode_listen(9))
             await socket.send(encode_listen(3))
             assert await next_of(socket, Kind.SOUND) == SOUND
-        await until(lambda: bool(show.left))
+        await until(lambda: bool(backend.left))
 
-    show = visit(visitor)
-    assert show.touched == [(1, (DOWN,))]
-    assert show.chosen == [{"level_db": None}]
-    assert show.left == [1]
+    backend = visit(visitor)
+    assert backend.touched == [(1, (DOWN,))]
+    assert backend.chosen == [{"level_db": None}]
+    assert backend.left == [1]
 
 
 def test_pictures_come_one_after_another_and_seldom_while_nothing_happens() -> None:
-    async def visitor(door: Door, show: Notes) -> None:
-        async with socket_of(door) as socket:
+    async def visitor(access: AccessPolicy, backend: Notes) -> None:
+        async with socket_of(access) as socket:
             first, second = [await next_of(socket, Kind.PICTURE) for _ in range(2)]
             assert int.from_bytes(second[2:], "little") > int.from_bytes(first[2:], "little")
-            show.is_busy = False
+            backend.is_busy = False
             await next_of(socket, Kind.PICTURE)
-            before, shown = show.ticks, 0
-            while show.ticks < before + 60:
+            before, shown = backend.ticks, 0
+            while backend.ticks < before + 60:
                 await next_of(socket, Kind.PICTURE)
                 shown += 1
             assert shown <= 60 // 6
@@ -235,40 +235,40 @@ def test_pictures_come_one_after_another_and_seldom_while_nothing_happens() -> N
 
 
 def test_a_browser_that_takes_nothing_holds_up_nobody() -> None:
-    async def visitor(door: Door, show: Notes) -> None:
-        async with socket_of(door, max_queue=1, close_timeout=0.1), socket_of(door) as socket:
-            before = show.ticks
-            while show.ticks < before + 120:
+    async def visitor(access: AccessPolicy, backend: Notes) -> None:
+        async with socket_of(access, max_queue=1, close_timeout=0.1), socket_of(access) as socket:
+            before = backend.ticks
+            while backend.ticks < before + 120:
                 newest = int.from_bytes((await next_of(socket, Kind.PICTURE))[2:], "little")
-            assert newest >= show.ticks - 20
+            assert newest >= backend.ticks - 20
 
     visit(visitor)
 
 
 def test_more_browsers_than_there_is_room_for_are_turned_away() -> None:
-    async def visitor(door: Door, _show: Notes) -> None:
-        sockets = [await socket_of(door) for _ in range(MOST_BROWSERS)]
-        async with socket_of(door) as late:
+    async def visitor(access: AccessPolicy, _backend: Notes) -> None:
+        sockets = [await socket_of(access) for _ in range(MOST_BROWSERS)]
+        async with socket_of(access) as late:
             assert await closed_with(late) == CloseCode.CROWDED
         for socket in sockets:
             await socket.close()
-        async with socket_of(door) as again:
+        async with socket_of(access) as again:
             await next_of(again, Kind.PICTURE)
 
     visit(visitor)
 
 
-def test_a_show_that_breaks_ends_the_server_with_its_error() -> None:
-    async def visitor(door: Door, show: Notes) -> None:
-        async with socket_of(door) as socket:
-            show.is_broken = True
+def test_a_backend_that_breaks_ends_the_server_with_its_error() -> None:
+    async def visitor(access: AccessPolicy, backend: Notes) -> None:
+        async with socket_of(access) as socket:
+            backend.is_broken = True
             await closed_with(socket)
 
-    with pytest.raises(RuntimeError, match="the show is broken"):
+    with pytest.raises(RuntimeError, match="the backend is broken"):
         visit(visitor)
 
 
 def test_a_port_that_is_taken_is_an_error_of_the_system() -> None:
-    listening, door = open_door("127.0.0.1", 0, "token")
+    listening, access = listen_at("127.0.0.1", 0, "token")
     with listening, pytest.raises(OSError, match="in use"):
-        open_door("127.0.0.1", door.port, "token")
+        listen_at("127.0.0.1", access.port, "token")

@@ -1,4 +1,4 @@
-"""The simulated rig as a show, with its processes: fingers in, pictures out, and what happens when one of them dies."""
+"""The backend of the demo, with its processes: fingers in, pictures out, and what happens when one of them dies."""
 
 import asyncio
 import os
@@ -15,7 +15,7 @@ from engine.touch import ZoneState
 from engine.touch.sources.pointer import Phase, PointerEvent
 from tactable.page import tables
 from tactable.page.choices import Choice, offered
-from tactable.page.demo_show import DemoShow
+from tactable.page.demo_backend import DemoBackend
 from tactable.page.messages import Drive, Kind, Picture
 from tactable.page.tables import cached_table
 from tactable.shipped import find_device
@@ -37,20 +37,20 @@ def folder(tmp_path_factory: pytest.TempPathFactory, click_table: Path) -> Path:
 
 
 class Rig:
-    """A show, and the hand of its only browser; time passes only while it waits for something."""
+    """A backend, and the hand of its only browser; time passes only while it waits for something."""
 
-    def __init__(self, show: DemoShow, loop: asyncio.AbstractEventLoop) -> None:
-        self.show = show
+    def __init__(self, backend: DemoBackend, loop: asyncio.AbstractEventLoop) -> None:
+        self.backend = backend
         self.told: list[bytes] = []
         self._loop = loop
         self._pressed: dict[int, PointerEvent] = {}
 
     def press(self, *events: PointerEvent) -> None:
         self._pressed |= {event.pointer_id: event for event in events}
-        self.show.touch(1, events)
+        self.backend.touch(1, events)
 
     def lift(self) -> None:
-        self.show.touch(1, [replace(event, phase=Phase.UP) for event in self._pressed.values()])
+        self.backend.touch(1, [replace(event, phase=Phase.UP) for event in self._pressed.values()])
         self._pressed.clear()
 
     def wait(self, condition: Callable[[], bool]) -> None:
@@ -58,8 +58,8 @@ class Rig:
 
         async def wait() -> None:
             while not condition():
-                self.show.touch(1, [replace(event, phase=Phase.MOVE) for event in self._pressed.values()])
-                messages, _ = self.show.tick()
+                self.backend.touch(1, [replace(event, phase=Phase.MOVE) for event in self._pressed.values()])
+                messages, _ = self.backend.tick()
                 self.told += [message for message in messages if message[1] != Kind.PICTURE]
                 await asyncio.sleep(TICK_S)
 
@@ -67,25 +67,25 @@ class Rig:
 
     def until(self, condition: Callable[[Picture], bool]) -> Picture:
         """The first picture for which it holds."""
-        self.wait(lambda: self.show.view is not None and condition(self.show.view.picture()))
-        assert self.show.view is not None
-        return self.show.view.picture()
+        self.wait(lambda: self.backend.view is not None and condition(self.backend.view.picture()))
+        assert self.backend.view is not None
+        return self.backend.view.picture()
 
     def choose(self, **switches: object) -> None:
         """Move switches, and wait until what is chosen plays."""
-        self.show.choose(switches)
-        self.wait(lambda: self.show.scene()["plays"] == {**self.show.scene()["choice"], "is_loaded": True})
+        self.backend.choose(switches)
+        self.wait(lambda: self.backend.scene()["plays"] == {**self.backend.scene()["choice"], "is_loaded": True})
 
 
 @contextmanager
 def running(folder: Path) -> Iterator[Rig]:
-    """A show that runs whenever its rig does something, and is over at the end."""
+    """A backend that runs whenever its rig does something, and is over at the end."""
     name = str(folder / "small.toml")
     loop = asyncio.new_event_loop()
-    show = DemoShow(Choice(name), find_device(name), offered(name), folder / "cache", folder)
-    runs = loop.create_task(show.run())
+    backend = DemoBackend(Choice(name), find_device(name), offered(name), folder / "cache", folder)
+    runs = loop.create_task(backend.run())
     try:
-        yield Rig(show, loop)
+        yield Rig(backend, loop)
     finally:
         runs.cancel()
         loop.run_until_complete(asyncio.gather(runs, return_exceptions=True))
@@ -128,17 +128,17 @@ def test_a_click_goes_from_finger_to_bar_and_is_felt_as_promised(rig: Rig) -> No
     assert quiet.simulated_db is not None and quiet.simulated_db < felt.promised_db - 6
     assert sum(picture.last_ns) > 0
     assert {message[1] for message in rig.told} == {Kind.MOTION}
-    assert rig.show.sound(0) is not None
+    assert rig.backend.sound(0) is not None
 
 
 def test_switches_change_over_without_a_new_process(rig: Rig) -> None:
-    processes = rig.show.process_ids
+    processes = rig.backend.process_ids
     rig.choose(source="steady", quiet_zones=["III"], level_db=10)
     rig.press(FIRST, LAST)
     picture = rig.until(lambda picture: picture.state == 2 + 9 * 1 and picture.age_s > 1.0 and is_kept(picture))
     assert (picture.drive, picture.wanted_db, picture.is_playing) == (Drive.STEADY, 10.0, True)
     assert [zone.state for zone in picture.zones] == [ZoneState.FELT, ZoneState.FREE, ZoneState.QUIET]
-    assert rig.show.process_ids == processes
+    assert rig.backend.process_ids == processes
 
 
 def test_fingers_that_load_nothing_break_the_promise(rig: Rig) -> None:
@@ -152,22 +152,22 @@ def test_fingers_that_load_nothing_break_the_promise(rig: Rig) -> None:
 
 
 def test_a_switch_that_there_is_not_is_told_and_changes_nothing(rig: Rig) -> None:
-    before = rig.show.scene()["choice"]
-    rig.show.choose({"level_db": 17})
-    assert "level_db" in rig.show.scene()["trouble"]
-    assert rig.show.scene()["choice"] == before
+    before = rig.backend.scene()["choice"]
+    rig.backend.choose({"level_db": 17})
+    assert "level_db" in rig.backend.scene()["trouble"]
+    assert rig.backend.scene()["choice"] == before
     rig.choose(level_db=30)
-    assert rig.show.scene()["trouble"] == ""
+    assert rig.backend.scene()["trouble"] == ""
 
 
 @pytest.mark.parametrize("which", [0, 1])
 def test_a_process_that_dies_is_started_again_and_the_show_goes_on(rig: Rig, which: int) -> None:
-    before, restarts = rig.show.process_ids, rig.show.restarts
+    before, restarts = rig.backend.process_ids, rig.backend.restarts
     os.kill(before[which], signal.SIGKILL)
-    rig.wait(lambda: rig.show.restarts > restarts)
-    assert "ended with status -9" in rig.show.scene()["trouble"]
+    rig.wait(lambda: rig.backend.restarts > restarts)
+    assert "ended with status -9" in rig.backend.scene()["trouble"]
     rig.choose()
-    assert not set(before) & set(rig.show.process_ids)
+    assert not set(before) & set(rig.backend.process_ids)
     rig.press(FIRST)
     rig.until(lambda picture: picture.command > 0 and picture.age_s > 0.1)
 
@@ -180,17 +180,17 @@ def test_a_missing_table_is_built_and_plays_steady_drives_before_it_has_clicks(
     (tmp_path / "small.toml").write_text(SMALL, encoding="utf-8")
     seen, clicks = set[str | None](), set[int]()
 
-    def has_clicks(show: DemoShow) -> bool:
-        scene = show.scene()
+    def has_clicks(backend: DemoBackend) -> bool:
+        scene = backend.scene()
         seen.update({scene["status"], (scene["building"] or {}).get("step")})
         if scene["status"] == "running":
             clicks.add(scene["clicks"])
         return any(clicks)
 
     with running(tmp_path) as own:
-        own.wait(lambda: has_clicks(own.show))
-        own.wait(lambda: own.show.scene()["building"] is None)
-        processes = own.show.process_ids
+        own.wait(lambda: has_clicks(own.backend))
+        own.wait(lambda: own.backend.scene()["building"] is None)
+        processes = own.backend.process_ids
     assert clicks == {0, 3}
     assert {"building", "running", "clicks"} <= seen
     (table,) = (tmp_path / "cache").glob("*.nc")

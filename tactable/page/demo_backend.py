@@ -1,4 +1,4 @@
-"""The simulated rig as a show: browsers' fingers to the real engine, an emulated firmware and the bar. SIMULATED."""
+"""The simulated rig as a backend: browsers' fingers to the real engine, an emulated firmware and the bar. SIMULATED."""
 
 import asyncio
 import contextlib
@@ -133,7 +133,7 @@ async def _line(process: Process, name: str) -> dict[str, Any]:
     return told
 
 
-class DemoShow:
+class DemoBackend:
     """The rig of one choice at a time. `cache` keeps tables, `work` the ring."""
 
     def __init__(self, choice: Choice, device: Device, offers: Offered, cache: Path, work: Path) -> None:

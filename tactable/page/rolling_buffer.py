@@ -1,4 +1,4 @@
-"""What was lately: the newest samples of many columns, in memory that does not grow."""
+"""The newest samples of many columns, in bounded memory."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,17 +6,17 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-class Past:
-    """The last `kept` samples (time, column); zeros before the first."""
+class RollingBuffer:
+    """Keeps the last `kept` samples (time, column); they are zeros at first."""
 
     def __init__(self, kept: int, columns: int) -> None:
         self.kept = kept
-        # Twice as long: what is kept moves to the front only when the end is reached.
+        # Twice as long as kept: samples are moved to the front only when the end is reached, once in `kept` samples.
         self._values = np.zeros((2 * kept, columns))
         self._end = kept
 
     def push(self, samples: Array) -> None:
-        """Newer samples (time, column), of which more than are kept are forgotten."""
+        """Append samples (time, column); the oldest are dropped."""
         samples = samples[-self.kept :]
         if self._end + len(samples) > len(self._values):
             rest = self.kept - len(samples)
@@ -26,9 +26,9 @@ class Past:
         self._end += len(samples)
 
     def last(self, count: int) -> Array:
-        """A view of the newest `count`, at most `kept`; it is good until the next push."""
+        """A view of the newest `count` samples, at most `kept`, valid until the next push."""
         return self._values[self._end - count : self._end]
 
     def forget(self, column: int) -> None:
-        """Nothing was in a column."""
+        """Set one column to zero."""
         self._values[:, column] = 0.0

@@ -92,7 +92,7 @@ def test_a_page_that_is_killed_leaves_the_run_as_it_is(folder: Path, emulator: R
         pages = subprocess.run(
             ["ps", "--ppid", str(process.pid), "-o", "pid=,args="], capture_output=True, text=True, check=True
         ).stdout
-        (page,) = [int(line.split()[0]) for line in pages.splitlines() if "live_process" in line]
+        (page,) = [int(line.split()[0]) for line in pages.splitlines() if "tactable.page.processes.live" in line]
         subprocess.run(["kill", "-9", str(page)], check=True)
         summary, said = process.communicate()
     assert process.returncode == 0, said

@@ -1,4 +1,4 @@
-"""A live engine as a show: its ring, and the bar as its commands would move it. Nothing here reaches the engine."""
+"""A live engine as a backend: its ring, and the bar as its commands would move it. Nothing here reaches the engine."""
 
 import asyncio
 import contextlib
@@ -22,7 +22,7 @@ BEHIND_NS = 30_000_000
 _NS_PER_US = 1000
 
 
-class LiveShow:
+class LiveBackend:
     """One run of a table, looked on; a new table at its path is taken up as the run takes it up."""
 
     def __init__(self, reader: RingReader, table_path: Path, frequency_resolution_hz: float) -> None:
