@@ -72,8 +72,8 @@ def calibrate(
 ) -> None:
     """Fit a device to measured accelerations; a new folder gets the new device file, the raw data and a report."""
     from precompute.calibration.misfit import Loss
-    from tactable.calibrate.job import CalibrationJob, calibration_json
-    from tactable.calibrate.page import print_calibration
+    from tactable.calibration.job import CalibrationJob, calibration_json
+    from tactable.calibration.page import print_calibration
     from tactable.cli.calibrate_options import read_choice, read_option, read_parameters
 
     device = find_device(device_name)
@@ -96,7 +96,7 @@ def calibrate(
         return _doubts(report, accepted, strict)
 
     if apply is not None:
-        from tactable.calibrate.apply import ApplyOptions, apply_calibration
+        from tactable.calibration.apply import ApplyOptions, apply_calibration
 
         doubts = apply_calibration(_out, job, doubts_of, ApplyOptions(apply, despite_doubts, clicks, as_json))
     else:
@@ -145,7 +145,7 @@ def plan_measurements(
     from precompute.calibration.calibrate import calibrate as fit_device
     from precompute.calibration.plan import Accuracy, Criterion, plan_after, plan_first
     from precompute.measurements.file import read_measurements
-    from tactable.calibrate.page import print_plan
+    from tactable.calibration.page import print_plan
     from tactable.cli.calibrate_options import read_choice, read_option, read_parameters
 
     device = find_device(device_name)

@@ -101,7 +101,7 @@ class Calibrate:
     script = f"""
 from tactable.cli.main import app
 if __name__ == "__main__":
-    import precompute.calibration.calibrate, precompute.builder.build, tactable.calibrate.apply
+    import precompute.calibration.calibrate, precompute.builder.build, tactable.calibration.apply
     {_BEGIN}    words = "calibrate bar.toml measurements.csv -o fitted --starts 1 --apply bar.nc"
     app(words.split(), standalone_mode=False)
 """

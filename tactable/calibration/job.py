@@ -69,7 +69,7 @@ class CalibrationJob:
 
     def write(self, fitted: "Fitted") -> None:
         """Write the folder. Raises FolderError."""
-        from tactable.calibrate.files import calibration_files
+        from tactable.calibration.files import calibration_files
 
         files = calibration_files(fitted.calibration, fitted.report, fitted.raw, fitted.ending, fitted.created)
         write_new_folder(self.folder, files)
@@ -109,7 +109,7 @@ class Fitted:
 
     def device(self, source: str) -> Device:
         """The device of the file that will be written; `source` is its name in messages."""
-        from tactable.calibrate.files import device_text
+        from tactable.calibration.files import device_text
 
         return Device.parse(device_text(self.calibration, self.raw, self.ending, self.created), source)
 

@@ -18,8 +18,8 @@ from precompute.builder.incremental import Recipe, is_current, outdated_parts, p
 from precompute.entries.solver import prepare_entries
 from precompute.parallel.cores import available_cores
 from precompute.parallel.pool import Crew
-from tactable.calibrate.job import CalibrationJob, Fitted, calibration_json
-from tactable.calibrate.page import print_calibration
+from tactable.calibration.job import CalibrationJob, Fitted, calibration_json
+from tactable.calibration.page import print_calibration
 from tactable.cli.diff import print_short_diff, short_diff_json
 from tactable.progress import shown_progress
 from tactable.step_times import StepTimes, times_text
