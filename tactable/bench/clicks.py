@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from functools import partial
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -26,7 +25,6 @@ from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
 from precompute.parallel.cores import available_cores
 from precompute.parallel.pool import solve_in_processes
-from tactable.figures.file import check_paths, write_picture
 from tactable.progress import shown_progress
 from tactable.shipped import find_device
 
@@ -49,28 +47,15 @@ def register(bench: typer.Typer) -> None:
         ] = DEFAULT_OPTIONS.scenarios,
         judged: Annotated[int, typer.Option(min=20, max=100_000, help="Fresh plants they are judged by.")] = 1000,
         workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one a core.")] = None,
-        growth: Annotated[
-            Path | None, typer.Option("--growth", help="Measure growth instead, and draw it to this PNG, SVG or PDF.")
-        ] = None,
         as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
     ) -> None:
-        """What clicks do for every pair of zones, beside gated steady drives; or how their time and memory grow."""
-        from tactable.bench.click_growth import draw_growth, print_growth, run_growth
-
+        """What clicks do for every pair of zones, beside steady drives switched on and off."""
         device, count = find_device(device_name), workers or available_cores()
-        if growth is not None:
-            check_paths(growth, None)
+        options = replace(DEFAULT_OPTIONS, scenarios=scenarios, judged=judged)
         with shown_progress(as_json) as told:
-            if growth is not None:
-                result = run_growth(device, partial(told, "growth"))
-                write_picture(draw_growth(result), growth)
-            else:
-                options = replace(DEFAULT_OPTIONS, scenarios=scenarios, judged=judged)
-                result = run_clicks_bench(device, options, count, partial(told, "pairs"))
+            result = run_clicks_bench(device, options, count, partial(told, "pairs"))
         if as_json:
             print(json.dumps(result, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
-        elif growth is not None:
-            print_growth(_out, result)
         else:
             print_clicks_bench(_out, result)
 

@@ -1,48 +1,40 @@
-"""How long the entries of a device take, and how that grows with zones and actuators, beside a generic solver."""
+"""Time and memory of the entries of a device, beside a general-purpose solver (SLSQP) on the same problems."""
 
 import os
 import platform
 import resource
 import time
+from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
-import matplotlib.figure
 import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.table import Table as Grid
 from threadpoolctl import threadpool_limits
 
-from engine.device import Device, Zone
-from engine.device.file import ROMAN
+from engine.device import Device
 from engine.touch import ZoneState
 from precompute.entries.candidate import powers_of
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES, Problem
-from precompute.entries.prediction import touched_zones
+from precompute.entries.prediction import States, touched_zones
 from precompute.entries.solver import EntrySolver, tabulated_states
 from precompute.model.assembly import assemble
 
 Array = NDArray[np.float64]
 
 STEP_HZ = 0.5
-_MOST_SOLVED = 65
-"""Of more states, so many are solved for the growth, evenly chosen; the time for all is extrapolated and marked."""
 _SLSQP_STARTS = 20
 _SLSQP_STATES = 3
 
 
-def run_states_bench(device: Device, zones: list[int], actuators: list[int]) -> dict[str, Any]:
-    """Time and memory for every count of zones and actuators, with the exponent of the growth in states."""
+def run_states_bench(device: Device) -> dict[str, Any]:
+    """Time and memory of all the device's states, and how many times as long SLSQP takes for an entry."""
+    device = replace(device, sweep=replace(device.sweep, step_hz=STEP_HZ))
     with threadpool_limits(1, "blas"):
-        base = _varied(device, len(device.zones), len(device.actuators))
-        own = _time_states(base, len(tabulated_states(base)))
-        rival_s = _time_slsqp(base)
-        rows = [_time_states(_varied(device, n, m), _MOST_SOLVED) for m in actuators for n in zones]
-    fits = {m: _exponent([row for row in rows if row["actuators"] == m]) for m in actuators}
+        own = time_entries(device, sorted(tabulated_states(device), key=touched_zones))
+        rival_s = _time_slsqp(device)
     return {
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
         "step_hz": STEP_HZ,
@@ -50,54 +42,27 @@ def run_states_bench(device: Device, zones: list[int], actuators: list[int]) -> 
         "device": own,
         "slsqp_s_per_entry": rival_s,
         "slsqp_ratio": rival_s / own["s_per_entry"],
-        "rows": rows,
-        "exponent_of_states": {str(m): exponent for m, exponent in fits.items()},
     }
 
 
-def _varied(device: Device, zones: int, actuators: int) -> Device:
-    """The device with equal zones, and its actuators with copies of the first evenly between the outer ones."""
-    sweep = replace(device.sweep, step_hz=STEP_HZ)
-    if (zones, actuators) == (len(device.zones), len(device.actuators)):
-        return replace(device, sweep=sweep)
-    edges = np.linspace(0.0, device.bar.length_m, zones + 1).tolist()
-    first, last = device.actuators[0], device.actuators[-1]
-    places = np.linspace(first.position_m, last.position_m, actuators).tolist()
-    own = [
-        replace(last if place == places[-1] else first, name=f"actuator {i}", position_m=place)
-        for i, place in enumerate(places)
-    ]
-    named = tuple(Zone(name, a, b) for name, (a, b) in zip(ROMAN, pairwise(edges), strict=False))
-    return replace(device, sweep=sweep, zones=named, actuators=tuple(own))
-
-
-def _time_states(device: Device, most: int) -> dict[str, Any]:
+def time_entries(device: Device, chosen: Sequence[States]) -> dict[str, Any]:
+    """Seconds for the entries of all states of the device, extrapolated from the `chosen` ones; memory."""
     solver = EntrySolver(assemble(device))
-    solver.solve(tabulated_states(device)[0])  # kernels compiled, caches of the machine filled
-    states = sorted(tabulated_states(device), key=touched_zones)
-    chosen = states[:: -(-len(states) // most)]
+    solver.solve(chosen[0])  # compiles the kernels and fills the machine's caches
     start_s = time.perf_counter()
     solver = EntrySolver(assemble(device))
     gaps_db = [entry.optimality_gap_db for state in chosen for entry in solver.solve(state)]
-    spent_s = time.perf_counter() - start_s
+    spent_s, states = time.perf_counter() - start_s, len(tabulated_states(device))
     return {
         "zones": len(device.zones),
         "actuators": len(device.actuators),
-        "states": len(states),
+        "states": states,
         "solved": len(chosen),
-        "all_states_s": spent_s * len(states) / len(chosen),
+        "all_states_s": spent_s * states / len(chosen),
         "s_per_entry": spent_s / len(gaps_db),
         "median_gap_db": float(np.median(gaps_db)),
         "memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
-
-
-def _exponent(rows: list[dict[str, Any]]) -> float | None:
-    """Slope of log time over log states."""
-    if len(rows) < 2:
-        return None
-    x, y = (np.log([row[key] for row in rows]) for key in ("states", "all_states_s"))
-    return float(np.polyfit(x, y, 1)[0])
 
 
 def _time_slsqp(device: Device) -> float:
@@ -141,46 +106,12 @@ def _slsqp(problem: Problem, wanted: float, random: np.random.Generator) -> None
 
 
 def print_states_bench(out: Console, result: dict[str, Any]) -> None:
-    """One table: counts, seconds, memory; then the exponents and the rival."""
-    grid = Grid("zones", "actuators", "states", "s for all", "ms an entry", "median gap dB", "peak MiB")
-    for row in result["rows"]:
-        mark = "" if row["solved"] == row["states"] else f" (from {row['solved']})"
-        grid.add_row(
-            str(row["zones"]),
-            str(row["actuators"]),
-            str(row["states"]),
-            f"{row['all_states_s']:.1f}{mark}",
-            f"{1e3 * row['s_per_entry']:.1f}",
-            f"{row['median_gap_db']:.3f}",
-            f"{row['memory_mib']:.0f}",
-        )
+    """Seconds, memory and the ratio to SLSQP."""
     own = result["device"]
     out.print(f"{result['machine']}; {result['levels']} levels, {result['step_hz']} Hz", highlight=False)
     out.print(
-        f"the device itself: {own['states']} states in {own['all_states_s']:.1f} s; SLSQP from {_SLSQP_STARTS} starts "
+        f"{own['states']} states in {own['all_states_s']:.1f} s, {1e3 * own['s_per_entry']:.1f} ms an entry (median "
+        f"gap {own['median_gap_db']:.3f} dB), {own['memory_mib']:.0f} MiB at most; SLSQP from {_SLSQP_STARTS} starts "
         f"takes {result['slsqp_ratio']:.0f} times as long for an entry",
         highlight=False,
     )
-    if result["rows"]:
-        out.print(grid)
-    for actuators, exponent in result["exponent_of_states"].items():
-        if exponent is not None:
-            out.print(f"{actuators} actuators: time grows as states^{exponent:.2f}", highlight=False)
-
-
-def draw_states_bench(result: dict[str, Any], path: Path) -> None:
-    """Seconds over states, one line for each number of actuators."""
-    figure = matplotlib.figure.Figure(figsize=(6, 4), layout="constrained")
-    axes = figure.subplots()
-    markers = "osD^v"
-    for i, (actuators, exponent) in enumerate(result["exponent_of_states"].items()):
-        rows = [row for row in result["rows"] if row["actuators"] == int(actuators)]
-        label = f"{actuators} actuators" + ("" if exponent is None else f", states^{exponent:.2f}")
-        x, y = ([row[key] for row in rows] for key in ("states", "all_states_s"))
-        axes.loglog(x, y, marker=markers[i % len(markers)], label=label)
-    axes.set_xlabel("states with a felt zone")
-    axes.set_ylabel(f"seconds for all, {result['levels']} levels each")
-    axes.set_title(result["machine"], fontsize=9)
-    axes.grid(visible=True, which="both", alpha=0.3)
-    axes.legend()
-    figure.savefig(path, dpi=150)

@@ -24,11 +24,9 @@ from engine.touch.sources.recording import RecordingError, read_recording
 from firmware_link.protocol.errors import LinkError
 from precompute.fleet.error import FleetError
 from precompute.measurements.error import CalibrationError
-from tactable.bench import calibrate as bench_calibrate
 from tactable.bench import clicks as bench_clicks
 from tactable.bench import commands as bench_commands
 from tactable.bench import effects as bench_effects
-from tactable.bench import recalibrate as bench_recalibrate
 from tactable.bench.latency import command as bench_latency
 from tactable.bench.latency.report import LatencyReportError
 from tactable.cli import build as build_commands
@@ -64,8 +62,6 @@ diff_commands.register(app)
 fleet_commands.register(app)
 run.register(app)
 bench_commands.register(bench)
-bench_calibrate.register(bench)
-bench_recalibrate.register(bench)
 bench_clicks.register(bench)
 bench_effects.register(bench)
 bench_latency.register(bench)
@@ -323,19 +319,12 @@ def bench_decode(
 @bench.command("states")
 def bench_states(
     device_name: Annotated[str, typer.Option("--device", help="A device file, or a shipped name.")] = "reference-a",
-    zones: Annotated[
-        str, typer.Option(help="Numbers of zones, such as 3,4,5; empty: only the device itself.")
-    ] = "3,4,5",
-    actuators: Annotated[str, typer.Option(help="Numbers of actuators.")] = "2,3",
-    figure: Annotated[Path | None, typer.Option("--figure", help="Draw the growth here.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """How long the entries of every state take, how that grows, and how long a generic solver would."""
-    from tactable.bench.entries import draw_states_bench, print_states_bench, run_states_bench
+    """How long the entries of every state take, and how long a general-purpose solver would."""
+    from tactable.bench.entries import print_states_bench, run_states_bench
 
-    result = run_states_bench(find_device(device_name), _counts("--zones", zones), _counts("--actuators", actuators))
-    if figure is not None:
-        draw_states_bench(result, figure)
+    result = run_states_bench(find_device(device_name))
     if as_json:
         _print_json(result)
     else:
@@ -357,16 +346,6 @@ def bench_contrast(
         _print_json(result)
     else:
         print_contrast_bench(_out, result)
-
-
-def _counts(option: str, text: str) -> list[int]:
-    try:
-        counts = [int(part) for part in text.split(",") if part.strip()]
-    except ValueError:
-        counts = [0]
-    if any(not 1 <= count <= 16 for count in counts):
-        raise TableError(f"{option} {text!r}: expected whole numbers from 1 to 16, such as 3,4,5")
-    return counts
 
 
 def _print_json(value: object) -> None:

@@ -57,15 +57,15 @@ def timed(bars: Path, out: Path, workers: int, kill: bool) -> float:
         if outcome.error is None:
             assert_complete(out / outcome.name)
     assert ODD in {outlier.unit for outlier in summary.outliers}
-    print(f"{len(units)} units, {workers} workers{', one killed' * kill}: {spent_s:.1f} s,", end=" ")  # noqa: T201
-    print(f"{len(summary.failed)} failed, load {os.getloadavg()[0]:.1f}", flush=True)  # noqa: T201
+    print(f"{len(units)} units, {workers} workers{', one killed' * kill}: {spent_s:.1f} s,", end=" ")
+    print(f"{len(summary.failed)} failed, load {os.getloadavg()[0]:.1f}", flush=True)
     return spent_s
 
 
 def main() -> None:
     """Print times and the speed-up."""
     count, workers = map(int, sys.argv[1:])
-    print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")  # noqa: T201
+    print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
     with tempfile.TemporaryDirectory() as folder:
         bars = Path(folder, "bars")
         bars.mkdir()
@@ -73,7 +73,7 @@ def main() -> None:
         killed_s = timed(bars, Path(folder, "killed"), workers, kill=True)
         one_s = timed(bars, Path(folder, "one"), 1, kill=False)
         several_s = timed(bars, Path(folder, "several"), workers, kill=False)
-    print(f"speed-up {one_s / several_s:.2f}, with a worker killed {one_s / killed_s:.2f}")  # noqa: T201
+    print(f"speed-up {one_s / several_s:.2f}, with a worker killed {one_s / killed_s:.2f}")
 
 
 if __name__ == "__main__":

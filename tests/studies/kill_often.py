@@ -25,8 +25,8 @@ from precompute.builder.build import build_table
 from precompute.builder.incremental import outdated_parts
 from precompute.clicks.options import ClickOptions
 from precompute.fleet.work import DEVICE, OUTCOME, TABLE
-from tactable.rig.swap_run import resting_run
 from tests.precompute.fleet.small_fleet import small_text, write_measurements, write_unit
+from tests.studies.watched_run import resting_run
 
 ROOT = Path(__file__).parents[2]
 CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=2, trimmed=6, judged=10)
@@ -299,7 +299,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, work_of(name, Path(folder)) as work:
         reached, ended = kill_often(work, Path(folder), times)
     at = ", ".join(f"{count} at {word}" for word, count in sorted(reached.items()))
-    print(f"{name}: killed {sum(reached.values())} times ({at}), ended {ended} times; all was whole")  # noqa: T201
+    print(f"{name}: killed {sum(reached.values())} times ({at}), ended {ended} times; all was whole")
 
 
 if __name__ == "__main__":

@@ -36,9 +36,9 @@ def main() -> None:
         build_table(device, measured, created="", clicks_up_to=0, responses=read_responses(file, device))
         with Table.open(modelled) as own, Table.open(measured) as other:
             entries = compare_tables(own, other, Tolerance(0.1)).entries
-    print(f"{places} places, every {step_hz:g} Hz: {len(entries.changed)} of {entries.compared} entries differ")  # noqa: T201
+    print(f"{places} places, every {step_hz:g} Hz: {len(entries.changed)} of {entries.compared} entries differ")
     for count, _, figure in entries.largest():
-        print(f"{figure.figure}: {count} beyond the tolerance, up to {figure.size:.2f} {figure.unit}")  # noqa: T201
+        print(f"{figure.figure}: {count} beyond the tolerance, up to {figure.size:.2f} {figure.unit}")
 
 
 if __name__ == "__main__":

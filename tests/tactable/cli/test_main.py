@@ -130,7 +130,6 @@ def test_frames_are_one_object_a_line(tmp_path: Path) -> None:
         (("explain", "bar.nc", "--felt", "I", "--level", "loud"), ("--level", "full")),
         (("explain", "bar.nc", "--felt", "I", "--level", "nan"), ("--level", "0 or more")),
         (("build", "bar.toml", "--objective", "contrst"), ("'contrst'", "standard contrast")),
-        (("bench", "states", "--zones", "two"), ("--zones", "whole numbers")),
         (("replay", "bar.toml"), ("bar.toml",)),
         (("demo", "--recording", "missing.hid"), ("missing.hid",)),
     ],

@@ -6,7 +6,8 @@ import numpy as np
 
 from engine.device import Device
 from tactable.bench.latency.load import Load
-from tactable.rig.swap_run import FRAME_NS, Segment, measure_changes, touches
+from tests.studies.table_changes import FRAME_NS, Segment, measure_changes
+from tests.studies.watched_run import touches
 from tests.tactable.run.test_table_watch import DEVICE, write_table
 
 

@@ -1,27 +1,36 @@
-"""How well and how fast a calibration finds what is known: synthetic bars, noise, wrong readings, seeded draws."""
+"""Coverage of the 95 % intervals of a calibration on synthetic bars with known parameters. SIMULATED.
 
+`python -m tests.studies.calibration_coverage [--draws N] [--figure FILE] [--json]` proves that the intervals hold the
+true value about as often as they say, with noise and with wrong readings, and that without noise the fit is exact.
+docs/calibration-coverage.png and the table in docs/calibration.md are made with --draws 100.
+"""
+
+import argparse
 import json
 import platform
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table as Grid
+from threadpoolctl import threadpool_limits
 
-from tactable.progress import shown_progress
+from engine.device import Device
+from precompute.calibration.calibrate import Known, calibrate
+from precompute.calibration.misfit import Loss
+from precompute.measurements.parameters import default_names, find_parameters, with_changes
+from precompute.measurements.simulate import SENSOR_MASS_KG, Flaws, even_places, simulate_measurements
+from precompute.measurements.types import lay_out
 from tactable.shipped import find_device
 
 Array = NDArray[np.float64]
 
 PAIRS_HZ = ((150, 130), (150, 200), (150, 230), (120, 180), (180, 210), (210, 120), (100, 250))
 """The paper's three, then others in its band."""
-_out = Console()
 
 
 @dataclass(frozen=True)
@@ -52,37 +61,10 @@ CASES = (
 )
 
 
-def register(bench: typer.Typer) -> None:
-    """Add the command to the benchmarks."""
-
-    @bench.command("calibrate")
-    def bench_calibrate(
-        draws: Annotated[int, typer.Option(min=1, max=10_000, help="Bars of each case.")] = 10,
-        figure: Annotated[Path | None, typer.Option("--figure", help="Draw the coverage here.")] = None,
-        as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
-    ) -> None:
-        """Synthetic bars with known parameters: what is found, how often intervals hold it, how long it takes."""
-        with shown_progress(as_json) as progress:
-            result = run_calibrate_bench(CASES, draws, progress)
-        if figure is not None:
-            draw_calibrate_bench(result, figure)
-        if as_json:
-            print(json.dumps(result, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
-        else:
-            print_calibrate_bench(_out, result)
-
-
-def run_calibrate_bench(
-    cases: Sequence[Case], draws: int, progress: Callable[[str, float], None] = lambda _step, _fraction: None
-) -> dict[str, Any]:
+def measure_coverage(cases: Sequence[Case], draws: int) -> dict[str, Any]:
     """Every case with `draws` bars; the draws of a case depend on nothing but their number."""
-    from threadpoolctl import threadpool_limits
-
-    rows = []
     with threadpool_limits(1, "blas"):
-        for number, case in enumerate(cases):
-            progress(f"{case.device} {case.pairs} pairs", number / len(cases))
-            rows.append(_run_case(case, draws))
+        rows = [_run_case(case, draws) for case in cases]
     return {
         "machine": {"python": platform.python_version(), "processor": platform.machine()},
         "draws": draws,
@@ -129,12 +111,6 @@ class Draw:
 
 
 def _run_draw(case: Case, seed: int) -> Draw:
-    from precompute.calibration.calibrate import Known, calibrate
-    from precompute.calibration.misfit import Loss
-    from precompute.measurements.parameters import default_names, with_changes
-    from precompute.measurements.simulate import SENSOR_MASS_KG, Flaws, even_places, simulate_measurements
-    from precompute.measurements.types import lay_out
-
     device = find_device(case.device)
     names = default_names(device)
     truth = draw_truth(device, names, seed, published=case.published)
@@ -154,10 +130,8 @@ def _run_draw(case: Case, seed: int) -> Draw:
     )
 
 
-def draw_truth(device: Any, names: Sequence[str], seed: int, *, published: bool) -> Array:
+def draw_truth(device: Device, names: Sequence[str], seed: int, *, published: bool) -> Array:
     """Values (parameter,), SI: stiffness within 30 % of the description, full scale 40 %, damping a factor of e."""
-    from precompute.measurements.parameters import find_parameters
-
     random = np.random.default_rng(seed)
     out = []
     for parameter in find_parameters(device, names, {}, 0.0):
@@ -172,33 +146,26 @@ def draw_truth(device: Any, names: Sequence[str], seed: int, *, published: bool)
     return np.array(out)
 
 
-def print_calibrate_bench(out: Console, result: dict[str, Any]) -> None:
-    """One line a case."""
-    grid = Grid("bars like", "pairs", "noise", "wrong", "loss", "sigma", "held", "worst error without sigma", "seconds")
-    for row in result["cases"]:
-        worst = max(p["greatest_error"] for p in row["parameters"] if p["name"] != "bar.mass_damping")
-        grid.add_row(
-            row["device"],
-            str(row["pairs"]),
-            f"{100 * row['noise']:g} %",
-            f"{100 * row['wrong']:g} %",
-            row["loss"],
-            row["sigma"],
-            f"{100 * row['held']:.1f} %",
-            f"{worst:.1e}",
-            f"{row['seconds']['median']:.2f} ({row['seconds']['greatest']:.2f})",
-        )
-    out.print(grid)
+def describe(row: dict[str, Any]) -> str:
+    """One line on a case."""
+    worst = max(p["greatest_error"] for p in row["parameters"] if p["name"] != "bar.mass_damping")
+    return (
+        f"{_title(row):60} held {100 * row['held']:5.1f} %, worst error without sigma {worst:.1e}, "
+        f"{row['seconds']['median']:.2f} s (at most {row['seconds']['greatest']:.2f})"
+    )
 
 
-def draw_calibrate_bench(result: dict[str, Any], path: Path) -> None:
+def _title(row: dict[str, Any]) -> str:
+    return (
+        f"{row['device']}, {row['pairs']} pairs, {100 * row['noise']:g} %"
+        + (f", {100 * row['wrong']:g} % wrong" if row["wrong"] else "")
+        + (f", {row['loss']}" if row["loss"] != "robust" else "")
+        + (", sigma as published" if row["sigma"] == "as published" else "")
+    )
+
+
+def draw(result: dict[str, Any], path: Path) -> None:
     """Share of intervals that hold the true value, by parameter and case with noise."""
-    from matplotlib.figure import Figure
-
-    from tactable.figures.file import Picture, check_paths, write_picture
-    from tactable.figures.style import BLACK, GREY
-
-    check_paths(path, None)
     cases = [row for row in result["cases"] if row["noise"] > 0]
     figure = Figure(figsize=(10, 1.6 + 0.33 * len(cases)), layout="constrained")
     axes = figure.add_subplot()
@@ -206,20 +173,29 @@ def draw_calibrate_bench(result: dict[str, Any], path: Path) -> None:
         for i, parameter in enumerate(row["parameters"]):
             marker = "os^vDP"[i % 6]
             axes.plot(100 * parameter["held"], height, marker, ms=5, alpha=0.7, color=f"C{i}")
-        axes.plot(100 * row["held"], height, "|", ms=14, mew=2, color=BLACK)
-    axes.axvspan(90, 98, color=GREY, alpha=0.2, lw=0)
-    labels = [
-        f"{row['device']}, {row['pairs']} pairs, {100 * row['noise']:g} %"
-        + (f", {100 * row['wrong']:g} % wrong" if row["wrong"] else "")
-        + (f", {row['loss']}" if row["loss"] != "robust" else "")
-        + (", sigma as published" if row["sigma"] == "as published" else "")
-        for row in reversed(cases)
-    ]
-    axes.set_yticks(range(len(cases)), labels, fontsize="small")
+        axes.plot(100 * row["held"], height, "|", ms=14, mew=2, color="black")
+    axes.axvspan(90, 98, color="grey", alpha=0.2, lw=0)
+    axes.set_yticks(range(len(cases)), [_title(row) for row in reversed(cases)], fontsize="small")
     axes.set_xlabel("intervals of 95 % that hold the true value (%); | is the mean of the parameters")
     for i, parameter in enumerate(cases[0]["parameters"]):
         axes.plot([], [], "os^vDP"[i % 6], color=f"C{i}", label=parameter["name"])
     axes.legend(fontsize="small", loc="upper left")
-    caption = f"SIMULATED bars with known parameters, {result['draws']} of each case"
-    figure.suptitle(caption, fontsize="medium")
-    write_picture(Picture(figure, {}, {}, caption), path)
+    figure.suptitle(f"SIMULATED bars with known parameters, {result['draws']} of each case", fontsize="medium")
+    figure.savefig(path, dpi=150)
+
+
+def main() -> None:
+    """Print a line for each case."""
+    parser = argparse.ArgumentParser(prog="tests.studies.calibration_coverage", description=__doc__)
+    parser.add_argument("--draws", type=int, default=10, help="bars of each case")
+    parser.add_argument("--figure", type=Path, help="draw the coverage to this file")
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    result = measure_coverage(CASES, asked.draws)
+    if asked.figure is not None:
+        draw(result, asked.figure)
+    print(json.dumps(result, indent=2) if asked.json else "\n".join(map(describe, result["cases"])))
+
+
+if __name__ == "__main__":
+    main()

@@ -4,13 +4,12 @@ import json
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 
-from tactable.bench.calibrate import Case, draw_calibrate_bench, draw_truth, print_calibrate_bench, run_calibrate_bench
 from tests.precompute.devices import shipped
 from tests.precompute.measured import TRUTH
+from tests.studies.calibration_coverage import Case, describe, draw, draw_truth, measure_coverage
 
-RESULT = run_calibrate_bench((Case("reference-a", 3, 0.01), Case("reference-a", 3, 0.0, published=True)), 1)
+RESULT = measure_coverage((Case("reference-a", 3, 0.01), Case("reference-a", 3, 0.0, published=True)), 1)
 
 
 def test_every_case_has_its_figures_and_json_takes_them() -> None:
@@ -31,9 +30,7 @@ def test_bars_are_drawn_about_the_device_by_their_seed() -> None:
     assert draw_truth(device, names, 3, published=True)[4] == device.bar.mass_damping_per_s
 
 
-def test_the_study_is_printed_and_drawn(tmp_path: Path) -> None:
-    out = Console(record=True, width=160)
-    print_calibrate_bench(out, RESULT)
-    assert "as published" in out.export_text()
-    draw_calibrate_bench(RESULT, tmp_path / "held.png")
+def test_the_study_is_described_and_drawn(tmp_path: Path) -> None:
+    assert [("as published" in describe(row)) for row in RESULT["cases"]] == [False, True]
+    draw(RESULT, tmp_path / "held.png")
     assert (tmp_path / "held.png").stat().st_size > 10_000
