@@ -119,7 +119,7 @@ class StateChange(NamedTuple):
 
 @dataclass
 class LoopCounters:
-    """What the loop did. A command is a drive or a click that was sent; renewals and the ends of bursts do not count.
+    """What the loop did. A command is a drive or a click that was sent; renewals do not count.
 
     Each loss of the port or of the device behind it is counted, and each new session after that or after a stop.
     """
@@ -256,7 +256,6 @@ class Loop:
         self._level_db: float | None = None
         self._click_ns: int | None = None
         self._held = SILENCE  # what the device drives unless a waveform plays
-        self._stop_ns: int | None = None  # when that is over, on the clock's axis; None: it is no burst that was sent
         self._touches: Sequence[Touch] = ()
         self._release_ns: int | None = None  # when the watchdog acts, on the source's axis; None with no contact
         self._due_ns: float = math.inf  # when time alone brings something, on the source's axis
@@ -272,8 +271,6 @@ class Loop:
             while not self._is_over(stop):
                 readable = self._wait()
                 self._read_touches()
-                if self._stop_ns is not None and self._stop_ns <= self._now_ns():
-                    self._end_burst()
                 self._keep_link(readable)
                 if self._updates is not None:
                     self._look_for_update(self._updates, readable)
@@ -296,7 +293,7 @@ class Loop:
 
     def _wait(self) -> Container[int] | None:
         source, session = self._source, self._session
-        deadlines_ns = [_link_deadline_ns(session, self._clock), source.next_time_ns(), self._stop_ns]
+        deadlines_ns = [_link_deadline_ns(session, self._clock), source.next_time_ns()]
         if not self._port and self._reopening is not None:
             deadlines_ns += [self._reopening.next_attempt_ns(), self._now_ns() + LOST_PORT_NS]
         due_ns = (self._release_ns, self._player.next_change_ns)
@@ -461,17 +458,10 @@ class Loop:
         if self._pending is not None:
             self._settle()
         sent_before = self._link.counters.sent
-        self._held, self._stop_ns = command if isinstance(command, DriveCommand) else SILENCE, None
+        self._held = command if isinstance(command, DriveCommand) else SILENCE
         command.hand_to(self._link)
         handed = None if stamps is None else (*stamps, state_ns, command_ns or self._now_ns())
         self._pending = _Pending(*state, sent_before, handed)
-
-    def _end_burst(self) -> None:
-        """Silence, while the state stays."""
-        self._held, self._stop_ns = SILENCE, None
-        SILENCE.hand_to(self._link)
-        if self._ring is not None:
-            self._note(self._now_ns(), None, b"")
 
     def _keep_link(self, readable: Container[int] | None) -> None:
         """Move bytes while there is a port; what was lost is found again, or ends the run."""
@@ -571,8 +561,6 @@ class Loop:
         is_sent = self._is_sent()
         self._pending = None
         self.counters.commands += is_sent
-        if is_sent and self._held.stop_after_ns is not None:
-            self._stop_ns = settled_ns + self._held.stop_after_ns
         if is_sent and self._ring is not None:
             stamps = None if pending.stamps is None else (*pending.stamps, settled_ns)
             self._sent = _Sent(pending.report_index, pending.time_ns, stamps, self._link.drive_sequence)
@@ -622,10 +610,8 @@ class Loop:
                 raise LinkError(f"the device disarmed itself ({event.fault.name}): see to it, then start the run again")
 
     def _resume(self) -> None:
-        """What is to play by now goes out to a device that was armed anew; a click is over, be it a burst."""
+        """What is to play by now goes out to a device that was armed again; a click is over."""
         self._is_handed_over = False
-        if self._held.stop_after_ns is not None:
-            self._end_burst()
         if self._pending is not None and self._pending.is_click:
             self._settle()
         if self._held != SILENCE or self._pending is not None:

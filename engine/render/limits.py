@@ -1,11 +1,10 @@
-"""Entry or burst to the drive that the device can bear; nothing passes unclamped."""
+"""Entry to the drive that the device can bear; nothing passes unclamped."""
 
 import math
 from dataclasses import dataclass
 
 from engine.device import Actuator, Device, Limits
 from engine.table import Entry
-from engine.table.burst import BurstEntry
 from firmware_link.host.link_values import LinkConfiguration
 from firmware_link.protocol.messages import ChannelDrive
 
@@ -24,7 +23,7 @@ class Drive:
     channels: tuple[ChannelDrive, ...]
 
 
-def clamp(entry: Entry | BurstEntry, device: Device) -> Drive:
+def clamp(entry: Entry, device: Device) -> Drive:
     """The entry's drive with amplitudes of at most `limits.amplitude`.
 
     All channels are scaled together: their ratio, and with it the localized factor, stays. A silent actuator gets the
@@ -59,7 +58,7 @@ def link_configuration(device: Device, bit_rate_hz: int = 115_200) -> LinkConfig
     )
 
 
-def _channels(entry: Entry | BurstEntry, device: Device) -> list[ChannelDrive]:
+def _channels(entry: Entry, device: Device) -> list[ChannelDrive]:
     values = (entry.frequencies_hz, entry.amplitudes, entry.phases_rad)
     if any(len(each) != len(device.actuators) for each in values):
         raise LimitError(

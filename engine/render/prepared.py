@@ -9,7 +9,6 @@ from engine.loop.fast.table import FastTable, make_fast_table
 from engine.render.limits import link_configuration
 from engine.render.renderer import Renderer, WhenNotAchieved
 from engine.table import Table
-from engine.table.burst import needs_bursts
 from engine.table.click import choose_bank
 from firmware_link.host.link_values import Capabilities, LinkConfiguration
 from firmware_link.protocol.bank import Bank, encode_bank
@@ -24,12 +23,10 @@ class Rendering:
     device: Device
     renderer: Renderer
     configuration: LinkConfiguration
-    """Limits of the device, the bank of clicks, the shapes of bursts."""
+    """Limits of the device, the bank of clicks."""
     bank_data: bytes
     """The bank as the device takes it; empty without one."""
     click_length_ns: int
-    bursts: int = 0
-    """How many states have a burst for a click."""
     fast_table: FastTable | None = None
     """The same commands as the fast path reads them; None where they are too many or too long."""
 
@@ -46,30 +43,18 @@ def render_table(
     when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN,
     bit_rate_hz: int = 115_200,
 ) -> Rendering:
-    """Everything encoded; bursts for clicks where the device plays no waveforms but shapes onsets.
-
-    Raises RendererError and LimitError for what does not fit the device.
-    """
+    """Everything encoded. Raises RendererError and LimitError for what does not fit the device."""
     device, levels_db = table.device, effects.levels_db
     entries = {level_db: table.entries_at(level_db) for level_db in levels_db}
     clicks = {level_db: table.clicks_at(level_db) for level_db in levels_db if effects.have_clicks}
     bank, waveforms = choose_bank(table.clicks if effects.have_clicks else (), capabilities)
-    shapes = table.shapes if effects.have_clicks and needs_bursts(capabilities) else ()
-    bursts = {level_db: table.bursts_at(level_db) for level_db in levels_db} if shapes else {}
-    renderer = Renderer(entries, device, capabilities, when_not_achieved, clicks, waveforms, bursts)
-    configuration = replace(link_configuration(device, bit_rate_hz), bank=bank, onsets=shapes)
+    renderer = Renderer(entries, device, capabilities, when_not_achieved, clicks, waveforms)
+    configuration = replace(link_configuration(device, bit_rate_hz), bank=bank)
     return Rendering(
         device,
         renderer,
         configuration,
         b"" if bank is None else encode_bank(bank, capabilities.number_of_actuators),
-        _click_length_ns(table, len(shapes) > 0),
-        len(table.bursts) if shapes else 0,
+        max((round(NS_PER_S * click.length_s) for click in table.clicks), default=DEFAULT_CLICK_NS),
         make_fast_table(renderer, capabilities, len(device.zones), configuration.lease_ms),
     )
-
-
-def _click_length_ns(table: Table, with_bursts: bool) -> int:
-    """How long everything lasts that a click may be."""
-    click_ns = max((round(NS_PER_S * click.length_s) for click in table.clicks), default=DEFAULT_CLICK_NS)
-    return max([click_ns, *[round(NS_PER_S * burst.stop_s) for burst in table.bursts if with_bursts]])

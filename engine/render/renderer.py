@@ -8,16 +8,12 @@ from typing import NamedTuple
 from engine.device import Device
 from engine.render.limits import Drive, clamp
 from engine.table import ClickEntry, Entry
-from engine.table.burst import BurstEntry
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import encode_drive
 
 _NO_CLICKS: Mapping[float, Iterable[ClickEntry]] = MappingProxyType({})
-_NO_BURSTS: Mapping[float, Iterable[BurstEntry]] = MappingProxyType({})
 _NO_WAVEFORMS: Mapping[int, int] = MappingProxyType({})
-
-NS_PER_S = 1_000_000_000
 
 
 class RendererError(ValueError):
@@ -36,17 +32,13 @@ class WhenNotAchieved(StrEnum):
 
 
 class DriveCommand(NamedTuple):
-    """Drive these bytes until something else is commanded, or until their stop; no bytes are silence."""
+    """Drive these bytes until something else is commanded; no bytes are silence."""
 
     drive: bytes
-    onset: int = 0
-    """Number of the onset that the link is configured with, 0 is none."""
-    stop_after_ns: int | None = None
-    """A burst: silence follows so long after it was sent, which is the loop's to see to."""
 
     def hand_to(self, link: Link) -> None:
         """In place of what is not sent yet."""
-        link.set_drive(self.drive, self.onset)
+        link.set_drive(self.drive)
 
 
 class PlayCommand(NamedTuple):
@@ -72,8 +64,7 @@ class _Rendered(NamedTuple):
 class Renderer:
     """The command for every state that has an entry, at every level that is going to be asked for.
 
-    `entries`, `clicks` and `bursts` are given by wanted level; `waveforms` says where the bank has the click of a
-    state. Bursts, whose shapes are the onsets of the link, are played for clicks that are not in the bank. Raises
+    `entries` and `clicks` are given by wanted level; `waveforms` says where the bank has the click of a state. Raises
     RendererError when table, device and capabilities do not fit, LimitError for an entry that is broken.
     """
 
@@ -85,7 +76,6 @@ class Renderer:
         when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN,
         clicks: Mapping[float, Iterable[ClickEntry]] = _NO_CLICKS,
         waveforms: Mapping[int, int] = _NO_WAVEFORMS,
-        bursts: Mapping[float, Iterable[BurstEntry]] = _NO_BURSTS,
     ) -> None:
         self.unknown_states = 0
         """How often a felt state was asked for that has no entry."""
@@ -101,10 +91,7 @@ class Renderer:
                 if entry.index in rendered:
                     raise RendererError(f"state {entry.index} has two entries: build the table again")
                 rendered[entry.index] = self._render_entry(entry, device, capabilities)
-        self._clicks: dict[float, dict[int, _Rendered]] = {level_db: {} for level_db in (*bursts, *clicks)}
-        for level_db, bursts_of_level in bursts.items():
-            for burst in bursts_of_level:
-                self._clicks[level_db][burst.index] = self._render_burst(burst, device, capabilities)
+        self._clicks: dict[float, dict[int, _Rendered]] = {level_db: {} for level_db in clicks}
         for level_db, clicks_of_level in clicks.items():
             for click in clicks_of_level:
                 if click.index in waveforms:
@@ -114,15 +101,6 @@ class Renderer:
         if self._refuses and not click.achieved:
             return _Rendered(SILENCE, is_achieved=False)
         return _Rendered(PlayCommand(waveform, click.amplitude), click.achieved)
-
-    def _render_burst(self, burst: BurstEntry, device: Device, capabilities: Capabilities) -> _Rendered:
-        drive = clamp(burst, device)
-        _check_frequencies(burst, drive, capabilities)
-        if self._refuses and not burst.achieved:
-            return _Rendered(SILENCE, is_achieved=False)
-        drive_bytes = encode_drive(drive.channels, capabilities.frequency_resolution_hz)
-        command = DriveCommand(drive_bytes, burst.shape + 1, round(NS_PER_S * burst.stop_s))
-        return _Rendered(command, burst.achieved)
 
     def _render_entry(self, entry: Entry, device: Device, capabilities: Capabilities) -> _Rendered:
         _check_zones(entry, device)
@@ -136,7 +114,7 @@ class Renderer:
     def render(self, state: int, level_db: float | None, is_click: bool = False) -> Command:
         """What to command; SILENCE: nothing is felt, or there is no entry, or it is refused.
 
-        A click is the waveform in the bank, else the burst, else the steady drive, for the effect to end. Raises
+        A click is the waveform in the bank, else the steady drive, for the effect to end. Raises
         KeyError for a level that no entries were given for.
         """
         if level_db is None:
@@ -170,7 +148,7 @@ class Renderer:
 
     @property
     def click_shortfalls(self) -> dict[float, int]:
-        """By level: how many clicks and bursts do not reach it, or not without being felt by quiet fingers."""
+        """By level: how many clicks do not reach it, or not without being felt by quiet fingers."""
         return _shortfalls(self._clicks)
 
     def suits_device_of(self, other: "Renderer") -> bool:
@@ -215,7 +193,7 @@ def _check_zones(entry: Entry, device: Device) -> None:
         )
 
 
-def _check_frequencies(entry: Entry | BurstEntry, drive: Drive, capabilities: Capabilities) -> None:
+def _check_frequencies(entry: Entry, drive: Drive, capabilities: Capabilities) -> None:
     # The wire counts in whole steps: a frequency at the end of the range may be off by rounding.
     half_step_hz = capabilities.frequency_resolution_hz / 2
     low_hz, high_hz = capabilities.frequency_minimum_hz, capabilities.frequency_maximum_hz

@@ -64,7 +64,7 @@ class TableDiff:
 
     notes: what could not be compared, in sentences. response_percent: greatest change of a unit response by actuator,
     relative to its greatest; those beyond the tolerance. arrays: of groups that are not compared value by value, such
-    as bursts or measured responses, those that are not the same bytes.
+    as measured responses, those that are not the same bytes.
     """
 
     tolerance: Tolerance

@@ -1,4 +1,4 @@
-"""A built table, open: its device, its entries, clicks and bursts, its sweep (tables/FORMAT.md)."""
+"""A built table, open: its device, its entries and clicks, its sweep (tables/FORMAT.md)."""
 
 import math
 from collections.abc import Sequence
@@ -9,9 +9,6 @@ import h5netcdf
 import numpy as np
 
 from engine.device import Device
-from engine.table.burst import BurstEntry, Shape
-from engine.table.burst import played_at as burst_played_at
-from engine.table.burst_group import read_bursts, read_shapes
 from engine.table.click import ClickEntry
 from engine.table.click import played_at as click_played_at
 from engine.table.click_group import read_clicks
@@ -46,12 +43,6 @@ class Table:
         self.clicks: tuple[ClickEntry, ...] = () if clicks is None else tuple(read_clicks(clicks, self.device))
         """One a state, as tabulated; a table may have none."""
         self._click_of = {click.index: click for click in self.clicks}
-        bursts = file.groups.get("bursts")
-        self.shapes: tuple[Shape, ...] = () if bursts is None else read_shapes(bursts)
-        """Of the bursts."""
-        self.bursts: tuple[BurstEntry, ...] = () if bursts is None else tuple(read_bursts(bursts))
-        """One a state, as tabulated; most tables have none."""
-        self._burst_of = {burst.index: burst for burst in self.bursts}
 
     @classmethod
     def open(
@@ -165,15 +156,6 @@ class Table:
     def clicks_at(self, level_db: float) -> tuple[ClickEntry, ...]:
         """Every click, played at one level."""
         return tuple(click_played_at(click, level_db) for click in self.clicks)
-
-    def burst_at(self, state: int, level_db: float) -> BurstEntry | None:
-        """Burst of a state (engine.touch.finger_tracker.state_index) played at a level, None where there is none."""
-        burst = self._burst_of.get(state)
-        return None if burst is None else burst_played_at(burst, level_db)
-
-    def bursts_at(self, level_db: float) -> tuple[BurstEntry, ...]:
-        """Every burst, played at one level."""
-        return tuple(burst_played_at(burst, level_db) for burst in self.bursts)
 
     def entries_at(self, level_db: float) -> tuple[Entry, ...]:
         """Entry of every state at one level."""

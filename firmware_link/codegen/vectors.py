@@ -15,6 +15,8 @@ from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import (
     MAGIC,
     SCHEMA_HASH,
+    VERSION_MAJOR,
+    VERSION_MINOR,
     Ack,
     Arm,
     ChannelDrive,
@@ -32,7 +34,6 @@ from firmware_link.protocol.messages import (
     Result,
     Set,
     SetFlag,
-    Shape,
     Status,
     Stop,
     Time,
@@ -58,13 +59,13 @@ def example_messages() -> tuple[Message, ...]:
     drive = encode_drive([ChannelDrive(60, 1.0, 0.0), ChannelDrive(60, 0.5, 1.5707963267948966)], RESOLUTION_HZ)
     data = encode_bank(example_bank(), 2)
     return (
-        HelloRequest(MAGIC, 1, 0, 0x01020304),
+        HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 0x01020304),
         _example_hello(),
         Arm(_BOOT_ID, 200, 40, 0, (65_535, 32_768)),
         Ack(Arm.type_byte, 3, Result.OK),
         Ack(Arm.type_byte, 0, Result.WRONG_BOOT),
-        Set(1000, SetFlag.WRITE_PHASE, 40, 0, drive),
-        Set(65_535, SetFlag(0), 100, 8, bytes(12)),
+        Set(1000, SetFlag.WRITE_PHASE, 40, drive),
+        Set(65_535, SetFlag(0), 100, bytes(12)),
         KeepAlive(0, 7),
         Stop(),
         TimeRequest(2**63),
@@ -72,7 +73,6 @@ def example_messages() -> tuple[Message, ...]:
         Status(DeviceState.DRIVING, FaultCode.NONE, 7, 2**40, 2**40 - 1, 4000, 1, 2, 3, 4, 5, 6, 7, 8, 9),
         Fault(FaultCode.SILENT_HOST, 251_000),
         Log(LogLevel.WARNING, LogCode.LEASE_EXPIRED, 7, 41_000),
-        Shape(2, 2, 100, 250, 200, 500, 0, 0),
         *transfer_messages(data),
         Play(1000, 1, 65_535),
     )
@@ -80,12 +80,12 @@ def example_messages() -> tuple[Message, ...]:
 
 def _example_hello() -> Hello:
     return Hello(
-        version_major=1,
-        version_minor=0,
+        version_major=VERSION_MAJOR,
+        version_minor=VERSION_MINOR,
         nonce=0x01020304,
         boot_id=_BOOT_ID,
         schema_hash=SCHEMA_HASH,
-        features=Features.WAVEFORMS | Features.ONSET_SHAPES,
+        features=Features.WAVEFORMS,
         firmware_major=0,
         firmware_minor=1,
         firmware_patch=0,

@@ -1,12 +1,11 @@
-"""Drive bytes of a SET to drive events: clamps, held frequencies, phase writes and onsets."""
+"""Drive bytes of a SET to drive events: clamps, held frequencies and phase writes."""
 
 import math
 import struct
 from dataclasses import dataclass
 
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent, PlayedWaveform
-from firmware_link.protocol.messages import FULL_SCALE_WORD, SHAPE_FULL_GAIN, WORDS_PER_TURN
-from firmware_link.protocol.onset import Onset
+from firmware_link.protocol.messages import FULL_SCALE_WORD, WORDS_PER_TURN
 
 
 @dataclass
@@ -41,8 +40,6 @@ class Channels:
         self._amplitude_limits: tuple[int, ...] = (0,) * number_of_actuators
         self._armed_limits = (self._amplitude_limits, self.slew_per_s)
         self._writes = 0
-        self._onset = Onset(0, ())
-        self._step_due_us: int | None = None
 
     @property
     def is_driving(self) -> bool:
@@ -54,15 +51,13 @@ class Channels:
         self._armed_limits = (amplitude_limits, slew_per_s)
 
     def apply(
-        self, drive: bytes, writes_phase: bool, onset: Onset, now_us: int, sequence: int, *, takes_over: bool = False
+        self, drive: bytes, writes_phase: bool, now_us: int, sequence: int, *, takes_over: bool = False
     ) -> DriveEvent | None:
         """Take the drive of a SET; None where nothing changes, unless it takes over from a waveform."""
         self._amplitude_limits, self.slew_per_s = self._armed_limits
         wanted = self._clamped(drive)
         writes_now = writes_phase and not self._runs_already(wanted)
         before = [(channel.frequency, channel.amplitude) for channel in self._channels]
-        if not self.is_driving:
-            self._onset, self._step_due_us = onset, onset.next_step_us(now_us)
         self._writes += writes_now
         for channel, (frequency, amplitude, phase) in zip(self._channels, wanted, strict=True):
             channel.amplitude = amplitude
@@ -88,16 +83,6 @@ class Channels:
         """Every amplitude to zero."""
         self._mute()
         return self._event(now_us, cause, None)
-
-    @property
-    def step_due_us(self) -> int | None:
-        """When the onset of the drive goes on; None once it is over, or in silence."""
-        return self._step_due_us if self.is_driving else None
-
-    def step(self, now_us: int) -> DriveEvent:
-        """The step of the onset that is due."""
-        self._step_due_us = self._onset.next_step_us(now_us)
-        return self._event(now_us, Cause.ONSET, None)
 
     def _mute(self) -> None:
         for channel in self._channels:
@@ -131,11 +116,10 @@ class Channels:
         writes_phase: bool = False,
         waveform: PlayedWaveform | None = None,
     ) -> DriveEvent:
-        gain = self._onset.gain_at(now_us)
         targets = tuple(
             ChannelTarget(
                 frequency_hz=channel.frequency * self._resolution_hz,
-                amplitude=min(channel.amplitude * gain // SHAPE_FULL_GAIN, limit) / FULL_SCALE_WORD,
+                amplitude=min(channel.amplitude, limit) / FULL_SCALE_WORD,
                 phase_rad=(
                     math.tau * channel.written[1] / WORDS_PER_TURN
                     if writes_phase and channel.amplitude and channel.written

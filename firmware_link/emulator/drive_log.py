@@ -10,7 +10,6 @@ class Cause(StrEnum):
     """Why the drive changed."""
 
     SET = "set"
-    ONSET = "onset"
     PLAY = "play"
     LEASE_EXPIRED = "lease expired"
     NEW_SESSION = "new session"

@@ -13,7 +13,6 @@ from firmware_link.protocol.messages import (
     CLOCK_REFERENCE_US,
     FULL_SCALE_WORD,
     MAGIC,
-    NUMBER_OF_SHAPES,
     SCHEMA_HASH,
     VERSION_MAJOR,
     VERSION_MINOR,
@@ -36,14 +35,12 @@ from firmware_link.protocol.messages import (
     Result,
     Set,
     SetFlag,
-    Shape,
     Status,
     Stop,
     Time,
     TimeRequest,
     decode_body,
 )
-from firmware_link.protocol.onset import ShapeStore
 from firmware_link.protocol.player import Player
 
 US_PER_MS = 1_000
@@ -124,7 +121,6 @@ class EmulatedFirmware:
             configuration.frequency_maximum,
         )
         self._player = Player()
-        self._shapes = ShapeStore()
         self._store = BankStore(
             configuration.bank_capacity_bytes, configuration.longest_waveform_ms, configuration.number_of_actuators
         )
@@ -185,7 +181,6 @@ class EmulatedFirmware:
             self._lease_end_us(),
             self._on_time_end_us(),
             self._watchdog_end_us(),
-            self._channels.step_due_us,
             self._fault_due_us,
             self._status_due_us,
         )
@@ -210,8 +205,6 @@ class EmulatedFirmware:
             self._latch(FaultCode.DRIVEN_TOO_LONG, Cause.DRIVEN_TOO_LONG)
         if _is_due(self._watchdog_end_us(), now_us):
             self._latch(FaultCode.SILENT_HOST, Cause.SILENT_HOST)
-        if _is_due(self._channels.step_due_us, now_us):
-            self.drive_log.append(self._channels.step(now_us))
         if _is_due(self._fault_due_us, now_us):
             self._send_as(Fault(self._fault, self._fault_time_us), self._fault_sequence)
             self._fault_due_us = now_us + FAULT_PERIOD_US
@@ -260,7 +253,7 @@ class EmulatedFirmware:
             case TimeRequest():
                 self._send(Time(message.host_sent_ns, self._now_us, self._now_us))
                 return Outcome.ACCEPTED
-            case Shape() | BankBegin() | BankChunk() | BankCommit():
+            case BankBegin() | BankChunk() | BankCommit():
                 return self._keep(message, sequence)
             case Ack():
                 return self._settle_fault(message)
@@ -278,21 +271,18 @@ class EmulatedFirmware:
         self._report_by(self._now_us)
         return Outcome.ACCEPTED
 
-    def _keep(self, message: Shape | BankBegin | BankChunk | BankCommit, sequence: int) -> Outcome:
-        """What the device remembers: shapes only while it is idle."""
+    def _keep(self, message: BankBegin | BankChunk | BankCommit, sequence: int) -> Outcome:
+        """One step of the transfer of a bank."""
         held_hash = self._store.held_hash
-        only_idle = isinstance(message, Shape) and self.state is not DeviceState.IDLE
-        result = Result.WRONG_STATE if only_idle or self.state is DeviceState.LATCHED else self._take(message)
+        result = Result.WRONG_STATE if self.state is DeviceState.LATCHED else self._take(message)
         outcome = self._acknowledge(message, sequence, result)
         if self._store.bank is not None and self._store.held_hash != held_hash:
             self.banks[self._store.held_hash] = self._store.bank
             self._tell(LogLevel.INFORMATION, LogCode.BANK_TAKEN, self._store.held_hash)
         return outcome
 
-    def _take(self, message: Shape | BankBegin | BankChunk | BankCommit) -> Result:
+    def _take(self, message: BankBegin | BankChunk | BankCommit) -> Result:
         match message:
-            case Shape():
-                return self._shapes.define(message)
             case BankBegin():
                 return self._store.begin(message, may_forget=self.state is DeviceState.IDLE)
             case BankChunk():
@@ -318,14 +308,11 @@ class EmulatedFirmware:
 
     def _set(self, message: Set, sequence: int) -> Outcome:
         outcome = self._judge(message.clock_reference, sequence)
-        if outcome is Outcome.ACCEPTED and message.onset > NUMBER_OF_SHAPES:
-            outcome = Outcome.REFUSED
         if outcome is not Outcome.ACCEPTED:
             return outcome
         event = self._channels.apply(
             message.drive,
             SetFlag.WRITE_PHASE in message.flags,
-            self._shapes.onset(message.onset, self._now_us),
             self._now_us,
             sequence,
             takes_over=self._player.end_us is not None,
@@ -426,7 +413,7 @@ class EmulatedFirmware:
             nonce=nonce,
             boot_id=configuration.boot_id,
             schema_hash=SCHEMA_HASH,
-            features=Features.ONSET_SHAPES | (Features.WAVEFORMS if configuration.bank_capacity_bytes else Features(0)),
+            features=Features.WAVEFORMS if configuration.bank_capacity_bytes else Features(0),
             firmware_major=0,
             firmware_minor=1,
             firmware_patch=0,

@@ -60,7 +60,6 @@ from firmware_link.protocol.messages import (
     encode_play_body,
     encode_set_body,
 )
-from firmware_link.protocol.onset import make_shape
 
 NS_PER_MS = 1_000_000
 US_PER_MS = 1_000
@@ -89,7 +88,6 @@ class Link:
         self.configuration = configuration
         limits = configuration.amplitude_limits or (1.0,) * configuration.number_of_actuators
         self._amplitude_limits = tuple(encode_amplitude(limit) for limit in limits)
-        self._shapes = tuple(make_shape(index, steps) for index, steps in enumerate(configuration.onsets))
         self.counters = LinkCounters()
         self.state = LinkState.DISCONNECTED
         self.capabilities: Capabilities | None = None
@@ -121,7 +119,7 @@ class Link:
         return self._decoder.counters
 
     def connect(self, now_ns: int) -> None:
-        """Start a new session, whatever was before: greet, hand onsets and bank over, compare clocks, arm."""
+        """Start a new session, whatever was before: greet, hand the bank over, compare clocks, arm."""
         self.state = LinkState.GREETING
         self.capabilities, self.status, self.drive_sequence = None, None, None
         self.clock = DeviceClock()
@@ -131,11 +129,10 @@ class Link:
         self._connected_ns = self._due_ns = self._line_free_ns = now_ns
         self._patience_end_ns = now_ns + int(self.configuration.handshake_timeout_s * NS_PER_S)
 
-    def set_drive(self, drive: bytes, onset: int = 0) -> None:
+    def set_drive(self, drive: bytes) -> None:
         """Drive this next, from `encode_drive`; replaces what is not sent yet. Dropped and counted unless READY.
 
-        The device gets silence on actuators beyond those of the drive. `onset` numbers the configured ones from 1, 0
-        is none. Raises LinkError for a drive too long or an onset that is not configured.
+        The device gets silence on actuators beyond those of the drive. Raises LinkError for a drive too long.
         """
         if self.state is not _READY:
             self.counters.dropped += 1
@@ -145,9 +142,7 @@ class Link:
             if len(drive) > size:
                 raise LinkError(f"a drive of {len(drive)} bytes; the device takes {size}")
             drive = drive.ljust(size, b"\0")
-        if onset and not 0 < onset <= len(self.configuration.onsets):
-            raise LinkError(f"onset {onset} is not configured; there are {len(self.configuration.onsets)}")
-        self._outbox.put(WantedDrive(drive, onset))
+        self._outbox.put(WantedDrive(drive))
 
     def set_play(self, waveform: int, amplitude: float = 1.0) -> None:
         """Play a waveform of the bank next, in place of what sounds; silence follows. As `set_drive` otherwise.
@@ -181,11 +176,10 @@ class Link:
         self._transfer = BankTransfer(bank, data, lambda message: (self._frame(message), self._sequence))
 
     def reconfigure(self, configuration: LinkConfiguration) -> None:
-        """Limits, onsets and bank from the next `connect` on."""
+        """Limits and bank from the next `connect` on."""
         self.configuration = configuration
         limits = configuration.amplitude_limits or (1.0,) * configuration.number_of_actuators
         self._amplitude_limits = tuple(encode_amplitude(limit) for limit in limits)
-        self._shapes = tuple(make_shape(index, steps) for index, steps in enumerate(configuration.onsets))
         self._lease_ms = configuration.lease_ms
         self._outbox = Outbox(self.counters, configuration.slew_limit_per_s)
         self._occupied_by_size_ns, self._waveforms = {}, {}
@@ -329,9 +323,9 @@ class Link:
         if wanted is not None:
             sequence = self._sequence = self.drive_sequence = (self._sequence + 1) % 256
             reference = self._clock_reference(now_ns)
-            if type(wanted) is WantedDrive:
-                return encode_frame(encode_set_body(reference, self._outbox.lease_ms, wanted[1], wanted[0], sequence))
-            return encode_frame(encode_play_body(reference, wanted[0], wanted[1], sequence))  # type: ignore[arg-type]  # a waveform
+            if isinstance(wanted, WantedDrive):
+                return encode_frame(encode_set_body(reference, self._outbox.lease_ms, wanted.drive, sequence))
+            return encode_frame(encode_play_body(reference, wanted.waveform, wanted.amplitude, sequence))
         message, is_command = self._outbox.next_message(now_ns, self._clock_reference, self.drive_sequence)
         if message is None:
             return b""
@@ -390,10 +384,10 @@ class Link:
         """What the device must know before it is armed, in order."""
         bank = self.configuration.bank
         if bank is None:
-            return [*self._shapes]
+            return []
         data = encode_bank(bank, hello.number_of_actuators)
         _check_bank(hello, len(data), max(map(bank.length_us, range(len(bank.waveforms)))))
-        return [*self._shapes, *([] if hello.held_bank_hash == hash_of_bank(data) else transfer_messages(data))]
+        return [] if hello.held_bank_hash == hash_of_bank(data) else [*transfer_messages(data)]
 
     def _prepare_next(self, now_ns: int) -> None:
         self._due_ns = now_ns
@@ -427,7 +421,7 @@ class Link:
             if answer != (LinkState.ARMING, Arm.type_byte) and not is_prepared:
                 return None
             self.disconnect()
-            asked, remedy = ("take onset or bank", "them") if is_prepared else ("arm", "the limits")
+            asked, remedy = ("take the bank", "it") if is_prepared else ("arm", "the limits")
             refusal = LinkLostError if ack.result in _FORGOTTEN else LinkError
             raise refusal(f"the device refused to {asked} ({ack.result.name}): connect again, or correct {remedy}")
         self.counters.acknowledged += 1
@@ -501,8 +495,6 @@ def _check_fit(hello: Hello, configuration: LinkConfiguration) -> None:
             f"the device drives {hello.number_of_actuators} actuators, {configuration.number_of_actuators} are needed: "
             "connect another device or choose a table for fewer actuators"
         )
-    if configuration.onsets and Features.ONSET_SHAPES not in hello.features:
-        raise LinkError("the device shapes no onsets: connect another device or configure none")
     configuration.check_rate(hello.number_of_actuators)
 
 

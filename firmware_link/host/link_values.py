@@ -9,8 +9,6 @@ from firmware_link.protocol.bank import Bank
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.line_rate import Transport, command_rate_hz
 from firmware_link.protocol.messages import (
-    NUMBER_OF_SHAPES,
-    SHAPE_STEPS,
     FaultCode,
     Features,
     Hello,
@@ -19,7 +17,6 @@ from firmware_link.protocol.messages import (
     Result,
     Status,
 )
-from firmware_link.protocol.onset import OnsetStep
 
 _NO_FEATURES = Features(0)
 
@@ -42,8 +39,8 @@ class LinkConfiguration:
     """What the host wants of the device.
 
     Amplitude limits are fractions of full scale, one an actuator, None for no limit; slew is full scale a second. A
-    drive without a pause ends after `longest_drive_s`, 0 is no limit. `onsets` are the shapes that `set_drive` may
-    name, 1 for the first; `bank` holds the waveforms of `set_play`, its columns the first actuators of the device.
+    drive without a pause ends after `longest_drive_s`, 0 is no limit. `bank` holds the waveforms of `set_play`, its
+    columns the first actuators of the device.
 
     Transport and bit rate pace what is sent, and refuse a `command_rate_hz` that they cannot carry: LinkError. Opening
     a port resets many boards, and some wait seconds in their boot loader: hence the patience of the handshake.
@@ -58,15 +55,12 @@ class LinkConfiguration:
     transport: Transport = Transport.UART
     command_rate_hz: float = 0.0
     longest_drive_s: int = 0
-    onsets: tuple[tuple[OnsetStep, ...], ...] = ()
     bank: Bank | None = None
 
     def __post_init__(self) -> None:
         if self.amplitude_limits is not None and len(self.amplitude_limits) != self.number_of_actuators:
             given = len(self.amplitude_limits)
             raise ValueError(f"{given} amplitude limits for {self.number_of_actuators} actuators")
-        if len(self.onsets) > NUMBER_OF_SHAPES or any(len(steps) > SHAPE_STEPS for steps in self.onsets):
-            raise ValueError(f"a device keeps {NUMBER_OF_SHAPES} onsets of at most {SHAPE_STEPS} steps")
         self.check_rate(self.number_of_actuators)
 
     def check_rate(self, number_of_actuators: int) -> None:

@@ -22,10 +22,9 @@ _WRITE_PHASE = SetFlag.WRITE_PHASE
 
 
 class WantedDrive(NamedTuple):
-    """A drive from `encode_drive`, and how it begins."""
+    """A drive from `encode_drive`."""
 
     drive: bytes
-    onset: int
 
 
 class WantedWaveform(NamedTuple):
@@ -46,7 +45,7 @@ class Outbox:
         self._slew_limit_per_s = slew_limit_per_s
         self.lease_ms = self._lease_us = self._spacing_ns = self._renewal_ns = 0
         self._slot: WantedDrive | WantedWaveform | None = None
-        self._sounding = self._silence = WantedDrive(b"", 0)
+        self._sounding = self._silence = WantedDrive(b"")
         self._player = Player()
         self._play_end_ns: int | None = None
         self.holds_waveforms = False
@@ -64,7 +63,7 @@ class Outbox:
 
     def clear(self) -> None:
         """Nothing waits and nothing sounds."""
-        self._silence = WantedDrive(self.silent_drive, 0)
+        self._silence = WantedDrive(self.silent_drive)
         self._slot, self._sounding, self._play_end_ns = None, self._silence, None
         self._player = Player()
         self.holds_waveforms = False
@@ -96,11 +95,13 @@ class Outbox:
         if wanted is None or now_ns < self._spaced_ns:
             return None
         player = self._player
-        if type(wanted) is WantedDrive:
+        if isinstance(wanted, WantedDrive):
             if player.end_us is not None:
                 return None
             self._sounding, self._play_end_ns = wanted, None
-            self._renewal_due_ns = now_ns + (self._renewal_ns if wanted[0] != self.silent_drive else SILENT_RENEWAL_NS)
+            self._renewal_due_ns = now_ns + (
+                self._renewal_ns if wanted.drive != self.silent_drive else SILENT_RENEWAL_NS
+            )
         else:
             now_us = now_ns // NS_PER_US
             end_us = player.end_us
@@ -110,8 +111,8 @@ class Outbox:
             if self.holds_waveforms or not (is_free or self._make_room(player, now_us)):
                 return None
             # The device plays from when the frame comes, at most one lease later: a SET before that end would cut it.
-            length_us = wanted[2] + self._lease_us  # type: ignore[misc]  # a waveform: the other kind is above
-            player.start(now_us, length_us, wanted[1])
+            length_us = wanted.length_us + self._lease_us
+            player.start(now_us, length_us, wanted.amplitude)
             self._sounding = self._silence
             self._play_end_ns = end_ns = now_ns + length_us * NS_PER_US
             silent_ns = now_ns + SILENT_RENEWAL_NS
@@ -169,10 +170,10 @@ class Outbox:
         # Silence is renewed by SET too: had the SET that silenced been lost, anything else might hold the old drive.
         self._take_over(now_ns)
         self._play_end_ns = None
-        drive, onset = self._sounding
+        drive = self._sounding.drive
         is_driving = drive != self.silent_drive
         self._renewal_due_ns = now_ns + (self._renewal_ns if is_driving else SILENT_RENEWAL_NS)
-        return Set(clock_reference, _WRITE_PHASE, self.lease_ms, onset, drive)
+        return Set(clock_reference, _WRITE_PHASE, self.lease_ms, drive)
 
     def _take_over(self, now_ns: int) -> None:
         if self._player.end_us is not None:

@@ -55,7 +55,7 @@ def command_rate_hz(transport: Transport, bit_rate_hz: int, number_of_actuators:
 
     Keepalives and renewals take nothing from it: they are sent where no command is.
     """
-    set_size = len(encode_message(Set(0, SetFlag.WRITE_PHASE, 0, 0, bytes(DRIVE_SIZE * number_of_actuators)), 0))
+    set_size = len(encode_message(Set(0, SetFlag.WRITE_PHASE, 0, bytes(DRIVE_SIZE * number_of_actuators)), 0))
     exchange_ns = occupied_ns(transport, bit_rate_hz, len(encode_message(TimeRequest(0), 0)))
     free = 1.0 - exchange_ns / EXCHANGE_PERIOD_NS
     by_line_hz = free * NS_PER_S / occupied_ns(transport, bit_rate_hz, set_size)

@@ -16,7 +16,7 @@ from typing import Annotated, ClassVar
 from firmware_link.protocol.errors import MessageError
 from firmware_link.protocol.layout import Layout, Message, PerActuator, Sender, Word
 
-VERSION_MAJOR = 1
+VERSION_MAJOR = 2
 VERSION_MINOR = 0
 MAGIC = int.from_bytes(b"tact", "little")
 MAXIMUM_ACTUATORS = 255
@@ -26,10 +26,6 @@ WORDS_PER_TURN = 65_536
 CLOCK_REFERENCE_US = 100
 CLOCK_REFERENCE_SPAN = 65_536
 BANK_CHUNK_SIZE = 192
-NUMBER_OF_SHAPES = 8
-SHAPE_STEPS = 3
-SHAPE_TIME_US = 100
-SHAPE_FULL_GAIN = 1_000
 
 
 class DeviceState(IntEnum):
@@ -66,7 +62,6 @@ class Features(IntFlag, boundary=KEEP):
     """What a device can do beyond SET; a newer device may tell bits that this host does not know."""
 
     WAVEFORMS = 1
-    ONSET_SHAPES = 2
     HIGH_VOLTAGE_SENSE = 4
 
 
@@ -106,8 +101,6 @@ _U32 = Word("u32")
 _U64 = Word("u64")
 _AMPLITUDE = Word("u16", f"full scale/{FULL_SCALE_WORD}")
 _CLOCK_REFERENCE = Word("u16", f"{CLOCK_REFERENCE_US} us")
-_SHAPE_TIME = Word("u16", f"{SHAPE_TIME_US} us")
-_SHAPE_GAIN = Word("u16", f"1/{SHAPE_FULL_GAIN}")
 
 
 @dataclass(frozen=True)
@@ -181,7 +174,7 @@ class Ack(Message):
     wire_name: ClassVar = "ACK"
     type_byte: ClassVar = 0x04
     sender: ClassVar = Sender.BOTH
-    purpose: ClassVar = "answer to ARM, STOP, SHAPE, BANK_* (device) or FAULT (host)"
+    purpose: ClassVar = "answer to ARM, STOP, BANK_* (device) or FAULT (host)"
 
     acknowledged_type: Annotated[int, _U8]
     acknowledged_sequence: Annotated[int, _U8]
@@ -200,7 +193,6 @@ class Set(Message):
     clock_reference: Annotated[int, _CLOCK_REFERENCE]
     flags: Annotated[SetFlag, _U8]
     lease_ms: Annotated[int, _U8]
-    onset: Annotated[int, _U8]
     drive: Annotated[
         bytes,
         PerActuator(
@@ -323,25 +315,6 @@ class Log(Message):
 
 
 @dataclass(frozen=True)
-class Shape(Message):
-    """How a drive begins: each step holds its gain until its time, then the amplitude is full."""
-
-    wire_name: ClassVar = "SHAPE"
-    type_byte: ClassVar = 0x0D
-    sender: ClassVar = Sender.HOST
-    purpose: ClassVar = "define the onset that a SET may choose"
-
-    index: Annotated[int, _U8]
-    steps: Annotated[int, _U8]
-    until_1: Annotated[int, _SHAPE_TIME]
-    gain_1: Annotated[int, _SHAPE_GAIN]
-    until_2: Annotated[int, _SHAPE_TIME]
-    gain_2: Annotated[int, _SHAPE_GAIN]
-    until_3: Annotated[int, _SHAPE_TIME]
-    gain_3: Annotated[int, _SHAPE_GAIN]
-
-
-@dataclass(frozen=True)
 class BankBegin(Message):
     """The bank that follows in chunks; the one that was held is forgotten."""
 
@@ -406,7 +379,6 @@ MESSAGES: tuple[type[Message], ...] = (
     Status,
     Fault,
     Log,
-    Shape,
     BankBegin,
     BankChunk,
     BankCommit,
@@ -427,12 +399,12 @@ _pack_set, _pack_play = _LAYOUTS[Set.type_byte].pack, _LAYOUTS[Play.type_byte].p
 _WRITES_PHASE = int(SetFlag.WRITE_PHASE)
 
 
-def encode_set_body(clock_reference: int, lease_ms: int, onset: int, drive: bytes, sequence: int) -> bytes:
+def encode_set_body(clock_reference: int, lease_ms: int, drive: bytes, sequence: int) -> bytes:
     """Body of a SET that writes the phase, as `encode_body` makes it, for the way from a touch to its command.
 
     The values are those of a link that is ready: they are known to fit.
     """
-    return _pack_set(sequence, clock_reference, _WRITES_PHASE, lease_ms, onset) + drive
+    return _pack_set(sequence, clock_reference, _WRITES_PHASE, lease_ms) + drive
 
 
 def encode_play_body(clock_reference: int, waveform: int, amplitude: int, sequence: int) -> bytes:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from functools import cache, partial
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 
@@ -16,14 +16,12 @@ import engine
 import precompute
 from engine.device import Device
 from engine.table import Table, TableError
-from engine.table.burst_group import write_bursts
 from engine.table.click_group import write_clicks
 from engine.table.entry_group import write_entries
 from engine.table.file import TableWriter
 from engine.touch import state_index
 from precompute.builder.incremental import KEPT_FOR_NOW, OUTDATED, Part, Recipe, plays_on, rests_on
 from precompute.builder.measured_responses import source_attributes, write_measured
-from precompute.clicks.burst_table import solve_bursts
 from precompute.clicks.columns import ClickTabulator
 from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.solver import solve_clicks
@@ -69,7 +67,6 @@ def build_table(
     objective: str = DEFAULT_OBJECTIVE,
     made_for: MadeFor = MadeFor.MEAN,
     clicks_up_to: int | None = None,
-    bursts_up_to: int = 0,
     click_options: ClickOptions = DEFAULT_OPTIONS,
     workers: int = 1,
     crew: Crew | None = None,
@@ -85,15 +82,14 @@ def build_table(
     `created` is the date to note, by default now; `objective` a name of precompute.entries.objective.OBJECTIVES.
     `made_for`: entries whose level and contrast hold for the mean, or in all but the worst 5 % of the sampled cases.
     `clicks_up_to`: states of up to so many fingers get clicks, by default all of them for up to five zones, of three
-    fingers beyond; 0 is none. `bursts_up_to`: the same of bursts, for devices that play no waveforms; by default none.
-    Entries, clicks and bursts are solved by `workers` processes, entries by a `crew` that waits already, if there is
-    one; the clicks solved when a build is interrupted are kept beside the table for the next. With `reuse`, parts that
-    a table at `path` has already, made by this code and resting on nothing that has changed since, are taken over.
-    With `clicks_later` so are its clicks and bursts whatever has changed, marked as outdated (builder.incremental); a
-    build without makes them. The table that was at `path` is kept as the previous one; a build that `completes` it
-    keeps the one before. With `responses` the bar moves as it was measured; what fingers do to it, rise times, clicks
-    and bursts stay the model's. Raises TableError if the table cannot be written, for another objective, and for a
-    device whose values are not those of its text, which is what a table holds.
+    fingers beyond; 0 is none. Entries and clicks are solved by `workers` processes, entries by a `crew` that waits
+    already, if there is one; the clicks solved when a build is interrupted are kept beside the table for the next.
+    With `reuse`, parts that a table at `path` has already, made by this code and resting on nothing that has changed
+    since, are taken over. With `clicks_later` so are its clicks whatever has changed, marked as outdated
+    (builder.incremental); a build without makes them. The table that was at `path` is kept as the previous one; a build
+    that `completes` it keeps the one before. With `responses` the bar moves as it was measured; what fingers do to it,
+    rise times and clicks stay the model's. Raises TableError if the table cannot be written, for another objective, and
+    for a device whose values are not those of its text, which is what a table holds.
 
     >>> build_table(Device.read("my-bar.toml"), "my-bar.nc", clicks_up_to=0)
     """
@@ -101,9 +97,7 @@ def build_table(
     if Device.parse(device.text, device.name).fingerprint != device.fingerprint:
         raise TableError(f"{device.name}: was changed after it was read; write its text anew and read that")
     sha256 = "" if responses is None else responses.sha256
-    recipe = Recipe(
-        code_fingerprint(), objective, _fingers(device, clicks_up_to), click_options, sha256, bursts_up_to, made_for
-    )
+    recipe = Recipe(code_fingerprint(), objective, _fingers(device, clicks_up_to), click_options, sha256, made_for)
     if objective not in OBJECTIVES:
         raise TableError(f"there is no objective {objective!r}; choose one of {', '.join(OBJECTIVES)}")
     with threadpool_limits(1, "blas"), remembered_interrupt() as check:  # unpinned BLAS: 100 times slower when busy
@@ -179,7 +173,6 @@ class _Builder:
                     "objective": recipe.objective,
                     "made_for": recipe.made_for.value,
                     "clicks_up_to": recipe.clicks_up_to,
-                    "bursts_up_to": recipe.bursts_up_to,
                     "click_options": json.dumps(asdict(recipe.click_options)),
                     "spread_over": sampled_words(device, is_measured=self.responses is not None),
                     **source_attributes(self.responses),
@@ -199,16 +192,13 @@ class _Builder:
             store = self._solve_clicks() if Part.CLICKS in wanted - known - later else None
             if store and store.clicks:
                 write_clicks(writer, [click for _, click in sorted(store.clicks.items())], device)
-            if Part.BURSTS in wanted - known - later:
-                self._write_bursts(writer)
             progress("verify", 0.96)
         if store:
             store.path.unlink(missing_ok=True)  # nothing is left to resume
 
     def _wanted(self) -> set[Part]:
         """The parts that the table is to have."""
-        wanted = {Part.CLICKS: self.recipe.clicks_up_to, Part.BURSTS: self.recipe.bursts_up_to}
-        return {part for part in Part if wanted.get(part, 1)}
+        return {part for part in Part if part is not Part.CLICKS or self.recipe.clicks_up_to}
 
     def _check(self, written: Path) -> None:
         Table.open(written, device=self.device, code_fingerprint=self.recipe.code_fingerprint, verify=False).close()
@@ -234,7 +224,7 @@ class _Builder:
             write_measured(writer, self.device, self.responses)
 
     def _write_entries(self, writer: TableWriter, plant: Plant, crew: Crew) -> None:
-        solved, share = [], 0.1 if self.recipe.clicks_up_to or self.recipe.bursts_up_to else 0.7
+        solved, share = [], 0.1 if self.recipe.clicks_up_to else 0.7
         for entries, fraction in solve_entries(plant, self.recipe.objective, crew, self.recipe.made_for):
             solved.append(entries)
             self.progress("entries", 0.25 + share * fraction)
@@ -246,21 +236,13 @@ class _Builder:
         """The clicks, in a store that holds those of an interrupted build already."""
         device, options = self.device, self.recipe.click_options
         with ClickStore(self.path, rests_on(Part.CLICKS, device, self.recipe)) as store:
-            states, share = self._states(self.recipe.clicks_up_to), 0.3 if self.recipe.bursts_up_to else 0.6
+            states = self._states(self.recipe.clicks_up_to)
             left = [state for state in states if state_index(state) not in store.clicks]
             tabulator = ClickTabulator(device, options.wanted_db)
             for click in solve_clicks(device, options, left, self.workers):
                 store.add(tabulator.tabulate(click))
-                self.progress("clicks", 0.35 + share * len(store.clicks) / len(states))
+                self.progress("clicks", 0.35 + 0.6 * len(store.clicks) / len(states))
         return store
-
-    def _write_bursts(self, writer: TableWriter) -> None:
-        options, states = self.recipe.click_options, self._states(self.recipe.bursts_up_to)
-        told = partial(self._tell_bursts, 0.65 if self.recipe.clicks_up_to else 0.35)
-        write_bursts(writer, *solve_bursts(self.device, options, states, self.workers, told), self.device)
-
-    def _tell_bursts(self, done: float, fraction: float) -> None:
-        self.progress("bursts", done + (0.95 - done) * fraction)
 
     def _states(self, fingers: int) -> list[States]:
         """Those of up to so many fingers."""

@@ -18,7 +18,6 @@ class Part(StrEnum):
     RESPONSES = "responses"
     ENTRIES = "entries"
     CLICKS = "clicks"
-    BURSTS = "bursts"
 
     @property
     def attribute(self) -> str:
@@ -41,7 +40,6 @@ class Recipe:
     click_options: ClickOptions
     responses_sha256: str = ""
     """Of the file of measured responses; "": they are the model's."""
-    bursts_up_to: int = 0
     made_for: MadeFor = MadeFor.MEAN
 
     @classmethod
@@ -57,14 +55,13 @@ class Recipe:
             clicks_up_to=int(values["clicks_up_to"]),
             click_options=ClickOptions(**options | {"lengths_s": tuple(options["lengths_s"])}),
             responses_sha256=str(values.get("responses_sha256", "")),
-            bursts_up_to=int(values["bursts_up_to"]),
             made_for=MadeFor(str(values["made_for"])),
         )
 
 
 OUTDATED = "outdated"
 """The table's attribute that names the parts, parted by spaces, that are still of the device as it was before."""
-KEPT_FOR_NOW = (Part.CLICKS, Part.BURSTS)
+KEPT_FOR_NOW = (Part.CLICKS,)
 """What a build may leave for later, since it takes minutes."""
 
 # The untouched bar.
@@ -88,15 +85,13 @@ def rests_on(part: Part, device: Device, recipe: Recipe) -> str:
         case Part.CLICKS:
             values.pop("sweep")
             chosen |= {"clicks_up_to": recipe.clicks_up_to, "options": asdict(recipe.click_options)}
-        case Part.BURSTS:
-            values.pop("sweep")
-            chosen |= {"bursts_up_to": recipe.bursts_up_to, "options": asdict(recipe.click_options)}
     return hashlib.sha256(json.dumps(chosen | values, sort_keys=True).encode()).hexdigest()
 
 
 def outdated_parts(table: Table) -> tuple[Part, ...]:
     """Parts of a table that were made for the device as it was before."""
-    return tuple(Part(name) for name in str(table.attributes.get(OUTDATED, "")).split())
+    names = str(table.attributes.get(OUTDATED, "")).split()
+    return tuple(part for part in Part if part in names)
 
 
 def is_current(table: Table, device: Device, recipe: Recipe) -> bool:

@@ -94,7 +94,6 @@ class TableTarget:
             objective=self._recipe.objective,
             made_for=self._recipe.made_for,
             clicks_up_to=self._recipe.clicks_up_to,
-            bursts_up_to=self._recipe.bursts_up_to,
             click_options=self._recipe.click_options,
             workers=available_cores(),
             crew=crew,

@@ -47,17 +47,7 @@ def register(app: typer.Typer) -> None:
             int | None,
             typer.Option(min=0, help="Clicks for states of so many fingers; default: all, or 3 beyond five zones."),
         ] = None,
-        bursts_up_to: Annotated[
-            int,
-            typer.Option(
-                min=0,
-                help="Shaped bursts for states of so many fingers, for a device that plays no waveforms; some 15 s a "
-                "state and process, and 0.2 s for each pair of states. Default: none, most devices play clicks.",
-            ),
-        ] = 0,
-        workers: Annotated[
-            int | None, typer.Option(min=1, help="Processes for clicks and bursts; default: one a core.")
-        ] = None,
+        workers: Annotated[int | None, typer.Option(min=1, help="Processes for clicks; default: one a core.")] = None,
         reuse: Annotated[
             bool, typer.Option(help="Take over what the table that is there has and no change of the device affects.")
         ] = True,
@@ -81,7 +71,6 @@ def register(app: typer.Typer) -> None:
             objective,
             made_for,
             clicks_up_to,
-            bursts_up_to,
             workers,
             reuse,
             responses,
@@ -121,7 +110,6 @@ class BuildJob:
     objective: str
     made_for: MadeFor
     clicks_up_to: int | None
-    bursts_up_to: int
     workers: int | None
     reuse: bool
     responses: Path | None
@@ -147,7 +135,6 @@ class BuildJob:
                 made_for=self.made_for,
                 # Clicks are of the model in time: with measured responses only those that are asked for.
                 clicks_up_to=0 if measured and self.clicks_up_to is None else self.clicks_up_to,
-                bursts_up_to=self.bursts_up_to,
                 workers=self.workers or available_cores(),
                 reuse=self.reuse,
                 responses=measured,
@@ -166,7 +153,6 @@ class BuildJob:
                 "fingerprint": device.fingerprint,
                 "entries": len(table.entries),
                 "clicks": len(table.clicks),
-                "bursts": len(table.bursts),
                 "bytes": path.stat().st_size,
                 "source": str(table.attributes["source"]),
                 **({} if self.responses is None else doubts_of(table)),
@@ -175,7 +161,6 @@ class BuildJob:
             print(json.dumps(summary, indent=2), flush=True)  # noqa: T201  # as above
             return
         counts = f"{summary['entries']} entries, {summary['clicks']} clicks"
-        counts += f", {summary['bursts']} bursts" * (summary["bursts"] > 0)
         _out.print(f"{path}: {counts}, {path.stat().st_size / 1e6:.0f} MB, for {device.name}")
         _out.print(f"fingerprint {device.fingerprint[:16]}; {len(device.inferred)} values of the device are estimates")
         if self.responses is not None:

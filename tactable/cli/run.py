@@ -221,12 +221,10 @@ def _announce(source: Source, port: SerialPort, live: Live, when_not_achieved: W
         for level_db, clicks in live.renderer.click_shortfalls.items():
             if clicks:
                 unfelt = "without being felt by quiet fingers: they are played as strong as they get"
-                _note(f"{clicks} of {live.clicks or live.bursts} clicks do not reach {level_db:g} dB {unfelt}")
-    if live.bursts:
-        _note(f"the device plays no waveforms: shaped bursts take the place of the clicks of {live.bursts} states")
+                _note(f"{clicks} of {live.clicks} clicks do not reach {level_db:g} dB {unfelt}")
     if live.no_fast_path:
         _note(live.no_fast_path)
-    if live.wants_clicks and not live.clicks and not live.bursts:
+    if live.wants_clicks and not live.clicks:
         _note("no clicks: the table has none, or the device plays no waveforms; steady drives take their place")
 
 
@@ -245,7 +243,6 @@ def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
         "commands_by_fast_path": counters.answered,
         "commands_mispredicted": counters.mispredicted,
         "clicks_in_the_bank": live.clicks,
-        "states_with_a_burst": live.bursts,
         "set_frames_on_the_wire": live.frames_sent,
         "unknown_states": live.renderer.unknown_states,
         "not_achieved_states": live.renderer.not_achieved_states,

@@ -44,7 +44,7 @@ class Layer:
 
 def measure_layers(bit_rate_hz: int) -> list[Layer]:
     """Wake-up, engine, terminal and line; takes about a second. The line is computed, not measured."""
-    command = encode_message(Set(0, SetFlag.WRITE_PHASE, 0, 0, bytes(_ACTUATORS * DRIVE_SIZE)), 0)
+    command = encode_message(Set(0, SetFlag.WRITE_PHASE, 0, bytes(_ACTUATORS * DRIVE_SIZE)), 0)
     line_us = occupied_ns(Transport.UART, bit_rate_hz, len(command)) / _US
     return [
         Layer(

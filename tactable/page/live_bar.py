@@ -37,7 +37,7 @@ STILL_M = 2e-4
 """A finger that moves less leaves the plant as it is: to change it costs as much as 20 ms of motion."""
 _COLUMNS = POINTS + MOST_TOUCHES
 _SILENT = 10 ** (LOWEST_DB / 20)
-_SETTLED_US = 1_000_000  # no waveform, fade or onset is longer
+_SETTLED_US = 1_000_000  # no waveform or fade is longer
 
 
 @dataclass(frozen=True, slots=True)

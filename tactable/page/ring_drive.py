@@ -35,7 +35,7 @@ class RingDrive:
     def _event(self, record: Record) -> DriveEvent | None:
         before, self._drive = self._drive, record.drive
         is_sent = record.drive_sequence is not None
-        if not is_sent and not (before and not record.drive):  # the end of a burst is told without a sequence
+        if not is_sent and not (before and not record.drive):  # where the port is lost, silence has no sequence
             return None
         time_us = (record.stamps_ns[Stage.WRITTEN] or record.time_ns) // _NS_PER_US
         waveform = self._waveform(record) if is_sent else None

@@ -79,8 +79,6 @@ class Live:
         self.capabilities = connect(Session(greeting, port, clock.now_ns), clock)
         rendering = render_table(table, effects, self.capabilities, options.when_not_achieved, options.bit_rate_hz)
         self.bank, self.renderer = rendering.bank, rendering.renderer
-        self.bursts = rendering.bursts
-        """How many states have a shaped burst for a click."""
         self.link = Link(rendering.configuration)
         self.no_fast_path = ""
         """Why there is none, where one was asked for."""

@@ -1,4 +1,4 @@
-"""A table file made by hand: entries, clicks and bursts as they are given, responses of one number."""
+"""A table file made by hand: entries and clicks as they are given, responses of one number."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -7,8 +7,6 @@ import numpy as np
 
 from engine.device import Device
 from engine.table import ClickEntry, Entry
-from engine.table.burst import BurstEntry, Shape
-from engine.table.burst_group import write_bursts
 from engine.table.click_group import write_clicks
 from engine.table.entry_group import write_entries
 from engine.table.file import TableWriter, Variable
@@ -22,8 +20,6 @@ def write_table(
     entries: Sequence[Entry],
     clicks: Sequence[ClickEntry] = (),
     *,
-    bursts: Sequence[BurstEntry] = (),
-    shapes: Sequence[Shape] = (),
     response: float = 1.0,
     others: Mapping[str, float] | None = None,
     **attributes: str,
@@ -45,6 +41,4 @@ def write_table(
             writer.write(group, Variable("number", (), "1", "made by hand"), np.array(number))
         if clicks:
             write_clicks(writer, clicks, device)
-        if bursts:
-            write_bursts(writer, bursts, shapes, device)
     return path

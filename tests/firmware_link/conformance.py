@@ -19,7 +19,8 @@ from firmware_link.protocol.messages import (
     CLOCK_REFERENCE_SPAN,
     CLOCK_REFERENCE_US,
     MAGIC,
-    NUMBER_OF_SHAPES,
+    VERSION_MAJOR,
+    VERSION_MINOR,
     Ack,
     Arm,
     BankBegin,
@@ -39,7 +40,6 @@ from firmware_link.protocol.messages import (
     Result,
     Set,
     SetFlag,
-    Shape,
     Status,
     Stop,
     Time,
@@ -170,7 +170,7 @@ class Host:
     def greet(self) -> Hello:
         """A new session, clocks compared."""
         nonce = (self.sequence + 1) * 0x01010101
-        self.send(HelloRequest(MAGIC, 1, 0, nonce))
+        self.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, nonce))
         self.hello = self.expect(Hello, lambda hello: hello.nonce == nonce)
         self.compare_clocks()
         return self.hello
@@ -210,12 +210,12 @@ class Host:
         spare = self.hello.number_of_actuators - len(channels)
         return encode_drive([*channels, *[ChannelDrive(0, 0)] * spare], self.hello.frequency_resolution_uhz * 1e-6)
 
-    def set_message(self, drive: bytes, onset: int = 0, age_us: int = 0) -> Set:
-        return Set(self.clock_reference(age_us), SetFlag.WRITE_PHASE, self.tier.lease_ms, onset, drive)
+    def set_message(self, drive: bytes, age_us: int = 0) -> Set:
+        return Set(self.clock_reference(age_us), SetFlag.WRITE_PHASE, self.tier.lease_ms, drive)
 
-    def set(self, drive: bytes, onset: int = 0) -> Status:
+    def set(self, drive: bytes) -> Status:
         """Send it until it is applied; the status that says so."""
-        return self._until_applied(lambda: self.set_message(drive, onset))
+        return self._until_applied(lambda: self.set_message(drive))
 
     def play(self, waveform: int, amplitude: float = 1.0) -> Status:
         """As `set`."""
@@ -307,7 +307,7 @@ def law_a_rebooted_device_is_not_driven_by_old_traffic(tier: Tier) -> None:
     old = host.frame(Arm(host.hello.boot_id, SLEW_PER_S, tier.lease_ms, 0, (FULL,) * host.hello.number_of_actuators))
     # Every time that the device may have: none of them helps without the new boot.
     references = range(0, CLOCK_REFERENCE_SPAN, 16 * CLOCK_REFERENCE_US)
-    sets = [host.frame(Set(at, SetFlag.WRITE_PHASE, tier.lease_ms, 0, drive)) for at in references]
+    sets = [host.frame(Set(at, SetFlag.WRITE_PHASE, tier.lease_ms, drive)) for at in references]
     tier.reboot()
     for frame in (old, *sets):
         tier.write(frame)
@@ -513,7 +513,7 @@ def law_counters_tell_what_came(tier: Tier) -> None:
     before = host.fresh_status()
     good = host.frame(KeepAlive(0, 0))
     too_long = bytes([0x55]) * 3000 + b"\0"
-    other_length = encode_message(Set(0, SetFlag.WRITE_PHASE, 40, 0, bytes(6)), 1)
+    other_length = encode_message(Set(0, SetFlag.WRITE_PHASE, 40, bytes(6)), 1)
     no_code = b"\xff\x01\0"
     damaged = bytes([*good[:-3], good[-3] ^ 0x55 or 0x01, *good[-2:]])
     for data, times in ((good, 5), (too_long, 2), (other_length, 3), (no_code, 4), (damaged, 6)):
@@ -548,34 +548,6 @@ def law_amplitudes_are_clamped(tier: Tier) -> None:
     host.pass_until(ended.device_time_us)
     for peak in tier.peaks(applied.applied_time_us, ended.device_time_us)[:2]:
         assert 0.2 < peak <= 0.25 + ROUNDING
-
-
-def law_an_onset_holds_its_gains(tier: Tier) -> None:
-    host = Host(tier)
-    host.greet()
-    assert host.ask(Shape(2, 2, 100, 250, 200, 500, 0, 0)) is Result.OK
-    assert host.arm() is Result.OK
-    started = host.set(host.drive(ChannelDrive(500, 1.0)), onset=3).applied_time_us
-    ended = host.status(lambda status: status.state is DeviceState.ARMED)
-    host.pass_until(ended.device_time_us)
-    edges_us = (started, started + 10 * US_PER_MS, started + 20 * US_PER_MS, ended.device_time_us)
-    for start_us, stop_us, gain in zip(edges_us, edges_us[1:], (0.25, 0.5, 1.0), strict=False):
-        if stop_us - start_us > RAMP_US + 4 * US_PER_MS:
-            assert abs(tier.peaks(start_us, stop_us)[0] - gain) < 0.02
-
-
-def law_onsets_out_of_range_are_refused(tier: Tier) -> None:
-    host = Host(tier)
-    host.greet()
-    assert host.ask(Shape(NUMBER_OF_SHAPES, 0, 0, 0, 0, 0, 0, 0)) is Result.OUT_OF_RANGE
-    assert host.ask(Shape(0, 4, 0, 0, 0, 0, 0, 0)) is Result.OUT_OF_RANGE
-    assert host.ask(Shape(0, 2, 20, 0, 10, 0, 0, 0)) is Result.OUT_OF_RANGE
-    assert host.ask(Shape(0, 1, 20, 0, 10, 0, 0, 0)) is Result.OK
-    assert host.arm() is Result.OK
-    assert host.ask(Shape(0, 1, 20, 0, 10, 0, 0, 0)) is Result.WRONG_STATE
-    before = host.fresh_status()
-    host.send(host.set_message(host.drive(*LOUD), onset=NUMBER_OF_SHAPES + 1))
-    assert host.status(lambda status: status.refused == before.refused + 1).applied == before.applied
 
 
 # ---- waveforms ---------------------------------------------------------------------------------------------

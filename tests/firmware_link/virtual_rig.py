@@ -12,6 +12,8 @@ from firmware_link.protocol.messages import (
     CLOCK_REFERENCE_SPAN,
     CLOCK_REFERENCE_US,
     MAGIC,
+    VERSION_MAJOR,
+    VERSION_MINOR,
     Arm,
     HelloRequest,
     Set,
@@ -117,11 +119,11 @@ class BareHost:
     def arm(
         self, now_us: int, boot_id: int = BOOT_ID, lease_ms: int = 40, limit: int = 65_535, slew: int = 200
     ) -> None:
-        self.send(HelloRequest(MAGIC, 1, 0, 1), now_us)
+        self.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1), now_us)
         self.send(Arm(boot_id, slew, lease_ms, 0, (limit, limit)), now_us)
 
     def set(self, drive: bytes, now_us: int, lease_ms: int = 40, age_us: int = 0) -> bytes:
-        return self.send(Set(reference(now_us - age_us), SetFlag.WRITE_PHASE, lease_ms, 0, drive), now_us)
+        return self.send(Set(reference(now_us - age_us), SetFlag.WRITE_PHASE, lease_ms, drive), now_us)
 
 
 def decode_messages(data: bytes) -> list[Message]:

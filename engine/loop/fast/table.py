@@ -63,5 +63,5 @@ def make_fast_table(
 
 def _body_of(command: Command, lease_ms: int, drive_size: int) -> bytes:
     if isinstance(command, DriveCommand):
-        return encode_set_body(0, lease_ms, command.onset, command.drive.ljust(drive_size, b"\0"), 0)
+        return encode_set_body(0, lease_ms, command.drive.ljust(drive_size, b"\0"), 0)
     return encode_play_body(0, command.waveform, encode_amplitude(command.amplitude), 0)

@@ -16,7 +16,7 @@
 /* One actuator's oscillator, in words. */
 struct channel {
     uint16_t frequency;
-    uint16_t amplitude; /* as set, before the onset */
+    uint16_t amplitude;
     uint16_t limit;
     uint32_t write; /* the phase write that it runs by still; 0: none */
     uint16_t written_frequency;

@@ -52,9 +52,6 @@ static void act_on_deadlines(struct tactable_device *device)
     if (watchdog_end_us(device) <= device->now_us) {
         session_latch(device, TACTABLE_FAULT_CODE_SILENT_HOST);
     }
-    if (onset_next_us(&device->onset) <= device->now_us) {
-        drive_step_onset(device);
-    }
     reports_advance(device);
 }
 
@@ -135,7 +132,6 @@ uint64_t tactable_device_next_deadline_us(const struct tactable_device *device)
     uint64_t deadline_us = lesser(device->player.end_us, drive_end_us(device));
     deadline_us = lesser(deadline_us, on_time_end_us(device));
     deadline_us = lesser(deadline_us, watchdog_end_us(device));
-    deadline_us = lesser(deadline_us, onset_next_us(&device->onset));
     return lesser(deadline_us, lesser(device->reports.fault_due_us, device->reports.status_due_us));
 }
 

@@ -15,7 +15,6 @@
 #include "framing.h"
 #include "lease.h"
 #include "limits.h"
-#include "onset.h"
 #include "player.h"
 #include "reports.h"
 #include "synthesis.h"
@@ -69,7 +68,6 @@ struct tactable_device {
     struct framing framing;
     struct lease lease;
     struct channels channels;
-    struct onset onset;
     struct bank bank;
     struct player player;
     struct reports reports;

@@ -15,7 +15,7 @@ static void aim(struct tactable_device *device, bool writes_phase)
         const struct channel *channel = &device->channels.channels[i];
         const struct synthesis_target target = {
             .frequency = channel->frequency,
-            .amplitude = lesser(onset_shaped(&device->onset, channel->amplitude), channel->limit),
+            .amplitude = lesser(channel->amplitude, channel->limit),
             .phase = channel->written_phase,
             .writes_phase = writes_phase && channel->amplitude != 0,
         };
@@ -71,25 +71,17 @@ static enum outcome judge(const struct tactable_device *device, uint16_t clock_r
 }
 
 /* Takes the drive of a SET; whether any amplitude is above zero. */
-static bool take(struct tactable_device *device, const uint8_t *body, const struct tactable_set *message)
+static bool take(struct tactable_device *device, const uint8_t *body, bool writes_phase)
 {
     hold_samples(device);
     take_limits(device);
     take_over(device);
-    const bool was_driving = channels_are_driving(&device->channels);
-    const bool writes_phase = message->flags & TACTABLE_SET_FLAG_WRITE_PHASE;
     const enum channels_change change = channels_apply(&device->channels, body, writes_phase);
-    const bool is_driving = channels_are_driving(&device->channels);
-    if (!is_driving) {
-        onset_end(&device->onset);
-    } else if (!was_driving) {
-        onset_begin(&device->onset, message->onset, device->now_us);
-    }
     if (change != CHANNELS_UNCHANGED) {
         aim(device, change == CHANNELS_WRITTEN);
     }
     release_samples(device);
-    return is_driving;
+    return channels_are_driving(&device->channels);
 }
 
 enum outcome drive_set(struct tactable_device *device, const uint8_t *body, uint8_t sequence)
@@ -99,9 +91,6 @@ enum outcome drive_set(struct tactable_device *device, const uint8_t *body, uint
         return OUTCOME_REFUSED;
     }
     const enum outcome outcome = judge(device, message.clock_reference, sequence);
-    if (outcome == OUTCOME_ACCEPTED && message.onset > TACTABLE_NUMBER_OF_SHAPES) {
-        return OUTCOME_REFUSED;
-    }
     if (outcome != OUTCOME_ACCEPTED) {
         return outcome;
     }
@@ -109,7 +98,7 @@ enum outcome drive_set(struct tactable_device *device, const uint8_t *body, uint
     const uint64_t asked_us = (uint64_t)message.lease_ms * US_PER_MS;
     device->lease.drive_us = asked_us < device->lease.armed_us ? asked_us : device->lease.armed_us;
     device->lease.renewed_us = device->now_us;
-    const bool is_driving = take(device, body, &message);
+    const bool is_driving = take(device, body, message.flags & TACTABLE_SET_FLAG_WRITE_PHASE);
     applied(device, sequence, is_driving ? TACTABLE_DEVICE_STATE_DRIVING : TACTABLE_DEVICE_STATE_ARMED);
     return OUTCOME_ACCEPTED;
 }
@@ -135,7 +124,6 @@ enum outcome drive_play(struct tactable_device *device, const uint8_t *body, uin
     take_limits(device);
     take_over(device);
     channels_silence(&device->channels);
-    onset_end(&device->onset);
     aim(device, false);
     synthesis_play(&device->synthesis, &waveform, message.amplitude);
     release_samples(device);
@@ -167,17 +155,8 @@ void drive_silence(struct tactable_device *device)
     }
     hold_samples(device);
     channels_silence(&device->channels);
-    onset_end(&device->onset);
     aim(device, false);
     take_over(device);
-    release_samples(device);
-}
-
-void drive_step_onset(struct tactable_device *device)
-{
-    onset_advance(&device->onset, device->now_us);
-    hold_samples(device);
-    aim(device, false);
     release_samples(device);
 }
 

@@ -15,9 +15,6 @@ enum outcome drive_keep_alive(struct tactable_device *device, const uint8_t *bod
 /* Every amplitude to zero by the slew. */
 void drive_silence(struct tactable_device *device);
 
-/* The onset goes on. */
-void drive_step_onset(struct tactable_device *device);
-
 /* The bytes of the transfer are about to change, under a waveform of an earlier bank that may still sound. */
 void drive_release_transfer(struct tactable_device *device);
 

@@ -2,13 +2,6 @@
 
 #include "drive.h"
 
-static enum tactable_result define_shape(struct tactable_device *device, const uint8_t *body)
-{
-    struct tactable_shape message;
-    tactable_read_shape(body, &message);
-    return onset_define(&device->onset, &message) ? TACTABLE_RESULT_OK : TACTABLE_RESULT_OUT_OF_RANGE;
-}
-
 static enum tactable_result begin_bank(struct tactable_device *device, const uint8_t *body)
 {
     struct tactable_bank_begin message;
@@ -35,16 +28,13 @@ static enum tactable_result commit_bank(struct tactable_device *device, const ui
     return bank_commit(&device->bank, &message);
 }
 
-/* What the device remembers: shapes only while it is idle. */
+/* One step of the transfer of a bank. */
 static enum tactable_result keep(struct tactable_device *device, const uint8_t *body)
 {
-    const bool is_idle = device->state == TACTABLE_DEVICE_STATE_IDLE;
-    if (device->state == TACTABLE_DEVICE_STATE_LATCHED || (body[0] == TACTABLE_SHAPE_TYPE && !is_idle)) {
+    if (device->state == TACTABLE_DEVICE_STATE_LATCHED) {
         return TACTABLE_RESULT_WRONG_STATE;
     }
     switch (body[0]) {
-    case TACTABLE_SHAPE_TYPE:
-        return define_shape(device, body);
     case TACTABLE_BANK_BEGIN_TYPE:
         return begin_bank(device, body);
     case TACTABLE_BANK_CHUNK_TYPE:

@@ -1,4 +1,4 @@
-/* What the device remembers between drives: shapes and a bank, taken only while it is idle. */
+/* The bank of waveforms that the host hands over, which the device remembers between drives. */
 #ifndef TACTABLE_MEMORY_H
 #define TACTABLE_MEMORY_H
 
@@ -7,7 +7,7 @@
 #include "device.h"
 #include "outcome.h"
 
-/* SHAPE and BANK_*, by their bodies: acknowledged, and a new bank told by LOG. */
+/* BANK_*, by their bodies: acknowledged, and a new bank told by LOG. */
 enum outcome memory_keep(struct tactable_device *device, const uint8_t *body, uint8_t sequence);
 
 #endif

@@ -29,8 +29,7 @@ static void send(struct tactable_device *device, uint8_t *body, const uint8_t *e
 
 static uint32_t features_of(const struct tactable_configuration *configuration)
 {
-    uint32_t features = TACTABLE_FEATURES_ONSET_SHAPES;
-    features |= configuration->bank_capacity_bytes != 0 ? TACTABLE_FEATURES_WAVEFORMS : 0u;
+    uint32_t features = configuration->bank_capacity_bytes != 0 ? TACTABLE_FEATURES_WAVEFORMS : 0u;
     features |= configuration->senses_high_voltage ? TACTABLE_FEATURES_HIGH_VOLTAGE_SENSE : 0u;
     return features;
 }

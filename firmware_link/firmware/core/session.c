@@ -105,7 +105,6 @@ static enum outcome dispatch(struct tactable_device *device, const uint8_t *body
         return acknowledge(device, body, sequence, TACTABLE_RESULT_OK);
     case TACTABLE_TIME_REQ_TYPE:
         return answer_time(device, body);
-    case TACTABLE_SHAPE_TYPE:
     case TACTABLE_BANK_BEGIN_TYPE:
     case TACTABLE_BANK_CHUNK_TYPE:
     case TACTABLE_BANK_COMMIT_TYPE:

@@ -13,18 +13,14 @@
 
 #include "bytes.h"
 
-#define TACTABLE_VERSION_MAJOR 0x1u
+#define TACTABLE_VERSION_MAJOR 0x2u
 #define TACTABLE_VERSION_MINOR 0x0u
 #define TACTABLE_MAGIC 0x74636174u
-#define TACTABLE_SCHEMA_HASH 0x918e9edcu
+#define TACTABLE_SCHEMA_HASH 0xdf4917cbu
 #define TACTABLE_FULL_SCALE_WORD 0xffffu
 #define TACTABLE_CLOCK_REFERENCE_US 0x64u
 #define TACTABLE_CLOCK_REFERENCE_SPAN 0x10000u
 #define TACTABLE_BANK_CHUNK_SIZE 0xc0u
-#define TACTABLE_NUMBER_OF_SHAPES 0x8u
-#define TACTABLE_SHAPE_STEPS 0x3u
-#define TACTABLE_SHAPE_TIME_US 0x64u
-#define TACTABLE_SHAPE_FULL_GAIN 0x3e8u
 #define TACTABLE_EMERGENCY_STOP_RUN 0x8u
 
 /* What the firmware allows: only DRIVING has a drive, only a handshake leaves LATCHED. */
@@ -57,7 +53,6 @@ enum tactable_fault_code {
 /* What a device can do beyond SET; a newer device may tell bits that this host does not know. */
 enum tactable_features {
     TACTABLE_FEATURES_WAVEFORMS = 1,
-    TACTABLE_FEATURES_ONSET_SHAPES = 2,
     TACTABLE_FEATURES_HIGH_VOLTAGE_SENSE = 4,
 };
 
@@ -93,7 +88,7 @@ struct tactable_layout {
     {0x00000000u, 49u, 4u, 0x02u}, \
     {0xfab4ae66u, 10u, 2u, 0x03u}, \
     {0xc07f9951u, 5u, 0u, 0x04u}, \
-    {0xf64ca48fu, 7u, 6u, 0x05u}, \
+    {0xa22d5939u, 6u, 6u, 0x05u}, \
     {0x8f7ef28eu, 5u, 0u, 0x06u}, \
     {0x00000000u, 2u, 0u, 0x07u}, \
     {0xa95bf990u, 10u, 0u, 0x08u}, \
@@ -101,7 +96,6 @@ struct tactable_layout {
     {0x67aa7307u, 59u, 0u, 0x0au}, \
     {0x833c49edu, 11u, 0u, 0x0bu}, \
     {0xe1534f86u, 17u, 0u, 0x0cu}, \
-    {0x3a66c101u, 16u, 0u, 0x0du}, \
     {0x1136184bu, 10u, 0u, 0x0eu}, \
     {0x8ba58c5cu, 198u, 0u, 0x0fu}, \
     {0xdd00d0c7u, 6u, 0u, 0x10u}, \
@@ -221,7 +215,7 @@ static inline struct tactable_arm_channel tactable_read_arm_channel(const uint8_
     return channel;
 }
 
-/* ACK, sent by both: answer to ARM, STOP, SHAPE, BANK_* (device) or FAULT (host). */
+/* ACK, sent by both: answer to ARM, STOP, BANK_* (device) or FAULT (host). */
 #define TACTABLE_ACK_TYPE 0x04u
 
 struct tactable_ack {
@@ -255,7 +249,6 @@ struct tactable_set {
     uint16_t clock_reference; /* 100 us */
     uint8_t flags;
     uint8_t lease_ms;
-    uint8_t onset;
 };
 
 struct tactable_set_channel {
@@ -269,13 +262,12 @@ static inline bool tactable_read_set(const uint8_t *body, struct tactable_set *m
     message->clock_reference = get_u16(body + 2);
     message->flags = get_u8(body + 4);
     message->lease_ms = get_u8(body + 5);
-    message->onset = get_u8(body + 6);
     return (message->flags & ~0x1u) == 0;
 }
 
 static inline struct tactable_set_channel tactable_read_set_channel(const uint8_t *body, size_t actuator)
 {
-    const uint8_t *at = body + 7 + 6 * actuator;
+    const uint8_t *at = body + 6 + 6 * actuator;
     struct tactable_set_channel channel;
     channel.frequency = get_u16(at + 0);
     channel.amplitude = get_u16(at + 2);
@@ -412,33 +404,6 @@ static inline uint8_t *tactable_write_log(uint8_t *at, uint8_t sequence, const s
     at = put_u32(at, message->value);
     at = put_u64(at, message->device_time_us);
     return at;
-}
-
-/* SHAPE, sent by host: define the onset that a SET may choose. */
-#define TACTABLE_SHAPE_TYPE 0x0du
-
-struct tactable_shape {
-    uint8_t index;
-    uint8_t steps;
-    uint16_t until_1; /* 100 us */
-    uint16_t gain_1; /* 1/1000 */
-    uint16_t until_2; /* 100 us */
-    uint16_t gain_2; /* 1/1000 */
-    uint16_t until_3; /* 100 us */
-    uint16_t gain_3; /* 1/1000 */
-};
-
-static inline bool tactable_read_shape(const uint8_t *body, struct tactable_shape *message)
-{
-    message->index = get_u8(body + 2);
-    message->steps = get_u8(body + 3);
-    message->until_1 = get_u16(body + 4);
-    message->gain_1 = get_u16(body + 6);
-    message->until_2 = get_u16(body + 8);
-    message->gain_2 = get_u16(body + 10);
-    message->until_3 = get_u16(body + 12);
-    message->gain_3 = get_u16(body + 14);
-    return true;
 }
 
 /* BANK_BEGIN, sent by host: begin to hand over a bank of waveforms. */

@@ -22,8 +22,6 @@ from engine.loop.ring import RingWriter
 from engine.render.limits import link_configuration
 from engine.render.renderer import Renderer
 from engine.table import ClickEntry, Entry
-from engine.table.burst import BurstEntry, Shape, needs_bursts
-from engine.table.burst import played_at as burst_played_at
 from engine.table.click import choose_bank, played_at
 from engine.touch import FingerTracker, open_digitizer, state_index
 from engine.touch.digitizer import RELEASE_AFTER_NS
@@ -218,8 +216,6 @@ class Rig:
     ring: RingWriter | None = None
     entries: Sequence[Entry] = tuple(ENTRIES)
     clicks: Sequence[ClickEntry] = ()
-    bursts: Sequence[BurstEntry] = ()
-    shapes: tuple[Shape, ...] = ()
     library: ClassVar[ctypes.CDLL | None] = None
     """Of the fast path: the loop's tests hold with it and without."""
 
@@ -230,9 +226,8 @@ class Rig:
         session = Session(Link(configuration), self.line, self.line.now_ns)
         capabilities = connect(session, self.line)
         bank, waveforms = choose_bank(self.clicks, capabilities)
-        shapes = self.shapes if needs_bursts(capabilities) else ()
-        if bank is not None or shapes:
-            configuration = replace(configuration, bank=bank, onsets=shapes)
+        if bank is not None:
+            configuration = replace(configuration, bank=bank)
             session = Session(Link(configuration), self.line, self.line.now_ns)
             connect(session, self.line)
         self.session = session
@@ -242,8 +237,7 @@ class Rig:
         levels_db = self.effects.levels_db
         by_level = {level: [e for e in self.entries if e.wanted_level_db == level] for level in levels_db}
         clicks = {level: [played_at(click, level) for click in self.clicks] for level in levels_db}
-        bursts = {level: [burst_played_at(each, level) for each in self.bursts] for level in levels_db if shapes}
-        self.renderer = Renderer(by_level, DEVICE, capabilities, clicks=clicks, waveforms=waveforms, bursts=bursts)
+        self.renderer = Renderer(by_level, DEVICE, capabilities, clicks=clicks, waveforms=waveforms)
         player = EffectPlayer(self.effects, len(DEVICE.zones))
         rules = (digitizer, player, self.effects)
         self.fast_table = make_fast_table(self.renderer, capabilities, len(DEVICE.zones), configuration.lease_ms)

@@ -22,7 +22,6 @@ from firmware_link.host.link_values import Capabilities
 from firmware_link.host.session import Session
 from firmware_link.protocol.bank import encode_bank
 from tests.engine.loop.test_loop import DEVICE, HELD, MS, VirtualLine, held, recording_of, report
-from tests.engine.made_bursts import SHAPES
 from tests.engine.made_clicks import click_of
 from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
 
@@ -215,17 +214,3 @@ def test_1000_changes_lose_no_report_and_no_command() -> None:
     late_ns = [change.time_ns - due for change, due in zip(touched, due_ns, strict=True)]
     assert max(late_ns) == 0
     assert all(change.level_db in (LEVEL_DB, None, inf) for change in rig.trace)
-
-
-def test_a_table_with_other_shapes_comes_with_a_new_session_once_nobody_touches() -> None:
-    frames = [
-        *held(0.0, 0.2, (1, 0.1)),
-        (0.2, report(lifted=[1])),
-        *held(0.6, 0.7, (1, 0.1)),
-        (0.7, report(lifted=[1])),
-    ]
-    rig = SwapRig(recording_of(*frames))
-    coming = rig.rendering(150.0)
-    rig.run((50.0, replace(coming, configuration=replace(coming.configuration, onsets=SHAPES))))
-    assert (rig.played_hz(), rig.loop.counters.swaps) == ([100.0, 0.0, 150.0, 0.0], 1)
-    assert rig.session.link.configuration.onsets == SHAPES

@@ -8,6 +8,8 @@ from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmwar
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import (
     MAGIC,
+    VERSION_MAJOR,
+    VERSION_MINOR,
     Arm,
     DeviceState,
     FaultCode,
@@ -20,7 +22,7 @@ from firmware_link.protocol.messages import (
 from tests.firmware_link.virtual_rig import decode_messages
 
 SECOND_US = 1_000_000
-GREETING = encode_message(HelloRequest(MAGIC, 1, 0, 1), 1)
+GREETING = encode_message(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1), 1)
 
 
 def device_with(text: str, seed: int = 1) -> FaultyDevice[EmulatedFirmware]:

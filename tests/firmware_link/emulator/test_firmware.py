@@ -13,6 +13,8 @@ from firmware_link.emulator.synthesis import synthesise
 from firmware_link.protocol.framing import EMERGENCY_STOP, encode_message
 from firmware_link.protocol.messages import (
     MAGIC,
+    VERSION_MAJOR,
+    VERSION_MINOR,
     Ack,
     Arm,
     ChannelDrive,
@@ -53,7 +55,7 @@ def greatest_after(host: BareHost, device_us: int) -> float:
 
 def test_nothing_drives_without_arm() -> None:
     host = BareHost()
-    host.send(HelloRequest(MAGIC, 1, 0, 1), 1000)
+    host.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1), 1000)
     host.set(DRIVE, 2000)
     assert host.firmware.drive_log == []
     assert host.firmware.counters.refused == 1
@@ -153,7 +155,7 @@ def test_stop_is_latched(by_delimiters: bool) -> None:
 
 def test_a_new_session_disarms() -> None:
     host = driving_host()
-    host.send(HelloRequest(MAGIC, 1, 0, 2), 10_000)
+    host.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 2), 10_000)
     assert host.firmware.state is DeviceState.IDLE
     assert host.firmware.drive_log[-1].cause is Cause.NEW_SESSION
 
@@ -244,7 +246,7 @@ def test_status_tells_the_last_set_applied() -> None:
 def test_status_comes_every_100_ms_once_greeted() -> None:
     host = BareHost()
     assert host.firmware.next_deadline_us() is None
-    host.send(HelloRequest(MAGIC, 1, 0, 1), 0)
+    host.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1), 0)
     assert len(decode_messages(host.firmware.advance(1_000_000))) == 10
 
 
@@ -263,7 +265,7 @@ def test_the_log_tells_what_became_of_each_frame() -> None:
 @pytest.mark.parametrize(("armed_s", "own_s", "latched_s"), [(0, 2, 2), (1, 2, 1), (3, 2, 2), (2, 0, 2)])
 def test_the_shorter_limit_of_the_time_on_binds(armed_s: int, own_s: int, latched_s: int) -> None:
     host = BareHost(EmulatedFirmware(DeviceConfiguration(BOOT_ID, longest_drive_s=own_s)))
-    host.send(HelloRequest(MAGIC, 1, 0, 1), 0)
+    host.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1), 0)
     host.send(Arm(BOOT_ID, 200, 40, armed_s, (65_535, 65_535)), 0)
     for now_us in range(0, latched_s * 1_000_000 + 20_000, 20_000):
         host.set(DRIVE, now_us)

@@ -12,6 +12,8 @@ from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import (
     MAGIC,
+    VERSION_MAJOR,
+    VERSION_MINOR,
     Ack,
     Arm,
     ChannelDrive,
@@ -22,7 +24,6 @@ from firmware_link.protocol.messages import (
     Result,
     Set,
     SetFlag,
-    Shape,
     Stop,
     TimeRequest,
     encode_body,
@@ -55,10 +56,10 @@ class Session:
         self.sequence = (self.sequence + 1) % 256
         self.add(FRAMED, encode_body(message, self.sequence), wait_us)
 
-    def set(self, *amplitudes: float, onset: int = 0) -> None:
+    def set(self, *amplitudes: float) -> None:
         drive = encode_drive([ChannelDrive(90, amplitude) for amplitude in amplitudes], RESOLUTION_HZ)
         at_us = self.now_us + 1_000 // TIME_STEP_US * TIME_STEP_US
-        self.send(Set(reference(at_us), SetFlag.WRITE_PHASE, 40, onset, drive))
+        self.send(Set(reference(at_us), SetFlag.WRITE_PHASE, 40, drive))
 
     def play(self, waveform: int) -> None:
         at_us = self.now_us + 1_000 // TIME_STEP_US * TIME_STEP_US
@@ -67,9 +68,8 @@ class Session:
 
 def greeted() -> Session:
     session = Session()
-    session.send(HelloRequest(MAGIC, 1, 0, 1))
+    session.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1))
     session.send(TimeRequest(1))
-    session.send(Shape(0, 3, 10, 100, 20, 2_000, 90, 300))
     return session
 
 
@@ -82,7 +82,7 @@ def sessions() -> list[Session]:
     """One of each kind."""
     driven, played, latched, raw = armed(greeted()), greeted(), armed(greeted()), greeted()
     for amplitudes in ((1.0, 0.5, 0.0), (0.0, 1.0, 0.2), (0.0, 0.0, 0.0)):
-        driven.set(*amplitudes, onset=1)
+        driven.set(*amplitudes)
         driven.send(KeepAlive(reference(driven.now_us), driven.sequence))
     data = encode_bank(make_bank(1_000, [hump(1.0, -1.0, 0.3, duration_us=20_000)] * 2), ACTUATORS)
     for message in transfer_messages(data):

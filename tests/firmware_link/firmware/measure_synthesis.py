@@ -18,6 +18,8 @@ from firmware_link.emulator.firmware import DeviceConfiguration
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import (
     MAGIC,
+    VERSION_MAJOR,
+    VERSION_MINOR,
     Arm,
     ChannelDrive,
     HelloRequest,
@@ -73,9 +75,9 @@ def play(library: CDLL, rate_hz: int, channels: Sequence[ChannelDrive]) -> NDArr
     now_us = 1_000
     drive = encode_drive(channels, RESOLUTION_HZ)
     messages = [
-        HelloRequest(MAGIC, 1, 0, 1),
+        HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1),
         Arm(BOOT_ID, 200, LEASE_MS, 0, (65_535, 65_535)),
-        Set(reference(now_us), SetFlag.WRITE_PHASE, LEASE_MS, 0, drive),
+        Set(reference(now_us), SetFlag.WRITE_PHASE, LEASE_MS, drive),
     ]
     for sequence, message in enumerate(messages, 1):
         firmware.receive(encode_message(message, sequence), now_us)

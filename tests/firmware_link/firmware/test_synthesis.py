@@ -17,6 +17,8 @@ from firmware_link.protocol.messages import (
     BANK_CHUNK_SIZE,
     FULL_SCALE_WORD,
     MAGIC,
+    VERSION_MAJOR,
+    VERSION_MINOR,
     Arm,
     BankBegin,
     BankChunk,
@@ -76,7 +78,7 @@ def test_nothing_passes_the_limit_or_moves_faster_than_the_slew(
 ) -> None:
     device = Played(limits, slew_per_s)
     for wait_us, channels, flags in given_commands:
-        device.send(Set(reference(device.now_us), flags, 40, 0, encode_drive(channels, RESOLUTION_HZ)))
+        device.send(Set(reference(device.now_us), flags, 40, encode_drive(channels, RESOLUTION_HZ)))
         device.wait(wait_us)
     device.wait(100_000)
     samples = device.take() / FULL_OUTPUT
@@ -104,7 +106,7 @@ def test_a_waveform_whose_bank_goes_stands_still_and_fades_on() -> None:
     device = Played((FULL_SCALE_WORD,) * ACTUATORS, 200, bank)
     device.send(Play(reference(device.now_us), 0, FULL_SCALE_WORD))
     device.wait(9_000)
-    device.send(HelloRequest(MAGIC, 1, 0, 1))
+    device.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1))
     device.send(BankBegin(1, 400))
     device.send(BankChunk(0, b"\x55" * BANK_CHUNK_SIZE))
     device.wait(20_000)
@@ -122,7 +124,11 @@ class Played:
         self._sequence = 0
         self._firmware = CompiledFirmware(core_library(), DeviceConfiguration(BOOT_ID, synthesis_rate_hz=RATE_HZ))
         transfer = transfer_messages(encode_bank(bank, ACTUATORS)) if bank else []
-        for message in (HelloRequest(MAGIC, 1, 0, 1), *transfer, Arm(BOOT_ID, slew_per_s, 40, 0, limits)):
+        for message in (
+            HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1),
+            *transfer,
+            Arm(BOOT_ID, slew_per_s, 40, 0, limits),
+        ):
             self.send(message)
         self._firmware.take_samples()
 

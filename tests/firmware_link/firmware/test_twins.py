@@ -18,6 +18,8 @@ from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import (
     FULL_SCALE_WORD,
     MAGIC,
+    VERSION_MAJOR,
+    VERSION_MINOR,
     Ack,
     Arm,
     BankBegin,
@@ -30,7 +32,6 @@ from firmware_link.protocol.messages import (
     Result,
     Set,
     SetFlag,
-    Shape,
     Stop,
     TimeRequest,
     encode_drive,
@@ -120,11 +121,10 @@ drives = st.tuples(*[st.builds(ChannelDrive, frequencies, amplitudes, phases)] *
 ages_us = st.just(0) | st.integers(-60_000, 60_000)
 sequence_steps = st.just(1) | st.sampled_from([0, 127, 128, 255])
 limits = st.tuples(*[st.sampled_from([0, 20_000, FULL_SCALE_WORD])] * ACTUATORS)
-shape_words = st.sampled_from([0, 20, 50, 400, 1_000, 2_000])
 
 
-def _set(drive: bytes, age_us: int, lease_ms: int, onset: int, flags: SetFlag, step: int) -> Step:
-    return lambda twins: twins.drive(Set(reference(twins.now_us - age_us), flags, lease_ms, onset, drive), step)
+def _set(drive: bytes, age_us: int, lease_ms: int, flags: SetFlag, step: int) -> Step:
+    return lambda twins: twins.drive(Set(reference(twins.now_us - age_us), flags, lease_ms, drive), step)
 
 
 def _play(index: int, amplitude: int, age_us: int) -> Step:
@@ -163,21 +163,24 @@ ordinary: st.SearchStrategy[Step] = st.one_of(
         drives,
         ages_us,
         st.sampled_from([40, 40, 255, 0]),
-        st.integers(0, 9),
         st.sampled_from(SetFlag) | st.just(SetFlag(0)),
         sequence_steps,
     ),
-    st.builds(_set, drives, st.just(0), st.just(40), st.just(0), st.just(SetFlag.WRITE_PHASE), st.just(1)),
+    st.builds(_set, drives, st.just(0), st.just(40), st.just(SetFlag.WRITE_PHASE), st.just(1)),
     st.builds(_play, st.integers(0, 2), st.sampled_from([0, 30_000, FULL_SCALE_WORD]), ages_us),
     st.builds(_play, st.integers(0, 1), st.just(FULL_SCALE_WORD), st.just(0)),
     st.builds(_keep, st.sampled_from([0, 0, 1]), ages_us, sequence_steps),
 )
 rare: st.SearchStrategy[Step] = st.one_of(
     arms.map(_send),
-    st.builds(Shape, st.integers(0, 8), st.integers(0, 4), *[shape_words] * 6).map(_send),
-    st.sampled_from([HelloRequest(MAGIC, 1, 0, 9), HelloRequest(MAGIC + 1, 1, 0, 9), Stop(), TimeRequest(2**63)]).map(
-        _send
-    ),
+    st.sampled_from(
+        [
+            HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 9),
+            HelloRequest(MAGIC + 1, VERSION_MAJOR, VERSION_MINOR, 9),
+            Stop(),
+            TimeRequest(2**63),
+        ]
+    ).map(_send),
     st.sampled_from(TRANSFER).map(_send),
     messages(ACTUATORS).map(_send),
     st.sampled_from([EMERGENCY_STOP, EMERGENCY_STOP[1:]]).map(_receive),
@@ -189,7 +192,7 @@ rare: st.SearchStrategy[Step] = st.one_of(
 
 
 def _ready(twins: Twins) -> None:
-    for message in (HelloRequest(MAGIC, 1, 0, 1), Shape(0, 2, 20, 300, 50, 1_500, 0, 0), *TRANSFER):
+    for message in (HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1), *TRANSFER):
         twins.send(message)
     twins.send(Arm(BOOT_ID, SLEW_PER_S, 40, 0, (FULL_SCALE_WORD,) * ACTUATORS))
     assert twins.python.state is DeviceState.ARMED

@@ -30,7 +30,7 @@ def next_of(box: Outbox, now_ns: int) -> Set | Play | KeepAlive | None:
     if isinstance(wanted, WantedWaveform):
         return Play(0, wanted.waveform, wanted.amplitude)
     if wanted is not None:
-        return Set(0, SetFlag.WRITE_PHASE, LEASE_MS, wanted.onset, wanted.drive)
+        return Set(0, SetFlag.WRITE_PHASE, LEASE_MS, wanted.drive)
     return box.next_message(now_ns, lambda _: 0, 7)[0]
 
 
@@ -51,7 +51,7 @@ def run(box: Outbox, start_ns: int, stop_ns: int, step_ns: int, wanted: WantedDr
 @unhurried
 @given(st.integers(10_000, 400_000), st.booleans())
 def test_no_lease_has_more_frames_than_a_sequence_tells_apart(step_ns: int, plays: bool) -> None:
-    wanted = WantedWaveform(0, 65_535, 30_000) if plays else WantedDrive(DRIVE, 0)
+    wanted = WantedWaveform(0, 65_535, 30_000) if plays else WantedDrive(DRIVE)
     sent = run(outbox(), 0, 100 * MS, step_ns, wanted)
     times_ns = [time_ns for time_ns, _ in sent]
     assert all(last - first >= LEASE_MS * MS for first, last in zip(times_ns, times_ns[127:], strict=False))
@@ -60,7 +60,7 @@ def test_no_lease_has_more_frames_than_a_sequence_tells_apart(step_ns: int, play
 def test_a_drive_is_renewed_three_times_a_lease_and_silence_each_80_ms() -> None:
     for drive, period_ns in ((DRIVE, LEASE_MS * MS // 3), (SILENCE, 80 * MS)):
         box = outbox()
-        box.put(WantedDrive(drive, 0))
+        box.put(WantedDrive(drive))
         times_ns = [time_ns for time_ns, _ in run(box, 0, 400 * MS, 10_000, None)]
         assert max(later - earlier for earlier, later in itertools.pairwise(times_ns)) <= period_ns + 10_000
 
@@ -78,7 +78,7 @@ def test_a_waveform_is_kept_alive_by_its_own_sequence_until_a_lease_after_its_en
 
 def test_what_is_cleared_is_not_sent() -> None:
     box = outbox()
-    box.put(WantedDrive(DRIVE, 1))
+    box.put(WantedDrive(DRIVE))
     assert not box.is_silent
     box.clear()
     assert box.is_silent
@@ -94,8 +94,8 @@ def test_the_quick_way_sends_what_the_other_way_sends_at_the_same_times(
     for step_ns, drive in steps:
         now_ns += step_ns
         if drive is not None:
-            quick.put(WantedDrive(drive, 0))
-            plain.put(WantedDrive(drive, 0))
+            quick.put(WantedDrive(drive))
+            plain.put(WantedDrive(drive))
         wanted = quick.next_command(now_ns)
         expected, _ = plain.next_message(now_ns, lambda _: 0, 7)
         if wanted is None:
@@ -103,7 +103,7 @@ def test_the_quick_way_sends_what_the_other_way_sends_at_the_same_times(
         else:
             assert isinstance(expected, Set)
             assert isinstance(wanted, WantedDrive)
-            assert (wanted.drive, wanted.onset) == (expected.drive, expected.onset)
+            assert wanted.drive == expected.drive
         assert quick.due_ns(now_ns) == plain.due_ns(now_ns)
         assert quick.is_silent == plain.is_silent
 
@@ -112,6 +112,6 @@ def test_a_waveform_that_sounds_is_taken_over_the_other_way() -> None:
     box = outbox()
     box.put(WantedWaveform(0, 65_535, 200_000))
     assert isinstance(next_of(box, 0), Play)
-    box.put(WantedDrive(DRIVE, 0))
+    box.put(WantedDrive(DRIVE))
     assert box.next_command(MS) is None
     assert isinstance(box.next_message(MS, lambda _: 0, 7)[0], Set)

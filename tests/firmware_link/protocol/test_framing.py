@@ -103,11 +103,11 @@ def test_a_frame_of_another_definition_is_refused() -> None:
 
 def test_a_frame_for_another_number_of_actuators_is_refused() -> None:
     decoder = FrameDecoder(ACTUATORS)
-    assert decoder.receive(encode_message(Set(0, SetFlag.WRITE_PHASE, 40, 0, bytes(6)), 1)) == []
+    assert decoder.receive(encode_message(Set(0, SetFlag.WRITE_PHASE, 40, bytes(6)), 1)) == []
     assert decoder.counters.length == 1
 
 
 @pytest.mark.parametrize("number_of_actuators", [1, 36, 100, 255])
 def test_the_longest_frame_fits_the_buffer(number_of_actuators: int) -> None:
-    body = encode_body(Set(0, SetFlag.WRITE_PHASE, 40, 0, b"\x55" * 6 * number_of_actuators), 1)
+    body = encode_body(Set(0, SetFlag.WRITE_PHASE, 40, b"\x55" * 6 * number_of_actuators), 1)
     assert FrameDecoder(number_of_actuators).receive(encode_frame(body)) == [body]

@@ -138,7 +138,7 @@ def test_clicks_of_other_zones_are_not_kept_for_now(path: Path) -> None:
 
 
 def test_a_table_says_what_it_was_built_by(path: Path) -> None:
-    build(DEVICE, path, objective="fair share", clicks_up_to=2, bursts_up_to=0)
+    build(DEVICE, path, objective="fair share", clicks_up_to=2)
     with Table.open(path) as table:
         assert Recipe.of(table) == Recipe(code_fingerprint(), "fair share", 2, CHEAP)
 

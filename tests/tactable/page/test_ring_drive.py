@@ -59,8 +59,8 @@ def test_silence_ends_a_drive(table: Table, drive: RingDrive) -> None:
     assert not any(channel.amplitude for channel in event.channels)
 
 
-def test_the_end_of_a_burst_is_silence_though_no_sequence_tells_it(table: Table, drive: RingDrive) -> None:
-    begun = record_of(table, STATES, 0)._replace(is_click=True)
+def test_silence_on_a_lost_port_ends_the_drive_though_it_has_no_sequence(table: Table, drive: RingDrive) -> None:
+    begun = record_of(table, STATES, 0)
     ended = begun._replace(stamps_ns=(0, 30_000_000, 0, 0, 0, 0), drive_sequence=None, drive=b"")
     first, last = drive.events([begun, ended])
     assert any(channel.amplitude for channel in first.channels)

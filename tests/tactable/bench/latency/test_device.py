@@ -22,7 +22,7 @@ def test_every_set_is_noted_with_its_sequence_however_the_bytes_come(
     sets: list[tuple[int, int, bytes]], piece: int
 ) -> None:
     device = LightDevice(2, 0)
-    frames = [encode_message(Set(clock, SetFlag.WRITE_PHASE, 40, 0, drive), number) for number, clock, drive in sets]
+    frames = [encode_message(Set(clock, SetFlag.WRITE_PHASE, 40, drive), number) for number, clock, drive in sets]
     stream = b"".join(frame + encode_message(TimeRequest(5), 6) for frame in frames)
     for start in range(0, len(stream), piece):
         device.receive(stream[start : start + piece], start)
