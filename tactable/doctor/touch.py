@@ -61,7 +61,7 @@ def examine(machine: Machine) -> list[Check]:
 
 
 def _check_backend(system: HidSystem) -> Check:
-    if system.platform == "linux" and not system.has_nodes:
+    if not system.has_nodes:
         finding = "libusb: it takes the touch screen from the desktop and sees neither I2C nor Bluetooth"
         return Check("hidapi", finding, "install a hidapi wheel with the module hidraw: `pip install -U hidapi`")
     return Check("hidapi", f"module {system.backend}")

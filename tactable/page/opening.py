@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import os
 import signal
-import sys
 import tempfile
 import webbrowser
 from collections.abc import Callable, Mapping
@@ -33,9 +32,9 @@ class Address:
     opens_browser: bool = True
 
 
-def has_browser(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> bool:
+def has_browser(environment: Mapping[str, str] = os.environ) -> bool:
     """Whether a graphical browser can be opened; a browser in a terminal cannot show the page."""
-    if platform.startswith("linux") and not (environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY")):
+    if not (environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY")):
         return False
     try:
         webbrowser.get()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import os
 import re
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,39 +62,31 @@ class HidModule(Protocol):
 
 @dataclass(frozen=True)
 class HidSystem:
-    """What this machine offers: a module of hidapi by its name, the platform as in `sys`, where Linux tells more."""
+    """A module of hidapi by its name, and where the kernel describes the nodes."""
 
     module: HidModule
     backend: str
-    platform: str = sys.platform
     sysfs: Path = Path("/sys/class/hidraw")
 
     @property
     def has_nodes(self) -> bool:
         """Paths are Linux's own /dev/hidrawN: readable without hidapi, by a descriptor that can be waited on."""
-        return self.platform == "linux" and self.backend == "hidraw"
-
-    @property
-    def must_set_mode(self) -> bool:
-        """Nobody else reads the features and sets the device mode: Linux's driver does, and so does Windows."""
-        return not self.has_nodes and self.platform != "win32"
+        return self.backend == "hidraw"
 
     @property
     def ring_size(self) -> int:
-        """Unread reports that are kept; Linux then drops the newest, hidapi's own threads the oldest."""
+        """Unread reports that are kept; the kernel then drops the newest, hidapi's own threads the oldest."""
         return 63 if self.has_nodes else 31
 
 
-def load_hid_system(
-    import_module: Callable[[str], object] = importlib.import_module, platform: str = sys.platform
-) -> HidSystem:
+def load_hid_system(import_module: Callable[[str], object] = importlib.import_module) -> HidSystem:
     """The right module of hidapi: `hidraw` where there is one. Raises `DigitizerError` when hidapi is not installed.
 
-    On Linux `hid` is libusb: it takes the touch screen from the desktop and sees neither I2C nor Bluetooth.
+    `hid` is libusb: it takes the touch screen from the desktop and sees neither I2C nor Bluetooth.
     """
     for name in ("hidraw", "hid"):
         try:
-            return HidSystem(cast(HidModule, import_module(name)), name, platform)
+            return HidSystem(cast(HidModule, import_module(name)), name)
         except ImportError:
             continue
     raise DigitizerError("hidapi is not installed: run `pip install hidapi`")
@@ -207,10 +198,4 @@ def refusal(system: HidSystem, device: HidDigitizer, reason: object) -> Digitize
             f"(`tactable doctor --emit-udev` prints it), then plug the device in again: "
             f"{udev_rule(device.vendor_id, device.product_id)}"
         )
-    remedy = {
-        "win32": "Windows keeps touch devices to itself: touch the page instead, its pointer events work everywhere",
-        "darwin": "macOS keeps it: allow this terminal in System Settings, Privacy & Security, Input Monitoring, "
-        "and end other programs that use it",
-        "linux": "plug it in again, and end other programs that use it",
-    }.get(system.platform, "plug it in again")
-    return DigitizerError(f"cannot read {what}: {reason}; {remedy}")
+    return DigitizerError(f"cannot read {what}: {reason}; plug it in again, and end other programs that use it")

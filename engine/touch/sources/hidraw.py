@@ -277,9 +277,7 @@ def _open_channel(
         handle = _Handle(system.module.device(), device.path)
     except OSError as error:
         raise refusal(system, device, error) from error
-    if system.platform == "win32":
-        _probe(system, device, handle)
-    if system.must_set_mode and set_mode:
+    if set_mode:
         counters.failed_features += handle.set_mode()
     return handle
 
@@ -378,12 +376,3 @@ class _Handle:
             return self._handle.send_feature_report(value.to_bytes(max(size, len(report)), "little")) >= 0
         except OSError:
             return False
-
-
-def _probe(system: HidSystem, device: HidDigitizer, handle: _Handle) -> None:
-    """Windows lets a touch device be opened and refuses the first read."""
-    try:
-        handle.read()
-    except OSError as error:
-        handle.close()
-        raise refusal(system, device, error) from error

@@ -2,7 +2,6 @@
 
 import os
 import platform
-import sys
 import time
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -21,7 +20,7 @@ def environment_json() -> dict[str, Any]:
         "system": platform.platform(),
         "processor": _processor(),
         "processors": os.cpu_count(),
-        "allowed_processors": sorted(os.sched_getaffinity(0)) if sys.platform == "linux" else None,
+        "allowed_processors": sorted(os.sched_getaffinity(0)),
         "virtual_machine": _is_virtual(),
         "preemption": _preemption(),
         "governor": _read(_CPU / "cpu0/cpufreq/scaling_governor"),

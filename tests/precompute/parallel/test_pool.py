@@ -106,7 +106,6 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.skipif(os.name != "posix", reason="sends a signal to a process group, as a terminal does")
 def test_ctrl_c_in_a_terminal_ends_all_of_them_with_one_trace(tmp_path: Path) -> None:
     script = tmp_path / "sleepers.py"
     script.write_text(SCRIPT)

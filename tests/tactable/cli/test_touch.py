@@ -50,10 +50,9 @@ class Bench:
     hid: FakeMachine
     ports: tuple[PortDescription, ...] = ()
     backend: str = "hidraw"
-    platform: str = "linux"
 
     def system(self) -> HidSystem:
-        return self.hid.system(self.backend, self.platform)
+        return self.hid.system(self.backend)
 
     def machine(self) -> Machine:
         return Machine(self.system, lambda: None, lambda: self.ports)

@@ -38,7 +38,6 @@ class FakeDevice:
     bus_type: int = 1
     hid_id: str = ""
     open_error: str = ""
-    read_error: str = ""
     queue: deque[bytes] = field(default_factory=deque)
     features: dict[int, bytes] = field(default_factory=dict)
     asked_features: list[int] = field(default_factory=list)
@@ -74,8 +73,8 @@ class FakeHandle:
 
     def read(self, max_length: int) -> list[int]:
         assert self.opened is not None and not self.blocks, "would wait for ever"
-        if self.opened.read_error or self.opened.path not in self.machine.plugged:
-            raise OSError(self.opened.read_error or "read error")
+        if self.opened.path not in self.machine.plugged:
+            raise OSError("read error")
         return list(self.opened.queue.popleft()[:max_length]) if self.opened.queue else []
 
     def get_report_descriptor(self) -> list[int]:
@@ -102,8 +101,8 @@ class FakeMachine:
     folder: Path
     plugged: dict[str, FakeDevice] = field(default_factory=dict)
 
-    def system(self, backend: str = "hidraw", platform: str = "linux") -> HidSystem:
-        return HidSystem(self, backend, platform, self.folder / "sys")
+    def system(self, backend: str = "hidraw") -> HidSystem:
+        return HidSystem(self, backend, self.folder / "sys")
 
     def enumerate(self) -> list[dict[str, Any]]:
         keys = ("vendor_id", "product_id", "serial_number", "product_string", "bus_type")
