@@ -1,1 +1,21 @@
-"""The firmware in Python, with its faults, behind a pseudo-terminal."""
+"""The firmware in Python with virtual time, its faults, and its process behind a pseudo-terminal."""
+
+from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent, Outcome, PlayedWaveform, ReceivedFrame
+from firmware_link.emulator.firmware import EmulatedFirmware
+from firmware_link.emulator.state import BOARD_EMULATED, LONGEST_LEASE_MS, DeviceConfiguration, DeviceCounters
+from firmware_link.emulator.synthesis import synthesise
+
+__all__ = [
+    "BOARD_EMULATED",
+    "LONGEST_LEASE_MS",
+    "Cause",
+    "ChannelTarget",
+    "DeviceConfiguration",
+    "DeviceCounters",
+    "DriveEvent",
+    "EmulatedFirmware",
+    "Outcome",
+    "PlayedWaveform",
+    "ReceivedFrame",
+    "synthesise",
+]

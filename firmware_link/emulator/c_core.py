@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_link.emulator.firmware import FULL_SCALE_PM, DeviceConfiguration, DeviceCounters
+from firmware_link.emulator.state import FULL_SCALE_PM, DeviceConfiguration, DeviceCounters
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FramingCounters
 from firmware_link.protocol.messages import DeviceState

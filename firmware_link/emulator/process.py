@@ -23,8 +23,9 @@ from firmware_link.emulator.drive_log import (
 )
 from firmware_link.emulator.fault_plan import FaultPlanError, parse_fault_plan
 from firmware_link.emulator.faulty_device import FaultyDevice
-from firmware_link.emulator.firmware import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.emulator.pty import PseudoTerminalServer
+from firmware_link.emulator.state import LONGEST_LEASE_MS, DeviceConfiguration
 from firmware_link.host.emulator_registry import Announcement
 from firmware_link.protocol.bank import Bank, decode_bank, hash_of_bank
 from firmware_link.protocol.errors import LinkError

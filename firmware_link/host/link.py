@@ -1,10 +1,48 @@
-"""Host side of the wire without I/O: bytes and time in, events and bytes out."""
+"""Host side of the wire without I/O: bytes and time in, events and bytes out.
 
-from collections.abc import Callable
+Theory of operation
+-------------------
+A `Link` is one session after another with one device. It reads no clock and touches no port: the loop hands bytes and
+times in and writes what comes out, so that every law of it is tested in virtual time.
+
+    DISCONNECTED → GREETING → PREPARING → SYNCHRONISING → ARMING → READY → STOPPING → STOPPED
+         connect    HELLO      bank held    16 round trips    ACK     stop()    ACK, or a fault
+
+- GREETING repeats HELLO_REQ, since opening a port resets many boards. PREPARING transfers the bank, unless the device
+  holds it already. SYNCHRONISING compares the clocks, since the device accepts a command only with its own time in it.
+- READY sends the first that is due of: the command that waits, the renewal of what sounds, a step of a running bank
+  transfer, a time request; and nothing while the write before still occupies the line (`Line`).
+- Any fault, a STATUS of a device that is not armed, or an ACK of STOP ends the session: STOPPED. Silence for longer
+  than patience, a refused ARM or a device that does not fit raise LinkError: DISCONNECTED. Only `connect` leaves
+  these two states, and the link never calls it: whether a device that stopped may move again is not for it to decide.
+
+Invariants:
+
+- Nothing is sent but by `outgoing`. A loop that hangs renews nothing, and the device falls silent by itself; a
+  heartbeat from another thread would keep a bar moving whose loop is dead.
+- A command is dropped, and counted, in every state but READY. None waits across a session.
+- What must arrive (HELLO_REQ, the bank, ARM, STOP) is repeated until it is answered; what is soon outdated (SET, PLAY,
+  KEEPALIVE) is never repeated for its own sake: the latest wins.
+
+The same concerns lie side by side on the host, in the emulated firmware and in the firmware:
+
+| concern | firmware_link/host | firmware_link/emulator | firmware/core |
+|---|---|---|---|
+| bytes, time and deadlines | link | firmware | device |
+| who may drive | handshake, link | session | session |
+| what sounds | outbox | drive, channels | drive, channels |
+| how long it may sound | lease | lease | lease |
+| the bank | bank_transfer | memory | memory, bank |
+| what the device says | link (events) | reports | reports |
+| waveforms that play and fade | protocol/player | protocol/player | player |
+"""
+
 from dataclasses import replace
 
-from firmware_link.host.bank_transfer import BankTransfer
+from firmware_link.host.bank_transfer import ARMED_SPACING_NS, BankTransfer
 from firmware_link.host.clock import NS_PER_S, DeviceClock, Exchange
+from firmware_link.host.handshake import Handshake, check_bank
+from firmware_link.host.line import Line
 from firmware_link.host.link_values import (
     Ahead,
     Armed,
@@ -13,7 +51,6 @@ from firmware_link.host.link_values import (
     Capabilities,
     Event,
     FaultReceived,
-    Greeted,
     LinkConfiguration,
     LinkCounters,
     LinkState,
@@ -21,34 +58,18 @@ from firmware_link.host.link_values import (
     StatusReceived,
     Stopped,
 )
-from firmware_link.host.outbox import Outbox, WantedDrive, WantedWaveform
-from firmware_link.protocol.bank import Bank, encode_bank, hash_of_bank, transfer_messages
+from firmware_link.host.outbox import Outbox, Waveforms
+from firmware_link.protocol.bank import Bank
 from firmware_link.protocol.errors import LinkError, LinkLostError, MessageError
-from firmware_link.protocol.framing import (
-    DELIMITER,
-    FrameDecoder,
-    FramingCounters,
-    Signal,
-    encode_frame,
-    encode_message,
-)
+from firmware_link.protocol.framing import FrameDecoder, FrameEncoder, FramingCounters, Signal
 from firmware_link.protocol.layout import Message
-from firmware_link.protocol.line_rate import EXCHANGE_PERIOD_NS, occupied_ns
+from firmware_link.protocol.line_rate import EXCHANGE_PERIOD_NS
 from firmware_link.protocol.messages import (
-    CLOCK_REFERENCE_SPAN,
-    CLOCK_REFERENCE_US,
     DRIVE_SIZE,
-    MAGIC,
-    SCHEMA_HASH,
-    VERSION_MAJOR,
-    VERSION_MINOR,
     Ack,
-    Arm,
     DeviceState,
     Fault,
-    Features,
     Hello,
-    HelloRequest,
     Log,
     Result,
     Status,
@@ -56,151 +77,120 @@ from firmware_link.protocol.messages import (
     Time,
     TimeRequest,
     decode_body,
-    encode_amplitude,
-    encode_play_body,
-    encode_set_body,
 )
 
-NS_PER_MS = 1_000_000
-US_PER_MS = 1_000
-RETRY_NS = 100 * NS_PER_MS
-STOP_RETRY_NS = 20 * NS_PER_MS
-STOP_PATIENCE_NS = NS_PER_S
 # A status comes every 100 ms: ten lost in a row are no accident.
 SILENCE_NS = NS_PER_S
-FIRST_EXCHANGES = 16
-# The hot path: without the search in the class.
+STOP_PATIENCE_NS = NS_PER_S
+STOP_RETRY_NS = 20_000_000
+_HANDSHAKING = (LinkState.GREETING, LinkState.PREPARING, LinkState.SYNCHRONISING, LinkState.ARMING)
+# A global name costs less than an attribute of the enumeration, and READY is compared between a touch and its answer.
 _READY = LinkState.READY
-# A device that was rebooted or latched since it was greeted says so.
-_FORGOTTEN = (Result.WRONG_BOOT, Result.WRONG_STATE)
 
 
 class Link:
     """One session with a device, owned by one loop.
 
     The loop calls `receive` with what came, `poll`, `outgoing` for what to write, and comes back no later than
-    `next_deadline_ns`. Nothing is sent but by `outgoing`: a loop that hangs renews nothing, and the device falls
-    silent. Times are host monotonic nanoseconds; give `receive` a time taken after the read and `outgoing` one taken
-    before the write, so that the clock bounds hold. After any LinkError, and after STOPPED, only `connect` goes on.
+    `next_deadline_ns`. Times are host monotonic nanoseconds; give `receive` a time taken after the read and `outgoing`
+    one taken before the write, so that the clock bounds hold. After any LinkError, and after STOPPED, only `connect`
+    goes on.
     """
 
     def __init__(self, configuration: LinkConfiguration) -> None:
-        self.configuration = configuration
-        limits = configuration.amplitude_limits or (1.0,) * configuration.number_of_actuators
-        self._amplitude_limits = tuple(encode_amplitude(limit) for limit in limits)
         self.counters = LinkCounters()
         self.state = LinkState.DISCONNECTED
-        self.capabilities: Capabilities | None = None
         self.clock = DeviceClock()
         self.status: Status | None = None
-        self.drive_sequence: int | None = None
         self._decoder = FrameDecoder()
-        self._sequence = 0
-        self._nonce = 0
-        self._arm: Arm | None = None
-        self._lease_ms = configuration.lease_ms
-        self._preparations: list[Message] = []
-        self._prepared_frame = b""
-        self._prepared_sequence = 0
-        self._replies: list[bytes] = []
-        self._outbox = Outbox(self.counters, configuration.slew_limit_per_s)
-        self._due_ns = 0
-        self._patience_end_ns: int | None = None
-        self._line_free_ns = 0
-        self._occupied_by_size_ns: dict[int, int] = {}
-        self._waveforms: dict[tuple[int, float], WantedWaveform] = {}  # those that were asked for
-        self._connected_ns = 0
-        self._arming_device_us = 0
+        self._encoder = FrameEncoder()
+        self._acknowledgements: list[bytes] = []
         self._transfer: BankTransfer | None = None
+        self._request_due_ns = 0
+        self._patience_end_ns: int | None = None
+        self.reconfigure(configuration)
+
+    @property
+    def capabilities(self) -> Capabilities | None:
+        """What the device said of itself; None until it is greeted."""
+        return self._handshake.capabilities
+
+    @property
+    def drive_sequence(self) -> int | None:
+        """Sequence of the last SET or PLAY that brought a new command: STATUS names it once it is applied."""
+        return self._outbox.drive_sequence
 
     @property
     def framing_counters(self) -> FramingCounters:
         """Frames from the device, accepted and refused."""
         return self._decoder.counters
 
+    def reconfigure(self, configuration: LinkConfiguration) -> None:
+        """Take limits and bank from another configuration; `connect` must follow."""
+        self.configuration = configuration
+        self._line = Line(configuration.transport, configuration.bit_rate_hz)
+        self._handshake = Handshake(configuration, self._encoder, self._line, 0)
+        self._outbox = Outbox(self.counters, configuration.slew_limit_per_s, self._encoder)
+        self._waveforms = Waveforms(configuration.bank)
+
     def connect(self, now_ns: int) -> None:
         """Start a new session, whatever was before: greet, hand the bank over, compare clocks, arm."""
         self.state = LinkState.GREETING
-        self.capabilities, self.status, self.drive_sequence = None, None, None
-        self.clock = DeviceClock()
-        self._nonce = now_ns % 2**32
-        self._preparations, self._replies, self._transfer = [], [], None
-        self._outbox.start(b"", self.configuration.lease_ms)
-        self._connected_ns = self._due_ns = self._line_free_ns = now_ns
-        self._patience_end_ns = now_ns + int(self.configuration.handshake_timeout_s * NS_PER_S)
+        self.status, self.clock = None, DeviceClock()
+        self._line.free_ns = now_ns
+        self._handshake = Handshake(self.configuration, self._encoder, self._line, now_ns)
+        self._outbox.start(b"", self.configuration.lease_ms, self.clock)
+        self._acknowledgements, self._transfer = [], None
+        self._extend_patience(now_ns)
 
     def set_drive(self, drive: bytes) -> None:
-        """Drive this next, from `encode_drive`; replaces what is not sent yet. Dropped and counted unless READY.
+        """Send this drive, from `encode_drive`, next; it replaces a command that waits. Dropped, counted unless READY.
 
-        The device gets silence on actuators beyond those of the drive. Raises LinkError for a drive too long.
+        Actuators of the device beyond those of the drive get silence. Raises LinkError for a drive that is too long.
         """
-        if self.state is not _READY:
+        if self.state is _READY:
+            self._outbox.put_drive(drive)
+        else:
             self.counters.dropped += 1
-            return
-        size = len(self._outbox.silent_drive)
-        if len(drive) != size:
-            if len(drive) > size:
-                raise LinkError(f"a drive of {len(drive)} bytes; the device takes {size}")
-            drive = drive.ljust(size, b"\0")
-        self._outbox.put(WantedDrive(drive))
 
     def set_play(self, waveform: int, amplitude: float = 1.0) -> None:
-        """Play a waveform of the bank next, in place of what sounds; silence follows. As `set_drive` otherwise.
+        """Play a waveform of the bank next, in place of what sounds; silence follows. Otherwise as `set_drive`.
 
-        Raises LinkError for a waveform that is not in the bank, or an amplitude outside 0 … 1.
+        Raises LinkError for a waveform that is not in the bank, MessageError for an amplitude outside 0 … 1.
         """
-        if self.state is not LinkState.READY:
+        if self.state is _READY:
+            self._outbox.put(self._waveforms.wanted(waveform, amplitude))
+        else:
             self.counters.dropped += 1
-            return
-        wanted = self._waveforms.get((waveform, amplitude))
-        if wanted is None:
-            wanted = self._waveforms[waveform, amplitude] = self._find_waveform(waveform, amplitude)
-        self._outbox.put(wanted)
 
-    def _find_waveform(self, waveform: int, amplitude: float) -> WantedWaveform:
-        bank = self.configuration.bank
-        if bank is None or not 0 <= waveform < len(bank.waveforms):
-            raise LinkError(f"waveform {waveform} is not in the bank of this link: configure a bank that has it")
-        return WantedWaveform(waveform, encode_amplitude(amplitude), bank.length_us(waveform))
+    def set_silent(self) -> None:
+        """Ramp every actuator to zero and stay armed; sends nothing where all is silent already."""
+        if not self._outbox.is_silent:
+            self.set_drive(self._outbox.silent_drive)
 
     def replace_bank(self, bank: Bank, data: bytes) -> None:
         """Hand another bank over while the device plays the one it has; `data` are its bytes for the device.
 
-        BankReplaced or BankRefused tells the end. Waveforms wait while the device changes over; one that waits then
-        means the new bank. An end of the session ends the transfer too. Raises LinkError unless READY, and for a bank
-        that the device has no room for at all.
+        The event BankReplaced or BankRefused ends the transfer, and so does the end of the session, without an event.
+        Waveforms wait while the device changes over; a waveform that waits then means the new bank. Raises LinkError
+        unless READY, and for a bank that the device has no room for at all.
         """
         if self.state is not _READY or self.capabilities is None:
             raise LinkError("no bank is handed over before the device is armed: configure it, or wait")
-        _check_bank(self.capabilities, len(data), max(map(bank.length_us, range(len(bank.waveforms)))))
-        self._transfer = BankTransfer(bank, data, lambda message: (self._frame(message), self._sequence))
-
-    def reconfigure(self, configuration: LinkConfiguration) -> None:
-        """Limits and bank from the next `connect` on."""
-        self.configuration = configuration
-        limits = configuration.amplitude_limits or (1.0,) * configuration.number_of_actuators
-        self._amplitude_limits = tuple(encode_amplitude(limit) for limit in limits)
-        self._lease_ms = configuration.lease_ms
-        self._outbox = Outbox(self.counters, configuration.slew_limit_per_s)
-        self._occupied_by_size_ns, self._waveforms = {}, {}
-
-    def set_silent(self) -> None:
-        """Ramp every actuator to zero and stay armed; nothing to send where all is silent already."""
-        if not self._outbox.is_silent:
-            self.set_drive(self._outbox.silent_drive)
+        check_bank(self.capabilities, bank, data)
+        self._transfer = BankTransfer(bank, data, self._encoder, self._line, ARMED_SPACING_NS)
 
     def stop(self, now_ns: int) -> None:
         """Ramp to zero and latch: STOP goes out before anything else, until it is acknowledged."""
-        self._outbox.clear()
         if self.state is not LinkState.DISCONNECTED:
-            self.state = LinkState.STOPPING
-            self._due_ns, self._line_free_ns = now_ns, now_ns
+            self._end_session(LinkState.STOPPING)
+            self._request_due_ns = self._line.free_ns = now_ns
             self._patience_end_ns = now_ns + STOP_PATIENCE_NS
 
     def disconnect(self) -> None:
         """Forget the session, as after an unplug."""
         self._end_session(LinkState.DISCONNECTED)
-        self._replies = []
+        self._acknowledgements = []
 
     def receive(self, data: bytes, now_ns: int) -> list[Event]:
         """Take bytes in; raises LinkError when the device does not fit or refuses to arm."""
@@ -213,7 +203,11 @@ class Link:
             except MessageError:
                 self.counters.unexpected += 1
                 continue
-            event = self._act_on(message, sequence, now_ns)
+            try:
+                event = self._act_on(message, sequence, now_ns)
+            except LinkError:
+                self.disconnect()
+                raise
             if event is not None:
                 events.append(event)
         return events
@@ -230,109 +224,52 @@ class Link:
         )
 
     def outgoing(self, now_ns: int) -> bytes:
-        """What to write now, at most one SET; nothing while the last write still occupies the line."""
-        if now_ns < self._line_free_ns:
+        """What to write now, at most one command; empty while the last write still occupies the line."""
+        line = self._line
+        if now_ns < line.free_ns:
             return b""
-        frames = self._next_frame(now_ns)
-        if self._replies:
-            frames += b"".join(self._replies)
-            self._replies = []
+        frames = b""
+        if self.state is _READY:
+            frames = (
+                self._outbox.next_frame(now_ns)
+                or self._transfer_frame(now_ns)
+                or self._request_frame(EXCHANGE_PERIOD_NS, now_ns)
+            )
+        elif self.state is LinkState.STOPPING:
+            frames = self._request_frame(STOP_RETRY_NS, now_ns)
+        elif self.state in _HANDSHAKING:
+            frames = self._handshake.next_frame(now_ns)
+        if self._acknowledgements:
+            frames += b"".join(self._acknowledgements)
+            self._acknowledgements = []
         if frames:
-            self._line_free_ns = now_ns + self._occupied_ns(len(frames))
+            line.free_ns = now_ns + line.occupied_ns(len(frames))
         return frames
 
     def next_deadline_ns(self) -> int | None:
         """When `outgoing` or `poll` has something to do without new bytes, perhaps in the past; None for never."""
+        free_ns = send_ns = self._line.free_ns
         if self.state is _READY:
-            send_ns = min(self._due_ns, self._outbox.due_ns(self._line_free_ns))
+            send_ns = min(self._request_due_ns, self._outbox.due_ns(free_ns))
             if self._transfer is not None:
                 send_ns = min(send_ns, self._transfer.due_ns)
-        elif self.state is LinkState.DISCONNECTED:
+        elif self.state is LinkState.STOPPING:
+            send_ns = self._request_due_ns
+        elif self.state in _HANDSHAKING:
+            send_ns = self._handshake.due_ns()
+        elif not self._acknowledgements:
             return None
-        elif self.state is LinkState.STOPPED and not self._replies:
-            return self._patience_end_ns
-        else:
-            send_ns = self._line_free_ns if self.state is LinkState.STOPPED else self._due_ns
-        if self._replies:
-            send_ns = min(send_ns, self._line_free_ns)
-        deadline_ns = max(send_ns, self._line_free_ns)
+        deadline_ns = free_ns if self._acknowledgements else max(send_ns, free_ns)
         return deadline_ns if self._patience_end_ns is None else min(deadline_ns, self._patience_end_ns)
 
     def ahead(self, now_ns: int) -> Ahead | None:
         """What the next command would be sent with, if nothing else happens before; None where something waits."""
-        if self.state is not _READY or self._replies:
-            return None
         free_from_ns = self._outbox.free_from_ns(now_ns)
-        if free_from_ns is None:
+        if self.state is not _READY or self._acknowledgements or free_from_ns is None:
             return None
-        lease_ms, drive_size = self._outbox.lease_ms, len(self._outbox.silent_drive)
-        clock_at_ns, middle_ns, drift = self.clock.line()
-        free = (self._line_free_ns, *free_from_ns)
-        return Ahead(lease_ms, drive_size, *free, self._sequence, clock_at_ns, middle_ns, drift)
-
-    def _next_frame(self, now_ns: int) -> bytes:
-        if self.state is _READY:  # first: the others have time
-            return (
-                self._drive_frame(now_ns)
-                or self._transfer_frame(now_ns)
-                or self._repeat(self._time_request, EXCHANGE_PERIOD_NS, now_ns)
-            )
-        match self.state:
-            case LinkState.GREETING:
-                return self._repeat(self._hello_request, RETRY_NS, now_ns)
-            case LinkState.PREPARING:
-                return self._repeat(lambda _: self._prepared_frame, RETRY_NS, now_ns)
-            case LinkState.SYNCHRONISING:
-                return self._repeat(self._time_request, RETRY_NS, now_ns)
-            case LinkState.ARMING:
-                return self._repeat(self._arm_request, RETRY_NS, now_ns)
-            case LinkState.STOPPING:
-                return self._repeat(lambda _: self._frame(Stop()), STOP_RETRY_NS, now_ns)
-        return b""
-
-    def _repeat(self, frame: Callable[[int], bytes], period_ns: int, now_ns: int) -> bytes:
-        if now_ns < self._due_ns:
-            return b""
-        data = frame(now_ns)
-        self._due_ns = now_ns + period_ns + self._occupied_ns(len(data))
-        return data
-
-    def _occupied_ns(self, size: int) -> int:
-        duration_ns = self._occupied_by_size_ns.get(size)
-        if duration_ns is None:
-            duration_ns = occupied_ns(self.configuration.transport, self.configuration.bit_rate_hz, size)
-            self._occupied_by_size_ns[size] = duration_ns
-        return duration_ns
-
-    def _frame(self, message: Message) -> bytes:
-        self._sequence = (self._sequence + 1) % 256
-        return encode_message(message, self._sequence)
-
-    def _hello_request(self, _: int) -> bytes:
-        # The leading delimiter parts the frame from what a boot loader or modem left on the line.
-        return DELIMITER + self._frame(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, self._nonce))
-
-    def _time_request(self, now_ns: int) -> bytes:
-        return self._frame(TimeRequest(now_ns))
-
-    def _arm_request(self, _: int) -> bytes:
-        return self._frame(self._arm) if self._arm else b""
-
-    def _drive_frame(self, now_ns: int) -> bytes:
-        wanted = self._outbox.next_command(now_ns)
-        if wanted is not None:
-            sequence = self._sequence = self.drive_sequence = (self._sequence + 1) % 256
-            reference = self._clock_reference(now_ns)
-            if isinstance(wanted, WantedDrive):
-                return encode_frame(encode_set_body(reference, self._outbox.lease_ms, wanted.drive, sequence))
-            return encode_frame(encode_play_body(reference, wanted.waveform, wanted.amplitude, sequence))
-        message, is_command = self._outbox.next_message(now_ns, self._clock_reference, self.drive_sequence)
-        if message is None:
-            return b""
-        frame = self._frame(message)
-        if is_command:
-            self.drive_sequence = self._sequence
-        return frame
+        lease_ms, drive_size = self._outbox.lease.duration_ms, len(self._outbox.silent_drive)
+        free = (self._line.free_ns, *free_from_ns)
+        return Ahead(lease_ms, drive_size, *free, self._encoder.sequence, *self.clock.line())
 
     def _transfer_frame(self, now_ns: int) -> bytes:
         if self._transfer is None:
@@ -341,15 +278,28 @@ class Link:
         self._outbox.holds_waveforms = self._transfer.is_committing
         return frame
 
-    def _clock_reference(self, now_ns: int) -> int:
-        return self.clock.device_time_us(now_ns) // CLOCK_REFERENCE_US % CLOCK_REFERENCE_SPAN
+    def _request_frame(self, period_ns: int, now_ns: int) -> bytes:
+        """The request that READY or STOPPING repeats, where it is due."""
+        if now_ns < self._request_due_ns:
+            return b""
+        frame = self._encoder.encode(TimeRequest(now_ns) if self.state is _READY else Stop())
+        self._request_due_ns = now_ns + period_ns + self._line.occupied_ns(len(frame))
+        return frame
 
     def _act_on(self, message: Message, sequence: int, now_ns: int) -> Event | None:
+        handshake = self._handshake
         match message:
-            case Hello() if self.state is LinkState.GREETING and message.nonce == self._nonce:
-                return self._greeted(message, now_ns)
-            case Time() if self._connected_ns <= message.host_sent_ns <= now_ns:
-                self._compare_clocks(message, now_ns)
+            case Hello() if self.state is LinkState.GREETING and handshake.is_answered_by(message):
+                greeted = handshake.greeted(message, now_ns)
+                self.state = handshake.state
+                self._outbox.start(bytes(DRIVE_SIZE * message.number_of_actuators), handshake.lease_ms, self.clock)
+                return greeted
+            case Time() if handshake.is_timed_by(message, now_ns):
+                times = (message.host_sent_ns, message.device_received_us, message.device_sent_us, now_ns)
+                self.clock.update(Exchange(*times))
+                if self.state is LinkState.SYNCHRONISING:
+                    handshake.clock_compared(self.clock, now_ns)
+                    self.state = handshake.state
                 return None
             case Ack():
                 return self._acknowledged(message, now_ns)
@@ -363,102 +313,41 @@ class Link:
         self.counters.unexpected += 1
         return None
 
-    def _greeted(self, hello: Hello, now_ns: int) -> Event:
-        try:
-            _check_fit(hello, self.configuration)
-            self._preparations = self._prepare(hello)
-        except LinkError:
-            self.disconnect()
-            raise
-        self.capabilities = Capabilities.from_hello(hello)
-        lease_ms = min(self.configuration.lease_ms, hello.longest_lease_ms)
-        self._outbox.start(bytes(DRIVE_SIZE * hello.number_of_actuators), lease_ms)
-        unused = (0,) * (hello.number_of_actuators - len(self._amplitude_limits))
-        limits = self._amplitude_limits + unused
-        slew_limit_per_s, longest_drive_s = self.configuration.slew_limit_per_s, self.configuration.longest_drive_s
-        self._arm = Arm(hello.boot_id, slew_limit_per_s, lease_ms, longest_drive_s, limits)
-        self._prepare_next(now_ns)
-        return Greeted(self.capabilities)
-
-    def _prepare(self, hello: Hello) -> list[Message]:
-        """What the device must know before it is armed, in order."""
-        bank = self.configuration.bank
-        if bank is None:
-            return []
-        data = encode_bank(bank, hello.number_of_actuators)
-        _check_bank(hello, len(data), max(map(bank.length_us, range(len(bank.waveforms)))))
-        return [] if hello.held_bank_hash == hash_of_bank(data) else [*transfer_messages(data)]
-
-    def _prepare_next(self, now_ns: int) -> None:
-        self._due_ns = now_ns
-        if not self._preparations:
-            self.state = LinkState.SYNCHRONISING
-            return
-        self.state = LinkState.PREPARING
-        # Sent again as it is, so that an answer tells by its sequence what it answers.
-        self._prepared_frame = self._frame(self._preparations[0])
-        self._prepared_sequence = self._sequence
-
-    def _answers_preparation(self, ack: Ack) -> bool:
-        answered = (ack.acknowledged_type, ack.acknowledged_sequence)
-        return answered == (self._preparations[0].type_byte, self._prepared_sequence)
-
-    def _compare_clocks(self, time: Time, now_ns: int) -> None:
-        self.clock.update(Exchange(time.host_sent_ns, time.device_received_us, time.device_sent_us, now_ns))
-        if self.state is LinkState.SYNCHRONISING:
-            self._due_ns = now_ns
-            if self.clock.exchanges >= FIRST_EXCHANGES:
-                self.state = LinkState.ARMING
-                self._arming_device_us = self.clock.device_time_us(now_ns)
-
     def _acknowledged(self, ack: Ack, now_ns: int) -> Event | None:
-        if self._transfer is not None and self._transfer.answers(ack):
-            return self._handed_over(self._transfer, ack.result, now_ns)
-        answer = (self.state, ack.acknowledged_type)
-        is_prepared = self.state is LinkState.PREPARING and self._answers_preparation(ack)
-        if ack.result is not Result.OK:
-            self.counters.refused += 1
-            if answer != (LinkState.ARMING, Arm.type_byte) and not is_prepared:
-                return None
-            self.disconnect()
-            asked, remedy = ("take the bank", "it") if is_prepared else ("arm", "the limits")
-            refusal = LinkLostError if ack.result in _FORGOTTEN else LinkError
-            raise refusal(f"the device refused to {asked} ({ack.result.name}): connect again, or correct {remedy}")
-        self.counters.acknowledged += 1
-        if is_prepared:
-            del self._preparations[0]
-            self._prepare_next(now_ns)
-            # A bank takes as long as it takes; each answer shows that it goes on.
-            self._patience_end_ns = now_ns + int(self.configuration.handshake_timeout_s * NS_PER_S)
-        elif answer == (LinkState.ARMING, Arm.type_byte):
-            self.state = LinkState.READY
-            self._due_ns = now_ns + EXCHANGE_PERIOD_NS
-            self._outbox.renew_at(now_ns)
-            self._patience_end_ns = now_ns + SILENCE_NS
-            return Armed()
-        if answer == (LinkState.STOPPING, Stop.type_byte):
+        is_accepted = ack.result is Result.OK
+        self.counters.acknowledged += is_accepted
+        self.counters.refused += not is_accepted
+        if self._transfer is not None and self._transfer.is_answered_by(ack):
+            return self._step_answered(self._transfer, ack.result, now_ns)
+        if self.state in _HANDSHAKING and self._handshake.acknowledged(ack, now_ns):
+            self.state = self._handshake.state
+            if self.state is _READY:
+                self._request_due_ns = now_ns + EXCHANGE_PERIOD_NS
+                self._outbox.lease.renewal_due_ns = now_ns
+                self._patience_end_ns = now_ns + SILENCE_NS
+                return Armed()
+            # A long bank on a slow line takes longer than the patience; each answer shows that it goes on.
+            self._extend_patience(now_ns)
+        elif is_accepted and (self.state, ack.acknowledged_type) == (LinkState.STOPPING, Stop.type_byte):
             self._end_session(LinkState.STOPPED)
             return Stopped()
         return None
 
-    def _handed_over(self, transfer: BankTransfer, result: Result, now_ns: int) -> Event | None:
-        """One step of a bank: on to the next, or the end."""
-        is_taken = result is Result.OK
-        self.counters.acknowledged += is_taken
-        self.counters.refused += not is_taken
-        if is_taken and not transfer.go_on(now_ns):
+    def _step_answered(self, transfer: BankTransfer, result: Result, now_ns: int) -> Event | None:
+        """The device answered a step of the running transfer: start the next, or end the transfer."""
+        if result is Result.OK and not transfer.advance(now_ns):
             return None
         self._transfer, self._outbox.holds_waveforms = None, False
-        if not is_taken:
+        if result is not Result.OK:
             return BankRefused(result)
         self.configuration = replace(self.configuration, bank=transfer.bank)
-        self._waveforms = {}
+        self._waveforms = Waveforms(transfer.bank)
         return BankReplaced()
 
     def _reported(self, status: Status, now_ns: int) -> Event:
         self.counters.statuses += 1
         self.status = status
-        if self.state is LinkState.READY:
+        if self.state is _READY:
             self._patience_end_ns = now_ns + SILENCE_NS
             if status.state in (DeviceState.IDLE, DeviceState.LATCHED):
                 self._end_session(LinkState.STOPPED)
@@ -466,48 +355,17 @@ class Link:
 
     def _faulted(self, fault: Fault, sequence: int) -> Event | None:
         self.counters.faults += 1
-        self._replies.append(self._frame(Ack(fault.type_byte, sequence, Result.OK)))
-        if self.state is LinkState.READY:
+        self._acknowledgements.append(self._encoder.encode(Ack(fault.type_byte, sequence, Result.OK)))
+        if self.state is _READY:
             # A fault of before, such as that of a pulled cable, repeats until its acknowledgement has come.
-            if fault.device_time_us < self._arming_device_us:
+            if fault.device_time_us < self._handshake.arming_device_us:
                 return None
             self._end_session(LinkState.STOPPED)
         return FaultReceived(fault.fault, fault.device_time_us)
 
+    def _extend_patience(self, now_ns: int) -> None:
+        self._patience_end_ns = now_ns + int(self.configuration.handshake_timeout_s * NS_PER_S)
+
     def _end_session(self, state: LinkState) -> None:
         self.state, self._patience_end_ns, self._transfer = state, None, None
         self._outbox.clear()
-
-
-def _check_fit(hello: Hello, configuration: LinkConfiguration) -> None:
-    if hello.version_major != VERSION_MAJOR:
-        raise LinkError(
-            f"the device speaks protocol {hello.version_major}.{hello.version_minor}, this host "
-            f"{VERSION_MAJOR}.{VERSION_MINOR}: install the firmware that belongs to this version of tactable"
-        )
-    if hello.schema_hash != SCHEMA_HASH:
-        raise LinkError(
-            f"the device defines its messages otherwise (schema {hello.schema_hash:08x}, this host {SCHEMA_HASH:08x}): "
-            "install the firmware that belongs to this version of tactable"
-        )
-    if hello.number_of_actuators < configuration.number_of_actuators:
-        raise LinkError(
-            f"the device drives {hello.number_of_actuators} actuators, {configuration.number_of_actuators} are needed: "
-            "connect another device or choose a table for fewer actuators"
-        )
-    configuration.check_rate(hello.number_of_actuators)
-
-
-def _check_bank(hello: Hello | Capabilities, size_bytes: int, longest_us: int) -> None:
-    if Features.WAVEFORMS not in hello.features:
-        raise LinkError("the device plays no waveforms: connect another device or configure no bank")
-    if size_bytes > hello.bank_capacity_bytes:
-        raise LinkError(
-            f"the bank has {size_bytes} bytes, the device holds {hello.bank_capacity_bytes}: "
-            "take fewer or shorter waveforms, or a lower sample rate"
-        )
-    if longest_us > hello.longest_waveform_ms * US_PER_MS:
-        raise LinkError(
-            f"a waveform of the bank lasts {longest_us / US_PER_MS:g} ms, the device plays at most "
-            f"{hello.longest_waveform_ms}: shorten it"
-        )

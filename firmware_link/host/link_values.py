@@ -9,6 +9,7 @@ from firmware_link.protocol.bank import Bank
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.line_rate import Transport, command_rate_hz
 from firmware_link.protocol.messages import (
+    Arm,
     FaultCode,
     Features,
     Hello,
@@ -16,6 +17,7 @@ from firmware_link.protocol.messages import (
     LogLevel,
     Result,
     Status,
+    encode_amplitude,
 )
 
 _NO_FEATURES = Features(0)
@@ -61,7 +63,14 @@ class LinkConfiguration:
         if self.amplitude_limits is not None and len(self.amplitude_limits) != self.number_of_actuators:
             given = len(self.amplitude_limits)
             raise ValueError(f"{given} amplitude limits for {self.number_of_actuators} actuators")
+        self.arm_for(0, self.number_of_actuators, self.lease_ms)
         self.check_rate(self.number_of_actuators)
+
+    def arm_for(self, boot_id: int, number_of_actuators: int, lease_ms: int) -> Arm:
+        """The ARM for a device; its actuators beyond the configured ones may not move. Raises MessageError."""
+        limits = self.amplitude_limits or (1.0,) * self.number_of_actuators
+        words = [*map(encode_amplitude, limits), *[0] * (number_of_actuators - len(limits))]
+        return Arm(boot_id, self.slew_limit_per_s, lease_ms, self.longest_drive_s, tuple(words))
 
     def check_rate(self, number_of_actuators: int) -> None:
         """Raises LinkError when the line cannot carry the command rate to a device with this many actuators."""

@@ -1,180 +1,218 @@
-"""What the host wants to sound to the SET, PLAY and KEEPALIVE that bring it and hold it."""
+"""One-slot mailbox of commands, latest wins: what the host wants to sound, as SET, PLAY and KEEPALIVE when due.
 
-from collections.abc import Callable
+Theory of operation
+-------------------
+The outbox decides which command goes out next and when, numbers it, stamps it with the device's clock and encodes it.
+Its state is a pair:
+
+- the *slot*: the command that waits, at most one. A newer command replaces it, and the replaced one is counted and
+  never sent: a finger that moves ten times while the line is busy deserves the tenth answer, and a queue of the ten
+  would deliver nine wrong ones late.
+- what *sounds*: the last drive or waveform that was sent. It is held by renewals until another command replaces it:
+  a drive by its SET again (each SET carries all there is, so a lost frame needs no repair), a waveform by KEEPALIVE,
+  since a second PLAY would start it again. When a waveform has ended, silence sounds, and is renewed by SET too: had
+  the SET that silenced an earlier drive been lost, a KEEPALIVE would hold that drive.
+
+Invariants:
+
+- No more commands go out within a lease than a sequence number tells apart (`Lease.free_ns`).
+- The device never gets a PLAY that it would refuse because two waveforms sound already: a mirror of the device's own
+  `Player`, with a margin for the jitter of the line, says when there is room, and the waveform waits in the slot.
+- While the device changes over to another bank (`holds_waveforms`), no waveform goes out: its index could mean either.
+- What `next_frame` returns is taken as sent; the caller must send it.
+"""
+
 from typing import NamedTuple
 
+from firmware_link.host.clock import DeviceClock
+from firmware_link.host.lease import NS_PER_MS, SILENT_RENEWAL_NS, Lease
 from firmware_link.host.link_values import LinkCounters
-from firmware_link.protocol.line_rate import LONGEST_SEQUENCE_LEAD
-from firmware_link.protocol.messages import KeepAlive, Set, SetFlag
+from firmware_link.protocol.bank import Bank
+from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.framing import FrameEncoder, encode_frame
+from firmware_link.protocol.messages import (
+    CLOCK_REFERENCE_SPAN,
+    CLOCK_REFERENCE_US,
+    KeepAlive,
+    encode_amplitude,
+    encode_play_body,
+    encode_set_body,
+)
 from firmware_link.protocol.player import Player
 
-NS_PER_MS = 1_000_000
 NS_PER_US = 1_000
-US_PER_MS = 1_000
-# The device disarms 250 ms after the last fresh frame: two in a row may be lost.
-SILENT_RENEWAL_NS = 80 * NS_PER_MS
-RENEWALS_PER_LEASE = 3
 # A frame may reach the device so much sooner after the one before than it left.
-JITTER_US = 2_000
+JITTER_US = 2 * NS_PER_MS // NS_PER_US
 _NEVER_NS = (1 << 63) - 1
-# The hot path: without the search in the class.
-_WRITE_PHASE = SetFlag.WRITE_PHASE
-
-
-class WantedDrive(NamedTuple):
-    """A drive from `encode_drive`."""
-
-    drive: bytes
 
 
 class WantedWaveform(NamedTuple):
-    """A waveform of the bank; its amplitude is a word."""
+    """A waveform of the bank by its index; its amplitude is a word."""
 
     waveform: int
     amplitude: int
     length_us: int
 
 
-class Outbox:
-    """One slot for what comes next, the latest wins, and what was sent last until something replaces it."""
+class Waveforms:
+    """The bank that the device holds, as commands: each is made once, since touches ask for the same few again."""
 
-    def __init__(self, counters: LinkCounters, slew_limit_per_s: int) -> None:
+    def __init__(self, bank: Bank | None) -> None:
+        self._bank = bank
+        self._wanted: dict[tuple[int, float], WantedWaveform] = {}
+
+    def wanted(self, waveform: int, amplitude: float) -> WantedWaveform:
+        """The command for a waveform; raises LinkError for an index beyond the bank, or an amplitude outside 0 … 1."""
+        wanted = self._wanted.get((waveform, amplitude))
+        if wanted is None:
+            if self._bank is None or not 0 <= waveform < len(self._bank.waveforms):
+                raise LinkError(f"waveform {waveform} is not in the bank of this link: configure a bank that has it")
+            wanted = WantedWaveform(waveform, encode_amplitude(amplitude), self._bank.length_us(waveform))
+            self._wanted[waveform, amplitude] = wanted
+        return wanted
+
+
+class Outbox:
+    """The slot, what sounds, and the lease that holds it; drives are bytes from `encode_drive`."""
+
+    def __init__(self, counters: LinkCounters, slew_limit_per_s: int, encoder: FrameEncoder) -> None:
         self.silent_drive = b""
         """Zeros for every actuator of the device."""
+        self.lease = Lease(0)
+        self.drive_sequence: int | None = None
+        """Sequence of the last SET or PLAY that brought a new command: STATUS names it once it is applied."""
+        self.holds_waveforms = False
+        """Waveforms wait, since the device is changing its bank."""
         self._counters = counters
         self._slew_limit_per_s = slew_limit_per_s
-        self.lease_ms = self._lease_us = self._spacing_ns = self._renewal_ns = 0
-        self._slot: WantedDrive | WantedWaveform | None = None
-        self._sounding = self._silence = WantedDrive(b"")
+        self._encoder = encoder
+        self._clock = DeviceClock()
+        self._slot: bytes | WantedWaveform | None = None
+        self._sounding: bytes | WantedWaveform = b""
+        self._waveform_end_ns = 0
         self._player = Player()
-        self._play_end_ns: int | None = None
-        self.holds_waveforms = False
-        """Waveforms wait: the bank is being changed."""
-        self._renewal_due_ns = 0
-        self._spaced_ns = 0
 
-    def start(self, silent_drive: bytes, lease_ms: int) -> None:
-        """Begin a session, in silence."""
-        self.silent_drive, self.lease_ms = silent_drive, lease_ms
-        self._lease_us = lease_ms * US_PER_MS
-        self._renewal_ns = lease_ms * NS_PER_MS // RENEWALS_PER_LEASE
-        self._spacing_ns = -(-lease_ms * NS_PER_MS // LONGEST_SEQUENCE_LEAD)
+    def start(self, silent_drive: bytes, lease_ms: int, clock: DeviceClock) -> None:
+        """Begin a session in silence, with the agreed lease and the device's clock."""
+        self.silent_drive, self.lease, self._clock = silent_drive, Lease(lease_ms), clock
+        self.drive_sequence = None
         self.clear()
 
     def clear(self) -> None:
         """Nothing waits and nothing sounds."""
-        self._silence = WantedDrive(self.silent_drive)
-        self._slot, self._sounding, self._play_end_ns = None, self._silence, None
+        self._slot, self._sounding = None, self.silent_drive
         self._player = Player()
         self.holds_waveforms = False
 
     @property
     def is_silent(self) -> bool:
-        """Whether nothing waits and nothing is held."""
-        return self._slot is None and self._play_end_ns is None and not any(self._sounding.drive)
+        """Whether nothing waits and what sounds is silence."""
+        return self._slot is None and isinstance(self._sounding, bytes) and not any(self._sounding)
 
-    def put(self, wanted: WantedDrive | WantedWaveform) -> None:
-        """Send this next, in place of what waits."""
+    def put_drive(self, drive: bytes) -> None:
+        """Send this drive next, in place of the command that waits; raises LinkError for a drive that is too long.
+
+        Actuators beyond those of the drive get silence.
+        """
+        size = len(self.silent_drive)
+        if len(drive) != size:
+            if len(drive) > size:
+                raise LinkError(f"a drive of {len(drive)} bytes; the device takes {size}")
+            drive = drive.ljust(size, b"\0")
+        self.put(drive)
+
+    def put(self, wanted: bytes | WantedWaveform) -> None:
+        """Send this next, in place of the command that waits; a drive has as many bytes as `silent_drive`."""
         self._counters.coalesced += self._slot is not None
         self._slot = wanted
 
-    def renew_at(self, now_ns: int) -> None:
-        """Hold what sounds from now on."""
-        self._renewal_due_ns = now_ns
-
     def due_ns(self, now_ns: int) -> int:
-        """When `next_message` has one, perhaps in the past."""
-        return min(self._renewal_due_ns, self._slot_due_ns(now_ns))
+        """When `next_frame` has one, perhaps in the past."""
+        renewal_due_ns = self.lease.renewal_due_ns
+        if self._slot is None:
+            return renewal_due_ns
+        drive_from_ns, waveform_from_ns = self._free_from_ns(now_ns)
+        return min(renewal_due_ns, drive_from_ns if isinstance(self._slot, bytes) else waveform_from_ns)
 
-    def next_command(self, now_ns: int) -> WantedDrive | WantedWaveform | None:
-        """What waits and is due: what most touches bring. A drive that takes over from a waveform is left.
-
-        Where it is None, `next_message` says what to send, if anything.
-        """
-        wanted = self._slot
-        if wanted is None or now_ns < self._spaced_ns:
-            return None
-        player = self._player
-        if isinstance(wanted, WantedDrive):
-            if player.end_us is not None:
-                return None
-            self._sounding, self._play_end_ns = wanted, None
-            self._renewal_due_ns = now_ns + (
-                self._renewal_ns if wanted.drive != self.silent_drive else SILENT_RENEWAL_NS
-            )
+    def next_frame(self, now_ns: int) -> bytes:
+        """Frame of the command that waits, or else of the renewal of what sounds, where one is due; empty otherwise."""
+        command = self._next_command(now_ns)
+        if command is None:
+            return self._renewal(now_ns)
+        self.drive_sequence = sequence = self._encoder.next_sequence()
+        if isinstance(command, bytes):
+            body = encode_set_body(self._clock_reference(now_ns), self.lease.duration_ms, command, sequence)
         else:
-            now_us = now_ns // NS_PER_US
-            end_us = player.end_us
-            if end_us is not None and end_us <= now_us:
-                end_us = player.end_us = None
-            is_free = end_us is None and not player.fade_ends_us
-            if self.holds_waveforms or not (is_free or self._make_room(player, now_us)):
-                return None
-            # The device plays from when the frame comes, at most one lease later: a SET before that end would cut it.
-            length_us = wanted.length_us + self._lease_us
-            player.start(now_us, length_us, wanted.amplitude)
-            self._sounding = self._silence
-            self._play_end_ns = end_ns = now_ns + length_us * NS_PER_US
-            silent_ns = now_ns + SILENT_RENEWAL_NS
-            self._renewal_due_ns = silent_ns if silent_ns < end_ns else end_ns
-        self._slot = None
-        self._counters.sent += 1
-        self._spaced_ns = now_ns + self._spacing_ns
-        return wanted
+            body = encode_play_body(self._clock_reference(now_ns), command.waveform, command.amplitude, sequence)
+        return encode_frame(body)
 
     def free_from_ns(self, now_ns: int) -> tuple[int, int] | None:
-        """From when on a drive, and a waveform, would be sent at once; None while something waits."""
-        if self._slot is not None:
-            return None
+        """From when on a drive, and a waveform, would be sent at once; None while a command waits."""
+        return None if self._slot is not None else self._free_from_ns(now_ns)
+
+    def _free_from_ns(self, now_ns: int) -> tuple[int, int]:
+        free_ns = self.lease.free_ns
         if self.holds_waveforms:
-            return self._spaced_ns, _NEVER_NS
-        return self._spaced_ns, max(self._spaced_ns, self._player.room_us(now_ns // NS_PER_US) * NS_PER_US)
+            return free_ns, _NEVER_NS
+        return free_ns, max(free_ns, self._player.room_us(now_ns // NS_PER_US) * NS_PER_US)
 
-    def _make_room(self, player: Player, now_us: int) -> bool:
-        """The waveform before fades from now on; False while too many fade already."""
-        if not player.has_room(now_us):
-            return False
-        player.take_over(now_us, self._slew_limit_per_s, JITTER_US)
-        return True
+    def _clock_reference(self, now_ns: int) -> int:
+        return self._clock.device_time_us(now_ns) // CLOCK_REFERENCE_US % CLOCK_REFERENCE_SPAN
 
-    def next_message(
-        self, now_ns: int, clock_reference: Callable[[int], int], sequence: int | None
-    ) -> tuple[Set | KeepAlive | None, bool]:
-        """What is due now, and whether it is a command and no renewal of the one that went out with `sequence`."""
-        wanted = self._slot
-        if isinstance(wanted, WantedDrive) and now_ns >= self._spaced_ns:
-            self._slot = None
-            self._counters.sent += 1
-            self._spaced_ns = now_ns + self._spacing_ns
-            self._sounding = wanted
-            return self._set(now_ns, clock_reference(now_ns)), True
-        if now_ns < self._renewal_due_ns:
-            return None, False
-        if self._play_end_ns is not None and now_ns < self._play_end_ns and sequence is not None:
-            self._counters.kept_alive += 1
-            self._renewal_due_ns = min(now_ns + SILENT_RENEWAL_NS, self._play_end_ns)
-            return KeepAlive(clock_reference(now_ns), sequence), False
+    def _next_command(self, now_ns: int) -> bytes | WantedWaveform | None:
+        """Take the command that waits, if it may go out now, and let it sound."""
+        wanted, lease = self._slot, self.lease
+        if wanted is None or now_ns < lease.free_ns:
+            return None
+        if isinstance(wanted, bytes):
+            self._start_drive(wanted, now_ns)
+        elif not self._start_waveform(wanted, now_ns):
+            return None
+        self._slot = None
+        self._counters.sent += 1
+        lease.free_ns = now_ns + lease.spacing_ns
+        return wanted
+
+    def _renewal(self, now_ns: int) -> bytes:
+        """Frame that holds what sounds, if it is due: another SET for a drive, KEEPALIVE for a waveform."""
+        if now_ns < self.lease.renewal_due_ns:
+            return b""
+        reference, sounding = self._clock_reference(now_ns), self._sounding
+        if not isinstance(sounding, bytes):
+            if now_ns < self._waveform_end_ns:
+                self._counters.kept_alive += 1
+                self.lease.renewal_due_ns = min(now_ns + SILENT_RENEWAL_NS, self._waveform_end_ns)
+                assert self.drive_sequence is not None  # a waveform sounds only after its PLAY
+                return self._encoder.encode(KeepAlive(reference, self.drive_sequence))
+            sounding = self.silent_drive
         self._counters.renewed += 1
-        return self._set(now_ns, clock_reference(now_ns)), False
+        self._start_drive(sounding, now_ns)
+        sequence = self._encoder.next_sequence()
+        return encode_frame(encode_set_body(reference, self.lease.duration_ms, sounding, sequence))
 
-    def _slot_due_ns(self, now_ns: int) -> int:
-        if self._slot is None:
-            return self._renewal_due_ns
-        if isinstance(self._slot, WantedWaveform):
-            if self.holds_waveforms:
-                return _NEVER_NS
-            return max(self._spaced_ns, self._player.room_us(now_ns // NS_PER_US) * NS_PER_US)
-        return self._spaced_ns
-
-    def _set(self, now_ns: int, clock_reference: int) -> Set:
-        # Silence is renewed by SET too: had the SET that silenced been lost, anything else might hold the old drive.
-        self._take_over(now_ns)
-        self._play_end_ns = None
-        drive = self._sounding.drive
-        is_driving = drive != self.silent_drive
-        self._renewal_due_ns = now_ns + (self._renewal_ns if is_driving else SILENT_RENEWAL_NS)
-        return Set(clock_reference, _WRITE_PHASE, self.lease_ms, drive)
-
-    def _take_over(self, now_ns: int) -> None:
+    def _start_drive(self, drive: bytes, now_ns: int) -> None:
         if self._player.end_us is not None:
             self._player.take_over(now_ns // NS_PER_US, self._slew_limit_per_s, JITTER_US)
+        lease = self.lease
+        self._sounding = drive
+        lease.renewal_due_ns = now_ns + (lease.renewal_ns if drive != self.silent_drive else SILENT_RENEWAL_NS)
+
+    def _start_waveform(self, wanted: WantedWaveform, now_ns: int) -> bool:
+        """Let a waveform sound; False where it must wait."""
+        player, now_us = self._player, now_ns // NS_PER_US
+        if self.holds_waveforms:
+            return False
+        if player.end_us is not None and player.end_us <= now_us:
+            player.finish()
+        # Most touches find nothing that plays or fades, and skip the look at the times.
+        if player.end_us is not None or player.fade_ends_us:
+            if not player.has_room(now_us):
+                return False
+            player.take_over(now_us, self._slew_limit_per_s, JITTER_US)
+        # The device plays from when the frame comes, at most one lease later: a SET before that end would cut it.
+        length_us = wanted.length_us + self.lease.duration_us
+        player.start(now_us, length_us, wanted.amplitude)
+        self._sounding = wanted
+        self._waveform_end_ns = now_ns + length_us * NS_PER_US
+        self.lease.renewal_due_ns = min(now_ns + SILENT_RENEWAL_NS, self._waveform_end_ns)
+        return True

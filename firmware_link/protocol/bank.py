@@ -1,4 +1,4 @@
-"""Waveforms to the bytes of a bank and back, and a device's side of its transfer."""
+"""Bank of waveforms to the bytes that a device holds and back, and the steps that transfer them."""
 
 import struct
 import zlib
@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_link.protocol.errors import MessageError
-from firmware_link.protocol.messages import BANK_CHUNK_SIZE, BankBegin, BankChunk, BankCommit, Result
+from firmware_link.protocol.messages import BANK_CHUNK_SIZE, BankBegin, BankChunk, BankCommit
 
 US_PER_S = 1_000_000
-US_PER_MS = 1_000
 SAMPLE_FULL_SCALE = 32_767
 SHORTEST_WAVEFORM = 2
 SAMPLE_SIZE = 2
@@ -94,18 +93,13 @@ def hash_of_bank(data: bytes) -> int:
     return zlib.crc32(data) or _HASH_INSTEAD_OF_0
 
 
-def transfer_steps(data: bytes) -> Iterator[BankBegin | BankChunk | BankCommit]:
+def transfer_messages(data: bytes) -> Iterator[BankBegin | BankChunk | BankCommit]:
     """What hands a bank over, in order, each to be acknowledged before the next."""
     bank_hash = hash_of_bank(data)
     yield BankBegin(bank_hash, len(data))
     for offset in range(0, len(data), BANK_CHUNK_SIZE):
         yield BankChunk(offset, data[offset : offset + BANK_CHUNK_SIZE].ljust(BANK_CHUNK_SIZE, b"\0"))
     yield BankCommit(bank_hash)
-
-
-def transfer_messages(data: bytes) -> list[BankBegin | BankChunk | BankCommit]:
-    """All steps of a transfer."""
-    return list(transfer_steps(data))
 
 
 def _check_waveform(index: int, waveform: Samples) -> None:
@@ -115,78 +109,3 @@ def _check_waveform(index: int, waveform: Samples) -> None:
         )
     if waveform[0].any() or waveform[-1].any():
         raise MessageError(f"waveform {index} does not begin and end at 0: let its first and last sample be 0")
-
-
-class BankStore:
-    """A device's memory: the bank that is held and, where there is room, the next one in transfer.
-
-    A copy of a step changes nothing.
-    """
-
-    def __init__(self, capacity_bytes: int, longest_waveform_ms: int, number_of_actuators: int) -> None:
-        self.bank: Bank | None = None
-        self.held_hash = 0
-        self._held_at = self._held_size = self._transfer_at = 0
-        self._capacity_bytes = capacity_bytes
-        self._longest_waveform_us = longest_waveform_ms * US_PER_MS
-        self._number_of_actuators = number_of_actuators
-        self._transfer: BankBegin | None = None
-        self._taken = bytearray()
-
-    def begin(self, begin: BankBegin, may_forget: bool) -> Result:
-        """Wait for another bank; without room for both, forget the one that is held if that may be."""
-        if begin == self._transfer:
-            return Result.OK
-        if not begin.bank_hash:
-            return Result.OUT_OF_RANGE
-        if begin.size_bytes > self._capacity_bytes:
-            return Result.NO_ROOM
-        room_at = self._room_at(begin.size_bytes)
-        if room_at is None:
-            if not may_forget:
-                return Result.NO_ROOM
-            self.bank, self.held_hash, room_at = None, 0, 0
-        self._transfer, self._transfer_at = begin, room_at
-        self._taken.clear()
-        return Result.OK
-
-    def take(self, chunk: BankChunk) -> Result:
-        """Append a chunk."""
-        if self._transfer is None:
-            return Result.WRONG_STATE
-        if chunk.offset_bytes < len(self._taken) and chunk.offset_bytes % BANK_CHUNK_SIZE == 0:
-            return Result.OK
-        if chunk.offset_bytes != len(self._taken) or chunk.offset_bytes >= self._transfer.size_bytes:
-            return Result.OUT_OF_RANGE
-        self._taken += chunk.data[: self._transfer.size_bytes - chunk.offset_bytes]
-        return Result.OK
-
-    def commit(self, commit: BankCommit) -> Result:
-        """Hold what was transferred, if it is what was announced."""
-        transfer = self._transfer
-        if transfer is None:
-            return Result.OK if commit.bank_hash == self.held_hash != 0 else Result.WRONG_STATE
-        self.end_transfer()
-        data = bytes(self._taken)
-        if len(data) != transfer.size_bytes or not commit.bank_hash == transfer.bank_hash == hash_of_bank(data):
-            return Result.WRONG_HASH
-        try:
-            bank = decode_bank(data, self._number_of_actuators)
-        except MessageError:
-            return Result.OUT_OF_RANGE
-        if max(map(bank.length_us, range(len(bank.waveforms)))) > self._longest_waveform_us:
-            return Result.OUT_OF_RANGE
-        self.bank, self.held_hash = bank, commit.bank_hash
-        self._held_at, self._held_size = self._transfer_at, transfer.size_bytes
-        return Result.OK
-
-    def _room_at(self, size_bytes: int) -> int | None:
-        """Where a bank goes in the memory, beside the one that is held: before it or else behind."""
-        if not self.held_hash or size_bytes <= self._held_at:
-            return 0
-        behind = self._held_at + self._held_size
-        return behind if size_bytes <= self._capacity_bytes - behind else None
-
-    def end_transfer(self) -> None:
-        """Forget an unfinished transfer; the bank that is held stays."""
-        self._transfer = None

@@ -55,6 +55,23 @@ def encode_message(message: Message, sequence: int) -> bytes:
     return encode_frame(encode_body(message, sequence))
 
 
+class FrameEncoder:
+    """Numbers the messages of one sender, from 1 on and modulo 256, and makes their frames."""
+
+    def __init__(self) -> None:
+        self.sequence = 0
+        """Of the last frame."""
+
+    def next_sequence(self) -> int:
+        """Take the next number."""
+        self.sequence = sequence = (self.sequence + 1) % 256
+        return sequence
+
+    def encode(self, message: Message) -> bytes:
+        """Frame of a message under the next number; raises MessageError for a value that does not fit."""
+        return encode_message(message, self.next_sequence())
+
+
 def longest_stuffed_length(number_of_actuators: int) -> int:
     """Bytes of the longest frame without its delimiter: COBS adds one byte, and one for each 254."""
     plain = longest_body_length(number_of_actuators) + _CHECKSUM_SIZE

@@ -19,7 +19,7 @@ from engine.render.limits import link_configuration
 from engine.render.renderer import Command, DriveCommand, PlayCommand
 from engine.table.entry import DEFAULT_LEVEL_DB
 from engine.touch import FingerTracker, open_digitizer
-from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
 from firmware_link.protocol.bank import Bank

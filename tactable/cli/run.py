@@ -23,7 +23,7 @@ from engine.table import Table
 from engine.touch.sources import Source
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import read_recording
-from firmware_link.emulator.firmware import BOARD_EMULATED
+from firmware_link.emulator import BOARD_EMULATED
 from firmware_link.host.link_values import Capabilities
 from firmware_link.host.reopening import ReopeningPort, stable_name_of
 from firmware_link.host.serial_port import SerialPort

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.loop.ring import MOST_TOUCHES
-from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
-from firmware_link.emulator.synthesis import US_PER_S, synthesise
+from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, synthesise
+from firmware_link.emulator.synthesis import US_PER_S
 from firmware_link.protocol.bank import Bank
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis

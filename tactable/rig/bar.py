@@ -11,8 +11,7 @@ from engine.device import Device
 from engine.table import Entry
 from engine.touch import ZoneState
 from engine.touch.finger_tracker import ZoneEdges
-from firmware_link.emulator.drive_log import DriveEvent
-from firmware_link.emulator.synthesis import synthesise
+from firmware_link.emulator import DriveEvent, synthesise
 from firmware_link.protocol.bank import Bank
 from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from engine.device import Device
+from firmware_link.emulator import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
 from firmware_link.emulator.fault_plan import FaultPlan
 from firmware_link.emulator.faulty_device import FaultyDevice
-from firmware_link.emulator.firmware import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator.process import termination_descriptor
 from firmware_link.emulator.pty import PseudoTerminalServer
 from firmware_link.host.emulator_registry import Announcement, own_link

@@ -11,7 +11,7 @@ from engine.loop.loop import LoopCounters, StateChange, SystemClock
 from engine.table import Table
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording
-from firmware_link.emulator.drive_log import Cause, DriveEvent, Outcome, ReceivedFrame
+from firmware_link.emulator import Cause, DriveEvent, Outcome, ReceivedFrame
 from firmware_link.emulator.process import EmulatorLog, run_emulator
 from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.serial_port import SerialPort

@@ -4,10 +4,12 @@ import math
 from enum import Enum
 from typing import Any, cast
 
+import numpy as np
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
-from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
+from firmware_link.emulator import Cause, ChannelTarget, DriveEvent
+from firmware_link.protocol.bank import SAMPLE_FULL_SCALE, Bank
 from firmware_link.protocol.layout import Layout, Message, Word
 from firmware_link.protocol.messages import MESSAGES, ChannelDrive, Hello
 
@@ -75,3 +77,16 @@ def _repeated(layout: Layout, size: int, number_of_actuators: int) -> st.SearchS
     assert layout.repeated is not None
     words = [_word(word) for _, word in layout.repeated[1].words]
     return st.tuples(*words * number_of_actuators)
+
+
+@st.composite
+def banks(draw: st.DrawFn) -> Bank:
+    """Banks for 3 actuators."""
+    chance = np.random.default_rng(draw(st.integers(0, 2**32)))
+    lengths = draw(st.lists(st.integers(2, 60), min_size=1, max_size=5))
+    waveforms = []
+    for length in lengths:
+        waveform = chance.integers(-SAMPLE_FULL_SCALE, SAMPLE_FULL_SCALE, (length, 3), endpoint=True)
+        waveform[[0, -1]] = 0
+        waveforms.append(waveform.astype(np.int16))
+    return Bank(draw(st.integers(1, 65_535)), tuple(waveforms))

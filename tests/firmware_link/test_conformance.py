@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
-from firmware_link.emulator.synthesis import synthesise
+from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware, synthesise
 from tests.firmware_link.conformance import HANG_UP_LAWS, LAWS, WAVE_LAWS, HangUpLaw, Law, WaveLaw
 
 SAMPLE_RATE_HZ = 20_000.0

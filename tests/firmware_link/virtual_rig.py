@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Event, LinkConfiguration, LinkState
 from firmware_link.protocol.framing import FrameDecoder, encode_message

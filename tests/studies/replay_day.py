@@ -25,8 +25,7 @@ from engine.render.limits import link_configuration
 from engine.render.renderer import Renderer
 from engine.touch import DigitizerError, FingerTracker, open_digitizer
 from engine.touch.sources.recording import Recording, Report, read_recording
-from firmware_link.emulator.drive_log import Cause
-from firmware_link.emulator.firmware import DeviceConfiguration, DeviceCounters, EmulatedFirmware
+from firmware_link.emulator import Cause, DeviceConfiguration, DeviceCounters, EmulatedFirmware
 from firmware_link.host.link import Link
 from firmware_link.host.session import Session
 from tests.engine.made_entries import LEVEL_DB, entry_of, felt_states

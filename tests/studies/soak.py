@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from firmware_link.emulator.drive_log import Cause, ChannelTarget, PlayedWaveform
+from firmware_link.emulator import Cause, ChannelTarget, DeviceConfiguration, EmulatedFirmware, PlayedWaveform
 from firmware_link.emulator.fault_plan import parse_fault_plan
 from firmware_link.emulator.faulty_device import FaultyDevice
-from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
 from firmware_link.protocol.bank import encode_bank, hash_of_bank, make_bank

@@ -14,7 +14,7 @@ from engine.table import Entry
 from engine.touch import FingerTracker, open_digitizer
 from engine.touch.digitizer import DigitizerCounters
 from engine.touch.sources import Source
-from firmware_link.emulator.drive_log import DriveEvent
+from firmware_link.emulator import DriveEvent
 from firmware_link.emulator.process import EmulatorLog
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkCounters

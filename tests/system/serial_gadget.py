@@ -9,7 +9,7 @@ from dataclasses import asdict
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator.process import EmulatorLog
 from firmware_link.host.serial_port import READ_SIZE
 

@@ -16,7 +16,7 @@ import pytest
 from engine.loop.loop import StateChange
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources.playback import Playback
-from firmware_link.emulator.drive_log import Cause, DriveEvent, Outcome
+from firmware_link.emulator import Cause, DriveEvent, Outcome
 from firmware_link.emulator.process import EmulatorLog, run_emulator
 from firmware_link.host.serial_port import SerialPort
 from tests.system.chain import BIT_RATE_HZ, ENTRIES, ChainRun, driven_hz, entry_for, is_silent, run_chain

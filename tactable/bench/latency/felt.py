@@ -6,8 +6,7 @@ from engine.device import Device
 from engine.render.limits import clamp
 from engine.table import Entry
 from engine.touch import ZoneState
-from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
-from firmware_link.emulator.synthesis import synthesise
+from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, synthesise
 from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis
 from precompute.model.threshold_filter import threshold_filter

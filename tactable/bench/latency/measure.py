@@ -14,7 +14,7 @@ import numpy as np
 
 from engine.table import Table
 from engine.touch.sources.recording import read_recording
-from firmware_link.emulator.firmware import BOARD_EMULATED
+from firmware_link.emulator import BOARD_EMULATED
 from tactable.bench.latency.compare import compare_runs
 from tactable.bench.latency.environment import environment_json
 from tactable.bench.latency.floor import build_echo_engine

@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from firmware_link.emulator.drive_log import DriveEvent, decode_drive_event, encode_events
+from firmware_link.emulator import DeviceConfiguration, DriveEvent, EmulatedFirmware
+from firmware_link.emulator.drive_log import decode_drive_event, encode_events
 from firmware_link.emulator.fault_plan import parse_fault_plan
 from firmware_link.emulator.faulty_device import FaultyDevice
-from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator.pty import PseudoTerminalServer
 from firmware_link.protocol.bank import Bank, decode_bank, encode_bank, hash_of_bank
 

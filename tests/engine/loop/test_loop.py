@@ -27,8 +27,7 @@ from engine.touch import FingerTracker, open_digitizer, state_index
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording, Report, read_recording
-from firmware_link.emulator.drive_log import Cause, DriveEvent
-from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator import Cause, DeviceConfiguration, DriveEvent, EmulatedFirmware
 from firmware_link.emulator.process import run_emulator
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkState

@@ -15,8 +15,7 @@ from engine.table.click import choose_bank, played_at
 from engine.touch import FingerTracker, open_digitizer
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording
-from firmware_link.emulator.drive_log import Cause
-from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Capabilities
 from firmware_link.host.session import Session

@@ -12,9 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firmware_link.emulator.drive_log import Cause
+from firmware_link.emulator import Cause, synthesise
 from firmware_link.emulator.process import EmulatorLog, RunningEmulator, run_emulator
-from firmware_link.emulator.synthesis import synthesise
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.protocol.framing import FrameDecoder, encode_message
 from firmware_link.protocol.layout import Message

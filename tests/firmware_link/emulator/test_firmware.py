@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_link.emulator.drive_log import Cause, Outcome
-from firmware_link.emulator.firmware import DISARM_US, LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware
-from firmware_link.emulator.synthesis import synthesise
+from firmware_link.emulator import LONGEST_LEASE_MS, Cause, DeviceConfiguration, EmulatedFirmware, Outcome, synthesise
+from firmware_link.emulator.lease import DISARM_US
 from firmware_link.protocol.framing import EMERGENCY_STOP, encode_message
 from firmware_link.protocol.messages import (
     MAGIC,

@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firmware_link.emulator.drive_log import Cause, Outcome, ReceivedFrame
+from firmware_link.emulator import Cause, Outcome, ReceivedFrame, synthesise
 from firmware_link.emulator.fault_plan import FaultPlanError
 from firmware_link.emulator.process import read_log, run_emulator
-from firmware_link.emulator.synthesis import synthesise
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
 from firmware_link.host.reopening import ReopeningPort

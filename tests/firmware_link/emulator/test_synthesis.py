@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent, PlayedWaveform
-from firmware_link.emulator.synthesis import synthesise
+from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, PlayedWaveform, synthesise
 from firmware_link.protocol.bank import make_bank
 from tests.firmware_link.strategies import drive_logs, unhurried
 

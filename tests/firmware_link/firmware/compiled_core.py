@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from firmware_link.emulator import DeviceConfiguration
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
-from firmware_link.emulator.firmware import DeviceConfiguration
 
 FIRMWARE = Path(__file__).parents[3] / "firmware_link" / "firmware"
 DECODER = Path(__file__).parent / "c" / "decoder.c"

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_link.emulator import DeviceConfiguration
 from firmware_link.emulator.c_core import CompiledFirmware
-from firmware_link.emulator.firmware import DeviceConfiguration
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import (
     MAGIC,

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from firmware_link.emulator import DeviceConfiguration
 from firmware_link.emulator.c_core import CompiledFirmware
-from firmware_link.emulator.firmware import DeviceConfiguration
 from firmware_link.protocol.bank import Bank, encode_bank, transfer_messages
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.layout import Message

@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware, synthesise
 from firmware_link.emulator.c_core import CompiledFirmware
-from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
-from firmware_link.emulator.synthesis import synthesise
 from firmware_link.protocol.bank import encode_bank, make_bank, transfer_messages
 from firmware_link.protocol.framing import EMERGENCY_STOP, encode_message
 from firmware_link.protocol.layout import Message
@@ -52,7 +51,7 @@ CONFIGURATION = DeviceConfiguration(
     BOOT_ID, ACTUATORS, synthesis_rate_hz=RATE_HZ, bank_capacity_bytes=2_000, longest_drive_s=1
 )
 BANK = encode_bank(make_bank(2_000, [hump(1.0, -0.5), hump(0.5, 0.9, duration_us=7_000)]), ACTUATORS)
-TRANSFER = transfer_messages(BANK)
+TRANSFER = list(transfer_messages(BANK))
 # C writes 16 bits and moves amplitudes from sample to sample, so what changes may come two steps of the slew late.
 EXAMPLES = int(os.environ.get("TACTABLE_EXAMPLES", "300"))
 TOLERANCE = 3 * SLEW_PER_S / RATE_HZ + 1e-3

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from firmware_link.emulator.drive_log import Cause
-from firmware_link.emulator.firmware import DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import BankRefused, BankReplaced, Event, LinkConfiguration, LinkState
 from firmware_link.protocol.bank import encode_bank, hash_of_bank, make_bank

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_link.emulator.drive_log import Cause, Outcome
-from firmware_link.emulator.firmware import DeviceConfiguration
+from firmware_link.emulator import Cause, DeviceConfiguration, Outcome
 from firmware_link.host.link import SILENCE_NS, Link
 from firmware_link.host.link_values import (
     Armed,

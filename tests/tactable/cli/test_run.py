@@ -21,7 +21,7 @@ from engine.table.entry_group import write_entries
 from engine.table.file import TableWriter
 from engine.touch import DigitizerError
 from engine.touch.sources.recording import RecordingError, read_recording, write_recording
-from firmware_link.emulator.drive_log import Cause
+from firmware_link.emulator import Cause
 from firmware_link.emulator.process import EmulatorLog, RunningEmulator, run_emulator
 from firmware_link.protocol.errors import LinkError
 from tactable.cli.run import register

@@ -7,7 +7,7 @@ from engine.render.limits import clamp
 from engine.table import Table
 from engine.table.entry import DEFAULT_LEVEL_DB
 from engine.touch import Touch, ZoneState, state_index
-from firmware_link.emulator.drive_log import DriveEvent
+from firmware_link.emulator import DriveEvent
 from firmware_link.protocol.messages import encode_drive
 from tactable.page.live_bar import LiveBar
 from tactable.page.ring_drive import RingDrive

@@ -8,7 +8,7 @@ import pytest
 
 from engine.table import Table
 from engine.touch import ZoneState
-from firmware_link.emulator.synthesis import synthesise
+from firmware_link.emulator import synthesise
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant

@@ -16,7 +16,7 @@ from engine.table import Entry, Table
 from engine.table.entry import DEFAULT_LEVEL_DB
 from engine.touch import ZoneState
 from engine.touch.sources.recording import read_recording
-from firmware_link.emulator.drive_log import Cause, DriveEvent
+from firmware_link.emulator import Cause, DriveEvent
 from precompute.builder.build import build_table
 from precompute.clicks.options import ClickOptions
 from tactable.rig.bar import ENVELOPE_S, Measured, SimulatedBar

@@ -16,7 +16,7 @@ from engine.table.entry_group import write_entries
 from engine.table.file import TableWriter
 from engine.table.history import roll_back
 from engine.touch.sources.recording import write_recording
-from firmware_link.emulator.drive_log import Cause
+from firmware_link.emulator import Cause
 from firmware_link.emulator.process import RunningEmulator, run_emulator
 from tactable.rig.virtual_digitizer import Stroke, make_recording
 from tactable.shipped import find_device

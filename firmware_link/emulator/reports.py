@@ -1,0 +1,139 @@
+"""What an emulated device says: answers at once, STATUS and FAULT when they are due, LOG not too often."""
+
+from firmware_link.emulator.state import BOARD_EMULATED, FULL_SCALE_PM, Device
+from firmware_link.protocol.framing import FrameEncoder, FramingCounters, encode_message
+from firmware_link.protocol.messages import (
+    SCHEMA_HASH,
+    VERSION_MAJOR,
+    VERSION_MINOR,
+    Ack,
+    Fault,
+    FaultCode,
+    Features,
+    Hello,
+    Log,
+    LogCode,
+    LogLevel,
+    Result,
+    Status,
+    Time,
+)
+
+STATUS_PERIOD_US = 100_000
+# A new drive is reported this soon; more often would crowd a slow line.
+STATUS_SPACING_US = 10_000
+FAULT_PERIOD_US = 100_000
+LOG_SPACING_US = 10_000
+
+
+class Reports:
+    """The frames on their way to the host, and when the next periodic ones are due."""
+
+    def __init__(self, device: Device, framing_counters: FramingCounters) -> None:
+        self.applied_sequence = 0
+        self.applied_time_us = 0
+        self.was_greeted = False
+        self.fault_due_us: int | None = None
+        """None unless a fault waits for its ACK."""
+        self.status_allowed_us = 0
+        self._log_allowed_us = 0
+        self._device, self._framing_counters = device, framing_counters
+        self._encoder = FrameEncoder()
+        self._outgoing: list[bytes] = []
+        self._fault, self._fault_sequence, self._fault_time_us = FaultCode.NONE, 0, 0
+
+    def take_outgoing(self) -> bytes:
+        """Everything said since the last call."""
+        outgoing, self._outgoing = b"".join(self._outgoing), []
+        return outgoing
+
+    def send_hello(self, nonce: int, held_bank_hash: int) -> None:
+        """Say what the device is and can do."""
+        configuration = self._device.configuration
+        self._send(
+            Hello(
+                version_major=VERSION_MAJOR,
+                version_minor=VERSION_MINOR,
+                nonce=nonce,
+                boot_id=configuration.boot_id,
+                schema_hash=SCHEMA_HASH,
+                features=Features.WAVEFORMS if configuration.bank_capacity_bytes else Features(0),
+                firmware_major=0,
+                firmware_minor=1,
+                firmware_patch=0,
+                board=BOARD_EMULATED,
+                synthesis_rate_hz=configuration.synthesis_rate_hz,
+                frequency_resolution_uhz=configuration.frequency_resolution_uhz,
+                frequency_minimum=configuration.frequency_minimum,
+                frequency_maximum=configuration.frequency_maximum,
+                longest_lease_ms=configuration.longest_lease_ms,
+                longest_waveform_ms=configuration.longest_waveform_ms,
+                bank_capacity_bytes=configuration.bank_capacity_bytes,
+                held_bank_hash=held_bank_hash,
+                number_of_actuators=configuration.number_of_actuators,
+                full_scales_pm=configuration.full_scales_pm or (FULL_SCALE_PM,) * configuration.number_of_actuators,
+            )
+        )
+
+    def send_ack(self, acknowledged_type: int, sequence: int, result: Result) -> None:
+        """Answer a request."""
+        self._send(Ack(acknowledged_type, sequence, result))
+
+    def send_time(self, host_sent_ns: int) -> None:
+        """Answer a time request."""
+        self._send(Time(host_sent_ns, self._device.now_us, self._device.now_us))
+
+    def send_log(self, level: LogLevel, code: LogCode, value: int) -> None:
+        """Tell something, unless the last LOG was just now."""
+        now_us = self._device.now_us
+        if now_us >= self._log_allowed_us:
+            self._log_allowed_us = now_us + LOG_SPACING_US
+            self._send(Log(level, code, value, now_us))
+
+    def raise_fault(self, fault: FaultCode) -> None:
+        """Send FAULT from now on until it is settled."""
+        self._fault, self._fault_sequence = fault, self._encoder.next_sequence()
+        self._fault_time_us = self.fault_due_us = self._device.now_us
+
+    def settle_fault(self, ack: Ack) -> bool:
+        """The host acknowledged; False where it meant another message."""
+        if (ack.acknowledged_type, ack.acknowledged_sequence) != (Fault.type_byte, self._fault_sequence):
+            return False
+        self._fault, self.fault_due_us = FaultCode.NONE, None
+        return True
+
+    def advance(self) -> None:
+        """Send what is due."""
+        device, now_us = self._device, self._device.now_us
+        if self.fault_due_us is not None and self.fault_due_us <= now_us:
+            self._outgoing.append(encode_message(Fault(self._fault, self._fault_time_us), self._fault_sequence))
+            self.fault_due_us = now_us + FAULT_PERIOD_US
+        if device.status_due_us is not None and device.status_due_us <= now_us:
+            self._send_status()
+            self.status_allowed_us = now_us + STATUS_SPACING_US
+            device.status_due_us = now_us + STATUS_PERIOD_US
+
+    def _send_status(self) -> None:
+        device, counters, framing = self._device, self._device.counters, self._framing_counters
+        self._send(
+            Status(
+                state=device.state,
+                fault=self._fault,
+                applied_sequence=self.applied_sequence,
+                device_time_us=device.now_us,
+                applied_time_us=self.applied_time_us,
+                high_voltage_dv=0,
+                applied=counters.applied,
+                ok=framing.ok,
+                crc=framing.crc,
+                framing=framing.framing,
+                length=framing.length,
+                overrun=framing.overrun,
+                stale=counters.stale,
+                refused=counters.refused,
+                trips=counters.trips,
+            )
+        )
+
+    def _send(self, message: Hello | Ack | Time | Log | Status) -> None:
+        self._outgoing.append(self._encoder.encode(message))

@@ -1,0 +1,83 @@
+"""State that the parts of an emulated device share: its configuration, its time, what it allows, and its counters."""
+
+from dataclasses import dataclass, field
+
+from firmware_link.protocol.messages import FULL_SCALE_WORD, DeviceState
+
+LONGEST_LEASE_MS = 100
+FULL_SCALE_PM = 520_000
+BANK_CAPACITY_BYTES = 1 << 18
+LONGEST_WAVEFORM_MS = 1_000
+BOARD_EMULATED = 0
+
+
+@dataclass(frozen=True)
+class DeviceConfiguration:
+    """What the emulated board is; frequencies in steps of the resolution, slew in full scale a second.
+
+    Without `full_scales_pm` each is FULL_SCALE_PM. A `bank_capacity_bytes` of 0 is a device without waveforms, a
+    `longest_drive_s` of 0 one without its own limit.
+    """
+
+    boot_id: int
+    number_of_actuators: int = 2
+    longest_lease_ms: int = LONGEST_LEASE_MS
+    frequency_resolution_uhz: int = 10_000
+    frequency_minimum: int = 100
+    frequency_maximum: int = FULL_SCALE_WORD
+    amplitude_limit: int = FULL_SCALE_WORD
+    slew_limit_per_s: int = 1_000
+    full_scales_pm: tuple[int, ...] = ()
+    synthesis_rate_hz: int = 48_000
+    bank_capacity_bytes: int = BANK_CAPACITY_BYTES
+    longest_waveform_ms: int = LONGEST_WAVEFORM_MS
+    longest_drive_s: int = 0
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.longest_lease_ms <= LONGEST_LEASE_MS:
+            raise ValueError(f"longest_lease_ms is {self.longest_lease_ms}; expected 1 to {LONGEST_LEASE_MS}")
+        if not 1 <= self.number_of_actuators <= 255:
+            raise ValueError(f"number_of_actuators is {self.number_of_actuators}; expected 1 to 255")
+        if len(self.full_scales_pm) not in (0, self.number_of_actuators):
+            raise ValueError(f"{len(self.full_scales_pm)} full scales for {self.number_of_actuators} actuators")
+
+
+@dataclass
+class DeviceCounters:
+    """What the firmware counted since boot, beside its framing counters; `applied` are SET and PLAY."""
+
+    applied: int = 0
+    stale: int = 0
+    refused: int = 0
+    trips: int = 0
+
+
+@dataclass
+class Device:
+    """The data of one device since it booted; `tactable_device` in firmware/core/state.h."""
+
+    configuration: DeviceConfiguration
+    now_us: int = 0
+    state: DeviceState = DeviceState.IDLE
+    counters: DeviceCounters = field(default_factory=DeviceCounters)
+    status_due_us: int | None = None
+    """None until the first greeting."""
+    driving_since_us: int = 0
+    longest_drive_us: int | None = None
+    """None: no limit."""
+
+    @property
+    def is_armed(self) -> bool:
+        """Whether drives are allowed."""
+        return self.state in (DeviceState.ARMED, DeviceState.DRIVING)
+
+    def enter(self, state: DeviceState) -> None:
+        """Change the state; STATUS says so at once."""
+        if state is not self.state:
+            self.state = state
+            self.driving_since_us = self.now_us
+            self.want_status(self.now_us)
+
+    def want_status(self, due_us: int) -> None:
+        """STATUS is due no later than this."""
+        self.status_due_us = due_us if self.status_due_us is None else min(self.status_due_us, due_us)

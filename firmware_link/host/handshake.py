@@ -1,0 +1,165 @@
+"""Handshake from an open port to an armed device: greet, hand the bank over, compare the clocks, arm."""
+
+from firmware_link.host.bank_transfer import RETRY_NS, BankTransfer
+from firmware_link.host.clock import DeviceClock
+from firmware_link.host.line import Line
+from firmware_link.host.link_values import Capabilities, Greeted, LinkConfiguration, LinkState
+from firmware_link.protocol.bank import Bank, encode_bank, hash_of_bank
+from firmware_link.protocol.errors import LinkError, LinkLostError
+from firmware_link.protocol.framing import DELIMITER, FrameEncoder
+from firmware_link.protocol.messages import (
+    MAGIC,
+    SCHEMA_HASH,
+    VERSION_MAJOR,
+    VERSION_MINOR,
+    Ack,
+    Arm,
+    Features,
+    Hello,
+    HelloRequest,
+    Result,
+    Time,
+    TimeRequest,
+)
+
+US_PER_MS = 1_000
+FIRST_EXCHANGES = 16
+# A device that was rebooted or latched since it was greeted answers with these.
+_FORGOTTEN = (Result.WRONG_BOOT, Result.WRONG_STATE)
+
+
+class Handshake:
+    """The states GREETING, PREPARING, SYNCHRONISING, ARMING and READY of one session, each with its repeated request.
+
+    A new handshake begins with every `Link.connect`, so that nothing of the session before leaks into it: an answer
+    to an earlier greeting or time request is recognised by its nonce or its time, and ignored. What the device answers
+    raises LinkError where the device does not fit or refuses; then the handshake is over.
+    """
+
+    def __init__(self, configuration: LinkConfiguration, encoder: FrameEncoder, line: Line, now_ns: int) -> None:
+        self.state = LinkState.GREETING
+        self.capabilities: Capabilities | None = None
+        """What the device said of itself, once it has answered."""
+        self.lease_ms = configuration.lease_ms
+        """Once the device has answered: the shorter of what both sides allow."""
+        self.arming_device_us = 0
+        """Device time when the host began to arm: a fault before it belongs to an earlier session."""
+        self._configuration, self._encoder, self._line = configuration, encoder, line
+        self._connected_ns = self._request_due_ns = now_ns
+        self._greeting = HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, now_ns % 2**32)
+        self._arm: Arm | None = None
+        self._transfer: BankTransfer | None = None
+
+    def due_ns(self) -> int:
+        """When `next_frame` has one, perhaps in the past."""
+        return self._request_due_ns if self._transfer is None else self._transfer.due_ns
+
+    def next_frame(self, now_ns: int) -> bytes:
+        """The request of the state, where it is due; empty otherwise."""
+        if self._transfer is not None:
+            return self._transfer.next_frame(now_ns)
+        if now_ns < self._request_due_ns:
+            return b""
+        if self.state is LinkState.GREETING:
+            # The leading delimiter parts the frame from what a boot loader or modem left on the line.
+            frame = DELIMITER + self._encoder.encode(self._greeting)
+        elif self.state is LinkState.ARMING and self._arm is not None:
+            frame = self._encoder.encode(self._arm)
+        else:
+            frame = self._encoder.encode(TimeRequest(now_ns))
+        self._request_due_ns = now_ns + RETRY_NS + self._line.occupied_ns(len(frame))
+        return frame
+
+    def is_answered_by(self, hello: Hello) -> bool:
+        """Whether a HELLO answers this session's greeting."""
+        return hello.nonce == self._greeting.nonce
+
+    def greeted(self, hello: Hello, now_ns: int) -> Greeted:
+        """Take the answer to the greeting: hand the bank over next, unless there is none or the device holds it."""
+        configuration, number_of_actuators = self._configuration, hello.number_of_actuators
+        _check_fit(hello, configuration)
+        capabilities, bank = Capabilities.from_hello(hello), configuration.bank
+        data = b""
+        if bank is not None:
+            data = encode_bank(bank, number_of_actuators)
+            check_bank(capabilities, bank, data)
+        self.capabilities = capabilities
+        self.lease_ms = min(configuration.lease_ms, hello.longest_lease_ms)
+        self._arm = configuration.arm_for(hello.boot_id, number_of_actuators, self.lease_ms)
+        if bank is None or hello.held_bank_hash == hash_of_bank(data):
+            self._synchronise(now_ns)
+        else:
+            self.state = LinkState.PREPARING
+            self._transfer = BankTransfer(bank, data, self._encoder, self._line)
+        return Greeted(capabilities)
+
+    def is_timed_by(self, time: Time, now_ns: int) -> bool:
+        """Whether a TIME answers a request of this session."""
+        return self._connected_ns <= time.host_sent_ns <= now_ns
+
+    def clock_compared(self, clock: DeviceClock, now_ns: int) -> None:
+        """Another exchange of times is in the clock: ask for the next, or arm."""
+        self._request_due_ns = now_ns
+        if clock.exchanges >= FIRST_EXCHANGES:
+            self.state = LinkState.ARMING
+            self.arming_device_us = clock.device_time_us(now_ns)
+
+    def acknowledged(self, ack: Ack, now_ns: int) -> bool:
+        """Take the answer to a step of the bank or to ARM; False for any other."""
+        if self._transfer is not None and self._transfer.is_answered_by(ack):
+            _check_accepted(ack, "take the bank", "it")
+            if self._transfer.advance(now_ns):
+                self._transfer = None
+                self._synchronise(now_ns)
+            return True
+        if (self.state, ack.acknowledged_type) != (LinkState.ARMING, Arm.type_byte):
+            return False
+        _check_accepted(ack, "arm", "the limits")
+        self.state = LinkState.READY
+        return True
+
+    def _synchronise(self, now_ns: int) -> None:
+        self.state = LinkState.SYNCHRONISING
+        self._request_due_ns = now_ns
+
+
+def check_bank(capabilities: Capabilities, bank: Bank, data: bytes) -> None:
+    """Raises LinkError for a bank, with its bytes for the device, that the device cannot hold or play."""
+    if Features.WAVEFORMS not in capabilities.features:
+        raise LinkError("the device plays no waveforms: connect another device or configure no bank")
+    if len(data) > capabilities.bank_capacity_bytes:
+        raise LinkError(
+            f"the bank has {len(data)} bytes, the device holds {capabilities.bank_capacity_bytes}: "
+            "take fewer or shorter waveforms, or a lower sample rate"
+        )
+    longest_us = max(map(bank.length_us, range(len(bank.waveforms))))
+    if longest_us > capabilities.longest_waveform_ms * US_PER_MS:
+        raise LinkError(
+            f"a waveform of the bank lasts {longest_us / US_PER_MS:g} ms, the device plays at most "
+            f"{capabilities.longest_waveform_ms}: shorten it"
+        )
+
+
+def _check_fit(hello: Hello, configuration: LinkConfiguration) -> None:
+    if hello.version_major != VERSION_MAJOR:
+        raise LinkError(
+            f"the device speaks protocol {hello.version_major}.{hello.version_minor}, this host "
+            f"{VERSION_MAJOR}.{VERSION_MINOR}: install the firmware that belongs to this version of tactable"
+        )
+    if hello.schema_hash != SCHEMA_HASH:
+        raise LinkError(
+            f"the device defines its messages otherwise (schema {hello.schema_hash:08x}, this host {SCHEMA_HASH:08x}): "
+            "install the firmware that belongs to this version of tactable"
+        )
+    if hello.number_of_actuators < configuration.number_of_actuators:
+        raise LinkError(
+            f"the device drives {hello.number_of_actuators} actuators, {configuration.number_of_actuators} are needed: "
+            "connect another device or choose a table for fewer actuators"
+        )
+    configuration.check_rate(hello.number_of_actuators)
+
+
+def _check_accepted(ack: Ack, request: str, remedy: str) -> None:
+    if ack.result is not Result.OK:
+        refusal = LinkLostError if ack.result in _FORGOTTEN else LinkError
+        raise refusal(f"the device refused to {request} ({ack.result.name}): connect again, or correct {remedy}")
