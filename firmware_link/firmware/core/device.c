@@ -1,16 +1,11 @@
 #include "device.h"
 
 #include "device_time.h"
-#include "drive.h"
+#include "reports.h"
 #include "session.h"
 
 /* A ramp at a slow slew may take a second; a disarmed supply does not wait for it. */
 #define LONGEST_RAMP_US 100000u
-
-static uint64_t lesser(uint64_t one, uint64_t other)
-{
-    return one < other ? one : other;
-}
 
 static uint64_t drive_end_us(const struct tactable_device *device)
 {
@@ -19,7 +14,7 @@ static uint64_t drive_end_us(const struct tactable_device *device)
 
 static uint64_t watchdog_end_us(const struct tactable_device *device)
 {
-    return session_is_armed(device) ? lease_watchdog_end_us(&device->lease) : NEVER_US;
+    return state_is_armed(device) ? lease_watchdog_end_us(&device->lease) : NEVER_US;
 }
 
 static uint64_t on_time_end_us(const struct tactable_device *device)
@@ -41,7 +36,7 @@ static void act_on_deadlines(struct tactable_device *device)
 {
     if (device->player.end_us <= device->now_us) {
         player_finish(&device->player);
-        session_enter(device, TACTABLE_DEVICE_STATE_ARMED);
+        state_enter(device, TACTABLE_DEVICE_STATE_ARMED);
     }
     if (drive_end_us(device) <= device->now_us) {
         expire_lease(device);
@@ -63,6 +58,8 @@ void tactable_device_start(
         .configuration = *configuration,
         .hooks = *hooks,
         .state = TACTABLE_DEVICE_STATE_IDLE,
+        .status_due_us = NEVER_US,
+        .reports = {.fault_due_us = NEVER_US},
         .slew_per_s = 1,
         .slew_to_come_per_s = 1,
         .longest_drive_us = NEVER_US,
@@ -77,7 +74,6 @@ void tactable_device_start(
     channels_start(
         &device->channels, number_of_actuators, configuration->frequency_minimum, configuration->frequency_maximum);
     player_start(&device->player);
-    reports_start(&device->reports);
     synthesis_start(
         &device->synthesis, number_of_actuators, configuration->synthesis_rate_hz, configuration->frequency_resolution_uhz);
 }
@@ -121,7 +117,7 @@ void tactable_device_emergency_stop(struct tactable_device *device, uint64_t now
 void tactable_device_hang_up(struct tactable_device *device, uint64_t now_us)
 {
     tactable_device_advance(device, now_us);
-    if (session_is_armed(device)) {
+    if (state_is_armed(device)) {
         session_latch(device, TACTABLE_FAULT_CODE_HUNG_UP);
     }
     tactable_device_advance(device, now_us);
@@ -129,15 +125,15 @@ void tactable_device_hang_up(struct tactable_device *device, uint64_t now_us)
 
 uint64_t tactable_device_next_deadline_us(const struct tactable_device *device)
 {
-    uint64_t deadline_us = lesser(device->player.end_us, drive_end_us(device));
-    deadline_us = lesser(deadline_us, on_time_end_us(device));
-    deadline_us = lesser(deadline_us, watchdog_end_us(device));
-    return lesser(deadline_us, lesser(device->reports.fault_due_us, device->reports.status_due_us));
+    uint64_t deadline_us = earlier_us(device->player.end_us, drive_end_us(device));
+    deadline_us = earlier_us(deadline_us, on_time_end_us(device));
+    deadline_us = earlier_us(deadline_us, watchdog_end_us(device));
+    return earlier_us(deadline_us, earlier_us(device->reports.fault_due_us, device->status_due_us));
 }
 
 bool tactable_device_allows_high_voltage(const struct tactable_device *device)
 {
-    if (session_is_armed(device)) {
+    if (state_is_armed(device)) {
         return true;
     }
     return !synthesis_is_silent(&device->synthesis) && device->now_us < device->disarmed_us + LONGEST_RAMP_US;

@@ -8,6 +8,11 @@
 #define US_PER_S 1000000u
 #define NEVER_US UINT64_MAX
 
+static inline uint64_t earlier_us(uint64_t one_us, uint64_t other_us)
+{
+    return one_us < other_us ? one_us : other_us;
+}
+
 /* A counter of microseconds that wraps at 2^32, extended; to be read more often than it wraps, each 71 minutes. */
 struct wide_clock {
     uint64_t now_us;

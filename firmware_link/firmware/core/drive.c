@@ -1,7 +1,7 @@
 #include "drive.h"
 
 #include "device_time.h"
-#include "session.h"
+#include "reports.h"
 
 static uint16_t lesser(uint32_t one, uint32_t other)
 {
@@ -56,15 +56,15 @@ static void applied(struct tactable_device *device, uint8_t sequence, enum tacta
 {
     device->counters.applied++;
     device->reports.applied_sequence = sequence;
-    device->applied_time_us = device->now_us;
+    device->reports.applied_time_us = device->now_us;
     const uint64_t allowed_us = device->reports.status_allowed_us;
-    reports_want_status(&device->reports, allowed_us > device->now_us ? allowed_us : device->now_us);
-    session_enter(device, state);
+    state_want_status(device, allowed_us > device->now_us ? allowed_us : device->now_us);
+    state_enter(device, state);
 }
 
-static enum outcome judge(const struct tactable_device *device, uint16_t clock_reference, uint8_t sequence)
+static enum outcome check(const struct tactable_device *device, uint16_t clock_reference, uint8_t sequence)
 {
-    if (!session_is_armed(device)) {
+    if (!state_is_armed(device)) {
         return OUTCOME_REFUSED;
     }
     return lease_is_fresh(&device->lease, clock_reference, sequence, device->now_us) ? OUTCOME_ACCEPTED : OUTCOME_STALE;
@@ -90,7 +90,7 @@ enum outcome drive_set(struct tactable_device *device, const uint8_t *body, uint
     if (!tactable_read_set(body, &message)) {
         return OUTCOME_REFUSED;
     }
-    const enum outcome outcome = judge(device, message.clock_reference, sequence);
+    const enum outcome outcome = check(device, message.clock_reference, sequence);
     if (outcome != OUTCOME_ACCEPTED) {
         return outcome;
     }
@@ -110,7 +110,7 @@ enum outcome drive_play(struct tactable_device *device, const uint8_t *body, uin
     if (!tactable_read_play(body, &message)) {
         return OUTCOME_REFUSED;
     }
-    const enum outcome outcome = judge(device, message.clock_reference, sequence);
+    const enum outcome outcome = check(device, message.clock_reference, sequence);
     if (outcome != OUTCOME_ACCEPTED) {
         return outcome;
     }
@@ -138,7 +138,7 @@ enum outcome drive_keep_alive(struct tactable_device *device, const uint8_t *bod
     if (!tactable_read_keepalive(body, &message)) {
         return OUTCOME_REFUSED;
     }
-    const enum outcome outcome = judge(device, message.clock_reference, sequence);
+    const enum outcome outcome = check(device, message.clock_reference, sequence);
     if (outcome == OUTCOME_ACCEPTED) {
         lease_refresh(&device->lease, sequence, device->now_us);
         if (message.applied_sequence == device->reports.applied_sequence) {

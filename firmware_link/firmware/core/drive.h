@@ -4,8 +4,8 @@
 
 #include <stdint.h>
 
-#include "device.h"
 #include "outcome.h"
+#include "state.h"
 
 /* SET, PLAY and KEEPALIVE, by their bodies: fresh ones hold a device that is armed. */
 enum outcome drive_set(struct tactable_device *device, const uint8_t *body, uint8_t sequence);

@@ -1,6 +1,7 @@
 #include "memory.h"
 
 #include "drive.h"
+#include "reports.h"
 
 static enum tactable_result begin_bank(struct tactable_device *device, const uint8_t *body)
 {

@@ -4,8 +4,8 @@
 
 #include <stdint.h>
 
-#include "device.h"
 #include "outcome.h"
+#include "state.h"
 
 /* BANK_*, by their bodies: acknowledged, and a new bank told by LOG. */
 enum outcome memory_keep(struct tactable_device *device, const uint8_t *body, uint8_t sequence);

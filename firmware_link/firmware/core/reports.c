@@ -1,6 +1,5 @@
 #include "reports.h"
 
-#include "device.h"
 #include "device_time.h"
 
 #define STATUS_PERIOD_US 100000u
@@ -42,7 +41,7 @@ static void send_status(struct tactable_device *device)
         .fault = (uint8_t)device->reports.fault,
         .applied_sequence = device->reports.applied_sequence,
         .device_time_us = device->now_us,
-        .applied_time_us = device->applied_time_us,
+        .applied_time_us = device->reports.applied_time_us,
         .high_voltage_dv = device->high_voltage_dv,
         .applied = device->counters.applied,
         .ok = framing->ok,
@@ -66,11 +65,6 @@ static void send_fault(struct tactable_device *device)
     };
     uint8_t body[BODY_ROOM];
     send(device, body, tactable_write_fault(body, device->reports.fault_sequence, &fault));
-}
-
-void reports_start(struct reports *reports)
-{
-    *reports = (struct reports){.status_due_us = NEVER_US, .fault_due_us = NEVER_US};
 }
 
 void reports_send_hello(struct tactable_device *device, uint32_t nonce)
@@ -132,11 +126,6 @@ void reports_send_log(
     send(device, body, tactable_write_log(body, next_sequence(&device->reports), &log));
 }
 
-void reports_want_status(struct reports *reports, uint64_t due_us)
-{
-    reports->status_due_us = due_us < reports->status_due_us ? due_us : reports->status_due_us;
-}
-
 void reports_raise_fault(struct tactable_device *device, enum tactable_fault_code fault)
 {
     struct reports *reports = &device->reports;
@@ -162,9 +151,9 @@ void reports_advance(struct tactable_device *device)
         send_fault(device);
         reports->fault_due_us = device->now_us + FAULT_PERIOD_US;
     }
-    if (reports->status_due_us <= device->now_us) {
+    if (device->status_due_us <= device->now_us) {
         send_status(device);
         reports->status_allowed_us = device->now_us + STATUS_SPACING_US;
-        reports->status_due_us = device->now_us + STATUS_PERIOD_US;
+        device->status_due_us = device->now_us + STATUS_PERIOD_US;
     }
 }

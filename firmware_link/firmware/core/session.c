@@ -3,6 +3,7 @@
 #include "device_time.h"
 #include "drive.h"
 #include "memory.h"
+#include "reports.h"
 
 static uint16_t lesser(uint32_t one, uint32_t other)
 {
@@ -33,7 +34,7 @@ static enum outcome greet(struct tactable_device *device, const uint8_t *body)
         reports_send_log(
             device, TACTABLE_LOG_LEVEL_INFORMATION, TACTABLE_LOG_CODE_BOOTED, device->configuration.reset_cause);
     }
-    reports_want_status(&device->reports, device->now_us);
+    state_want_status(device, device->now_us);
     return OUTCOME_ACCEPTED;
 }
 
@@ -61,7 +62,7 @@ static enum tactable_result arm(struct tactable_device *device, const uint8_t *b
     device->lease.armed_us = (uint64_t)message.lease_ms * US_PER_MS;
     device->longest_drive_us = shorter_drive_us(message.longest_drive_s, configuration->longest_drive_s);
     lease_refresh(&device->lease, sequence, device->now_us);
-    session_enter(device, TACTABLE_DEVICE_STATE_ARMED);
+    state_enter(device, TACTABLE_DEVICE_STATE_ARMED);
     return TACTABLE_RESULT_OK;
 }
 
@@ -116,30 +117,10 @@ static enum outcome dispatch(struct tactable_device *device, const uint8_t *body
     }
 }
 
-bool session_is_armed(const struct tactable_device *device)
-{
-    return device->state == TACTABLE_DEVICE_STATE_ARMED || device->state == TACTABLE_DEVICE_STATE_DRIVING;
-}
-
-void session_enter(struct tactable_device *device, enum tactable_device_state state)
-{
-    if (state == device->state) {
-        return;
-    }
-    if (state == TACTABLE_DEVICE_STATE_DRIVING) {
-        device->driving_since_us = device->now_us;
-    }
-    if (session_is_armed(device)) {
-        device->disarmed_us = device->now_us;
-    }
-    device->state = state;
-    reports_want_status(&device->reports, device->now_us);
-}
-
 void session_silence(struct tactable_device *device, enum tactable_device_state state)
 {
     drive_silence(device);
-    session_enter(device, state);
+    state_enter(device, state);
 }
 
 void session_latch(struct tactable_device *device, enum tactable_fault_code fault)

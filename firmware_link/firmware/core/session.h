@@ -2,19 +2,12 @@
 #ifndef TACTABLE_SESSION_H
 #define TACTABLE_SESSION_H
 
-#include <stdbool.h>
 #include <stdint.h>
 
-#include "device.h"
+#include "state.h"
 
 /* Acts on a body that the framing accepted, and counts what became of it. */
 void session_act_on(struct tactable_device *device, const uint8_t *body);
-
-/* Whether drives are allowed. */
-bool session_is_armed(const struct tactable_device *device);
-
-/* A new state, told by STATUS. */
-void session_enter(struct tactable_device *device, enum tactable_device_state state);
 
 /* Silence, in a new state. */
 void session_silence(struct tactable_device *device, enum tactable_device_state state);
