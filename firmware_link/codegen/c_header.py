@@ -78,7 +78,7 @@ def _layouts_text(layouts: list[Layout]) -> str:
 
 def _message_text(layout: Layout) -> str:
     name, upper = _name(layout), layout.message.wire_name
-    lines = [f"/* {layout.message.wire_name}, sent by {layout.message.sender}: {layout.message.purpose}. */"]
+    lines = [f"/* {layout.message.wire_name}, sent by {layout.message.sender}. {layout.message.purpose()}. */"]
     lines.append(f"#define TACTABLE_{upper}_TYPE {layout.message.type_byte:#04x}u")
     if layout.words:
         lines += ["", f"struct tactable_{name} {{", *_members(layout.words), "};"]

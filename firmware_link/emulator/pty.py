@@ -11,13 +11,13 @@ from typing import Any, Generic
 from firmware_link.emulator.drive_log import encode_events
 from firmware_link.emulator.faulty_device import Boot, C, FaultyDevice
 from firmware_link.emulator.firmware import EmulatedFirmware
-from firmware_link.host.serial_port import READ_SIZE
 from firmware_link.protocol.bank import encode_bank
 
 NS_PER_US = 1_000
 US_PER_MS = 1_000
 # A host that does not read loses what the device says, as on a wire.
 UNSENT_LIMIT = 8192
+READ_SIZE = 4096
 # How often to look whether a host has opened the terminal: nothing wakes a poll for that.
 HOST_POLL_MS = 10
 

@@ -79,8 +79,7 @@ class SerialPort:
     def __init__(self, name: str, bit_rate_hz: int = 115_200) -> None:
         self.path = path_of(name)
         try:
-            # pyserial only finds, opens and configures: its own write() busy-waits while the line is full, which would take
-            # a whole core from the loop.
+            # pyserial only finds, opens and configures: its own write() busy-waits while the line is full.
             self._serial = serial.Serial(self.path, bit_rate_hz, timeout=0, exclusive=True)
         except (OSError, ValueError, termios.error) as error:
             remedy = f"; to get {self.path}, {permission_remedy(self.path)}" if _is_refused(error) else ""

@@ -47,13 +47,26 @@ class PerActuator(NamedTuple):
 
 @dataclass(frozen=True)
 class Message:
-    """A value that travels as one frame; its fields are annotated with `Word` and, the last one, `PerActuator`."""
+    """A value that travels as one frame; its fields are annotated with `Word` and, the last one, `PerActuator`.
+
+    The first line of a message's docstring is its purpose in PROTOCOL.md and in the C header.
+    """
 
     wire_name: ClassVar[str]
     type_byte: ClassVar[int]
     sender: ClassVar[Sender]
-    purpose: ClassVar[str]
-    has_fixed_seed: ClassVar[bool] = False
+    has_fixed_seed: ClassVar[bool]
+
+    def __init_subclass__(
+        cls, *, wire_name: str, type_byte: int, sender: Sender, has_fixed_seed: bool = False, **options: Any
+    ) -> None:
+        super().__init_subclass__(**options)
+        cls.wire_name, cls.type_byte, cls.sender, cls.has_fixed_seed = wire_name, type_byte, sender, has_fixed_seed
+
+    @classmethod
+    def purpose(cls) -> str:
+        """What the message is for, in a few words."""
+        return (cls.__doc__ or "").partition("\n")[0].removesuffix(".")
 
 
 class Layout:

@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import KEEP, STRICT, IntEnum, IntFlag
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from firmware_link.protocol.errors import MessageError
 from firmware_link.protocol.layout import Layout, Message, PerActuator, Sender, Word
@@ -104,14 +104,8 @@ _CLOCK_REFERENCE = Word("u16", f"{CLOCK_REFERENCE_US} us")
 
 
 @dataclass(frozen=True)
-class HelloRequest(Message):
-    """Opens a session; a device that was armed disarms."""
-
-    wire_name: ClassVar = "HELLO_REQ"
-    type_byte: ClassVar = 0x01
-    sender: ClassVar = Sender.HOST
-    purpose: ClassVar = "open a session; an armed device disarms, a latched one is released"
-    has_fixed_seed: ClassVar = True
+class HelloRequest(Message, wire_name="HELLO_REQ", type_byte=0x01, sender=Sender.HOST, has_fixed_seed=True):
+    """Open a session; an armed device disarms, a latched one is released."""
 
     magic: Annotated[int, _U32]
     version_major: Annotated[int, _U8]
@@ -120,14 +114,8 @@ class HelloRequest(Message):
 
 
 @dataclass(frozen=True)
-class Hello(Message):
-    """What the device is; the only message that says its own number of actuators."""
-
-    wire_name: ClassVar = "HELLO"
-    type_byte: ClassVar = 0x02
-    sender: ClassVar = Sender.DEVICE
-    purpose: ClassVar = "what the device is and can do"
-    has_fixed_seed: ClassVar = True
+class Hello(Message, wire_name="HELLO", type_byte=0x02, sender=Sender.DEVICE, has_fixed_seed=True):
+    """What the device is and can do; the only message that says its own number of actuators."""
 
     version_major: Annotated[int, _U8]
     version_minor: Annotated[int, _U8]
@@ -152,13 +140,8 @@ class Hello(Message):
 
 
 @dataclass(frozen=True)
-class Arm(Message):
-    """Allows drives, for the boot that it names and within the limits that it gives."""
-
-    wire_name: ClassVar = "ARM"
-    type_byte: ClassVar = 0x03
-    sender: ClassVar = Sender.HOST
-    purpose: ClassVar = "allow drives within limits, for this boot only"
+class Arm(Message, wire_name="ARM", type_byte=0x03, sender=Sender.HOST):
+    """Allow drives within limits, for the named boot only."""
 
     boot_id: Annotated[int, _U32]
     slew_limit_per_s: Annotated[int, Word("u16", "full scale/s")]
@@ -168,13 +151,8 @@ class Arm(Message):
 
 
 @dataclass(frozen=True)
-class Ack(Message):
-    """The answer to what is asked once and must arrive."""
-
-    wire_name: ClassVar = "ACK"
-    type_byte: ClassVar = 0x04
-    sender: ClassVar = Sender.BOTH
-    purpose: ClassVar = "answer to ARM, STOP, BANK_* (device) or FAULT (host)"
+class Ack(Message, wire_name="ACK", type_byte=0x04, sender=Sender.BOTH):
+    """Answer to ARM, STOP, BANK_* (device) or FAULT (host)."""
 
     acknowledged_type: Annotated[int, _U8]
     acknowledged_sequence: Annotated[int, _U8]
@@ -182,13 +160,11 @@ class Ack(Message):
 
 
 @dataclass(frozen=True)
-class Set(Message):
-    """The drive from now on, for one lease; `drive` comes from `encode_drive`."""
+class Set(Message, wire_name="SET", type_byte=0x05, sender=Sender.HOST):
+    """Drive for one lease; no answer, the latest wins.
 
-    wire_name: ClassVar = "SET"
-    type_byte: ClassVar = 0x05
-    sender: ClassVar = Sender.HOST
-    purpose: ClassVar = "drive for one lease; no answer, the latest wins"
+    `drive` comes from `encode_drive`.
+    """
 
     clock_reference: Annotated[int, _CLOCK_REFERENCE]
     flags: Annotated[SetFlag, _U8]
@@ -206,49 +182,31 @@ class Set(Message):
 
 
 @dataclass(frozen=True)
-class KeepAlive(Message):
-    """The host is alive; renews the lease of the SET that it names, and of no other: that one may not have arrived."""
+class KeepAlive(Message, wire_name="KEEPALIVE", type_byte=0x06, sender=Sender.HOST):
+    """The host is alive; renew the lease of the named SET if it was applied last; no answer.
 
-    wire_name: ClassVar = "KEEPALIVE"
-    type_byte: ClassVar = 0x06
-    sender: ClassVar = Sender.HOST
-    purpose: ClassVar = "the host is alive; renew the lease of the SET that was applied last; no answer"
+    Another SET is not renewed, since the named one may not have arrived.
+    """
 
     clock_reference: Annotated[int, _CLOCK_REFERENCE]
     applied_sequence: Annotated[int, _U8]
 
 
 @dataclass(frozen=True)
-class Stop(Message):
-    """Ramps to zero and latches."""
-
-    wire_name: ClassVar = "STOP"
-    type_byte: ClassVar = 0x07
-    sender: ClassVar = Sender.HOST
-    purpose: ClassVar = "ramp to zero and latch"
-    has_fixed_seed: ClassVar = True
+class Stop(Message, wire_name="STOP", type_byte=0x07, sender=Sender.HOST, has_fixed_seed=True):
+    """Ramp to zero and latch."""
 
 
 @dataclass(frozen=True)
-class TimeRequest(Message):
-    """Asks for the device's clock."""
-
-    wire_name: ClassVar = "TIME_REQ"
-    type_byte: ClassVar = 0x08
-    sender: ClassVar = Sender.HOST
-    purpose: ClassVar = "ask for the device's clock"
+class TimeRequest(Message, wire_name="TIME_REQ", type_byte=0x08, sender=Sender.HOST):
+    """Ask for the device's clock."""
 
     host_sent_ns: Annotated[int, _U64]
 
 
 @dataclass(frozen=True)
-class Time(Message):
-    """The request's own time, and the device's when it came and when this left."""
-
-    wire_name: ClassVar = "TIME"
-    type_byte: ClassVar = 0x09
-    sender: ClassVar = Sender.DEVICE
-    purpose: ClassVar = "the device's clock when the request came and when this left"
+class Time(Message, wire_name="TIME", type_byte=0x09, sender=Sender.DEVICE):
+    """The request's own time, and the device's clock when the request came and when this left."""
 
     host_sent_ns: Annotated[int, _U64]
     device_received_us: Annotated[int, _U64]
@@ -256,13 +214,8 @@ class Time(Message):
 
 
 @dataclass(frozen=True)
-class Status(Message):
-    """State, what was applied and when, and what was counted since boot."""
-
-    wire_name: ClassVar = "STATUS"
-    type_byte: ClassVar = 0x0A
-    sender: ClassVar = Sender.DEVICE
-    purpose: ClassVar = "state and counters; periodic, and on change"
+class Status(Message, wire_name="STATUS", type_byte=0x0A, sender=Sender.DEVICE):
+    """State, the command applied last, and counters since boot; periodic, and on change."""
 
     state: Annotated[DeviceState, _U8]
     fault: Annotated[FaultCode, _U8]
@@ -282,26 +235,19 @@ class Status(Message):
 
 
 @dataclass(frozen=True)
-class Fault(Message):
+class Fault(Message, wire_name="FAULT", type_byte=0x0B, sender=Sender.DEVICE):
     """The device disarmed itself; repeated until acknowledged."""
-
-    wire_name: ClassVar = "FAULT"
-    type_byte: ClassVar = 0x0B
-    sender: ClassVar = Sender.DEVICE
-    purpose: ClassVar = "the device disarmed itself; repeats until acknowledged"
 
     fault: Annotated[FaultCode, _U8]
     device_time_us: Annotated[int, _U64]
 
 
 @dataclass(frozen=True)
-class Log(Message):
-    """Something worth telling, as numbers; `text` has the words."""
+class Log(Message, wire_name="LOG", type_byte=0x0C, sender=Sender.DEVICE):
+    """An event for people, as numbers; no answer.
 
-    wire_name: ClassVar = "LOG"
-    type_byte: ClassVar = 0x0C
-    sender: ClassVar = Sender.DEVICE
-    purpose: ClassVar = "something worth telling; no answer"
+    `text` has the words.
+    """
 
     level: Annotated[LogLevel, _U8]
     code: Annotated[LogCode, _U16]
@@ -310,56 +256,36 @@ class Log(Message):
 
     @property
     def text(self) -> str:
-        """For people."""
+        """The event in words."""
         return LOG_TEXTS[self.code].format(value=self.value)
 
 
 @dataclass(frozen=True)
-class BankBegin(Message):
-    """The bank that follows in chunks; the one that was held is forgotten."""
-
-    wire_name: ClassVar = "BANK_BEGIN"
-    type_byte: ClassVar = 0x0E
-    sender: ClassVar = Sender.HOST
-    purpose: ClassVar = "begin to hand over a bank of waveforms"
+class BankBegin(Message, wire_name="BANK_BEGIN", type_byte=0x0E, sender=Sender.HOST):
+    """Begin to transfer a bank of waveforms."""
 
     bank_hash: Annotated[int, _U32]
     size_bytes: Annotated[int, _U32]
 
 
 @dataclass(frozen=True)
-class BankChunk(Message):
+class BankChunk(Message, wire_name="BANK_CHUNK", type_byte=0x0F, sender=Sender.HOST):
     """The next bytes of the bank; the last chunk is filled up with zeros."""
-
-    wire_name: ClassVar = "BANK_CHUNK"
-    type_byte: ClassVar = 0x0F
-    sender: ClassVar = Sender.HOST
-    purpose: ClassVar = "the next bytes of the bank"
 
     offset_bytes: Annotated[int, _U32]
     data: Annotated[bytes, Word(f"u8[{BANK_CHUNK_SIZE}]")]
 
 
 @dataclass(frozen=True)
-class BankCommit(Message):
-    """All is there: hold the bank if its bytes have this hash."""
-
-    wire_name: ClassVar = "BANK_COMMIT"
-    type_byte: ClassVar = 0x10
-    sender: ClassVar = Sender.HOST
-    purpose: ClassVar = "check the bank and hold it until the next one, or a reboot"
+class BankCommit(Message, wire_name="BANK_COMMIT", type_byte=0x10, sender=Sender.HOST):
+    """Check the bank against its hash and hold it until the next one, or a reboot."""
 
     bank_hash: Annotated[int, _U32]
 
 
 @dataclass(frozen=True)
-class Play(Message):
-    """Play a waveform of the bank once, from when this comes."""
-
-    wire_name: ClassVar = "PLAY"
-    type_byte: ClassVar = 0x11
-    sender: ClassVar = Sender.HOST
-    purpose: ClassVar = "play a waveform once; no answer, the latest SET or PLAY wins"
+class Play(Message, wire_name="PLAY", type_byte=0x11, sender=Sender.HOST):
+    """Play a waveform of the bank once; no answer, the latest SET or PLAY wins."""
 
     clock_reference: Annotated[int, _CLOCK_REFERENCE]
     waveform: Annotated[int, _U16]
@@ -446,7 +372,7 @@ def protocol_table() -> str:
         message, each = layout.message, layout.length(1) - layout.length(0)
         size = f"{layout.length(0)} + {each} N" if each else f"{layout.length(0)}"
         names = "<br>".join(f"`{text}`" for text in layout.field_texts())
-        row = (f"0x{message.type_byte:02x}", message.wire_name, message.sender, size, names, message.purpose)
+        row = (f"0x{message.type_byte:02x}", message.wire_name, message.sender, size, names, message.purpose())
         rows.append(f"| {' | '.join(row)} |")
     return "\n".join(rows) + "\n"
 

@@ -104,7 +104,7 @@ struct tactable_layout {
 /* No body is longer. */
 #define TACTABLE_BODY_BOUND(number_of_actuators) (198u + 6u * (number_of_actuators))
 
-/* HELLO_REQ, sent by host: open a session; an armed device disarms, a latched one is released. */
+/* HELLO_REQ, sent by host. Open a session; an armed device disarms, a latched one is released. */
 #define TACTABLE_HELLO_REQ_TYPE 0x01u
 
 struct tactable_hello_req {
@@ -123,7 +123,7 @@ static inline bool tactable_read_hello_req(const uint8_t *body, struct tactable_
     return true;
 }
 
-/* HELLO, sent by device: what the device is and can do. */
+/* HELLO, sent by device. What the device is and can do; the only message that says its own number of actuators. */
 #define TACTABLE_HELLO_TYPE 0x02u
 
 struct tactable_hello {
@@ -184,7 +184,7 @@ static inline uint8_t *tactable_write_hello_channel(uint8_t *at, const struct ta
     return at;
 }
 
-/* ARM, sent by host: allow drives within limits, for this boot only. */
+/* ARM, sent by host. Allow drives within limits, for the named boot only. */
 #define TACTABLE_ARM_TYPE 0x03u
 
 struct tactable_arm {
@@ -215,7 +215,7 @@ static inline struct tactable_arm_channel tactable_read_arm_channel(const uint8_
     return channel;
 }
 
-/* ACK, sent by both: answer to ARM, STOP, BANK_* (device) or FAULT (host). */
+/* ACK, sent by both. Answer to ARM, STOP, BANK_* (device) or FAULT (host). */
 #define TACTABLE_ACK_TYPE 0x04u
 
 struct tactable_ack {
@@ -242,7 +242,7 @@ static inline uint8_t *tactable_write_ack(uint8_t *at, uint8_t sequence, const s
     return at;
 }
 
-/* SET, sent by host: drive for one lease; no answer, the latest wins. */
+/* SET, sent by host. Drive for one lease; no answer, the latest wins. */
 #define TACTABLE_SET_TYPE 0x05u
 
 struct tactable_set {
@@ -275,7 +275,7 @@ static inline struct tactable_set_channel tactable_read_set_channel(const uint8_
     return channel;
 }
 
-/* KEEPALIVE, sent by host: the host is alive; renew the lease of the SET that was applied last; no answer. */
+/* KEEPALIVE, sent by host. The host is alive; renew the lease of the named SET if it was applied last; no answer. */
 #define TACTABLE_KEEPALIVE_TYPE 0x06u
 
 struct tactable_keepalive {
@@ -290,10 +290,10 @@ static inline bool tactable_read_keepalive(const uint8_t *body, struct tactable_
     return true;
 }
 
-/* STOP, sent by host: ramp to zero and latch. */
+/* STOP, sent by host. Ramp to zero and latch. */
 #define TACTABLE_STOP_TYPE 0x07u
 
-/* TIME_REQ, sent by host: ask for the device's clock. */
+/* TIME_REQ, sent by host. Ask for the device's clock. */
 #define TACTABLE_TIME_REQ_TYPE 0x08u
 
 struct tactable_time_req {
@@ -306,7 +306,7 @@ static inline bool tactable_read_time_req(const uint8_t *body, struct tactable_t
     return true;
 }
 
-/* TIME, sent by device: the device's clock when the request came and when this left. */
+/* TIME, sent by device. The request's own time, and the device's clock when the request came and when this left. */
 #define TACTABLE_TIME_TYPE 0x09u
 
 struct tactable_time {
@@ -325,7 +325,7 @@ static inline uint8_t *tactable_write_time(uint8_t *at, uint8_t sequence, const 
     return at;
 }
 
-/* STATUS, sent by device: state and counters; periodic, and on change. */
+/* STATUS, sent by device. State, the command applied last, and counters since boot; periodic, and on change. */
 #define TACTABLE_STATUS_TYPE 0x0au
 
 struct tactable_status {
@@ -368,7 +368,7 @@ static inline uint8_t *tactable_write_status(uint8_t *at, uint8_t sequence, cons
     return at;
 }
 
-/* FAULT, sent by device: the device disarmed itself; repeats until acknowledged. */
+/* FAULT, sent by device. The device disarmed itself; repeated until acknowledged. */
 #define TACTABLE_FAULT_TYPE 0x0bu
 
 struct tactable_fault {
@@ -385,7 +385,7 @@ static inline uint8_t *tactable_write_fault(uint8_t *at, uint8_t sequence, const
     return at;
 }
 
-/* LOG, sent by device: something worth telling; no answer. */
+/* LOG, sent by device. An event for people, as numbers; no answer. */
 #define TACTABLE_LOG_TYPE 0x0cu
 
 struct tactable_log {
@@ -406,7 +406,7 @@ static inline uint8_t *tactable_write_log(uint8_t *at, uint8_t sequence, const s
     return at;
 }
 
-/* BANK_BEGIN, sent by host: begin to hand over a bank of waveforms. */
+/* BANK_BEGIN, sent by host. Begin to transfer a bank of waveforms. */
 #define TACTABLE_BANK_BEGIN_TYPE 0x0eu
 
 struct tactable_bank_begin {
@@ -421,7 +421,7 @@ static inline bool tactable_read_bank_begin(const uint8_t *body, struct tactable
     return true;
 }
 
-/* BANK_CHUNK, sent by host: the next bytes of the bank. */
+/* BANK_CHUNK, sent by host. The next bytes of the bank; the last chunk is filled up with zeros. */
 #define TACTABLE_BANK_CHUNK_TYPE 0x0fu
 
 struct tactable_bank_chunk {
@@ -436,7 +436,7 @@ static inline bool tactable_read_bank_chunk(const uint8_t *body, struct tactable
     return true;
 }
 
-/* BANK_COMMIT, sent by host: check the bank and hold it until the next one, or a reboot. */
+/* BANK_COMMIT, sent by host. Check the bank against its hash and hold it until the next one, or a reboot. */
 #define TACTABLE_BANK_COMMIT_TYPE 0x10u
 
 struct tactable_bank_commit {
@@ -449,7 +449,7 @@ static inline bool tactable_read_bank_commit(const uint8_t *body, struct tactabl
     return true;
 }
 
-/* PLAY, sent by host: play a waveform once; no answer, the latest SET or PLAY wins. */
+/* PLAY, sent by host. Play a waveform of the bank once; no answer, the latest SET or PLAY wins. */
 #define TACTABLE_PLAY_TYPE 0x11u
 
 struct tactable_play {
