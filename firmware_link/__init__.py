@@ -1,1 +1,1 @@
-"""THE WIRE: commands to bytes and back; imports nothing of ours."""
+"""The wire between host and device: its protocol, the host side, the emulated device and the firmware."""

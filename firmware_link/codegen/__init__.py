@@ -1,1 +1,1 @@
-"""C headers and test vectors made from the Python definitions."""
+"""Generators of the C headers, the test vectors and the table of messages from the Python definitions."""

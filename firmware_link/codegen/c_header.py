@@ -1,4 +1,4 @@
-"""Messages to the C header of the firmware: values, layouts, and the functions that read and write bodies.
+"""C header of the firmware, generated from the messages: values, layouts, and functions that read and write bodies.
 
 `python -m firmware_link.codegen.c_header` rewrites `firmware/core/tactable_protocol.h`; a test compares the two.
 """
@@ -48,7 +48,7 @@ _END = "\n#endif\n"
 
 
 def build_header() -> str:
-    """The whole header, the same for the same messages."""
+    """Text of the header; deterministic."""
     layouts = [Layout(message) for message in messages.MESSAGES]
     constants = "".join(f"#define TACTABLE_{name} {value:#x}u\n" for name, value in _CONSTANTS.items())
     parts = [constants, *map(_enum_text, _ENUMS), _layouts_text(layouts), *map(_message_text, layouts)]

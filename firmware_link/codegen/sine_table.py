@@ -1,4 +1,4 @@
-"""A quarter of a sine to the C table of the firmware.
+"""Quarter-wave sine table of the firmware, generated as a C header.
 
 `python -m firmware_link.codegen.sine_table` rewrites `firmware/core/sine_table.h`; a test compares the two.
 """
@@ -20,7 +20,7 @@ _BEGINNING = """\
 
 
 def build_header() -> str:
-    """The whole header: both ends of the quarter are in the table, so that its last interval needs no exception."""
+    """Text of the header; both ends of the quarter are in the table, so that its last interval needs no exception."""
     values = [round(FULL_SCALE * math.sin(math.pi / 2 * index / INTERVALS)) for index in range(INTERVALS + 1)]
     rows = (" ".join(f"{value}," for value in values[at : at + 8]) for at in range(0, len(values), 8))
     return (

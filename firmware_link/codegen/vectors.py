@@ -1,4 +1,4 @@
-"""Example messages to lines of hex: `python -m firmware_link.codegen.vectors` writes them anew into `vectors/`.
+"""Test vectors of the wire: `python -m firmware_link.codegen.vectors` rewrites `vectors/` from example messages.
 
 A line is `name | values | body | frame`. Another implementation encodes the values and must get the bytes, and decodes
 the bytes and must get the values.
@@ -55,7 +55,7 @@ def example_bank() -> Bank:
 
 
 def example_messages() -> tuple[Message, ...]:
-    """One or more of every type, for two actuators."""
+    """One example or more of every message type, for two actuators."""
     drive = encode_drive([ChannelDrive(60, 1.0, 0.0), ChannelDrive(60, 0.5, 1.5707963267948966)], RESOLUTION_HZ)
     data = encode_bank(example_bank(), 2)
     return (
@@ -104,7 +104,7 @@ def _example_hello() -> Hello:
 
 
 def message_lines() -> list[str]:
-    """A line for each example, sequences counting on from 254."""
+    """One line for each example; sequences count from 254 on, so that they wrap."""
     lines = []
     for index, message in enumerate(example_messages()):
         body = encode_body(message, (_FIRST_SEQUENCE + index) % 256)
@@ -114,7 +114,7 @@ def message_lines() -> list[str]:
 
 
 def bank_lines() -> list[str]:
-    """The bank of the examples: its bytes and its hash."""
+    """The example bank: its bytes and its hash."""
     data = encode_bank(example_bank(), 2)
     return [f"bank | {data.hex()} | {hash_of_bank(data):08x}"]
 
@@ -127,7 +127,7 @@ def write_vectors(folder: Path = FOLDER) -> None:
 
 
 def vector_files() -> dict[str, list[str]]:
-    """Lines by the name of their file."""
+    """Lines of each file of vectors, by its name."""
     return {"messages.txt": message_lines(), "bank.txt": bank_lines()}
 
 

@@ -1,6 +1,6 @@
-"""The firmware's C core in this process: the device and the frame decoder of `firmware/`, through ctypes.
+"""C core of the firmware, loaded into this process through ctypes.
 
-`make host` in `firmware/` builds the library. The classes do what their Python twins in `device` and `framing` do.
+`make host` in `firmware/` builds the library. `CompiledFirmware` is used like its Python twin `EmulatedFirmware`.
 """
 
 import ctypes
@@ -50,7 +50,7 @@ _SIGNATURES = {
 
 
 def open_library(path: Path) -> ctypes.CDLL:
-    """The library that `make host` built; raises LinkError for a file that is none."""
+    """Load the library that `make host` built; raises LinkError for a file that is not that library."""
     try:
         library = ctypes.CDLL(str(path))
         for name, (result, *arguments) in _SIGNATURES.items():
@@ -62,9 +62,9 @@ def open_library(path: Path) -> ctypes.CDLL:
 
 
 class CompiledFirmware:
-    """The C core with virtual time: whoever calls it owns the clock, which must not run backwards.
+    """The C core with virtual time: the caller owns the clock, which must not run backwards.
 
-    Its synthesis runs along, and `take_samples` has what the actuators got, where they are kept. Raises LinkError for a
+    Its synthesis runs along; `take_samples` returns the samples, unless `keeps_samples` is off. Raises LinkError for a
     configuration that the core refuses.
     """
 

@@ -1,4 +1,4 @@
-"""Drive bytes of a SET to drive events: clamps, held frequencies and phase writes."""
+"""Oscillator targets of an emulated device: clamps, held frequencies and phase writes."""
 
 import math
 import struct
@@ -10,7 +10,7 @@ from firmware_link.protocol.messages import FULL_SCALE_WORD, WORDS_PER_TURN
 
 @dataclass
 class _Channel:
-    """One actuator's oscillator, in words; `written` is its last phase write, None once its frequency has moved."""
+    """One actuator's oscillator, in words; `written` is the last phase write, None once its frequency has moved."""
 
     frequency: int
     amplitude: int = 0
@@ -47,7 +47,7 @@ class Channels:
         return any(channel.amplitude for channel in self._channels)
 
     def limit(self, amplitude_limits: tuple[int, ...], slew_per_s: int) -> None:
-        """Limits from the next SET or PLAY on, amplitudes as words."""
+        """Set the limits that hold from the next SET or PLAY on; amplitudes are words."""
         self._armed_limits = (amplitude_limits, slew_per_s)
 
     def apply(
@@ -74,13 +74,13 @@ class Channels:
         return self._event(now_us, Cause.SET, sequence, writes_phase=writes_now)
 
     def play(self, waveform: PlayedWaveform, now_us: int, sequence: int) -> DriveEvent:
-        """Every amplitude to zero, and a waveform from now on."""
+        """Set every amplitude to zero and start a waveform."""
         self._amplitude_limits, self.slew_per_s = self._armed_limits
         self._mute()
         return self._event(now_us, Cause.PLAY, sequence, waveform=waveform)
 
     def silence(self, now_us: int, cause: Cause) -> DriveEvent:
-        """Every amplitude to zero."""
+        """Set every amplitude to zero."""
         self._mute()
         return self._event(now_us, cause, None)
 

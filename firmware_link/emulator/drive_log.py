@@ -1,4 +1,4 @@
-"""What the firmware received and applied, as values and as JSON."""
+"""Log of an emulated device: the frames it received and the changes of what sounds, as values and as JSON."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -21,7 +21,7 @@ class Cause(StrEnum):
 
 
 class Outcome(StrEnum):
-    """What became of a received frame."""
+    """Whether a received frame was acted on, and if not, why."""
 
     ACCEPTED = "accepted"
     STALE = "stale"
@@ -30,7 +30,7 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True)
 class ChannelTarget:
-    """One actuator from an event on: `phase_rad` is the phase at the event's own time, None where it runs on.
+    """Target of one actuator from an event on; `phase_rad` is the phase at the event's time, None where it runs on.
 
     `limit` bounds the sum of all that sounds on it.
     """
@@ -43,7 +43,7 @@ class ChannelTarget:
 
 @dataclass(frozen=True)
 class PlayedWaveform:
-    """A waveform of a bank, which an event starts and the next one takes over from."""
+    """A waveform that an event starts; the next event takes over from it."""
 
     bank_hash: int
     index: int
@@ -64,7 +64,7 @@ class DriveEvent:
 
 @dataclass(frozen=True)
 class ReceivedFrame:
-    """A frame with a valid checksum, when it came and what became of it; SET and PLAY are applied at that time."""
+    """A frame with a valid checksum, its arrival and its outcome; SET and PLAY are applied at that time."""
 
     device_time_us: int
     message: str

@@ -1,4 +1,4 @@
-"""A text such as `bit_errors=1e-5,drop=0.01,stall=0.3s@5s,reboot@12s` to the faults that an emulator injects."""
+"""Plan of injected faults, parsed from a text such as `bit_errors=1e-5,drop=0.01,stall=0.3s@5s,reboot@12s`."""
 
 import difflib
 import re
@@ -14,11 +14,11 @@ PPB_PER_PPM = 1_000
 
 
 class FaultPlanError(LinkError):
-    """A text that names no faults, or not these; the message says the key, the value and what was expected."""
+    """The text is not a fault plan; the message says the key, the value and what was expected."""
 
 
 class TimedKind(StrEnum):
-    """What happens at a time, for a while."""
+    """Kinds of faults that begin at a time."""
 
     STALL = "stall"
     HALF_OPEN = "half_open"
@@ -36,7 +36,7 @@ class TimedFault:
     period_us: int | None
 
     def begins_us(self, since_us: int) -> int | None:
-        """When it begins next, at `since_us` or later."""
+        """Time of the next beginning, at `since_us` or later; None after the last."""
         if since_us <= self.start_us:
             return self.start_us
         if self.period_us is None:
@@ -44,7 +44,7 @@ class TimedFault:
         return self.start_us + -(-(since_us - self.start_us) // self.period_us) * self.period_us
 
     def ends_us(self, time_us: int) -> int | None:
-        """When it is over, if it lasts at this time."""
+        """End of the fault that lasts at this time; None where none does."""
         elapsed_us = time_us - self.start_us
         if self.period_us is not None and elapsed_us >= 0:
             elapsed_us %= self.period_us
@@ -105,7 +105,7 @@ def parse_fault_plan(text: str) -> FaultPlan:
 
 
 def fault_help() -> dict[str, str]:
-    """What each key does, with an example."""
+    """Help text for each key, with an example."""
     plain = {f.metadata.get("key", f.name): f.metadata["help"] for f in fields(FaultPlan) if f.metadata}
     return plain | {kind.value: TIMED_HELP[kind] for kind in TimedKind}
 

@@ -1,4 +1,4 @@
-"""A device behind a line with faults: the same bytes and time in, bytes out, as the device itself."""
+"""Device behind a faulty serial line: used like the device itself, it injects the faults of a plan."""
 
 import random
 from collections.abc import Callable
@@ -17,16 +17,16 @@ class Core(Protocol):
     """A device without I/O: `EmulatedFirmware`, or the reference firmware itself."""
 
     def receive(self, data: bytes, now_us: int) -> bytes:
-        """Take bytes that came at a device time; what the device says until then."""
+        """Take bytes that came at a device time; returns what the device says until then."""
 
     def advance(self, now_us: int) -> bytes:
-        """Let time pass; what the device says until then."""
+        """Let time pass; returns what the device says until then."""
 
     def hang_up(self, now_us: int) -> bytes:
-        """The host let go of the line; what the device says until then."""
+        """The host let go of the line; returns what the device says until then."""
 
     def next_deadline_us(self) -> int | None:
-        """When the device acts by itself next."""
+        """Time at which the device acts by itself next; None while it waits."""
 
 
 C = TypeVar("C", bound=Core)
@@ -34,7 +34,7 @@ C = TypeVar("C", bound=Core)
 
 @dataclass(frozen=True)
 class Boot(Generic[C]):
-    """One life of the device: its clock was 0 at `booted_us` of the line's."""
+    """The device from one boot to the next; its clock was 0 at `booted_us` of the line's."""
 
     booted_us: int
     core: C
@@ -42,7 +42,7 @@ class Boot(Generic[C]):
 
 @dataclass
 class TimedCounters:
-    """How often what happened."""
+    """Number of injected faults that have a time."""
 
     hang_ups: int = 0
     reboots: int = 0
@@ -52,7 +52,7 @@ class TimedCounters:
 class FaultyDevice(Generic[C]):
     """A core behind two lines; `start` makes a core for a boot id. Times are those of the line, in microseconds.
 
-    Time must not run backwards. `boots` has every life of the device, the last one is the present.
+    Time must not run backwards. `boots` has every boot of the device; the last one is the present.
     """
 
     def __init__(self, start: Callable[[int], C], plan: FaultPlan, seed: int) -> None:
@@ -72,7 +72,7 @@ class FaultyDevice(Generic[C]):
 
     @property
     def core(self) -> C:
-        """The device as it lives now."""
+        """The device of the present boot."""
         return self.boots[-1].core
 
     @property
@@ -81,7 +81,7 @@ class FaultyDevice(Generic[C]):
         return self._plugged_us is None
 
     def receive(self, data: bytes, now_us: int) -> bytes:
-        """Take bytes that the host wrote at `now_us`; what reaches it until then."""
+        """Take bytes that the host wrote at `now_us`; returns what reaches it until then."""
         self._advance(now_us)
         if not self._is_open and self.plan.at_noise:
             self.counters.at_noises += 1
@@ -91,7 +91,7 @@ class FaultyDevice(Generic[C]):
         return self.advance(now_us)
 
     def advance(self, now_us: int) -> bytes:
-        """Let time pass up to `now_us`; what reaches the host until then."""
+        """Let time pass up to `now_us`; returns what reaches the host until then."""
         self._advance(now_us)
         return self.to_host.pop(now_us)
 
@@ -113,7 +113,7 @@ class FaultyDevice(Generic[C]):
         self._advance(now_us)
 
     def next_deadline_us(self) -> int | None:
-        """When something happens next without the host."""
+        """Time of the next event that needs no host; None for none."""
         times_us = (self._next_inner_us(), self.to_host.next_us())
         return min((time_us for time_us in times_us if time_us is not None), default=None)
 

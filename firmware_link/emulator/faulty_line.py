@@ -1,4 +1,4 @@
-"""One direction of a serial line with seeded faults: bytes and time in, bytes later out, every fault counted."""
+"""One direction of a serial line with seeded, counted faults: bytes in at a time, bytes out later."""
 
 import math
 import random
@@ -19,7 +19,7 @@ _LONGEST_BURST = 16
 
 @dataclass
 class LineCounters:
-    """What came in, the faults by kind, and what went out.
+    """Frames that came in, faults by kind, and frames that went out.
 
     Once all has arrived, `frames + duplicated = dropped + unheard + lost + delivered`. Of the runs between delimiters
     that were delivered, the `intact` ones were frames as they were sent, the `damaged` ones were not: damage to a
@@ -46,7 +46,7 @@ class LineCounters:
 
 @dataclass(frozen=True)
 class _Held:
-    """What is on its way: the bytes, and the frame that they were; None for noise and lone delimiters."""
+    """Bytes on their way, and the frame that they were; None for noise and lone delimiters."""
 
     due_us: int
     data: bytes
@@ -54,7 +54,7 @@ class _Held:
 
 
 class FaultyLine:
-    """Delivers what is pushed, in its order, when its time has come."""
+    """Delivers what is pushed, in order, each at its time."""
 
     def __init__(self, plan: FaultPlan, seed: str, *, can_be_half_open: bool) -> None:
         self.counters = LineCounters()
@@ -70,7 +70,7 @@ class FaultyLine:
         self._run = b""
 
     def push(self, data: bytes, now_us: int) -> None:
-        """Bytes that are written at this end."""
+        """Take bytes that are written at this end."""
         *frames, self._partial = (self._partial + data).split(DELIMITER)
         for content in frames:
             frame = content + DELIMITER
@@ -83,15 +83,15 @@ class FaultyLine:
             self._partial = b""
 
     def push_noise(self, noise: bytes, now_us: int) -> None:
-        """Bytes of somebody else."""
+        """Take bytes that are not frames of the sender."""
         self._hold(noise, None, now_us)
 
     def next_us(self) -> int | None:
-        """When something arrives next."""
+        """Time of the next arrival; None while nothing is on its way."""
         return self._held[0].due_us if self._held else None
 
     def pop(self, now_us: int) -> bytes:
-        """What has arrived at the other end."""
+        """Take what has arrived at the other end."""
         arrived = []
         while self._held and self._held[0].due_us <= now_us:
             held = self._held.popleft()
@@ -100,13 +100,13 @@ class FaultyLine:
         return b"".join(arrived)
 
     def lose(self) -> None:
-        """All that is on its way is gone."""
+        """Drop everything that is on its way."""
         self.counters.lost += sum(held.frame is not None for held in self._held)
         self._held.clear()
         self._partial = b""
 
     def forget(self) -> None:
-        """The receiver has forgotten what it had of a frame."""
+        """Account for a receiver that forgot the part of a frame that it had."""
         self._run = b""
 
     def _push_frame(self, frame: bytes, now_us: int) -> None:
@@ -166,7 +166,7 @@ class FaultyLine:
         return bytes(data)
 
     def _next_error(self) -> int:
-        """How many bits stay right until the next that does not."""
+        """Draw the number of right bits before the next wrong one."""
         if not 0 < self._plan.bit_errors < 1:
             return 0
         return int(math.log(1.0 - self._random.random()) / math.log1p(-self._plan.bit_errors))

@@ -1,4 +1,4 @@
-"""The emulated firmware as a process of its own behind a pseudo-terminal, and the handle of who started it."""
+"""Emulated firmware as a child process behind a pseudo-terminal, and the handle of its parent."""
 
 import argparse
 import contextlib
@@ -41,7 +41,7 @@ UNPLUGGED_US = 300_000
 
 @dataclass(frozen=True)
 class EmulatorLog:
-    """What a device did in one boot, times in microseconds since it (device time 0).
+    """What a device did in one boot; times are microseconds since that boot.
 
     `counters` are its own; `faults` those of the line since the emulator started; `earlier` are the boots before.
     """
@@ -72,7 +72,7 @@ class RunningEmulator:
         self._log_path = log_path
 
     def log(self) -> EmulatorLog:
-        """What it has done so far."""
+        """Ask for what it has done so far."""
         return _decode_log(self._ask(_LOG_WORD))
 
     def reboot(self) -> None:
@@ -99,7 +99,7 @@ class RunningEmulator:
 def run_emulator(
     number_of_actuators: int = 2, longest_lease_ms: int = LONGEST_LEASE_MS, faults: str = "", seed: int = 0
 ) -> Iterator[RunningEmulator]:
-    """An emulator process for the length of a `with` block; whatever happens in it, none is left behind.
+    """Run an emulator process for the length of a `with` block; it ends with the block in every case.
 
     `faults` is a text for `parse_fault_plan`; raises FaultPlanError for another.
     """
@@ -132,7 +132,7 @@ def run_emulator(
 
 
 def read_log(path: Path) -> EmulatorLog:
-    """The log that an emulator wrote; raises LinkError when there is none."""
+    """Read the log that an emulator wrote; raises LinkError when there is none."""
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
@@ -219,7 +219,7 @@ def _answer(document: dict[str, Any]) -> None:
 
 @contextlib.contextmanager
 def termination_descriptor() -> Iterator[int]:
-    """A descriptor that can be read once SIGTERM or SIGINT has come."""
+    """Yield a descriptor that becomes readable when SIGTERM or SIGINT comes."""
     reader, writer = socket.socketpair()
     with reader, writer:
         writer.setblocking(False)

@@ -1,4 +1,4 @@
-"""An emulated device on a new pseudo-terminal: one poll loop on the monotonic clock."""
+"""Server of an emulated device on a pseudo-terminal: one poll loop on the monotonic clock."""
 
 import contextlib
 import os
@@ -40,7 +40,7 @@ class PseudoTerminalServer(Generic[C]):
         self._plug()
 
     def serve(self, end_descriptors: Sequence[int]) -> int:
-        """Serve until one of the descriptors has something to read, or has closed; which one."""
+        """Serve until one of the descriptors has something to read, or has closed; returns that descriptor."""
         poll = select.poll()
         for descriptor in end_descriptors:
             poll.register(descriptor, select.POLLIN)
@@ -58,7 +58,7 @@ class PseudoTerminalServer(Generic[C]):
             self._follow_plug()
 
     def close(self) -> None:
-        """Let the terminal go."""
+        """Close the terminal."""
         self._let_go()
         if self._next is not None:
             os.close(self._next[0])
@@ -93,7 +93,7 @@ class PseudoTerminalServer(Generic[C]):
         }
 
     def _watched(self) -> int | None:
-        """The terminal, while a host has it open: one that nobody has open hangs up without end."""
+        """The terminal, while a host has it open: for one that is not open, poll reports a hang-up without end."""
         if self._master is not None and not self._has_host:
             probe = select.poll()
             probe.register(self._master, select.POLLIN)
@@ -155,7 +155,7 @@ class PseudoTerminalServer(Generic[C]):
 
 
 def _open_terminal() -> tuple[int, str]:
-    """Master side and name of a new terminal, which nobody has open."""
+    """Open a new terminal; returns its master side and its name, with its other side closed."""
     master, slave = os.openpty()
     os.set_blocking(master, False)
     name = os.ttyname(slave)

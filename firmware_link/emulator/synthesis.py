@@ -1,4 +1,4 @@
-"""Drive log to each actuator's base displacement, as the reference firmware synthesises it."""
+"""Synthesis: the log of drives to the base displacement of each actuator, as the firmware makes it."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -109,7 +109,7 @@ class _Oscillator:
 
 
 class _Channel:
-    """One actuator's synthesis, event by event; leaves segments behind."""
+    """One actuator's synthesis, event by event; collects segments."""
 
     def __init__(self) -> None:
         self.segments: list[_Segment] = []
@@ -120,7 +120,7 @@ class _Channel:
         self._slew_per_us = 1.0
 
     def apply(self, time_us: float, target: ChannelTarget, slew_per_s: float) -> None:
-        """An event, after `run_to` its time."""
+        """Apply an event; `run_to` its time must come first."""
         self._slew_per_us = slew_per_s * S_PER_US
         self._target = target.amplitude
         if target.phase_rad is not None:
@@ -131,7 +131,7 @@ class _Channel:
             changed.frequency_hz = target.frequency_hz
 
     def run_to(self, stop_us: float) -> None:
-        """Leave the segments up to a time; infinity for all that remain."""
+        """Collect the segments up to a time; infinity for all that remain."""
         if self._next_oscillator is not None and self._ramp_to(0.0, stop_us):
             self._next_oscillator.advance(self._oscillator.at_us)
             self._oscillator, self._next_oscillator = self._next_oscillator, None
@@ -141,7 +141,7 @@ class _Channel:
                 self._oscillator.advance(stop_us)
 
     def _ramp_to(self, goal: float, stop_us: float) -> bool:
-        """Ramp until the goal or the time, whichever is first; whether the goal was reached."""
+        """Ramp until the goal or the time, whichever is first; returns whether the goal was reached."""
         distance = goal - self._amplitude
         if distance == 0:
             return True

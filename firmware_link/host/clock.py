@@ -1,4 +1,4 @@
-"""Round trips to the device's clock: offset as bounds, drift by decayed regression."""
+"""Clock of the device, estimated from round trips: offset as bounds, drift by decayed regression."""
 
 import math
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class Exchange:
     host_received_ns: int
 
     def offset_bounds(self) -> "OffsetBounds":
-        """What this round trip alone says: a message arrives after it left."""
+        """Bounds from this round trip alone: a message arrives after it left."""
         # A device time is cut to whole microseconds: the request came up to one later than it says.
         upper_ns = (self.device_received_us + 1) * NS_PER_US - self.host_sent_ns
         return OffsetBounds(self.device_sent_us * NS_PER_US - self.host_received_ns, upper_ns)
@@ -31,19 +31,19 @@ class Exchange:
 
 @dataclass(frozen=True)
 class OffsetBounds:
-    """Device clock minus host clock lies between the two, as long as the clocks keep to DRIFT_BOUND."""
+    """Bounds of device clock minus host clock; true as long as the clocks keep to DRIFT_BOUND."""
 
     lower_ns: float
     upper_ns: float
 
     @property
     def middle_ns(self) -> float:
-        """The best guess."""
+        """The estimate of the offset."""
         return (self.lower_ns + self.upper_ns) / 2
 
     @property
     def half_width_ns(self) -> float:
-        """How wrong the middle may be."""
+        """The greatest error of the middle."""
         return (self.upper_ns - self.lower_ns) / 2
 
     def widened(self, elapsed_ns: float) -> "OffsetBounds":
@@ -52,7 +52,7 @@ class OffsetBounds:
         return OffsetBounds(self.lower_ns - margin_ns, self.upper_ns + margin_ns)
 
     def intersection(self, other: "OffsetBounds") -> "OffsetBounds | None":
-        """What both allow; None where they contradict each other."""
+        """Offsets that both allow; None where they contradict each other."""
         lower_ns, upper_ns = max(self.lower_ns, other.lower_ns), min(self.upper_ns, other.upper_ns)
         return OffsetBounds(lower_ns, upper_ns) if lower_ns <= upper_ns else None
 

@@ -1,4 +1,4 @@
-"""How a running emulator is found: a symbolic link to its port, under a name that stays the same."""
+"""Registry of running emulators: each is a symbolic link to its port, under a name that stays the same."""
 
 import contextlib
 import os
@@ -26,14 +26,14 @@ class Announcement:
         link.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
 
     def point_to(self, port: str) -> None:
-        """Lead to this port from now on, without a moment of leading nowhere."""
+        """Lead to this port from now on; the link is replaced, so that it always leads somewhere."""
         temporary = self.link.with_name(f".{self.link.name}")
         temporary.unlink(missing_ok=True)
         temporary.symlink_to(port)
         temporary.replace(self.link)
 
     def close(self) -> None:
-        """The emulator is gone."""
+        """Remove the link."""
         self.link.unlink(missing_ok=True)
 
 

@@ -1,4 +1,4 @@
-"""What a link is told and what it tells: configuration, capabilities, events and counters."""
+"""Values of a link: its configuration, the capabilities of the device, events and counters."""
 
 import math
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ _NO_FEATURES = Features(0)
 
 
 class LinkState(Enum):
-    """Where the session is; drives are sent in READY only."""
+    """State of the session; drives are sent in READY only."""
 
     DISCONNECTED = "disconnected"
     GREETING = "greeting"
@@ -174,7 +174,7 @@ class FaultReceived:
 
 @dataclass(frozen=True)
 class LogReceived:
-    """The device told something."""
+    """The device sent a LOG."""
 
     level: LogLevel
     code: LogCode
@@ -205,10 +205,7 @@ Event = Greeted | Armed | StatusReceived | FaultReceived | LogReceived | BankRep
 
 @dataclass
 class LinkCounters:
-    """What the link did: drives and waveforms sent, sent again, kept alive, replaced unsent or not taken.
-
-    Then what the device said.
-    """
+    """Commands sent, renewed, kept alive, replaced before they were sent, or dropped; then what the device said."""
 
     sent: int = 0
     renewed: int = 0

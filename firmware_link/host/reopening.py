@@ -1,4 +1,4 @@
-"""The port of a device that comes and goes to an open one: tried again with growing pauses, by a name that stays."""
+"""Reconnection: a port that was lost is opened again by its stable name, with growing pauses."""
 
 from collections.abc import Callable
 from typing import Generic, Protocol, TypeVar
@@ -15,7 +15,7 @@ class Closable(Protocol):
     """A port that can be given back."""
 
     def close(self) -> None:
-        """Give it back."""
+        """Close the port."""
 
 
 P = TypeVar("P", bound=Closable)
@@ -40,7 +40,7 @@ class ReopeningPort(Generic[P]):
         self._due_ns = 0
 
     def close(self) -> None:
-        """Give back what is open."""
+        """Close the port, if it is open."""
         if self.port is not None:
             self.port.close()
             self.port = None

@@ -1,4 +1,4 @@
-"""A serial port by name to a descriptor that never blocks."""
+"""Serial ports: their list, and one opened by name as a descriptor that never blocks."""
 
 import errno
 import grp
@@ -33,7 +33,7 @@ class LowLatency(Enum):
 class PortDescription:
     """One port of this machine; `stable_id` is its by-id path, else its USB serial number, else its path.
 
-    That of an emulator is the link by which it announces itself. Vendor and product are numbers of USB, None elsewhere.
+    The stable id of an emulator is the link in its registry. Vendor and product are USB numbers, None elsewhere.
     """
 
     path: str
@@ -64,7 +64,7 @@ def find_ports() -> tuple[PortDescription, ...]:
 
 
 def path_of(name: str) -> str:
-    """Path of a port given by its path or stable id; raises LinkError for a name that is neither."""
+    """Find the path of a port by its path or stable id; raises LinkError for a name that is neither."""
     for port in find_ports():
         if name in (port.stable_id, port.path):
             return port.path
@@ -98,7 +98,7 @@ class SerialPort:
         return self._descriptor
 
     def read(self) -> bytes:
-        """What has come, perhaps nothing; raises LinkLostError when the port is gone."""
+        """Read what has come, perhaps nothing; raises LinkLostError when the port is gone."""
         try:
             data = os.read(self._descriptor, READ_SIZE)
         except BlockingIOError:
@@ -110,7 +110,7 @@ class SerialPort:
         return data
 
     def write(self, data: bytes) -> int:
-        """Number of bytes taken, perhaps none; raises LinkLostError when the port is gone."""
+        """Write what the port takes; returns the number of bytes, perhaps 0. Raises LinkLostError when it is gone."""
         try:
             return os.write(self._descriptor, data)
         except BlockingIOError:
@@ -119,7 +119,7 @@ class SerialPort:
             raise self._gone(error) from error
 
     def close(self) -> None:
-        """Give the port back; a second close does nothing."""
+        """Close the port; a second close does nothing."""
         self._serial.close()
 
     def __enter__(self) -> Self:
@@ -139,7 +139,7 @@ def _is_refused(error: Exception) -> bool:
 
 
 def permission_remedy(path: str) -> str:
-    """What gives a user the port: the group that it belongs to, where that helps, or a udev rule."""
+    """Advice that gives a user the port: the group that it belongs to, where that helps, or a udev rule."""
     rule = f'SUBSYSTEM=="tty", KERNEL=="{Path(path).resolve().name}", TAG+="uaccess"'
     by_rule = f"put this udev rule into {_RULE_FILE}, run `sudo udevadm control --reload` and plug it in again: {rule}"
     group = _group_with_access(path)
@@ -149,7 +149,7 @@ def permission_remedy(path: str) -> str:
 
 
 def _group_with_access(path: str) -> str | None:
-    """Group whose members may read and write the port (dialout on Debian, uucp on Arch); None: none but root's."""
+    """Group whose members may read and write the port (dialout on Debian, uucp on Arch); None where only root may."""
     try:
         status = Path(path).stat()
         group = grp.getgrgid(status.st_gid).gr_name

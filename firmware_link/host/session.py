@@ -1,4 +1,4 @@
-"""A link on its port: one exchange a call, never blocking."""
+"""Session: a link on its port, one exchange a call, never blocking."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -9,16 +9,16 @@ from firmware_link.protocol.errors import LinkError
 
 
 class Port(Protocol):
-    """What a session needs of a port: `SerialPort` has it, and so may a socket pair in a measurement."""
+    """The port of a session: a `SerialPort`, or a socket pair in a measurement."""
 
     def fileno(self) -> int:
         """The descriptor, to poll."""
 
     def read(self) -> bytes:
-        """What has come, perhaps nothing; raises LinkLostError when the port is gone."""
+        """Read what has come, perhaps nothing; raises LinkLostError when the port is gone."""
 
     def write(self, data: bytes) -> int:
-        """Number of bytes taken, perhaps none; raises LinkLostError when the port is gone."""
+        """Write what the port takes; returns the number of bytes, perhaps 0. Raises LinkLostError when it is gone."""
 
 
 class Session:
@@ -79,7 +79,7 @@ class Session:
             self._unsent = data[self.port.write(data) :]
 
     def confirm(self, frame: bytes, taken: int, now_ns: int) -> bool:
-        """Somebody else wrote the first `taken` bytes of `frame` at `now_ns`: whether the link sends just that then."""
+        """The compiled step wrote the first `taken` bytes of `frame` at `now_ns`; returns whether the link agrees."""
         if self.link.outgoing(now_ns) != frame:
             return False
         self._unsent = frame[taken:]

@@ -1,1 +1,1 @@
-"""Messages, framing and limits of the wire."""
+"""Definition of the wire: messages, frames, banks of waveforms, and the rate that a line carries."""

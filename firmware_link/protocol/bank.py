@@ -32,7 +32,7 @@ class Bank:
     waveforms: tuple[Samples, ...]
 
     def length_us(self, index: int) -> int:
-        """How long a waveform plays, rounded up."""
+        """Duration of a waveform, rounded up."""
         return -(-(len(self.waveforms[index]) - 1) * US_PER_S // self.sample_rate_hz)
 
 
@@ -45,12 +45,12 @@ def make_bank(sample_rate_hz: int, waveforms: Sequence[NDArray[np.float64]]) -> 
 
 
 def bank_size(number_of_actuators: int, lengths: Sequence[int]) -> int:
-    """Bytes of a bank for a device, of waveforms with so many samples."""
+    """Size of a bank in bytes, of waveforms with these numbers of samples."""
     return _HEAD.size + sum(_HEAD_WORD_SIZE + SAMPLE_SIZE * number_of_actuators * length for length in lengths)
 
 
 def encode_bank(bank: Bank, number_of_actuators: int) -> bytes:
-    """Bytes of a bank for a device, its further actuators silent; raises MessageError for one that no device takes."""
+    """Bytes of a bank for a device, whose further actuators are silent; raises MessageError for an invalid bank."""
     lengths = [len(waveform) for waveform in bank.waveforms]
     if not 1 <= bank.sample_rate_hz <= 0xFFFF:
         raise MessageError(f"the sample rate of a bank is {bank.sample_rate_hz} Hz; expected 1 to 65535")
@@ -68,7 +68,7 @@ def encode_bank(bank: Bank, number_of_actuators: int) -> bytes:
 
 
 def decode_bank(data: bytes, number_of_actuators: int) -> Bank:
-    """Bank of its bytes; raises MessageError for bytes that are none for this number of actuators."""
+    """Bank of its bytes; raises MessageError for bytes that are not a bank for this number of actuators."""
     try:
         sample_rate_hz, number = _HEAD.unpack_from(data)
         lengths = struct.unpack_from(f"<{number}H", data, _HEAD.size)
@@ -89,12 +89,12 @@ def decode_bank(data: bytes, number_of_actuators: int) -> Bank:
 
 
 def hash_of_bank(data: bytes) -> int:
-    """What names the bytes of a bank; never 0."""
+    """Hash that names the bytes of a bank; never 0."""
     return zlib.crc32(data) or _HASH_INSTEAD_OF_0
 
 
 def transfer_messages(data: bytes) -> Iterator[BankBegin | BankChunk | BankCommit]:
-    """What hands a bank over, in order, each to be acknowledged before the next."""
+    """Messages that transfer a bank, in order; each must be acknowledged before the next."""
     bank_hash = hash_of_bank(data)
     yield BankBegin(bank_hash, len(data))
     for offset in range(0, len(data), BANK_CHUNK_SIZE):

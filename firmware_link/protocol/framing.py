@@ -1,4 +1,4 @@
-"""Body to frame and back: `COBS(body ‖ crc32_le) ‖ 0x00`."""
+"""Frames of the wire: a body to `COBS(body ‖ crc32_le) ‖ 0x00` and back."""
 
 import zlib
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ _SHORTEST_BODY = 2
 
 
 class Signal(Enum):
-    """What a stream says without a frame."""
+    """A signal in the stream that is not a frame."""
 
     EMERGENCY_STOP = "eight delimiters in a row"
 
@@ -79,7 +79,7 @@ def longest_stuffed_length(number_of_actuators: int) -> int:
 
 
 class FrameDecoder:
-    """Bytes in, accepted bodies out; bounded, and in step again at the next delimiter whatever came before.
+    """Decoder of a stream of bytes; bounded, and in step again at the next delimiter whatever came before.
 
     A device gives its number of actuators; a host needs none, since what it receives does not depend on it.
     """

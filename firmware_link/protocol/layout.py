@@ -1,4 +1,4 @@
-"""A class of annotated integers to its bytes and back: the machinery under `messages`."""
+"""Layout of a message: its class of annotated integers to bytes and back."""
 
 import enum
 import re
@@ -40,7 +40,7 @@ class Word(NamedTuple):
 
 
 class PerActuator(NamedTuple):
-    """The last field of a message, repeated for each actuator: the named words of one of them."""
+    """The last field of a message, repeated for each actuator: the named words of one actuator."""
 
     words: tuple[tuple[str, Word], ...]
 
@@ -65,12 +65,12 @@ class Message:
 
     @classmethod
     def purpose(cls) -> str:
-        """What the message is for, in a few words."""
+        """Purpose of the message in a few words."""
         return (cls.__doc__ or "").partition("\n")[0].removesuffix(".")
 
 
 class Layout:
-    """How the messages of one class lie in their bodies: `type u8, sequence u8, fields`, little-endian."""
+    """Layout of the messages of one class in their bodies: `type u8, sequence u8, fields`, little-endian."""
 
     def __init__(self, message: type[Message]) -> None:
         hints = get_type_hints(message, include_extras=True)

@@ -1,4 +1,4 @@
-"""A transport and its bit rate to how long frames occupy it, and to the commands a second that it can carry."""
+"""Capacity of a line: how long a write occupies a transport, and the commands a second that it carries."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -17,7 +17,7 @@ LONGEST_SEQUENCE_LEAD = 127
 
 
 class Transport(Enum):
-    """What carries the bytes; all but a UART ignore the bit rate that a port is opened with."""
+    """Kinds of transport; all but a UART ignore the bit rate that a port is opened with."""
 
     UART = "UART"
     USB_FULL_SPEED = "USB full speed"
@@ -43,7 +43,7 @@ _PACKETS = {
 
 
 def occupied_ns(transport: Transport, bit_rate_hz: int, size: int) -> int:
-    """How long `size` bytes written at once keep the line busy."""
+    """Duration for which `size` bytes written at once occupy the line."""
     packets = _PACKETS.get(transport)
     if packets is None:
         return size * UART_BITS_PER_BYTE * NS_PER_S // bit_rate_hz

@@ -292,24 +292,7 @@ class Play(Message, wire_name="PLAY", type_byte=0x11, sender=Sender.HOST):
     amplitude: Annotated[int, _AMPLITUDE]
 
 
-MESSAGES: tuple[type[Message], ...] = (
-    HelloRequest,
-    Hello,
-    Arm,
-    Ack,
-    Set,
-    KeepAlive,
-    Stop,
-    TimeRequest,
-    Time,
-    Status,
-    Fault,
-    Log,
-    BankBegin,
-    BankChunk,
-    BankCommit,
-    Play,
-)
+MESSAGES: tuple[type[Message], ...] = tuple(Message.__subclasses__())  # in the order of this file
 
 _LAYOUTS = {message.type_byte: Layout(message) for message in MESSAGES}
 
@@ -360,21 +343,6 @@ def has_exact_length(body: bytes, number_of_actuators: int) -> bool:
 def longest_body_length(number_of_actuators: int) -> int:
     """Bytes of the longest body of any type for this number of actuators."""
     return max(layout.length(number_of_actuators) for layout in _LAYOUTS.values())
-
-
-def protocol_table() -> str:
-    """The table of all messages for PROTOCOL.md, in Markdown."""
-    rows = [
-        "| type | message | sender | body bytes | fields after type and sequence | purpose |",
-        "|---|---|---|---|---|---|",
-    ]
-    for layout in _LAYOUTS.values():
-        message, each = layout.message, layout.length(1) - layout.length(0)
-        size = f"{layout.length(0)} + {each} N" if each else f"{layout.length(0)}"
-        names = "<br>".join(f"`{text}`" for text in layout.field_texts())
-        row = (f"0x{message.type_byte:02x}", message.wire_name, message.sender, size, names, message.purpose())
-        rows.append(f"| {' | '.join(row)} |")
-    return "\n".join(rows) + "\n"
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import firmware_link
+from firmware_link.codegen.protocol_table import protocol_table
 from firmware_link.codegen.vectors import example_bank
 from firmware_link.protocol.bank import encode_bank, hash_of_bank
 from firmware_link.protocol.errors import MessageError
@@ -27,7 +28,6 @@ from firmware_link.protocol.messages import (
     encode_drive,
     encode_set_body,
     has_exact_length,
-    protocol_table,
     seed_of,
 )
 from tests.firmware_link.strategies import BITS, RESOLUTION_HZ, channel_drives, messages, sequences, unhurried
