@@ -1,0 +1,284 @@
+"""Search for unpublished values of the paper's bar that keep all of its statements at once.
+
+The paper gives material, actuators and damping, and leaves out length, width, thickness, the masses of the bolts, the
+edges of the zones and the mesh; which actuator drove alone, which took the first frequency, and from which end it
+counts; and whether M and K of equation (2) are the bar's own or the assembled ones. Each combination of the discrete
+choices is a search of its own over the continuous values: a Latin hypercube first, then differential evolution from
+its best points, the most promising combinations for longer. A set of values is better when it keeps more statements
+(tests.studies.paper_statements), then when its worst margin is wider.
+
+python -m tests.studies.paper_search [--seed S] [--hours H] [--json FILE] takes H hours of processor time, 0.75 unless
+told, in one thread.
+"""
+
+import argparse
+import itertools
+import json
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import Bounds, OptimizeResult, differential_evolution
+from scipy.stats import qmc
+
+from engine.device.device import Device, Zone
+from tactable.shipped import find_device
+from tests.studies.paper_statements import READINGS, STATEMENTS, check, figures_of, margins, solve
+
+Array = NDArray[np.float64]
+
+BOUNDS = {
+    "length, mm": (170.0, 420.0),
+    "width, mm": (6.0, 60.0),
+    "thickness, mm": (0.4, 4.0),
+    "left bolt, g": (0.05, 40.0),
+    "right bolt, g": (0.05, 40.0),
+    "largest element, mm": (8.0, 60.0),
+}
+"""Searched evenly in the logarithm. The bar is at least long enough to have a place at 6 in."""
+WIDEST_ZONE = 2.5
+"""Where zones are not equal, relative widths lie between 1 and this."""
+_GRID_HZ, _FINE_HZ = np.linspace(60, 300, 121), np.linspace(60, 300, 961)
+_SAMPLES, _POPULATION = 1500, 36
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One combination of the discrete choices."""
+
+    damps_assembly: bool
+    equal_zones: bool
+    reading: int
+
+    def __str__(self) -> str:
+        matrices, zones = ("bar", "assembly")[self.damps_assembly], ("free", "equal")[self.equal_zones]
+        return f"equation (2) of the {matrices}, {zones} zones, {READINGS[self.reading]}"
+
+
+CHOICES = [Choice(*choice) for choice in itertools.product((False, True), (True, False), range(len(READINGS)))]
+
+
+def device_of(x: Array, nominal: Device) -> Device:
+    """The device of a point in the unit cube: values of BOUNDS, then five relative widths of zones unless equal."""
+    low, high = np.log(np.array(list(BOUNDS.values()))).T
+    length_mm, width_mm, thickness_mm, left_g, right_g, element_mm = np.exp(low + x[: len(low)] * (high - low))
+    length_m = 1e-3 * length_mm
+    widths = WIDEST_ZONE ** (x[len(low) :] if len(x) > len(low) else np.zeros(5))
+    edges_m = length_m * np.concatenate([[0.0], np.cumsum(widths) / widths.sum()])
+    edges_m[-1] = length_m
+    bar = replace(
+        nominal.bar,
+        length_m=length_m,
+        width_m=1e-3 * width_mm,
+        thickness_m=1e-3 * thickness_mm,
+        largest_element_m=1e-3 * element_mm,
+    )
+    actuators = tuple(
+        replace(actuator, position_m=place * length_m, mass_kg=1e-3 * mass_g)
+        for actuator, place, mass_g in zip(nominal.actuators, (0.16, 0.977), (left_g, right_g), strict=True)
+    )
+    zones = tuple(
+        Zone(zone.name, start, stop)
+        for zone, (start, stop) in zip(nominal.zones, itertools.pairwise(edges_m), strict=True)
+    )
+    return replace(nominal, bar=bar, actuators=actuators, zones=zones)
+
+
+def score(margin: Array) -> float:
+    """Number of statements kept, then how near the others are; where all are kept, the worst margin."""
+    failed = margin[margin < 0]
+    if len(failed) == 0:
+        return len(margin) + float(margin.min()) / 100
+    return len(margin) - len(failed) + 0.5 * float(np.mean(np.exp(failed / 3)))
+
+
+@dataclass
+class Archive:
+    """What all evaluations have shown, whatever they were made for."""
+
+    together: NDArray[np.bool_] = field(default_factory=lambda: np.eye(len(STATEMENTS), dtype=bool) & False)
+    """(statement, statement): some set kept both."""
+    most_with: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(STATEMENTS), dtype=np.int64))
+    """(statement,): the most statements that a set that keeps this one keeps."""
+    best: dict[Choice, tuple[float, Array]] = field(default_factory=dict)
+    evaluations: int = 0
+
+    def note(self, choice: Choice, x: Array, margin: Array) -> float:
+        """Take an evaluation in; its score."""
+        kept = margin >= 0
+        self.together |= kept[:, None] & kept
+        self.most_with[kept] = np.maximum(self.most_with[kept], kept.sum())
+        value = score(margin)
+        if choice not in self.best or value > self.best[choice][0]:
+            self.best[choice] = (value, x.copy())
+        return value
+
+
+class Search:
+    """Searches that share an archive and a budget of processor time."""
+
+    def __init__(self, seed: int, seconds: float) -> None:
+        self.archive = Archive()
+        self._nominal = find_device("reference-a")
+        self._random = np.random.default_rng(seed)
+        self._end_s = time.process_time() + seconds
+        self._seconds = seconds
+        self._starts: dict[Choice, list[tuple[float, Array]]] = {choice: [] for choice in CHOICES}
+
+    @property
+    def left_s(self) -> float:
+        """Processor time that is left."""
+        return self._end_s - time.process_time()
+
+    def _margins(self, x: Array, *, damps_assembly: bool, frequency_hz: Array = _GRID_HZ) -> Array:
+        self.archive.evaluations += 1
+        return margins(solve(device_of(x, self._nominal), frequency_hz, damps_assembly=damps_assembly))
+
+    def sample(self) -> None:
+        """A Latin hypercube for each kind of damping and zones, scored for all readings at once."""
+        for damps_assembly, equal_zones in itertools.product((False, True), (True, False)):
+            cube = qmc.LatinHypercube(len(BOUNDS) + (0 if equal_zones else 5), seed=self._random)
+            for x in cube.random(_SAMPLES):
+                for reading, margin in enumerate(self._margins(x, damps_assembly=damps_assembly)):
+                    choice = Choice(damps_assembly, equal_zones, reading)
+                    self._starts[choice].append((self.archive.note(choice, x, margin), x))
+        for starts in self._starts.values():
+            starts.sort(key=lambda start: -start[0])
+
+    def evolve(self, choice: Choice, seconds: float, pair: tuple[int, int] | None = None) -> float:
+        """Differential evolution of one choice; the best score, or the best worse margin of a pair of statements."""
+        end_s = time.process_time() + min(seconds, self.left_s)
+        size = len(BOUNDS) + (0 if choice.equal_zones else 5)
+        best = -np.inf
+
+        def cost(x: Array) -> float:
+            nonlocal best
+            margin = self._margins(x, damps_assembly=choice.damps_assembly)[choice.reading]
+            value = self.archive.note(choice, x, margin)
+            if pair is not None:
+                value = float(margin[list(pair)].min())
+            best = max(best, value)
+            return -value
+
+        def stop(intermediate_result: OptimizeResult) -> None:  # noqa: ARG001  # scipy looks at the name
+            if time.process_time() > end_s or (pair is not None and best >= 0):
+                raise StopIteration
+
+        while time.process_time() < end_s and (pair is None or best < 0):
+            known = [x for _, x in self._starts[choice][: _POPULATION // 3]]
+            if choice in self.archive.best:
+                known.append(self.archive.best[choice][1])
+            fresh = self._random.random((_POPULATION - len(known), size))
+            differential_evolution(
+                cost,
+                Bounds(np.zeros(size), np.ones(size)),
+                init=np.concatenate([known, fresh]),
+                maxiter=10_000,
+                mutation=(0.4, 0.9),
+                recombination=0.8,
+                tol=1e-4,
+                polish=False,
+                seed=self._random,
+                callback=stop,
+            )
+        return best
+
+    def run(self) -> None:
+        """Sample, then give the choices that look best more time in each round."""
+        self.sample()
+        said(f"{self.archive.evaluations} sampled, {self.left_s:.0f} s left")
+        share = 0.8 * self.left_s / 3
+        chosen: Iterable[Choice] = CHOICES
+        for count in (len(CHOICES), 8, 2):
+            chosen = sorted(chosen, key=lambda choice: -self.archive.best[choice][0])[:count]
+            for choice in chosen:
+                found = self.evolve(choice, share / count)
+                said(f"{found:7.3f}  {choice}  {self.left_s:.0f} s left")
+
+    def exclude(self) -> list[tuple[int, int]]:
+        """Pairs of statements that no set kept together, though each was searched for; then search on as before."""
+        apart = [
+            (i, j) for i, j in itertools.combinations(range(len(STATEMENTS)), 2) if not self.archive.together[i, j]
+        ]
+        for rank, (i, j) in enumerate(apart):
+            seconds = self.left_s / (len(apart) - rank) / len(CHOICES)
+            for choice in CHOICES:
+                if not self.archive.together[i, j]:
+                    self.evolve(choice, max(seconds, 0.5), pair=(i, j))
+        while self.left_s > 0:
+            best = sorted(CHOICES, key=lambda choice: -self.archive.best[choice][0])
+            for choice in best[:4]:
+                self.evolve(choice, self.left_s / 4)
+        return [(i, j) for i, j in apart if not self.archive.together[i, j]]
+
+    def finish(self, choice: Choice) -> tuple[Device, Array, list[tuple[str, float]]]:
+        """The best device of a choice on the fine grid: device, margins, and every statement with its value."""
+        device = device_of(self.archive.best[choice][1], self._nominal)
+        solved = solve(device, _FINE_HZ, damps_assembly=choice.damps_assembly)
+        margin = margins(solved)[choice.reading]
+        return device, margin, check(figures_of(solved, READINGS[choice.reading]))
+
+
+def said(line: str) -> None:
+    """Print at once: the search takes long."""
+    print(line, flush=True)  # noqa: T201
+
+
+def describe(device: Device) -> dict[str, object]:
+    """The values that were searched."""
+    bar = device.bar
+    return {
+        "length_mm": float(1e3 * bar.length_m),
+        "width_mm": float(1e3 * bar.width_m),
+        "thickness_mm": float(1e3 * bar.thickness_m),
+        "bolts_g": [float(1e3 * actuator.mass_kg) for actuator in device.actuators],
+        "zone_edges_mm": [float(1e3 * zone.stop_m) for zone in device.zones[:-1]],
+        "largest_element_mm": float(1e3 * bar.largest_element_m),
+    }
+
+
+def main() -> None:
+    """Search, and say what was found."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--hours", type=float, default=0.75)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    search = Search(options.seed, 3600 * options.hours)
+    search.run()
+    excluded = [(STATEMENTS[i][0], STATEMENTS[j][0]) for i, j in search.exclude()]
+    archive, count = search.archive, len(STATEMENTS)
+    best = sorted(archive.best, key=lambda choice: -archive.best[choice][0])
+    most_with = {name: int(most) for (name, _, _), most in zip(STATEMENTS, archive.most_with, strict=True)}
+    report: dict[str, object] = {
+        "evaluations": archive.evaluations,
+        "never_together": excluded,
+        "most_with": most_with,
+    }
+    spent_s = 3600 * options.hours - search.left_s
+    said(f"{archive.evaluations} sets, {spent_s:.0f} s of processor time, seed {options.seed}")
+    said(f"pairs that no set kept together: {excluded or 'none'}")
+    said("most kept by a set that keeps: " + ", ".join(f"{name} {most}" for name, most in most_with.items()))
+    for choice in best:
+        said(f"{archive.best[choice][0]:7.3f}  {choice}")
+    found = list[dict[str, object]]()
+    for rank, choice in enumerate(best[:6]):
+        device, margin, checked = search.finish(choice)
+        kept = int((margin >= 0).sum())
+        said(f"\n{kept} of {count} kept, worst margin {margin.min():+.2f} dB: {choice}\n{describe(device)}")
+        failing = {name: round(float(m), 2) for (name, _, _), m in zip(STATEMENTS, margin, strict=True) if m < 0}
+        said(f"failing, dB: {failing or 'none'}")
+        found.append({"choice": str(choice), "kept": kept, "failing": failing, **describe(device)})
+        if rank == 0:
+            for (name, sentence, _), (value, _), m in zip(STATEMENTS, checked, margin, strict=True):
+                said(f"{name} {'kept' if m >= 0 else 'FAILS':5s} {m:+6.1f} dB  {sentence}: {value}")
+    report["best"] = found
+    if options.json:
+        options.json.write_text(json.dumps(report, indent=1), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,72 @@
+"""What docs/theory.md says of the paper's statements and reference-a; the search's own arithmetic."""
+
+import re
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactable.shipped import find_device
+from tests.studies.paper_search import BOUNDS, Archive, Choice, device_of, score
+from tests.studies.paper_statements import READINGS, STATEMENTS, Reading, Solved, check, figures_of, margins, solve
+
+THEORY = Path(__file__).parents[2] / "docs" / "theory.md"
+
+
+@cache
+def solved() -> Solved:
+    return solve(find_device("reference-a"), np.linspace(60, 300, 961))
+
+
+def documented_margins() -> list[list[float]]:
+    """Margins (end, statement) of the table under "Paper against model"."""
+    rows = re.findall(r"^\|[^|]*\|[^|]*\|[^|]*\| ([+-]?[\d.]+) \|[^|]*\| ([+-]?[\d.]+) \|$", THEORY.read_text(), re.M)
+    return [[float(row[end]) for row in rows] for end in (0, 1)]
+
+
+@pytest.mark.parametrize("from_right", [False, True])
+def test_the_table_of_the_document_is_what_the_model_says(from_right: bool) -> None:
+    found = [margin for _, margin in check(figures_of(solved(), Reading(1, False, from_right)))]
+    assert documented_margins()[from_right] == pytest.approx(found, abs=0.06)
+    assert sum(margin >= 0 for margin in found) == (15 if from_right else 10)
+
+
+def test_margins_of_all_readings_are_those_of_each() -> None:
+    for row, reading in zip(margins(solved()), READINGS, strict=True):
+        assert row.tolist() == [margin for _, margin in check(figures_of(solved(), reading))]
+
+
+def test_an_assembly_that_damps_lowers_the_reach_below_the_published_one() -> None:
+    device, frequency_hz = find_device("reference-a"), np.linspace(60, 300, 961)
+    reach_m_per_s2 = [
+        figures_of(solve(device, frequency_hz, damps_assembly=damps), READINGS[0]).reach.min()
+        for damps in (False, True)
+    ]
+    assert reach_m_per_s2[1] < 1.5 * 9.80665 < reach_m_per_s2[0]
+
+
+@pytest.mark.parametrize("zones", [0, 5])
+def test_every_point_of_the_search_is_a_bar_with_the_published_places(zones: int) -> None:
+    nominal = find_device("reference-a")
+    for x in np.random.default_rng(1).random((20, len(BOUNDS) + zones)):
+        device = device_of(x, nominal)
+        edges_m = [zone.stop_m for zone in device.zones]
+        assert edges_m == sorted(edges_m) and edges_m[-1] == device.bar.length_m
+        places = [actuator.position_m / device.bar.length_m for actuator in device.actuators]
+        assert places == pytest.approx([0.16, 0.977])
+
+
+def test_more_statements_count_before_wider_margins() -> None:
+    count = len(STATEMENTS)
+    one_missed, two_missed = np.full(count, 0.1), np.full(count, 20.0)
+    one_missed[0], two_missed[:2] = -20.0, -0.1
+    assert score(np.full(count, 0.1)) > score(one_missed) > score(two_missed)
+
+
+def test_an_archive_remembers_what_was_kept_together() -> None:
+    archive, margin = Archive(), np.full(len(STATEMENTS), -1.0)
+    margin[[2, 5]] = 1.0
+    archive.note(Choice(False, True, 0), np.zeros(6), margin)
+    assert archive.together[2, 5] and not archive.together[2, 3]
+    assert archive.most_with[[2, 5, 3]].tolist() == [2, 2, 0]
