@@ -24,9 +24,19 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, OptimizeResult, differential_evolution
 from scipy.stats import qmc
 
-from engine.device.device import Device, Zone
+from engine.device import Device, Zone
 from tactable.shipped import find_device
-from tests.studies.paper_statements import READINGS, STATEMENTS, check, figures_of, margins, solve
+from tests.studies.paper_statements import (
+    DAMPING_OF,
+    READINGS,
+    STATEMENTS,
+    DampingOf,
+    check,
+    figures_of,
+    margins,
+    solve,
+    with_damping_of,
+)
 
 Array = NDArray[np.float64]
 
@@ -49,16 +59,16 @@ _SAMPLES, _POPULATION = 1500, 36
 class Choice:
     """One combination of the discrete choices."""
 
-    damps_assembly: bool
+    damping_of: DampingOf
     equal_zones: bool
     reading: int
 
     def __str__(self) -> str:
-        matrices, zones = ("bar", "assembly")[self.damps_assembly], ("free", "equal")[self.equal_zones]
-        return f"equation (2) of the {matrices}, {zones} zones, {READINGS[self.reading]}"
+        zones = ("free", "equal")[self.equal_zones]
+        return f"equation (2) of the {self.damping_of}, {zones} zones, {READINGS[self.reading]}"
 
 
-CHOICES = [Choice(*choice) for choice in itertools.product((False, True), (True, False), range(len(READINGS)))]
+CHOICES = [Choice(*choice) for choice in itertools.product(DAMPING_OF, (True, False), range(len(READINGS)))]
 
 
 def device_of(x: Array, nominal: Device) -> Device:
@@ -133,17 +143,17 @@ class Search:
         """Processor time that is left."""
         return self._end_s - time.process_time()
 
-    def _margins(self, x: Array, *, damps_assembly: bool, frequency_hz: Array = _GRID_HZ) -> Array:
+    def _margins(self, x: Array, damping_of: DampingOf) -> Array:
         self.archive.evaluations += 1
-        return margins(solve(device_of(x, self._nominal), frequency_hz, damps_assembly=damps_assembly))
+        return margins(solve(with_damping_of(device_of(x, self._nominal), damping_of), _GRID_HZ))
 
     def sample(self) -> None:
         """A Latin hypercube for each kind of damping and zones, scored for all readings at once."""
-        for damps_assembly, equal_zones in itertools.product((False, True), (True, False)):
+        for damping_of, equal_zones in itertools.product(DAMPING_OF, (True, False)):
             cube = qmc.LatinHypercube(len(BOUNDS) + (0 if equal_zones else 5), seed=self._random)
             for x in cube.random(_SAMPLES):
-                for reading, margin in enumerate(self._margins(x, damps_assembly=damps_assembly)):
-                    choice = Choice(damps_assembly, equal_zones, reading)
+                for reading, margin in enumerate(self._margins(x, damping_of)):
+                    choice = Choice(damping_of, equal_zones, reading)
                     self._starts[choice].append((self.archive.note(choice, x, margin), x))
         for starts in self._starts.values():
             starts.sort(key=lambda start: -start[0])
@@ -156,7 +166,7 @@ class Search:
 
         def cost(x: Array) -> float:
             nonlocal best
-            margin = self._margins(x, damps_assembly=choice.damps_assembly)[choice.reading]
+            margin = self._margins(x, choice.damping_of)[choice.reading]
             value = self.archive.note(choice, x, margin)
             if pair is not None:
                 value = float(margin[list(pair)].min())
@@ -216,15 +226,15 @@ class Search:
 
     def finish(self, choice: Choice) -> tuple[Device, Array, list[tuple[str, float]]]:
         """The best device of a choice on the fine grid: device, margins, and every statement with its value."""
-        device = device_of(self.archive.best[choice][1], self._nominal)
-        solved = solve(device, _FINE_HZ, damps_assembly=choice.damps_assembly)
+        device = with_damping_of(device_of(self.archive.best[choice][1], self._nominal), choice.damping_of)
+        solved = solve(device, _FINE_HZ)
         margin = margins(solved)[choice.reading]
         return device, margin, check(figures_of(solved, READINGS[choice.reading]))
 
 
 def said(line: str) -> None:
     """Print at once: the search takes long."""
-    print(line, flush=True)  # noqa: T201
+    print(line, flush=True)
 
 
 def describe(device: Device) -> dict[str, object]:

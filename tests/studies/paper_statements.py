@@ -17,17 +17,20 @@ import itertools
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.device import Device
-from precompute.model.assembly import Plant, assemble
+from engine.device import Device
+from precompute.model.assembly import assemble
 from precompute.model.gram import compute_gram
 from precompute.model.response import solve_response
 from tactable.shipped import find_device
 
 Array = NDArray[np.float64]
+DampingOf = Literal["bar", "assembly"]
+DAMPING_OF: tuple[DampingOf, ...] = ("bar", "assembly")
 
 NODE, SIGNIFICANT, GREATER_DB = 1 / 4, 1 / 3, 2.0
 AROUND_M, INCH_M = 0.0127, 0.0254
@@ -79,6 +82,11 @@ class Solved:
     demo_energy: Array
 
 
+def with_damping_of(device: Device, damping_of: DampingOf) -> Device:
+    """The device with one of the two readings of equation (2)."""
+    return replace(device, bar=replace(device.bar, damping_of=damping_of))
+
+
 def demo_device(device: Device) -> Device:
     """The device with the values of Figure 3: no material damping, other actuators."""
     actuators = tuple(
@@ -90,21 +98,9 @@ def demo_device(device: Device) -> Device:
     )
 
 
-def assemble_both(device: Device, *, damps_assembly: bool) -> tuple[Plant, Plant]:
-    """The plant, and that of Figure 3; equation (2) read with the bar's own matrices or with the assembled ones."""
-    plant = assemble(device)
-    if damps_assembly:
-        bar = device.bar
-        damping = bar.mass_damping_per_s * plant.M + bar.stiffness_damping_s * plant.K
-        for actuator, dof in zip(device.actuators, plant.actuator_dof, strict=True):
-            damping[-1, dof] += actuator.damping_n_s_per_m
-        plant = replace(plant, C=damping)
-    return plant, assemble(demo_device(device))
-
-
-def solve(device: Device, frequency_hz: Array, *, damps_assembly: bool = False) -> Solved:
+def solve(device: Device, frequency_hz: Array) -> Solved:
     """Solve what the statements speak of; frequency_hz (frequency,), rising, is where optimum and reach are sought."""
-    plant, demo = assemble_both(device, damps_assembly=damps_assembly)
+    plant, demo = assemble(device), assemble(demo_device(device))
     place_m = np.linspace(0, device.bar.length_m, PLACES)
     stops_m = np.array([zone.stop_m for zone in device.zones])
     both = solve_response(plant, np.concatenate([_TONES, frequency_hz]))
@@ -307,14 +303,14 @@ def margins(solved: Solved) -> Array:
 def main() -> None:
     """Print the statements for reference-a or the device named, counted from either end."""
     device = find_device(sys.argv[1] if len(sys.argv) > 1 else "reference-a")
-    for damps_assembly in (False, True):
-        solved = solve(device, np.linspace(60, 300, 961), damps_assembly=damps_assembly)
+    for damping_of in DAMPING_OF:
+        solved = solve(with_damping_of(device, damping_of), np.linspace(60, 300, 961))
         for reading in (Reading(1, False, False), Reading(1, False, True)):
             checked = check(figures_of(solved, reading))
             kept = sum(margin >= 0 for _, margin in checked)
-            print(f"\nequation (2) of the {('bar', 'assembly')[damps_assembly]}, {reading}: {kept} of {len(checked)}")  # noqa: T201
+            print(f"\nequation (2) of the {damping_of}, {reading}: {kept} of {len(checked)}")
             for (name, sentence, _), (value, margin) in zip(STATEMENTS, checked, strict=True):
-                print(f"{name} {'kept' if margin >= 0 else 'FAILS':5s} {margin:+6.1f} dB  {sentence}: {value}")  # noqa: T201
+                print(f"{name} {'kept' if margin >= 0 else 'FAILS':5s} {margin:+6.1f} dB  {sentence}: {value}")
 
 
 if __name__ == "__main__":

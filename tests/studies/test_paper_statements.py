@@ -9,7 +9,16 @@ import pytest
 
 from tactable.shipped import find_device
 from tests.studies.paper_search import BOUNDS, Archive, Choice, device_of, score
-from tests.studies.paper_statements import READINGS, STATEMENTS, Reading, Solved, check, figures_of, margins, solve
+from tests.studies.paper_statements import (
+    READINGS,
+    STATEMENTS,
+    Reading,
+    Solved,
+    check,
+    figures_of,
+    margins,
+    solve,
+)
 
 THEORY = Path(__file__).parents[2] / "docs" / "theory.md"
 
@@ -39,10 +48,8 @@ def test_margins_of_all_readings_are_those_of_each() -> None:
 
 def test_an_assembly_that_damps_lowers_the_reach_below_the_published_one() -> None:
     device, frequency_hz = find_device("reference-a"), np.linspace(60, 300, 961)
-    reach_m_per_s2 = [
-        figures_of(solve(device, frequency_hz, damps_assembly=damps), READINGS[0]).reach.min()
-        for damps in (False, True)
-    ]
+    both = [figures_of(solve(with_damping_of(device, read), frequency_hz), READINGS[0]) for read in DAMPING_OF]
+    reach_m_per_s2 = [figures.reach.min() for figures in both]
     assert reach_m_per_s2[1] < 1.5 * 9.80665 < reach_m_per_s2[0]
 
 
@@ -67,6 +74,6 @@ def test_more_statements_count_before_wider_margins() -> None:
 def test_an_archive_remembers_what_was_kept_together() -> None:
     archive, margin = Archive(), np.full(len(STATEMENTS), -1.0)
     margin[[2, 5]] = 1.0
-    archive.note(Choice(False, True, 0), np.zeros(6), margin)
+    archive.note(Choice("bar", True, 0), np.zeros(6), margin)
     assert archive.together[2, 5] and not archive.together[2, 3]
     assert archive.most_with[[2, 5, 3]].tolist() == [2, 2, 0]
