@@ -10,6 +10,7 @@ import pytest
 from tactable.shipped import find_device
 from tests.studies.paper_search import BOUNDS, Archive, Choice, device_of, score
 from tests.studies.paper_statements import (
+    DAMPING_OF,
     READINGS,
     STATEMENTS,
     Reading,
@@ -18,6 +19,7 @@ from tests.studies.paper_statements import (
     figures_of,
     margins,
     solve,
+    with_damping_of,
 )
 
 THEORY = Path(__file__).parents[2] / "docs" / "theory.md"
