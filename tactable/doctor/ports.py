@@ -88,7 +88,4 @@ def port_rules(port: PortDescription) -> tuple[str, ...]:
     if port.vendor_id is None or port.product_id is None:
         return ()
     numbers = f'ATTRS{{idVendor}}=="{port.vendor_id:04x}", ATTRS{{idProduct}}=="{port.product_id:04x}"'
-    return (
-        f'{numbers}, ENV{{ID_MM_DEVICE_IGNORE}}="1"',
-        f'SUBSYSTEM=="tty", {numbers}, TAG+="uaccess"',
-    )
+    return (f'{numbers}, ENV{{ID_MM_DEVICE_IGNORE}}="1"', f'SUBSYSTEM=="tty", {numbers}, TAG+="uaccess"')

@@ -1,4 +1,4 @@
-"""A calibration to a picture: measured against fitted along the bar, one panel a drive (paper's Figures 6 and 7)."""
+"""A calibration along the bar: readings against the fitted model, a panel for each drive (paper's Figures 6 and 7)."""
 
 import io
 
@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 from precompute.calibration.calibrate import Calibration
 from tactable.figures.file import Picture
 from tactable.figures.response import reading_along
-from tactable.figures.style import BLACK, BLUE, GREY, VERMILLION, draw_actuators
-
-Array = NDArray[np.float64]
+from tactable.figures.style import BLACK, BLUE, GREY, VERMILLION, Array, draw_actuators
 
 _DOTS_PER_INCH = 120
 _COLUMNS, _MOST_PANELS = 3, 12

@@ -1,9 +1,8 @@
-"""One click to a picture: its waveform, what every finger feels of it, and how that varies between plants."""
+"""One click: its waveform, what every finger feels of it, and how that varies between sampled plants."""
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.table import ClickEntry
@@ -18,14 +17,13 @@ from tactable.figures.style import (
     GREY,
     STATE_COLOUR,
     THRESHOLD_NOTE,
-    draw_note,
+    Array,
+    finish_picture,
     finite,
     level_text,
     state_text,
-    zone_names,
+    zone_lists,
 )
-
-Array = NDArray[np.float64]
 
 SPREAD_NOTE = "spreads of the sampled plants"
 _SHOWN_AFTER_S = 0.03
@@ -51,14 +49,20 @@ def plot_click(source: ClickSource, click: ClickEntry) -> Picture:
     for k, finger in enumerate(_felt_first(course)):
         is_alone = k % 2 == 0 and k == len(course.zones) - 1
         _draw_fan(figure.add_subplot(grid[2 + k // 2, slice(None) if is_alone else k % 2]), device, course, finger)
-    caption = f"{device.name}: {state_text(device, click.states)}, a click of {1e3 * click.length_s:g} ms"
-    figure.suptitle(f"{caption}\n{promise_text(click)}", fontsize="medium")
-    draw_note(figure, device, FINGER_NOTE, SPREAD_NOTE, THRESHOLD_NOTE)
-    return Picture(figure, _columns(device, course), _summary(source, course), f"{caption}: {promise_text(click)}")
+    return finish_picture(
+        figure,
+        device,
+        f"{device.name}: {state_text(device, click.states)}, a click of {1e3 * click.length_s:g} ms",
+        promise_text(click),
+        _columns(device, course),
+        _summary(source, course),
+        notes=(FINGER_NOTE, SPREAD_NOTE, THRESHOLD_NOTE),
+        subtitle=promise_text(click),
+    )
 
 
 def promise_text(click: ClickEntry) -> str:
-    """What a click promises, in a line."""
+    """What a click promises, in one line."""
     wanted = f" ({level_text(click.wanted_level_db)} wanted)" if np.isfinite(click.wanted_level_db) else ""
     parts = [] if click.achieved else [f"NOT ACHIEVED{wanted}"]
     parts.append(f"felt {click.felt.low_db:z.1f} dB above threshold (5 % of fresh plants are below)")
@@ -151,10 +155,7 @@ def _columns(device: Device, course: Course) -> dict[str, Array]:
 def _summary(source: ClickSource, course: Course) -> dict[str, object]:
     table, click = source.table, course.click
     return {
-        "device": table.device.name,
-        "fingerprint": table.fingerprint,
-        "felt": zone_names(table.device, click.states, ZoneState.FELT),
-        "quiet": zone_names(table.device, click.states, ZoneState.QUIET),
+        **zone_lists(table.device, click.states),
         "is_tabulated": source.holds(click.states),
         "length_s": click.length_s,
         "wanted_level_db": finite(click.wanted_level_db),
@@ -163,7 +164,6 @@ def _summary(source: ClickSource, course: Course) -> dict[str, object]:
         "achieved": click.achieved,
         "fingers": [_finger_summary(table.device, course, finger) for finger in _felt_first(course)],
         "plants": course.weighted.shape[0] - 1,
-        "estimated": [FINGER_NOTE, SPREAD_NOTE, "detection threshold", *table.device.inferred],
     }
 
 

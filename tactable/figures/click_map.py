@@ -1,29 +1,34 @@
-"""A table to a picture of its two-finger clicks: what one finger feels and the other keeps to, beside a gated drive."""
+"""The map of clicks of two fingers: what the felt one gets and the quiet one keeps below, beside a gated drive."""
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
-from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from engine.table import ClickEntry, TableError
+from engine.table import ClickEntry
 from precompute.clicks.solver import Click
 from tactable.explain.click_rivals import judge_rival
 from tactable.explain.click_source import ClickSource
 from tactable.figures.click import SPREAD_NOTE
 from tactable.figures.file import Picture
-from tactable.figures.style import COLOUR_MAP, FINGER_NOTE, THRESHOLD_NOTE, draw_note
+from tactable.figures.style import COLOUR_MAP, FINGER_NOTE, THRESHOLD_NOTE, finish_picture
+from tactable.figures.zone_map import (
+    SINGLE_CELL,
+    colour_of,
+    draw_cell,
+    label_zones,
+    pair_columns,
+    pairs_of,
+    two_zone_names,
+)
 
 GATED = "gated steady drive"
 _CELL_INCHES = 0.9
 _MARGINS_INCHES = (2.6, 2.0)
-_SINGLE_CELL = "0.92"
 _HATCH = "//"
 
 
@@ -64,26 +69,27 @@ def plot_click_map(source: ClickSource, told: Callable[[float], None]) -> Pictur
     What the table has no click for is solved. Raises TableError where the device has one zone.
     """
     table = source.table
-    names = [zone.name for zone in table.device.zones]
-    if len(names) < 2:
-        raise TableError(f"{table.path}: two fingers need two zones, {table.device.name} has one")
+    names = two_zone_names(table)
     cells = _solve_cells(source, names, told)
     width, height = (_CELL_INCHES * count * len(names) for count in (2, 1))
     figure = Figure(figsize=(width + _MARGINS_INCHES[0], height + _MARGINS_INCHES[1]), layout="constrained")
     _draw(figure, names, cells)
-    caption = f"{table.device.name}: clicks of two fingers"
-    figure.suptitle(
-        f"{caption}\nlarge: felt level (dB), 5 % of fresh plants are below; small: quiet level, 5 % above",
-        fontsize="medium",
+    pairs = [cell for row in cells for cell in row if cell.click.quiet is not None]
+    return finish_picture(
+        figure,
+        table.device,
+        f"{table.device.name}: clicks of two fingers",
+        _range_text(pairs),
+        _columns(names, cells),
+        _summary(source, names, cells),
+        notes=(FINGER_NOTE, SPREAD_NOTE, THRESHOLD_NOTE),
+        subtitle="large: felt level (dB), 5 % of fresh plants are below; small: quiet level, 5 % above",
     )
-    draw_note(figure, table.device, FINGER_NOTE, SPREAD_NOTE, THRESHOLD_NOTE)
-    pairs = [cell for cell in itertools.chain(*cells) if cell.click.quiet is not None]
-    return Picture(figure, _columns(names, cells), _summary(source, names, cells), f"{caption}: {_range_text(pairs)}")
 
 
 def _solve_cells(source: ClickSource, names: Sequence[str], told: Callable[[float], None]) -> Cells:
     """States with the same fingers one after another: they share what is computed for them."""
-    pairs = sorted(itertools.product(range(len(names)), repeat=2), key=lambda pair: (max(pair), min(pair)))
+    pairs = sorted(pairs_of(names), key=lambda pair: (max(pair), min(pair)))
     solved = dict[tuple[int, int], Cell]()
     for felt, quiet in pairs:
         states = source.table.states_of([names[felt]], [names[quiet]] if quiet != felt else [])
@@ -109,53 +115,33 @@ def _draw(figure: Figure, names: Sequence[str], cells: Cells) -> None:
     ends = float(np.nanmin(levels)), float(np.nanmax(levels))
     for k, (axes, title) in enumerate(((left, "click"), (right, f"{GATED}, as long"))):
         image = axes.imshow(levels[..., k], cmap=COLOUR_MAP, vmin=ends[0], vmax=ends[1])
-        axes.set_facecolor(_SINGLE_CELL)
-        for felt, quiet in itertools.product(range(len(names)), repeat=2):
+        axes.set_facecolor(SINGLE_CELL)
+        for felt, quiet in pairs_of(names):
             shown = cells[felt][quiet].shown[k]
-            _draw_cell(axes, (felt, quiet), shown, _paint(shown, image, sum(ends) / 2))
+            _draw_shown(axes, (felt, quiet), shown, _paint(shown, image, sum(ends) / 2))
         axes.set_title(title, fontsize="medium")
-        axes.set_xticks(range(len(names)), names)
-        axes.set_yticks(range(len(names)), names)
-        axes.set(xlabel="quiet finger in zone (grey: none)")
-    left.set(ylabel="felt finger in zone")
+        felt_label = "felt finger in zone" if axes is left else None
+        label_zones(axes, names, quiet_label="quiet finger in zone (grey: none)", felt_label=felt_label)
     figure.colorbar(image, ax=[left, right], label="felt level (dB above threshold)", shrink=0.85)
 
 
 def _paint(shown: Shown, image: AxesImage, middle_db: float) -> tuple[str, str]:
     """Colours of a cell's ground and of what is written on it."""
     if shown.quiet_db is None:
-        return _SINGLE_CELL, "black"
-    red, green, blue, _ = (float(part) for part in image.to_rgba(np.array(shown.felt_db)))
-    return to_hex((red, green, blue)), "white" if shown.felt_db < middle_db else "black"
+        return SINGLE_CELL, "black"
+    return colour_of(image, shown.felt_db), "white" if shown.felt_db < middle_db else "black"
 
 
-def _draw_cell(axes: Axes, place: tuple[int, int], shown: Shown, paint: tuple[str, str]) -> None:
-    (felt, quiet), (ground, colour) = place, paint
-    if not shown.achieved:
-        axes.add_patch(Rectangle((quiet - 0.5, felt - 0.5), 1, 1, fill=False, hatch=_HATCH, ec=colour, lw=0, alpha=0.5))
+def _draw_shown(axes: Axes, pair: tuple[int, int], shown: Shown, paint: tuple[str, str]) -> None:
     small = "alone" if shown.quiet_db is None else f"{shown.quiet_db:z.1f}"
     if not shown.achieved:
         small += "\nnot achieved"
-    for shift, text, size in ((-0.05, f"{shown.felt_db:z.1f}", "medium"), (0.2, small, "x-small")):
-        axes.text(
-            quiet,
-            felt + shift,
-            text,
-            ha="center",
-            va="bottom" if shift < 0 else "center",
-            color=colour,
-            fontsize=size,
-            bbox={"boxstyle": "square,pad=0.1", "fc": ground, "ec": "none"},
-        )
+    texts = ((-0.05, f"{shown.felt_db:z.1f}", "medium"), (0.2, small, "x-small"))
+    draw_cell(axes, pair, texts, paint, "" if shown.achieved else _HATCH)
 
 
 def _columns(names: Sequence[str], cells: Cells) -> dict[str, Sequence[object]]:
-    places = list(itertools.product(range(len(names)), repeat=2))
-    flat = [cells[felt][quiet] for felt, quiet in places]
-    columns: dict[str, Sequence[object]] = {
-        "felt zone": [names[felt] for felt, _ in places],
-        "quiet zone": ["" if felt == quiet else names[quiet] for felt, quiet in places],
-    }
+    columns, flat = pair_columns(names), [cell for row in cells for cell in row]
     for k, name in enumerate(("click", GATED)):
         columns[f"felt level of the {name}, 5 % (dB above threshold)"] = [cell.shown[k].felt_db for cell in flat]
         columns[f"quiet level of the {name}, 95 % (dB above threshold)"] = [cell.shown[k].quiet_db for cell in flat]
@@ -170,10 +156,7 @@ def _summary(source: ClickSource, names: Sequence[str], cells: Cells) -> dict[st
     def matrix(value: Callable[[Cell], float | bool | None]) -> NDArray[np.object_]:
         return np.array([[value(cell) for cell in row] for row in cells], dtype=np.object_)
 
-    table = source.table
     return {
-        "device": table.device.name,
-        "fingerprint": table.fingerprint,
         "zones": list(names),
         "felt_level_db": matrix(lambda cell: cell.shown[0].felt_db).tolist(),
         "quiet_level_db": matrix(lambda cell: cell.shown[0].quiet_db).tolist(),
@@ -182,5 +165,4 @@ def _summary(source: ClickSource, names: Sequence[str], cells: Cells) -> dict[st
         "achieved": matrix(lambda cell: cell.click.achieved).tolist(),
         "is_tabulated": matrix(lambda cell: cell.is_tabulated).tolist(),
         "plants": source.options.judged,
-        "estimated": [FINGER_NOTE, SPREAD_NOTE, "detection threshold", *table.device.inferred],
     }

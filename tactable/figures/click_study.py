@@ -1,11 +1,10 @@
-"""A study of a click to a picture: its levels against its length, and against the plants it is optimised over."""
+"""A study of one click: its levels against its length, and against the number of plants it is optimised over."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from engine.touch import ZoneState
 from precompute.clicks.evaluation import Levels
@@ -19,13 +18,12 @@ from tactable.figures.style import (
     GREY,
     STATE_COLOUR,
     THRESHOLD_NOTE,
-    draw_note,
+    Array,
+    finish_picture,
     finite,
     state_text,
-    zone_names,
+    zone_lists,
 )
-
-Array = NDArray[np.float64]
 
 _MARKERS = {ZoneState.FELT: "o", ZoneState.QUIET: "s"}
 
@@ -45,10 +43,16 @@ def plot_click_study(study: Study) -> Picture:
     right.set_title(f"{1e3 * options.lengths_s[0]:g} ms long", fontsize="small", loc="left")
     handles, labels = left.get_legend_handles_labels()
     figure.legend(handles, labels, fontsize="x-small", loc="outside right upper")
-    caption = f"{device.name}: {state_text(device, study.states)}, what a click gains"
-    figure.suptitle(f"{caption}\njudged on {options.judged} fresh plants, the same everywhere", fontsize="medium")
-    draw_note(figure, device, FINGER_NOTE, SPREAD_NOTE, THRESHOLD_NOTE)
-    return Picture(figure, _columns(study), _summary(study), f"{caption}: {_range_text(study)}")
+    return finish_picture(
+        figure,
+        device,
+        f"{device.name}: {state_text(device, study.states)}, what a click gains",
+        _range_text(study),
+        _columns(study),
+        _summary(study),
+        notes=(FINGER_NOTE, SPREAD_NOTE, THRESHOLD_NOTE),
+        subtitle=f"judged on {options.judged} fresh plants, the same everywhere",
+    )
 
 
 def _draw(axes: Axes, place: Array, clicks: Sequence[Click]) -> None:
@@ -58,15 +62,8 @@ def _draw(axes: Axes, place: Array, clicks: Sequence[Click]) -> None:
             _draw_levels(axes, place, levels, kind)
     bounds_db = np.array([click.bound_db for click in clicks])
     known = np.isfinite(bounds_db)
-    axes.plot(
-        place[known],
-        bounds_db[known],
-        "_:",
-        color=BLACK,
-        ms=10,
-        lw=1.0,
-        label="no click of its tones\nis felt more strongly\n(mean of the plants\noptimised over)",
-    )
+    bound = "no click of its tones\nis felt more strongly\n(mean of the plants\noptimised over)"
+    axes.plot(place[known], bounds_db[known], "_:", color=BLACK, ms=10, lw=1.0, label=bound)
     axes.axhline(0.0, color=GREY, lw=1.2, ls="--", label="detection threshold\n(ESTIMATE)")
     axes.grid(alpha=0.25)
 
@@ -115,10 +112,7 @@ def _columns(study: Study) -> dict[str, Sequence[object]]:
 
 def _summary(study: Study) -> dict[str, object]:
     return {
-        "device": study.device.name,
-        "fingerprint": study.device.fingerprint,
-        "felt": zone_names(study.device, study.states, ZoneState.FELT),
-        "quiet": zone_names(study.device, study.states, ZoneState.QUIET),
+        **zone_lists(study.device, study.states),
         "judged": study.options.judged,
         "clicks": [
             {
@@ -132,5 +126,4 @@ def _summary(study: Study) -> dict[str, object]:
             }
             for varied, length_s, count, click in study.clicks
         ],
-        "estimated": [FINGER_NOTE, SPREAD_NOTE, "detection threshold", *study.device.inferred],
     }

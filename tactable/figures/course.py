@@ -1,11 +1,10 @@
-"""One state from rest to a picture: the level under every finger while the bar rises, and the contrast between them."""
+"""One entry started from rest: the level under every finger while the bar rises, and the contrast between them."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from engine.table import Entry, Table
 from engine.touch import ZoneState
@@ -20,24 +19,21 @@ from tactable.figures.rise import PROMPT_MS
 from tactable.figures.style import (
     BLACK,
     BLUE,
-    FINGER_NOTE,
     GREY,
     STATE_COLOUR,
-    THRESHOLD_NOTE,
-    draw_note,
+    Array,
+    finish_picture,
     finite,
     level_text,
     state_text,
-    zone_names,
+    zone_lists,
 )
-
-Array = NDArray[np.float64]
 
 _STEP_S = 5e-4
 _LONGER, _SHORTEST_S = 2.5, 0.3
-"""Drawn for so many rise times, but not for less than this."""
+"""The time axis ends after this many rise times, but not before the shortest time."""
 _LOWEST_DB = 40.0
-"""The axis reaches so far below the wanted level."""
+"""How far the axis reaches below the greatest level."""
 _STYLES = ("-", "--", "-.", ":")
 _TINY = 1e-12
 
@@ -63,25 +59,21 @@ def plot_course(table: Table, entry: Entry) -> Picture:
     if rising.contrast_db is not None:
         _draw_contrast(panels[1], entry, rising.time_s, rising.contrast_db)
     panels[-1].set_xlabel("time from rest (ms)")
-    caption = f"{device.name}: {state_text(device, entry.states)}, {level_text(entry.wanted_level_db)}, from rest"
     words = f"risen after {1e3 * entry.t90_s:.0f} ms{_contrast_text(entry, rising)}"
-    figure.suptitle(f"{caption}\n{words}", fontsize="medium")
-    draw_note(figure, device, FINGER_NOTE, THRESHOLD_NOTE)
-    return Picture(
+    return finish_picture(
         figure,
+        device,
+        f"{device.name}: {state_text(device, entry.states)}, {level_text(entry.wanted_level_db)}, from rest",
+        words,
         _columns(table, entry, rising),
         {
-            "device": device.name,
-            "fingerprint": table.fingerprint,
-            "felt": zone_names(device, entry.states, ZoneState.FELT),
-            "quiet": zone_names(device, entry.states, ZoneState.QUIET),
+            **zone_lists(device, entry.states),
             "wanted_level_db": finite(entry.wanted_level_db),
             "t90_s": entry.t90_s,
             "contrast_db": entry.contrast_db,
             "contrast_after_50_ms_db": None if rising.contrast_db is None else _after(rising, PROMPT_MS[1]),
-            "estimated": [FINGER_NOTE, "detection threshold", *device.inferred],
         },
-        f"{caption}: {words}",
+        subtitle=words,
     )
 
 

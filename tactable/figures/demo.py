@@ -1,4 +1,4 @@
-"""What was found to pictures, drawn without a screen."""
+"""The picture of the demo: touches, what the fingers felt, and promised against simulated acceleration along the bar."""
 
 import itertools
 from pathlib import Path
@@ -13,19 +13,18 @@ from engine.table import ClickEntry
 from engine.touch import ZoneState
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
+from tactable.figures.style import BLUE, GREEN, GREY, VERMILLION
 from tactable.rig.bar import Felt
 from tactable.rig.demo import DemoReport
 from tactable.rig.demo_reports import ClickReport, StateReport
 
-# Okabe and Ito's colours, told apart by the colour-blind.
-_BLUE, _ORANGE, _GREEN, _GREY = "#0072B2", "#D55E00", "#009E73", "#999999"
 _MOST_STATES = 6
 _SHOWN_S = 0.1
 _STYLES = ("-", "--", "-.")
 
 
 def draw_demo(report: DemoReport, path: Path) -> None:
-    """Bar, touches and felt acceleration over time; then, for up to six states, promised and measured along the bar."""
+    """Write the picture: touches, felt acceleration and drive over time, then up to six states along the bar."""
     states: list[StateReport | ClickReport] = list(report.states)
     states = [*states, *report.clicks][:_MOST_STATES]
     rows = 3 + (len(states) + 1) // 2
@@ -50,21 +49,21 @@ def _draw_touches(axes: Axes, report: DemoReport) -> None:
     """Where the fingers are over time, zones as bands."""
     device, trace = report.device, report.run.trace
     for i, zone in enumerate(device.zones):
-        axes.axhspan(1e3 * zone.start_m, 1e3 * zone.stop_m, color=_GREY, alpha=0.12 if i % 2 else 0.28, lw=0)
+        axes.axhspan(1e3 * zone.start_m, 1e3 * zone.stop_m, color=GREY, alpha=0.12 if i % 2 else 0.28, lw=0)
         axes.text(0.004, (zone.start_m + zone.stop_m) / 2 / device.bar.length_m, zone.name, transform=axes.transAxes)
     for actuator in device.actuators:
-        axes.axhline(1e3 * actuator.position_m, color=_GREY, lw=0.8, ls=":")
+        axes.axhline(1e3 * actuator.position_m, color=GREY, lw=0.8, ls=":")
     for change, after in itertools.pairwise(trace):
         span_s = [(time_ns - trace[0].time_ns) / 1e9 for time_ns in (change.time_ns, after.time_ns)]
         for position_m in change.finger_positions_m:
-            axes.plot(span_s, [1e3 * position_m] * 2, color=_BLUE, lw=4, solid_capstyle="butt")
+            axes.plot(span_s, [1e3 * position_m] * 2, color=BLUE, lw=4, solid_capstyle="butt")
     axes.set(ylabel="finger on the bar (mm)", ylim=(0, 1e3 * device.bar.length_m))
     axes.set_title("touches at each change of state; dotted: actuators", fontsize="small", loc="left")
 
 
 def _draw_felt(axes: Axes, felt: Felt) -> None:
-    axes.fill_between(felt.time_s, felt.felt, step="post", color=_ORANGE, lw=0.4, label="to be felt")
-    axes.fill_between(felt.time_s, felt.quiet, step="post", color=_BLUE, lw=0.4, label="quiet")
+    axes.fill_between(felt.time_s, felt.felt, step="post", color=VERMILLION, lw=0.4, label="to be felt")
+    axes.fill_between(felt.time_s, felt.quiet, step="post", color=BLUE, lw=0.4, label="quiet")
     axes.set(ylabel="under a finger (m/s²)", ylim=(0, None))
     title = (
         "peak acceleration under the fingers of the recording: those that are to feel at that moment, and the others"
@@ -75,7 +74,7 @@ def _draw_felt(axes: Axes, felt: Felt) -> None:
 
 def _draw_drive(axes: Axes, device: Device, felt: Felt) -> None:
     for i, actuator in enumerate(device.actuators):
-        colour = (_BLUE, _GREEN, _GREY)[i % 3]
+        colour = (BLUE, GREEN, GREY)[i % 3]
         axes.step(felt.time_s, 100 * felt.drive[:, i], where="post", lw=1.2, color=colour, label=actuator.name)
     axes.set(xlabel="time (s)", ylabel="base (% of full scale)", ylim=(0, 110))
     axes.set_title("displacement that the firmware synthesised", fontsize="small", loc="left")
@@ -85,7 +84,7 @@ def _draw_drive(axes: Axes, device: Device, felt: Felt) -> None:
 def _draw_state(axes: Axes, device: Device, state: StateReport, *, legend: bool) -> None:
     entry = state.entry
     for i, zone in enumerate(device.zones):
-        colour = {ZoneState.FELT: _GREEN, ZoneState.QUIET: _BLUE}.get(entry.zones[i].state)
+        colour = {ZoneState.FELT: GREEN, ZoneState.QUIET: BLUE}.get(entry.zones[i].state)
         if colour is not None:
             axes.axvspan(1e3 * zone.start_m, 1e3 * zone.stop_m, color=colour, alpha=0.2, lw=0)
         axes.text(
@@ -97,17 +96,17 @@ def _draw_state(axes: Axes, device: Device, state: StateReport, *, legend: bool)
             transform=axes.get_xaxis_transform(),
         )
     position_m = np.linspace(0, device.bar.length_m, 400)
-    axes.plot(1e3 * position_m, _envelope(device, state, position_m), color=_BLUE, label="promised")
-    measured = state.measured
-    axes.plot(1e3 * measured.position_m, measured.acceleration, "o", ms=4, color=_ORANGE, label="measured")
+    axes.plot(1e3 * position_m, _envelope(device, state, position_m), color=BLUE, label="promised")
+    simulated = state.simulated
+    axes.plot(1e3 * simulated.position_m, simulated.acceleration, "o", ms=4, color=VERMILLION, label="simulated")
     at_finger = [zone.acceleration_at_finger_m_per_s2 or np.nan for zone in entry.zones]
     middle_mm = [1e3 * (zone.start_m + zone.stop_m) / 2 for zone in device.zones]
-    axes.plot(middle_mm, at_finger, "_", ms=14, color=_BLUE)
-    axes.plot(middle_mm, measured.at_finger, "D", ms=5, color=_ORANGE, label="measured under a finger")
+    axes.plot(middle_mm, at_finger, "_", ms=14, color=BLUE)
+    axes.plot(middle_mm, simulated.at_finger, "D", ms=5, color=VERMILLION, label="simulated under a finger")
     drive = ", ".join(
         f"{f:g} Hz {100 * a:.0f} %" for f, a in zip(entry.frequencies_hz, entry.amplitudes, strict=True) if a
     )
-    factor = f"Λ {entry.localized_factor:.3f} promised, {state.measured_factor:.3f} measured"
+    factor = f"Λ {entry.localized_factor:.3f} promised, {state.simulated_factor:.3f} simulated"
     title = f"{_fingers(state)}\n{factor}; {drive}"
     axes.set_title(title, fontsize="small", loc="left")
     axes.margins(y=0.15)
@@ -119,19 +118,19 @@ def _draw_state(axes: Axes, device: Device, state: StateReport, *, legend: bool)
 
 def _draw_click(axes: Axes, device: Device, found: ClickReport) -> None:
     """Acceleration under each finger, the promised peaks as lines; the bases' displacements in grey."""
-    click, measured = found.click, found.measured
-    shown = measured.time_s <= _SHOWN_S
-    time_ms = 1e3 * measured.time_s[shown]
+    click, simulated = found.click, found.simulated
+    shown = simulated.time_s <= _SHOWN_S
+    time_ms = 1e3 * simulated.time_s[shown]
     right = axes.twinx()
-    right.plot(time_ms, 100 * measured.drive[shown], color=_GREY, lw=0.6)
+    right.plot(time_ms, 100 * simulated.drive[shown], color=GREY, lw=0.6)
     right.set(ylim=(-110, 110), ylabel="base (% of full scale)")
     for column, zone in enumerate(found.touched_zones):
         is_felt = click.states[zone] is ZoneState.FELT
-        colour, promise = (_ORANGE if is_felt else _BLUE), click.zones[zone]
+        colour, promise = (VERMILLION if is_felt else BLUE), click.zones[zone]
         assert promise is not None
         label = f"{device.zones[zone].name} {'felt' if is_felt else 'quiet'}"
         style = _STYLES[column % len(_STYLES)]
-        axes.plot(time_ms, measured.acceleration[shown, column], style, lw=1.2, color=colour, label=label)
+        axes.plot(time_ms, simulated.acceleration[shown, column], style, lw=1.2, color=colour, label=label)
         peak = promise.acceleration_at_finger_m_per_s2
         for sign in (-1, 1):
             axes.axhline(sign * peak, color=colour, lw=0.8, ls=":")

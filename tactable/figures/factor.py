@@ -1,4 +1,4 @@
-"""A table to a picture of the localized factor over two frequencies, untouched and with fingers on the bar."""
+"""The localized factor over two frequencies: of the untouched bar, and with fingers on it."""
 
 import itertools
 from collections.abc import Sequence
@@ -16,9 +16,8 @@ from precompute.model.assembly import assemble
 from precompute.model.gram import compute_gram
 from precompute.model.response import solve_response
 from tactable.figures.file import Picture
-from tactable.figures.style import COLOUR_MAP, FINGER_NOTE, GREY, VERMILLION, draw_note
+from tactable.figures.style import COLOUR_MAP, FINGER_NOTE, GREY, VERMILLION, Array, finish_picture
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _PANELS, _PANEL_INCHES, _LARGE_PANEL_INCHES = 3, 3.4, 4.4
@@ -88,26 +87,24 @@ def plot_factor(
         panels[last, column].tick_params(labelbottom=True)
     words = "each zone" if len(combinations) > 1 else ", ".join(combinations[0])
     figure.colorbar(image, ax=panels, label=f"localized factor of {words} (1)", pad=0.02)
-    caption = f"{device.name}: localized factor of {words}"
     legend = "on the diagonal one frequency: there fields add, in phase"
     if np.isnan(every).any():
         legend += "; grey: out of an actuator's band"
-    figure.suptitle(f"{caption}\n({legend})", fontsize="medium")
-    draw_note(figure, device, *([FINGER_NOTE] if fingers else []))
-    return Picture(
+    return finish_picture(
         figure,
+        device,
+        f"{device.name}: localized factor of {words}",
+        "; ".join(f"{name} {_greatest_text(device, factor)}" for name, factor in maps.items()),
         _columns(device, drive, maps),
         {
-            "device": device.name,
-            "fingerprint": table.fingerprint,
             "zones": [list(zones) for zones in combinations],
             "fingers": list(fingers),
             "actuators": [device.actuators[i].name for i in drive.actuators],
             "amplitudes": list(drive.amplitudes),
             "greatest": [_greatest(device, factor) for factor in maps.values()],
-            "estimated": [*([FINGER_NOTE] if fingers else []), *device.inferred],
         },
-        f"{caption}: " + "; ".join(f"{name} {_greatest_text(device, factor)}" for name, factor in maps.items()),
+        notes=(FINGER_NOTE,) if fingers else (),
+        subtitle=f"({legend})",
     )
 
 
@@ -163,14 +160,9 @@ def _draw(axes: Axes, device: Device, factor: Array, scale: tuple[float, float])
     sweep = device.sweep
     edges_hz = (sweep.start_hz - sweep.step_hz / 2, sweep.stop_hz + sweep.step_hz / 2)
     axes.set_facecolor(GREY)  # where an actuator is out of its band
+    extent, (least, greatest) = (*edges_hz, *edges_hz), scale
     image = axes.imshow(
-        factor.T,
-        origin="lower",
-        extent=(*edges_hz, *edges_hz),
-        aspect="auto",
-        cmap=COLOUR_MAP,
-        vmin=scale[0],
-        vmax=scale[1],
+        factor.T, origin="lower", extent=extent, aspect="auto", cmap=COLOUR_MAP, vmin=least, vmax=greatest
     )
     best = _greatest(device, factor)
     axes.plot(

@@ -1,4 +1,4 @@
-"""One state of the fingers to a picture: how much contrast each level costs, and what the paper's objective gives."""
+"""Contrast against level for one state of the fingers: the best drives, the table's, and the paper's objective."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -17,26 +17,14 @@ from precompute.entries.prediction import States
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
 from tactable.figures.file import Picture
-from tactable.figures.style import (
-    BLACK,
-    BLUE,
-    FINGER_NOTE,
-    GREEN,
-    GREY,
-    THRESHOLD_NOTE,
-    VERMILLION,
-    draw_note,
-    state_text,
-    zone_names,
-)
+from tactable.figures.style import BLACK, BLUE, GREEN, GREY, VERMILLION, Array, finish_picture, state_text, zone_lists
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 STEP_DB = 0.5
-"""Between the levels that are solved."""
+"""Distance between the levels that are solved."""
 _LEAST_SPAN_DB = 10.0
-"""Where even full scale is hardly felt, the levels reach so far below it."""
+"""Where even full scale is hardly felt, the levels reach this far below it."""
 
 
 @dataclass(frozen=True)
@@ -63,26 +51,26 @@ _MAXIMISED = {"contrast": "expected_db", "standard contrast": "standard_db"}
 
 
 def plot_pareto(table: Table, states: States) -> Picture:
-    """Picture of a state; solves it anew at many levels. Raises TableError where nothing is felt or nothing quiet."""
+    """Picture of a state, which is solved at many levels. Raises TableError where nothing is felt or nothing quiet."""
     if ZoneState.QUIET not in states or ZoneState.FELT not in states:
         raise TableError("contrast is between fingers: name felt and quiet zones, such as --felt I --quiet IV")
     objective = str(table.attributes["objective"])
     front, paper = solve_front(table.device, states, objective), solve_paper_drive(table.device, states)
     entries = (table.entry_at(state_index(states), level_db) for level_db in table.levels_db)
     held = _front_of([entry for entry in entries if entry is not None])
-    caption = f"{table.device.name}: {state_text(table.device, states)}"
     figure = Figure(figsize=(9, 4.6), layout="constrained")
     axes = figure.add_subplot()
     _draw(axes, front, held, paper, _MAXIMISED.get(objective))
-    figure.suptitle(f"{caption}: contrast against level\nobjective of the table: {objective}", fontsize="medium")
-    draw_note(figure, table.device, FINGER_NOTE, THRESHOLD_NOTE)
-    return Picture(
+    return finish_picture(
         figure,
-        _columns(table.device, front, paper),
-        _summary(table, states, front, held, paper),
-        f"{caption}: expected contrast {front.expected_db[0]:z.1f} dB at {front.level_db[0]:g} dB, "
+        table.device,
+        f"{table.device.name}: {state_text(table.device, states)}",
+        f"expected contrast {front.expected_db[0]:z.1f} dB at {front.level_db[0]:g} dB, "
         f"{front.expected_db[-1]:z.1f} dB at full scale ({front.level_db[-1]:.1f} dB); "
         f"paper's objective {paper.expected_db[0]:z.1f} dB, up to {paper.level_db[0]:.1f} dB",
+        _columns(table.device, front, paper),
+        _summary(table, states, front, held, paper),
+        subtitle=f"contrast against level; objective of the table: {objective}",
     )
 
 
@@ -128,16 +116,8 @@ def _draw(axes: Axes, front: Front, held: Front, paper: Front, maximised: str | 
         label = "the table between its levels:\nthe next one, softer"
         axes.step(held.level_db, getattr(held, maximised), where="pre", color=GREY, lw=1.0, zorder=1, label=label)
     axes.plot([], [], "o", ms=6, mec="white", color=BLACK, label="in the table")
-    axes.plot(
-        [],
-        [],
-        "X-",
-        ms=9,
-        mec="white",
-        lw=0.8,
-        color=BLACK,
-        label="paper's objective (untouched bar),\nat full scale and softer",
-    )
+    label = "paper's objective (untouched bar),\nat full scale and softer"
+    axes.plot([], [], "X-", ms=9, mec="white", lw=0.8, color=BLACK, label=label)
     axes.axhline(0.0, color=BLACK, lw=0.6)
     axes.set(xlabel="level of the weakest felt finger (dB above threshold)", ylabel="contrast, felt over quiet (dB)")
     axes.grid(alpha=0.25)
@@ -167,16 +147,12 @@ def _columns(device: Device, front: Front, paper: Front) -> dict[str, Sequence[o
 
 def _summary(table: Table, states: States, front: Front, held: Front, paper: Front) -> dict[str, object]:
     return {
-        "device": table.device.name,
-        "fingerprint": table.fingerprint,
-        "felt": zone_names(table.device, states, ZoneState.FELT),
-        "quiet": zone_names(table.device, states, ZoneState.QUIET),
+        **zone_lists(table.device, states),
         "objective": table.attributes["objective"],
         "loudest_db": float(front.level_db[-1]),
         "front": _points(front),
         "held": _points(held),
         "paper": _points(paper)[0],
-        "estimated": [FINGER_NOTE, "detection threshold", *table.device.inferred],
     }
 
 

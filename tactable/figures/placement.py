@@ -1,12 +1,11 @@
-"""Searches for places of actuators to a picture: the best layouts found, and what all that were looked at give."""
+"""Searches for places of actuators: the best layouts found, and the contrast of every layout that was tried."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
-from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.studies.placement import Placement, PlacementSearch
@@ -20,10 +19,10 @@ from tactable.figures.style import (
     GREY,
     THRESHOLD_NOTE,
     VERMILLION,
-    draw_note,
+    Array,
+    draw_zone_edges,
+    finish_picture,
 )
-
-Array = NDArray[np.float64]
 
 SIZE_NOTE = "size of an actuator"
 _ROW_INCHES, _REST_INCHES = 0.34, 5.0
@@ -43,20 +42,14 @@ def plot_placement(device: Device, searches: Sequence[PlacementSearch], wanted_d
     if with_map is not None:
         _draw_map(below, panels[0], with_map)
     _draw_distribution(panels[-1], searches)
-    caption = f"{device.name}: where actuators go for the best worst contrast of two fingers at {wanted_db:g} dB"
-    figure.suptitle(caption, fontsize="medium")
-    draw_note(figure, device, FINGER_NOTE, THRESHOLD_NOTE, SIZE_NOTE)
-    return Picture(
+    return finish_picture(
         figure,
+        device,
+        f"{device.name}: where actuators go for the best worst contrast of two fingers at {wanted_db:g} dB",
+        "; ".join(_search_text(device, search) for search in searches),
         _columns(searches),
-        {
-            "device": device.name,
-            "fingerprint": device.fingerprint,
-            "wanted_level_db": wanted_db,
-            "searches": [_summary_of(device, search) for search in searches],
-            "estimated": [FINGER_NOTE, "detection threshold", SIZE_NOTE, *device.inferred],
-        },
-        f"{caption}: " + "; ".join(_search_text(device, search) for search in searches),
+        {"wanted_level_db": wanted_db, "searches": [_summary_of(device, search) for search in searches]},
+        notes=(FINGER_NOTE, THRESHOLD_NOTE, SIZE_NOTE),
     )
 
 
@@ -65,22 +58,16 @@ def _draw_layouts(axes: Axes, device: Device, rows: Sequence[tuple[PlacementSear
     length_mm = 1e3 * device.bar.length_m
     for k, (search, placement) in enumerate(rows):
         axes.plot([0, length_mm], [k, k], color=GREY, lw=2.5, solid_capstyle="butt", zorder=1)
-        axes.plot(
-            1e3 * np.array(placement.position_m),
-            [k] * len(placement.position_m),
-            _MARK[placement.name],
-            ms=9 if placement.name == "found" else 7,
-            color=_COLOUR[placement.name],
-            zorder=2,
-        )
+        place_mm, size = 1e3 * np.array(placement.position_m), 9 if placement.name == "found" else 7
+        mark, colour = _MARK[placement.name], _COLOUR[placement.name]
+        axes.plot(place_mm, [k] * len(place_mm), mark, ms=size, color=colour, zorder=2)
         is_new = k == 0 or rows[k - 1][0] is not search
         if is_new and k > 0:
             axes.axhline(k - 0.5, color=GREY, lw=0.5)
         axes.text(1.01 * length_mm, k, _placement_text(device, placement), va="center", fontsize="small")
     for zone in device.zones:
         axes.text(500 * (zone.start_m + zone.stop_m), -0.75, zone.name, ha="center", fontsize="small")
-        for edge_m in (zone.start_m, zone.stop_m):
-            axes.axvline(1e3 * edge_m, color=GREY, lw=0.5, ls=":")
+    draw_zone_edges(axes, device, ":")
     axes.set_yticks(range(len(rows)), [f"{search.count}, {placement.name}" for search, placement in rows])
     axes.set(xlim=(0, length_mm), ylim=(len(rows) - 0.4, -1.1), xlabel="along the bar (mm)")
     for side in ("top", "right"):
@@ -98,15 +85,8 @@ def _draw_map(figure: SubFigure, axes: Axes, search: PlacementSearch) -> None:
     ends_mm = 1e3 * (place_m[0] - step_m / 2), 1e3 * (place_m[-1] + step_m / 2)
     image = axes.imshow(shown, origin="lower", extent=(*ends_mm, *ends_mm), cmap=COLOUR_MAP, aspect="auto")
     for placement in search.judged:
-        axes.plot(
-            *(1e3 * np.array(placement.position_m)),
-            _MARK[placement.name],
-            ms=9,
-            mew=1.2,
-            mec="white",
-            color=_COLOUR[placement.name],
-            label=placement.name,
-        )
+        name, (left_mm, right_mm) = placement.name, 1e3 * np.array(placement.position_m)
+        axes.plot(left_mm, right_mm, _MARK[name], ms=9, mew=1.2, mec="white", color=_COLOUR[name], label=name)
     axes.set(xlabel="left of two actuators (mm)", ylabel="right of two actuators (mm)")
     axes.set_title("two actuators; grey: a level out of reach, or not looked at", fontsize="small", loc="left")
     axes.legend(fontsize="x-small", loc="lower right")
@@ -157,43 +137,26 @@ def _value_text(placement: Placement) -> str:
 def _columns(searches: Sequence[PlacementSearch]) -> dict[str, list[object]]:
     """A row a placement: those judged, then those screened, of one number of actuators after another."""
     most = max(search.count for search in searches)
-    columns: dict[str, list[object]] = {
-        name: []
-        for name in (
-            "actuators (1)",
-            "placement",
-            *(f"position {i + 1} (m)" for i in range(most)),
-            "worst contrast (dB)",
-            "median contrast (dB)",
-            "least level (dB above threshold)",
-        )
-    }
-    for search in searches:
-        for at, row in _rows_of(search):
-            padded = [*at, *[None] * (most - len(at))]
-            for column, value in zip(columns.values(), [search.count, row[0], *padded, *row[1:]], strict=True):
-                column.append(value)
-    return columns
+    places = [f"position {i + 1} (m)" for i in range(most)]
+    figures = ["worst contrast (dB)", "median contrast (dB)", "least level (dB above threshold)"]
+    rows = [
+        [search.count, name, *at, *[None] * (most - len(at)), *values]
+        for search in searches
+        for name, at, values in _rows_of(search)
+    ]
+    headers = ["actuators (1)", "placement", *places, *figures]
+    return {header: list(column) for header, column in zip(headers, zip(*rows, strict=True), strict=True)}
 
 
-def _rows_of(search: PlacementSearch) -> list[tuple[Sequence[float], tuple[object, ...]]]:
-    judged = [
-        (
-            placement.position_m,
-            (
-                placement.name,
-                placement.fingers.worst_db if placement.fingers.is_reached else None,
-                float(np.nanmedian(placement.fingers.contrast_db)),
-                float(np.nanmin(placement.fingers.level_db)),
-            ),
-        )
-        for placement in search.judged
-    ]
-    screened = [
-        (at, ("screened", value, None, None))
-        for at, value in zip(search.screened_m.tolist(), search.screened_db.tolist(), strict=True)
-    ]
-    return [*judged, *screened]
+def _rows_of(search: PlacementSearch) -> Iterator[tuple[str, Sequence[float], tuple[float | None, ...]]]:
+    """Name, positions, and worst and median contrast and least level of every placement."""
+    for placement in search.judged:
+        fingers = placement.fingers
+        worst_db = fingers.worst_db if fingers.is_reached else None
+        median_db, least_db = float(np.nanmedian(fingers.contrast_db)), float(np.nanmin(fingers.level_db))
+        yield placement.name, placement.position_m, (worst_db, median_db, least_db)
+    for at, value in zip(search.screened_m.tolist(), search.screened_db.tolist(), strict=True):
+        yield "screened", at, (value, None, None)
 
 
 def _summary_of(device: Device, search: PlacementSearch) -> dict[str, object]:

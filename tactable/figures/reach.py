@@ -1,9 +1,8 @@
-"""A device to a picture of its dead zones: the greatest acceleration and level that each place can be given."""
+"""The dead zones of a device: the greatest acceleration and level that each place can be given."""
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.model.assembly import assemble
@@ -12,19 +11,17 @@ from tactable.figures.file import Picture
 from tactable.figures.style import (
     BLACK,
     BLUE,
-    FINGER_NOTE,
     GREEN,
     GREY,
     STANDARD_GRAVITY_M_PER_S2,
-    THRESHOLD_NOTE,
     VERMILLION,
+    Array,
     draw_actuators,
     draw_gravities,
-    draw_note,
+    draw_zone_edges,
     draw_zone_names,
+    finish_picture,
 )
-
-Array = NDArray[np.float64]
 
 PLACES = 141
 PAPER_G = 1.5
@@ -40,14 +37,17 @@ def plot_reach(device: Device) -> Picture:
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     _draw_accelerations(above, device, untouched, touched)
     _draw_level(below, device, touched)
-    caption = f"{device.name}: greatest acceleration at each place, full scale"
-    figure.suptitle(f"{caption}\n{_least_text(untouched, touched)}", fontsize="medium")
-    draw_note(figure, device, FINGER_NOTE, THRESHOLD_NOTE)
-    return Picture(
+    return finish_picture(
         figure,
+        device,
+        f"{device.name}: greatest acceleration at each place, full scale",
+        _least_text(untouched, touched),
         _columns(device, untouched, touched),
-        _summary(device, untouched, touched),
-        f"{caption}: {_least_text(untouched, touched)}",
+        {
+            "untouched": _least(untouched),
+            "under_a_finger": {**_least(touched), "least_level_db": float(touched.level_db.min())},
+        },
+        subtitle=_least_text(untouched, touched),
     )
 
 
@@ -75,25 +75,15 @@ def _draw_level(axes: Axes, device: Device, touched: Reach) -> None:
     axes.plot(1e3 * touched.position_m, touched.level_db, color=VERMILLION, ls="-.", lw=1.6)
     for level_db in device.levels_db:
         axes.axhline(level_db, color=GREY, lw=0.8, ls=":")
-        axes.text(
-            0.995,
-            level_db,
-            f"entries at {level_db:g} dB",
-            fontsize="x-small",
-            color="dimgrey",
-            va="bottom",
-            ha="right",
-            transform=axes.get_yaxis_transform(),
-        )
+        text, beside = f"entries at {level_db:g} dB", axes.get_yaxis_transform()
+        axes.text(0.995, level_db, text, fontsize="x-small", color="dimgrey", va="bottom", ha="right", transform=beside)
     axes.set(
         xlabel="along the bar (mm)",
         ylabel="greatest level under a\nfinger (dB above threshold)",
         xlim=(0, 1e3 * device.bar.length_m),
         ylim=(0, None),
     )
-    for zone in device.zones:
-        for edge_m in (zone.start_m, zone.stop_m):
-            axes.axvline(1e3 * edge_m, color=GREY, lw=0.5)
+    draw_zone_edges(axes, device)
 
 
 def _least_text(untouched: Reach, touched: Reach) -> str:
@@ -117,16 +107,6 @@ def _columns(device: Device, untouched: Reach, touched: Reach) -> dict[str, Arra
         columns[f"best common frequency, {name} (Hz)"] = reach.one_tone_hz
     columns["greatest level under a finger there (dB above threshold)"] = touched.level_db
     return columns
-
-
-def _summary(device: Device, untouched: Reach, touched: Reach) -> dict[str, object]:
-    return {
-        "device": device.name,
-        "fingerprint": device.fingerprint,
-        "untouched": _least(untouched),
-        "under_a_finger": {**_least(touched), "least_level_db": float(touched.level_db.min())},
-        "estimated": [FINGER_NOTE, "detection threshold", *device.inferred],
-    }
 
 
 def _least(reach: Reach) -> dict[str, float]:

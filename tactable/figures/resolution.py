@@ -1,4 +1,4 @@
-"""A study of narrower zones to a picture: worst contrast of two fingers, and worst factor of a zone, by zone width."""
+"""A study of narrower zones: the worst contrast of two fingers and the worst factor of a zone, by zone width."""
 
 import itertools
 from collections.abc import Sequence
@@ -6,14 +6,11 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.studies.resolution import Resolved
 from tactable.figures.file import Picture
-from tactable.figures.style import BLACK, CURVES, FINGER_NOTE, GREY, THRESHOLD_NOTE, draw_note
-
-Array = NDArray[np.float64]
+from tactable.figures.style import BLACK, CURVES, GREY, finish_picture
 
 TOLD_APART_DB = 10.0
 """Contrast at which a table calls two fingers told apart here: a felt finger at 20 dB, the quiet one at 10."""
@@ -30,26 +27,22 @@ def plot_resolution(device: Device, study: Sequence[Resolved], wanted_db: float)
     _finish(left, right, lines)
     handles, labels = left.get_legend_handles_labels()
     figure.legend(handles, labels, fontsize="x-small", loc="outside right upper")
-    caption = f"{device.name}: how narrow zones can be, every finger felt beside every other quiet, at {wanted_db:g} dB"
-    figure.suptitle(caption, fontsize="medium")
-    draw_note(figure, device, FINGER_NOTE, THRESHOLD_NOTE)
-    return Picture(
+    return finish_picture(
         figure,
+        device,
+        f"{device.name}: how narrow zones can be, every finger felt beside every other quiet, at {wanted_db:g} dB",
+        "; ".join(_line_text(device, line) for line in lines),
         _columns(device, study),
         {
-            "device": device.name,
-            "fingerprint": device.fingerprint,
             "wanted_level_db": wanted_db,
             "told_apart_db": TOLD_APART_DB,
             "placements": [_summary_of(device, line) for line in lines],
-            "estimated": [FINGER_NOTE, "detection threshold", *device.inferred],
         },
-        f"{caption}: " + "; ".join(_line_text(device, line) for line in lines),
     )
 
 
 def narrowest_zone_m(line: Sequence[Resolved]) -> float | None:
-    """The narrowest zones down to which, from the widest on, every two fingers are told apart; None: not even there."""
+    """Length of the narrowest zones at which, and above which, every two fingers are told apart; None: at no width."""
     wide_first = sorted(line, key=lambda resolved: resolved.zones)
     kept = list(
         itertools.takewhile(lambda each: each.fingers.is_reached and each.fingers.worst_db >= TOLD_APART_DB, wide_first)

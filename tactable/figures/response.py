@@ -1,14 +1,10 @@
-"""A device to a picture of its acceleration along the bar, with measured points (paper's Figures 6 and 7).
-
-Beside it what figures of measured points share: what a reading at any place would be.
-"""
+"""Acceleration along the bar, with measured points (paper's Figures 6 and 7), and the reading that any place gives."""
 
 from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.measurements.model import MeasurementModel
@@ -20,14 +16,13 @@ from tactable.figures.style import (
     COMPUTED,
     GREY,
     VERMILLION,
+    Array,
     draw_actuators,
     draw_gravities,
-    draw_note,
     draw_scaled,
     draw_zone_names,
+    finish_picture,
 )
-
-Array = NDArray[np.float64]
 
 PLACES = 401
 MOST_PANELS = 12
@@ -54,22 +49,17 @@ def plot_response(device: Device, layout: Measurements, *, has_readings: bool) -
         axes.set_title(drive_text(device, layout, row), fontsize="small", loc="left")
     panels[-1].set(xlabel="along the bar (mm)")
     is_simulated = measured is not None and measured.is_simulated
-    caption = f"{device.name}: peak acceleration along the bar{', SIMULATED points' if is_simulated else ''}"
-    figure.suptitle(caption, fontsize="medium")
-    draw_note(figure, device, origin=_origin(measured))
     drives = [_summary_of(device, layout, *pair) for pair in zip(first_rows, curves, strict=True)]
-    return Picture(
+    readings = 0 if measured is None else len(measured)
+    return finish_picture(
         figure,
+        device,
+        f"{device.name}: peak acceleration along the bar{', SIMULATED points' if is_simulated else ''}",
+        "; ".join(f"{drive['drive']} {_node_text(drive)}" for drive in drives),
         _columns(device, layout, first_rows, curves) if measured is None else _compared(device, measured),
-        {
-            "device": device.name,
-            "fingerprint": device.fingerprint,
-            "simulated": is_simulated,
-            "readings": 0 if measured is None else len(measured),
-            "drives": drives,
-            "estimated": list(device.inferred),
-        },
-        f"{caption}: " + "; ".join(f"{drive['drive']} {_node_text(drive)}" for drive in drives),
+        {"simulated": is_simulated, "readings": readings, "drives": drives},
+        notes=(),
+        origin=_origin(measured),
     )
 
 
@@ -152,10 +142,7 @@ def _compared(device: Device, measured: Measurements) -> dict[str, Array]:
     return {
         "position (m)": measured.position_m,
         **{f"frequency of {name} (Hz)": measured.frequency_hz[:, i] for i, name in enumerate(names)},
-        **{
-            f"amplitude of {name} (fraction of full scale)": abs(measured.amplitude[:, i])
-            for i, name in enumerate(names)
-        },
+        **{f"amplitude of {n} (fraction of full scale)": abs(measured.amplitude[:, i]) for i, n in enumerate(names)},
         "sensor mass (kg)": measured.sensor_mass_kg,
         "read (m/s^2)": np.abs(measured.acceleration),
         "computed (m/s^2)": _predicted(device, measured),

@@ -1,11 +1,10 @@
-"""A table to a picture of its rise times: how long from rest until every felt finger has what the entry promises."""
+"""Rise times (t90) of a table: how long a drive takes from rest until every felt finger has its steady level."""
 
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm, to_hex
+from matplotlib.colors import LogNorm, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator, ScalarFormatter
 from numpy.typing import NDArray
@@ -18,16 +17,17 @@ from tactable.figures.style import (
     CURVES,
     FINGER_NOTE,
     GREY,
-    draw_note,
+    finish_picture,
     finite,
     level_text,
     zone_names,
 )
+from tactable.figures.zone_map import colour_of, draw_cell, label_zones, pair_entries, pairs_of
 
 Array = NDArray[np.float64]
 
 PROMPT_MS = (5.0, 50.0)
-"""When tactile feedback should follow the touch (PHYSICS.md section 4: Kaaresoja 2014)."""
+"""When tactile feedback should follow the touch (Kaaresoja, Brewster & Lantz 2014, doi 10.1145/2611387)."""
 _WHITE_BELOW = 0.5
 
 
@@ -41,26 +41,23 @@ def plot_rise(table: Table, level_db: float) -> Picture:
     left, right = figure.subplots(1, 2)
     _draw_map(figure, left, table, level_db)
     _draw_distribution(right, entries)
-    caption = f"{table.device.name}: rise times (t90) at {level_text(level_db)}"
-    figure.suptitle(caption, fontsize="medium")
-    draw_note(figure, table.device, FINGER_NOTE)
     standard_ms, worst_ms = _times_ms(entries)
-    text = f"{standard_ms.min():.0f} to {standard_ms.max():.0f} ms, median {np.median(standard_ms):.0f} ms"
-    return Picture(
+    within = float((standard_ms <= PROMPT_MS[1]).mean())
+    return finish_picture(
         figure,
+        table.device,
+        f"{table.device.name}: rise times (t90) at {level_text(level_db)}",
+        f"{standard_ms.min():.0f} to {standard_ms.max():.0f} ms, median {np.median(standard_ms):.0f} ms; "
+        f"{100 * within:.0f} % of {len(entries)} states within {PROMPT_MS[1]:g} ms",
         _columns(table, entries),
         {
-            "device": table.device.name,
-            "fingerprint": table.fingerprint,
             "wanted_level_db": finite(level_db),
             "states": len(entries),
             "median_t90_s": float(np.median(standard_ms)) / 1e3,
             "median_worst_t90_s": float(np.median(worst_ms)) / 1e3,
-            "share_within_50_ms": float((standard_ms <= PROMPT_MS[1]).mean()),
-            "estimated": [FINGER_NOTE, *table.device.inferred],
+            "share_within_50_ms": within,
         },
-        f"{caption}: {text}; {100 * (standard_ms <= PROMPT_MS[1]).mean():.0f} % of {len(entries)} states "
-        f"within {PROMPT_MS[1]:g} ms",
+        notes=(FINGER_NOTE,),
     )
 
 
@@ -74,26 +71,15 @@ def _times_ms(entries: Sequence[Entry]) -> tuple[Array, Array]:
 
 def _draw_map(figure: Figure, axes: Axes, table: Table, level_db: float) -> None:
     names = [zone.name for zone in table.device.zones]
-    cells = [[table.entry_for([felt], [quiet] if quiet != felt else [], level_db) for quiet in names] for felt in names]
+    cells = pair_entries(table, names, level_db)
     shown = np.array([[1e3 * entry.t90_s for entry in row] for row in cells])
     image = axes.imshow(shown, cmap=COLOUR_MAP, norm=LogNorm(shown.min(), max(shown.max(), 1.01 * shown.min())))
-    for felt, quiet in itertools.product(range(len(names)), repeat=2):
-        entry = cells[felt][quiet]
-        red, green, blue, _ = (float(part) for part in image.to_rgba(shown[felt, quiet]))
-        is_dark = 0.3 * red + 0.6 * green + 0.1 * blue < _WHITE_BELOW
-        axes.text(
-            quiet,
-            felt,
-            f"{1e3 * entry.t90_s:.0f}\n({1e3 * entry.worst_case.t90_s:.0f})",
-            ha="center",
-            va="center",
-            fontsize="small",
-            color="white" if is_dark else "black",
-            bbox={"boxstyle": "square,pad=0.1", "fc": to_hex((red, green, blue)), "ec": "none"},
-        )
-    axes.set_xticks(range(len(names)), names)
-    axes.set_yticks(range(len(names)), names)
-    axes.set(xlabel="quiet finger in zone (diagonal: none)", ylabel="felt finger in zone")
+    for felt, quiet in pairs_of(names):
+        entry, ground = cells[felt][quiet], colour_of(image, shown[felt, quiet])
+        text = f"{1e3 * entry.t90_s:.0f}\n({1e3 * entry.worst_case.t90_s:.0f})"
+        is_dark = np.dot((0.3, 0.6, 0.1), to_rgb(ground)) < _WHITE_BELOW
+        draw_cell(axes, (felt, quiet), ((0.0, text, "small"),), (ground, "white" if is_dark else "black"))
+    label_zones(axes, names, quiet_label="quiet finger in zone (diagonal: none)", felt_label="felt finger in zone")
     axes.set_title("standard fingers, in brackets the worst sampled (ms)", fontsize="small", loc="left")
     bar = figure.colorbar(image, ax=axes, label="t90 (ms)", shrink=0.8)
     bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

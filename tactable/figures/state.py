@@ -1,4 +1,4 @@
-"""One state of the fingers to a picture: what its drive does along the bar, under the fingers it may meet."""
+"""One entry along the bar: the acceleration that its drive gives, under the standard and the sampled fingers."""
 
 import textwrap
 from dataclasses import dataclass
@@ -6,12 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.table import Entry, Table
 from engine.table.entry import ZonePromise
-from engine.touch import ZoneState
 from precompute.entries.prediction import touched_zones
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
@@ -21,19 +19,16 @@ from tactable.figures.file import Picture
 from tactable.figures.style import (
     BLACK,
     BLUE,
-    FINGER_NOTE,
     STATE_COLOUR,
-    THRESHOLD_NOTE,
+    Array,
     draw_actuators,
-    draw_note,
     draw_zones,
+    finish_picture,
     finite,
     level_text,
     state_text,
-    zone_names,
+    zone_lists,
 )
-
-Array = NDArray[np.float64]
 
 _POINTS = 401
 _BELOW_THRESHOLD = 0.3
@@ -66,11 +61,14 @@ def plot_state(table: Table, entry: Entry) -> Picture:
     _draw_fingers(axes, device, entry)
     _set_axes(axes, device, entry, envelope, threshold)
     axes.legend(fontsize="x-small", loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
-    caption = f"{device.name}: {state_text(device, entry.states)}, {level_text(entry.wanted_level_db)}"
-    figure.suptitle(f"{caption}\n{_drive_text(device, entry)}\n{_promise_text(entry)}", fontsize="medium")
-    draw_note(figure, device, FINGER_NOTE, THRESHOLD_NOTE)
-    return Picture(
-        figure, _columns(envelope), _summary(table, entry, tones_hz, threshold), f"{caption}: {_promise_text(entry)}"
+    return finish_picture(
+        figure,
+        device,
+        f"{device.name}: {state_text(device, entry.states)}, {level_text(entry.wanted_level_db)}",
+        _promise_text(entry),
+        _columns(envelope),
+        _summary(table, entry, tones_hz, threshold),
+        subtitle=f"{_drive_text(device, entry)}\n{_promise_text(entry)}",
     )
 
 
@@ -100,15 +98,8 @@ def _tones(entry: Entry) -> Array:
 def _draw_envelope(axes: Axes, device: Device, entry: Entry, envelope: Envelope) -> None:
     draw_zones(axes, device, entry.states)
     place_mm = 1e3 * envelope.position_m
-    axes.fill_between(
-        place_mm,
-        envelope.least,
-        envelope.greatest,
-        color=BLUE,
-        alpha=0.15,
-        lw=0,
-        label=f"least to greatest of {SAMPLES} other touches",
-    )
+    label = f"least to greatest of {SAMPLES} other touches"
+    axes.fill_between(place_mm, envelope.least, envelope.greatest, color=BLUE, alpha=0.15, lw=0, label=label)
     axes.plot(place_mm, envelope.standard, color=BLUE, lw=1.8, label="with standard fingers")
     draw_actuators(axes, device)
 
@@ -199,10 +190,7 @@ def _columns(envelope: Envelope) -> dict[str, Array]:
 
 def _summary(table: Table, entry: Entry, tones_hz: Array, threshold: Array) -> dict[str, object]:
     return {
-        "device": table.device.name,
-        "fingerprint": table.fingerprint,
-        "felt": zone_names(table.device, entry.states, ZoneState.FELT),
-        "quiet": zone_names(table.device, entry.states, ZoneState.QUIET),
+        **zone_lists(table.device, entry.states),
         "wanted_level_db": finite(entry.wanted_level_db),
         "level_db": entry.level_db,
         "achieved": entry.achieved,
@@ -212,7 +200,6 @@ def _summary(table: Table, entry: Entry, tones_hz: Array, threshold: Array) -> d
         "localized_factor": entry.localized_factor,
         "threshold_m_per_s2": dict(zip(map(str, tones_hz.tolist()), threshold.tolist(), strict=True)),
         "fingers": [_finger_summary(zone) for zone in entry.zones if zone.sensation_level_db is not None],
-        "estimated": [FINGER_NOTE, "detection threshold", *table.device.inferred],
     }
 
 

@@ -1,16 +1,18 @@
-"""What the figures share: colours, zones, actuators, and notes on estimates."""
+"""Parts that the figures share: colours, zones, actuators, the note on estimates, and the frame of a picture."""
 
 import math
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.touch import ZoneState
+from tactable.figures.file import Picture
 
-if TYPE_CHECKING:  # as in figure_file: pages use the words of this module, and draw nothing
+if TYPE_CHECKING:  # as in file.py: pages use the words of this module, and draw nothing
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -28,21 +30,23 @@ CURVES: tuple[tuple[str, Any], ...] = (
 )
 """Colour and line of curves that are compared: told apart in grey, too."""
 COLOUR_MAP = "viridis"
-"""Brightness rises evenly, for the colour-blind and in print; no grey in it, which stands for nothing there."""
+"""Its brightness rises evenly, for the colour-blind and in print. It has no grey, which stands for absent values."""
 THRESHOLD_NOTE = "detection threshold (within 8 dB between people)"
 FINGER_NOTE = "finger"
 COMPUTED = "Computed, not measured."
 STANDARD_GRAVITY_M_PER_S2 = 9.80665
 _NOTE_LETTERS_PER_INCH = 16
+Array = NDArray[np.float64]
+Columns = Mapping[str, Sequence[Any] | NDArray[Any]]
 
 
 def level_text(level_db: float) -> str:
-    """Such as "20 dB"; infinite is full scale."""
+    """A level in words, such as "20 dB"; an infinite one is full scale."""
     return "full scale" if math.isinf(level_db) else f"{level_db:g} dB"
 
 
 def finite(value: float | None) -> float | None:
-    """The value for JSON, which has no infinity: None instead."""
+    """The value for JSON: None instead of an infinity, which JSON does not have."""
     return value if value is not None and math.isfinite(value) else None
 
 
@@ -51,64 +55,60 @@ def zone_names(device: Device, states: Sequence[ZoneState], kind: ZoneState) -> 
     return [zone.name for zone, state in zip(device.zones, states, strict=True) if state is kind]
 
 
+def zone_lists(device: Device, states: Sequence[ZoneState]) -> dict[str, list[str]]:
+    """Names of the felt and of the quiet zones, for a summary."""
+    return {kind.name.lower(): zone_names(device, states, kind) for kind in (ZoneState.FELT, ZoneState.QUIET)}
+
+
 def state_text(device: Device, states: Sequence[ZoneState]) -> str:
-    """Such as "I felt, IV quiet"."""
-    named = {kind: ", ".join(zone_names(device, states, kind)) for kind in (ZoneState.FELT, ZoneState.QUIET)}
-    return ", ".join(f"{names} {kind.name.lower()}" for kind, names in named.items() if names)
+    """States of the zones in words, such as "I felt, IV quiet"."""
+    return ", ".join(f"{', '.join(names)} {kind}" for kind, names in zone_lists(device, states).items() if names)
 
 
 def draw_zones(axes: "Axes", device: Device, states: Sequence[ZoneState]) -> None:
-    """Zones as bands over the bar (mm), coloured by state, named above it."""
+    """Draw zones as bands over the bar (mm), coloured by state, with their names above."""
     for zone, state in zip(device.zones, states, strict=True):
         if state is not ZoneState.FREE:
             axes.axvspan(1e3 * zone.start_m, 1e3 * zone.stop_m, color=STATE_COLOUR[state], alpha=0.16, lw=0)
     draw_zone_names(
-        axes,
-        device,
-        [f"{zone.name}\n{state.name.lower()}" for zone, state in zip(device.zones, states, strict=True)],
+        axes, device, [f"{zone.name}\n{state.name.lower()}" for zone, state in zip(device.zones, states, strict=True)]
     )
 
 
 def draw_zone_names(axes: "Axes", device: Device, names: Sequence[str] | None = None) -> None:
-    """Edges of the zones over the bar (mm), and above them their names, or other `names`."""
+    """Draw the edges of the zones over the bar (mm), and above them their names, or other `names`."""
+    draw_zone_edges(axes, device)
+    above = axes.get_xaxis_transform()
     for zone, name in zip(device.zones, names or [zone.name for zone in device.zones], strict=True):
-        for edge_m in (zone.start_m, zone.stop_m):
-            axes.axvline(1e3 * edge_m, color=GREY, lw=0.5)
         axes.text(
-            500 * (zone.start_m + zone.stop_m),
-            0.98,
-            name,
-            ha="center",
-            va="top",
-            fontsize="small",
-            transform=axes.get_xaxis_transform(),
+            500 * (zone.start_m + zone.stop_m), 0.98, name, ha="center", va="top", fontsize="small", transform=above
         )
+
+
+def draw_zone_edges(axes: "Axes", device: Device, ls: str = "-") -> None:
+    """Draw a vertical line at every edge of a zone (mm)."""
+    for zone in device.zones:
+        for edge_m in (zone.start_m, zone.stop_m):
+            axes.axvline(1e3 * edge_m, color=GREY, lw=0.5, ls=ls)
 
 
 def draw_actuators(axes: "Axes", device: Device) -> None:
-    """A triangle under the bar (mm) for each actuator, with its name."""
+    """Draw a triangle with its name under the bar (mm) for each actuator."""
+    under = axes.get_xaxis_transform()
+    text: dict[str, Any] = {"xytext": (0, 6), "textcoords": "offset points", "ha": "center", "fontsize": "small"}
     for actuator in device.actuators:
         place_mm = 1e3 * actuator.position_m
-        under = axes.get_xaxis_transform()
         axes.plot(place_mm, 0.015, "^", ms=9, color=BLACK, transform=under, clip_on=False)
-        axes.annotate(
-            actuator.name,
-            (place_mm, 0.03),
-            xycoords=under,
-            xytext=(0, 6),
-            textcoords="offset points",
-            ha="center",
-            fontsize="small",
-        )
+        axes.annotate(actuator.name, (place_mm, 0.03), xycoords=under, **text)
 
 
 def draw_gravities(axes: "Axes") -> None:
-    """The same accelerations in g on the right."""
+    """Draw a second axis on the right, in g."""
     draw_scaled(axes.secondary_yaxis, "right", 1 / STANDARD_GRAVITY_M_PER_S2).set_ylabel("(g)")
 
 
 def draw_scaled(secondary: Callable[..., Any], side: str, factor: float) -> Any:
-    """A second axis whose values are `factor` times the first's; `secondary` is what makes it."""
+    """Draw a second axis whose values are `factor` times the first's; `secondary` makes it."""
 
     def forth(value: Any) -> Any:
         return np.asarray(value) * factor
@@ -120,9 +120,32 @@ def draw_scaled(secondary: Callable[..., Any], side: str, factor: float) -> Any:
 
 
 def draw_note(figure: "Figure", device: Device, *estimates: str, origin: str = COMPUTED) -> None:
-    """Below everything: that it is computed, and what rests on estimates."""
+    """Write below everything that the picture is computed, and what in it rests on estimates."""
     listed = [f"{len(device.inferred)} values of the device that its file names"] if device.inferred else []
     known = [*estimates, *listed]
     note = f"{origin} ESTIMATES: {', '.join(known)}." if known else origin
     wrapped = textwrap.fill(note, round(_NOTE_LETTERS_PER_INCH * figure.get_figwidth()))
     figure.supxlabel(wrapped, fontsize="x-small", color="dimgrey", x=0.01, ha="left")
+
+
+def finish_picture(
+    figure: "Figure",
+    device: Device,
+    caption: str,
+    words: str,
+    columns: Columns,
+    summary: Mapping[str, Any],
+    *,
+    notes: Sequence[str] = (FINGER_NOTE, THRESHOLD_NOTE),
+    subtitle: str | None = None,
+    origin: str = COMPUTED,
+) -> Picture:
+    """The picture of a figure, with title, note on estimates, and a summary that names the device.
+
+    `words` follow the caption where the picture is told in one line; `subtitle` stands below it in the picture.
+    """
+    figure.suptitle(caption if subtitle is None else f"{caption}\n{subtitle}", fontsize="medium")
+    draw_note(figure, device, *notes, origin=origin)
+    estimated = ["detection threshold" if note == THRESHOLD_NOTE else note for note in notes]
+    named = {"device": device.name, "fingerprint": device.fingerprint, **summary}
+    return Picture(figure, columns, {**named, "estimated": [*estimated, *device.inferred]}, f"{caption}: {words}")

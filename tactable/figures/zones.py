@@ -1,4 +1,4 @@
-"""Drives of the untouched bar to a picture: acceleration and factor of every zone (paper's Figures 3, 8)."""
+"""Drives of the untouched bar: the acceleration along it and the factor of every zone (paper's Figures 3 and 8)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.entries.untouched import BarDrive, find_untouched_optima
@@ -14,9 +13,16 @@ from precompute.model.assembly import Plant, assemble
 from precompute.model.response import solve_response
 from precompute.model.steady import SteadyState, compute_steady_state
 from tactable.figures.file import FigureError, Picture
-from tactable.figures.style import CURVES, GREEN, GREY, draw_actuators, draw_gravities, draw_note, draw_zone_names
-
-Array = NDArray[np.float64]
+from tactable.figures.style import (
+    CURVES,
+    GREEN,
+    GREY,
+    Array,
+    draw_actuators,
+    draw_gravities,
+    draw_zone_names,
+    finish_picture,
+)
 
 _PLACES = 401
 _HEADROOM = 1.3
@@ -56,11 +62,7 @@ def plot_optimum(device: Device, zones: Sequence[str]) -> Picture:
 def _compute(plant: Plant, drives: Sequence[BarDrive]) -> list[_Shown]:
     place_m = np.linspace(0.0, plant.device.bar.length_m, _PLACES)
     return [
-        _Shown(
-            drive,
-            _along(plant, drive, place_m),
-            compute_steady_state(plant, drive.frequency_hz, drive.amplitude),
-        )
+        _Shown(drive, _along(plant, drive, place_m), compute_steady_state(plant, drive.frequency_hz, drive.amplitude))
         for drive in drives
     ]
 
@@ -79,20 +81,17 @@ def _picture(device: Device, shown: Sequence[_Shown], caption: str, wanted: Sequ
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     _draw_acceleration(above, device, shown, wanted)
     _draw_factors(below, device, shown, wanted)
-    sums = [f"{_factor_text(device, each, wanted)}" for each in shown]
-    figure.suptitle(caption, fontsize="medium")
-    draw_note(figure, device)
-    return Picture(
+    return finish_picture(
         figure,
+        device,
+        caption,
+        "; ".join(_factor_text(device, each, wanted) for each in shown),
         _columns(device, shown),
         {
-            "device": device.name,
-            "fingerprint": device.fingerprint,
             "zones": [device.zones[zone].name for zone in wanted],
             "drives": [_summary_of(device, each, wanted) for each in shown],
-            "estimated": list(device.inferred),
         },
-        f"{caption}: " + "; ".join(sums),
+        notes=(),
     )
 
 

@@ -24,14 +24,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from engine.touch.sources.pointer import PointerEvent
-from tactable.page.messages import (
-    MOST_BYTES,
-    CloseCode,
-    Kind,
-    PageMessageError,
-    decode_message,
-    encode_scene,
-)
+from tactable.page.messages import MOST_BYTES, CloseCode, Kind, PageMessageError, decode_message, encode_scene
 from tactable.page.security import HEADERS, AccessPolicy
 
 FRAME_S = 1 / 60

@@ -20,8 +20,8 @@ from tactable.rig.rig import LiveRun
 
 Array = NDArray[np.float64]
 
-MEASURED_POINTS = 22
-"""As many places along the bar as the paper measured."""
+POINTS = 22
+"""As many places along the bar as the paper simulated."""
 SAMPLES_PER_CYCLE = 80
 """Samples in a period of the highest frequency: straight lines between them cost 5e-4 of the amplitude."""
 ENVELOPE_S = 0.01
@@ -33,7 +33,7 @@ _US_PER_S = 1e6
 
 
 @dataclass(frozen=True)
-class Measured:
+class Simulated:
     """Steady state of a drive that the firmware was sent, held, with fingers on the bar.
 
     share, peak (zone,); at_finger (zone,), NaN where there is none; acceleration (point,) at position_m. All m/s^2.
@@ -47,7 +47,7 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class MeasuredClick:
+class SimulatedClick:
     """What a waveform that the firmware was sent does from rest, with fingers on the bar.
 
     drive (time, actuator): fractions of full scale; acceleration (time, finger) in m/s^2, in the order of the zones.
@@ -85,10 +85,10 @@ class SimulatedBar:
         self.device = device
         self.basis: Basis = compute_basis(assemble(device))
         self.sample_rate_hz = SAMPLES_PER_CYCLE * max(device.sweep.stop_hz, *(a.band_hz[1] for a in device.actuators))
-        self.point_m = np.linspace(0.0, device.bar.length_m, MEASURED_POINTS)
+        self.point_m = np.linspace(0.0, device.bar.length_m, POINTS)
         self._edges = ZoneEdges(device)
 
-    def measure_held(self, event: DriveEvent, entry: Entry) -> Measured:
+    def simulate_held(self, event: DriveEvent, entry: Entry) -> Simulated:
         """Hold the firmware's drive of `event` until the bar is steady; then measure.
 
         A standard finger lies at the middle of every zone that the entry is touched in, as the table has it. Steady:
@@ -103,8 +103,8 @@ class SimulatedBar:
         plant = TransientPlant(self.basis, np.concatenate([self.point_m, middle_m, *places]), self.sample_rate_hz)
         plant.touch([(position_m, self.device.finger) for position_m in middle_m[touched]])
         share, peak = _settle(plant, event)
-        points, middles, *by_zone = np.split(peak, np.cumsum([MEASURED_POINTS, *map(len, [middle_m, *places[:-1]])]))
-        return Measured(
+        points, middles, *by_zone = np.split(peak, np.cumsum([POINTS, *map(len, [middle_m, *places[:-1]])]))
+        return Simulated(
             share=share,
             peak=np.array([values.max() for values in by_zone]),
             at_finger=np.where(touched, middles, np.nan),
@@ -112,7 +112,9 @@ class SimulatedBar:
             acceleration=points,
         )
 
-    def measure_click(self, event: DriveEvent, states: Sequence[ZoneState], banks: Mapping[int, Bank]) -> MeasuredClick:
+    def simulate_click(
+        self, event: DriveEvent, states: Sequence[ZoneState], banks: Mapping[int, Bank]
+    ) -> SimulatedClick:
         """Play the firmware's waveform of `event` from rest, standard fingers in touched zones, as the table has it."""
         zones = [zone for zone, state in zip(self.device.zones, states, strict=True) if state is not ZoneState.FREE]
         middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in zones])
@@ -121,7 +123,7 @@ class SimulatedBar:
         log = [replace(event, device_time_us=0)]
         drive = synthesise(log, 0.0, _RING_DOWN_US, self.sample_rate_hz, banks)
         acceleration, _ = plant.run(drive)
-        return MeasuredClick(np.arange(len(drive)) / self.sample_rate_hz, drive, acceleration)
+        return SimulatedClick(np.arange(len(drive)) / self.sample_rate_hz, drive, acceleration)
 
     def feel(self, run: LiveRun, longest_s: float) -> Felt:
         """What happened on the bar with the fingers on it, over the first `longest_s` of a run that has a trace."""

@@ -88,12 +88,12 @@ def _run_demo(table: Table, recording: Recording, effects: Effects) -> DemoRepor
     felt = bar.feel(run, LONGEST_REPLAY_S + 1.0) if run.trace else None
     greatest = _greatest(run, felt) if felt else {}
     states = tuple(
-        StateReport(entry, bar.measure_held(event, entry), *greatest.get(wanted, (0.0, 0.0)))
+        StateReport(entry, bar.simulate_held(event, entry), *greatest.get(wanted, (0.0, 0.0)))
         for wanted, event in applied.items()
         if event.waveform is None and (entry := table.entry_at(wanted.state, wanted.level_db)) is not None
     )
     clicks = tuple(
-        ClickReport(click, bar.measure_click(event, click.states, run.log.banks), *greatest.get(wanted, (0.0, 0.0)))
+        ClickReport(click, bar.simulate_click(event, click.states, run.log.banks), *greatest.get(wanted, (0.0, 0.0)))
         for wanted, event in applied.items()
         if event.waveform is not None and (click := table.click_at(wanted.state, wanted.level_db)) is not None
     )
@@ -184,17 +184,17 @@ def _state_json(device: Device, state: StateReport) -> dict[str, Any]:
         "phases_rad": list(entry.phases_rad),
         "t90_s": entry.t90_s,
         "promised_localized_factor": entry.localized_factor,
-        "measured_localized_factor": state.measured_factor,
+        "measured_localized_factor": state.simulated_factor,
         "zones": [
             {
                 "name": zone.name,
                 "state": promise.state.name.lower(),
                 "promised_share": promise.share,
-                "measured_share": float(state.measured.share[i]),
+                "measured_share": float(state.simulated.share[i]),
                 "promised_peak_acceleration_m_per_s2": promise.peak_acceleration_m_per_s2,
-                "measured_peak_acceleration_m_per_s2": float(state.measured.peak[i]),
+                "measured_peak_acceleration_m_per_s2": float(state.simulated.peak[i]),
                 "promised_acceleration_at_finger_m_per_s2": promise.acceleration_at_finger_m_per_s2,
-                "measured_acceleration_at_finger_m_per_s2": _known(state.measured.at_finger[i]),
+                "measured_acceleration_at_finger_m_per_s2": _known(state.simulated.at_finger[i]),
             }
             for i, (zone, promise) in enumerate(zip(device.zones, entry.zones, strict=True))
         ],

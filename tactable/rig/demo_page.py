@@ -14,7 +14,7 @@ from tactable.rig.rig import Wanted
 
 
 def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
-    """Touches, commands, promised against measured, latency, verdict."""
+    """Touches, commands, promised against simulated, latency, verdict."""
     run, counters = report.run, report.run.counters
     pace = "real pace" if report.speed == 1 else f"{report.speed:.1f} times real pace"
     out.print(f"[bold]{report.device.name}[/bold]: touches to felt zones. SIMULATED: firmware and bar.")
@@ -46,9 +46,9 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
     if not report.states and not report.clicks and not report.missed:
         return
     if report.agrees:
-        out.print(f"[green]Promised and measured agree within {100 * AGREEMENT:.0f} %.[/green]")
+        out.print(f"[green]Promised and simulated agree within {100 * AGREEMENT:.0f} %.[/green]")
     else:
-        out.print(f"[red]Promised and measured DISAGREE by more than {100 * AGREEMENT:.0f} %.[/red]")
+        out.print(f"[red]Promised and simulated DISAGREE by more than {100 * AGREEMENT:.0f} %.[/red]")
 
 
 def _name(wanted: Wanted) -> str:
@@ -56,7 +56,9 @@ def _name(wanted: Wanted) -> str:
 
 
 def _clicks(report: DemoReport) -> Grid:
-    title = "clicks, promised/measured: what the firmware was sent, played from rest, standard fingers in touched zones"
+    title = (
+        "clicks, promised/simulated: what the firmware was sent, played from rest, standard fingers in touched zones"
+    )
     grid = Grid(title=title, title_justify="left", box=SIMPLE, padding=(0, 1, 0, 0))
     names = ("fingers", "played", "at finger\nm/s²", "\ndB", "sampled\ndB", "felt after\nms", "off\n%", "run*\ndB")
     for name in names:
@@ -102,7 +104,7 @@ def _click_cells(report: DemoReport, found: ClickReport) -> tuple[str, ...]:
 
 
 def _states(report: DemoReport) -> Grid:
-    title = "promised/measured: drive held until steady, standard fingers in touched zones"
+    title = "promised/simulated: drive held until steady, standard fingers in touched zones"
     grid = Grid(title=title, title_justify="left", box=SIMPLE, padding=(0, 1, 0, 0))
     names = ("fingers", "drive", "localized\nfactor", "at finger\nm/s²", "\ndB", "t90\nms", "off\n%", "run*\ndB")
     for name in names:
@@ -123,8 +125,10 @@ def _cells(state: StateReport) -> tuple[str, ...]:
     return (
         "\n".join(f"{zone.name} {zone.state.name.lower()}" for zone in zones),
         _drive(state),
-        f"{entry.localized_factor:.3f}/{state.measured_factor:.3f}",
-        "\n".join(f"{a:.2f}/{state.measured.at_finger[i]:.2f}" for a, i in zip(promised, (*felt, *quiet), strict=True)),
+        f"{entry.localized_factor:.3f}/{state.simulated_factor:.3f}",
+        "\n".join(
+            f"{a:.2f}/{state.simulated.at_finger[i]:.2f}" for a, i in zip(promised, (*felt, *quiet), strict=True)
+        ),
         "\n".join(f"{zone.sensation_level_db:.1f}" for zone in zones),
         f"{1e3 * entry.t90_s:.0f}",
         f"{100 * state.disagreement:.2f}",

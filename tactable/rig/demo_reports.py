@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from engine.table import ClickEntry, Entry
 from engine.touch import ZoneState
-from tactable.rig.bar import Measured, MeasuredClick
+from tactable.rig.bar import Simulated, SimulatedClick
 
 AGREEMENT = 0.02
-"""Promised and measured may differ by this fraction."""
+"""Promised and simulated may differ by this fraction."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class StateReport:
     """One state that was rendered at one level: the table's promise, what the held drive did, and the run itself."""
 
     entry: Entry
-    measured: Measured
+    simulated: Simulated
     felt_m_per_s2: float
     """Greatest under the fingers that were to feel, while the state lasted."""
     quiet_m_per_s2: float
@@ -35,20 +35,20 @@ class StateReport:
         return self.zones_in(ZoneState.FELT)
 
     @property
-    def measured_factor(self) -> float:
-        """Localized factor of the felt zones, measured."""
-        return float(self.measured.share[self.felt_zones].sum())
+    def simulated_factor(self) -> float:
+        """Localized factor of the felt zones, simulated."""
+        return float(self.simulated.share[self.felt_zones].sum())
 
     @property
     def disagreement(self) -> float:
         """Greatest relative difference of localized factor, peaks of felt zones and acceleration at each finger."""
-        entry, measured = self.entry, self.measured
-        pairs = [(entry.localized_factor, self.measured_factor)]
-        pairs += [(entry.zones[i].peak_acceleration_m_per_s2, measured.peak[i]) for i in self.felt_zones]
+        entry, simulated = self.entry, self.simulated
+        pairs = [(entry.localized_factor, self.simulated_factor)]
+        pairs += [(entry.zones[i].peak_acceleration_m_per_s2, simulated.peak[i]) for i in self.felt_zones]
         fingers = (zone.acceleration_at_finger_m_per_s2 for zone in entry.zones)
         pairs += [
             (promised, found)
-            for promised, found in zip(fingers, measured.at_finger, strict=True)
+            for promised, found in zip(fingers, simulated.at_finger, strict=True)
             if promised is not None
         ]
         return float(max(abs(found / promised - 1) for promised, found in pairs))
@@ -70,7 +70,7 @@ class ClickReport:
     """One click that was rendered at one level: the table's promise, what the waveform did, and the run itself."""
 
     click: ClickEntry
-    measured: MeasuredClick
+    simulated: SimulatedClick
     felt_m_per_s2: float
     """Greatest under the fingers that were to feel, until something else was felt."""
     quiet_m_per_s2: float
@@ -92,9 +92,9 @@ class ClickReport:
 
     @property
     def at_finger(self) -> NDArray[np.float64]:
-        """Shape (zone,): greatest acceleration under each finger, measured, m/s^2; NaN where there is none."""
+        """Shape (zone,): greatest acceleration under each finger, simulated, m/s^2; NaN where there is none."""
         values = np.full(len(self.click.zones), np.nan)
-        values[self.touched_zones] = abs(self.measured.acceleration).max(axis=0)
+        values[self.touched_zones] = abs(self.simulated.acceleration).max(axis=0)
         return values
 
     @property

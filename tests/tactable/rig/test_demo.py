@@ -19,7 +19,7 @@ from engine.touch.sources.recording import read_recording
 from firmware_link.emulator import Cause, DriveEvent
 from precompute.builder.build import build_table
 from precompute.clicks.options import ClickOptions
-from tactable.rig.bar import ENVELOPE_S, Measured, SimulatedBar
+from tactable.rig.bar import ENVELOPE_S, Simulated, SimulatedBar
 from tactable.rig.demo import find_missed
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, StateReport
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
@@ -57,7 +57,7 @@ class Bench:
         if wanted not in self.known:
             entry = self.table.entry_at(wanted.state, wanted.level_db)
             assert entry is not None
-            self.known[wanted] = StateReport(entry, self.bar.measure_held(event, entry), 0.0, 0.0)
+            self.known[wanted] = StateReport(entry, self.bar.simulate_held(event, entry), 0.0, 0.0)
         return self.known[wanted]
 
 
@@ -154,24 +154,24 @@ def changed(entry: Entry, state: ZoneState, name: str, factor: float) -> Entry:
 
 def test_a_broken_promise_is_found(bench: Bench, rendered: tuple[Entry, DriveEvent]) -> None:
     entry, event = rendered
-    measured = bench.bar.measure_held(event, entry)
-    assert StateReport(entry, measured, 0.0, 0.0).disagreement <= AGREEMENT
+    simulated = bench.bar.simulate_held(event, entry)
+    assert StateReport(entry, simulated, 0.0, 0.0).disagreement <= AGREEMENT
     boasts = [
         replace(entry, localized_factor=1.03 * entry.localized_factor),
         changed(entry, ZoneState.FELT, "peak_acceleration_m_per_s2", 1.03),
         changed(entry, ZoneState.FELT, "acceleration_at_finger_m_per_s2", 0.97),
         changed(entry, ZoneState.QUIET, "acceleration_at_finger_m_per_s2", 0.97),
     ]
-    assert all(StateReport(boast, measured, 0.0, 0.0).disagreement > AGREEMENT for boast in boasts)
+    assert all(StateReport(boast, simulated, 0.0, 0.0).disagreement > AGREEMENT for boast in boasts)
     louder = replace(event, channels=tuple(replace(c, amplitude=1.03 * c.amplitude) for c in event.channels))
-    assert StateReport(entry, bench.bar.measure_held(louder, entry), 0.0, 0.0).disagreement > AGREEMENT
+    assert StateReport(entry, bench.bar.simulate_held(louder, entry), 0.0, 0.0).disagreement > AGREEMENT
 
 
 def test_a_promise_for_fingers_is_not_kept_without_them(bench: Bench, rendered: tuple[Entry, DriveEvent]) -> None:
     entry, event = rendered
     without = replace(entry, zones=tuple(replace(zone, state=ZoneState.FREE) for zone in entry.zones))
     untouched = replace(
-        bench.bar.measure_held(event, without), at_finger=bench.bar.measure_held(event, entry).at_finger
+        bench.bar.simulate_held(event, without), at_finger=bench.bar.simulate_held(event, entry).at_finger
     )
     assert StateReport(entry, untouched, 0.0, 0.0).disagreement > AGREEMENT
 
@@ -181,7 +181,7 @@ def test_the_level_in_the_run_is_the_promised_one_where_the_acceleration_is(tabl
     promise = entry.zones[0]
     at_finger, promised_db = promise.acceleration_at_finger_m_per_s2, promise.sensation_level_db
     assert at_finger is not None and promised_db is not None
-    report = StateReport(entry, Measured(*[np.zeros(0)] * 5), 0.0, 0.0)
+    report = StateReport(entry, Simulated(*[np.zeros(0)] * 5), 0.0, 0.0)
     assert report.level_db(at_finger) == pytest.approx(promised_db)
     assert report.level_db(10 * at_finger) == pytest.approx(promised_db + 20)
     assert report.level_db(0.0) is None
@@ -211,7 +211,7 @@ def clicked(table: Table) -> tuple[LiveRun, dict[Wanted, DriveEvent]]:
 def click_report(table: Table, bar: SimulatedBar, run: LiveRun, wanted: Wanted, event: DriveEvent) -> ClickReport:
     click = table.click_at(wanted.state, wanted.level_db)
     assert click is not None
-    return ClickReport(click, bar.measure_click(event, click.states, run.log.banks), 0.0, 0.0)
+    return ClickReport(click, bar.simulate_click(event, click.states, run.log.banks), 0.0, 0.0)
 
 
 def test_every_click_of_the_demo_does_what_was_promised(
