@@ -1,4 +1,4 @@
-"""The picture of the demo: touches, what the fingers felt, and promised against simulated acceleration along the bar."""
+"""The picture of the demo: touches, what fingers felt, and the acceleration along the bar, promised and simulated."""
 
 import itertools
 from pathlib import Path
@@ -65,9 +65,7 @@ def _draw_felt(axes: Axes, felt: Felt) -> None:
     axes.fill_between(felt.time_s, felt.felt, step="post", color=VERMILLION, lw=0.4, label="to be felt")
     axes.fill_between(felt.time_s, felt.quiet, step="post", color=BLUE, lw=0.4, label="quiet")
     axes.set(ylabel="under a finger (m/s²)", ylim=(0, None))
-    title = (
-        "peak acceleration under the fingers of the recording: those that are to feel at that moment, and the others"
-    )
+    title = "peak acceleration under the fingers of the recording: those that are to feel at the moment, and the others"
     axes.set_title(title, fontsize="small", loc="left")
     axes.legend(fontsize="x-small", loc="upper right", ncols=2)
 

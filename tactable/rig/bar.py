@@ -1,4 +1,4 @@
-"""The bar in time, driven by what the emulated firmware was sent, fingers on it. SIMULATED."""
+"""The bar and its fingers in the time domain, driven by what the emulated firmware was sent. SIMULATED."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +21,7 @@ from tactable.rig.rig import LiveRun
 Array = NDArray[np.float64]
 
 POINTS = 22
-"""As many places along the bar as the paper simulated."""
+"""The number of places along the bar that the paper measured."""
 SAMPLES_PER_CYCLE = 80
 """Samples in a period of the highest frequency: straight lines between them cost 5e-4 of the amplitude."""
 ENVELOPE_S = 0.01
@@ -89,7 +89,7 @@ class SimulatedBar:
         self._edges = ZoneEdges(device)
 
     def simulate_held(self, event: DriveEvent, entry: Entry) -> Simulated:
-        """Hold the firmware's drive of `event` until the bar is steady; then measure.
+        """Hold the firmware's drive of `event` until the bar is steady.
 
         A standard finger lies at the middle of every zone that the entry is touched in, as the table has it. Steady:
         the peaks of two windows of whole beats differ by less than 0.1 % of the greatest. The peak of a zone is looked

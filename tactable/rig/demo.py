@@ -1,4 +1,8 @@
-"""The whole chain in one run: table, touches, wire, bar; and whether the bar does what the table promised."""
+"""The demo: recorded touches through the engine, the wire and the emulated firmware to the simulated bar.
+
+The report says for every rendered state whether the simulated bar does what the table promised. JSON keys that begin
+with `measured_` hold simulated values; their names are kept, since programs read them.
+"""
 
 import math
 from collections.abc import Collection
@@ -23,14 +27,14 @@ from tactable.rig.demo_reports import AGREEMENT, ClickReport, StateReport
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
 
 DEMO_FINGERS = 2
-"""A table made for the demo has clicks for so many: all of them take minutes."""
+"""A table made for the demo has clicks for up to this many fingers; more would take minutes."""
 LONGEST_REPLAY_S = 12.0
 """A longer recording is replayed faster, so that the demo ends within a minute."""
 
 
 @dataclass(frozen=True)
 class DemoReport:
-    """All that the demo found. SIMULATED: digitizer (where it is the shipped recording), firmware and bar."""
+    """What the demo found. SIMULATED: digitizer (where it is the shipped recording), firmware and bar."""
 
     device: Device
     table: Path
@@ -42,9 +46,9 @@ class DemoReport:
     clicks: tuple[ClickReport, ...]
     """What was rendered by a click."""
     missed: tuple[Wanted, ...]
-    """What was sent in time and never applied by the firmware."""
+    """States that were sent in time and never applied by the firmware."""
     not_rendered: tuple[Wanted, ...]
-    """What was to be rendered and was over before the machine, having stalled, brought it to the firmware."""
+    """States that ended before a stalled machine brought them to the firmware."""
     felt: Felt | None
     """None where no state changed."""
 
@@ -73,7 +77,7 @@ def table_for(device: Device, path: Path, progress: Progress) -> Table:
 
 
 def run_demo(table: Table, recording: Recording, effects: Effects = DEFAULT_EFFECTS) -> DemoReport:
-    """Replay, render, measure. Raises what `tactable.rig.rig.play` raises."""
+    """Replay, render and simulate. Raises what `tactable.rig.rig.play` raises."""
     with threadpool_limits(1, "blas"):
         return _run_demo(table, recording, effects)
 
@@ -132,7 +136,7 @@ def _greatest(run: LiveRun, felt: Felt) -> dict[Wanted, tuple[float, float]]:
 
 
 def demo_json(report: DemoReport) -> dict[str, Any]:
-    """Everything as plain values."""
+    """The report as plain JSON values."""
     run, latency = report.run, report.run.latency.summarise(Stage.AVAILABLE, Stage.WRITTEN)
     return {
         "simulated": True,
@@ -160,7 +164,7 @@ def demo_json(report: DemoReport) -> dict[str, Any]:
 
 
 def finite_or_none(level_db: float) -> float | None:
-    """JSON has no infinity: None stands for full scale."""
+    """The level for JSON, which has no infinity: None stands for full scale."""
     return level_db if math.isfinite(level_db) else None
 
 

@@ -1,4 +1,4 @@
-"""The demo's findings to a page that a person understands."""
+"""Prints what the demo found."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from tactable.rig.rig import Wanted
 
 
 def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
-    """Touches, commands, promised against simulated, latency, verdict."""
+    """Print touches, commands, latency, promised and simulated figures, and whether they agree."""
     run, counters = report.run, report.run.counters
     pace = "real pace" if report.speed == 1 else f"{report.speed:.1f} times real pace"
     out.print(f"[bold]{report.device.name}[/bold]: touches to felt zones. SIMULATED: firmware and bar.")
@@ -46,9 +46,9 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
     if not report.states and not report.clicks and not report.missed:
         return
     if report.agrees:
-        out.print(f"[green]Promised and simulated agree within {100 * AGREEMENT:.0f} %.[/green]")
+        out.print(f"[green]Promise and simulation agree within {100 * AGREEMENT:.0f} %.[/green]")
     else:
-        out.print(f"[red]Promised and simulated DISAGREE by more than {100 * AGREEMENT:.0f} %.[/red]")
+        out.print(f"[red]Promise and simulation DISAGREE by more than {100 * AGREEMENT:.0f} %.[/red]")
 
 
 def _name(wanted: Wanted) -> str:
@@ -56,9 +56,7 @@ def _name(wanted: Wanted) -> str:
 
 
 def _clicks(report: DemoReport) -> Grid:
-    title = (
-        "clicks, promised/simulated: what the firmware was sent, played from rest, standard fingers in touched zones"
-    )
+    title = "clicks, promised/simulated: the firmware's waveform played from rest, standard fingers in touched zones"
     grid = Grid(title=title, title_justify="left", box=SIMPLE, padding=(0, 1, 0, 0))
     names = ("fingers", "played", "at finger\nm/s²", "\ndB", "sampled\ndB", "felt after\nms", "off\n%", "run*\ndB")
     for name in names:

@@ -1,4 +1,8 @@
-"""One state of the demo: what the table promised, and what the simulated bar did with what the firmware was sent."""
+"""One rendered state of the demo: the table's promise, and what the simulated bar did with the firmware's drive.
+
+The promise comes from the steady-state model, the simulation from its time-domain twin: they check each other and the
+whole chain between them. Neither is a measurement.
+"""
 
 import math
 from dataclasses import dataclass
@@ -11,12 +15,12 @@ from engine.touch import ZoneState
 from tactable.rig.bar import Simulated, SimulatedClick
 
 AGREEMENT = 0.02
-"""Promised and simulated may differ by this fraction."""
+"""The fraction by which the table's promise and the simulation may differ."""
 
 
 @dataclass(frozen=True)
 class StateReport:
-    """One state that was rendered at one level: the table's promise, what the held drive did, and the run itself."""
+    """One state at one level: the table's promise, what the held drive did, and what was felt in the run."""
 
     entry: Entry
     simulated: Simulated
@@ -67,7 +71,7 @@ class StateReport:
 
 @dataclass(frozen=True)
 class ClickReport:
-    """One click that was rendered at one level: the table's promise, what the waveform did, and the run itself."""
+    """One click at one level: the table's promise, what the waveform did, and what was felt in the run."""
 
     click: ClickEntry
     simulated: SimulatedClick
