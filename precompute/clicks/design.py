@@ -9,19 +9,28 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.touch import ZoneState
-from precompute.clicks.basis import LOOKS, PLAY_RATE_HZ, RING_S, Responses, Tones, independent, make_tones
+from precompute.clicks.basis import PLAY_RATE_HZ, Tones, independent, make_tones
 from precompute.clicks.evaluation import decibels
 from precompute.clicks.options import ClickOptions
 from precompute.clicks.program import Optimum, Program
+from precompute.clicks.responses import Responses
 from precompute.clicks.search import Aim, Search, Strongest
+from precompute.clicks.watched import WatchedCourses
 from precompute.entries.prediction import States, touched_zones
 
 Array = NDArray[np.float64]
 
-_ROUGH_DB, _CLOSE_DB = 0.3, 0.05
+_FIRST_LIMIT_DB = -1.0
+"""Below the quiet level: about where trimming ends."""
+_ROUGH_DB, _CLOSE_DB = 0.1, 0.03
+_SEARCH_AGAIN_DB = 1.0
+"""A limit moved by more makes other instants the best, and the bounds of the first search loose."""
+_NEAR_DB = 1.5
+"""From the 95th percentile: plants further off do not come to it while the limit moves by tenths of a dB."""
 _ROUGHLY = 201
-"""Trimmed plants that are enough to find the limit roughly; the last one is the mirror image of the one before."""
-_TRIMS = 3
+"""Plants that are enough to find the limit roughly; the nominal one is one of them."""
+_TRIMS = 6
+_FIRST_PLANTS, _FIRST_S = 5, 0.07
 _MOST_EXCESS_DB = 40.0
 _HALVINGS = 10
 
@@ -70,11 +79,13 @@ class Designer:
     @cached_property
     def search(self) -> Search:
         """Over the optimised plants; whoever only fits a waveform does not need it."""
-        program = Program(
-            drive_rows(self._tones, self._amplitude, self._options.slew_per_s), self._watched(), len(self.felt)
-        )
+        watched = self._watched()
+        program = Program(drive_rows(self._tones, self._amplitude, self._options.slew_per_s), watched, len(self.felt))
         course = self._plants.optimised.under(self.felt).mean().play_each(self._tones)[0]
-        return Search(program, course, self._length_s)
+        search = Search(program, course, self._length_s)
+        if watched.shape[0]:
+            program.add(_first_rows(watched))
+        return search
 
     def waveform(self, weight: Array) -> Array:
         """Base displacements (actuator, time) of weights of the tones (tone,) that the search is over."""
@@ -83,12 +94,10 @@ class Designer:
     def design(self) -> Design:
         """As strong as can be within the quiet level, or as wanted."""
         limit_db = self._options.quiet_db
-        strongest = self.search.strongest(_factor(limit_db))
         if not self.quiet:
-            return self._settle(Trimmed(limit_db, strongest.optimum, limit_db))
-        rough = self._trim(strongest, limit_db, self._plants.trimmed.first(_ROUGHLY), _ROUGH_DB)
-        strongest = self.search.strongest(_factor(rough.limit_db))
-        return self._settle(self._trim(strongest, rough.limit_db, self._plants.trimmed, _CLOSE_DB))
+            return self._settle(Trimmed(limit_db, self.search.strongest(_factor(limit_db)).optimum, limit_db))
+        limit_db += _FIRST_LIMIT_DB
+        return self._settle(self._trim(self.search.strongest(_factor(limit_db)), limit_db))
 
     def fit(self, waveform: Array) -> Design:
         """Any waveform, as loud as the drive's amplitude and the quiet level allow, or as wanted; the bound is none."""
@@ -117,32 +126,50 @@ class Designer:
         waveform *= _factor(-spare_db)
         return Design(waveform, achieved=False, bound_db=np.inf, gap_db=np.inf)
 
-    def _watched(self) -> Array:
-        """Courses (course, time, tone) that keep to the quiet level, at the samples of the waveform."""
-        optimised, steps = self._plants.optimised, round((self._length_s + RING_S) * PLAY_RATE_HZ)
-        quiet = optimised.under(self.quiet).play_each(self._tones, LOOKS)[:, :, :steps]
-        watched = [quiet.reshape(-1, *quiet.shape[2:])]
+    def _watched(self) -> WatchedCourses:
+        """Quiet fingers from the start on, and felt ones from the brake on where there is one."""
+        optimised = self._plants.optimised
+        fingers, start = list(self.quiet), [0] * len(self.quiet)
         if self._options.brake_s is not None:
-            felt = optimised.under(self.felt).play_each(self._tones, LOOKS)[:, :, :steps]
-            felt[:, :, : round(self._options.brake_s * PLAY_RATE_HZ)] = 0
-            watched.append(felt.reshape(-1, *felt.shape[2:]))
-        return np.concatenate(watched)
+            fingers += self.felt
+            start += [round(self._options.brake_s * PLAY_RATE_HZ)] * len(self.felt)
+        starts = np.tile(np.array(start, dtype=np.int64), len(optimised.transfer))
+        return WatchedCourses(optimised.under(fingers), self._tones, starts)
 
     def _best_for(self, aim: Aim, limit_db: float) -> Array:
         return self.waveform(self.search.improve(aim, _factor(limit_db)).weight)
 
-    def _trim(self, strongest: Strongest, limit_db: float, plants: Responses, close_db: float) -> Trimmed:
-        trimmed = self._trimmed(limit_db, strongest.optimum, plants)
+    def _trim(self, strongest: Strongest, limit_db: float) -> Trimmed:
+        """Move the limit until 95 % of the trimmed plants keep to the quiet level: roughly on few plants, then on all.
+
+        Once all were played, only those near the percentile are played again: the others stay on their side of it.
+        """
+        trimmed, optimum = self._plants.trimmed, strongest.optimum
+        few = self._quiet_db(trimmed.first(_ROUGHLY), optimum)
+        over_db = _percentile(few, 95) - self._options.quiet_db
+        if abs(over_db) >= _ROUGH_DB:
+            limit_db -= over_db
+            if abs(over_db) >= _SEARCH_AGAIN_DB:
+                strongest = self.search.strongest(_factor(limit_db))
+                optimum = strongest.optimum
+            else:
+                optimum = self.search.improve(strongest.aim, _factor(limit_db))
+        every_db = self._quiet_db(trimmed, optimum)
+        over_db = _percentile(every_db, 95) - self._options.quiet_db
+        near = np.flatnonzero(np.abs(every_db - self._options.quiet_db - over_db) < _NEAR_DB)
+        close_to = Responses(trimmed.transfer[1:][near], trimmed.lines)
         for _ in range(_TRIMS):
-            over_db = trimmed.quiet_db - self._options.quiet_db
-            if abs(over_db) < close_db:
+            if abs(over_db) < _CLOSE_DB:
                 break
             limit_db -= over_db
-            trimmed = self._trimmed(limit_db, self.search.improve(strongest.aim, _factor(limit_db)), plants)
-        return trimmed
+            optimum = self.search.improve(strongest.aim, _factor(limit_db))
+            every_db[near] = decibels(close_to.peaks(self.waveform(optimum.weight), self.quiet).max(axis=1))
+            over_db = _percentile(every_db, 95) - self._options.quiet_db
+        return Trimmed(limit_db, optimum, self._options.quiet_db + over_db)
 
-    def _trimmed(self, limit_db: float, optimum: Optimum, plants: Responses) -> Trimmed:
-        return Trimmed(limit_db, optimum, self._strongest_db(plants, self.waveform(optimum.weight)))
+    def _quiet_db(self, plants: Responses, optimum: Optimum) -> Array:
+        """Level of the strongest quiet finger in every sampled plant (plant,)."""
+        return decibels(plants.peaks(self.waveform(optimum.weight), self.quiet)[1:].max(axis=1))
 
     def _settle(self, trimmed: Trimmed) -> Design:
         """No louder than the quiet level allows, with the bound that the search has proven at that limit."""
@@ -162,17 +189,30 @@ class Designer:
     def _felt_db(self, waveform: Array) -> float:
         """What the weakest felt finger exceeds in 95 % of the trimmed plants."""
         peak = self._plants.trimmed.peaks(waveform, self.felt)[1:]
-        return float(np.percentile(decibels(peak.min(axis=1)), 5))
+        return _percentile(decibels(peak.min(axis=1)), 5)
 
     def _strongest_db(self, plants: Responses, waveform: Array) -> float:
         """What the strongest quiet finger keeps to in 95 % of the plants."""
         peak = plants.peaks(waveform, self.quiet)[1:]
-        return float(np.percentile(decibels(peak.max(axis=1)), 95))
+        return _percentile(decibels(peak.max(axis=1)), 95)
 
 
 def fingers_of(states: States, kind: ZoneState) -> list[int]:
     """Which of the fingers, in the order of their zones, lie in zones of that state."""
     return [finger for finger, zone in enumerate(touched_zones(states)) if states[zone] is kind]
+
+
+def _first_rows(watched: WatchedCourses) -> NDArray[np.int64]:
+    """Numbers of the watched rows that a pool begins with: every other sample of the first plants' first 70 ms."""
+    scenarios, fingers = watched.responses.transfer.shape[:2]
+    course = np.arange(min(scenarios, _FIRST_PLANTS) * fingers)[:, None]
+    sample = np.arange(0, round(_FIRST_S * PLAY_RATE_HZ), 2)
+    numbers: NDArray[np.int64] = (course * watched.shape[1] + sample)[watched.start[course[:, 0], None] <= sample]
+    return numbers
+
+
+def _percentile(level_db: Array, percent: float) -> float:
+    return float(np.percentile(level_db, percent))
 
 
 def drive_rows(tones: Tones, amplitude: float, slew_per_s: float | None) -> Array:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from precompute.clicks.basis import LOOK_RATE_HZ, Responses
+from precompute.clicks.basis import LOOK_RATE_HZ
+from precompute.clicks.responses import Responses
 
 Array = NDArray[np.float64]
 

@@ -1,49 +1,94 @@
-"""Linear program: the weights that make given sums as great as can be while every watched course keeps to a limit."""
+"""Linear program of a click: weights of tones with the greatest response at given instants, within every limit.
 
-from collections.abc import Iterator
+Theory of operation
+-------------------
+Unknowns are the weights x of some 44 tones. Rows are two-sided and dense:
+
+- aims: sums a x, one for each felt finger, what it feels at one instant. With one the objective is a x itself; with
+  several it is a further unknown v that none of the sums may be less than, so that the weakest finger counts;
+- drive rows, |row x| <= 1: amplitude (and slew) at every sample of the waveform. They hold every x within bounds;
+- watched rows, |row x| <= limit: quiet fingers of all sampled plants at all instants, some 20 000 of them.
+
+Few watched rows matter, so they are *generated*: solve with the rows that are in the pool, play the result through
+all courses, and let in the highest peaks that pass the limit, or come near it in a course that does. Weights divided
+by their worst violation keep to all limits, so each round gives a feasible value; the prices give an upper bound.
+The rounds end when value and bound agree within the tolerance, or the bound falls below what is already had.
+
+Rows found for one aim serve the next; rows far from their limits are taken out between aims, since a pivot costs as
+many operations as there are rows in the pool. The dual simplex (`simplex.py`) starts where it ended. Where it fails,
+which is rounding, HiGHS solves the pool, and `fallbacks` counts it.
+"""
+
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import highspy
 import numpy as np
+import scipy.linalg
+from numba import njit
 from numpy.typing import NDArray
 
+from firmware_link.protocol.errors import TactableError
+from precompute.clicks.simplex import Outcome, maximise
+
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+Integers = NDArray[np.int64]
 
 TOLERANCE = 1e-4
-"""A bound this close, relative, is as good as met: 0.001 dB."""
+"""A bound this close, relative, counts as met: 0.001 dB."""
 _PEAKS = 4
 """Rows added at most of one course in one round."""
 _ROUNDS = 60
-_OVER = 1e-9
-_NEAR = 0.6
-"""Rows that the last weights bring no closer to the limit than so are taken out before another aim is solved."""
-_WORTH_IT = 100
-"""Of them there must be so many: taking rows out has its price too."""
+_OVER = 1e-5
+"""Courses are played in single precision: beyond the limit by less than this is within it."""
+_LET_IN = 0.95
+"""Of the limit: lower peaks of a course that passes it elsewhere are left out."""
+_NEAR = 0.7
+"""Of the limit: rows that the last weights bring no closer are taken out before the next aim."""
+_WORTH_PURGING = 40
+"""Idle rows are taken out only when there are at least this many."""
+_LARGEST_VALUE = 1e4
+"""Above whatever is felt, over threshold: it closes the rows of several aims on their open side."""
 
 
-class ProgramError(RuntimeError):
+class ProgramError(TactableError):
     """The solver failed on a program that always has a solution."""
+
+
+class Watched(Protocol):
+    """Courses that keep to the limit; `clicks.watched.WatchedCourses` is one."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """How many courses and how many samples of each."""
+
+    def play(self, weight: Array) -> Single:
+        """Magnitudes (course, sample) for weights (tone,)."""
+
+    def rows(self, numbers: Integers) -> Array:
+        """What each tone does (row, tone) at instants given as course * samples + sample."""
 
 
 @dataclass(frozen=True)
 class Bound:
-    """What no weights exceed, whatever the limit: the sums of the dual prices of the kept and of the watched rows."""
+    """Upper bound on the value as a function of the limit: prices of drive rows, and of watched rows, summed."""
 
-    kept: float
+    drive: float
     watched: float
 
     def at(self, limit: float) -> float:
-        """What no weights exceed where watched courses keep to `limit`."""
-        return self.kept + limit * self.watched if self.watched else self.kept
+        """The bound where watched courses keep to `limit`."""
+        return self.drive + limit * self.watched if self.watched else self.drive
 
 
-ENDLESS = Bound(np.inf, 0.0)
-"""Of what was not yet tried."""
+UNBOUNDED = Bound(np.inf, 0.0)
+"""The bound of an aim that was not tried yet."""
 
 
 @dataclass(frozen=True)
 class Optimum:
-    """Weights (tone,) that keep to every limit exactly, their value, and what no weights exceed."""
+    """Weights (tone,) within every limit, their value, and the upper bound."""
 
     weight: Array
     value: float
@@ -51,136 +96,227 @@ class Optimum:
 
 
 class Program:
-    """Maximise the smallest of aims @ x, |kept x| <= 1 and |watched x| <= limit; watched rows enter as they are needed.
+    """Maximise the smallest of aims @ x subject to |drive x| <= 1 and |watched x| <= limit.
 
-    kept (row, tone) must hold every x within bounds; watched (course, time, tone). Rows found for one aim serve the
-    next, and the solver goes on from where it was. The limits are even: x = 0 keeps to them, so does x scaled down.
+    drive (row, tone) must have as many independent rows as there are tones. x = 0 is within all limits, and so is any
+    feasible x scaled down.
     """
 
-    def __init__(self, kept: Array, watched: Array, aims: int) -> None:
-        self._kept, self._watched, self._aims = kept, watched, aims
-        self._rows = watched.reshape(-1, watched.shape[-1])
-        self._entered = np.zeros(watched.shape[:2], dtype=np.bool_)
-        self._order = np.zeros(0, dtype=np.int64)
-        """Of the watched rows that are in: where they stand among all of them."""
-        self._limit = 1.0
-        self._tones = kept.shape[1]
-        self._columns = np.arange(self._tones + 1, dtype=np.int32)  # the last is what all aims exceed
-        endless = np.full(self._tones + 1, highspy.kHighsInf)
-        self._solver = highspy.Highs()  # type: ignore[no-untyped-call]  # highspy has stubs for part of itself
-        for option, value in (("output_flag", False), ("presolve", "off"), ("threads", 1)):
-            self._solver.setOptionValue(option, value)
-        self._solver.addVars(self._tones + 1, -endless, endless)
-        self._solver.changeObjectiveSense(highspy.ObjSense.kMaximize)
-        self._solver.changeColCost(self._tones, float(aims > 1))
+    def __init__(self, drive: Array, watched: Watched, aims: int) -> None:
+        self._drive, self._watched, self._aims = drive, watched, aims
+        self._tones = drive.shape[1]
+        self._extra = aims if aims > 1 else 0  # rows of several aims, and one unknown more
+        self._unknowns = self._tones + (aims > 1)
+        self._first_watched = self._extra + len(drive)
+        self._pool = _Pool(self._unknowns)
         if aims > 1:
-            self._add(np.column_stack([np.zeros((aims, self._tones)), -np.ones(aims)]), 0.0, highspy.kHighsInf)
-        else:
-            self._solver.changeColBounds(self._tones, 0.0, 0.0)
-        self._first_kept = aims if aims > 1 else 0
-        self._first_watched = self._first_kept + len(kept)
-        self._add_limits(kept, 1.0)
+            self._pool.add(np.zeros((aims, self._unknowns)), 0.0, _LARGEST_VALUE)
+        self._pool.add(self._with_value(drive), -1.0, 1.0)
+        self._entered = np.zeros(watched.shape, np.bool_)
+        self._order = np.zeros(0, np.int64)
+        """Of the watched rows in the pool: their numbers."""
+        self._limit = 1.0
+        independent = scipy.linalg.qr(drive.T, mode="r", pivoting=True)[1][: self._tones] + self._extra
+        self._first_basis = np.concatenate([independent, np.zeros(self._unknowns - self._tones, np.int64)])
+        self._pool.start_from(self._first_basis)
+        self.pivots, self.fallbacks = 0, 0
 
     @property
     def rows(self) -> int:
-        """How many of the watched rows are in."""
+        """How many of the watched rows are in the pool."""
         return len(self._order)
 
     def set_limit(self, limit: float) -> None:
         """Change what the watched courses keep to."""
         self._limit = limit
-        rows = np.arange(self._first_watched, self._first_watched + len(self._order), dtype=np.int32)
-        limits = np.full(len(rows), limit)
-        self._solver.changeRowsBounds(len(rows), rows, -limits, limits)  # type: ignore[attr-defined]  # as above
+        self._pool.limit_from(self._first_watched, limit)
+
+    def add(self, numbers: Integers) -> None:
+        """Let watched rows into the pool, given as course * samples + sample; none that is in already."""
+        self._pool.add(self._with_value(self._watched.rows(numbers)), -self._limit, self._limit)
+        self._order = np.concatenate([self._order, numbers])
+        self._entered.flat[numbers] = True
 
     def maximise(self, aims: Array, floor: float = 0.0, tolerance: float = TOLERANCE) -> Optimum:
-        """Rows are added where they are violated until the bound is met within the tolerance, or lies below `floor`.
-
-        Weights divided by their greatest violation keep to all limits.
-        """
-        self._aim_at(aims)
-        best = Optimum(np.zeros(self._tones), 0.0, ENDLESS)
+        """The best weights for aims (aim, tone), to `tolerance` relative; given up once the bound is below `floor`."""
+        self._purge()
+        cost = self._aim_at(aims)
+        best = Optimum(np.zeros(self._tones), 0.0, UNBOUNDED)
         for _ in range(_ROUNDS):
-            weight, bound = self._solve()
-            course = np.abs(self._rows @ weight).reshape(self._entered.shape)
-            worst = max(1.0, float(course.max(initial=0.0)) / self._limit, float(np.abs(self._kept @ weight).max()))
-            value = float((aims @ weight).min()) / worst
-            best = Optimum(weight / worst, value, bound) if value >= best.value else replace(best, bound=bound)
+            weight, bound = self._solve(cost, floor)
             least = bound.at(self._limit)
+            course = self._watched.play(weight)
+            violation = max(float(course.max(initial=0.0)) / self._limit, float(np.abs(self._drive @ weight).max()))
+            value = float((aims @ weight).min()) / max(1.0, violation)
+            is_better = value >= best.value
+            best = Optimum(weight / max(1.0, violation), value, bound) if is_better else replace(best, bound=bound)
             if best.value >= least * (1 - tolerance) or least <= floor or not self._add_violated(course):
                 break
         return best
 
-    def _aim_at(self, aims: Array) -> None:
-        self._take_out_idle()
+    def _with_value(self, rows: Array) -> Array:
+        """Rows (row, unknown) of rows (row, tone): the value of several aims has no part in them."""
+        return np.pad(rows, ((0, 0), (0, self._unknowns - self._tones)))
+
+    def _aim_at(self, aims: Array) -> Array:
+        """The objective (unknown,) of aims (aim, tone), whose rows it changes where there are several."""
         if self._aims == 1:
-            self._solver.changeColsCost(self._tones, self._columns[:-1], aims[0])
-            return
-        for (aim, tone), value in np.ndenumerate(aims):
-            self._solver.changeCoeff(aim, tone, value)
+            return np.ascontiguousarray(aims[0])
+        self._pool.rows[: self._aims] = np.column_stack([aims, np.full(self._aims, -1.0)])
+        self._pool.is_fresh = False
+        return np.append(np.zeros(self._tones), 1.0)
 
-    def _solve(self) -> tuple[Array, Bound]:
-        """The best weights for the rows that are in, and the bound that their prices prove."""
-        if not self._is_solved():
-            self._solver.clearSolver()  # what it went on from was too ill-conditioned: from the start once more
-            if not self._is_solved():
-                status = self._solver.modelStatusToString(self._solver.getModelStatus())
-                raise ProgramError(f"click: HiGHS ends with {status!r}: fewer tones (crowding) are less alike")
-        solution = self._solver.getSolution()
-        price = np.abs(solution.row_dual)
-        kept = price[self._first_kept : self._first_watched].sum()
-        return np.array(solution.col_value)[:-1], Bound(float(kept), float(price[self._first_watched :].sum()))
+    def _solve(self, cost: Array, floor: float) -> tuple[Array, Bound]:
+        """The best weights for the rows in the pool, and the bound that their prices prove."""
+        outcome = self._pool.maximise(cost, floor)
+        if outcome is Outcome.FAILED:
+            self._pool.start_from(self._first_basis)
+            outcome = self._pool.maximise(cost, floor)
+        self.pivots = self._pool.pivots
+        if outcome is Outcome.FAILED:
+            self.fallbacks += 1
+            x, price = _solve_with_highs(self._pool, cost)
+            self._pool.start_from(self._first_basis)
+        else:
+            x, price = self._pool.x, self._pool.prices()
+        size = np.abs(price[self._extra :])
+        drive = len(self._drive)
+        open_side = float(np.maximum(price[: self._extra], 0.0).sum()) * _LARGEST_VALUE
+        return x[: self._tones].copy(), Bound(float(size[:drive].sum()) + open_side, float(size[drive:].sum()))
 
-    def _is_solved(self) -> bool:
-        self._solver.run()
-        return bool(self._solver.getModelStatus() == highspy.HighsModelStatus.kOptimal)
-
-    def _add_violated(self, course: Array) -> bool:
-        """Let in the highest peaks of every course that lie beyond the limit; whether there are any."""
-        found = list(self._violated(course))
+    def _add_violated(self, course: Single) -> bool:
+        """Let in the highest peaks of every course that passes the limit; whether there are any."""
+        numbers = np.empty(_PEAKS * len(course), np.int64)
+        found = _pick_peaks(course, self._entered, self._limit * _LET_IN, self._limit * (1 + _OVER), numbers)
         if found:
-            new = np.concatenate(found)
-            self._order = np.concatenate([self._order, new])
-            self._entered.flat[new] = True
-            self._add_limits(self._rows[new], self._limit)
-        return bool(found)
+            self.add(numbers[:found].copy())
+        return found > 0
 
-    def _violated(self, course: Array) -> Iterator[NDArray[np.int64]]:
-        """Of every course that has any: where the rows of its highest peaks stand."""
-        peak = (course > self._limit * (1 + _OVER)) & ~self._entered
-        peak[:, 1:] &= course[:, 1:] >= course[:, :-1]
-        peak[:, :-1] &= course[:, :-1] >= course[:, 1:]
-        for index in np.flatnonzero(peak.any(axis=1)).tolist():
-            times = np.flatnonzero(peak[index])
-            yield index * course.shape[1] + times[np.argsort(course[index, times])[-_PEAKS:]]
+    def _purge(self) -> None:
+        """Take out the watched rows that are far from the limit, unless they are basic."""
+        first = self._first_watched
+        idle = np.abs(self._pool.value[first:]) < _NEAR * self._limit
+        idle &= self._pool.place[first:] < 0
+        if np.count_nonzero(idle) >= _WORTH_PURGING:
+            self._entered.flat[self._order[idle]] = False
+            self._order = self._order[~idle]
+            self._pool.keep(np.concatenate([np.ones(first, np.bool_), ~idle]))
 
-    def _take_out_idle(self) -> None:
-        """Programs are solved the faster the fewer rows they have, and other aims press on other rows."""
-        if not len(self._order):
-            return
-        reached = np.abs(self._solver.getSolution().row_value)[self._first_watched :]
-        idle = np.ones(len(self._order), dtype=np.bool_)
-        idle[: len(reached)] = reached < _NEAR * self._limit
-        if np.count_nonzero(idle) < _WORTH_IT:
-            return
-        self._entered.flat[self._order[idle]] = False
-        self._order = self._order[~idle]
-        rows = (self._first_watched + np.flatnonzero(idle)).astype(np.int32)
-        self._solver.deleteRows(len(rows), rows)
 
-    def _add_limits(self, rows: Array, limit: float) -> None:
-        self._add(np.column_stack([rows, np.zeros(len(rows))]), -limit, limit)
+class _Pool:
+    """Rows of a program, its basis, and what the last solution was: arrays (row, ...) that grow as rows come."""
 
-    def _add(self, rows: Array, low: float, high: float) -> None:
-        count, size = rows.shape
-        starts = np.arange(0, rows.size, size, dtype=np.int32)
-        columns = np.tile(self._columns, count)
-        self._solver.addRows(
-            count,
-            np.full(count, low),
-            np.full(count, high),
-            rows.size,
-            starts,
-            columns,
-            np.ascontiguousarray(rows.ravel()),
+    def __init__(self, unknowns: int) -> None:
+        self.rows = np.zeros((0, unknowns))
+        self.low = self.high = self.value = np.zeros(0)
+        self.place = np.zeros(0, np.int64)
+        self.basis = np.zeros(unknowns, np.int64)
+        self.inverse = np.zeros((unknowns, unknowns))
+        self.x, self.price = np.zeros(unknowns), np.zeros(unknowns)
+        self.is_fresh = False
+        self.pivots = 0
+
+    def add(self, rows: Array, low: float, high: float) -> None:
+        """Add rows (row, unknown) with the same limits."""
+        count = len(rows)
+        self.rows = np.concatenate([self.rows, rows])
+        self.low = np.concatenate([self.low, np.full(count, low)])
+        self.high = np.concatenate([self.high, np.full(count, high)])
+        self.value = np.concatenate([self.value, np.zeros(count)])
+        self.place = np.concatenate([self.place, np.full(count, -1)])
+
+    def keep(self, kept: NDArray[np.bool_]) -> None:
+        """Take out all rows but `kept` (row,), of which every basic row must be one."""
+        number = np.cumsum(kept) - 1
+        self.basis = number[self.basis]
+        self.rows, self.low, self.high = self.rows[kept], self.low[kept], self.high[kept]
+        self.value, self.place = self.value[kept], self.place[kept]
+
+    def limit_from(self, first: int, limit: float) -> None:
+        """Change the limits of all rows from `first` on."""
+        self.low[first:], self.high[first:] = -limit, limit
+
+    def start_from(self, basis: Integers) -> None:
+        """Begin with the basis of these rows (unknown,)."""
+        self.basis[:] = basis
+        self.place[:] = -1
+        self.place[basis] = np.arange(len(basis))
+        self.is_fresh = False
+
+    def maximise(self, cost: Array, floor: float) -> Outcome:
+        """Solve for cost (unknown,) from the present basis: x, price, value and basis change."""
+        scale = np.where(self.high < _LARGEST_VALUE, self.high, 1.0)
+        outcome, pivots = maximise(
+            self.rows,
+            self.low,
+            self.high,
+            scale,
+            cost,
+            self.basis,
+            self.place,
+            self.inverse,
+            self.is_fresh,
+            floor,
+            self.x,
+            self.price,
+            self.value,
         )
+        self.is_fresh = outcome == Outcome.OPTIMAL
+        self.pivots += pivots
+        return Outcome(outcome)
+
+    def prices(self) -> Array:
+        """Prices (row,): what the value gains as a row's limit moves; 0 for rows that are not basic."""
+        price = np.zeros(len(self.rows))
+        price[self.basis] = self.price
+        return price
+
+
+@njit(nogil=True, cache=True)
+def _pick_peaks(course: Single, entered: NDArray[np.bool_], low: float, limit: float, numbers: Integers) -> int:
+    """Of each course that passes `limit` anywhere: its highest local peaks above `low` that are not in the pool.
+
+    course, entered (course, sample); numbers are filled with course * samples + sample, at most _PEAKS a course.
+    Returns how many there are.
+    """
+    found, samples = 0, course.shape[1]
+    height = np.empty(_PEAKS)
+    for i in range(len(course)):
+        if course[i].max() <= limit:
+            continue
+        first = found
+        for t in range(samples):
+            size = course[i, t]
+            is_peak = (t == 0 or size >= course[i, t - 1]) and (t == samples - 1 or size >= course[i, t + 1])
+            if size <= low or not is_peak or entered[i, t]:
+                continue
+            if found - first < _PEAKS:
+                height[found - first], numbers[found] = size, i * samples + t
+                found += 1
+            else:
+                lowest = height.argmin()
+                if size > height[lowest]:
+                    height[lowest], numbers[first + lowest] = size, i * samples + t
+    return found
+
+
+def _solve_with_highs(pool: _Pool, cost: Array) -> tuple[Array, Array]:
+    """The same program by HiGHS: unknowns (unknown,) and prices (row,)."""
+    solver = highspy.Highs()  # type: ignore[no-untyped-call]  # highspy has stubs for part of itself
+    for option, setting in (("output_flag", False), ("threads", 1)):
+        solver.setOptionValue(option, setting)
+    unknowns, endless = len(cost), np.full(len(cost), highspy.kHighsInf)
+    solver.addVars(unknowns, -endless, endless)
+    solver.changeObjectiveSense(highspy.ObjSense.kMaximize)
+    columns = np.arange(unknowns, dtype=np.int32)
+    solver.changeColsCost(unknowns, columns, cost)
+    starts = np.arange(0, pool.rows.size, unknowns, dtype=np.int32)
+    solver.addRows(
+        len(pool.rows), pool.low, pool.high, pool.rows.size, starts, np.tile(columns, len(pool.rows)), pool.rows.ravel()
+    )
+    solver.run()
+    if solver.getModelStatus() != highspy.HighsModelStatus.kOptimal:
+        status = solver.modelStatusToString(solver.getModelStatus())
+        raise ProgramError(f"click: HiGHS ends with {status!r}: fewer tones (crowding) are less alike")
+    solution = solver.getSolution()
+    return np.array(solution.col_value), np.array(solution.row_dual)

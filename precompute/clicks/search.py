@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precompute.clicks.basis import LOOK_RATE_HZ
-from precompute.clicks.program import ENDLESS, TOLERANCE, Optimum, Program
+from precompute.clicks.program import TOLERANCE, UNBOUNDED, Optimum, Program
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ class Search:
     def __init__(self, program: Program, course: Array, length_s: float) -> None:
         self._program, self._course = program, course
         self._aims = _aims(len(course), length_s)
-        self._bounds = [ENDLESS] * len(self._aims)
+        self._bounds = [UNBOUNDED] * len(self._aims)
         self._first = 0
         self._before: Strongest | None = None
 

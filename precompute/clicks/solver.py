@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from engine.device import Device
-from precompute.clicks.basis import PLAY_RATE_HZ, compute_bases, compute_responses
+from precompute.clicks.basis import PLAY_RATE_HZ, lines_for
 from precompute.clicks.design import Design, Designer, Plants
 from precompute.clicks.evaluation import Verdict, judge_waveform
 from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
+from precompute.clicks.plants import SampledPlants, count_modes
+from precompute.clicks.responses import Responses
 from precompute.entries.prediction import States, touched_zones
 from precompute.parallel.pool import solve_in_processes
 from precompute.sampling.plants import sample_scenarios
@@ -91,7 +93,9 @@ class ClickSolver:
         """Those optimised over, trimmed on, judged by."""
         self._threads = ThreadpoolController()
         with self._one_thread():
-            self._bases = [compute_bases(scenarios) for scenarios in self.scenarios]
+            lines = lines_for(device, options.lengths_s)
+            self.modes = count_modes(device, lines)
+            self._sampled = [SampledPlants(scenarios, lines, self.modes) for scenarios in self.scenarios]
         self.plants_of = lru_cache(maxsize=1)(self._compute_plants)
         """Responses with a finger in each of some zones (indices, a tuple)."""
 
@@ -140,9 +144,7 @@ class ClickSolver:
         )
 
     def _compute_plants(self, touched: tuple[int, ...]) -> Plants:
-        longest_s = max(self.options.lengths_s)
         optimised, trimmed, judged = (
-            compute_responses(scenarios, bases, touched, longest_s)
-            for scenarios, bases in zip(self.scenarios, self._bases, strict=True)
+            Responses(sampled.transfer(sampled.fingers_in(touched)), sampled.lines) for sampled in self._sampled
         )
         return Plants(optimised, trimmed, judged)

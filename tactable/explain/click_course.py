@@ -60,7 +60,7 @@ def compute_course(source: ClickSource, click: ClickEntry) -> Course:
         zones=zones,
         time_s=np.arange(responses.steps) / LOOK_RATE_HZ,
         displacement=displacement,
-        weighted=responses.play(wave),
+        weighted=responses.play(wave).astype(np.float64),
     )
 
 

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from precompute.clicks.basis import LOOK_RATE_HZ, RING_S, Responses, compute_bases, compute_responses, make_tones
+from precompute.clicks.basis import LOOK_RATE_HZ, RING_S, lines_for, make_tones
 from precompute.clicks.evaluation import decibels, judge_waveform
+from precompute.clicks.plants import SampledPlants
+from precompute.clicks.responses import Responses
 from precompute.sampling.plants import sample_scenarios
 from tests.precompute.devices import shipped
 
@@ -15,7 +17,8 @@ Array = NDArray[np.float64]
 @pytest.fixture(scope="module")
 def responses() -> Responses:
     scenarios = sample_scenarios(shipped("reference-a"), 40, seed=8)
-    return compute_responses(scenarios, compute_bases(scenarios), (0, 1, 3), 0.02)
+    plants = SampledPlants(scenarios, lines_for(scenarios.device, (0.02,)))
+    return Responses(plants.transfer(plants.fingers_in((0, 1, 3))), plants.lines)
 
 
 @pytest.fixture(scope="module")
@@ -29,11 +32,13 @@ def test_levels_are_of_the_weakest_felt_and_the_strongest_quiet_finger(responses
     peak_db = 20 * np.log10(abs(responses.play(waveform)).max(axis=2))
     felt_db = peak_db[:, [0, 2]].min(axis=1)
     assert verdict.quiet is not None
-    assert verdict.felt.nominal_db == pytest.approx(felt_db[0])
-    assert verdict.quiet.nominal_db == pytest.approx(peak_db[0, 1])
+    assert verdict.felt.nominal_db == pytest.approx(felt_db[0], abs=0.05)
+    assert verdict.quiet.nominal_db == pytest.approx(peak_db[0, 1], abs=0.05)
     expected = np.percentile(felt_db[1:], [5, 50, 95])
-    assert (verdict.felt.low_db, verdict.felt.middle_db, verdict.felt.high_db) == pytest.approx(tuple(expected))
-    assert verdict.quiet.high_db == pytest.approx(np.percentile(peak_db[1:, 1], 95))
+    assert (verdict.felt.low_db, verdict.felt.middle_db, verdict.felt.high_db) == pytest.approx(
+        tuple(expected), abs=0.05
+    )
+    assert verdict.quiet.high_db == pytest.approx(np.percentile(peak_db[1:, 1], 95), abs=0.05)
 
 
 def test_twice_the_waveform_is_6_db_more(responses: Responses, waveform: Array) -> None:
@@ -57,9 +62,9 @@ def test_times_are_those_of_the_nominal_course(responses: Responses, waveform: A
 
 
 def test_what_stays_below_threshold_never_exceeds_it(responses: Responses, waveform: Array) -> None:
-    faint = waveform * (0.99 / abs(responses.play(waveform)[0, 0]).max())
+    faint = waveform * (0.99 / float(abs(responses.play(waveform)[0, 0]).max()))
     verdict = judge_waveform(faint, responses, [0], [], 0.05)
-    assert verdict.exceeds_s is None and verdict.felt.nominal_db == pytest.approx(20 * np.log10(0.99))
+    assert verdict.exceeds_s is None and verdict.felt.nominal_db == pytest.approx(20 * np.log10(0.99), abs=0.05)
 
 
 def test_silence_is_far_below_threshold(responses: Responses, waveform: Array) -> None:

@@ -5,8 +5,9 @@ import pytest
 from numpy.typing import NDArray
 
 from precompute.clicks.basis import LOOK_RATE_HZ
-from precompute.clicks.program import TOLERANCE, Program
+from precompute.clicks.program import TOLERANCE
 from precompute.clicks.search import AFTER_S, NEGLIGIBLE, STEP_S, Aim, Search, Strongest
+from tests.precompute.clicks.dense_rows import program_of
 
 Array = NDArray[np.float64]
 LENGTH_S = 0.02
@@ -23,7 +24,7 @@ def problem(seed: int, fingers: int) -> tuple[Array, Array, Array]:
 
 def search(seed: int, fingers: int) -> tuple[Search, Array]:
     kept, watched, course = problem(seed, fingers)
-    return Search(Program(kept, watched, fingers), course, LENGTH_S), course
+    return Search(program_of(kept, watched, fingers), course, LENGTH_S), course
 
 
 def found(seed: int, fingers: int) -> tuple[Strongest, Array]:
@@ -39,7 +40,7 @@ def test_no_common_instant_does_better_than_the_bound(seed: int, fingers: int, l
     searched.strongest(1.0)
     strongest, bound = searched.strongest(limit), searched.bound(limit)
     kept, watched, _ = problem(seed, fingers)
-    program = Program(kept, watched, fingers)
+    program = program_of(kept, watched, fingers)
     program.set_limit(limit)
     for instant in np.round(INSTANTS).astype(int).tolist():
         for signs in np.ndindex(*[2] * (fingers - 1)):
@@ -62,7 +63,7 @@ def test_an_aim_is_improved_at_any_limit(seed: int, fingers: int) -> None:
     searched, course = search(seed, fingers)
     strongest = searched.strongest(1.0)
     kept, watched, _ = problem(seed, fingers)
-    program = Program(kept, watched, fingers)
+    program = program_of(kept, watched, fingers)
     program.set_limit(0.8)
     expected = program.maximise(strongest.aim.rows(course)).value
     assert searched.improve(strongest.aim, 0.8).value == pytest.approx(expected, rel=2 * TOLERANCE)

@@ -25,17 +25,17 @@ def course_of(source: ClickSource, felt: str, quiet: str, level_db: float = inf)
 def test_peaks_are_the_levels_of_the_table(source: ClickSource, felt: str, quiet: str, level_db: float) -> None:
     click, course = course_of(source, felt, quiet, level_db)
     (finger,) = course.fingers(ZoneState.FELT)
-    assert course.peaks_db(finger) == pytest.approx(astuple(click.felt))
+    assert course.peaks_db(finger) == pytest.approx(astuple(click.felt), abs=0.05)  # peaks between instants
     for finger in course.fingers(ZoneState.QUIET):
         assert click.quiet is not None
-        assert course.peaks_db(finger) == pytest.approx(astuple(click.quiet))
+        assert course.peaks_db(finger) == pytest.approx(astuple(click.quiet), abs=0.05)
 
 
 def test_of_several_felt_fingers_the_weakest_counts(source: ClickSource) -> None:
     click, course = course_of(source, "I II", "")
     peaks_db = [course.peaks_db(finger)[0] for finger in course.fingers(ZoneState.FELT)]
     assert len(peaks_db) == 2
-    assert min(peaks_db) == pytest.approx(click.felt.nominal_db)
+    assert min(peaks_db) == pytest.approx(click.felt.nominal_db, abs=0.05)
 
 
 def test_the_displacement_passes_through_the_samples_and_ends_in_silence(source: ClickSource) -> None:

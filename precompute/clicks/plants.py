@@ -1,0 +1,280 @@
+"""Sampled plants to what every finger feels, over threshold, of each actuator: transfer functions on damped lines.
+
+Theory of operation
+-------------------
+A click is optimised over, trimmed on and judged by a thousand sampled plants; from one placement to the next only the
+fingers differ. What does not depend on fingers is computed once for a device:
+
+1. The modes of the nominal bar, some more than are kept, are a Ritz basis: every sampled bar, a few per cent stiffer
+   or heavier, is a small eigenproblem in it. Its damping is diagonal but for one rank-one term for each actuator.
+2. The receptance between two places is a sum over modes,
+   G0(p, q, s) = sum_m phi_pm phi_qm / (s^2 + (sigma + eta omega_m^2) s + omega_m^2).
+
+A placement then costs the sums over modes between its fingers and the actuators, and one rank-one update for each
+damper and each finger z(s) = k + c s + m s^2 (Sherman and Morrison): some 30 ms for two fingers and 1000 plants.
+Acceleration, the straight lines that the device draws between samples, and the threshold filter are one factor s.
+
+Everything is evaluated on the damped lines of `precompute.model.damped_lines`, in single precision. A test compares
+the courses with those of the time-domain plant.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numba import njit
+from numpy.typing import NDArray
+
+from engine.device import Device
+from precompute.model.assembly import assemble
+from precompute.model.damped_lines import DampedLines
+from precompute.model.modal import Basis, compute_basis
+from precompute.model.threshold_filter import threshold_filter
+from precompute.sampling.plants import Scenarios, sample_scenarios
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+Complex = NDArray[np.complex128]
+Complex32 = NDArray[np.complex64]
+
+_SPARE_MODES = 8
+"""Modes of the nominal bar beyond those that are kept, in the Ritz basis of the sampled bars."""
+_CONVERGED = 1e-3
+"""What the modes that are left out may change, as a fraction of the greatest response: 0.01 dB."""
+_MOST_MODES = 64
+_STEP_OF_MODES = 4
+_FILTER_OVERSAMPLING = 2
+"""The threshold filter is designed at this multiple of the course's rate; its magnitude is right up to its Nyquist."""
+
+
+@dataclass(frozen=True)
+class Fingers:
+    """Fingers of a placement in every scenario: position, stiffness, damping and mass, each (scenario, finger)."""
+
+    position_m: Array
+    stiffness_n_per_m: Array
+    damping_n_s_per_m: Array
+    mass_kg: Array
+
+
+class SampledPlants:
+    """Transfer functions of all scenarios of one device, with fingers at any places.
+
+    `modes` is how many modes are kept: with them the transfer functions are converged to 0.01 dB of their greatest
+    value (see `count_modes`).
+    """
+
+    def __init__(self, scenarios: Scenarios, lines: DampedLines, modes: int | None = None) -> None:
+        self.scenarios, self.lines = scenarios, lines
+        self.modes = modes or count_modes(scenarios.device, lines)
+        self._bases, self._turn, square_omega = _sampled_modes(scenarios, self.modes)
+        bars = [calibrated.bar for calibrated in scenarios.calibrated]
+        mass_damping = np.array([bar.mass_damping_per_s for bar in bars])
+        stiffness_damping = np.array([bar.stiffness_damping_s for bar in bars])
+        self._pole = _poles(lines.s_per_s, square_omega, mass_damping, stiffness_damping)
+        stiffness, damping, mass, full_scale_m, position_m = (
+            np.array([[getattr(actuator, key) for actuator in each.actuators] for each in scenarios.calibrated])
+            for key in ("stiffness_n_per_m", "damping_n_s_per_m", "mass_kg", "full_scale_m", "position_m")
+        )
+        stiffness, mass = stiffness * scenarios.stiffness, mass * scenarios.mass
+        self._actuator = self._shapes(position_m)
+        # The modes damp as sigma + eta omega^2; actuators' springs and masses have a part in that or not.
+        in_modes = stiffness_damping[:, None] * stiffness + mass_damping[:, None] * mass
+        self._damper = damping - in_modes * np.array([[bar.damping_of == "bar"] for bar in bars])
+        self._force = np.stack([stiffness * full_scale_m, damping * full_scale_m], axis=2).astype(np.float32)
+        self._factor = output_factor(lines)
+
+    def fingers_in(self, zones: Sequence[int]) -> Fingers:
+        """The sampled finger of each of some zones (indices)."""
+        scenarios, finger, which = self.scenarios, self.scenarios.device.finger, list(zones)
+        return Fingers(
+            scenarios.position_m[:, which],
+            finger.stiffness_n_per_m * scenarios.finger_stiffness[:, which],
+            finger.damping_n_s_per_m * scenarios.finger_damping[:, which],
+            finger.mass_kg * scenarios.finger_mass[:, which],
+        )
+
+    def transfer(self, fingers: Fingers) -> Complex32:
+        """Transfer functions (scenario, finger, actuator, line) with these fingers on the bar.
+
+        From base displacements, as fractions of full scale, to the weighted acceleration under each finger: 1 is at
+        the detection threshold.
+        """
+        count, touches = fingers.position_m.shape
+        s = self.lines.s_per_s.astype(np.complex64)
+        out = np.empty((count, touches, self._actuator.shape[1], len(s)), np.complex64)
+        impedance = np.stack([fingers.stiffness_n_per_m, fingers.damping_n_s_per_m, fingers.mass_kg], axis=2)
+        _fill_transfer(
+            self._pole,
+            np.concatenate([self._actuator, self._shapes(fingers.position_m)], axis=1),
+            s,
+            self._damper.astype(np.float32),
+            impedance.astype(np.float32),
+            self._force,
+            self._factor.astype(np.complex64),
+            out,
+        )
+        return out
+
+    def _shapes(self, position_m: Array) -> Single:
+        """Mode shapes (scenario, place, mode) of the sampled bars at positions (scenario, place)."""
+        shape = np.empty((*position_m.shape, self._turn.shape[1]))
+        for basis, members in self._bases:
+            shape[members] = basis.at(position_m[members].ravel()).reshape(len(members), position_m.shape[1], -1)
+        turned: Single = (shape @ self._turn).astype(np.float32)
+        return turned
+
+
+def count_modes(device: Device, lines: DampedLines) -> int:
+    """How many modes the transfer functions of a device need: those left out change them by less than 0.01 dB.
+
+    That is, of the nominal bar with a finger in every zone, at every line, of the greatest value.
+    """
+    nominal = sample_scenarios(device, 0, 0)
+    most = min(_MOST_MODES, assemble(device).size - _SPARE_MODES)
+    plants = SampledPlants(nominal, lines, most)
+    everywhere = plants.fingers_in(range(len(device.zones)))
+    converged = plants.transfer(everywhere)
+    greatest = np.abs(converged).max(axis=(0, 2, 3), keepdims=True)
+    for modes in range(_STEP_OF_MODES, most, _STEP_OF_MODES):
+        change = np.abs(SampledPlants(nominal, lines, modes).transfer(everywhere) - converged)
+        if (change <= _CONVERGED * greatest).all():
+            return modes
+    return most
+
+
+def output_factor(lines: DampedLines) -> Complex:
+    """Lines (line,) of displacement to weighted acceleration: s^2, the threshold filter, lines between samples.
+
+    A sample at full scale is a triangle of two sample periods: (sinh(x) / x)^2 with x = s T / 2.
+    """
+    s, rate_hz = lines.s_per_s, _FILTER_OVERSAMPLING * lines.rate_hz
+    taps = threshold_filter(rate_hz)
+    weighting = np.exp(-np.outer(s, np.arange(len(taps)) / rate_hz)) @ taps
+    half = s / (2 * lines.rate_hz)
+    factor: Complex = s**2 * (np.sinh(half) / half) ** 2 * weighting
+    return factor
+
+
+def _sampled_modes(scenarios: Scenarios, modes: int) -> tuple[list[tuple[Basis, NDArray[np.int64]]], Array, Array]:
+    """Modes of every sampled bar as sums of the modes of a bar of the same lengths.
+
+    Returns the bases, each with the scenarios that it serves; turn (scenario, basis mode, mode); square_omega
+    (scenario, mode), in (rad/s)^2.
+    """
+    groups: dict[tuple[float, ...], list[int]] = {}
+    for index, device in enumerate(scenarios.calibrated):
+        places_m = (device.bar.length_m, *(actuator.position_m for actuator in device.actuators))
+        groups.setdefault(places_m, []).append(index)
+    turn = np.empty((len(scenarios), modes + _SPARE_MODES, modes))
+    square_omega = np.empty((len(scenarios), modes))
+    bases = []
+    for members in groups.values():
+        base = scenarios.calibrated[members[0]]
+        plant = assemble(base)
+        basis = compute_basis(plant, modes + _SPARE_MODES)
+        drive = basis.shape[plant.actuator_dof]
+        own = np.array([(actuator.stiffness_n_per_m, actuator.mass_kg) for actuator in base.actuators])
+        bar_stiffness = np.diag(basis.square_omega) - (drive.T * own[:, 0]) @ drive
+        bar_mass = np.eye(len(basis.square_omega)) - (drive.T * own[:, 1]) @ drive
+        for index in members:
+            device = scenarios.device_of(index)
+            added = np.array([(actuator.stiffness_n_per_m, actuator.mass_kg) for actuator in device.actuators])
+            stiffness = _bending_n_m2(device) / _bending_n_m2(base) * bar_stiffness + (drive.T * added[:, 0]) @ drive
+            mass = _mass_kg_per_m(device) / _mass_kg_per_m(base) * bar_mass + (drive.T * added[:, 1]) @ drive
+            square, vector = scipy.linalg.eigh(stiffness, mass, check_finite=False, driver="gvd")
+            square_omega[index], turn[index] = np.maximum(square[:modes], 0.0), vector[:, :modes]
+        bases.append((basis, np.array(members)))
+    return bases, turn, square_omega
+
+
+def _bending_n_m2(device: Device) -> float:
+    bar = device.bar
+    return bar.youngs_modulus_pa * bar.width_m * bar.thickness_m**3 / 12
+
+
+def _mass_kg_per_m(device: Device) -> float:
+    bar = device.bar
+    return bar.density_kg_per_m3 * bar.width_m * bar.thickness_m
+
+
+def _poles(s: Complex, square_omega: Array, mass_damping_per_s: Array, stiffness_damping_s: Array) -> Single:
+    """1 / (s^2 + c s + omega^2): real and imaginary parts (scenario, mode, 2, line)."""
+    pole = np.empty((*square_omega.shape, 2, len(s)), np.float32)
+    for index, square in enumerate(square_omega):
+        damping = mass_damping_per_s[index] + stiffness_damping_s[index] * square
+        value = 1 / (s**2 + damping[:, None] * s + square[:, None])
+        pole[index, :, 0], pole[index, :, 1] = value.real, value.imag
+    return pole
+
+
+@njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
+def _fill_transfer(
+    pole: Single,
+    shape: Single,
+    s: Complex32,
+    damper: Single,
+    impedance: Single,
+    force: Single,
+    factor: Complex32,
+    out: Complex32,
+) -> None:
+    """Transfer functions (scenario, finger, actuator, line), scenario by scenario.
+
+    shape (scenario, place, mode): the actuators first, then the fingers; damper (scenario, actuator); impedance
+    (scenario, finger, 3): stiffness, damping, mass; force (scenario, actuator, 2). Real and imaginary parts stand in
+    arrays of their own, along lines: so the loops over lines are vector instructions.
+    """
+    scenarios, fingers, actuators, count = out.shape
+    places = actuators + fingers
+    real, imag = s.real.copy(), s.imag.copy()
+    out_real, out_imag = factor.real.copy(), factor.imag.copy()
+    g, h = np.empty((places, places, count), np.float32), np.empty((places, places, count), np.float32)
+    column_real, column_imag = np.empty((places, count), np.float32), np.empty((places, count), np.float32)
+    u, v = np.empty(count, np.float32), np.empty(count, np.float32)
+    c, d = np.empty(count, np.float32), np.empty(count, np.float32)
+    for i in range(scenarios):
+        # Receptances g + j h of the bar with the actuators' springs and masses: sums over modes, upper triangle.
+        for p in range(places):
+            for q in range(p, places):
+                g[p, q], h[p, q] = 0.0, 0.0
+                for m in range(shape.shape[2]):
+                    weight = shape[i, p, m] * shape[i, q, m]
+                    for k in range(count):
+                        g[p, q, k] += weight * pole[i, m, 0, k]
+                        h[p, q, k] += weight * pole[i, m, 1, k]
+        for j in range(places):
+            # u + j v = z / (1 + z g_jj), z the impedance times s that is added at place j.
+            if j < actuators:
+                stiffness, damping, mass = np.float32(0.0), damper[i, j], np.float32(0.0)
+            else:
+                stiffness, damping, mass = impedance[i, j - actuators]
+            for k in range(count):
+                a = stiffness + damping * real[k] + mass * (real[k] * real[k] - imag[k] * imag[k])
+                b = imag[k] * (damping + 2 * mass * real[k])
+                x = 1 + a * g[j, j, k] - b * h[j, j, k]
+                y = a * h[j, j, k] + b * g[j, j, k]
+                scale = 1 / (x * x + y * y)
+                u[k], v[k] = (a * x + b * y) * scale, (b * x - a * y) * scale
+            # G becomes G - G_j (u + j v) G_j^T, from its column j as it was.
+            for p in range(places):
+                low, high = min(p, j), max(p, j)
+                column_real[p], column_imag[p] = g[low, high], h[low, high]
+            for p in range(places):
+                for k in range(count):
+                    c[k] = column_real[p, k] * u[k] - column_imag[p, k] * v[k]
+                    d[k] = column_real[p, k] * v[k] + column_imag[p, k] * u[k]
+                # Between two actuators nothing is needed once their own dampers are in.
+                for q in range(p if j < actuators else max(p, actuators), places):
+                    for k in range(count):
+                        g[p, q, k] -= c[k] * column_real[q, k] - d[k] * column_imag[q, k]
+                        h[p, q, k] -= c[k] * column_imag[q, k] + d[k] * column_real[q, k]
+        for f in range(fingers):
+            for n in range(actuators):
+                spring, rate = force[i, n]
+                for k in range(count):
+                    a, b = spring + rate * real[k], rate * imag[k]
+                    x, y = a * out_real[k] - b * out_imag[k], a * out_imag[k] + b * out_real[k]
+                    real_part = x * g[n, actuators + f, k] - y * h[n, actuators + f, k]
+                    out[i, f, n, k] = complex(real_part, x * h[n, actuators + f, k] + y * g[n, actuators + f, k])

@@ -1,0 +1,257 @@
+"""Dense dual simplex: greatest c x subject to low <= A x <= high, for few unknowns and many two-sided rows.
+
+Theory of operation
+-------------------
+A *basis* is as many independent rows as there are unknowns, each held at one of its limits: they are n equations,
+whose solution is x. The prices y = c B^-1 say what the value gains as a limit moves. A basic row whose price is
+positive belongs at its upper limit, one whose price is negative at its lower one; since every row has two limits,
+any basis is made dual feasible by choosing sides, and no phase one is needed: a basis that was optimal for another
+objective, other limits or fewer rows is a warm start. The value at a dual feasible basis is an upper bound.
+
+One pivot: of the rows that x violates, the one with the greatest violation^2 / weight enters (dual devex weights,
+Forrest and Goldfarb 1992; the reference frame is reset at each look at all rows). The ratio test lets prices pass
+through zero as long as the bound still falls, moving these rows to their other side (bound flipping, Maros 2003). The
+row that stops it leaves; the explicit inverse is updated by one rank-one term.
+
+Looking at all rows costs more than a pivot, and only rows near their limits can enter next. So pivots work on a *hot*
+set of the rows nearest to their limits or beyond, chosen at each look at all rows. The inverse is made new every 100
+pivots and before a result is called optimal.
+"""
+
+from enum import IntEnum
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+HOT_ROWS = 150
+PIVOTS_A_LOOK = 20
+PIVOTS_AN_INVERSE = 100
+TOLERANCE = 1e-7
+"""Of a row's scale: what its limits may be passed by."""
+_MOST_PIVOTS = 20_000
+_SMALLEST_PIVOT = 1e-7
+_BINS = 64
+
+
+class Outcome(IntEnum):
+    """How a run of pivots ended."""
+
+    OPTIMAL = 0
+    BELOW_FLOOR = 1
+    """The bound fell to the floor: the optimum is not above it."""
+    FAILED = 2
+    """Too many pivots, a singular basis, or no row that could leave: rounding, since the programs have solutions."""
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def invert(rows: Array, basis: Integers, inverse: Array) -> bool:
+    """Inverse of rows[basis] by Gauss and Jordan with row pivoting; False where it is singular."""
+    n = len(basis)
+    work = rows[basis]
+    inverse[:] = 0.0
+    for i in range(n):
+        inverse[i, i] = 1.0
+    for k in range(n):
+        p = k + np.abs(work[k:, k]).argmax()
+        if abs(work[p, k]) < 1e-12:
+            return False
+        if p != k:
+            for j in range(n):
+                work[k, j], work[p, j] = work[p, j], work[k, j]
+                inverse[k, j], inverse[p, j] = inverse[p, j], inverse[k, j]
+        scale = 1.0 / work[k, k]
+        for j in range(n):
+            work[k, j] *= scale
+            inverse[k, j] *= scale
+        for i in range(n):
+            factor = work[i, k]
+            if i != k and factor != 0.0:
+                for j in range(n):
+                    work[i, j] -= factor * work[k, j]
+                    inverse[i, j] -= factor * inverse[k, j]
+    return True
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _choose_hot(
+    value: Array, low: Array, high: Array, scale: Array, place: Integers, hot: Integers
+) -> tuple[int, float]:
+    """Fill `hot` with the rows nearest to their limits or beyond, none of the basis; how many, and the worst excess.
+
+    Excess: how far a row is beyond its nearer limit, as a fraction of its scale. A histogram of it says where to cut.
+    """
+    rows = len(value)
+    counts = np.zeros(_BINS, np.int64)
+    worst, worst_row = 0.0, -1
+    for i in range(rows):
+        if place[i] < 0:
+            excess = max(value[i] - high[i], low[i] - value[i]) / scale[i]
+            if excess > worst:
+                worst, worst_row = excess, i
+            counts[min(max(int((excess + 0.5) * 32), 0), _BINS - 1)] += 1
+    cut, kept = _BINS - 1, counts[_BINS - 1]
+    while cut > 0 and kept + counts[cut - 1] <= len(hot):
+        cut -= 1
+        kept += counts[cut]
+    found = 0
+    if worst_row >= 0:  # first: where too many rows are far beyond, the others are any of them
+        hot[0], found = worst_row, 1
+    for i in range(rows):
+        if place[i] < 0 and i != worst_row and found < len(hot):
+            excess = max(value[i] - high[i], low[i] - value[i]) / scale[i]
+            if min(max(int((excess + 0.5) * 32), 0), _BINS - 1) >= cut:
+                hot[found] = i
+                found += 1
+    return found, worst
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def maximise(
+    rows: Array,
+    low: Array,
+    high: Array,
+    scale: Array,
+    cost: Array,
+    basis: Integers,
+    place: Integers,
+    inverse: Array,
+    is_fresh: bool,
+    floor: float,
+    x: Array,
+    price: Array,
+    value: Array,
+) -> tuple[int, int]:
+    """Pivot until no row is beyond its limits by more than TOLERANCE of its scale, or the bound is at the floor.
+
+    rows (row, unknown); low, high, scale (row,); cost (unknown,). basis (unknown,): the basic rows; place (row,): where
+    in the basis a row stands, -1 for none; inverse (unknown, unknown) of rows[basis], which `is_fresh` says it is.
+    x, price (unknown,), value (row,) are results. Returns an Outcome and the number of pivots.
+    """
+    n, count = len(basis), len(low)
+    target = np.empty(n)  # the limit at which each basic row is held
+    alpha, direction = np.empty(n), np.empty(n)
+    breaking, ratio = np.empty(n, np.int64), np.empty(n)
+    hot, hot_place = np.empty(HOT_ROWS, np.int64), np.empty(HOT_ROWS, np.int64)
+    hot_rows, hot_value, weight, change = (
+        np.empty((HOT_ROWS, n)),
+        np.empty(HOT_ROWS),
+        np.empty(HOT_ROWS),
+        np.empty(HOT_ROWS),
+    )
+    largest_cost = np.abs(cost).max()
+    pivots, since_inverse, is_exact = 0, PIVOTS_AN_INVERSE, False
+    while True:
+        if since_inverse >= PIVOTS_AN_INVERSE:
+            if not is_fresh and not invert(rows, basis, inverse):
+                return Outcome.FAILED, pivots
+            is_fresh, is_exact, since_inverse = False, True, 0
+            price[:] = np.dot(cost, inverse)
+            for k in range(n):
+                target[k] = high[basis[k]] if price[k] >= 0 else low[basis[k]]
+            x[:] = np.dot(inverse, target)
+        value[:count] = np.dot(rows, x)
+        found, worst = _choose_hot(value[:count], low, high, scale, place, hot)
+        if worst <= TOLERANCE:
+            if is_exact:
+                return Outcome.OPTIMAL, pivots
+            since_inverse = PIVOTS_AN_INVERSE
+            continue
+        for h in range(found):
+            hot_rows[h] = rows[hot[h]]
+            hot_value[h], weight[h], hot_place[h] = value[hot[h]], 1.0, -1
+        looked_at = hot_rows[:found]
+        for _ in range(PIVOTS_A_LOOK):
+            if np.dot(cost, x) <= floor:
+                return Outcome.BELOW_FLOOR, pivots
+            # Entering row: the greatest excess^2 / weight.
+            entering, best = -1, 0.0
+            for h in range(found):
+                if hot_place[h] < 0:
+                    i = hot[h]
+                    excess = max(hot_value[h] - high[i], low[i] - hot_value[h])
+                    if excess > TOLERANCE * scale[i] and excess * excess / (weight[h] * scale[i] * scale[i]) > best:
+                        entering, best = h, excess * excess / (weight[h] * scale[i] * scale[i])
+            if entering < 0:
+                break
+            if pivots >= _MOST_PIVOTS:
+                return Outcome.FAILED, pivots
+            row = hot[entering]
+            is_above = hot_value[entering] > high[row]
+            sign = 1.0 if is_above else -1.0
+            slope = hot_value[entering] - high[row] if is_above else low[row] - hot_value[entering]
+            alpha[:] = np.dot(hot_rows[entering], inverse)
+            # Breakpoints: how far the entering price may go until the price of a basic row changes its sign.
+            breaks = 0
+            for k in range(n):
+                side = 1.0 if target[k] == high[basis[k]] else -1.0
+                towards = side * sign * alpha[k]
+                if towards > 1e-9:
+                    breaking[breaks], ratio[breaks] = k, max(side * price[k], 0.0) / towards
+                    breaks += 1
+            leaving, step, is_flipped = -1, 0.0, False
+            while breaks > 0:
+                first = int(ratio[:breaks].argmin())
+                # Of ties, the largest pivot.
+                for b in range(breaks):
+                    if ratio[b] <= ratio[first] + 1e-10 * largest_cost and abs(alpha[breaking[b]]) > abs(
+                        alpha[breaking[first]]
+                    ):
+                        first = b
+                k, step = breaking[first], ratio[first]
+                gap = high[basis[k]] - low[basis[k]]
+                if slope <= abs(alpha[k]) * gap or breaks == 1:
+                    leaving = k
+                    break
+                # The bound still falls beyond this breakpoint: the basic row goes to its other limit.
+                slope -= abs(alpha[k]) * gap
+                moved = -gap if target[k] == high[basis[k]] else gap
+                target[k] = low[basis[k]] if moved < 0 else high[basis[k]]
+                for j in range(n):
+                    x[j] += moved * inverse[j, k]
+                is_flipped = True
+                breaks -= 1
+                breaking[first], ratio[first] = breaking[breaks], ratio[breaks]
+            if leaving < 0:
+                return Outcome.FAILED, pivots
+            pivot = alpha[leaving]
+            if abs(pivot) < _SMALLEST_PIVOT and since_inverse > 0:
+                since_inverse = PIVOTS_AN_INVERSE
+                break
+            # Prices, x and values along the direction in which only the leaving row moves.
+            for k in range(n):
+                price[k] -= sign * step * alpha[k]
+            price[leaving] = sign * step
+            for j in range(n):
+                direction[j] = inverse[j, leaving] / pivot
+            limit = high[row] if is_above else low[row]
+            length = limit - np.dot(hot_rows[entering], x)
+            for j in range(n):
+                x[j] += length * direction[j]
+            change[:found] = np.dot(looked_at, direction)
+            if is_flipped:
+                hot_value[:found] = np.dot(looked_at, x)
+            else:
+                for h in range(found):
+                    hot_value[h] += length * change[h]
+            entering_weight = weight[entering]
+            for h in range(found):
+                weight[h] = max(weight[h], change[h] * change[h] * entering_weight)
+            # Rank-one update of the inverse, and the exchange.
+            for j in range(n):
+                for k in range(n):
+                    inverse[j, k] -= direction[j] * alpha[k]
+                inverse[j, leaving] = direction[j]
+            left = basis[leaving]
+            place[left] = -1
+            for h in range(found):
+                if hot[h] == left:
+                    hot_place[h] = -1
+                    weight[h] = max(entering_weight / (pivot * pivot), 1.0)
+            basis[leaving], target[leaving], place[row], hot_place[entering] = row, limit, leaving, leaving
+            since_inverse += 1
+            pivots += 1
+            is_exact = False

@@ -1,0 +1,72 @@
+"""Courses that a click must keep within a limit: played for any weights of the tones, and as rows of its program."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from precompute.clicks.basis import Tones
+from precompute.clicks.responses import Responses
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class WatchedCourses:
+    """Courses under fingers (course = scenario * fingers + finger), looked at at every sample of the waveform.
+
+    start: the first sample (course,) from which each is watched.
+    """
+
+    responses: Responses
+    tones: Tones
+    start: Integers
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """How many courses and how many samples of each."""
+        return len(self.start), self.responses.lines.steps
+
+    def play(self, weight: Array) -> Single:
+        """Magnitudes (course, sample) for weights (tone,); 0 where a course is not watched yet."""
+        course: Single = np.abs(self.responses.play_samples(self.tones.waveform(weight))).reshape(self.shape)
+        if self.start.any():
+            course[np.arange(course.shape[1]) < self.start[:, None]] = 0.0
+        return course
+
+    def rows(self, numbers: Integers) -> Array:
+        """What each tone does (row, tone) at instants given as course * samples + sample."""
+        course, sample = np.divmod(numbers, self.shape[1])
+        reversed_past = np.empty((len(numbers), self._impulse.shape[1], self._taps), np.float64)
+        _gather(self._impulse, course, sample, reversed_past)
+        actuators = [self.tones.actuator == actuator for actuator in range(reversed_past.shape[1])]
+        out = np.empty((len(numbers), len(self.tones.actuator)))
+        for actuator, own in enumerate(actuators):
+            out[:, own] = reversed_past[:, actuator] @ self.tones.wave[own, 1:-1].T
+        return out
+
+    @property
+    def _taps(self) -> int:
+        """Samples of a click but for the first and the last, which are 0."""
+        return int(self.tones.wave.shape[1]) - 2
+
+    @cached_property
+    def _impulse(self) -> Single:
+        """What one sample of each actuator does (course, actuator, time), from `_taps` samples ahead of it."""
+        impulse = self.responses.impulses(self._taps)
+        return impulse.reshape(-1, *impulse.shape[2:])
+
+
+@njit(nogil=True, cache=True)
+def _gather(impulse: Single, course: Integers, sample: Integers, out: Array) -> None:
+    """Out (row, actuator, tap): what samples 1, 2, ... of a waveform do at instant `sample` of `course`."""
+    taps = out.shape[2]
+    for i in range(len(course)):
+        for a in range(out.shape[1]):
+            for k in range(taps):
+                # Time since sample k + 1; the impulse begins `taps` samples ahead of its own.
+                out[i, a, k] = impulse[course[i], a, sample[i] - (k + 1) + taps]

@@ -1,0 +1,159 @@
+"""Laws of sampled plants: they are the time-domain plant, transformed; what modes and lines leave out is not felt."""
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from engine.device import Device
+from precompute.clicks.basis import LOOK_RATE_HZ, LOOKS, PLAY_RATE_HZ, RING_S, between, lines_for, make_tones
+from precompute.clicks.plants import SampledPlants, count_modes, output_factor
+from precompute.clicks.responses import Responses
+from precompute.model.assembly import assemble
+from precompute.model.damped_lines import SIGMA_PER_S, DampedLines
+from precompute.model.modal import compute_basis
+from precompute.model.transient import TransientPlant
+from precompute.sampling.plants import Scenarios, sample_scenarios
+from tests.precompute.devices import every_device, shipped
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+DEVICES = every_device()
+any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+TOUCHED = (0, 2)
+LENGTH_S = 0.02
+FINE = 24
+"""Steps of the time-domain plant for each sample of the waveform."""
+
+
+def drive_of(device: Device) -> Array:
+    tones = make_tones(device, LENGTH_S)
+    return tones.waveform(np.random.default_rng(1).normal(size=len(tones.wave)))
+
+
+def responses_of(scenarios: Scenarios) -> Responses:
+    lines = lines_for(scenarios.device, (LENGTH_S,))
+    plants = SampledPlants(scenarios, lines)
+    return Responses(plants.transfer(plants.fingers_in(TOUCHED)), lines)
+
+
+def transient_lines(scenarios: Scenarios, scenario: int, waveform: Array, lines: DampedLines) -> Complex:
+    """Lines (finger, line) of the weighted acceleration of the time-domain plant with 60 modes, by quadrature.
+
+    Without the triangle of a sample, which the plant draws itself.
+    """
+    device = scenarios.device_of(scenario)
+    fingers = scenarios.fingers_of(scenario, TOUCHED)
+    rate_hz = FINE * PLAY_RATE_HZ
+    places_m = np.array([position_m for position_m, _ in fingers])
+    plant = TransientPlant(compute_basis(assemble(device), 60), places_m, rate_hz)
+    plant.touch(fingers)
+    at = np.arange((waveform.shape[1] - 1) * FINE + 1) / FINE
+    moved = np.stack([np.interp(at, np.arange(waveform.shape[1]), row) for row in waveform], axis=1)
+    steps = 2 * lines.size * FINE  # by then what rings on is faded by exp(-sigma t)
+    acceleration, _ = plant.run(np.pad(moved, ((0, steps - len(moved)), (0, 0))))
+    time_s = np.arange(steps) / rate_hz
+    faded = acceleration.T * np.exp(-SIGMA_PER_S * time_s)
+    spectrum = np.fft.rfft(faded)[:, ::2][:, : len(lines.s_per_s)] / FINE
+    half = lines.s_per_s / (2 * lines.rate_hz)
+    weighting = output_factor(lines) / (lines.s_per_s**2 * (np.sinh(half) / half) ** 2)
+    weighted: Complex = spectrum * weighting
+    return weighted
+
+
+@any_device
+def test_fingers_feel_what_the_time_domain_plant_does_weighted(device: Device) -> None:
+    scenarios, waveform = sample_scenarios(device, 4, seed=2), drive_of(device)
+    responses = responses_of(scenarios)
+    drive = responses.lines.transform(waveform)
+    for scenario in (0, 1, 3):
+        found = (responses.transfer[scenario] * drive).sum(axis=1)
+        expected = transient_lines(scenarios, scenario, waveform, responses.lines)
+        assert abs(found - expected).max() <= 2e-3 * abs(expected).max()
+
+
+@pytest.mark.parametrize("reading", ["bar", "assembly"])
+def test_both_readings_of_the_damping_are_those_of_the_plant(reading: Literal["bar", "assembly"]) -> None:
+    device = shipped("reference-a")
+    device = replace(device, bar=replace(device.bar, damping_of=reading))
+    scenarios, waveform = sample_scenarios(device, 2, seed=2), drive_of(device)
+    responses = responses_of(scenarios)
+    found = (responses.transfer[1] * responses.lines.transform(waveform)).sum(axis=1)
+    expected = transient_lines(scenarios, 1, waveform, responses.lines)
+    assert abs(found - expected).max() <= 2e-3 * abs(expected).max()
+
+
+@any_device
+def test_a_course_does_not_come_round(device: Device) -> None:
+    """Four times the period, and lines as fine: the same course."""
+    scenarios, waveform = sample_scenarios(device, 1, seed=2), drive_of(device)
+    short = responses_of(scenarios)
+    lines = replace(short.lines, steps=4 * short.lines.steps)
+    plants = SampledPlants(scenarios, lines)
+    long = Responses(plants.transfer(plants.fingers_in(TOUCHED)), lines)
+    found, expected = short.play(waveform), long.play(waveform)[..., : short.steps]
+    assert abs(found - expected).max() <= 2e-3 * abs(expected).max()
+
+
+@any_device
+def test_the_modes_and_lines_left_out_are_not_felt(device: Device) -> None:
+    """Peaks within 0.02 dB of those with every mode and lines up to 0.49 of the sampling rate."""
+    scenarios, waveform = sample_scenarios(device, 1, seed=2), drive_of(device)
+    responses = responses_of(scenarios)
+    lines = replace(responses.lines, top_hz=0.49 * PLAY_RATE_HZ)
+    plants = SampledPlants(scenarios, lines, 40)
+    all_of_it = Responses(plants.transfer(plants.fingers_in(TOUCHED)), lines)
+    found, expected = (abs(each.play(waveform)).max(axis=2) for each in (responses, all_of_it))
+    assert 20 * np.log10(found / expected) == pytest.approx(0.0, abs=0.02)
+
+
+def test_a_thin_soft_bar_needs_more_modes() -> None:
+    device = shipped("reference-a")
+    bar = replace(device.bar, length_m=0.5, thickness_m=0.8e-3, youngs_modulus_pa=3.2e9, density_kg_per_m3=1190.0)
+    soft = replace(device, bar=bar)
+    assert count_modes(soft, lines_for(soft, (0.03,))) > count_modes(device, lines_for(device, (0.03,)))
+
+
+def test_a_shorter_bar_among_the_samples_has_modes_of_its_own() -> None:
+    """A calibration may find another length: then no mode of the nominal bar fits."""
+    device = shipped("reference-d")
+    zone = replace(device.zones[-1], stop_m=device.zones[-1].stop_m - 2e-3)
+    shorter = replace(
+        device, bar=replace(device.bar, length_m=device.bar.length_m - 2e-3), zones=(*device.zones[:-1], zone)
+    )
+    scenarios = replace(sample_scenarios(device, 1, seed=2), calibrated=(device, shorter, shorter))
+    expected = responses_of(replace(scenarios, device=shorter, calibrated=(shorter,) * 3))
+    found = responses_of(scenarios)
+    assert abs(found.transfer[1] - expected.transfer[1]).max() <= 1e-3 * abs(expected.transfer[1]).max()
+
+
+@any_device
+def test_a_click_is_felt_as_the_sum_of_its_tones(device: Device) -> None:
+    scenarios, tones = sample_scenarios(device, 2, seed=2), make_tones(device, LENGTH_S)
+    responses = responses_of(scenarios)
+    weight = np.random.default_rng(4).normal(size=len(tones.wave))
+    whole = responses.play(tones.waveform(weight))
+    assert responses.play_each(tones) @ weight == pytest.approx(whole, abs=1e-4 * float(abs(whole).max()))
+    assert responses.play_samples(tones.waveform(weight)) == pytest.approx(
+        whole[..., ::LOOKS], abs=1e-4 * float(abs(whole).max())
+    )
+
+
+@any_device
+def test_peaks_are_those_of_the_course(device: Device) -> None:
+    """Of the course at twice the rate, to 0.05 dB."""
+    scenarios, waveform = sample_scenarios(device, 20, seed=2), drive_of(device)
+    responses = responses_of(scenarios)
+    expected = abs(responses.play(waveform)).max(axis=2)
+    assert 20 * np.log10(responses.peaks(waveform, (0, 1)) / expected) == pytest.approx(0.0, abs=0.05)
+
+
+def test_courses_are_looked_at_until_the_ringing_ends() -> None:
+    lines = lines_for(shipped("reference-a"), (0.01, 0.03))
+    assert lines.steps == round((0.03 + RING_S) * PLAY_RATE_HZ)
+    assert responses_of(sample_scenarios(shipped("reference-a"), 0, 0)).steps == round(
+        (LENGTH_S + RING_S) * LOOK_RATE_HZ
+    )
+    assert between(np.array([[0.0, 1.0, 0.0]])).tolist() == [[0.0, 0.5, 1.0, 0.5, 0.0]]
