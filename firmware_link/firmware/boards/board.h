@@ -1,4 +1,4 @@
-/* What a board does for the core; each board folder has one file that defines all of it. */
+/* The functions that a board must define, all in one file in its folder. */
 #ifndef TACTABLE_BOARD_H
 #define TACTABLE_BOARD_H
 
@@ -17,7 +17,7 @@ void board_start(void);
 /* Microseconds on a counter that wraps at 2^32. */
 uint32_t board_time_us(void);
 
-/* Bytes that have come on the line, at most `room`; returns how many. */
+/* Reads the bytes that have come on the line, at most `room`; returns their number. */
 size_t board_read(uint8_t *bytes, size_t room);
 
 /* Takes a whole frame, or drops it where it does not fit: never waits. */

@@ -15,6 +15,6 @@ uint32_t next_boot_id(uint32_t chance)
     uint8_t bytes[8];
     boots++;
     put_u32(put_u32(bytes, chance), boots);
-    /* Two counts with the same chance never have the same CRC: it tells any two patterns of 32 bits apart. */
+    /* Two counts with the same random number never have the same CRC: CRC-32 is injective on 32 bits. */
     return crc32_of(bytes, sizeof bytes, 0);
 }

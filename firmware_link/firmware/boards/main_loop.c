@@ -41,7 +41,7 @@ static void follow_line(uint64_t now_us)
     }
 }
 
-/* Main loop, synthesis and clock have all gone on since the last time, or the watchdog starves: this turn is the
+/* Feeds the watchdog only if main loop, synthesis and clock have all advanced since the last time; this turn shows the
  * first of the three. A clock that stands still would hold every lease for ever. */
 static void feed_watchdog(uint64_t now_us)
 {

@@ -72,7 +72,7 @@ static bool is_valid(const struct bank *bank)
     return at == size;
 }
 
-/* Where a bank of this size goes beside the one that is held; false where there is no room. */
+/* Finds the place of a bank of this size beside the one that is held; false where there is no room. */
 static bool find_room(struct bank *bank, uint32_t size)
 {
     if (bank->held_hash == 0 || size <= bank->held_at) {

@@ -1,5 +1,5 @@
-/* A memory for banks of waveforms: the one that is held and, where there is room, the next one in transfer; a copy of a
- * step changes nothing.
+/* Memory for waveforms: the bank that is held and, where there is room, the next one in transfer. A copy of a step of
+ * the transfer changes nothing.
  *
  * Bytes: `sample_rate_hz u16, waveforms u16`, `samples u16` of each, then the int16 samples of all actuators together.
  */
@@ -17,7 +17,7 @@ struct bank {
     uint32_t capacity_bytes;
     uint32_t longest_waveform_us;
     uint32_t held_hash; /* 0: none */
-    uint32_t held_at;   /* where it begins */
+    uint32_t held_at;   /* offset of its first byte */
     uint32_t held_size;
     bool is_transferring;
     uint32_t transfer_at;

@@ -1,4 +1,4 @@
-/* Little-endian integers to bytes and back, whatever the processor's own order and alignment. */
+/* Little-endian integers to bytes and back, on a processor of any byte order and alignment. */
 #ifndef TACTABLE_BYTES_H
 #define TACTABLE_BYTES_H
 

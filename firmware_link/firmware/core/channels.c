@@ -5,7 +5,7 @@ static uint16_t clamp(uint16_t value, uint16_t minimum, uint16_t maximum)
     return value < minimum ? minimum : value > maximum ? maximum : value;
 }
 
-/* The words for one actuator, within its limits. */
+/* Words of a SET for one actuator, clamped to its limits. */
 static struct tactable_set_channel wanted(const struct channels *channels, const uint8_t *set_body, uint8_t actuator)
 {
     struct tactable_set_channel words = tactable_read_set_channel(set_body, actuator);
@@ -19,7 +19,7 @@ static bool is_written_so(const struct channel *channel, const struct tactable_s
     return channel->write != 0 && channel->written_frequency == words->frequency && channel->written_phase == words->phase;
 }
 
-/* Whether one earlier write left everything that is to sound as it is wanted now. */
+/* Whether every channel that is to sound runs already as one and the same earlier phase write set it. */
 static bool run_already(const struct channels *channels, const uint8_t *set_body)
 {
     const struct channel *first = NULL;
@@ -37,7 +37,7 @@ static bool run_already(const struct channels *channels, const uint8_t *set_body
     return true;
 }
 
-/* Frequency and, with a `number` above 0, phase of a sounding channel. */
+/* Sets frequency and, with a `number` above 0, phase of a sounding channel. */
 static void write(struct channel *channel, const struct tactable_set_channel *words, uint32_t number)
 {
     if (number != 0) {

@@ -1,4 +1,4 @@
-/* Words of a SET to targets of the synthesis: clamps, held frequencies, phase writes.
+/* Oscillator targets: clamps, held frequencies and phase writes.
  *
  * A channel with amplitude 0 keeps its frequency, so that it fades out as it sounded. A phase write sets all sounding
  * channels at one instant; when their frequencies and phases run already as one earlier write set them, it changes
@@ -18,7 +18,7 @@ struct channel {
     uint16_t frequency;
     uint16_t amplitude;
     uint16_t limit;
-    uint32_t write; /* the phase write that it runs by still; 0: none */
+    uint32_t write; /* number of the phase write that still holds; 0: none */
     uint16_t written_frequency;
     uint16_t written_phase;
 };
@@ -37,16 +37,16 @@ void channels_start(struct channels *channels, uint8_t number_of_actuators, uint
 /* Whether any amplitude is set above zero. */
 bool channels_are_driving(const struct channels *channels);
 
-/* The limits of ARM hold from the next drive on. */
+/* Puts the limits of the last ARM into force. */
 void channels_take_limits(struct channels *channels);
 
-/* What a drive did: nothing, new frequencies or amplitudes, or phases of the sounding channels too. */
+/* What a SET changed: nothing, frequencies or amplitudes, or the phases of the sounding channels too. */
 enum channels_change { CHANNELS_UNCHANGED, CHANNELS_CHANGED, CHANNELS_WRITTEN };
 
 /* Takes the drive in the body of a SET. */
 enum channels_change channels_apply(struct channels *channels, const uint8_t *set_body, bool writes_phase);
 
-/* Every amplitude to zero. */
+/* Sets every amplitude to zero. */
 void channels_silence(struct channels *channels);
 
 #endif

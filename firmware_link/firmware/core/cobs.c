@@ -7,7 +7,7 @@ size_t cobs_encode(const uint8_t *bytes, size_t length, uint8_t *out)
     size_t code_at = 0, written = 1;
     uint8_t code = 1;
     for (size_t i = 0; i < length; i++) {
-        /* A full run is closed only when something follows it: that is what keeps 254 bytes to one more. */
+        /* A full run is closed only when a byte follows it, so that 254 bytes grow by one byte only. */
         if (code == LONGEST_RUN) {
             out[code_at] = code;
             code_at = written++;

@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* CRC of the bytes, going on from the CRC of what came before them (0: nothing did). */
+/* CRC of the bytes, continued from the CRC of the bytes before them; 0 where there are none. */
 uint32_t crc32_of(const uint8_t *bytes, size_t length, uint32_t before);
 
 #endif

@@ -8,7 +8,7 @@
 
 #include "state.h"
 
-/* A device that has just booted, idle. */
+/* Initialises a device that has just booted; it is idle. */
 void tactable_device_start(
     struct tactable_device *device, const struct tactable_configuration *configuration, const struct tactable_hooks *hooks);
 
@@ -24,7 +24,7 @@ void tactable_device_emergency_stop(struct tactable_device *device, uint64_t now
 /* The host is gone: DTR dropped, USB suspended. Latches a device that is armed. */
 void tactable_device_hang_up(struct tactable_device *device, uint64_t now_us);
 
-/* When the device acts by itself next; NEVER_US while it waits for a host. */
+/* Time at which the device acts by itself next; NEVER_US while it waits for a host. */
 uint64_t tactable_device_next_deadline_us(const struct tactable_device *device);
 
 /* Whether the supply may be on: armed, or disarmed and still ramping, for 100 ms at most. */

@@ -13,7 +13,7 @@ static inline uint64_t earlier_us(uint64_t one_us, uint64_t other_us)
     return one_us < other_us ? one_us : other_us;
 }
 
-/* A counter of microseconds that wraps at 2^32, extended; to be read more often than it wraps, each 71 minutes. */
+/* A 32-bit counter of microseconds extended to 64 bits; it must be read at least once in 71 minutes, its period. */
 struct wide_clock {
     uint64_t now_us;
 };

@@ -8,7 +8,7 @@ static uint16_t lesser(uint32_t one, uint32_t other)
     return (uint16_t)(one < other ? one : other);
 }
 
-/* Hands the targets to the synthesis, all at one instant. */
+/* Hands the targets of all actuators to the synthesis, at one instant. */
 static void aim(struct tactable_device *device, bool writes_phase)
 {
     for (uint8_t i = 0; i < device->configuration.number_of_actuators; i++) {
@@ -33,7 +33,7 @@ static void release_samples(struct tactable_device *device)
     device->hooks.release_samples(device->hooks.context);
 }
 
-/* The limits of ARM hold from now on. */
+/* Puts the limits of the last ARM into force. */
 static void take_limits(struct tactable_device *device)
 {
     channels_take_limits(&device->channels);
@@ -44,14 +44,14 @@ static void take_limits(struct tactable_device *device)
     }
 }
 
-/* What played goes on only to fade. */
+/* Lets the waveform that plays fade. */
 static void take_over(struct tactable_device *device)
 {
     player_take_over(&device->player, device->now_us, device->slew_per_s);
     synthesis_fade_waveforms(&device->synthesis);
 }
 
-/* A drive was taken: STATUS tells of it soon. */
+/* A command was applied: STATUS reports it soon. */
 static void applied(struct tactable_device *device, uint8_t sequence, enum tactable_device_state state)
 {
     device->counters.applied++;
@@ -70,7 +70,7 @@ static enum outcome check(const struct tactable_device *device, uint16_t clock_r
     return lease_is_fresh(&device->lease, clock_reference, sequence, device->now_us) ? OUTCOME_ACCEPTED : OUTCOME_STALE;
 }
 
-/* Takes the drive of a SET; whether any amplitude is above zero. */
+/* Applies the drive of a SET; returns whether any amplitude is above zero. */
 static bool take(struct tactable_device *device, const uint8_t *body, bool writes_phase)
 {
     hold_samples(device);

@@ -7,15 +7,15 @@
 #include "outcome.h"
 #include "state.h"
 
-/* SET, PLAY and KEEPALIVE, by their bodies: fresh ones hold a device that is armed. */
+/* Act on the body of a SET, PLAY or KEEPALIVE: refused unless the device is armed, stale unless the frame is fresh. */
 enum outcome drive_set(struct tactable_device *device, const uint8_t *body, uint8_t sequence);
 enum outcome drive_play(struct tactable_device *device, const uint8_t *body, uint8_t sequence);
 enum outcome drive_keep_alive(struct tactable_device *device, const uint8_t *body, uint8_t sequence);
 
-/* Every amplitude to zero by the slew. */
+/* Ramps every amplitude to zero at the slew limit. */
 void drive_silence(struct tactable_device *device);
 
-/* The bytes of the transfer are about to change, under a waveform of an earlier bank that may still sound. */
+/* Prepares the memory of a transfer for new bytes: a waveform of an earlier bank may still sound from there. */
 void drive_release_transfer(struct tactable_device *device);
 
 #endif

@@ -28,7 +28,7 @@ static size_t longest_stuffed_length(uint8_t number_of_actuators)
     return COBS_BOUND(longest + FRAMING_CHECKSUM_SIZE);
 }
 
-/* A HELLO says its own number of actuators, in the last byte before what is repeated. */
+/* A HELLO says its own number of actuators, in the last byte before its repeated words. */
 static bool has_exact_length(const struct tactable_layout *layout, const uint8_t *body, size_t length, uint8_t actuators)
 {
     if (layout->type == TACTABLE_HELLO_TYPE && length >= layout->length) {
@@ -85,7 +85,7 @@ static enum framing_item end_run(struct framing *framing)
     if (!is_empty) {
         framing->delimiters_in_a_row = 1;
     } else if (framing->delimiters_in_a_row <= TACTABLE_EMERGENCY_STOP_RUN) {
-        /* One more than the run is enough to know that it has been told. */
+        /* The count stops one above the run, which is enough to report it only once. */
         framing->delimiters_in_a_row++;
     }
     if (framing->delimiters_in_a_row == TACTABLE_EMERGENCY_STOP_RUN) {

@@ -1,4 +1,4 @@
-/* Bytes to bodies and bodies to frames: `COBS(body, CRC-32), 0x00`, in a buffer that never grows. */
+/* Frames `COBS(body, CRC-32), 0x00`: bytes to bodies and bodies to frames, in a buffer of fixed size. */
 #ifndef TACTABLE_FRAMING_H
 #define TACTABLE_FRAMING_H
 
@@ -12,10 +12,10 @@
 
 #define FRAMING_CHECKSUM_SIZE 4u
 #define FRAMING_BODY_BOUND TACTABLE_BODY_BOUND(TACTABLE_ACTUATORS)
-/* A frame with its delimiter. */
+/* Greatest size of a frame with its delimiter. */
 #define FRAMING_FRAME_BOUND (COBS_BOUND(FRAMING_BODY_BOUND + FRAMING_CHECKSUM_SIZE) + 1u)
 
-/* What a byte brought to an end. */
+/* What a received byte completed. */
 enum framing_item { FRAMING_NOTHING, FRAMING_BODY, FRAMING_EMERGENCY_STOP };
 
 /* Frames accepted, and refused by reason, since boot. */
@@ -27,7 +27,7 @@ struct framing_counters {
     uint32_t overrun;
 };
 
-/* In step again at the next delimiter, whatever came before. */
+/* Decoder of one line; it is in step again at the next delimiter after any damage. */
 struct framing {
     struct framing_counters counters;
     uint8_t buffer[FRAMING_FRAME_BOUND];

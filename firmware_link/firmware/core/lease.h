@@ -1,4 +1,4 @@
-/* How long the host is believed: which frames are fresh, until when they let a drive live, when silence disarms. */
+/* Lease: which frames are fresh, until when they let a drive live, and when a silent host disarms the device. */
 #ifndef TACTABLE_LEASE_H
 #define TACTABLE_LEASE_H
 
@@ -19,7 +19,7 @@ struct lease {
 /* Whether a frame is neither old nor a copy: near by the clock, and later in sequence than what came shortly before. */
 bool lease_is_fresh(const struct lease *lease, uint16_t clock_reference, uint8_t sequence, uint64_t now_us);
 
-/* Something fresh came. */
+/* Notes a fresh frame. */
 void lease_refresh(struct lease *lease, uint8_t sequence, uint64_t now_us);
 
 uint64_t lease_end_us(const struct lease *lease);

@@ -1,4 +1,4 @@
-/* How much this firmware has room for; a board may set it lower or higher before it includes anything. */
+/* Greatest number of actuators; a board may define another before it includes anything. */
 #ifndef TACTABLE_LIMITS_H
 #define TACTABLE_LIMITS_H
 

@@ -29,7 +29,7 @@ static enum tactable_result commit_bank(struct tactable_device *device, const ui
     return bank_commit(&device->bank, &message);
 }
 
-/* One step of the transfer of a bank. */
+/* Takes one step of the transfer of a bank. */
 static enum tactable_result keep(struct tactable_device *device, const uint8_t *body)
 {
     if (device->state == TACTABLE_DEVICE_STATE_LATCHED) {

@@ -1,4 +1,4 @@
-/* What became of a frame with a valid checksum. */
+/* Whether a frame with a valid checksum was acted on, and if not, why. */
 #ifndef TACTABLE_OUTCOME_H
 #define TACTABLE_OUTCOME_H
 

@@ -29,7 +29,7 @@ void player_take_over(struct player *player, uint64_t now_us, uint16_t slew_per_
     }
     const uint32_t slew = TACTABLE_FULL_SCALE_WORD * slew_per_s;
     const uint64_t faded_us = now_us + ((uint64_t)player->amplitude * US_PER_S + slew - 1u) / slew;
-    /* Had both places been in use, there would have been no room for the one that plays. */
+    /* One place is free: with both in use there would have been no room for the waveform that plays. */
     uint64_t *place = &player->fade_ends_us[player->fade_ends_us[0] > now_us];
     *place = faded_us < player->end_us ? faded_us : player->end_us;
     player_finish(player);

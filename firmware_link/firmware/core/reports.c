@@ -11,7 +11,7 @@
 #define FIRMWARE_MINOR 1
 #define FIRMWARE_PATCH 0
 
-/* A body with room for its checksum. */
+/* Size of a body with room for its checksum. */
 #define BODY_ROOM (FRAMING_BODY_BOUND + FRAMING_CHECKSUM_SIZE)
 
 static uint8_t next_sequence(struct reports *reports)

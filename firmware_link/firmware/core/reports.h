@@ -13,10 +13,10 @@ void reports_send_time(struct tactable_device *device, uint64_t host_sent_ns);
 void reports_send_log(
     struct tactable_device *device, enum tactable_log_level level, enum tactable_log_code code, uint32_t value);
 
-/* FAULT from now on until it is settled. */
+/* Sends FAULT from now on until it is settled. */
 void reports_raise_fault(struct tactable_device *device, enum tactable_fault_code fault);
 
-/* The host acknowledged; false where it meant another message. */
+/* Takes the ACK of a FAULT; false where it answers another message. */
 bool reports_settle_fault(struct reports *reports, const struct tactable_ack *ack);
 
 /* Sends what is due. */

@@ -10,7 +10,7 @@ static uint16_t lesser(uint32_t one, uint32_t other)
     return (uint16_t)(one < other ? one : other);
 }
 
-/* The shorter of two limits in seconds, of which 0 is none. */
+/* The shorter of two limits in seconds; 0 means no limit. */
 static uint64_t shorter_drive_us(uint8_t one_s, uint8_t other_s)
 {
     if (one_s == 0 && other_s == 0) {

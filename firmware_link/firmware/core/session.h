@@ -1,4 +1,4 @@
-/* Who may drive: greeting, arming, latching, and the way of each message to what it is for. */
+/* Session: greeting, arming, latching, and the dispatch of each message to its handler. */
 #ifndef TACTABLE_SESSION_H
 #define TACTABLE_SESSION_H
 
@@ -6,13 +6,13 @@
 
 #include "state.h"
 
-/* Acts on a body that the framing accepted, and counts what became of it. */
+/* Acts on a body that the framing accepted, and counts the outcome. */
 void session_act_on(struct tactable_device *device, const uint8_t *body);
 
-/* Silence, in a new state. */
+/* Ramps to silence and enters a state. */
 void session_silence(struct tactable_device *device, enum tactable_device_state state);
 
-/* Silence, and nothing more without a new handshake. */
+/* Ramps to silence and latches: nothing moves until a new handshake. FAULT reports the reason. */
 void session_latch(struct tactable_device *device, enum tactable_fault_code fault);
 
 #endif

@@ -42,7 +42,7 @@ struct tactable_configuration {
 
 #define TACTABLE_LONGEST_LEASE_MS 100u
 
-/* What the core asks of whoever runs it. `send` takes a whole frame or drops it. */
+/* Functions that the board gives to the core. `send` takes a whole frame or drops it. */
 struct tactable_hooks {
     void *context;
     void (*send)(void *context, const uint8_t *frame, size_t length);
@@ -50,7 +50,7 @@ struct tactable_hooks {
     void (*release_samples)(void *context);
 };
 
-/* Frames by what became of them, and leases that ended, since boot. */
+/* Frames by their outcome, and leases that ended, since boot. */
 struct tactable_counters {
     uint32_t applied;
     uint32_t stale;
@@ -88,7 +88,7 @@ struct tactable_device {
     struct synthesis synthesis;
     uint16_t high_voltage_dv;
     uint16_t slew_per_s;
-    uint16_t slew_to_come_per_s; /* what ARM allows, from the next drive on */
+    uint16_t slew_to_come_per_s; /* from the last ARM; in force from the next SET or PLAY on */
     uint64_t driving_since_us;
     uint64_t longest_drive_us; /* NEVER_US: no limit */
     uint64_t disarmed_us;

@@ -14,7 +14,7 @@ static int64_t tone(uint32_t phase, int32_t amplitude)
     return (int64_t)sine_of(phase) * amplitude / SINE_ONE;
 }
 
-/* Nearest phase step; 65535 words of 65535 uHz, the most there is, just fit. */
+/* Nearest phase step; the greatest frequency, 65535 words of 65535 uHz, just fits. */
 static uint32_t increment_of(const struct synthesis *synthesis, uint16_t frequency)
 {
     const uint64_t frequency_uhz = (uint64_t)frequency * synthesis->frequency_resolution_uhz;

@@ -1,4 +1,4 @@
-/* Targets to samples: phase-continuous oscillators whose amplitudes move by the slew, and waveforms over them.
+/* Synthesis: targets to samples, by phase-continuous oscillators with slew-limited amplitudes, and waveforms over them.
  *
  * An oscillator is a 32-bit phase that wraps with the turn, so its frequency is exact to half of rate/2^32: 5.6 uHz at
  * 48 kHz. All channels step together; two of one frequency never part.
@@ -12,10 +12,10 @@
 #include "limits.h"
 #include "voice.h"
 
-/* Of amplitudes and gains: the word 65535, times 2^15. */
+/* Full scale of amplitudes and gains: the word 65535, times 2^15. */
 #define SYNTHESIS_FULL_SCALE (65535 * 32768)
 #define SYNTHESIS_WORD_SCALE 32768
-/* One plays, one fades; a fade ends up to a sample later than the player knows. */
+/* One plays and one fades; a third, since a fade ends up to a sample later than the player knows. */
 #define SYNTHESIS_VOICES 3u
 
 struct oscillator {
@@ -23,7 +23,7 @@ struct oscillator {
     uint32_t increment; /* each sample */
 };
 
-/* What one actuator is to do from the next sample on, in words. */
+/* Target of one actuator from the next sample on, in words. */
 struct synthesis_target {
     uint16_t frequency;
     uint16_t amplitude;
@@ -53,14 +53,14 @@ struct synthesis {
 void synthesis_start(
     struct synthesis *synthesis, uint8_t number_of_actuators, uint32_t rate_hz, uint32_t frequency_resolution_uhz);
 
-/* The slew, in full scale a second, of all that moves from now on. */
+/* Sets the slew limit of every amplitude, in full scale a second. */
 void synthesis_slew(struct synthesis *synthesis, uint16_t slew_per_s);
 
-/* The greatest amplitude of one actuator, as a word. */
+/* Sets the greatest amplitude of one actuator, as a word. */
 void synthesis_limit(struct synthesis *synthesis, uint8_t actuator, uint16_t amplitude);
 
-/* A new target for one actuator. Without a phase the one that runs goes on; a phase is that of the next sample. A
- * channel that sounds fades out as it was, takes the new phase over at 0, where it has run on meanwhile, and fades in. */
+/* Sets the target of one actuator. Without a phase write the oscillator keeps its phase; a written phase is that of the
+ * next sample. A channel that sounds fades out as it was, then fades in with the new oscillator, which has run on. */
 void synthesis_aim(struct synthesis *synthesis, uint8_t actuator, const struct synthesis_target *target);
 
 /* Starts a waveform over what sounds; `amplitude` is a word. */
@@ -69,10 +69,10 @@ void synthesis_play(struct synthesis *synthesis, const struct waveform *waveform
 /* Lets all waveforms fade. */
 void synthesis_fade_waveforms(struct synthesis *synthesis);
 
-/* These bytes are about to change: what reads them holds its displacement instead of reading on, and fades. */
+/* Prepares these bytes for a change: a waveform that reads them holds its displacement instead, and fades. */
 void synthesis_release(struct synthesis *synthesis, const uint8_t *first, const uint8_t *end);
 
-/* Whether nothing sounds. */
+/* Whether all is silent. */
 bool synthesis_is_silent(const struct synthesis *synthesis);
 
 /* The displacements of one sample, 32767 = full scale. */

@@ -2,10 +2,10 @@
 
 #include "bytes.h"
 
-/* Of the place between two samples; 8 are kept of the displacement. */
+/* Bits of the position between two samples, and of the displacement below one step. */
 #define PLACE_BITS 16
 #define DISPLACEMENT_BITS 8
-/* From 31 bits of gain and 8 of displacement to the 16 of a sum. */
+/* Shift from 31 bits of gain and 8 of displacement to the 16 fraction bits of a sum. */
 #define GAIN_SHIFT 23
 
 static int32_t sample_at(const struct voice *voice, uint32_t index, uint8_t actuator, uint8_t number_of_actuators)
@@ -13,7 +13,7 @@ static int32_t sample_at(const struct voice *voice, uint32_t index, uint8_t actu
     return (int16_t)get_u16(voice->samples + 2u * (index * number_of_actuators + actuator));
 }
 
-/* The waveform between its samples, times 2^DISPLACEMENT_BITS; the position is before the last sample. */
+/* Displacement between two samples, times 2^DISPLACEMENT_BITS; the position must be before the last sample. */
 static int32_t displacement(const struct voice *voice, uint8_t actuator, uint8_t number_of_actuators)
 {
     if (voice->is_frozen) {
@@ -52,7 +52,7 @@ void voice_freeze(struct voice *voice, uint8_t number_of_actuators)
 void voice_add(const struct voice *voice, int64_t *displacements, uint8_t number_of_actuators)
 {
     for (uint8_t i = 0; i < number_of_actuators; i++) {
-        /* The gain is 65535 to 65536 of what the shift makes of it: less than half a step of the output. */
+        /* The shift divides by 65536 where the gain has 65535: an error of less than half a step of the output. */
         displacements[i] += (int64_t)displacement(voice, i, number_of_actuators) * voice->gain / (1 << GAIN_SHIFT);
     }
 }

@@ -1,4 +1,4 @@
-/* One waveform as it sounds: samples at their own rate to displacements at the synthesis rate, by straight lines. */
+/* Voice: one waveform as it sounds, resampled to the synthesis rate by linear interpolation. */
 #ifndef TACTABLE_VOICE_H
 #define TACTABLE_VOICE_H
 
@@ -16,19 +16,19 @@ struct voice {
     uint16_t last;      /* index of the last sample */
     bool is_sounding;
     bool is_fading;
-    bool is_frozen; /* stands still: its samples may be gone */
+    bool is_frozen; /* holds its displacement, since its samples may be gone */
     int32_t frozen[TACTABLE_ACTUATORS];
 };
 
 void voice_play(struct voice *voice, const struct waveform *waveform, int32_t gain, uint32_t synthesis_rate_hz);
 
-/* Stands still where it is, so that the bank may change, and goes on to fade. */
+/* Holds its present displacement, so that the bank may change, and fades. */
 void voice_freeze(struct voice *voice, uint8_t number_of_actuators);
 
 /* Adds the displacement of every actuator to what sounds with it, 2^16 to one step of the output. */
 void voice_add(const struct voice *voice, int64_t *displacements, uint8_t number_of_actuators);
 
-/* Moves on by one sample of the synthesis; a fading one gets quieter by `slew`. */
+/* Advances by one sample of the synthesis; a voice that fades gets quieter by `slew`. */
 void voice_advance(struct voice *voice, int32_t slew);
 
 #endif

@@ -111,7 +111,7 @@ void host_close(struct host *host)
     }
 }
 
-/* Every sample before `now_us`, each after what the device does by itself until then. */
+/* Runs every sample before `now_us`, each after what the device does by itself until then. */
 static void run_samples(struct host *host, uint64_t now_us)
 {
     const uint64_t rate_hz = host->device.configuration.synthesis_rate_hz;

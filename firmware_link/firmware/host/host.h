@@ -1,4 +1,4 @@
-/* The core as a shared library of this machine: a device with virtual time, for `tactable emulate --core` and the tests. */
+/* The core as a shared library: a device with virtual time, for `tactable emulate --core` and the tests. */
 #ifndef TACTABLE_HOST_H
 #define TACTABLE_HOST_H
 
@@ -6,7 +6,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* As in DeviceConfiguration in firmware_link/emulator/firmware.py. */
+/* As in DeviceConfiguration in firmware_link/emulator/state.py. */
 enum host_option {
     HOST_BOOT_ID,
     HOST_NUMBER_OF_ACTUATORS,
@@ -25,27 +25,27 @@ enum host_option {
 
 struct host;
 
-/* A device that has just booted; NULL for options that are out of their range or where memory is short. There is a
- * full scale for each actuator; samples that are not kept are computed all the same. */
+/* Creates a device that has just booted; NULL for options out of their range, or without memory. There is a full scale
+ * for each actuator. Samples are computed even if they are not kept. */
 struct host *host_open(const uint32_t options[HOST_OPTIONS], const uint32_t *full_scales_pm, bool keeps_samples);
 void host_close(struct host *host);
 
-/* Time goes up to `now_us`, with every sample before it; then bytes come, or the line goes. */
+/* Let time pass up to `now_us`, with every sample before it; then take bytes, or a hang-up of the line. */
 void host_receive(struct host *host, const uint8_t *bytes, size_t length, uint64_t now_us);
 void host_advance(struct host *host, uint64_t now_us);
 void host_hang_up(struct host *host, uint64_t now_us);
 
-/* What the device has sent since the last call, at most `room` bytes. */
+/* Takes what the device has sent since the last call, at most `room` bytes. */
 size_t host_take_sent(struct host *host, uint8_t *bytes, size_t room);
 
-/* The samples since the last call, at most `room` instants of all actuators; `room` 0 asks how many there are. */
+/* Takes the samples since the last call, at most `room` instants of all actuators; `room` 0 asks for their number. */
 size_t host_take_samples(struct host *host, int16_t *samples, size_t room);
 
 uint64_t host_next_deadline_us(const struct host *host);
 uint8_t host_state(const struct host *host);
 bool host_allows_high_voltage(const struct host *host);
 
-/* The amplitude of each oscillator as it is and as it is aimed at, full scale/65535 rounded up. */
+/* Amplitude of each oscillator now, and its target, in full scale/65535 rounded up. */
 void host_amplitudes(const struct host *host, uint16_t *amplitudes, uint16_t *targets);
 
 /* applied, stale, refused, trips; then ok, crc, framing, length, overrun. */

@@ -224,15 +224,15 @@ void board_feed_watchdog(void)
     esp_task_wdt_reset();
 }
 
-/* A tick of the operating system each turn lets its own tasks run: 1 ms with CONFIG_FREERTOS_HZ=1000, and no more than
- * that may it be. */
+/* A tick of the operating system each turn lets its own tasks run: 1 ms with CONFIG_FREERTOS_HZ=1000, and
+ * a tick may not be longer. */
 void board_end_turn(void)
 {
     uint8_t chunk[CHUNK_SIZE];
     if (connection != 0 && !is_congested) {
         const size_t length = ring_take_up_to(&outgoing, chunk, sizeof chunk);
         if (length != 0) {
-            is_congested = true; /* until ESP_SPP_WRITE_EVT tells */
+            is_congested = true; /* until ESP_SPP_WRITE_EVT */
             esp_spp_write(connection, (int)length, chunk);
         }
     }

@@ -8,7 +8,7 @@
 #include "ring.h"
 
 #define CLOCK_HZ 25000000u
-/* Enough for what actuators follow, and light to emulate. */
+/* High enough for the frequencies of the actuators, and light to emulate. */
 #define SYNTHESIS_RATE_HZ 8000u
 #define BOARD 1u
 #define ACTUATORS 2u
@@ -124,7 +124,7 @@ void board_send(const uint8_t *frame, size_t length)
 
 enum board_line board_line(void)
 {
-    return BOARD_LINE_UP; /* this UART tells no BREAK, and has no modem lines */
+    return BOARD_LINE_UP; /* this UART reports no BREAK and has no modem lines */
 }
 
 void board_hold_samples(void)

@@ -61,7 +61,7 @@
 #define USART_ENABLE 0x200cu
 #define USART_RECEIVE_INTERRUPT 0x20u
 #define USART_INTERRUPT 37u
-/* Longer than any of these takes to answer, and short of what a person notices. */
+/* Longer than any of these bits takes, and shorter than a person notices. */
 #define PATIENCE 1000000u
 
 static uint8_t bank[BANK_SIZE];
@@ -114,7 +114,7 @@ static void report(void)
 
 #else
 
-/* Waits for bits; without them the clock would be wrong, and with it every lease: the board stays off. */
+/* Waits for bits. Without them the clock, and with it every lease, would be wrong: then the board stays off. */
 static void need(volatile uint32_t *address, uint32_t mask, uint32_t value)
 {
     for (uint32_t i = 0; i < PATIENCE; i++) {
