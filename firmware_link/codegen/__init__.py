@@ -1,1 +1,1 @@
-"""Generators of the C headers, the test vectors and the table of messages from the Python definitions."""
+"""Generators of the C headers and of the table of messages in PROTOCOL.md from the Python definitions."""

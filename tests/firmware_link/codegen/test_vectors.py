@@ -2,10 +2,10 @@
 
 import pytest
 
-from firmware_link.codegen.vectors import FOLDER, example_bank, example_messages, vector_files
 from firmware_link.protocol.bank import decode_bank, encode_bank, hash_of_bank
 from firmware_link.protocol.framing import FrameDecoder
 from firmware_link.protocol.messages import MESSAGES, decode_body
+from tests.firmware_link.codegen.vectors import FOLDER, example_bank, example_messages, vector_files
 
 
 def lines_of(name: str) -> list[str]:

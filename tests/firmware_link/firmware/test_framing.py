@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_link.codegen.vectors import FOLDER
 from firmware_link.emulator.c_core import open_library
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import DELIMITER, EMERGENCY_STOP, FrameDecoder, encode_frame, encode_message
 from firmware_link.protocol.messages import Features, Hello, encode_body
+from tests.firmware_link.codegen.vectors import FOLDER
 from tests.firmware_link.corrupt import DAMAGES
 from tests.firmware_link.firmware.compare_decoders import compare
 from tests.firmware_link.firmware.compiled_core import core_library

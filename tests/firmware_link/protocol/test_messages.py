@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 import firmware_link
 from firmware_link.codegen.protocol_table import protocol_table
-from firmware_link.codegen.vectors import example_bank
 from firmware_link.protocol.bank import encode_bank, hash_of_bank
 from firmware_link.protocol.errors import MessageError
 from firmware_link.protocol.framing import encode_frame, encode_message
@@ -30,6 +29,7 @@ from firmware_link.protocol.messages import (
     has_exact_length,
     seed_of,
 )
+from tests.firmware_link.codegen.vectors import example_bank
 from tests.firmware_link.strategies import BITS, RESOLUTION_HZ, channel_drives, messages, sequences, unhurried
 
 PROTOCOL = (Path(firmware_link.__file__).parent / "PROTOCOL.md").read_text(encoding="utf-8")

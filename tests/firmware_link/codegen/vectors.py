@@ -1,4 +1,4 @@
-"""Test vectors of the wire: `python -m firmware_link.codegen.vectors` rewrites `vectors/` from example messages.
+"""Test vectors of the wire: `python -m tests.firmware_link.codegen.vectors` rewrites `firmware_link/vectors/`.
 
 A line is `name | values | body | frame`. Another implementation encodes the values and must get the bytes, and decodes
 the bytes and must get the values.
@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+import firmware_link
 from firmware_link.protocol.bank import Bank, encode_bank, hash_of_bank, make_bank, transfer_messages
 from firmware_link.protocol.framing import encode_frame
 from firmware_link.protocol.layout import Message
@@ -42,7 +43,7 @@ from firmware_link.protocol.messages import (
     encode_drive,
 )
 
-FOLDER = Path(__file__).parents[1] / "vectors"
+FOLDER = Path(firmware_link.__file__).parent / "vectors"
 RESOLUTION_HZ = 0.01
 _FIRST_SEQUENCE = 254
 _BOOT_ID = 0x00ABCD00
@@ -132,9 +133,9 @@ def vector_files() -> dict[str, list[str]]:
 
 
 _HEADS = {
-    "messages.txt": ["# Made by `python -m firmware_link.codegen.vectors`.", "# name | values | body | frame"],
+    "messages.txt": ["# Made by `python -m tests.firmware_link.codegen.vectors`.", "# name | values | body | frame"],
     "bank.txt": [
-        "# Made by `python -m firmware_link.codegen.vectors`.",
+        "# Made by `python -m tests.firmware_link.codegen.vectors`.",
         "# bank | its bytes for two actuators | its hash",
     ],
 }
