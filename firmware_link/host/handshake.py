@@ -1,9 +1,9 @@
 """Handshake from an open port to an armed device: greet, hand the bank over, compare the clocks, arm."""
 
-from firmware_link.host.bank_transfer import RETRY_NS, BankTransfer
 from firmware_link.host.clock import DeviceClock
 from firmware_link.host.line import Line
 from firmware_link.host.link_values import Capabilities, Greeted, LinkConfiguration, LinkState
+from firmware_link.host.memory import RETRY_NS, BankTransfer
 from firmware_link.protocol.bank import Bank, encode_bank, hash_of_bank
 from firmware_link.protocol.errors import LinkError, LinkLostError
 from firmware_link.protocol.framing import DELIMITER, FrameEncoder

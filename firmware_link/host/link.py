@@ -32,33 +32,30 @@ The same concerns lie side by side on the host, in the emulated firmware and in 
 | who may drive | handshake, link | session | session |
 | what sounds | outbox | drive, channels | drive, channels |
 | how long it may sound | lease | lease | lease |
-| the bank | bank_transfer | memory | memory, bank |
-| what the device says | link (events) | reports | reports |
+| the bank | memory | memory | memory, bank |
+| what the device says | reports | reports | reports |
 | waveforms that play and fade | protocol/player | protocol/player | player |
 """
 
 from dataclasses import replace
 
-from firmware_link.host.bank_transfer import ARMED_SPACING_NS, BankTransfer
 from firmware_link.host.clock import NS_PER_S, DeviceClock, Exchange
 from firmware_link.host.handshake import Handshake, check_bank
 from firmware_link.host.line import Line
 from firmware_link.host.link_values import (
     Ahead,
     Armed,
-    BankRefused,
     BankReplaced,
     Capabilities,
     Event,
-    FaultReceived,
     LinkConfiguration,
     LinkCounters,
     LinkState,
-    LogReceived,
-    StatusReceived,
     Stopped,
 )
-from firmware_link.host.outbox import Outbox, Waveforms
+from firmware_link.host.memory import Memory
+from firmware_link.host.outbox import Outbox
+from firmware_link.host.reports import Reports
 from firmware_link.protocol.bank import Bank
 from firmware_link.protocol.errors import LinkError, LinkLostError, MessageError
 from firmware_link.protocol.framing import FrameDecoder, FrameEncoder, FramingCounters, Signal
@@ -93,19 +90,15 @@ class Link:
 
     The loop calls `receive` with what came, `poll`, `outgoing` for what to write, and comes back no later than
     `next_deadline_ns`. Times are host monotonic nanoseconds; give `receive` a time taken after the read and `outgoing`
-    one taken before the write, so that the clock bounds hold. After any LinkError, and after STOPPED, only `connect`
-    goes on.
+    one taken before the write, so that the clock bounds hold.
     """
 
     def __init__(self, configuration: LinkConfiguration) -> None:
         self.counters = LinkCounters()
         self.state = LinkState.DISCONNECTED
         self.clock = DeviceClock()
-        self.status: Status | None = None
         self._decoder = FrameDecoder()
         self._encoder = FrameEncoder()
-        self._acknowledgements: list[bytes] = []
-        self._transfer: BankTransfer | None = None
         self._request_due_ns = 0
         self._patience_end_ns: int | None = None
         self.reconfigure(configuration)
@@ -114,6 +107,11 @@ class Link:
     def capabilities(self) -> Capabilities | None:
         """What the device said of itself; None until it is greeted."""
         return self._handshake.capabilities
+
+    @property
+    def status(self) -> Status | None:
+        """The last STATUS of this session; None before the first."""
+        return self._reports.status
 
     @property
     def drive_sequence(self) -> int | None:
@@ -131,16 +129,18 @@ class Link:
         self._line = Line(configuration.transport, configuration.bit_rate_hz)
         self._handshake = Handshake(configuration, self._encoder, self._line, 0)
         self._outbox = Outbox(self.counters, configuration.slew_limit_per_s, self._encoder)
-        self._waveforms = Waveforms(configuration.bank)
+        self._memory = Memory(configuration.bank, self._encoder, self._line, self._outbox)
+        self._reports = Reports(self.counters, self._encoder)
 
     def connect(self, now_ns: int) -> None:
         """Start a new session, whatever was before: greet, hand the bank over, compare clocks, arm."""
         self.state = LinkState.GREETING
-        self.status, self.clock = None, DeviceClock()
+        self.clock = DeviceClock()
         self._line.free_ns = now_ns
         self._handshake = Handshake(self.configuration, self._encoder, self._line, now_ns)
         self._outbox.start(b"", self.configuration.lease_ms, self.clock)
-        self._acknowledgements, self._transfer = [], None
+        self._memory.end_transfer()
+        self._reports = Reports(self.counters, self._encoder)
         self._extend_patience(now_ns)
 
     def set_drive(self, drive: bytes) -> None:
@@ -159,7 +159,7 @@ class Link:
         Raises LinkError for a waveform that is not in the bank, MessageError for an amplitude outside 0 … 1.
         """
         if self.state is _READY:
-            self._outbox.put(self._waveforms.wanted(waveform, amplitude))
+            self._outbox.put(self._memory.command(waveform, amplitude))
         else:
             self.counters.dropped += 1
 
@@ -178,7 +178,7 @@ class Link:
         if self.state is not _READY or self.capabilities is None:
             raise LinkError("no bank is handed over before the device is armed: configure it, or wait")
         check_bank(self.capabilities, bank, data)
-        self._transfer = BankTransfer(bank, data, self._encoder, self._line, ARMED_SPACING_NS)
+        self._memory.replace(bank, data)
 
     def stop(self, now_ns: int) -> None:
         """Ramp to zero and latch: STOP goes out before anything else, until it is acknowledged."""
@@ -190,7 +190,7 @@ class Link:
     def disconnect(self) -> None:
         """Forget the session, as after an unplug."""
         self._end_session(LinkState.DISCONNECTED)
-        self._acknowledgements = []
+        self._reports.acknowledgements = b""
 
     def receive(self, data: bytes, now_ns: int) -> list[Event]:
         """Take bytes in; raises LinkError when the device does not fit or refuses to arm."""
@@ -232,16 +232,16 @@ class Link:
         if self.state is _READY:
             frames = (
                 self._outbox.next_frame(now_ns)
-                or self._transfer_frame(now_ns)
+                or self._memory.next_frame(now_ns)
                 or self._request_frame(EXCHANGE_PERIOD_NS, now_ns)
             )
         elif self.state is LinkState.STOPPING:
             frames = self._request_frame(STOP_RETRY_NS, now_ns)
         elif self.state in _HANDSHAKING:
             frames = self._handshake.next_frame(now_ns)
-        if self._acknowledgements:
-            frames += b"".join(self._acknowledgements)
-            self._acknowledgements = []
+        if self._reports.acknowledgements:
+            frames += self._reports.acknowledgements
+            self._reports.acknowledgements = b""
         if frames:
             line.free_ns = now_ns + line.occupied_ns(len(frames))
         return frames
@@ -251,32 +251,25 @@ class Link:
         free_ns = send_ns = self._line.free_ns
         if self.state is _READY:
             send_ns = min(self._request_due_ns, self._outbox.due_ns(free_ns))
-            if self._transfer is not None:
-                send_ns = min(send_ns, self._transfer.due_ns)
+            if self._memory.due_ns is not None:
+                send_ns = min(send_ns, self._memory.due_ns)
         elif self.state is LinkState.STOPPING:
             send_ns = self._request_due_ns
         elif self.state in _HANDSHAKING:
             send_ns = self._handshake.due_ns()
-        elif not self._acknowledgements:
+        elif not self._reports.acknowledgements:
             return None
-        deadline_ns = free_ns if self._acknowledgements else max(send_ns, free_ns)
+        deadline_ns = free_ns if self._reports.acknowledgements else max(send_ns, free_ns)
         return deadline_ns if self._patience_end_ns is None else min(deadline_ns, self._patience_end_ns)
 
     def ahead(self, now_ns: int) -> Ahead | None:
         """What the next command would be sent with, if nothing else happens before; None where something waits."""
         free_from_ns = self._outbox.free_from_ns(now_ns)
-        if self.state is not _READY or self._acknowledgements or free_from_ns is None:
+        if self.state is not _READY or self._reports.acknowledgements or free_from_ns is None:
             return None
         lease_ms, drive_size = self._outbox.lease.duration_ms, len(self._outbox.silent_drive)
         free = (self._line.free_ns, *free_from_ns)
         return Ahead(lease_ms, drive_size, *free, self._encoder.sequence, *self.clock.line())
-
-    def _transfer_frame(self, now_ns: int) -> bytes:
-        if self._transfer is None:
-            return b""
-        frame = self._transfer.next_frame(now_ns)
-        self._outbox.holds_waveforms = self._transfer.is_committing
-        return frame
 
     def _request_frame(self, period_ns: int, now_ns: int) -> bytes:
         """The request that READY or STOPPING repeats, where it is due."""
@@ -303,13 +296,8 @@ class Link:
                 return None
             case Ack():
                 return self._acknowledged(message, now_ns)
-            case Status():
-                return self._reported(message, now_ns)
-            case Fault():
-                return self._faulted(message, sequence)
-            case Log():
-                self.counters.logs += 1
-                return LogReceived(message.level, message.code, message.value, message.device_time_us, message.text)
+            case Status() | Fault() | Log():
+                return self._reported(message, sequence, now_ns)
         self.counters.unexpected += 1
         return None
 
@@ -317,8 +305,11 @@ class Link:
         is_accepted = ack.result is Result.OK
         self.counters.acknowledged += is_accepted
         self.counters.refused += not is_accepted
-        if self._transfer is not None and self._transfer.is_answered_by(ack):
-            return self._step_answered(self._transfer, ack.result, now_ns)
+        if self._memory.is_answered_by(ack):
+            event = self._memory.acknowledged(ack.result, now_ns)
+            if isinstance(event, BankReplaced):
+                self.configuration = replace(self.configuration, bank=self._memory.bank)
+            return event
         if self.state in _HANDSHAKING and self._handshake.acknowledged(ack, now_ns):
             self.state = self._handshake.state
             if self.state is _READY:
@@ -333,39 +324,26 @@ class Link:
             return Stopped()
         return None
 
-    def _step_answered(self, transfer: BankTransfer, result: Result, now_ns: int) -> Event | None:
-        """The device answered a step of the running transfer: start the next, or end the transfer."""
-        if result is Result.OK and not transfer.advance(now_ns):
-            return None
-        self._transfer, self._outbox.holds_waveforms = None, False
-        if result is not Result.OK:
-            return BankRefused(result)
-        self.configuration = replace(self.configuration, bank=transfer.bank)
-        self._waveforms = Waveforms(transfer.bank)
-        return BankReplaced()
-
-    def _reported(self, status: Status, now_ns: int) -> Event:
-        self.counters.statuses += 1
-        self.status = status
-        if self.state is _READY:
-            self._patience_end_ns = now_ns + SILENCE_NS
-            if status.state in (DeviceState.IDLE, DeviceState.LATCHED):
+    def _reported(self, message: Status | Fault | Log, sequence: int, now_ns: int) -> Event | None:
+        event = self._reports.take(message, sequence, now_ns)
+        if self.state is not _READY:
+            return event
+        match message:
+            case Status():
+                self._patience_end_ns = now_ns + SILENCE_NS
+                if message.state in (DeviceState.IDLE, DeviceState.LATCHED):
+                    self._end_session(LinkState.STOPPED)
+            case Fault():
+                # A fault of before, such as that of a pulled cable, repeats until its acknowledgement has come.
+                if message.device_time_us < self._handshake.arming_device_us:
+                    return None
                 self._end_session(LinkState.STOPPED)
-        return StatusReceived(status, now_ns)
-
-    def _faulted(self, fault: Fault, sequence: int) -> Event | None:
-        self.counters.faults += 1
-        self._acknowledgements.append(self._encoder.encode(Ack(fault.type_byte, sequence, Result.OK)))
-        if self.state is _READY:
-            # A fault of before, such as that of a pulled cable, repeats until its acknowledgement has come.
-            if fault.device_time_us < self._handshake.arming_device_us:
-                return None
-            self._end_session(LinkState.STOPPED)
-        return FaultReceived(fault.fault, fault.device_time_us)
+        return event
 
     def _extend_patience(self, now_ns: int) -> None:
         self._patience_end_ns = now_ns + int(self.configuration.handshake_timeout_s * NS_PER_S)
 
     def _end_session(self, state: LinkState) -> None:
-        self.state, self._patience_end_ns, self._transfer = state, None, None
+        self.state, self._patience_end_ns = state, None
+        self._memory.end_transfer()
         self._outbox.clear()

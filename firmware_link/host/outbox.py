@@ -27,14 +27,12 @@ from typing import NamedTuple
 from firmware_link.host.clock import DeviceClock
 from firmware_link.host.lease import NS_PER_MS, SILENT_RENEWAL_NS, Lease
 from firmware_link.host.link_values import LinkCounters
-from firmware_link.protocol.bank import Bank
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FrameEncoder, encode_frame
 from firmware_link.protocol.messages import (
     CLOCK_REFERENCE_SPAN,
     CLOCK_REFERENCE_US,
     KeepAlive,
-    encode_amplitude,
     encode_play_body,
     encode_set_body,
 )
@@ -52,24 +50,6 @@ class WantedWaveform(NamedTuple):
     waveform: int
     amplitude: int
     length_us: int
-
-
-class Waveforms:
-    """The bank that the device holds, as commands: each is made once, since touches ask for the same few again."""
-
-    def __init__(self, bank: Bank | None) -> None:
-        self._bank = bank
-        self._wanted: dict[tuple[int, float], WantedWaveform] = {}
-
-    def wanted(self, waveform: int, amplitude: float) -> WantedWaveform:
-        """The command for a waveform; raises LinkError for an index beyond the bank, or an amplitude outside 0 … 1."""
-        wanted = self._wanted.get((waveform, amplitude))
-        if wanted is None:
-            if self._bank is None or not 0 <= waveform < len(self._bank.waveforms):
-                raise LinkError(f"waveform {waveform} is not in the bank of this link: configure a bank that has it")
-            wanted = WantedWaveform(waveform, encode_amplitude(amplitude), self._bank.length_us(waveform))
-            self._wanted[waveform, amplitude] = wanted
-        return wanted
 
 
 class Outbox:

@@ -8,6 +8,7 @@ from firmware_link.host.link import Link
 from firmware_link.host.link_values import BankRefused, BankReplaced, Event, LinkConfiguration, LinkState
 from firmware_link.protocol.bank import encode_bank, hash_of_bank, make_bank
 from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import BankCommit, DeviceState, Result
 
 MS = 1_000_000
@@ -59,6 +60,11 @@ class Rig:
     def ends(self) -> bool:
         return self.end() is not None
 
+    def transfers(self, step: type[Message]) -> bool:
+        """Whether this step is the next to be sent or answered."""
+        transfer = self.link._memory._transfer
+        return transfer is not None and isinstance(transfer._step, step)
+
     def played(self) -> list[tuple[int, int]]:
         """Bank and index of each waveform that the firmware began."""
         return [(e.waveform.bank_hash, e.waveform.index) for e in self.firmware.drive_log if e.waveform is not None]
@@ -100,9 +106,9 @@ def test_a_step_that_is_lost_is_sent_again(lost: int) -> None:
 def test_a_waveform_waits_while_the_device_changes_over() -> None:
     rig = Rig()
     rig.link.replace_bank(NEW, encode_bank(NEW, 2))
-    rig.pass_until(lambda: rig.link._transfer is not None and isinstance(rig.link._transfer._step, BankCommit))
+    rig.pass_until(lambda: rig.transfers(BankCommit))
     rig.loses = {rig.frames + 1}
-    rig.pass_until(lambda: rig.link._transfer is not None and rig.link._transfer.is_committing)
+    rig.pass_until(lambda: rig.link._outbox.holds_waveforms)
     rig.link.set_play(2)
     rig.pass_until(lambda: bool(rig.played()))
     assert rig.ends()
