@@ -1,4 +1,4 @@
-"""One click of a table: the waveform for one state of the zones, and what it promises."""
+"""A click of a table: the short waveform for one state of the zones, and what the table promises of it."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.table.entry import LEVEL_TOLERANCE_DB
+from engine.table.entry import LEVEL_TOLERANCE_DB, shifted
 from engine.touch import ZoneState, state_index
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.bank import Bank, bank_size
@@ -16,38 +16,30 @@ from firmware_link.protocol.messages import Features
 
 @dataclass(frozen=True)
 class LevelSpread:
-    """Peaks of an acceleration over the detection threshold, dB: of the nominal plant, and of sampled ones.
-
-    low_db, middle_db, high_db: 5, 50 and 95 % of the sampled plants lie below.
-    """
+    """Peak level above threshold, dB: of the nominal plant, and 5th, 50th and 95th percentile of sampled plants."""
 
     nominal_db: float
     low_db: float
     middle_db: float
     high_db: float
 
-    def changed(self, change_db: float) -> "LevelSpread":
-        """All of them so much higher."""
-        values = (self.nominal_db, self.low_db, self.middle_db, self.high_db)
-        return LevelSpread(*(value + change_db for value in values))
-
 
 @dataclass(frozen=True)
 class ClickZone:
-    """What one touched zone gets of a click in the nominal plant."""
+    """Peaks under the finger of one touched zone, in the nominal plant."""
 
     acceleration_at_finger_m_per_s2: float
-    """Greatest."""
     level_db: float
-    """Greatest, weighted by the detection threshold."""
+    """Weighted by the detection threshold."""
 
 
 @dataclass(frozen=True, eq=False)
 class ClickEntry:
-    """A waveform and its figures, played at `amplitude`.
+    """A waveform played at `amplitude` (fraction of full scale), and its figures.
 
-    samples (sample, actuator): SAMPLE_FULL_SCALE is full scale, straight lines between them. exceeds_s: by level,
-    rising, when every felt finger has passed its threshold if the click is played at it; None: one never does.
+    samples (sample, actuator): the base displacement, SAMPLE_FULL_SCALE is full scale, linear between samples.
+    exceeds_s: for each level, rising, the time at which every felt finger has passed its threshold when the click is
+    played at that level; None: one of them never does.
     """
 
     states: tuple[ZoneState, ...]
@@ -55,7 +47,7 @@ class ClickEntry:
     samples: NDArray[np.int16]
     amplitude: float
     wanted_level_db: float
-    """The level asked for; infinite: as strong as it is."""
+    """The level that is asked for; infinite: as strong as tabulated."""
     achieved: bool
     """False: full scale and the quiet level allow less than the wanted level; or the quiet level is not kept."""
     felt: LevelSpread
@@ -63,7 +55,7 @@ class ClickEntry:
     quiet: LevelSpread | None
     """The strongest quiet finger; None: nothing is quiet."""
     zones: tuple[ClickZone | None, ...]
-    """One a zone, in order; None: no finger."""
+    """For each zone, in order; None: no finger."""
     exceeds_s: Mapping[float, float | None]
     peak_s: float
     """When the last felt finger has its peak."""
@@ -72,9 +64,9 @@ class ClickEntry:
     """The strongest felt finger from residual_from_s on."""
     objective: str
     bound_db: float
-    """No click of its tones is felt more strongly within the quiet level, averaged over the plants optimised over."""
+    """Upper bound on the felt level of clicks of these tones within the quiet level, mean of the optimised plants."""
     gap_db: float
-    """What is left to the bound."""
+    """Distance of this click from the bound."""
 
     @property
     def index(self) -> int:
@@ -83,29 +75,29 @@ class ClickEntry:
 
     @property
     def level_db(self) -> float:
-        """What 95 % of the sampled plants reach under every felt finger."""
+        """The level that 95 % of the sampled plants reach under every felt finger."""
         return self.felt.low_db
 
     @property
     def length_s(self) -> float:
-        """How long it moves the actuators."""
+        """Length of the waveform."""
         return (len(self.samples) - 1) / self.sample_rate_hz
 
     @property
     def fingers(self) -> int:
-        """How many zones are touched."""
+        """Number of touched zones."""
         return sum(state is not ZoneState.FREE for state in self.states)
 
     def exceeds_at_s(self) -> float | None:
-        """When every felt finger has passed its threshold, as it is played; between levels that of the lower."""
+        """When every felt finger has passed its threshold, at the wanted level or the next lower tabulated one."""
         levels_db = [level_db for level_db in self.exceeds_s if level_db <= self.wanted_level_db]
         return self.exceeds_s[max(levels_db)] if levels_db else None
 
 
 def played_at(click: ClickEntry, level_db: float) -> ClickEntry:
-    """The click played softer, so that 95 % of the plants reach `level_db` and no more; never louder than tabulated.
+    """The click played softer, so that just 95 % of the plants reach `level_db`; never louder than tabulated.
 
-    All levels fall together: a softer click leaves quiet fingers below what was promised. ESTIMATE: linear.
+    All levels fall together, so quiet fingers stay below what was promised. ESTIMATE: the actuators are linear.
     """
     change_db = min(0.0, level_db - click.level_db)
     scale = 10 ** (change_db / 20)
@@ -114,8 +106,8 @@ def played_at(click: ClickEntry, level_db: float) -> ClickEntry:
         amplitude=click.amplitude * scale,
         wanted_level_db=level_db,
         achieved=click.achieved and (math.isinf(level_db) or click.level_db >= level_db - LEVEL_TOLERANCE_DB),
-        felt=click.felt.changed(change_db),
-        quiet=None if click.quiet is None else click.quiet.changed(change_db),
+        felt=shifted(click.felt, change_db),
+        quiet=click.quiet and shifted(click.quiet, change_db),
         zones=tuple(None if zone is None else _changed_zone(zone, scale, change_db) for zone in click.zones),
         residual_db=click.residual_db + change_db,
         bound_db=click.bound_db + change_db,
@@ -127,9 +119,9 @@ def _changed_zone(zone: ClickZone, scale: float, change_db: float) -> ClickZone:
 
 
 def choose_bank(clicks: Sequence[ClickEntry], capabilities: Capabilities) -> tuple[Bank | None, dict[int, int]]:
-    """Clicks that the device has room for, those for few fingers first; and by state the index of each in the bank.
+    """The clicks that fit into the device's memory, clicks of few fingers first; and the index in the bank by state.
 
-    No bank for a device that plays no waveforms, or not at the rate they are tabulated at.
+    A device that plays no waveforms gets no bank.
     """
     if Features.WAVEFORMS not in capabilities.features or not clicks:
         return None, {}

@@ -1,26 +1,28 @@
-"""One line of a table: the drive for one state of the zones at one level, and what it promises."""
+"""An entry of a table: the drive for one state of the zones at one level, and what the table promises of it."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
+from typing import Any, TypeVar
 
 from engine.touch import ZoneState, state_index
 
 DEFAULT_LEVEL_DB = 20.0
-"""Sensation level where nothing else is asked for: plainly felt, 20 dB below full drive on the published bar."""
+"""The default sensation level: plainly felt, and 20 dB below full drive on the published bar."""
 
 LEVEL_TOLERANCE_DB = 1e-3
 """A level within this of the wanted one is reached."""
 
+Levels = TypeVar("Levels", bound=Any)  # a dataclass whose fields are all in dB
 Range = tuple[float, float]
-"""Least and greatest, over the fingers that were looked at."""
+"""Least and greatest value over the sampled fingers."""
 
 
 @dataclass(frozen=True)
 class ZonePromise:
-    """What one zone does in steady state, the standard finger at the middle of every touched zone.
+    """Steady state of one zone, with a standard finger at the middle of every touched zone.
 
-    Ranges: the same when the fingers lie elsewhere in their zones and are other fingers, within the device's spread.
+    Ranges are over sampled fingers, which lie elsewhere in their zones and differ within the device's spread.
     """
 
     name: str
@@ -35,7 +37,7 @@ class ZonePromise:
     """Least acceleration in the zone, and where."""
     dead_position_m: float
     acceleration_at_finger_m_per_s2: float | None
-    """Under the finger; None where there is none."""
+    """Peak acceleration under the finger; None: no finger."""
     sensation_level_db: float | None
     """dB above the detection threshold, tones of different frequencies added in power; None: no finger."""
     sensation_level_range_db: Range | None
@@ -43,7 +45,7 @@ class ZonePromise:
 
 @dataclass(frozen=True)
 class WorstCase:
-    """The worst of each figure over the fingers that were looked at; each may come from another finger."""
+    """The worst of each figure over the sampled fingers; each figure may come from another sample."""
 
     level_db: float
     """Weakest felt finger."""
@@ -57,39 +59,35 @@ class WorstCase:
 
 @dataclass(frozen=True)
 class Percentiles:
-    """So many dB or less in 5, 50 and 95 % of the sampled cases."""
+    """5th, 50th and 95th percentile over the sampled cases, dB."""
 
     low_db: float
     middle_db: float
     high_db: float
 
-    def changed(self, change_db: float) -> "Percentiles":
-        """All of them so much higher."""
-        return Percentiles(self.low_db + change_db, self.middle_db + change_db, self.high_db + change_db)
-
 
 @dataclass(frozen=True)
 class EntrySpread:
-    """How far what an entry promises is spread over the sampled cases; the table says what was sampled."""
+    """How the figures of an entry are distributed over the sampled cases; the table says what was sampled."""
 
     felt: Percentiles
     """Level of the weakest felt finger."""
     quiet: Percentiles | None
     """Level of the strongest quiet finger; None: nothing is quiet."""
     contrast: Percentiles | None
-    """The one over the other, in the same case."""
+    """Felt over quiet level of the same case."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """Per actuator: frequency, amplitude as a fraction of full scale, phase; and the figures the table promises."""
+    """Frequency, amplitude (fraction of full scale) and phase of each actuator, and the figures of this drive."""
 
     frequencies_hz: tuple[float, ...]
     amplitudes: tuple[float, ...]
     phases_rad: tuple[float, ...]
     zones: tuple[ZonePromise, ...]
     wanted_level_db: float
-    """The level asked for; infinite: as much as full scale gives."""
+    """The level that is asked for; infinite: as much as full scale gives."""
     level_db: float
     """Sensation level of the weakest felt finger."""
     achieved: bool
@@ -97,17 +95,17 @@ class Entry:
     contrast_db: float | None
     """Weakest felt over strongest quiet finger, standard fingers; None: nothing is quiet."""
     expected_contrast_db: float | None
-    """The same with each level averaged in power over the fingers looked at: what the search maximised."""
+    """Contrast of the levels averaged in power over the sampled fingers: what the search maximises by default."""
     localized_factor: float
     """Share of the felt zones together."""
     objective: str
-    """What was maximised above the level: its name in precompute.entries.objective."""
+    """Name of the objective that was maximised (precompute.entries.objective)."""
     upper_bound: float
     """No drive of any kind does better: a share, or dB of expected contrast or of level, as the objective is."""
     optimality_gap_db: float
     """What the bound leaves open: 10 log10 of the power or share ratio."""
     t90_s: float
-    """From rest: the time after which every felt finger's envelope stays within 10 % of its final value."""
+    """Time from rest after which the envelope under every felt finger stays within 10 % of its final value."""
     family: str
     """"single tone", "coherent", "two tones" or "several tones"."""
     limited_by: str
@@ -115,7 +113,7 @@ class Entry:
     spread: EntrySpread | None = None
     """None: the table was made before spreads were stated."""
     reached_db: float | None = None
-    """What is compared with the wanted level: `level_db`, or in a table for the worst 5 % what 95 % of cases reach."""
+    """The level that is compared with the wanted one: `level_db`, or the level that 95 % of the cases reach."""
 
     @property
     def states(self) -> tuple[ZoneState, ...]:
@@ -129,10 +127,10 @@ class Entry:
 
 
 def played_at(entries: Sequence[Entry], level_db: float, amplitude_limit: float) -> Entry:
-    """One state's `entries`, by rising level, at any level: a tabulated drive, louder or softer.
+    """The entry of a state at any level: a tabulated drive, played louder or softer. `entries`: by rising level.
 
-    The next lower entry where `amplitude_limit` lets it reach the level, since contrast only falls as the level rises;
-    otherwise the next higher one.
+    It is the next lower entry where `amplitude_limit` lets it reach the level, since contrast only falls with rising
+    level; otherwise the next higher one.
     """
     higher = next(i for i, entry in enumerate(entries) if entry.wanted_level_db >= level_db)
     if entries[higher].wanted_level_db == level_db:
@@ -145,7 +143,7 @@ def played_at(entries: Sequence[Entry], level_db: float, amplitude_limit: float)
 
 
 def scaled_to(entry: Entry, level_db: float, amplitude_limit: float = 0.0) -> Entry:
-    """The entry played so that its weakest felt finger is at `level_db`; louder only up to `amplitude_limit`.
+    """Scale the entry until its weakest felt finger is at `level_db`, with no amplitude above `amplitude_limit`.
 
     Every acceleration scales with the amplitude; shares, contrasts and rise times stay.
     """
@@ -163,23 +161,27 @@ def scaled_to(entry: Entry, level_db: float, amplitude_limit: float = 0.0) -> En
         level_db=entry.level_db + change_db,
         achieved=math.isinf(level_db) or reached_db + change_db >= level_db - LEVEL_TOLERANCE_DB,
         worst_case=replace(worst, level_db=worst.level_db + change_db, quiet_level_db=quiet_db),
-        spread=None if entry.spread is None else _changed(entry.spread, change_db),
+        spread=entry.spread and _shifted_spread(entry.spread, change_db),
         reached_db=reached_db + change_db,
     )
 
 
-def _changed(spread: EntrySpread, change_db: float) -> EntrySpread:
-    """Levels move, contrast stays."""
-    quiet = None if spread.quiet is None else spread.quiet.changed(change_db)
-    return EntrySpread(spread.felt.changed(change_db), quiet, spread.contrast)
+def _shifted_spread(spread: EntrySpread, change_db: float) -> EntrySpread:
+    """Levels shift with the drive; the contrast between them stays."""
+    return replace(
+        spread, felt=shifted(spread.felt, change_db), quiet=spread.quiet and shifted(spread.quiet, change_db)
+    )
+
+
+def shifted(levels: Levels, change_db: float) -> Levels:
+    """A dataclass of levels in dB, all of them raised by `change_db`."""
+    raised: Levels = type(levels)(*(level_db + change_db for level_db in astuple(levels)))
+    return raised
 
 
 def _scaled_zone(zone: ZonePromise, scale: float, change_db: float) -> ZonePromise:
-    at_finger, level_db, range_db = (
-        zone.acceleration_at_finger_m_per_s2,
-        zone.sensation_level_db,
-        zone.sensation_level_range_db,
-    )
+    at_finger, level_db = zone.acceleration_at_finger_m_per_s2, zone.sensation_level_db
+    range_db = zone.sensation_level_range_db
     least, greatest = zone.peak_acceleration_range_m_per_s2
     return replace(
         zone,

@@ -11,9 +11,8 @@ import numpy as np
 from engine.device import Device
 from engine.table.click import ClickEntry
 from engine.table.click import played_at as click_played_at
-from engine.table.click_group import read_clicks
+from engine.table.columns import read_clicks, read_entries
 from engine.table.entry import DEFAULT_LEVEL_DB, Entry, played_at
-from engine.table.entry_group import read_entries
 from engine.table.error import TableError
 from engine.table.file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes
 from engine.touch import ZoneState, state_index

@@ -16,8 +16,7 @@ import engine
 import precompute
 from engine.device import Device
 from engine.table import Table, TableError
-from engine.table.click_group import write_clicks
-from engine.table.entry_group import write_entries
+from engine.table.columns import write_clicks, write_entries
 from engine.table.file import TableWriter
 from engine.touch import state_index
 from precompute.builder.incremental import KEPT_FOR_NOW, OUTDATED, Part, Recipe, plays_on, rests_on

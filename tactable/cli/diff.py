@@ -14,8 +14,16 @@ from rich.text import Text
 from engine.device import DeviceError
 from engine.device.values import Change, Value, number_of
 from engine.table import Table, TableError
-from engine.table.diff import PartDiff, TableDiff, compare_tables
-from engine.table.state_diff import DEFAULT_LIMIT_DB, FigureChange, StateChange, Tolerance, describe
+from engine.table.diff import (
+    DEFAULT_LIMIT_DB,
+    FigureChange,
+    PartDiff,
+    StateChange,
+    TableDiff,
+    Tolerance,
+    compare_tables,
+    describe,
+)
 
 EXIT_DIFFERS = 1
 EXIT_TROUBLE = 2

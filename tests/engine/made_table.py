@@ -7,8 +7,7 @@ import numpy as np
 
 from engine.device import Device
 from engine.table import ClickEntry, Entry
-from engine.table.click_group import write_clicks
-from engine.table.entry_group import write_entries
+from engine.table.columns import write_clicks, write_entries
 from engine.table.file import TableWriter, Variable
 
 PLAIN = {"created": "2024-01-01", "code_fingerprint": "c0de", "code_version": "1", "objective": "contrast"}

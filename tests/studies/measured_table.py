@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from engine.table import Table
-from engine.table.diff import compare_tables
-from engine.table.state_diff import Tolerance
+from engine.table.diff import Tolerance, compare_tables
 from precompute.builder.build import build_table
 from precompute.measurements.csv import write_csv
 from precompute.measurements.responses import read_responses

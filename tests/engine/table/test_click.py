@@ -10,8 +10,7 @@ import pytest
 from engine.device import Device
 from engine.table import ClickEntry, Table, TableError
 from engine.table.click import choose_bank, played_at
-from engine.table.click_group import write_clicks
-from engine.table.entry_group import write_entries
+from engine.table.columns import write_clicks, write_entries
 from engine.table.file import TableWriter
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.bank import bank_size, encode_bank

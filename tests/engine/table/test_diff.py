@@ -11,8 +11,8 @@ import pytest
 
 from engine.device import Device
 from engine.table import ClickEntry, Entry, Table
-from engine.table.diff import TableDiff, compare_tables
-from engine.table.state_diff import StateChange, Tolerance, describe, entry_figures
+from engine.table.diff import StateChange, TableDiff, Tolerance, compare_tables, describe, entry_figures
+from engine.table.entry import shifted
 from tests.engine.made_clicks import click_of
 from tests.engine.made_entries import entry_of, states_of
 from tests.engine.made_table import write_table
@@ -164,7 +164,7 @@ def test_the_worst_come_first_and_losing_the_level_is_the_worst(compare: Compare
     ("change", "figure", "size"),
     [
         (lambda c: click_of(DEVICE, c.states, level_db=27.0), "felt_level_db", 1.0),
-        (lambda c: replace(c, quiet=c.quiet.changed(2.0)), "quiet_level_db", 2.0),
+        (lambda c: replace(c, quiet=shifted(c.quiet, 2.0)), "quiet_level_db", 2.0),
         (lambda c: replace(c, samples=c.samples + np.int16(3277)), "waveform", 10.0),
         (lambda c: replace(c, achieved=False), "achieved", 1.0),
         (lambda c: replace(c, samples=np.pad(c.samples, ((0, 12), (0, 0)))), "length_s", 10.0),

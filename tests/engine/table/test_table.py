@@ -16,8 +16,8 @@ import pytest
 
 from engine.device import Device, DeviceError
 from engine.table import Entry, Table, TableError
+from engine.table.columns import write_entries
 from engine.table.entry import WorstCase, ZonePromise, played_at
-from engine.table.entry_group import write_entries
 from engine.table.file import TableWriter, Variable
 from engine.touch import state_index
 from tests.engine.made_entries import entry_of, states_of

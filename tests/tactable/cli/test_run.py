@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from engine.loop.ring import Record, RingReader
 from engine.table import TableError
-from engine.table.entry_group import write_entries
+from engine.table.columns import write_entries
 from engine.table.file import TableWriter
 from engine.touch import DigitizerError
 from engine.touch.sources.recording import RecordingError, read_recording, write_recording

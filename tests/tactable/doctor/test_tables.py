@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from engine.table.entry_group import write_entries
+from engine.table.columns import write_entries
 from engine.table.file import TableWriter
 from precompute.builder.build import code_fingerprint
 from tactable.doctor.tables import check_fast_path, check_kernels, check_tables

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from engine.table import ClickEntry
+from engine.table.entry import shifted
 from precompute.clicks.baselines import BASELINES
 from tactable.explain.click_rivals import solve_rivals
 from tactable.explain.click_source import ClickSource
@@ -28,10 +29,12 @@ def test_every_baseline_is_judged_at_the_length_of_the_click(source: ClickSource
 def test_what_does_not_lose_says_so(source: ClickSource, click: ClickEntry) -> None:
     rival = solve_rivals(source, click)[0].click.verdict
     assert rival.quiet is not None and click.quiet is not None
-    weaker = replace(click, felt=click.felt.changed(rival.felt.low_db - click.felt.low_db - 1.0))
+    weaker = replace(click, felt=shifted(click.felt, rival.felt.low_db - click.felt.low_db - 1.0))
     assert solve_rivals(source, weaker)[0].lost_by == "1.0 dB MORE felt"
     as_strong = replace(
-        weaker, felt=weaker.felt.changed(1.0), quiet=click.quiet.changed(rival.quiet.high_db - click.quiet.high_db - 2)
+        weaker,
+        felt=shifted(weaker.felt, 1.0),
+        quiet=shifted(click.quiet, rival.quiet.high_db - click.quiet.high_db - 2),
     )
     assert solve_rivals(source, as_strong)[0].lost_by == "as strong, 2.0 dB less quiet"
     assert solve_rivals(source, replace(as_strong, quiet=None))[0].lost_by == "as strong"

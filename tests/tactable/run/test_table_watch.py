@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from engine.device import Device
-from engine.table.entry_group import write_entries
+from engine.table.columns import write_entries
 from engine.table.file import TableWriter
 from engine.table.history import roll_back
 from engine.touch.sources.recording import write_recording

@@ -12,7 +12,7 @@ import typer
 from typer.testing import CliRunner, Result
 
 from engine.loop.realtime import Step
-from engine.table.entry_group import write_entries
+from engine.table.columns import write_entries
 from engine.table.file import TableWriter
 from tactable.bench.latency.command import EXIT_WORSE, register
 from tactable.bench.latency.report import LatencyReportError

@@ -8,8 +8,8 @@ import h5py
 import pytest
 
 from engine.table import Entry, Table
+from engine.table.columns import read_entries
 from engine.table.entry import EntrySpread, Percentiles, scaled_to
-from engine.table.entry_group import read_entries
 from tests.engine.made_entries import entry_of, states_of
 from tests.engine.made_table import write_table
 from tests.engine.table.test_table import DEVICE
