@@ -1,4 +1,4 @@
-"""Replace a file atomically: its path holds the old content or the new one at every instant, also after a crash.
+"""Write files and folders atomically: a path holds the old content or the new one at every instant, also after a crash.
 
 The new content is written beside the target and flushed to the disk, renamed over the target, and then the folder is
 flushed: without the last step a power failure may undo a rename that a later write already relies on.
@@ -7,8 +7,15 @@ flushed: without the last step a power failure may undo a rename that a later wr
 import contextlib
 import os
 import shutil
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+
+from firmware_link.protocol.errors import TactableError
+
+
+class FolderError(TactableError):
+    """A folder cannot be made; the message names it and the remedy."""
 
 
 @contextlib.contextmanager
@@ -33,6 +40,38 @@ def rename_durably(partial: Path, path: Path) -> None:
     sync(partial)
     partial.replace(path)
     sync(path.parent)
+
+
+def check_new_folder(folder: Path) -> None:
+    """Raise FolderError where `folder` exists already or its parent does not."""
+    if folder.exists() or folder.is_symlink():
+        raise FolderError(f"{folder}: exists already and is not overwritten; choose another output")
+    if not folder.absolute().parent.is_dir():
+        raise FolderError(f"{folder.parent}: no such folder; create it or choose another output")
+
+
+def write_new_folder(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write the files beside `folder`, flush them, and rename their folder in one step.
+
+    A killed process leaves the whole folder or none; a folder .NAME.*.partial that it leaves beside it has no meaning.
+    Raises FolderError.
+    """
+    check_new_folder(folder)
+    parent = folder.absolute().parent
+    partial = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".partial", dir=parent))
+    try:
+        for name, content in files.items():
+            (partial / name).write_bytes(content)
+            sync(partial / name)
+        partial.chmod(0o755)  # mkdtemp makes it readable for its owner only
+        sync(partial)
+        try:
+            partial.rename(folder)
+        except OSError as error:
+            raise FolderError(f"{folder}: exists already and is not overwritten; choose another output") from error
+        sync(parent)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
 
 
 def sync(path: Path) -> None:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from engine.table import Table as Table
     from precompute.builder.build import build_table as build_table
     from precompute.calibration.calibrate import calibrate as calibrate
-    from precompute.calibration.calibrated_device import calibrated_device as calibrated_device
+    from precompute.calibration.device_text import calibrated_device as calibrated_device
     from precompute.measurements.file import read_measurements as read_measurements
     from tactable.shipped import find_device as find_device
 
@@ -22,7 +22,7 @@ _HOMES = {
     "Table": "engine.table",
     "build_table": "precompute.builder.build",
     "calibrate": "precompute.calibration.calibrate",
-    "calibrated_device": "precompute.calibration.calibrated_device",
+    "calibrated_device": "precompute.calibration.device_text",
     "find_device": "tactable.shipped",
     "read_measurements": "precompute.measurements.file",
 }

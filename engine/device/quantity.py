@@ -1,10 +1,11 @@
-"""A number with its unit, written as text, to an SI float."""
+"""Quantities written as text, such as "18.9 kN/m", to SI floats and back."""
 
 from __future__ import annotations
 
 import math
 import re
 import reprlib
+from collections.abc import Sequence
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -49,6 +50,8 @@ _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
 _FACTOR = r"[A-Za-zµμ%][A-Za-zµμ%_0]*(?:\^-?\d)?"
 _TEXT = re.compile(rf"({_NUMBER}) ?((?:1/)?{_FACTOR}(?:[*·/]{_FACTOR})*)?")
 _LONGEST_TEXT = 64
+_SHOWN = {"N/m": (1e3, "kN/m"), "m": (1e-6, "µm"), "kg": (1e-3, "g"), "Pa": (1e9, "GPa")}
+"""Scale and unit that people use, by SI unit."""
 
 
 class QuantityError(ValueError):
@@ -102,3 +105,16 @@ def read_quantity(text: object, unit: str) -> float:
     if not math.isfinite(value):
         raise QuantityError(f"{shown} is not finite; {expected}")
     return value
+
+
+def quantity_text(value: float, unit: str, digits: int = 4) -> str:
+    """The SI value as people write it and `read_quantity` reads it: "18.9 kN/m" for 18900.0 and "N/m"."""
+    scale, shown = _SHOWN.get(unit, (1.0, unit))
+    return f"{value / scale:.{digits}g} {shown}"
+
+
+def interval_text(ends: Sequence[float], unit: str, digits: int = 4) -> str:
+    """The interval between two SI values, such as "18.9 to 19.1 kN/m"."""
+    scale, shown = _SHOWN.get(unit, (1.0, unit))
+    low, high = ends
+    return f"{low / scale:.{digits}g} to {high / scale:.{digits}g} {shown}"

@@ -1,18 +1,18 @@
-"""The group `measured` of a table: the responses it was built from, and how far they can be trusted."""
+"""The group `measured` of a table: the responses that it was built from, and their interpolation errors."""
 
 import numpy as np
 
 from engine.device import Device
 from engine.table import Table
 from engine.table.file import TableWriter, Variable
-from precompute.measurements.plant import doubt, measured_plant
+from precompute.measurements.plant import estimate_errors, measured_plant
 from precompute.measurements.responses import MeasuredResponses
 from precompute.model.assembly import Plant, assemble
 
 MODEL = "model"
 MEASURED = "measured responses"
 _GROUP = "measured"
-_DOUBTS = {
+_ERRORS = {
     "between_frequencies_error": "bound on what is read between frequencies, of the greatest; ESTIMATE",
     "between_places_error": "the same between places along the bar; ESTIMATE",
     "model_disagreement": "distance of the model from the measured responses, median over the frequencies",
@@ -21,7 +21,7 @@ _RESPONSE = ("frequency", "actuator", "position", "part")
 
 
 def source_attributes(responses: MeasuredResponses | None) -> dict[str, str]:
-    """What a table says of where its responses are from."""
+    """Attributes of a table that name the source of its responses."""
     if responses is None:
         return {"source": MODEL}
     simulated = " (SIMULATED)" if responses.is_simulated else ""
@@ -34,7 +34,7 @@ def source_attributes(responses: MeasuredResponses | None) -> dict[str, str]:
 
 
 def write_measured(writer: TableWriter, device: Device, responses: MeasuredResponses) -> None:
-    """Write them, and the doubts about them."""
+    """Write the responses and the errors of what is interpolated from them."""
     writer.write(_GROUP, Variable("frequency", ("frequency",), "Hz", "measured at"), responses.frequency_hz)
     writer.write(_GROUP, Variable.names("actuator"), [actuator.name for actuator in device.actuators])
     position = Variable("position", ("position",), "m", "of the sensor, from the bar's start")
@@ -45,9 +45,9 @@ def write_measured(writer: TableWriter, device: Device, responses: MeasuredRespo
     )
     split = np.stack([responses.acceleration.real, responses.acceleration.imag], axis=-1)
     writer.write(_GROUP, acceleration, split)
-    doubts = doubt(device, responses)
-    found = (doubts.between_frequencies, doubts.between_places, doubts.model)
-    for (name, meaning), values in zip(_DOUBTS.items(), found, strict=True):
+    errors = estimate_errors(device, responses)
+    found = (errors.between_frequencies, errors.between_places, errors.model)
+    for (name, meaning), values in zip(_ERRORS.items(), found, strict=True):
         writer.write(_GROUP, Variable(name, ("actuator",), "1", meaning), values)
 
 
@@ -67,7 +67,7 @@ def plant_of(table: Table) -> Plant:
     return measured_plant(table.device, responses)
 
 
-def doubts_of(table: Table) -> dict[str, dict[str, float]]:
-    """How far the measured responses of a table can be trusted, each by actuator (measurements.plant.Doubts)."""
+def interpolation_errors_of(table: Table) -> dict[str, dict[str, float]]:
+    """Errors of a table's measured responses by actuator (measurements.plant.InterpolationErrors)."""
     names = [actuator.name for actuator in table.device.actuators]
-    return {key: dict(zip(names, table.values(_GROUP, key).tolist(), strict=True)) for key in _DOUBTS}
+    return {key: dict(zip(names, table.values(_GROUP, key).tolist(), strict=True)) for key in _ERRORS}

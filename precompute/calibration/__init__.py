@@ -1,1 +1,1 @@
-"""Measurements to the values of a device, with their confidence."""
+"""Fit the parameters of a device to measurements, with confidence intervals, a report and what to measure next."""

@@ -1,4 +1,4 @@
-"""Measured accelerations to the parameters of a device: values, how sure they are, and what was left open."""
+"""Calibration: fit the parameters of a device to measured accelerations, with an interval for each."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device, FittedValue, Uncertainty
-from precompute.calibration.confidence import Certainty, compute_certainty, compute_intervals
+from precompute.calibration.confidence import Confidence, compute_confidence, compute_intervals
 from precompute.calibration.fit import Fit, Problem, fit, pose
 from precompute.calibration.misfit import Loss, MisfitModel
 from precompute.measurements.model import MeasurementModel
@@ -21,13 +21,13 @@ Complex = NDArray[np.complex128]
 
 STARTS = 5
 OUTLIER = 4.0
-"""Standard deviations from which a reading is called wrong."""
-_FELT_BOUND = 1e-3  # of the width of the bounds
+"""Standard deviations of the noise beyond which a reading counts as wrong."""
+_AT_BOUND = 1e-3  # of the width of the bounds
 _ROUGH_FACTOR = 2.0
 
 
 class Known(Enum):
-    """What the data say of a parameter."""
+    """How well the data determine a parameter."""
 
     WELL = "known"
     ROUGHLY = "known within a factor"
@@ -38,7 +38,7 @@ class Known(Enum):
 
 @dataclass(frozen=True)
 class Estimate:
-    """One fitted parameter: SI values; `low` and `high` hold the true one with 95 % confidence."""
+    """One fitted parameter in SI: its value, standard error and 95 % confidence interval from `low` to `high`."""
 
     parameter: Parameter
     value: float
@@ -50,11 +50,12 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What measurements say of a device.
+    """Result of a calibration.
 
-    device: with the fitted values, not yet a file. covariance, information (parameter, parameter): of the parameters'
-    coordinates, the information without what their bounds say. predicted (row,): m/s^2; log_residual (row,): ln of
-    measured over predicted magnitude; noise: relative standard deviation of a reading, wrong ones (row,) left out.
+    device: with the fitted values; its text is still the old one. covariance, information (parameter, parameter): of
+    the coordinates of the parameters; the information is that of the data alone, without the bounds. predicted (row,):
+    m/s^2. log_residual (row,): ln of measured over predicted magnitude. noise: relative standard deviation of a
+    reading. is_wrong (row,): readings that are further off than OUTLIER standard deviations.
     """
 
     device: Device
@@ -71,19 +72,19 @@ class Calibration:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """In the order of the estimates."""
+        """Parameters in the order of the estimates."""
         return tuple(estimate.parameter for estimate in self.estimates)
 
     @property
     def correlation(self) -> Array:
-        """Shape (parameter, parameter)."""
+        """Correlation (parameter, parameter) of the coordinates."""
         deviation = np.sqrt(np.diag(self.covariance))
         out: Array = self.covariance / np.outer(deviation, deviation)
         return out
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """Of the values that a device file holds: a sensor's mass is averaged over."""
+        """Bounds and covariance of the values that a device file holds, the mass of a sensor marginalised."""
         kept = [i for i, parameter in enumerate(self.parameters) if parameter.part != "sensor"]
         return Uncertainty(
             fitted=tuple(FittedValue(p.name, p.low, p.high, p.knee) for p in (self.parameters[i] for i in kept)),
@@ -103,7 +104,7 @@ def calibrate(
 ) -> Calibration:
     """Fit `parameters` (names as in the device file; default: the paper's six) of `device` to `measurements`.
 
-    `bounds` are SI. Raises ParameterError for names and bounds, MeasurementError where the rows cannot say anything.
+    `bounds` are SI. Raises ParameterError for names and bounds, MeasurementError where the rows determine nothing.
 
     >>> device = Device.read("reference-a.toml")
     >>> found = calibrate(device, read_measurements("measured.csv", device))
@@ -113,14 +114,14 @@ def calibrate(
     """
     names = default_names(device) if parameters is None else tuple(parameters)
     chosen = find_parameters(device, names, bounds or {}, _sensor_mass_kg(measurements))
-    with threadpool_limits(1, "blas"):  # unpinned BLAS: 100 times slower when busy
+    with threadpool_limits(1, "blas"):  # unlimited BLAS is 100 times slower on a busy machine
         found = fit(pose_fit(device, measurements, chosen), loss, starts, seed)
-        certainty = compute_certainty(found)
-        return _conclude(device, measurements, found, certainty, compute_intervals(found, certainty))
+        confidence = compute_confidence(found)
+        return _conclude(device, measurements, found, confidence, compute_intervals(found, confidence))
 
 
 def pose_fit(device: Device, measurements: Measurements, parameters: tuple[Parameter, ...]) -> Problem:
-    """The fit of a device to measurements. Raises MeasurementError where they are too few, or say nothing of one."""
+    """The problem of the fit. Raises MeasurementError if readings are too few, or none depends on some parameter."""
     model = MisfitModel(MeasurementModel(device, measurements, parameters), measurements, parameters)
     problem = pose(model)
     slope = model.at(problem.start).log_slope
@@ -137,16 +138,16 @@ def pose_fit(device: Device, measurements: Measurements, parameters: tuple[Param
 
 
 def _sensor_mass_kg(measurements: Measurements) -> float:
-    """Of the sensors that weigh anything; 0 where none does."""
+    """Mean mass of the sensors whose mass is not 0; 0 without such a sensor."""
     heavy = measurements.sensor_mass_kg[measurements.sensor_mass_kg > 0]
     return float(heavy.mean()) if len(heavy) else 0.0
 
 
 def _conclude(
-    device: Device, measurements: Measurements, found: Fit, certainty: Certainty, intervals: Array
+    device: Device, measurements: Measurements, found: Fit, confidence: Confidence, intervals: Array
 ) -> Calibration:
     parameters = found.problem.misfit.parameters
-    deviation = np.sqrt(np.diag(certainty.covariance))
+    deviation = np.sqrt(np.diag(confidence.covariance))
     estimates = tuple(
         _estimate(parameter, x, sd, ends)
         for parameter, x, sd, ends in zip(
@@ -167,8 +168,8 @@ def _conclude(
         loss=found.loss,
         estimates=estimates,
         coordinate=found.coordinate,
-        covariance=certainty.covariance,
-        information=certainty.information,
+        covariance=confidence.covariance,
+        information=confidence.information,
         noise=found.noise,
         predicted=np.exp(model.predict(values).log_acceleration),
         log_residual=-residual,
@@ -190,7 +191,7 @@ def _estimate(parameter: Parameter, coordinate: float, deviation: float, ends: S
 
 def _known(parameter: Parameter, ends: Sequence[float]) -> Known:
     low, high = (parameter.coordinate(bound) for bound in (parameter.low, parameter.high))
-    near = _FELT_BOUND * (high - low)
+    near = _AT_BOUND * (high - low)
     at_low, at_high = ends[0] <= low + near, ends[1] >= high - near
     if at_low or at_high:
         return Known.NOT if at_low and at_high else Known.AT_MOST if at_low else Known.AT_LEAST

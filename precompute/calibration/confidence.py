@@ -1,4 +1,15 @@
-"""A fit to what its data say of every parameter: covariance, confidence intervals, and combinations they leave open."""
+"""Covariance and confidence intervals of a fit.
+
+The covariance is the sandwich estimate for the loss that was minimised: the inverse of the curvature of the cost around
+the scatter of its gradient. Outliers and the shape of the loss count in it, which an inverse Hessian alone would
+ignore. It includes a prior, uniform within the bounds of each parameter; without it a parameter that the data leave
+open would have no finite variance.
+
+Where a parameter is known to 5 % or better the cost is nearly a parabola, and its interval is the value plus and minus
+Student's quantile times the standard error. Beyond, the interval is the profile of the cost: the parameter is moved and
+held, all others are refitted, until the cost has risen by what the quantile allows. Profiles cost some refits, but hold
+for one-sided cases too (a damping "at most 0.1"), where a standard error describes nothing.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,8 +24,8 @@ from precompute.calibration.misfit import Loss
 Array = NDArray[np.float64]
 
 CONFIDENCE = 0.95
-_STRAIGHT = 0.05
-"""Up to this standard deviation of a logarithm an interval follows from the curvature, beyond it from the cost."""
+_NEARLY_LINEAR = 0.05
+"""Standard deviation of a logarithm up to which an interval follows from the curvature."""
 _PROBES = 12
 _CLOSE = 0.02  # of the standard deviations at an interval's end
 _RANK = 1e-14
@@ -22,11 +33,12 @@ _NOTHING = 1e-300
 
 
 @dataclass(frozen=True)
-class Certainty:
-    """What the data say of the coordinates of the parameters.
+class Confidence:
+    """Precision with which the data determine the coordinates of the parameters.
 
-    information (parameter, parameter): inverse of the covariance that the data alone would leave; curvature: second
-    derivative of the cost, expected; prior (parameter,): standard deviation of what is known without them.
+    information (parameter, parameter): inverse of the covariance that the data alone would leave. curvature: expected
+    second derivative of the cost. prior (parameter,): standard deviation before the measurement. freedom: degrees of
+    freedom of Student's distribution.
     """
 
     information: Array
@@ -36,73 +48,70 @@ class Certainty:
 
     @property
     def quantile(self) -> float:
-        """Of Student's t, two-sided."""
+        """Two-sided quantile of Student's t at CONFIDENCE."""
         return float(t.ppf((1 + CONFIDENCE) / 2, self.freedom))
 
     @cached_property
     def covariance(self) -> Array:
-        """Shape (parameter, parameter): with the prior, without which what is not identifiable would have none."""
+        """Covariance (parameter, parameter) with the prior."""
         return _inverse(self.information + np.diag(self.prior**-2.0))
 
     @cached_property
     def cost_ratio(self) -> Array:
-        """Shape (parameter,): cost of a move by one standard deviation, the other parameters following; ideally 1/2."""
+        """Rise of the cost (parameter,) at one standard deviation, the others refitted; 1/2 for normal noise."""
         bound = _inverse(self.curvature + np.diag(self.prior**-2.0))
         ratio: Array = 0.5 * np.diag(self.covariance) / np.diag(bound)
         return ratio
 
 
-def compute_certainty(fit: Fit) -> Certainty:
-    """For the loss that was minimised: sandwich covariances, so that outliers count."""
+def compute_confidence(fit: Fit) -> Confidence:
+    """Confidence in a fit, by the sandwich covariance for its loss."""
     information, curvature = _absolute(fit) if fit.loss is Loss.L1 else _squares(fit)
     prior = np.array([parameter.prior for parameter in fit.problem.misfit.parameters])
     data, parameters = fit.misfit.log_slope.shape
-    return Certainty(information, curvature, prior, data - parameters)
+    return Confidence(information, curvature, prior, data - parameters)
 
 
-def compute_intervals(fit: Fit, certainty: Certainty) -> Array:
-    """Shape (parameter, 2): coordinates that the data do not contradict, within the bounds.
-
-    Wide ones by the profile of the cost: where the likelihood is not a parabola, a standard error is no interval.
-    """
-    deviation = np.sqrt(np.diag(certainty.covariance))
+def compute_intervals(fit: Fit, confidence: Confidence) -> Array:
+    """Ends (parameter, 2) of the intervals of the coordinates within the bounds; wide ones by the profile."""
+    deviation = np.sqrt(np.diag(confidence.covariance))
     out = np.empty((len(deviation), 2))
     for i, (sd, value) in enumerate(zip(deviation, fit.coordinate, strict=True)):
-        if sd <= _STRAIGHT:
-            out[i] = value + certainty.quantile * sd * np.array([-1, 1])
+        if sd <= _NEARLY_LINEAR:
+            out[i] = value + confidence.quantile * sd * np.array([-1, 1])
         else:
-            out[i] = [_profile_end(fit, certainty, i, sd, side) for side in (-1, 1)]
+            out[i] = [_profile_end(fit, confidence, i, sd, side) for side in (-1, 1)]
     return np.clip(out, fit.problem.low[:, None], fit.problem.high[:, None])
 
 
-def _profile_end(fit: Fit, certainty: Certainty, index: int, deviation: float, side: int) -> float:
-    """Where the cost, all other parameters refitted, has risen by what the quantile allows; or the bound."""
+def _profile_end(fit: Fit, confidence: Confidence, index: int, deviation: float, side: int) -> float:
+    """Coordinate at which the profile of the cost has risen by what the quantile allows, or the bound."""
     value = float(fit.coordinate[index])
     bound = float((fit.problem.low if side < 0 else fit.problem.high)[index])
     reach = abs(bound - value)
     if reach <= 0:
         return bound
     inner, outer, follow = (0.0, 0.0), None, fit.coordinate
-    tangent = certainty.covariance[index] / certainty.covariance[index, index]
-    step = min(certainty.quantile * deviation, reach)
+    tangent = confidence.covariance[index] / confidence.covariance[index, index]
+    step = min(confidence.quantile * deviation, reach)
     for _ in range(_PROBES):
         guess = follow + (value + side * step - follow[index]) * tangent
         probe, cost = refit_held(fit, index, np.clip(guess, fit.problem.low, fit.problem.high))
-        deviations = float(np.sqrt(max(cost - fit.cost, 0.0) / certainty.cost_ratio[index]))
-        if deviations < certainty.quantile:
+        deviations = float(np.sqrt(max(cost - fit.cost, 0.0) / confidence.cost_ratio[index]))
+        if deviations < confidence.quantile:
             if step >= reach:
                 return bound
             inner, follow = (step, deviations), probe
         else:
             outer = (step, deviations)
-        if abs(deviations - certainty.quantile) <= _CLOSE * certainty.quantile:
+        if abs(deviations - confidence.quantile) <= _CLOSE * confidence.quantile:
             break
-        step = min(2 * step, reach) if outer is None else _between(inner, outer, certainty.quantile)
+        step = min(2 * step, reach) if outer is None else _between(inner, outer, confidence.quantile)
     return value + side * step
 
 
 def _between(inner: tuple[float, float], outer: tuple[float, float], wanted: float) -> float:
-    """A straight line between two (step, deviations), kept off its ends."""
+    """Secant step between two (step, deviations), kept away from both ends."""
     share = (wanted - inner[1]) / (outer[1] - inner[1])
     return inner[0] + min(max(share, 0.1), 0.9) * (outer[0] - inner[0])
 
@@ -119,9 +128,9 @@ def _squares(fit: Fit) -> tuple[Array, Array]:
 
 
 def _absolute(fit: Fit) -> tuple[Array, Array]:
-    """Of least absolute residuals: A S^-1 A with S = sum j j^T, A = sum 2 f(0) j j^T, noise in proportion to size.
+    """Covariance of least absolute residuals, A S^-1 A with S = sum j j^T, A = sum 2 f(0) j j^T; noise grows with size.
 
-    Columns are scaled to length 1 first: a parameter that does next to nothing would ruin the inverse.
+    Columns are scaled to length 1 first, since a parameter with almost no effect would spoil the inverse.
     """
     mean_reading = fit.problem.misfit.mean_reading
     slope = fit.misfit.plain_slope / (fit.noise * mean_reading)
@@ -137,7 +146,7 @@ def _absolute(fit: Fit) -> tuple[Array, Array]:
 
 
 def _inverse(matrix: Array) -> Array:
-    """Of a symmetric positive definite matrix whose columns differ by decades."""
+    """Inverse of a symmetric positive definite matrix whose columns differ by decades."""
     scale = np.sqrt(np.diag(matrix))
     inverse: Array = np.linalg.inv(matrix / np.outer(scale, scale)) / np.outer(scale, scale)
     symmetric: Array = (inverse + inverse.T) / 2

@@ -1,4 +1,18 @@
-"""The misfit to the parameters that make it least: several starts, then the loss that was asked for."""
+"""Fit of the parameters to measurements: global screening, then a local minimisation of the chosen loss.
+
+The misfit has many local minima, because a resonance that is fitted to the wrong peak cannot move past the right one.
+So a fit starts from several places: the device's own values, and the most promising of 64 points of a Sobol sequence
+within the bounds. Each is minimised with a soft loss at a coarse noise of 10 %, which sees far; while the median
+residual of the best stays above that noise its basin is doubtful, and up to four times as many places are tried.
+
+Near the best place the loss and the noise are settled in turn: the noise is a robust estimate (median absolute
+deviation) of the residuals, the robust loss (Cauchy) is scaled by it, and the minimum is refitted until the noise
+stays. Plain least squares and the paper's sum of absolute differences (12) start from the robust minimum.
+
+All parameters are minimised in coordinates (logarithms; asinh for dampings that may be 0), so bounds of several decades
+are no trouble. A weak tie to the start, three widths of the bounds wide, keeps a parameter in place that no reading
+depends on; its effect on a known parameter is negligible.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,27 +29,26 @@ Array = NDArray[np.float64]
 Rho = Callable[[Array], Array]
 
 CAUCHY = 2.385
-"""Standard deviations where the robust loss turns over: 95 % as sharp as least squares on normal noise."""
+"""Scale of the Cauchy loss in standard deviations: 95 % of the efficiency of least squares under normal noise."""
 SMALLEST_NOISE = 1e-8
-"""Relative noise below which the rounding of the model is what is seen."""
+"""Relative noise below which residuals are rounding errors of the model."""
 _NORMAL_MAD = 1.4826  # standard deviation of normal noise over its median absolute deviation
-_COARSE_NOISE = 0.1  # what the first look takes for noise
+_COARSE_NOISE = 0.1  # relative noise that the screening assumes
 _TIE = 3.0  # widths of the bounds
-_SCREENED, _PATIENCE = 64, 4
+_SCREENED, _PATIENCE = 64, 4  # places screened; times as many starts while the basin is doubtful
 _NEAR = 1e-6  # of the width of the bounds
-_ROUNDS, _ROUNDS_L1 = 15, 2  # the least sum of absolute residuals knows no noise, only its tie does
+_ROUNDS, _ROUNDS_L1 = 15, 2  # the sum of absolute residuals needs the noise for its tie only
 _SETTLED = 0.02
 _TOLERANCE = 1e-13
-_LEAST_PROMISE = 1e-10  # of the cost: a linear program promises no less than its rounding
+_LEAST_PROMISE = 1e-10  # of the cost: the rounding of the linear programs
 _ROUGH = 1e-5  # of the cost: a hundredth of a standard deviation
 
 
 @dataclass(frozen=True)
 class Problem:
-    """A misfit to be made least within bounds; start, low, high (parameter,) are coordinates.
+    """A misfit to be minimised within bounds; start, low, high (parameter,) are coordinates.
 
-    `free` (parameter,): what may move; the rest stays at `start`. A weak tie to `start` keeps there what no
-    measurement says anything about.
+    free (parameter,): whether a parameter may move; the others stay where they are.
     """
 
     misfit: MisfitModel
@@ -46,11 +59,11 @@ class Problem:
 
     @property
     def tie(self) -> Array:
-        """Shape (parameter,): standard deviation about `start` that the tie stands for."""
+        """Standard deviation (parameter,) of the tie to `start`."""
         return _TIE * (self.high - self.low)
 
     def whole(self, free_value: Array, about: Array) -> Array:
-        """All coordinates from the free ones; the others as in `about`."""
+        """All coordinates from the free ones, with the others as in `about`."""
         out = about.copy()
         out[self.free] = free_value
         return out
@@ -58,7 +71,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Fit:
-    """The least cost of a problem: at coordinate (parameter,), with what was taken for noise (relative; SD)."""
+    """The minimum of a problem: coordinate (parameter,), cost, and relative standard deviation of the noise."""
 
     problem: Problem
     loss: Loss
@@ -68,7 +81,7 @@ class Fit:
 
     @property
     def misfit(self) -> Misfit:
-        """The misfit there."""
+        """The misfit at the minimum."""
         return self.problem.misfit.at(self.coordinate)
 
 
@@ -80,10 +93,7 @@ def pose(misfit: MisfitModel) -> Problem:
 
 
 def fit(problem: Problem, loss: Loss, starts: int, seed: int) -> Fit:
-    """Minimise `loss` from the start and from the `starts` - 1 most promising of 64 other places (seeded).
-
-    While half of the readings are off by more than a tenth the basin is doubtful: up to four times as many are tried.
-    """
+    """Minimise `loss` from the device's values and the `starts` - 1 best places of a seeded screening."""
     places = [problem.start, *_screen(problem, _PATIENCE * starts - 1, seed)] if starts > 1 else [problem.start]
     first, least = problem.start, np.inf
     for tried, place in enumerate(places):
@@ -97,7 +107,7 @@ def fit(problem: Problem, loss: Loss, starts: int, seed: int) -> Fit:
 
 
 def settle(problem: Problem, loss: Loss, first: Array) -> Fit:
-    """Minimise near `first`, noise and parameters in turn until the noise stays."""
+    """Minimise near `first`, parameters and noise in turn, until the noise stays."""
     value, noise = first, max(_noise(problem, first), SMALLEST_NOISE)
     for _ in range(_ROUNDS_L1 if loss is Loss.L1 else _ROUNDS):
         value, cost = minimise(problem, loss, noise, value)
@@ -109,7 +119,7 @@ def settle(problem: Problem, loss: Loss, first: Array) -> Fit:
 
 
 def _snapped(problem: Problem, value: Array) -> Array:
-    """What an interior method leaves next to a bound, at it."""
+    """Coordinates moved onto a bound where the interior method stopped just beside it."""
     near = _NEAR * (problem.high - problem.low)
     low, high = problem.low, problem.high
     return np.where(value - low <= near, low, np.where(high - value <= near, high, value))
@@ -118,21 +128,21 @@ def _snapped(problem: Problem, value: Array) -> Array:
 def minimise(
     problem: Problem, loss: Loss, noise: float, first: Array, tolerance: float = _TOLERANCE
 ) -> tuple[Array, float]:
-    """Coordinates near `first` of least cost, and this cost, to `tolerance` of it."""
+    """The minimum near `first`: coordinates and cost, to the relative `tolerance` of the cost."""
     if loss is Loss.L1:
         return _minimise_absolute(problem, noise, first, tolerance)
     return _minimise_squares(problem, _cauchy if loss is Loss.ROBUST else _plain, noise, first, tolerance)
 
 
 def refit_held(fit: Fit, index: int, first: Array) -> tuple[Array, float]:
-    """The same, roughly, with one parameter held where it is in `first`, the noise as it was found."""
+    """A rough minimum with one parameter held where it is in `first` and the noise unchanged."""
     free = fit.problem.free.copy()
     free[index] = False
     return minimise(replace(fit.problem, free=free), fit.loss, fit.noise, first, _ROUGH)
 
 
 def _screen(problem: Problem, count: int, seed: int) -> list[Array]:
-    """Places in the bounds where the misfit is least; what only damps stays where it was, its bounds are decades."""
+    """The places of a Sobol sequence with the least misfit; dampings, whose bounds span decades, stay at the start."""
     spread = qmc.Sobol(len(problem.start), seed=seed).random(_SCREENED)
     places = np.tile(problem.start, (_SCREENED, 1))
     for i, parameter in enumerate(problem.misfit.parameters):
@@ -143,7 +153,7 @@ def _screen(problem: Problem, count: int, seed: int) -> list[Array]:
 
 
 def _noise(problem: Problem, value: Array) -> float:
-    """Relative standard deviation, from the median; as many residuals as parameters may have been fitted away."""
+    """Robust relative standard deviation of the residuals, without the few that a fit may have nulled."""
     size = np.sort(np.abs(problem.misfit.at(value).log_residual))
     return _NORMAL_MAD * float(np.median(size[int(problem.free.sum()) :])) if len(size) > problem.free.sum() else 0.0
 
@@ -163,7 +173,7 @@ def _cauchy(z: Array) -> Array:
 
 
 def _minimise_squares(problem: Problem, rho: Rho, noise: float, first: Array, tolerance: float) -> tuple[Array, float]:
-    """Cost: half of the sum of rho((residual / noise)^2), and of the squared ties."""
+    """Minimise half of the sum of rho((residual / noise)^2) and of the squared ties."""
     free, ties = problem.free, len(problem.start)
 
     def tied(z: Array) -> Array:
@@ -194,7 +204,7 @@ def _minimise_squares(problem: Problem, rho: Rho, noise: float, first: Array, to
 
 
 def _minimise_absolute(problem: Problem, noise: float, first: Array, tolerance: float) -> tuple[Array, float]:
-    """Cost: the sum of |residual| in units of the noise of a mean reading, and of |ties|."""
+    """Minimise the sum of |residual| in units of the noise of a mean reading, and of |ties|."""
     free, unit = problem.free, noise * problem.misfit.mean_reading
 
     def linearised(x: Array) -> tuple[Array, Array]:

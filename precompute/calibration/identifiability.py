@@ -1,4 +1,4 @@
-"""A calibration to what its data leave open, in words, and to the measurement that would close it."""
+"""Identifiability: combinations of parameters that the data leave open, and the drives that would separate them."""
 
 from dataclasses import dataclass
 
@@ -7,16 +7,16 @@ import numpy as np
 from precompute.calibration.calibrate import Calibration, Known
 from precompute.calibration.plan import LEAST_NOISE, Accuracy, best_drive, prior_information, propose_candidates
 
-_TELLING = 2.0
-"""A combination whose singular value is below: the data narrow it to no less than half of what its bounds say."""
-_PART = 0.25  # of a unit vector: a smaller part is not named
-_WORTH = 0.7  # of the standard deviation: a drive that leaves more is not worth the trouble
+_OPEN_BELOW = 2.0
+"""Singular value below which a combination is open: the data narrow it to no less than half of its bounds."""
+_PART = 0.25  # of a unit vector: smaller parts are not named
+_WORTH = 0.7  # of the standard deviation: a drive that leaves more is not recommended
 _NEARLY_ONE = 0.95
 
 
 @dataclass(frozen=True)
 class Combination:
-    """A direction in the space of the parameters that the data leave open; `singular` from 0 (wholly) to 2."""
+    """A direction in parameter space that the data leave open; `singular` runs from 0 (wholly open) to 2."""
 
     singular: float
     parts: tuple[tuple[str, float], ...]
@@ -25,9 +25,9 @@ class Combination:
 
 @dataclass(frozen=True)
 class Advice:
-    """A parameter that is not well known, and the drive that, read along the bar, would narrow it most; SI values.
+    """A parameter that is not well known, and the drive whose readings along the bar would narrow it most; SI values.
 
-    drive_hz (actuator,) with NaN for still is None where no drive of the sweep would help.
+    drive_hz (actuator,): NaN for still; None where no drive of the sweep would help.
     """
 
     name: str
@@ -37,12 +37,12 @@ class Advice:
 
 
 def open_combinations(calibration: Calibration) -> tuple[Combination, ...]:
-    """By the singular values of the sensitivity, scaled by noise and by what the bounds leave."""
+    """Open combinations, by singular values of the sensitivity scaled by the noise and the width of the bounds."""
     prior = np.array([parameter.prior for parameter in calibration.parameters])
     square, vector = np.linalg.eigh(calibration.information * np.outer(prior, prior))
     found: list[Combination] = []
     for value, direction in zip(np.sqrt(np.maximum(square, 0.0)).tolist(), vector.T, strict=True):
-        if value >= _TELLING:
+        if value >= _OPEN_BELOW:
             break
         signed = direction * np.sign(direction[np.argmax(np.abs(direction))])
         named = [
@@ -62,7 +62,7 @@ def _words(parts: tuple[tuple[str, float], ...]) -> str:
 
 
 def advise(calibration: Calibration) -> tuple[Advice, ...]:
-    """For every parameter that is not known within a factor of 2 or better."""
+    """Advice for every parameter that is not known within a factor of 2 or better."""
     parameters = calibration.parameters
     accuracy = Accuracy(relative=max(calibration.noise, LEAST_NOISE))
     masses = calibration.measurements.sensor_mass_kg

@@ -1,4 +1,4 @@
-"""The least sum of absolute residuals (paper eq. (12)) by a sequence of linear programs in a trust region."""
+"""Least absolute residuals (paper eq. (12)) by a sequence of linear programs in a trust region."""
 
 from collections.abc import Callable
 
@@ -17,10 +17,11 @@ _NOTHING = 1e-300
 
 
 def solve_least_absolute(linearised: Linearised, start: Array, low: Array, high: Array, tolerance: float) -> Array:
-    """The point near `start` within bounds (parameter,) where sum |residual| is least.
+    """The point (parameter,) near `start` within the bounds that minimises the sum of |residual|.
 
-    `linearised` gives residuals (datum,) and their derivatives (datum, parameter). As many residuals as there are
-    parameters end at 0, so the steps converge as Newton's do. Ends where a step promises less than `tolerance` of it.
+    `linearised` gives residuals (datum,) and their derivatives (datum, parameter). At the minimum one residual for each
+    parameter is 0, so the steps converge quadratically, as Newton's. The iteration ends when a step promises less than
+    `tolerance` of the sum.
     """
     point, step = start, _FIRST_STEP
     residual, slope = linearised(point)
@@ -41,9 +42,10 @@ def solve_least_absolute(linearised: Linearised, start: Array, low: Array, high:
 
 
 def _solve_program(residual: Array, slope: Array, low: Array, high: Array) -> Array:
-    """The move within bounds that makes sum |residual + slope move| least, as the multipliers of the dual program.
+    """The move within bounds that minimises sum |residual + slope move|, read from the multipliers of the dual program.
 
-    maximise residual^T u + low^T v - high^T w, |u| <= 1, v, w >= 0, slope^T u = v - w: as few rows as parameters.
+    maximise residual^T u + low^T v - high^T w, |u| <= 1, v, w >= 0, slope^T u = v - w. The dual has a row for each
+    parameter, the primal one for each datum.
     """
     data, parameters = slope.shape
     scale = np.maximum(np.abs(slope).max(axis=0), _NOTHING)

@@ -1,4 +1,4 @@
-"""What separates a prediction from the measurement, and what of it a fit minimises."""
+"""Misfit between predicted and measured accelerations, with its derivatives, and the losses that a fit minimises."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 class Loss(Enum):
-    """What is minimised: robust or plain least squares of log amplitudes, or the paper's sum of |difference| (12)."""
+    """Loss of a fit: robust or plain least squares of log amplitudes, or the paper's sum of |difference| (12)."""
 
     ROBUST = "robust"
     SQUARES = "squares"
@@ -46,10 +46,10 @@ class MisfitModel:
         self._last: tuple[Array, Misfit] | None = None
         self.parameters = parameters
         self.mean_reading = float(np.abs(measurements.acceleration).mean())
-        """In m/s^2."""
+        """Mean magnitude of the measured accelerations, m/s^2."""
 
     def at(self, coordinate: Array) -> Misfit:
-        """The misfit there; asking twice costs once."""
+        """The misfit at a coordinate; the last one is remembered."""
         if self._last is None or not np.array_equal(self._last[0], coordinate):
             self._last = (coordinate.copy(), self._compute(coordinate))
         return self._last[1]
@@ -71,11 +71,11 @@ class MisfitModel:
         )
 
     def _data(self, value: NDArray[np.complex128]) -> Array:
-        """Rows to data along the first axis."""
+        """Data along the first axis from the rows."""
         real: Array = value.real
         return real.copy() if self._is_peak else np.concatenate([real, value.imag])
 
 
 def _wrapped(angle_rad: Array) -> Array:
-    """Within half a turn of 0."""
+    """The same angle within half a turn of 0."""
     return (angle_rad + np.pi) % (2 * np.pi) - np.pi

@@ -1,4 +1,4 @@
-"""The paper's way to the same parameters: each drive fitted alone by its L1 objective (12), then averaged."""
+"""The paper's procedure, for comparison: fit each drive alone by its L1 objective (12), then average."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ _MOST_DRIVES = 24
 
 @dataclass(frozen=True)
 class Pairwise:
-    """Values (drive, parameter) that each drive alone gives, SI; `average` (parameter,) is the paper's answer.
+    """Values (drive, parameter) from each drive alone, SI; `average` (parameter,) is the paper's estimate.
 
     typical, total: median |ln(measured / predicted)| and sum |measured - predicted| in m/s^2 of all rows, for the
     average; `joint_typical`, `joint_total` for the one fit of all drives.
@@ -35,7 +35,7 @@ class Pairwise:
 
 
 def fit_pairwise(device: Device, calibration: Calibration) -> Pairwise | None:
-    """None where a drive has too few rows for that, or there is one drive, or more than two dozen."""
+    """Fit each drive alone; None with one drive or more than 24, or where a drive has too few rows."""
     measurements, parameters = calibration.measurements, calibration.parameters
     drive = measurements.drive_of_row
     drives = int(drive.max()) + 1

@@ -1,4 +1,4 @@
-"""What to measure next: the frequencies and points that shrink the uncertainty of the parameters most, one by one."""
+"""Experiment design: the next readings, one by one, that shrink the uncertainty of the parameters most."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -18,16 +18,16 @@ from precompute.measurements.types import Kind, lay_out
 Array = NDArray[np.float64]
 
 LEAST_NOISE = 1e-3
-"""Relative: no accelerometer is better."""
+"""Least relative noise of a reading that is assumed of any accelerometer."""
 _FREQUENCIES = 49
 _POINTS = 23
 _EDGE = 0.02  # of the bar: a sensor's middle cannot be at the bar's end
 _NOTHING = 1e-12  # m/s^2
-_LEAST_APART_HZ = 10.0  # nearer ones beat: a peak of both takes long to come
+_LEAST_APART_HZ = 10.0  # closer frequencies beat slowly, and their common peak takes long to come
 
 
 class Criterion(Enum):
-    """What a good next reading makes small: the volume of what is possible (D), or the sum of the variances (A)."""
+    """What a reading is to minimise: the volume of the confidence region (D), or the sum of the variances (A)."""
 
     VOLUME = "D"
     VARIANCE = "A"
@@ -35,7 +35,7 @@ class Criterion(Enum):
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Of a reading, standard deviations: relative, of the sensor at rest, of its place. Nodes are no good places."""
+    """Standard deviations of a reading: relative, of the sensor at rest, and of its place, which matters near nodes."""
 
     relative: float = 0.02
     floor_m_per_s2: float = 0.05
@@ -44,7 +44,7 @@ class Accuracy:
 
 @dataclass(frozen=True)
 class Candidates:
-    """Drives of one or two actuators, everyone else still, at every point.
+    """Drives of one or two actuators, the others still, at every point.
 
     frequency_hz (drive, actuator): NaN where still; position_m (point,); slope (drive, point, parameter): derivative
     of ln peak acceleration by the coordinates, in standard deviations of that reading.
@@ -74,7 +74,7 @@ class Plan:
     steps: tuple[Step, ...]
 
     def summary(self) -> dict[str, Any]:
-        """For JSON: standard errors in SI before and after, and by how much each reading shrinks which."""
+        """Plain values: standard errors in SI before and after, and the share by which each reading shrinks them."""
         each = list(zip(self.parameters, self.coordinate.tolist(), strict=True))
         before, after = self.steps[0].before, self.steps[-1].after
         return {
@@ -110,7 +110,7 @@ def plan_first(
     count: int,
     criterion: Criterion,
 ) -> Plan:
-    """With nothing measured: the description and the bounds are all that is known."""
+    """Plan before any measurement, from the description and the bounds alone."""
     parameters = find_parameters(device, names, bounds, sensor_mass_kg)
     coordinate = np.array([parameter.coordinate(parameter.start) for parameter in parameters])
     candidates = propose_candidates(device, parameters, coordinate, sensor_mass_kg, accuracy)
@@ -119,7 +119,7 @@ def plan_first(
 
 
 def plan_after(calibration: Calibration, accuracy: Accuracy, count: int, criterion: Criterion) -> Plan:
-    """After measurements, with their noise: what more to measure."""
+    """Plan after a calibration, with the noise of its measurements."""
     parameters, mass_kg = calibration.parameters, float(np.median(calibration.measurements.sensor_mass_kg))
     noisy = replace(accuracy, relative=max(calibration.noise, LEAST_NOISE))
     candidates = propose_candidates(calibration.device, parameters, calibration.coordinate, mass_kg, noisy)
@@ -130,7 +130,7 @@ def plan_after(calibration: Calibration, accuracy: Accuracy, count: int, criteri
 def propose_candidates(
     device: Device, parameters: tuple[Parameter, ...], coordinate: Array, sensor_mass_kg: float, accuracy: Accuracy
 ) -> Candidates:
-    """One frequency or a pair of the sweep, on a grid within the actuators' bands, at even points."""
+    """Drives of one frequency or a pair, on a grid within the actuators' bands, at even points along the bar."""
     grid_hz = np.linspace(device.sweep.start_hz, device.sweep.stop_hz, _FREQUENCIES)
     position_m = np.linspace(_EDGE, 1 - _EDGE, _POINTS) * device.bar.length_m
     beside_m = np.minimum(position_m + accuracy.place_m, device.bar.length_m)
@@ -178,9 +178,9 @@ def _single_responses(
 
 
 def plan_readings(candidates: Candidates, information: Array, count: int, criterion: Criterion) -> list[Step]:
-    """`count` readings, each the best after those before it; `information` (parameter, parameter) is what is known.
+    """`count` readings, each the best after the ones before it; no reading is proposed twice.
 
-    No reading is proposed twice.
+    `information` (parameter, parameter) is that of the readings already taken.
     """
     _, points, parameters = candidates.slope.shape
     slope = candidates.slope.reshape(-1, parameters)
@@ -189,12 +189,12 @@ def plan_readings(candidates: Candidates, information: Array, count: int, criter
     steps: list[Step] = []
     for _ in range(min(count, len(slope))):
         moved = slope @ covariance
-        told = np.einsum("cp,cp->c", moved, slope)
-        gain = told if criterion is Criterion.VOLUME else np.einsum("cp,cp->c", moved, moved) / (1 + told)
+        variance = np.einsum("cp,cp->c", moved, slope)
+        gain = variance if criterion is Criterion.VOLUME else np.einsum("cp,cp->c", moved, moved) / (1 + variance)
         best = int(np.argmax(np.where(left, gain, -1.0)))
         left[best] = False
         before = np.sqrt(np.diag(covariance))
-        covariance = covariance - np.outer(moved[best], moved[best]) / (1 + told[best])
+        covariance = covariance - np.outer(moved[best], moved[best]) / (1 + variance[best])
         drive, point = divmod(best, points)
         steps.append(
             Step(
@@ -208,7 +208,7 @@ def plan_readings(candidates: Candidates, information: Array, count: int, criter
 
 
 def best_drive(candidates: Candidates, information: Array, parameter: int) -> tuple[tuple[float, ...], float]:
-    """The drive that, read at every point, leaves one parameter the least standard deviation, and that deviation."""
+    """The drive whose readings at every point leave one parameter the least standard deviation, and that deviation."""
     together = information + np.einsum("dxp,dxq->dpq", candidates.slope, candidates.slope)
     left = np.linalg.inv(together)[:, parameter, parameter]
     best = int(np.argmin(left))
@@ -216,5 +216,5 @@ def best_drive(candidates: Candidates, information: Array, parameter: int) -> tu
 
 
 def prior_information(parameters: Sequence[Parameter]) -> Array:
-    """Shape (parameter, parameter): what the bounds alone say."""
+    """Information (parameter, parameter) of the bounds alone."""
     return np.diag([parameter.prior**-2.0 for parameter in parameters])

@@ -1,4 +1,4 @@
-"""A calibration to its report: numbers for machines, and the same in words for people."""
+"""Report of a calibration: numbers for machines (JSON), and the same in words for people (Markdown)."""
 
 import itertools
 import math
@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from engine.device.quantity import interval_text, quantity_text
 from precompute.calibration.calibrate import Calibration, Estimate, Known
 from precompute.calibration.identifiability import advise, open_combinations
 from precompute.calibration.pairwise import Pairwise
-from precompute.calibration.quantity_text import interval_text, quantity_text
 
 Array = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ _LISTED = 12
 
 
 def calibration_report(calibration: Calibration, pairwise: Pairwise | None) -> dict[str, Any]:
-    """Everything that the fit says, SI, ready for JSON. `pairwise` is the paper's way, None where it cannot be."""
+    """All results of the fit in SI, ready for JSON. `pairwise`: the paper's procedure, None where it is impossible."""
     measurements = calibration.measurements
     return {
         "device": calibration.device.name,
@@ -68,7 +68,7 @@ def _parameter(estimate: Estimate) -> dict[str, Any]:
 
 
 def _correlations(calibration: Calibration) -> list[dict[str, Any]]:
-    """Every pair, the strongest first."""
+    """Correlation of every pair of parameters, the strongest first."""
     names = [parameter.name for parameter in calibration.parameters]
     pairs = [
         {"parameters": [names[i], names[j]], "correlation": float(calibration.correlation[i, j])}
@@ -104,7 +104,7 @@ def _by_position(calibration: Calibration) -> list[dict[str, Any]]:
 
 
 def _spread(calibration: Calibration, rows: NDArray[np.bool_]) -> dict[str, Any]:
-    """Of ln(measured / predicted): its median says too high or too low, the median of its size how far."""
+    """Statistics of ln(measured / predicted): its median is the bias, the median of its size the scatter."""
     residual = calibration.log_residual[rows]
     return {
         "readings": len(residual),
@@ -131,7 +131,7 @@ def _none(value: float) -> float | None:
 
 
 def report_markdown(report: dict[str, Any]) -> str:
-    """The report as a page."""
+    """The report as a Markdown page."""
     marked = " SIMULATED" if report["simulated"] else ""
     parts = [
         f"# Calibration of {report['device']}{marked}",
@@ -140,7 +140,7 @@ def report_markdown(report: dict[str, Any]) -> str:
         _parameters_markdown(report["parameters"]),
         "## What the data leave open",
         open_text(report),
-        "## How the parameters hang together",
+        "## Correlations of the parameters",
         _correlations_markdown(report["correlations"]),
         "## Measured over fitted, less one",
         _spread_markdown("drive", [(row["drive"], row) for row in report["residual_by_drive"]][:_LISTED]),
@@ -148,7 +148,7 @@ def report_markdown(report: dict[str, Any]) -> str:
             "position", [(f"{1e3 * row['position_m']:.1f} mm", row) for row in report["residual_by_position"]]
         ),
         _wrong_markdown(report["wrong_readings"]),
-        "## The paper's way: every drive alone, then the average",
+        "## The paper's procedure: every drive alone, then the average",
         _pairwise_markdown(report),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
@@ -170,7 +170,7 @@ def _parameters_markdown(parameters: Sequence[dict[str, Any]]) -> str:
 
 
 def open_text(report: dict[str, Any]) -> str:
-    """What the data leave open and what would close it, line by line."""
+    """Combinations that the data leave open and the drives that would tell them apart, line by line."""
     lines = [f"- {combination['text']}." for combination in report["open"]]
     units = {p["name"]: p for p in report["parameters"]}
     for advice in report["advice"]:
@@ -180,7 +180,7 @@ def open_text(report: dict[str, Any]) -> str:
         )
         text = f"- {advice['parameter']} is {_known_text(parameter)}, its standard error {now}; "
         if advice["drive_hz"] is None:
-            text += "no drive of the sweep would tell it much better. Leave it as it is, or give it bounds."
+            text += "no drive of the sweep would determine it much better. Leave it as it is, or give it bounds."
         else:
             text += f"{drive_text(advice['drive_hz'])}, read along the bar, would make that {then}."
         lines.append(text)
@@ -197,7 +197,7 @@ def _known_text(parameter: dict[str, Any]) -> str:
 
 
 def drive_text(drive_hz: Sequence[float | None]) -> str:
-    """Such as "150 Hz and still", in the order of the actuators."""
+    """The drive in words, such as "150 Hz and still", in the order of the actuators."""
     return " and ".join("still" if hz is None or math.isnan(hz) else f"{hz:g} Hz" for hz in drive_hz)
 
 
@@ -217,13 +217,13 @@ def _spread_markdown(title: str, rows: Sequence[tuple[str, dict[str, Any]]]) -> 
 
 def _wrong_markdown(wrong: Sequence[dict[str, Any]]) -> str:
     if not wrong:
-        return "No reading is further off than four times the noise."
+        return "No reading is off by more than four times the noise."
     lines = [
         f"- {row['drive']} at {1e3 * row['position_m']:.1f} mm: {row['measured_over_predicted']:.2f} times the fitted"
         for row in wrong[:_LISTED]
     ]
     more = [f"- and {len(wrong) - _LISTED} more"] if len(wrong) > _LISTED else []
-    return "\n".join([f"Readings further off than four times the noise: {len(wrong)}.", "", *lines, *more])
+    return "\n".join([f"Readings that are off by more than four times the noise: {len(wrong)}.", "", *lines, *more])
 
 
 def _pairwise_markdown(report: dict[str, Any]) -> str:

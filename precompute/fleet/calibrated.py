@@ -7,10 +7,10 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device
+from engine.files import write_new_folder
 from precompute.calibration.calibrate import Calibration, calibrate
-from precompute.calibration.calibrated_device import calibrated_text
+from precompute.calibration.device_text import calibrated_text
 from precompute.calibration.misfit import Loss
-from precompute.calibration.new_folder import write_new_folder
 from precompute.calibration.pairwise import fit_pairwise
 from precompute.calibration.report import calibration_report, report_markdown
 from precompute.fleet.units import Job

@@ -17,8 +17,8 @@ from engine.device.values import device_values
 from engine.files import remove_partials, replace_file
 from engine.table import Table, TableError
 from precompute.builder.build import build_table, code_fingerprint
+from precompute.calibration.device_text import text_with_values
 from precompute.fleet.calibrated import calibrate_unit
-from precompute.fleet.device_text import with_values
 from precompute.fleet.error import FleetError
 from precompute.fleet.figures import compute_figures
 from precompute.fleet.transfer import judge_table
@@ -132,7 +132,7 @@ def _build(job: Job, device: Device, progress: Progress) -> dict[str, float | No
 def _prepare(job: Job, progress: Progress) -> tuple[Device, tuple[str, ...]]:
     """The device that the table is built of, and why its calibration should not be used unseen."""
     unit = job.unit
-    text = with_values(read_text(unit.device, DeviceError), unit.values, str(unit.device))
+    text = text_with_values(read_text(unit.device, DeviceError), unit.values, str(unit.device))
     device = Device.parse(text, str(unit.device))
     if unit.measurements is None:
         return device, ()

@@ -1,4 +1,4 @@
-"""Named columns with units, as CSV and NetCDF have them, to measurements (tables/MEASUREMENTS.md)."""
+"""Measurements from named columns with units, as CSV and NetCDF files hold them (tables/MEASUREMENTS.md)."""
 
 from collections.abc import Callable, Mapping
 
@@ -22,19 +22,19 @@ _SINGLE = {
 _PER_ACTUATOR = {"frequency": "Hz", "amplitude": "", "phase": "rad"}
 _ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 OPTIONAL = ("frequency", "amplitude", "phase", "finger position")
-"""Columns whose cells may be empty: an actuator is still, no finger is there."""
+"""Columns whose cells may be empty: the actuator is still, or no finger is on the bar."""
 SIMULATED = "SIMULATED"
-"""The word in a comment or an attribute that says that nobody measured them."""
+"""The word in a comment or an attribute that marks simulated readings."""
 
 
 def column_names(device: Device) -> dict[str, str]:
-    """Every column that measurements of the device may have, and its SI unit."""
+    """Every column that a file for this device may have, with its SI unit."""
     own = {f"{key} {a.name}": unit for key, unit in _PER_ACTUATOR.items() for a in device.actuators}
     return _SINGLE | own
 
 
 def unit_scale(text: str, unit: str) -> float:
-    """What a column in the unit `text` is multiplied by to be in `unit`. Raises QuantityError."""
+    """Factor that converts a column in the unit `text` to `unit`. Raises QuantityError."""
     if unit == "rad":
         if text not in _ANGLES:
             raise QuantityError(f"{text!r} is not an angle; expected rad or deg")
@@ -45,7 +45,7 @@ def unit_scale(text: str, unit: str) -> float:
 
 
 def may_be_empty(name: str) -> bool:
-    """Whether an empty cell of the column means something."""
+    """Whether the column may have empty cells."""
     return name.startswith(OPTIONAL)
 
 
@@ -58,9 +58,9 @@ def assemble_measurements(
     *,
     is_simulated: bool,
 ) -> Measurements:
-    """Columns (row,) in SI, NaN where empty, to measurements. `sensor_mass_kg` is for a file that has no such column.
+    """Build measurements from columns (row,) in SI, NaN where empty; `sensor_mass_kg` applies without such a column.
 
-    Raises MeasurementError for a column that is missing and for rows that cannot be.
+    Raises MeasurementError for a missing column and for impossible rows.
     """
     kind = _kind(columns, source)
     if "position" not in columns:

@@ -1,4 +1,4 @@
-"""Measurements as CSV, units in the header (tables/MEASUREMENTS.md): read with each bad cell named, and written."""
+"""CSV files of measurements with units in the header (tables/MEASUREMENTS.md), read and written."""
 
 import csv
 import difflib
@@ -18,7 +18,10 @@ _HEADER = re.compile(r"(.+?) ?\(([^()]*)\)")
 
 
 def parse_csv(text: str, device: Device, sensor_mass_kg: float, source: str) -> Measurements:
-    """Lines that begin with # are comments, the first other one is the header. Raises MeasurementError."""
+    """Read CSV text: lines that begin with # are comments, the first other line is the header.
+
+    Raises MeasurementError, which names the row and the column.
+    """
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if not lines:
         raise MeasurementError(f"{source}: is empty; expected a header such as position (mm),peak acceleration (m/s^2)")
@@ -42,7 +45,7 @@ def parse_csv(text: str, device: Device, sensor_mass_kg: float, source: str) -> 
 
 
 def _read_title(title: str, device: Device, source: str, index: int) -> tuple[str, float]:
-    """Name of a column and what makes its values SI."""
+    """Name of a column and the factor that makes its values SI."""
     known = column_names(device)
     match = _HEADER.fullmatch(title.strip())
     where = f"{source}: column {index + 1}: {title!r}"
@@ -77,7 +80,7 @@ def _read_cell(row: Sequence[str], index: int, title: str, name: str, width: int
 
 
 def write_csv(measurements: Measurements, device: Device, comment: str) -> str:
-    """The same as text; `comment` says where they are from. Readings with six digits, the rest as exact as it is."""
+    """CSV text of the measurements; `comment` names their source. Readings have six digits, other columns twelve."""
     out = io.StringIO()
     out.writelines(f"# {line}\n" for line in comment.splitlines())
     if measurements.is_simulated and SIMULATED not in comment:

@@ -1,4 +1,4 @@
-"""A file of measurements, in whatever form its name says, to measurements."""
+"""Read a file of measurements in the format that its ending names."""
 
 from pathlib import Path
 
@@ -11,9 +11,9 @@ _NETCDF, _UNIVERSAL = (".nc", ".nc4"), (".uff", ".unv", ".uf")
 
 
 def read_measurements(path: Path | str, device: Device, sensor_mass_kg: float = 0.0) -> Measurements:
-    """CSV, NetCDF or a universal file, by its ending. `sensor_mass_kg` is for files that do not say it.
+    """Read CSV, NetCDF or a universal file; `sensor_mass_kg` applies where the file does not state one.
 
-    Raises MeasurementError; OSError when there is no such file.
+    Raises MeasurementError; OSError if the file does not exist.
     """
     path = Path(path)
     ending = path.suffix.lower()
@@ -22,7 +22,7 @@ def read_measurements(path: Path | str, device: Device, sensor_mass_kg: float = 
     if ending not in _NETCDF + _UNIVERSAL:
         known = ", ".join((".csv", *_NETCDF, *_UNIVERSAL))
         raise MeasurementError(f"{path}: measurements end in {known}; choose one of them")
-    path.stat()  # no such file: OSError, as for any other
+    path.stat()  # raises OSError where the file is missing, as the CSV branch does
     if ending in _NETCDF:
         from precompute.measurements.netcdf import read_netcdf
 

@@ -1,8 +1,8 @@
-"""A device to the accelerations that a measurement should have shown, and how they change with every parameter.
+"""Predicted accelerations of the rows of a measurement, and their derivatives by every fitted parameter.
 
-Sensor and finger are attached to the bar at each row's own places by a low-rank update: the bar is factorised once a
-frequency, whatever roves over it. The derivatives need no further solve: D is symmetric, so the columns of the points
-are its adjoints.
+Sensor and finger are attached to the bar at each row's own places by a low-rank update: the bar is factorised once for
+each frequency, wherever the sensor roves. The derivatives need no further solve: the dynamic stiffness D is symmetric,
+so the fields of unit forces at the attached points are the adjoint fields of the readings there.
 """
 
 from collections.abc import Sequence
@@ -28,9 +28,9 @@ _TINY = 1e-300
 
 @dataclass(frozen=True)
 class Prediction:
-    """Logarithm of what the rows should read and its derivative by every parameter's SI value.
+    """Logarithm of the predicted readings, and its derivatives by the SI values of the parameters.
 
-    log_acceleration (row,): the imaginary part is the phase of a response, 0 of a peak; by_parameter (row, parameter).
+    log_acceleration (row,): its imaginary part is the phase of a response, 0 for a peak; by_parameter (row, parameter).
     """
 
     log_acceleration: Complex
@@ -39,7 +39,7 @@ class Prediction:
 
 @dataclass(frozen=True)
 class _Tones:
-    """Every frequency of every row: row, index of its frequency, and drive (tone, actuator) at it."""
+    """A tone for every frequency of every row: the row, the index of the frequency, and the drive (tone, actuator)."""
 
     frequency_hz: Array
     row: Index
@@ -49,9 +49,9 @@ class _Tones:
 
 @dataclass(frozen=True)
 class _Loaded:
-    """The bar with sensor and finger on it: what one tone does, and what a unit force at the sensor would do.
+    """The loaded bar, with sensor and finger: its field under each tone, and under a unit force at the sensor.
 
-    field, adjoint (tone, degree of freedom); at_place (tone, place, 2): both, under the sensor and under the finger.
+    field, adjoint (tone, degree of freedom); at_place (tone, place, 2): both under the sensor and under the finger.
     """
 
     omega: Array
@@ -63,7 +63,7 @@ class _Loaded:
 class MeasurementModel:
     """Predicts the rows of `measurements` for `device` with any values of `parameters`.
 
-    The mesh is the table's own, without nodes at the sensor: a table is to be right with what was fitted on it.
+    The mesh is the one that tables are built on, without nodes at the sensor, so that a table fits what was measured.
     """
 
     def __init__(self, device: Device, measurements: Measurements, parameters: Sequence[Parameter]) -> None:
@@ -81,7 +81,7 @@ class MeasurementModel:
         self._tones = _split_tones(measurements)
 
     def predict(self, values: Array) -> Prediction:
-        """With these values (parameter,), SI."""
+        """Prediction with the parameters at these values (parameter,), SI."""
         tones, count = self._tones, len(self._parameters)
         device = with_values(self._device, self._parameters, values)
         plant = self._plant(device)
@@ -95,24 +95,24 @@ class MeasurementModel:
         return self._combine(acceleration, slope)
 
     def _plant(self, device: Device) -> Plant:
-        """The assembled bar: stiffness goes as Young's modulus, mass as density."""
+        """The assembled bar: its stiffness is proportional to Young's modulus, its mass to the density."""
         free, bar, was = self._free, device.bar, self._device.bar
         K = free.K * (bar.youngs_modulus_pa / was.youngs_modulus_pa)
         M = free.M * (bar.density_kg_per_m3 / was.density_kg_per_m3)
         return add_actuators(device, free.node_m, K, M)
 
     def _sensor_kg(self, values: Array) -> Array:
-        """Shape (row,): a fitted mass is that of every sensor that weighs anything."""
+        """Mass (row,) of the sensors; a fitted mass replaces every one that is not 0."""
         for parameter, value in zip(self._parameters, values, strict=True):
             if parameter.part == "sensor":
                 return np.where(self._sensor_mass_kg > 0, value, 0.0)
         return self._sensor_mass_kg
 
     def _load(self, plant: Plant, values: Array, chosen: slice, first: int) -> _Loaded:
-        """Solve the bar at up to _CHUNK frequencies from `first` and put each tone's sensor and finger on it.
+        """Solve the bar at up to _CHUNK frequencies from `first` and attach each tone's sensor and finger.
 
-        With the receptance g of the two places, their dynamic stiffness Z and the bare bar's deflection u there, the
-        loaded deflection y is (1 + g Z)^-1 u: the bar carries the force -Z y besides.
+        With the receptance g of the two places, the dynamic stiffness Z attached there and the deflection u of the
+        bare bar, the loaded deflection is y = (1 + g Z)^-1 u, because Z exerts the force -Z y on the bar.
         """
         tones, actuators = self._tones, len(plant.device.actuators)
         place, frequency = self._place[tones.row[chosen]], tones.frequency[chosen] - first
@@ -137,7 +137,7 @@ class MeasurementModel:
         )
 
     def _dynamic_stiffness(self, finger: Finger, values: Array, omega: Array, chosen: slice) -> Complex:
-        """Shape (tone, place): force per deflection of what is attached to the bar."""
+        """Force per deflection (tone, place) of the sensor and the finger attached to the bar."""
         row = self._tones.row[chosen]
         out = np.zeros((len(row), self._place.shape[1]), dtype=np.complex128)
         out[:, _SENSOR] = -(omega**2) * self._sensor_kg(values)[row]
@@ -147,9 +147,10 @@ class MeasurementModel:
         return out
 
     def _slopes(self, plant: Plant, loaded: _Loaded, chosen: slice) -> Complex:
-        """Shape (tone, parameter): derivative of the deflection at the sensor, q^T (dF/dp - dD/dp w).
+        """Derivatives (tone, parameter) of the deflection at the sensor, q^T (dF/dp - dD/dp w).
 
-        w is the loaded bar's field, q its adjoint, the field of a unit force at the sensor (PHYSICS.md section 5).
+        w is the field of the loaded bar, F the force of the actuators, and q the adjoint field: the field of a unit
+        force at the sensor, since D is symmetric (docs/theory.md, calibration).
         """
         device, tones = plant.device, self._tones
         jw = 1j * loaded.omega
@@ -189,7 +190,7 @@ class MeasurementModel:
         return np.array(slopes, dtype=np.complex128).reshape(len(slopes), len(row)).T
 
     def _combine(self, acceleration: Complex, slope: Complex) -> Prediction:
-        """Tones of a row: peaks add (paper eq. (8)); a response has one."""
+        """Sum the tones of each row: their peaks add (paper eq. (8)); a response has one tone."""
         rows, tones = len(self._sensor_mass_kg), self._tones
         if self._kind is Kind.RESPONSE:
             order = np.argsort(tones.row)
@@ -202,7 +203,7 @@ class MeasurementModel:
 
 
 def _split_tones(measurements: Measurements) -> _Tones:
-    """Actuators of one row at one frequency are one tone: their fields add."""
+    """Split rows into tones; actuators of one row at the same frequency form one tone, since their fields add."""
     hz = np.where(np.abs(measurements.amplitude) > 0, measurements.frequency_hz, np.nan)
     every = np.unique(hz[~np.isnan(hz)])
     frequency, row = np.nonzero((hz[None] == every[:, None, None]).any(axis=2))

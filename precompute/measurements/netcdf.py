@@ -1,4 +1,4 @@
-"""Measurements in a NetCDF file (tables/MEASUREMENTS.md), read with xarray."""
+"""NetCDF files of measurements (tables/MEASUREMENTS.md), read with xarray."""
 
 import re
 from pathlib import Path
@@ -16,7 +16,7 @@ _UDUNITS_FACTOR = re.compile(r"([A-Za-zµ%]+)(-?\d)?")
 
 
 def read_netcdf(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
-    """Variables over `measurement`, those of actuators over `measurement` and `actuator`. Raises MeasurementError."""
+    """Read variables over `measurement`, or over `measurement` and `actuator`. Raises MeasurementError."""
     try:
         dataset = xarray.load_dataset(path, engine="h5netcdf")
     except (OSError, ValueError, KeyError) as error:
@@ -62,7 +62,7 @@ def _read_column(values: xarray.DataArray, column: str, unit: str, path: Path, n
 
 
 def _from_udunits(text: str) -> str:
-    """'m s-2' as 'm*s^-2'; what has no spaces stays."""
+    """Convert the UDUNITS notation 'm s-2' to 'm*s^-2'; text without spaces stays as it is."""
     factors = text.split()
     if len(factors) < 2 or not all(_UDUNITS_FACTOR.fullmatch(factor) for factor in factors):
         return text

@@ -1,4 +1,4 @@
-"""The numbers of a device that can be fitted, by the names of its file, such as actuator[1].stiffness."""
+"""Parameters of a device that can be fitted, named as in its file, such as actuator[1].stiffness."""
 
 import difflib
 import math
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.device.uncertainty import FITTED_UNITS
-from precompute.measurements.error import CalibrationError
+from precompute.measurements.types import CalibrationError
 
 Array = NDArray[np.float64]
 Bounds = tuple[float, float]
@@ -21,15 +21,15 @@ _SENSOR_UNIT = "kg"
 
 
 class ParameterError(CalibrationError):
-    """A parameter that cannot be fitted as asked; the message names it, the value and what would do."""
+    """A parameter cannot be fitted as asked; the message names it, the value and the remedy."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number of a part of the device: its field, the paper's letter, and how far from known it may be.
+    """One number of a part of the device: its field, the paper's letter and the usual bounds of a fit.
 
-    Bounds are `factor` times up and down from the device's value. A damping, which no data sheet tells, may be
-    anything from 0 to `greatest`; `knee` is where a bar of some grams at some 100 Hz begins to notice it.
+    The bounds are the device's value divided and multiplied by `factor`. A damping, which no data sheet states, lies
+    between 0 and `greatest`; from `knee` on it affects a bar of some grams at some 100 Hz.
     """
 
     field: str
@@ -59,14 +59,14 @@ QUANTITIES: Mapping[str, Mapping[str, Quantity]] = {
     },
     "sensor": {"mass": Quantity("mass_kg", "m_sensor", factor=3.0)},
 }
-"""Part, key and what it is. A sensor is no part of a device; its mass comes with the measurements."""
+"""Quantities by part and key. A sensor is no part of a device; its mass comes with the measurements."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number to be fitted: `actuators` (indices) share it; SI values, `low` and `high` bound it.
+    """One number to be fitted within `low` and `high`, in SI; the `actuators` (indices) share it.
 
-    What is fitted is its coordinate: the natural logarithm, or asinh(value / 2 knee) of a damping, which may be 0.
+    The fit works on its coordinate: the natural logarithm, or asinh(value / 2 knee) of a damping, which may be 0.
     """
 
     name: str
@@ -80,32 +80,32 @@ class Parameter:
 
     @property
     def quantity(self) -> Quantity:
-        """What it is."""
+        """The quantity of the device that is fitted."""
         return QUANTITIES[self.part][self.key]
 
     @property
     def unit(self) -> str:
-        """Of its value, as a device file would have it."""
+        """SI unit of the value, as in a device file."""
         return FITTED_UNITS.get(f"{self.part}.{self.key}", _SENSOR_UNIT)
 
     @property
     def symbol(self) -> str:
-        """The paper's letter, with the number of the actuator where it is one's own."""
+        """The paper's letter, with the number of the actuator where each has its own value."""
         letter = self.quantity.letter
         return f"{letter}_{self.actuators[0] + 1}" if "[" in self.name else letter
 
     @property
     def is_damping(self) -> bool:
-        """Whether it may be 0."""
+        """Whether the value may be 0."""
         return self.knee > 0
 
     @property
     def prior(self) -> float:
-        """What is known before any measurement: standard deviation of the coordinate, as if even in its bounds."""
+        """Standard deviation of the coordinate before any measurement: uniform within the bounds."""
         return (self.coordinate(self.high) - self.coordinate(self.low)) / math.sqrt(12)
 
     def coordinate(self, value: float) -> float:
-        """Of an SI value."""
+        """Coordinate of an SI value."""
         return math.asinh(value / (2 * self.knee)) if self.is_damping else math.log(value)
 
     def value_at(self, coordinate: float) -> float:
@@ -118,7 +118,7 @@ class Parameter:
 
 
 def default_names(device: Device) -> tuple[str, ...]:
-    """The paper's six, k_1, k_2, c, alpha, sigma, eta: one k an actuator; c and alpha are one for all where equal."""
+    """The paper's six, k_1, k_2, c, alpha, sigma, eta; c and alpha are shared where the actuators have equal values."""
     own = tuple(f"actuator[{i}].stiffness" for i in range(1, len(device.actuators) + 1))
     return (
         *own,
@@ -139,9 +139,9 @@ def _shared(device: Device, key: str) -> tuple[str, ...]:
 def find_parameters(
     device: Device, names: Sequence[str], bounds: Mapping[str, Bounds], sensor_mass_kg: float
 ) -> tuple[Parameter, ...]:
-    """Parameters by name with their starts from the device. Raises ParameterError for what cannot be fitted.
+    """Parameters by name, starting at the device's values. Raises ParameterError for names that cannot be fitted.
 
-    `bounds` (SI) replace the usual ones; `sensor_mass_kg` is where sensor.mass starts.
+    `bounds` (SI) replace the usual ones; sensor.mass starts at `sensor_mass_kg`.
     """
     for name in bounds:
         if name not in names:
@@ -159,13 +159,13 @@ def find_parameters(
 
 
 def parameter_unit(device: Device, name: str) -> str:
-    """Unit of a parameter by its name. Raises ParameterError for what cannot be fitted."""
+    """Unit of the named parameter. Raises ParameterError for a name that cannot be fitted."""
     part, _, key = _parse(device, name)
     return FITTED_UNITS.get(f"{part}.{key}", _SENSOR_UNIT)
 
 
 def with_changes(device: Device, changes: Mapping[str, float]) -> Device:
-    """The device with other values (SI) by name. Raises ParameterError for what cannot be fitted."""
+    """The device with other values (SI) by name. Raises ParameterError for a name that cannot be fitted."""
     for name, value in changes.items():
         part, actuators, key = _parse(device, name)
         parameter = Parameter(name, part, key, actuators, value, value, value, 0.0)
@@ -185,13 +185,13 @@ def _find(device: Device, name: str, bounds: Bounds | None, sensor_mass_kg: floa
 
 
 def _parse(device: Device, name: str) -> tuple[str, tuple[int, ...], str]:
-    """Part, indices of its actuators and key."""
+    """Part, indices of its actuators, and key of a name."""
     match = re.fullmatch(r"(\w+)(?:\[(\d+)\])?\.(\w+)", name)
     known = known_names(device)
     if match is None or name not in known:
         near = difflib.get_close_matches(name, known, 1)
         hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
-        raise ParameterError(f"{name!r}: is nothing that can be fitted to {device.name}; {hint}")
+        raise ParameterError(f"{name!r}: cannot be fitted to {device.name}; {hint}")
     part, index, key = match.groups()
     if part != "actuator":
         return part, (), key
@@ -199,7 +199,7 @@ def _parse(device: Device, name: str) -> tuple[str, tuple[int, ...], str]:
 
 
 def known_names(device: Device) -> list[str]:
-    """Every name that can be fitted to the device."""
+    """Every name that can be fitted to this device."""
     names: list[str] = []
     for part, keys in QUANTITIES.items():
         prefixes = [part, *(f"{part}[{i}]" for i in range(1, len(device.actuators) + 1))] if part == "actuator" else []
@@ -224,7 +224,7 @@ def _read(device: Device, part: str, key: str, actuators: tuple[int, ...]) -> fl
 
 
 def with_values(device: Device, parameters: Sequence[Parameter], values: Array) -> Device:
-    """The device with these values (parameter,) in SI; a sensor is no part of it and is passed over."""
+    """The device with these values (parameter,) in SI; the mass of a sensor is no part of it and is ignored."""
     parts: dict[str, dict[str, Any]] = {"bar": {}, "finger": {}}
     actuators: list[dict[str, Any]] = [{} for _ in device.actuators]
     for parameter, value in zip(parameters, values.tolist(), strict=True):

@@ -1,7 +1,7 @@
-"""Measured responses to a plant: its untouched bar moves as it was measured, its fingers are the model's.
+"""A plant whose untouched bar moves as it was measured, while its fingers follow the model.
 
-Between places and between frequencies natural cubic splines are laid: a free bar's ends have no curvature. What a force
-at a finger does to the bar is the model's, and so are rise times. ESTIMATE: as good as the model is calibrated.
+Natural cubic splines interpolate between frequencies and between places: the ends of a free bar have no curvature.
+The model gives what a force at a finger does to the bar, and the rise times. ESTIMATE: no better than the calibration.
 """
 
 from collections.abc import Sequence
@@ -23,24 +23,24 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class MeasuredPlant(Plant):
-    """A plant whose response to its actuators is known."""
+    """A plant whose response to its actuators was measured."""
 
     responses: MeasuredResponses
 
     def known_field(self, frequency_hz: Array) -> Complex:
-        """As measured."""
+        """Field (frequency, actuator, degree of freedom) from the measured accelerations."""
         acceleration: Complex = self._over_frequency(frequency_hz)
         omega = 2 * np.pi * frequency_hz[:, None, None]
         field: Complex = -(acceleration / omega**2) @ self._along_bar.T
         return field
 
     def with_fingers(self, position_m: Sequence[float], finger: Finger | Sequence[Finger]) -> Plant:
-        """Raises ValueError: nobody measured the bar with fingers; entries.forms adds them to its response."""
+        """Raises ValueError: the bar was measured without fingers; entries.forms adds them to its response."""
         raise ValueError(f"{finger} at {position_m} cannot be assembled into measured responses")
 
     @cached_property
     def _over_frequency(self) -> "CubicSpline[np.complex128]":
-        """(frequency, actuator, place), m/s^2."""
+        """Spline over frequency of accelerations (actuator, place), m/s^2."""
         return CubicSpline(self.responses.frequency_hz, self.responses.acceleration)
 
     @cached_property
@@ -50,7 +50,7 @@ class MeasuredPlant(Plant):
 
 
 def _spline_matrix(place_m: Array, node_m: Array) -> Array:
-    """Deflections and slopes of a natural spline through values at places; beyond the outer ones it is straight."""
+    """Deflections and slopes of a natural spline through values at places, straight beyond the outermost places."""
     spline = CubicSpline(place_m, np.eye(len(place_m)), bc_type="natural")
     inside_m = np.clip(node_m, place_m[0], place_m[-1])
     slope = spline(inside_m, 1)
@@ -61,18 +61,18 @@ def _spline_matrix(place_m: Array, node_m: Array) -> Array:
 
 
 def measured_plant(device: Device, responses: MeasuredResponses) -> MeasuredPlant:
-    """The plant of a device whose responses were measured."""
+    """Assemble the plant of a device whose responses were measured."""
     plant = assemble(device)
     return MeasuredPlant(device, plant.node_m, plant.K, plant.C, plant.M, responses)
 
 
 @dataclass(frozen=True)
-class Doubts:
-    """How far measured responses can be trusted; each (actuator,), relative to the greatest measured at the frequency.
+class InterpolationErrors:
+    """Errors (actuator,) relative to the greatest response at the frequency. ESTIMATE.
 
-    Of what splines read between frequencies and places, upper bounds: the greatest error of splines through every other
-    one, at those left out. ESTIMATE. model: median over the frequencies of how far the model is from the measured
-    responses, root mean square over the places; where it is far, what is the model's is wrong too.
+    between_frequencies, between_places: greatest error, at the samples left out, of splines through every other sample;
+    an upper bound for splines through all. model: median over the frequencies of the distance between model and
+    measurement, root mean square over the places; where it is large, what the model contributes is wrong as well.
     """
 
     between_frequencies: Array
@@ -80,8 +80,8 @@ class Doubts:
     model: Array
 
 
-def doubt(device: Device, responses: MeasuredResponses) -> Doubts:
-    """Splines of every other frequency and place against those left out, and the model against all."""
+def estimate_errors(device: Device, responses: MeasuredResponses) -> InterpolationErrors:
+    """Compare splines through every other frequency and place with the others, and the model with all."""
     measured, hz, place_m = responses.acceleration, responses.frequency_hz, responses.position_m
     size = abs(measured).max(axis=2, keepdims=True)
     left_hz, left_m = slice(1, len(hz) - 1, 2), slice(1, len(place_m) - 1, 2)
@@ -91,7 +91,7 @@ def doubt(device: Device, responses: MeasuredResponses) -> Doubts:
     between_m = measured[..., kept_m] @ matrix.T - measured[..., left_m]
     modelled = solve_response(assemble(device), hz).acceleration(place_m)
     distance = np.sqrt((abs(modelled - measured) ** 2).mean(axis=2) / (abs(measured) ** 2).mean(axis=2))
-    return Doubts(
+    return InterpolationErrors(
         between_frequencies=(abs(between_hz) / size[left_hz]).max(axis=(0, 2)),
         between_places=(abs(between_m) / size).max(axis=(0, 2)),
         model=np.median(distance, axis=0),

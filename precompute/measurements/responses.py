@@ -1,4 +1,4 @@
-"""Measured complex responses to arrays over frequency, actuator and place: what a table can be built from."""
+"""Measured complex responses as an array over frequency, actuator and place, from which a table can be built."""
 
 import hashlib
 from dataclasses import dataclass
@@ -16,17 +16,17 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 FEWEST_PLACES = 4
-"""A cubic spline needs so many."""
+"""Places that a cubic spline needs."""
 _SAME_HZ, _SAME_M = 1e-6, 1e-6
 _SLACK = 1e-9
 
 
 @dataclass(frozen=True)
 class MeasuredResponses:
-    """Acceleration of the untouched bar, one actuator at full scale and the others still, without the sensor's mass.
+    """Acceleration of the untouched bar without the sensor's mass, one actuator at full scale and the others still.
 
     frequency_hz (frequency,), position_m (place,), rising; acceleration (frequency, actuator, place), m/s^2, complex.
-    name: the file's; sha256: of its bytes.
+    name: of the file; sha256: of its bytes.
     """
 
     frequency_hz: Array
@@ -38,9 +38,9 @@ class MeasuredResponses:
 
 
 def read_responses(path: Path, device: Device, sensor_mass_kg: float = 0.0) -> MeasuredResponses:
-    """A file of complex responses (tables/MEASUREMENTS.md): every actuator alone, every frequency, every place.
+    """Read complex responses (tables/MEASUREMENTS.md) of every actuator alone at every frequency and place.
 
-    Raises MeasurementError for what is missing; OSError when there is no such file.
+    Raises MeasurementError where one is missing; OSError if the file does not exist.
     """
     measurements = read_measurements(path, device, sensor_mass_kg)
     _check_kind(measurements, str(path))
@@ -77,7 +77,7 @@ def _check_kind(measurements: Measurements, source: str) -> None:
 
 
 def _unloaded(device: Device, measurements: Measurements) -> Complex:
-    """Readings (row,) as they were without the sensor's mass, by the model's word for what it changes. ESTIMATE."""
+    """Readings (row,) corrected by the model for the mass of the sensor. ESTIMATE."""
     if not (measurements.sensor_mass_kg > 0).any():
         return measurements.acceleration
     bare = Measurements(**{**vars(measurements), "sensor_mass_kg": np.zeros(len(measurements))})
@@ -89,7 +89,7 @@ def _unloaded(device: Device, measurements: Measurements) -> Complex:
 
 
 def _axis(values: Array, same: float) -> tuple[Array, NDArray[np.int64]]:
-    """Distinct values, rising, and which of them each is; values closer than `same` are one."""
+    """Distinct rising values, and the index of each value among them; values closer than `same` are equal."""
     rounded, index = np.unique(np.round(values / same), return_inverse=True)
     return rounded * same, index
 

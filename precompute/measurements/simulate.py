@@ -1,4 +1,4 @@
-"""What measurements of a device with known parameters would look like: noise and wrong readings, seeded."""
+"""Simulated measurements of a device with known parameters, with seeded noise and wrong readings."""
 
 from dataclasses import dataclass, replace
 
@@ -12,28 +12,28 @@ from precompute.measurements.types import Kind, Measurements
 Array = NDArray[np.float64]
 
 POINTS = 22
-"""The paper's."""
+"""Measured points along the bar, as in the paper."""
 SENSOR_MASS_KG = 2e-3
-"""The paper's accelerometer."""
-_FIRST, _LAST = 0.02, 0.98  # of the bar: a sensor's middle cannot be at the bar's end
+"""Mass of the paper's accelerometer."""
+_FIRST, _LAST = 0.02, 0.98  # fractions of the bar: the middle of a sensor cannot be at the bar's end
 _WRONG = 3.0
 
 
 @dataclass(frozen=True)
 class Flaws:
-    """Relative standard deviation of a reading, and the share of readings that are wrong by 3, up or down."""
+    """Relative standard deviation of a reading, and the share of readings that are 3 times too high or too low."""
 
     noise: float = 0.0
     wrong: float = 0.0
 
 
 def even_places(device: Device, points: int = POINTS) -> Array:
-    """Shape (point,): along the bar, in metres, as far out as a sensor reaches."""
+    """Positions (point,) in metres, evenly along the part of the bar that the middle of a sensor reaches."""
     return np.linspace(_FIRST, _LAST, points) * device.bar.length_m
 
 
 def simulate_measurements(device: Device, layout: Measurements, flaws: Flaws, seed: int) -> Measurements:
-    """The rows of `layout` with the readings that the device would give."""
+    """The rows of `layout` with the readings that the device would give, flawed by a generator with this seed."""
     random = np.random.default_rng(seed)
     true = np.exp(MeasurementModel(device, layout, ()).predict(np.zeros(0)).log_acceleration)
     rows = len(layout)

@@ -1,4 +1,4 @@
-"""Measured accelerations of a bar, whatever file they come from: what was driven, where it was measured, with what."""
+"""Measured accelerations of a bar: what was driven, where and with what sensor it was measured, what was read."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -9,19 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from precompute.measurements.error import CalibrationError
+from firmware_link.protocol.errors import TactableError
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Rows = NDArray[np.bool_] | NDArray[np.int64]
 
 
+class CalibrationError(TactableError, ValueError):
+    """A calibration cannot be made as asked: its measurements, its parameters or its output folder are wrong."""
+
+
 class MeasurementError(CalibrationError):
-    """Measurements that cannot be used; the message names the file, the place in it, the value and what would do."""
+    """Measurements cannot be used; the message names the file, the place in it, the value and the remedy."""
 
 
 class Kind(Enum):
-    """What an acceleration is: the peak that all tones reach together (paper eq. (8)), or the phasor of one tone."""
+    """Kind of a reading: the peak that all tones reach together (paper eq. (8)), or the phasor of one tone."""
 
     PEAK = "peak acceleration"
     RESPONSE = "complex response"
@@ -29,11 +33,11 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Measurements:
-    """One acceleration a row.
+    """A column for each quantity, a row for each acceleration that was read.
 
     position_m (row,): of the sensor, from the bar's start. frequency_hz (row, actuator): NaN where the actuator is
-    still. amplitude (row, actuator): complex, fractions of full scale. sensor_mass_kg (row,): at its position.
-    finger_m (row,): of a finger that lies on the bar, NaN for none. acceleration (row,): m/s^2; a peak is real.
+    still. amplitude (row, actuator): complex, fractions of full scale. sensor_mass_kg (row,): mass of the sensor.
+    finger_m (row,): position of a finger on the bar, NaN for none. acceleration (row,): m/s^2; a peak is real.
     """
 
     kind: Kind
@@ -44,14 +48,14 @@ class Measurements:
     finger_m: Array
     acceleration: Complex
     is_simulated: bool
-    """Whether the file says that nobody measured them."""
+    """Whether the file marks the readings as SIMULATED."""
 
     def __len__(self) -> int:
         """Number of rows."""
         return len(self.position_m)
 
     def part(self, rows: Rows) -> "Measurements":
-        """Some of the rows."""
+        """The chosen rows."""
         columns: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
         chosen: dict[str, Any] = {
             name: column[rows] for name, column in columns.items() if isinstance(column, np.ndarray)
@@ -64,7 +68,7 @@ class Measurements:
 
     @property
     def drive_of_row(self) -> NDArray[np.int64]:
-        """Shape (row,): which drive (frequencies and amplitudes) a row has, numbered as they appear."""
+        """Shape (row,): number of each row's drive (frequencies and amplitudes), in the order of first appearance."""
         parts = (np.nan_to_num(self.frequency_hz), self.amplitude.real, self.amplitude.imag)
         _, first, inverse = np.unique(np.hstack(parts), axis=0, return_index=True, return_inverse=True)
         rank = np.empty(len(first), dtype=np.int64)
@@ -73,7 +77,7 @@ class Measurements:
         return number
 
     def drive_text(self, row: int) -> str:
-        """What a row drives, such as "150 Hz and 130 Hz", "150 Hz at 60 % and still"."""
+        """The drive of a row in words, such as "150 Hz and 130 Hz" or "150 Hz at 60 % and still"."""
         return " and ".join(
             "still" if amplitude == 0 else f"{hz:g} Hz" + ("" if amplitude == 1 else f" at {100 * amplitude:.3g} %")
             for hz, amplitude in zip(self.frequency_hz[row], np.abs(self.amplitude[row]), strict=True)
@@ -81,9 +85,9 @@ class Measurements:
 
 
 def lay_out(frequency_hz: Array, position_m: Array, sensor_mass_kg: float, kind: Kind = Kind.PEAK) -> Measurements:
-    """Every drive (drive, actuator), NaN where still, full scale elsewhere, at every place (point,), one sensor roving.
+    """Rows for every drive (drive, actuator) at every place (point,), measured with one roving sensor.
 
-    Nothing is read yet: accelerations are 1.
+    A frequency of NaN means still, every other actuator moves at full scale. The accelerations are still to be read: 1.
     """
     each_hz = np.repeat(np.asarray(frequency_hz, dtype=np.float64), len(position_m), axis=0)
     rows = len(each_hz)
@@ -102,9 +106,9 @@ def lay_out(frequency_hz: Array, position_m: Array, sensor_mass_kg: float, kind:
 def check_measurements(
     measurements: Measurements, device: Device, source: str, place: Callable[[int], str]
 ) -> Measurements:
-    """The same; refused where a row says the impossible or nothing. `place` names a row in the file's own way.
+    """Return the measurements after checking every row; `place` names a row as the file does.
 
-    Raises MeasurementError.
+    Raises MeasurementError where a row is impossible or empty.
     """
     if not len(measurements):
         raise MeasurementError(f"{source}: has no measurement; give at least one acceleration")

@@ -1,4 +1,4 @@
-"""Measurements in a universal file: frequency responses (dataset 58) at nodes (dataset 15 or 2411), read with pyuff."""
+"""Universal files: frequency responses (dataset 58) at nodes (dataset 15 or 2411), read with pyuff."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,9 +20,9 @@ _NEAR = 0.01  # of the bar: how far a node may be from the actuator that it stan
 
 
 def read_uff(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
-    """Every line of every response is a row: the acceleration for one actuator at full scale, alone.
+    """Read a row from every line of every response: the acceleration for one actuator alone at full scale.
 
-    A node's x is its place along the bar in metres; the reference node is where an actuator is. Raises
+    The x of a node is its place along the bar in metres; the reference node lies at an actuator. Raises
     MeasurementError.
     """
     try:
@@ -60,12 +60,12 @@ def read_uff(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
 
 
 def _listed(sets: Any) -> list[Mapping[str, Any]]:
-    """A single dataset comes bare."""
+    """The datasets as a list; pyuff returns a single dataset bare."""
     return [sets] if isinstance(sets, dict) else list(sets)
 
 
 def _read_nodes(sets: Sequence[Mapping[str, Any]]) -> dict[int, float]:
-    """Place along the bar in metres by number of the node."""
+    """Place along the bar in metres, by node number."""
     places: dict[int, float] = {}
     for part in sets:
         if part["type"] in _NODES:
@@ -101,7 +101,7 @@ def _read_response(
 
 
 def _ordinate_scale(label: str, where: str) -> float:
-    """Of the values to m/s^2; an empty label says SI."""
+    """Factor from the values to m/s^2; an empty label means SI."""
     text = label.strip().strip("()").replace("²", "^2").replace("s2", "s^2")
     if text.upper() in ("", "NONE"):
         return 1.0

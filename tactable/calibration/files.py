@@ -6,7 +6,7 @@ from typing import Any
 
 from engine.device import Device
 from precompute.calibration.calibrate import Calibration
-from precompute.calibration.calibrated_device import calibrated_text
+from precompute.calibration.device_text import calibrated_text
 from precompute.calibration.report import report_markdown
 
 

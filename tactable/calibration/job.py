@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from engine.device import Device
+from engine.files import check_new_folder, write_new_folder
 from precompute.calibration.misfit import Loss
-from precompute.calibration.new_folder import check_new_folder, write_new_folder
 from precompute.measurements.parameters import Bounds
 from tactable.step_times import Progress
 

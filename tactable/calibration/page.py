@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.table import Column
 from rich.table import Table as Grid
 
-from precompute.calibration.quantity_text import interval_text, quantity_text
+from engine.device.quantity import interval_text, quantity_text
 from precompute.calibration.report import drive_text, open_text
 
 

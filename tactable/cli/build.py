@@ -16,7 +16,7 @@ from engine.device import Device, DeviceError
 from engine.table import Table, TableError
 from engine.table.history import previous_of, roll_back
 from precompute.entries.prediction import MadeFor
-from precompute.measurements.error import CalibrationError
+from precompute.measurements import CalibrationError
 from tactable.progress import shown_progress
 from tactable.shipped import find_device, find_device_file
 
@@ -144,7 +144,7 @@ class BuildJob:
         self._tell(device, path)
 
     def _tell(self, device: Device, path: Path) -> None:
-        from precompute.builder.measured_responses import doubts_of
+        from precompute.builder.measured_responses import interpolation_errors_of
 
         with Table.open(path, verify=False) as table:
             summary: dict[str, Any] = {
@@ -155,7 +155,7 @@ class BuildJob:
                 "clicks": len(table.clicks),
                 "bytes": path.stat().st_size,
                 "source": str(table.attributes["source"]),
-                **({} if self.responses is None else doubts_of(table)),
+                **({} if self.responses is None else interpolation_errors_of(table)),
             }
         if self.as_json:
             print(json.dumps(summary, indent=2), flush=True)  # noqa: T201  # as above

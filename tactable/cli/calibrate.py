@@ -184,8 +184,8 @@ def simulate_measurements(
     seed: Annotated[int, typer.Option(min=0, help="Of the noise.")] = 0,
 ) -> None:
     """Write what measurements of a device would look like, marked SIMULATED: to try a calibration, and to plan one."""
+    from precompute.measurements import CalibrationError
     from precompute.measurements.csv import write_csv
-    from precompute.measurements.error import CalibrationError
     from precompute.measurements.parameters import with_changes
     from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
     from precompute.measurements.types import lay_out

@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from engine.device import Device
 from engine.device.quantity import QuantityError, read_quantity
-from precompute.measurements.error import CalibrationError
+from precompute.measurements import CalibrationError
 from precompute.measurements.parameters import Bounds, default_names, parameter_unit
 
 _Choice = TypeVar("_Choice", bound=Enum)

@@ -23,7 +23,7 @@ from engine.touch import DescriptorError, DigitizerError, ZoneState, open_digiti
 from engine.touch.sources.recording import RecordingError, read_recording
 from firmware_link.protocol.errors import LinkError
 from precompute.fleet.error import FleetError
-from precompute.measurements.error import CalibrationError
+from precompute.measurements import CalibrationError
 from tactable.bench import clicks as bench_clicks
 from tactable.bench import commands as bench_commands
 from tactable.bench import effects as bench_effects

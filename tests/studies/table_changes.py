@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from engine.table.history import replace_table
 from precompute.builder.build import build_table
-from precompute.fleet.device_text import with_values
+from precompute.calibration.device_text import text_with_values
 from precompute.parallel.cores import available_cores
 from tactable.bench.latency.load import Load, load_running
 from tactable.shipped import find_device, find_device_file
@@ -78,7 +78,7 @@ def make_tables(device_name: str, folder: Path) -> tuple[Path, Path]:
     for number, stiffness in enumerate(_STIFFNESS):
         path = folder / f"table-{number}.nc"
         values = {**coarse, "actuator[1].stiffness": stiffness}
-        device = Device.parse(with_values(text, values, device_name), device_name)
+        device = Device.parse(text_with_values(text, values, device_name), device_name)
         build_table(device, path, clicks_up_to=0, workers=available_cores())
         paths.append(path)
     return paths[0], paths[1]

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from engine.device.quantity import QuantityError, read_quantity
+from engine.device.quantity import QuantityError, interval_text, quantity_text, read_quantity
+from engine.device.uncertainty import FITTED_UNITS
 
 unhurried = settings(deadline=None)
 PREFIXES = {"G": 1e9, "M": 1e6, "k": 1e3, "": 1.0, "c": 1e-2, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "n": 1e-9}
@@ -141,3 +142,15 @@ def test_any_text_is_a_finite_number_or_refused(text: str) -> None:
             assert math.isfinite(read_quantity(text, unit))
         except QuantityError as error:
             assert "expected" in str(error)
+
+
+@given(st.sampled_from(sorted(set(FITTED_UNITS.values()))), st.floats(1e-12, 1e12))
+def test_a_device_file_reads_what_is_written(unit: str, value: float) -> None:
+    assert read_quantity(quantity_text(value, unit, 12), unit) == pytest.approx(value, rel=1e-11)
+
+
+def test_quantities_are_written_in_the_units_that_people_use() -> None:
+    assert quantity_text(18900.0, "N/m") == "18.9 kN/m"
+    assert quantity_text(0.52e-6, "m") == "0.52 µm"
+    assert interval_text((70e9, 71.5e9), "Pa") == "70 to 71.5 GPa"
+    assert quantity_text(0.045, "N*s/m") == "0.045 N*s/m"

@@ -1,11 +1,11 @@
-"""Laws of the certainty: textbook covariance without outliers, profiles where the likelihood bends, honest bounds."""
+"""Laws of the confidence: textbook covariance without outliers, profiles where the likelihood bends, honest bounds."""
 
 from functools import cache
 
 import numpy as np
 import pytest
 
-from precompute.calibration.confidence import Certainty, compute_certainty, compute_intervals
+from precompute.calibration.confidence import Confidence, compute_confidence, compute_intervals
 from precompute.calibration.fit import Fit, fit, pose
 from precompute.calibration.misfit import Loss, MisfitModel
 from precompute.measurements.model import MeasurementModel
@@ -18,21 +18,21 @@ DEVICE = shipped("reference-a")
 
 
 @cache
-def fitted(loss: Loss, noise: float = 0.02, wrong: float = 0.0) -> tuple[Fit, Certainty]:
+def fitted(loss: Loss, noise: float = 0.02, wrong: float = 0.0) -> tuple[Fit, Confidence]:
     read = read_bar(DEVICE, TRUTH, flaws=Flaws(noise, wrong))
     parameters = find_parameters(DEVICE, default_names(DEVICE), {}, 0.0)
     found = fit(pose(MisfitModel(MeasurementModel(DEVICE, read, parameters), read, parameters)), loss, 1, seed=0)
-    return found, compute_certainty(found)
+    return found, compute_confidence(found)
 
 
 def test_plain_squares_have_the_covariance_of_the_textbook() -> None:
-    found, certainty = fitted(Loss.SQUARES)
+    found, confidence = fitted(Loss.SQUARES)
     slope, residual = found.misfit.log_slope, found.misfit.log_residual
     variance = residual @ residual / (len(residual) - slope.shape[1])
-    assert certainty.information == pytest.approx(slope.T @ slope / variance, rel=1e-9)
+    assert confidence.information == pytest.approx(slope.T @ slope / variance, rel=1e-9)
     well = np.ix_([0, 1, 3], [0, 1, 3])  # the others lean on the prior
-    assert certainty.covariance[well] == pytest.approx(np.linalg.inv(certainty.information)[well], rel=0.05)
-    assert certainty.freedom == 60
+    assert confidence.covariance[well] == pytest.approx(np.linalg.inv(confidence.information)[well], rel=0.05)
+    assert confidence.freedom == 60
 
 
 @pytest.mark.parametrize("loss", [Loss.ROBUST, Loss.L1])
@@ -54,16 +54,16 @@ def test_wrong_readings_make_squares_unsure_and_hardly_touch_the_robust_loss() -
 
 @pytest.mark.parametrize("loss", Loss)
 def test_a_narrow_interval_is_its_standard_error_times_students_t(loss: Loss) -> None:
-    found, certainty = fitted(loss)
-    low, high = compute_intervals(found, certainty)[0]
-    reach = 2.0003 * np.sqrt(certainty.covariance[0, 0])  # t of 60 degrees of freedom
+    found, confidence = fitted(loss)
+    low, high = compute_intervals(found, confidence)[0]
+    reach = 2.0003 * np.sqrt(confidence.covariance[0, 0])  # t of 60 degrees of freedom
     assert (high - low) / 2 == pytest.approx(reach, rel=1e-4)
     assert (high + low) / 2 == pytest.approx(found.coordinate[0], rel=1e-9)
 
 
 def test_a_wide_interval_ends_where_the_cost_has_risen_or_at_a_bound() -> None:
-    found, certainty = fitted(Loss.ROBUST, noise=0.05)
-    intervals = compute_intervals(found, certainty)
+    found, confidence = fitted(Loss.ROBUST, noise=0.05)
+    intervals = compute_intervals(found, confidence)
     assert (intervals[:, 0] <= found.coordinate).all() and (intervals[:, 1] >= found.coordinate).all()
     sigma = found.problem.misfit.parameters[4]
     assert intervals[4, 0] == sigma.coordinate(sigma.low)  # 0 explains these readings as well
@@ -71,6 +71,6 @@ def test_a_wide_interval_ends_where_the_cost_has_risen_or_at_a_bound() -> None:
     assert intervals[4, 1] < sigma.coordinate(sigma.high)
 
 
-def test_no_noise_leaves_the_rounding_of_the_model_not_certainty() -> None:
-    _, certainty = fitted(Loss.ROBUST, noise=0.0)
-    assert 1e-11 < np.sqrt(np.diag(certainty.covariance)).min() < 1e-7
+def test_no_noise_leaves_the_rounding_of_the_model_not_confidence() -> None:
+    _, confidence = fitted(Loss.ROBUST, noise=0.0)
+    assert 1e-11 < np.sqrt(np.diag(confidence.covariance)).min() < 1e-7

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from precompute.calibration.confidence import Certainty
+from precompute.calibration.confidence import Confidence
 from precompute.calibration.plan import (
     Accuracy,
     Criterion,
@@ -99,8 +99,8 @@ def test_the_best_drive_leaves_one_parameter_less_unknown_than_any_other() -> No
 def test_a_plan_after_measurements_begins_where_they_end() -> None:
     found = noisy_calibration()
     plan = plan_after(found, Accuracy(), 4, Criterion.VOLUME)
-    certainty = Certainty(found.information, found.information, np.array([p.prior for p in found.parameters]), 60)
-    assert plan.steps[0].before == pytest.approx(np.sqrt(np.diag(certainty.covariance)), rel=1e-6)
+    confidence = Confidence(found.information, found.information, np.array([p.prior for p in found.parameters]), 60)
+    assert plan.steps[0].before == pytest.approx(np.sqrt(np.diag(confidence.covariance)), rel=1e-6)
     summary = plan.summary()
     assert len(summary["readings"]) == 4
     for parameter in summary["parameters"]:

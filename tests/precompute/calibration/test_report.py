@@ -63,7 +63,7 @@ def test_what_is_not_there_is_said_not_to_be() -> None:
     page = report_markdown(calibration_report(found, None))
     assert "Nothing: every parameter is known within a factor of 2 or better." in page
     assert "No two are correlated by 0.9 or more." in page
-    assert "No reading is further off than four times the noise." in page
+    assert "No reading is off by more than four times the noise." in page
     assert "it needs from 2 to 24 drives" in page
 
 

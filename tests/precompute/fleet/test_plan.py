@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from engine.device import Device, DeviceError
-from precompute.fleet.device_text import with_values
+from precompute.calibration.device_text import text_with_values
 from precompute.fleet.error import FleetError
 from precompute.fleet.plan import plan_fleet
 from precompute.fleet.units import Unit
@@ -139,7 +139,7 @@ def test_values_are_set_and_the_rest_of_the_text_stays() -> None:
         "name": "other",
         "zones.count": "3",
     }
-    changed = with_values(text, values, "bar")
+    changed = text_with_values(text, values, "bar")
     device = Device.parse(changed, "bar")
     assert [actuator.mass_kg for actuator in device.actuators] == pytest.approx([0.0095, 0.01])
     assert device.bar.thickness_m == pytest.approx(0.8e-3)
@@ -149,12 +149,12 @@ def test_values_are_set_and_the_rest_of_the_text_stays() -> None:
 
 
 def test_a_value_of_every_actuator_is_set_at_each() -> None:
-    device = Device.parse(with_values(small_text(), {"actuator.damping": "0.1 N*s/m"}, "bar"), "bar")
+    device = Device.parse(text_with_values(small_text(), {"actuator.damping": "0.1 N*s/m"}, "bar"), "bar")
     assert [actuator.damping_n_s_per_m for actuator in device.actuators] == [0.1, 0.1]
 
 
 def test_without_values_not_a_byte_changes() -> None:
-    assert with_values("anything", {}, "bar") == "anything"
+    assert text_with_values("anything", {}, "bar") == "anything"
 
 
 @pytest.mark.parametrize(
@@ -162,9 +162,9 @@ def test_without_values_not_a_byte_changes() -> None:
 )
 def test_a_place_that_the_description_has_not_is_refused(key: str) -> None:
     with pytest.raises(DeviceError, match="bar: "):
-        with_values(small_text(), {key: "1 g"}, "bar")
+        text_with_values(small_text(), {key: "1 g"}, "bar")
 
 
 def test_an_unknown_key_is_refused_by_the_reader() -> None:
     with pytest.raises(DeviceError, match="thicknes"):
-        Device.parse(with_values(small_text(), {"bar.thicknes": "1 mm"}, "bar"), "bar")
+        Device.parse(text_with_values(small_text(), {"bar.thicknes": "1 mm"}, "bar"), "bar")

@@ -11,11 +11,11 @@ from engine.device import Device
 from engine.table import Table
 from engine.touch import ZoneState
 from precompute.builder.build import build_table
-from precompute.builder.measured_responses import doubts_of, plant_of
+from precompute.builder.measured_responses import interpolation_errors_of, plant_of
 from precompute.entries.solver import EntrySolver
+from precompute.measurements import CalibrationError
 from precompute.measurements.csv import write_csv
-from precompute.measurements.error import CalibrationError
-from precompute.measurements.plant import MeasuredPlant, doubt, measured_plant
+from precompute.measurements.plant import MeasuredPlant, estimate_errors, measured_plant
 from precompute.measurements.responses import MeasuredResponses, read_responses
 from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
 from precompute.measurements.types import Kind, Measurements, lay_out
@@ -102,24 +102,26 @@ def test_entries_from_22_places_every_half_hertz_are_the_models() -> None:
                 assert found.expected_contrast_db == pytest.approx(true.expected_contrast_db, abs=0.2)
 
 
-def test_the_doubts_bound_the_errors_and_the_model_agrees_with_itself() -> None:
+def test_the_errors_are_upper_bounds_and_the_model_agrees_with_itself() -> None:
     for step_hz in (0.5, 2.0):
         hz = np.arange(60.0, 300.0 + step_hz / 2, step_hz)
         responses = measured(REFERENCE, hz)
-        doubts = doubt(REFERENCE, responses)
+        errors = estimate_errors(REFERENCE, responses)
         plant = measured_plant(REFERENCE, responses)
         between = relative_error(REFERENCE, plant, (hz[:-1] + hz[1:]) / 2).max(axis=(0, 2, 3))
         at = relative_error(REFERENCE, plant, hz).max(axis=(0, 2, 3))
-        assert (at <= doubts.between_places).all()
-        assert (between <= doubts.between_places + doubts.between_frequencies).all()
-        assert doubts.model.max() < 1e-9
+        assert (at <= errors.between_places).all()
+        assert (between <= errors.between_places + errors.between_frequencies).all()
+        assert errors.model.max() < 1e-9
 
 
 def test_noise_and_another_bar_show_in_the_disagreement_of_the_model() -> None:
-    assert doubt(REFERENCE, measured(REFERENCE, SMALL_HZ, noise=0.05)).model == pytest.approx([0.07, 0.07], rel=0.1)
+    assert estimate_errors(REFERENCE, measured(REFERENCE, SMALL_HZ, noise=0.05)).model == pytest.approx(
+        [0.07, 0.07], rel=0.1
+    )
     actuators = tuple(replace(a, full_scale_m=1.1 * a.full_scale_m) for a in REFERENCE.actuators)
     louder = measured(replace(REFERENCE, actuators=actuators), SMALL_HZ)
-    assert doubt(REFERENCE, louder).model == pytest.approx([1 - 1 / 1.1] * 2, rel=1e-6)
+    assert estimate_errors(REFERENCE, louder).model == pytest.approx([1 - 1 / 1.1] * 2, rel=1e-6)
 
 
 def test_a_finger_cannot_be_assembled_into_measured_responses() -> None:
@@ -193,12 +195,12 @@ def test_the_table_says_what_it_was_built_from(tables: tuple[Path, Path]) -> Non
         assert from_measured.attributes["responses_sha256"] == "5ha"
         assert "ESTIMATE" in str(from_measured.attributes["modelled"])
         assert from_measured.clicks == ()
-        assert set(doubts_of(from_measured)) == {
+        assert set(interpolation_errors_of(from_measured)) == {
             "between_frequencies_error",
             "between_places_error",
             "model_disagreement",
         }
-        assert doubts_of(from_measured)["model_disagreement"]["left"] < 1e-9
+        assert interpolation_errors_of(from_measured)["model_disagreement"]["left"] < 1e-9
 
 
 def test_sweeps_of_both_tables_agree(tables: tuple[Path, Path]) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from engine.device import Device, FittedValue, Uncertainty
 from precompute.calibration.calibrate import calibrate
-from precompute.calibration.calibrated_device import calibrated_text, sample_devices
+from precompute.calibration.device_text import calibrated_text, sample_devices
 from precompute.measurements.parameters import find_parameters
 from precompute.measurements.simulate import Flaws
 from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration
