@@ -1,4 +1,4 @@
-"""Many devices, or many variations of one: calibrate, build and verify each, here or on many machines.
+"""Calibrate, build and verify many devices, or many variations of one, here or on several machines.
 
-Not among the sources that a table's code fingerprint counts: how units are handed out changes nothing in a table.
+How units are distributed changes nothing in a table, so the code fingerprint of tables leaves this package out.
 """

@@ -1,22 +1,44 @@
-"""A folder, a manifest or a study to the units of a fleet (docs/fleet.md)."""
+"""Units of a fleet from a folder, a manifest or a study (docs/fleet.md).
+
+A folder has a subfolder for each unit; a manifest (.toml, .csv) lists units by their files; a study (.toml) varies the
+values of one device over a grid, or samples them evenly in a box.
+"""
 
 import csv
 import io
-from collections.abc import Iterator
+import itertools
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from engine.device.toml_table import read_text
-from precompute.fleet.error import FleetError
-from precompute.fleet.manifest import ManifestSection
-from precompute.fleet.study import units_of_study
-from precompute.fleet.units import Unit, checked_units
+from scipy.stats import qmc
+
+from engine.device.toml_table import TomlTable, read_text
+from precompute.fleet.units import FleetError, Unit, checked_units
 
 _MEASURED = (".csv", ".nc", ".nc4", ".uff", ".unv", ".uf")
 _COLUMNS = ("name", "device", "measurements")
+_MOST_UNITS = 100_000
+_QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?) ?(\D.*)?")
+_DIGITS = 8
+
+
+class ManifestSection(TomlTable):
+    """A table of a manifest or a study; files it names are relative to `folder`."""
+
+    family = FleetError
+
+    def file(self, key: str, folder: Path) -> Path:
+        """Path of a named file, which may be missing: a missing file fails its unit, not the fleet."""
+        value = self.take(key)
+        if not isinstance(value, str) or not value:
+            raise self.error(key, value, "expected the name of a file")
+        return folder / value
 
 
 def plan_fleet(source: Path) -> list[Unit]:
-    """The units of a folder, of a manifest (.toml, .csv) or of a study (.toml). Raises FleetError, OSError."""
+    """The units of a folder, a manifest or a study. Raises FleetError, OSError."""
     if source.is_dir():
         return checked_units(_units_of_folder(source), str(source))
     ending = source.suffix.lower()
@@ -26,13 +48,13 @@ def plan_fleet(source: Path) -> list[Unit]:
     if ending == ".csv":
         return checked_units(_units_of_csv(text, source), str(source))
     top = ManifestSection.parse(text, str(source))
-    units = list(units_of_study(top, source.parent) if "study" in top.left else _units_of_toml(top, source.parent))
+    units = list(_units_of_study(top, source.parent) if "study" in top.left else _units_of_toml(top, source.parent))
     top.refuse_rest()
     return checked_units(units, str(source))
 
 
 def _units_of_folder(folder: Path) -> Iterator[Unit]:
-    """A subfolder each: device.toml, or its only .toml; and measurements.*, if there is one."""
+    """A unit for each subfolder: device.toml or its only .toml file, and measurements.* where it has one."""
     for path in sorted(path for path in folder.iterdir() if path.is_dir() and not path.name.startswith(".")):
         descriptions = sorted(path.glob("*.toml"))
         device = descriptions[0] if len(descriptions) == 1 else path / "device.toml"
@@ -56,7 +78,7 @@ def _units_of_toml(top: ManifestSection, folder: Path) -> Iterator[Unit]:
 
 
 def _units_of_csv(text: str, source: Path) -> Iterator[Unit]:
-    """The columns name, device, measurements; any other is a key of the devices, its cells values with units."""
+    """A unit for each row: name, device, measurements; other columns are keys of the device with values and units."""
     rows = csv.reader(io.StringIO(text, newline=""))
     header = [title.strip() for title in next(rows, [])]
     for needed in _COLUMNS[:2]:
@@ -77,3 +99,62 @@ def _units_of_csv(text: str, source: Path) -> Iterator[Unit]:
             measurements=source.parent / cells["measurements"] if cells.get("measurements") else None,
             values={key: cell for key, cell in cells.items() if key not in _COLUMNS and cell},
         )
+
+
+def _units_of_study(top: ManifestSection, folder: Path) -> Iterator[Unit]:
+    """Units of the table [study]: every combination of the listed values, or `count` samples between two of each.
+
+    `judge` names a table whose drives are evaluated on every variation; no table is built then.
+    """
+    part = ManifestSection(top.source, "study", top.take("study"))
+    device = part.file("device", folder)
+    evaluated = part.file("judge", folder) if "judge" in part.left else None
+    is_sampled = "count" in part.left
+    count = part.integer("count", 1, _MOST_UNITS, 1)
+    seed = part.integer("seed", 0, 2**31 - 1, 0)
+    listed = _listed(ManifestSection(part.source, "study.values", part.take("values")))
+    part.known.append("judge")
+    part.refuse_rest()
+    rows = _sample(listed, count, seed, part) if is_sampled else _grid(listed, part)
+    digits = len(str(len(rows) - 1))
+    for i, row in enumerate(rows):
+        yield Unit(f"{i:0{digits}d}", device, None, row, evaluated)
+
+
+def _listed(part: ManifestSection) -> dict[str, list[str]]:
+    found = {}
+    for key, values in part.left.items():
+        if not (isinstance(values, list) and values and all(isinstance(value, str) for value in values)):
+            raise part.error(key, values, "expected a list of values with units, such as ['18 kN/m', '20 kN/m']")
+        found[key] = values
+    if not found:
+        raise part.error("", {}, "expected at least one key of the device with its values")
+    return found
+
+
+def _grid(listed: Mapping[str, Sequence[str]], part: ManifestSection) -> list[dict[str, str]]:
+    count = math.prod(map(len, listed.values()))
+    if count > _MOST_UNITS:
+        raise part.error("values", f"{count} combinations", f"expected at most {_MOST_UNITS}; or a count to sample")
+    return [dict(zip(listed, row, strict=True)) for row in itertools.product(*listed.values())]
+
+
+def _sample(listed: Mapping[str, Sequence[str]], count: int, seed: int, part: ManifestSection) -> list[dict[str, str]]:
+    """A seeded Latin hypercube between the two values of each key."""
+    ends = {key: _ends(key, values, part) for key, values in listed.items()}
+    points = qmc.LatinHypercube(len(ends), seed=seed).random(count)
+    return [
+        {
+            key: f"{low + at * (high - low):.{_DIGITS}g}{unit}"
+            for (key, (low, high, unit)), at in zip(ends.items(), point, strict=True)
+        }
+        for point in points.tolist()
+    ]
+
+
+def _ends(key: str, values: Sequence[str], part: ManifestSection) -> tuple[float, float, str]:
+    matches = [_QUANTITY.fullmatch(value.strip()) for value in values]
+    if len(matches) != 2 or matches[0] is None or matches[1] is None or matches[0][2] != matches[1][2]:
+        raise part.error(f"values.{key}", values, "expected the least and the greatest value, in the same unit")
+    unit = matches[0][2]
+    return float(matches[0][1]), float(matches[1][1]), f" {unit}" if unit else ""

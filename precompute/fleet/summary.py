@@ -1,4 +1,4 @@
-"""Outcomes to a summary: a row a unit, what varies over the fleet, and the units that stand out."""
+"""Summary of a fleet: a row for each unit, the figures that vary, and the outliers."""
 
 import csv
 import io
@@ -9,19 +9,20 @@ from dataclasses import dataclass
 from typing import Any
 
 from engine.device.values import Value, number_of
+from engine.plain import to_plain
 from precompute.fleet.units import Outcome, Unit
 
 OUTLYING = 3.5
-"""Robust standard deviations from the median beyond which a unit stands out (Iglewicz and Hoaglin, 1993)."""
+"""Robust standard deviations from the median beyond which a unit is an outlier (Iglewicz and Hoaglin, 1993)."""
 FEWEST = 8
-"""Of fewer units none stands out."""
+"""Fewest units for which outliers are sought."""
 _NORMAL_MAD = 1.4826  # standard deviation of normal noise over its median absolute deviation
-_LEAST_SPREAD = 1e-6  # of the median: rounding is no spread
+_LEAST_SPREAD = 1e-6  # of the median: below it differences are rounding errors
 
 
 @dataclass(frozen=True)
 class Column:
-    """A number that varies over the fleet: its middle, its spread (a robust standard deviation), and its extremes."""
+    """A number that varies over the fleet: its median, its spread (a robust standard deviation) and its extremes."""
 
     name: str
     median: float
@@ -34,7 +35,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Outlier:
-    """A unit that stands out in one column, by so many spreads."""
+    """A unit that is an outlier in one column; `deviation` is in spreads."""
 
     unit: str
     column: str
@@ -44,7 +45,7 @@ class Outlier:
 
 @dataclass(frozen=True)
 class Summary:
-    """Of a fleet: outcomes in the order of the units, columns, and outliers, the farthest first."""
+    """Outcomes in the order of the units, columns, and outliers with the farthest first."""
 
     outcomes: tuple[Outcome, ...]
     columns: tuple[Column, ...]
@@ -52,12 +53,12 @@ class Summary:
 
     @property
     def failed(self) -> list[Outcome]:
-        """Those with an error."""
+        """Outcomes with an error."""
         return [outcome for outcome in self.outcomes if outcome.error is not None]
 
 
 def summarise(units: Sequence[Unit], outcomes: Sequence[Outcome]) -> Summary:
-    """What was chosen to vary is no outlier."""
+    """Summarise a fleet; a value that was chosen for a unit is not searched for outliers."""
     good = [outcome for outcome in outcomes if outcome.error is None]
     numbers = {outcome.name: _numbers(outcome) for outcome in good}
     chosen = {key for unit in units for key in unit.values}
@@ -80,7 +81,7 @@ def _numbers(outcome: Outcome) -> dict[str, float]:
 
 
 def _is_chosen(column: str, keys: set[str]) -> bool:
-    """Whether actuator[1].stiffness_n_per_m is what a key such as actuator[1].stiffness or actuator.stiffness says."""
+    """Whether one of the keys, such as actuator.stiffness, sets the column, such as actuator[1].stiffness_n_per_m."""
     names = {column, re.sub(r"\[\d+\]", "", column)}
     return any(name == key or name.startswith(f"{key}_") for name in names for key in keys)
 
@@ -101,7 +102,7 @@ def _column(name: str, values: Mapping[str, float]) -> Column:
 
 
 def summary_csv(summary: Summary) -> str:
-    """A row a unit; the columns that vary."""
+    """CSV text with a row for each unit and the columns that vary."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     names = [column.name for column in summary.columns]
@@ -123,12 +124,12 @@ def summary_csv(summary: Summary) -> str:
 
 
 def status_of(outcome: Outcome) -> str:
-    """In a word."""
+    """The status in a word."""
     return "failed" if outcome.error is not None else "kept" if outcome.is_kept else "built"
 
 
 def summary_json(summary: Summary) -> dict[str, Any]:
-    """Everything as plain values."""
+    """The summary as plain values for JSON."""
     names = [column.name for column in summary.columns]
     return {
         "units": [
@@ -144,7 +145,7 @@ def summary_json(summary: Summary) -> dict[str, Any]:
             }
             for outcome in summary.outcomes
         ],
-        "columns": [vars(column) for column in summary.columns],
-        "outliers": [vars(outlier) for outlier in summary.outliers],
+        "columns": to_plain(summary.columns),
+        "outliers": to_plain(summary.outliers),
         "failed": len(summary.failed),
     }

@@ -1,43 +1,48 @@
-"""What a fleet is made of: units, what is to be done with each, and what came of it."""
+"""Values of a fleet: its units, the options and the job of each, and the outcome."""
 
 import hashlib
 import json
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from engine.device.values import Value
+from engine.plain import to_plain
+from firmware_link.protocol.errors import TactableError
 from precompute.builder.build import code_fingerprint
 from precompute.calibration.misfit import Loss
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES
-from precompute.fleet.error import FleetError
 
 NAME = re.compile(r"[\w+-][\w.+-]{0,63}")
-"""Of a unit: its results go to a folder of this name."""
+"""Names of units, which are also the names of their folders."""
+
+
+class FleetError(TactableError, ValueError):
+    """A fleet cannot be run as described; the message names the file, the place in it, and the remedy."""
 
 
 @dataclass(frozen=True)
 class Unit:
     """One device of a fleet.
 
-    `values` replace those of its file, by name as in actuator[1].stiffness, as text with a unit. With a `judged` table
-    no other is built: what its drives do on this device is what is asked.
+    `values` (text with a unit, by a name such as actuator[1].stiffness) replace those of its file. With an
+    `evaluated_table` no table is built: the drives of that table are evaluated on this device.
     """
 
     name: str
     device: Path
     measurements: Path | None = None
     values: Mapping[str, str] = field(default_factory=dict)
-    judged: Path | None = None
+    evaluated_table: Path | None = None
 
 
 @dataclass(frozen=True)
-class Recipe:
-    """What is done with every unit: how it is calibrated, if it was measured, and what its table is to hold.
+class FleetOptions:
+    """What is done with every unit: how it is calibrated, if it was measured, and what its table holds.
 
-    parameters: what is fitted, by name; None: the usual six. `also`: what is fitted besides. Raises FleetError for an
-    objective or a loss that there is not.
+    parameters: names of what is fitted; None: the usual six. also: names that are fitted in addition. Raises FleetError
+    for an unknown objective or loss.
     """
 
     objective: str = DEFAULT_OBJECTIVE
@@ -56,10 +61,10 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Job:
-    """A unit with its recipe and its folder. `key` is a fingerprint of all that decides what comes of it."""
+    """A unit with its options and its folder; `key` is a fingerprint of everything that decides the outcome."""
 
     unit: Unit
-    recipe: Recipe
+    options: FleetOptions
     folder: Path
     created: str
     code_fingerprint: str
@@ -68,9 +73,9 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a unit; with an `error`, nothing but that.
+    """Outcome of a unit; with an `error` the other fields are empty.
 
-    values: the device's, after calibration (engine.device.values). figures: those of its table, by name.
+    values: of the device after calibration (engine.device.values). figures: of its table, by name.
     """
 
     name: str
@@ -84,25 +89,25 @@ class Outcome:
     figures: Mapping[str, float | None] = field(default_factory=dict)
     doubts: tuple[str, ...] = ()
     is_kept: bool = False
-    """It was complete already."""
+    """Whether the outcome of an earlier run was kept."""
 
     def as_json(self) -> str:
-        """Everything but whether it is kept."""
-        return json.dumps({key: value for key, value in asdict(self).items() if key != "is_kept"}, indent=1)
+        """JSON text of everything except `is_kept`."""
+        return json.dumps({key: value for key, value in to_plain(self).items() if key != "is_kept"}, indent=1)
 
 
-def make_job(unit: Unit, recipe: Recipe, out: Path, created: str) -> Job:
-    """Raises OSError where a file of the unit cannot be read."""
-    files = [file for file in (unit.device, unit.measurements, unit.judged) if file is not None]
-    wanted = {**asdict(recipe), "values": dict(unit.values), "judge": unit.judged is not None}
+def make_job(unit: Unit, options: FleetOptions, out: Path, created: str) -> Job:
+    """The job of a unit in the folder `out`. Raises OSError where a file of the unit cannot be read."""
+    files = [file for file in (unit.device, unit.measurements, unit.evaluated_table) if file is not None]
+    wanted = {**to_plain(options), "values": dict(unit.values), "evaluate": unit.evaluated_table is not None}
     parts = [code_fingerprint(), json.dumps(wanted)]
     parts += [hashlib.sha256(path.read_bytes()).hexdigest() for path in files]
     key = hashlib.sha256("\0".join(parts).encode()).hexdigest()
-    return Job(unit, recipe, out / unit.name, created, code_fingerprint(), key)
+    return Job(unit, options, out / unit.name, created, code_fingerprint(), key)
 
 
 def checked_units(units: Iterable[Unit], source: str) -> list[Unit]:
-    """The units, refused where two share a name or a folder cannot have it. Raises FleetError."""
+    """The units, with names that are distinct and valid for folders. Raises FleetError."""
     found: dict[str, Unit] = {}
     for unit in units:
         if not NAME.fullmatch(unit.name):

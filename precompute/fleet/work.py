@@ -1,5 +1,6 @@
-"""One unit to its folder: calibrated, built, verified; its outcome is written last, so that it is complete or not."""
+"""Work on one unit in its folder: calibrate, build, verify. Its outcome is written last and marks it as complete."""
 
+import hashlib
 import json
 import threading
 import time
@@ -14,64 +15,71 @@ from threadpoolctl import threadpool_limits
 from engine.device import Device, DeviceError
 from engine.device.toml_table import read_text
 from engine.device.values import device_values
-from engine.files import remove_partials, replace_file
-from engine.table import Table, TableError
+from engine.files import remove_partials, replace_file, write_new_folder
+from engine.table import Table
+from firmware_link.protocol.errors import TactableError
 from precompute.builder.build import build_table, code_fingerprint
-from precompute.calibration.device_text import text_with_values
-from precompute.fleet.calibrated import calibrate_unit
-from precompute.fleet.error import FleetError
-from precompute.fleet.figures import compute_figures
-from precompute.fleet.transfer import judge_table
-from precompute.fleet.units import Job, Outcome
+from precompute.calibration.calibrate import Calibration, calibrate
+from precompute.calibration.device_text import calibrated_text, text_with_values
+from precompute.calibration.misfit import Loss
+from precompute.calibration.pairwise import fit_pairwise
+from precompute.calibration.report import calibration_report, report_markdown
+from precompute.fleet.figures import compute_table_figures, evaluate_table
+from precompute.fleet.units import FleetError, Job, Outcome
+from precompute.measurements.file import read_measurements
+from precompute.measurements.parameters import default_names
 
 TABLE = "table.nc"
 DEVICE = "device.toml"
 OUTCOME = "outcome.json"
 Progress = Callable[[str, float], None]
-"""Called with what is being done and the fraction done."""
+"""Called with the step that runs and the fraction done."""
+LARGEST_MISFIT = 0.2
+"""Typical misfit beyond which a calibration is doubtful, as for `tactable calibrate`."""
+_REPORT = "report.json"
 _PIECE_BYTES = 1 << 24
 
-# A process in which two threads enter numba's parallel kernels at once is ended by them.
+# Two threads that enter numba's parallel kernels at once abort the process.
 _one_at_a_time = threading.Lock()
 
 
 def no_progress(step: str, fraction: float) -> None:
-    """Tell nobody."""
+    """Ignore progress."""
 
 
 def run_in_worker(job: Job) -> Outcome:
-    """As `run_job`, on one thread, and one unit of a process at a time."""
+    """Run a job on one thread; a process runs one job at a time."""
     with _one_at_a_time:
         threads = numba.get_num_threads()
         numba.set_num_threads(1)
         try:
-            done = kept_outcome(job)  # by a worker that was killed before it could tell
+            done = kept_outcome(job)  # written by a worker that was killed before it could return it
             return run_job(job) if done is None else replace(done, is_kept=False)
         finally:
             numba.set_num_threads(threads)
 
 
 def run_job(job: Job, progress: Progress = no_progress) -> Outcome:
-    """Calibrate, build and verify a unit; whatever goes wrong is in the outcome."""
+    """Calibrate, build and verify a unit; an error becomes part of the outcome."""
     start_s = time.perf_counter()
     try:
         outcome = _run(job, progress)
-    except Exception as error:  # whatever befalls a unit, the others go on
+    except Exception as error:  # one bad unit must not stop the others
         outcome = Outcome(job.unit.name, job.key, error=describe_error(error))
     return replace(outcome, seconds=time.perf_counter() - start_s)
 
 
 def describe_error(error: Exception) -> str:
-    """One line; those that are not for users with their type."""
+    """The error in one line, with its type unless it is meant for users."""
     if isinstance(error, OSError) and error.filename and error.strerror:
         return f"{error.filename}: {error.strerror}"
-    is_ours = isinstance(error, ValueError | OSError | TableError)
+    is_ours = isinstance(error, TactableError | ValueError | OSError)
     text = " ".join(str(error).split())
     return text if is_ours and text else f"{type(error).__name__}: {text}"
 
 
 def kept_outcome(job: Job) -> Outcome | None:
-    """The outcome of an earlier run, if nothing that decides it has changed and its table is as it was then."""
+    """The outcome of an earlier run, if its key is the same and its table unchanged."""
     try:
         values = json.loads((job.folder / OUTCOME).read_text(encoding="utf-8"))
         outcome = Outcome(**{**values, "doubts": tuple(values["doubts"]), "is_kept": True})
@@ -94,12 +102,12 @@ def _run(job: Job, progress: Progress) -> Outcome:
     with replace_file(job.folder / DEVICE) as partial:
         partial.write_text(device.text, encoding="utf-8")
     table_crc32 = None
-    if job.unit.judged is None:
+    if job.unit.evaluated_table is None:
         figures = _build(job, device, progress)
         table_crc32 = _checksum(job.folder / TABLE)
     else:
-        with Table.open(job.unit.judged) as table, threadpool_limits(1, "blas"):
-            figures = judge_table(table, device)
+        with Table.open(job.unit.evaluated_table) as table, threadpool_limits(1, "blas"):
+            figures = evaluate_table(table, device)
     outcome = Outcome(
         name=job.unit.name,
         key=job.key,
@@ -115,29 +123,71 @@ def _run(job: Job, progress: Progress) -> Outcome:
 
 
 def _build(job: Job, device: Device, progress: Progress) -> dict[str, float | None]:
-    """The figures of the device's table, built and verified."""
-    path, recipe = job.folder / TABLE, job.recipe
+    """Build and verify the table; its figures."""
+    path, options = job.folder / TABLE, job.options
     build_table(
         device,
         path,
         created=job.created,
-        objective=recipe.objective,
-        clicks_up_to=recipe.clicks_up_to,
+        objective=options.objective,
+        clicks_up_to=options.clicks_up_to,
         progress=progress,
     )
     with Table.open(path, device=device, code_fingerprint=job.code_fingerprint) as table:
-        return compute_figures(table)
+        return compute_table_figures(table)
 
 
 def _prepare(job: Job, progress: Progress) -> tuple[Device, tuple[str, ...]]:
-    """The device that the table is built of, and why its calibration should not be used unseen."""
+    """The device that the table is built from, and doubts about its calibration."""
     unit = job.unit
     text = text_with_values(read_text(unit.device, DeviceError), unit.values, str(unit.device))
     device = Device.parse(text, str(unit.device))
     if unit.measurements is None:
         return device, ()
     progress("calibration", 0.0)
-    return calibrate_unit(job, device, unit.measurements)
+    return _calibrate(job, device, unit.measurements)
+
+
+def _calibrate(job: Job, device: Device, path: Path) -> tuple[Device, tuple[str, ...]]:
+    """The calibrated device and doubts about it; an earlier calibration of the same inputs is used again.
+
+    Raises CalibrationError for measurements and parameters that cannot be used.
+    """
+    folder = job.folder / f"calibration-{job.key[:12]}"
+    if not folder.exists():
+        write_new_folder(folder, _calibration_files(job, device, path))
+    calibrated = Device.read(folder / f"{device.name}.toml")
+    report = json.loads((folder / _REPORT).read_text(encoding="utf-8"))
+    misfit = report["median_misfit"]
+    doubts = [f"typical misfit {100 * misfit:.3g} %"] if misfit > LARGEST_MISFIT else []
+    doubts += [f"{p['name']}: {p['known']}" for p in report["parameters"] if p["known"] != "known"]
+    return calibrated, tuple(doubts)
+
+
+def _calibration_files(job: Job, device: Device, path: Path) -> dict[str, bytes]:
+    raw, options = path.read_bytes(), job.options
+    measurements = read_measurements(path, device, options.sensor_mass_kg)
+    names = (*(default_names(device) if options.parameters is None else options.parameters), *options.also)
+    with threadpool_limits(1, "blas"):
+        found = calibrate(device, measurements, names, Loss(options.loss))
+        report = calibration_report(found, fit_pairwise(device, found))
+    return {
+        f"{device.name}.toml": _calibrated_text(found, job, path, raw).encode(),
+        f"measurements{path.suffix.lower()}": raw,
+        _REPORT: json.dumps(report, indent=2).encode(),
+        "report.md": report_markdown(report).encode(),
+    }
+
+
+def _calibrated_text(found: Calibration, job: Job, path: Path, raw: bytes) -> str:
+    provenance = {
+        "created": job.created,
+        "measurements": f"measurements{path.suffix.lower()}",
+        "sha256": hashlib.sha256(raw).hexdigest(),
+        "report": _REPORT,
+        "loss": found.loss.value,
+    }
+    return calibrated_text(found, provenance)
 
 
 def _checksum(path: Path) -> int:

@@ -46,18 +46,16 @@ def fleet(
 ) -> None:
     """Calibrate, build and verify many devices; run again, it goes on where it was. Exit status 3: a unit failed."""
     from engine.files import replace_file
-    from precompute.fleet.error import FleetError
     from precompute.fleet.plan import plan_fleet
-    from precompute.fleet.pool import run_here, run_on_processes, run_on_scheduler
-    from precompute.fleet.run import run_fleet
+    from precompute.fleet.run import run_fleet, run_here, run_on_processes, run_on_scheduler
     from precompute.fleet.summary import summarise, summary_csv, summary_json
-    from precompute.fleet.units import Recipe
+    from precompute.fleet.units import FleetError, FleetOptions
     from tactable.cli.calibrate_options import read_option
     from tactable.cli.fleet_page import print_fleet
 
     if scheduler is not None and workers is not None:
         raise FleetError("--workers and --scheduler: give one of them; a scheduler has its own workers")
-    recipe = Recipe(
+    options = FleetOptions(
         objective=objective,
         clicks_up_to=clicks_up_to,
         loss=loss,
@@ -74,7 +72,7 @@ def fleet(
     pool = run_on_scheduler(scheduler) if scheduler else run_on_processes(workers) if workers else run_here
     with shown_progress(as_json) as progress:
         outcomes = run_fleet(
-            units, recipe, output, pool, created=datetime.now(UTC).isoformat(timespec="seconds"), progress=progress
+            units, options, output, pool, created=datetime.now(UTC).isoformat(timespec="seconds"), progress=progress
         )
     summary = summarise(units, outcomes)
     values = summary_json(summary)

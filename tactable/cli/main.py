@@ -22,7 +22,7 @@ from engine.table.entry import DEFAULT_LEVEL_DB, played_at
 from engine.touch import DescriptorError, DigitizerError, ZoneState, open_digitizer
 from engine.touch.sources.recording import RecordingError, read_recording
 from firmware_link.protocol.errors import LinkError
-from precompute.fleet.error import FleetError
+from precompute.fleet.units import FleetError
 from precompute.measurements import CalibrationError
 from tactable.bench import clicks as bench_clicks
 from tactable.bench import commands as bench_commands

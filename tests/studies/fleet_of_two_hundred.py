@@ -14,10 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from precompute.fleet.plan import plan_fleet
-from precompute.fleet.pool import run_on_processes
-from precompute.fleet.run import run_fleet
+from precompute.fleet.run import run_fleet, run_on_processes
 from precompute.fleet.summary import summarise
-from precompute.fleet.units import Recipe
+from precompute.fleet.units import FleetOptions
 from tests.precompute.fleet.small_fleet import small_text, write_measurements, write_unit
 from tests.precompute.fleet.test_run import BROKEN, assert_complete, write_broken
 
@@ -49,7 +48,7 @@ def timed(bars: Path, out: Path, workers: int, kill: bool) -> float:
             killed.append(worker.name)
 
     units, start_s = plan_fleet(bars), time.perf_counter()
-    outcomes = run_fleet(units, Recipe(clicks_up_to=0), out, run_on_processes(workers), created="", progress=told)
+    outcomes = run_fleet(units, FleetOptions(clicks_up_to=0), out, run_on_processes(workers), created="", progress=told)
     spent_s = time.perf_counter() - start_s
     summary = summarise(units, outcomes)
     assert {outcome.name for outcome in summary.failed} == {*BROKEN, "zoneless-too"}, summary.failed

@@ -178,7 +178,7 @@ class Fleet:
         self.script = f"""
 from pathlib import Path
 from precompute.fleet.plan import plan_fleet
-from precompute.fleet.pool import run_here, run_on_processes
+from precompute.fleet.run import run_here, run_on_processes
 from precompute.fleet.run import run_fleet
 from precompute.fleet.units import Recipe
 if __name__ == "__main__":

@@ -6,9 +6,8 @@ import pytest
 
 from engine.device import Device, DeviceError
 from precompute.calibration.device_text import text_with_values
-from precompute.fleet.error import FleetError
 from precompute.fleet.plan import plan_fleet
-from precompute.fleet.units import Unit
+from precompute.fleet.units import FleetError, Unit
 from tests.precompute.fleet.small_fleet import small_text
 
 

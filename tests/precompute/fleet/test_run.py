@@ -17,19 +17,18 @@ from engine.table import Table
 from precompute.builder.build import build_table, code_fingerprint
 from precompute.fleet.figures import usual_entries
 from precompute.fleet.plan import plan_fleet
-from precompute.fleet.pool import Pool, run_here, run_on_processes
-from precompute.fleet.run import run_fleet
-from precompute.fleet.units import Outcome, Recipe, Unit, make_job
+from precompute.fleet.run import Pool, run_fleet, run_here, run_on_processes
+from precompute.fleet.units import FleetOptions, Outcome, Unit, make_job
 from precompute.fleet.work import DEVICE, OUTCOME, TABLE
 from tests.precompute.fleet.small_fleet import small_text, write_measurements, write_unit
 
-RECIPE = Recipe(clicks_up_to=0)
+OPTIONS = FleetOptions(clicks_up_to=0)
 BROKEN = {"empty": "device.toml", "unitless": "'0.79'", "unmeasured": "measurements.csv", "zoneless": "count"}
 """Units that cannot be built, and a word of why."""
 
 
-def run(bars: Path, out: Path, pool: Pool = run_here, recipe: Recipe = RECIPE) -> dict[str, Outcome]:
-    outcomes = run_fleet(plan_fleet(bars), recipe, out, pool, created="2024-01-01")
+def run(bars: Path, out: Path, pool: Pool = run_here, options: FleetOptions = OPTIONS) -> dict[str, Outcome]:
+    outcomes = run_fleet(plan_fleet(bars), options, out, pool, created="2024-01-01")
     return {outcome.name: outcome for outcome in outcomes}
 
 
@@ -131,15 +130,20 @@ def test_whatever_decides_a_table_decides_whether_it_is_kept(tmp_path: Path) -> 
     folder = write_unit(tmp_path / "bar", small_text())
     write_measurements(folder, small_text())
     unit = Unit("bar", folder / "device.toml")
-    recipes = (RECIPE, Recipe(), Recipe(clicks_up_to=0, objective="paper"), Recipe(clicks_up_to=0, loss="l1"))
+    variants = (
+        OPTIONS,
+        FleetOptions(),
+        FleetOptions(clicks_up_to=0, objective="paper"),
+        FleetOptions(clicks_up_to=0, loss="l1"),
+    )
     units = (
         unit,
         replace(unit, values={"bar.width": "13 mm"}),
         replace(unit, measurements=folder / "measurements.csv"),
     )
-    keys = {make_job(unit, recipe, tmp_path, "").key for unit in units for recipe in recipes}
-    assert len(keys) == len(units) * len(recipes)
-    assert make_job(unit, RECIPE, tmp_path / "elsewhere", "later").key == make_job(unit, RECIPE, tmp_path, "").key
+    keys = {make_job(unit, options, tmp_path, "").key for unit in units for options in variants}
+    assert len(keys) == len(units) * len(variants)
+    assert make_job(unit, OPTIONS, tmp_path / "elsewhere", "later").key == make_job(unit, OPTIONS, tmp_path, "").key
 
 
 def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
@@ -156,7 +160,7 @@ def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
         worker.kill()
         killed.append(worker.name)
 
-    outcomes = run_fleet(plan_fleet(bars), RECIPE, out, run_on_processes(2), created="", progress=kill_one)
+    outcomes = run_fleet(plan_fleet(bars), OPTIONS, out, run_on_processes(2), created="", progress=kill_one)
     assert killed
     assert {outcome.name for outcome in outcomes if outcome.error is not None} == set(BROKEN)
     for i in range(3):
@@ -167,10 +171,10 @@ _CHILD = """
 import sys
 from pathlib import Path
 from precompute.fleet.plan import plan_fleet
-from precompute.fleet.pool import run_here
+from precompute.fleet.run import run_here
 from precompute.fleet.run import run_fleet
-from precompute.fleet.units import Recipe
-run_fleet(plan_fleet(Path("bars")), Recipe(clicks_up_to=0), Path("out"), run_here, created="2024-01-01",
+from precompute.fleet.units import FleetOptions
+run_fleet(plan_fleet(Path("bars")), FleetOptions(clicks_up_to=0), Path("out"), run_here, created="2024-01-01",
           progress=lambda step, fraction: print(step, flush=True))
 """
 

@@ -28,7 +28,7 @@ def test_both_manifests_of_the_page_are_the_same(tmp_path: Path) -> None:
 def test_the_study_of_the_page_is_one(tmp_path: Path) -> None:
     found = units(tmp_path, "toml", 1)
     assert len(found) == 4
-    assert {unit.judged for unit in found} == {tmp_path / "my-bar.nc"}
+    assert {unit.evaluated_table for unit in found} == {tmp_path / "my-bar.nc"}
     assert set(found[0].values) == {"bar.thickness", "actuator.stiffness", "finger.mass"}
 
 
