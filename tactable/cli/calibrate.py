@@ -203,7 +203,7 @@ def simulate_measurements(
         with output.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
-        raise CalibrationError(f"{output}: is there already and is not overwritten; choose another output") from None
+        raise CalibrationError(f"{output}: exists already and is not overwritten; choose another output") from None
     _out.print(f"{output}: {len(measured)} readings, SIMULATED", markup=False, highlight=False, soft_wrap=True)
 
 

@@ -40,7 +40,7 @@ def test_what_is_there_is_never_overwritten(kind: str, tmp_path: Path) -> None:
         target.mkdir()
         if kind == "folder":
             (target / "mine").write_text("mine")
-    with pytest.raises(FolderError, match="old: is there already and is not overwritten"):
+    with pytest.raises(FolderError, match="old: exists already and is not overwritten"):
         write_new_folder(target, FILES)
     assert [path.name for path in tmp_path.iterdir()] == ["old"]
 

@@ -83,9 +83,9 @@ def test_values_go_to_the_actuators_that_share_them() -> None:
     ("names", "bounds", "device", "message"),
     [
         (["actuator[1].stifness"], {}, DEVICE, "did you mean actuator[1].stiffness?"),
-        (["bar.length"], {}, DEVICE, "is nothing that can be fitted"),
+        (["bar.length"], {}, DEVICE, "cannot be fitted"),
         (["actuator[3].mass"], {}, DEVICE, "'actuator[3].mass'"),
-        (["bar[1].density"], {}, DEVICE, "is nothing that can be fitted"),
+        (["bar[1].density"], {}, DEVICE, "cannot be fitted"),
         (["actuator.mass", "actuator[2].mass"], {}, DEVICE, "actuator[2].mass: is fitted as actuator.mass already"),
         (["bar.density"], {"bar.density": (2.0, 1.0)}, DEVICE, "bounds 2 to 1"),
         (["bar.density"], {"bar.density": (0.0, 1.0)}, DEVICE, "above 0"),

@@ -111,7 +111,7 @@ def test_other_data_for_the_same_folder_are_refused(folder: Path) -> None:
     (folder / "new").mkdir()
     before = (folder / "bar.nc").read_bytes()
     done = apply()
-    assert done.exit_code == 1 and "is there already and is not overwritten" in str(done.exception)
+    assert done.exit_code == 1 and "exists already and is not overwritten" in str(done.exception)
     assert (folder / "bar.nc").read_bytes() == before
 
 

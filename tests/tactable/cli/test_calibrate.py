@@ -67,7 +67,7 @@ def test_what_is_there_is_not_overwritten(measured: Path, calibrated: tuple[Path
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     again = run("calibrate", "reference-a", str(measured), "-o", str(folder))
     assert again.exit_code == 1
-    assert "is there already and is not overwritten" in str(again.exception)
+    assert "exists already and is not overwritten" in str(again.exception)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
@@ -137,7 +137,7 @@ def test_simulated_measurements_are_marked_and_never_overwrite(tmp_path: Path) -
     assert text.startswith("# SIMULATED by tactable simulate-measurements: reference-a; ")
     assert len(text.splitlines()) == 2 + 9
     again = run("simulate-measurements", "reference-a", "-o", str(path))
-    assert again.exit_code == 1 and "is there already" in str(again.exception)
+    assert again.exit_code == 1 and "exists already" in str(again.exception)
     assert path.read_text(encoding="utf-8") == text
 
 
@@ -149,7 +149,7 @@ def test_simulated_measurements_are_marked_and_never_overwrite(tmp_path: Path) -
         ("--drives 150,x", "'x': expected a frequency in Hz"),
         ("--drives ;", "--drives names no drive"),
         ("--change bar.density", "--change bar.density: '' is not a number with a unit"),
-        ("--change bar.wood=1", "'bar.wood': is nothing that can be fitted"),
+        ("--change bar.wood=1", "'bar.wood': cannot be fitted"),
     ],
 )
 def test_drives_and_changes_that_cannot_be_are_refused(words: str, message: str, tmp_path: Path) -> None:
