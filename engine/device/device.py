@@ -40,14 +40,14 @@ class Device:
     touch_axis: TouchAxis
     sweep: Sweep
     levels_db: tuple[float, ...]
-    """Sensation levels that entries are made for, rising; full scale is always made too."""
+    """Sensation levels that entries are made for, rising; entries for full scale are always made too."""
     limits: Limits
     inferred: tuple[str, ...]
     """Keys whose values are estimates, such as "bar.width" or "actuator[1].mass"."""
     uncertainty: Uncertainty | None
-    """Of the values that a calibration fitted; None: none was."""
+    """Uncertainty of the fitted values; None: the device was not calibrated."""
     text: str
-    """The description as it was read."""
+    """The text of the description."""
 
     @classmethod
     def read(cls, path: Path | str) -> "Device":
@@ -94,9 +94,9 @@ class Device:
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 (hex) over every value that the model or the engine uses; wording and marks do not count.
+        """SHA-256 (hex) of every value that the model or the engine uses; descriptions and marks do not count.
 
-        What a calibration left unknown does: worst cases are over it. Where and when it was made does not.
+        The uncertainty of a calibration counts, since worst cases are taken over it; its date and origin do not.
         """
         idle = ("description", "inferred", "text", *(("uncertainty",) if self.uncertainty is None else ()))
         values = {k: v for k, v in asdict(self).items() if k not in idle}
@@ -117,7 +117,7 @@ class Device:
 
 
 def _rounded(value: Any) -> Any:
-    """Floats to 12 digits: '27.94 cm' and '279.4 mm' differ in the last bit and are the same device."""
+    """Round floats to 12 digits: '27.94 cm' and '279.4 mm' differ in the last bit and are the same device."""
     if isinstance(value, dict):
         return {key: _rounded(part) for key, part in value.items()}
     if isinstance(value, tuple | list):

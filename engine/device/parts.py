@@ -60,7 +60,7 @@ class Zone:
 
 @dataclass(frozen=True)
 class Finger:
-    """A grounded mass-damper-spring at the touch; `spread` is the factor its parameters vary by, up and down."""
+    """A grounded mass-damper-spring at the touch; `spread` is the factor by which its values vary, up and down."""
 
     mass_kg: float
     damping_n_s_per_m: float
@@ -70,10 +70,11 @@ class Finger:
 
 @dataclass(frozen=True)
 class Spread:
-    """What is not known of a device; clicks are made for all that lies within it.
+    """The uncertainty of a device; clicks are made robust against all of it.
 
-    stiffness, mass: relative standard deviations, normal, of the bar and of every actuator. finger: its mass, damping
-    and stiffness, evenly within plus and minus this fraction. finger_position_m: about the middle of its zone, evenly.
+    stiffness, mass: relative standard deviations (normal) of the bar and of every actuator. finger: mass, damping and
+    stiffness vary evenly within plus and minus this fraction. finger_position_m: offset from the middle of the zone,
+    evenly distributed within plus and minus this length.
     """
 
     stiffness: float
@@ -84,9 +85,9 @@ class Spread:
 
 @dataclass(frozen=True)
 class TouchAxis:
-    """How the digitizer lies on the bar: which logical axis, which way round, from where to where.
+    """How the digitizer lies on the bar: which of its axes lies along it, in which direction, and its extent.
 
-    A margin below zero: the touch area reaches beyond the bar; a touch out there counts as at the bar's end.
+    A negative margin: the touch area reaches beyond the bar, and a touch there counts as one at the bar's end.
     """
 
     axis: Literal["x", "y"]
@@ -94,12 +95,12 @@ class TouchAxis:
     start_margin_m: float
     end_margin_m: float
     active_length_m: float | None
-    """Length of the touch area; None: it reaches from `start_margin_m` to `end_margin_m` before the bar's end."""
+    """Length of the touch area; None: it ends `end_margin_m` before the end of the bar."""
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """The grid of the table: frequencies in Hz, amplitudes as fractions of full scale, steps in a turn of phase."""
+    """The grid of the table: frequencies, amplitude steps up to full scale, and phase steps in a full turn."""
 
     start_hz: float
     stop_hz: float
@@ -121,7 +122,7 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Limits:
-    """What a drive must keep to: amplitude and slew in fractions of full scale."""
+    """Limits of every drive: amplitude and slew rate as fractions of full scale, and the time a drive is leased for."""
 
     amplitude: float
     slew_per_s: float
@@ -130,9 +131,9 @@ class Limits:
 
 @dataclass(frozen=True)
 class FittedValue:
-    """A value that a calibration has fitted, by its name in the file; SI, within `low` and `high`.
+    """A value that a calibration fitted, by its name in the file, with its bounds `low` and `high` in SI units.
 
-    Its coordinate is its natural logarithm, or asinh(value / 2 knee) with a `knee` above 0.
+    The fit's coordinate is the natural logarithm of the value, or asinh(value / 2 knee) with a `knee` above 0.
     """
 
     name: str
@@ -143,7 +144,7 @@ class FittedValue:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """What a calibration left unknown: covariance (value, value) of the coordinates of the values it fitted."""
+    """Covariance (value, value) that a calibration left, of the coordinates of the fitted values."""
 
     fitted: tuple[FittedValue, ...]
     covariance: tuple[tuple[float, ...], ...]

@@ -1,4 +1,4 @@
-"""Quantities written as text, such as "18.9 kN/m", to SI floats and back."""
+"""Quantities as text, such as "18.9 kN/m": read as a float in a wanted SI unit, and written back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One table of a TOML file, read key by key: what is wrong, missing or not asked for is refused by name."""
+"""Reads one table of a TOML file key by key; wrong, missing and unknown keys are refused by name."""
 
 import difflib
 import re
@@ -10,13 +10,13 @@ from typing import Any, ClassVar, Self
 from engine.device.quantity import QuantityError, read_quantity
 
 HIGHEST_LEVEL_DB = 80.0
-_MISSPELT = 0.8  # as alike as a misspelt key; keys that are meant differ more
+_MISSPELT = 0.8  # similarity of a misspelt key to the right one; different keys are less alike
 
 
 class TomlTable:
-    """A table being read: every key is asked for once; `refuse_rest` refuses what was not.
+    """A table that is being read: each key is taken once, then `refuse_rest` refuses those that were not taken.
 
-    Errors are of the `family` of the file and name file, key, value and what was expected.
+    Errors are of the class `family` and name file, key, value and what was expected.
     """
 
     family: ClassVar[type[ValueError]] = ValueError
@@ -38,12 +38,12 @@ class TomlTable:
         return cls(source, "", table)
 
     def error(self, key: str, value: object, expected: str) -> ValueError:
-        """The error for a value; raise it."""
+        """Make the error for a value; the caller raises it."""
         where = ".".join(part for part in (self.path, key) if part)
         return self.family(f"{self.source}: {where}: {reprlib.repr(value)}: {expected}")
 
     def take(self, key: str, default: Any = None) -> Any:
-        """The value as TOML has it; without a default the key must be there."""
+        """The plain TOML value; without a default the key is required."""
         self.known.append(key)
         if key in self.left:
             return self.left.pop(key)
@@ -63,11 +63,11 @@ class TomlTable:
     def quantity(
         self, key: str, unit: str, *, least: float = 0.0, exclusive: bool = False, default: str | None = None
     ) -> float:
-        """A number with its unit, in `unit`."""
+        """A number with a unit, converted to `unit`."""
         return self.checked(key, self.take(key, default), unit, least=least, exclusive=exclusive)
 
     def checked(self, key: str, text: object, unit: str, *, least: float = 0.0, exclusive: bool = False) -> float:
-        """The same of a value that was taken."""
+        """As `quantity`, of a value that was taken already."""
         try:
             value = read_quantity(text, unit)
         except QuantityError as error:
@@ -79,11 +79,11 @@ class TomlTable:
         return value
 
     def position(self, key: str, length_m: float, *, least: float = 0.0, default: str | None = None) -> float:
-        """A place on the bar: a length from its start, or a percentage of its length; off it only with `least` < 0."""
+        """A position on the bar: a length from its start, or a percentage of its length."""
         return self.checked_position(key, self.take(key, default), length_m, least=least)
 
     def checked_position(self, key: str, text: object, length_m: float, *, least: float = 0.0) -> float:
-        """The same of a value that was taken."""
+        """As `position`, of a value that was taken already."""
         if isinstance(text, str) and text.rstrip().endswith("%"):
             value = self.checked(key, text, "", least=least) * length_m
         else:
@@ -121,21 +121,21 @@ class TomlTable:
         return value
 
     def sentence(self, key: str) -> str:
-        """Any text, perhaps none."""
+        """Any text, "" by default."""
         value = self.take(key, "")
         if not isinstance(value, str):
             raise self.error(key, value, "expected text")
         return value
 
     def name(self, key: str, default: str | None = None) -> str:
-        """A short name that lists and paths can hold."""
+        """A short name that is safe in lists and paths."""
         value = self.take(key, default)
         if not isinstance(value, str) or not re.fullmatch(r"[^\s,;/][^,;/\n]{0,63}", value):
             raise self.error(key, value, "expected a short name without comma, semicolon or slash")
         return value
 
     def refuse_rest(self) -> None:
-        """Refuse keys nobody asked for."""
+        """Refuse the keys that were not taken."""
         for key, value in self.left.items():
             near = difflib.get_close_matches(key, self.known, 1)
             hint = f"; did you mean {near[0]!r}?" if near else f"; known keys are {', '.join(self.known)}"

@@ -1,4 +1,4 @@
-"""The [calibration] table of a device file (tables/MEASUREMENTS.md): which values were fitted, and how well."""
+"""Reads the table [calibration] of a device file (tables/MEASUREMENTS.md): the fitted values and their covariance."""
 
 import math
 import re
@@ -20,13 +20,13 @@ FITTED_UNITS = {
     "finger.damping": "N*s/m",
     "finger.stiffness": "N/m",
 }
-"""What a calibration can fit; actuator[2].mass is one actuator's, actuator.mass that of all."""
+"""Units of the values that a calibration can fit; actuator[2].mass is of one actuator, actuator.mass of all."""
 _PROVENANCE = ("created", "measurements", "sha256", "report", "loss")
 _ROUNDING = 1e-9
 
 
 def read_uncertainty(part: TomlTable, actuators: int) -> Uncertainty:
-    """Raises the error of the file's family."""
+    """The uncertainty that the table states. Raises the error class of the file."""
     for key in _PROVENANCE:
         part.sentence(key)
     fitted = tuple(_read_fitted(value, actuators) for value in part.tables("fitted"))

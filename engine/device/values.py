@@ -1,4 +1,4 @@
-"""A device to its values by name, such as actuator[1].stiffness_n_per_m: what two devices or many differ in."""
+"""Flattens a device into values by name, such as actuator[1].stiffness_n_per_m, and compares two sets of values."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -18,7 +18,7 @@ _DIGITS = 12  # as Device.fingerprint: "27.94 cm" and "279.4 mm" are the same
 
 @dataclass(frozen=True)
 class Change:
-    """A value that is not what it was; None stands for one that is not there."""
+    """A value that changed; None stands for an absent one."""
 
     key: str
     before: Value
@@ -26,13 +26,13 @@ class Change:
 
     @property
     def percent(self) -> float | None:
-        """By how much it grew; None where that means nothing."""
+        """Relative change in per cent; None where there is none."""
         before, after = number_of(self.before), number_of(self.after)
         return None if before is None or after is None or before == 0 else 100 * (after / before - 1)
 
 
 def number_of(value: Value) -> float | None:
-    """The value, if it is one that can be subtracted from another."""
+    """The value as a number; None where it is not one."""
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
@@ -44,7 +44,7 @@ def device_values(device: Device) -> dict[str, Value]:
 
 
 def _uncertainty_values(uncertainty: Uncertainty) -> dict[str, Value]:
-    """What a calibration left unknown: the standard deviation of every fitted coordinate, and the correlations."""
+    """Standard deviation of every fitted coordinate, and the correlations between them."""
     names, covariance = [value.name for value in uncertainty.fitted], uncertainty.covariance
     deviation = [math.sqrt(row[i]) for i, row in enumerate(covariance)]
     correlation = (
@@ -67,7 +67,7 @@ def _flat(path: str, value: Any) -> Iterator[tuple[str, Value]]:
 
 
 def compare_values(before: Mapping[str, Value], after: Mapping[str, Value]) -> tuple[Change, ...]:
-    """What differs, in the order of `before`, then what came."""
+    """The values that differ: in the order of `before`, then those that are new."""
     keys = dict.fromkeys(chain(before, after))
     changes = (Change(key, before.get(key), after.get(key)) for key in keys)
     return tuple(change for change in changes if _rounded(change.before) != _rounded(change.after))

@@ -1,4 +1,18 @@
-"""Touches and time to what is to be felt now: the state of all zones, and the level."""
+"""Plays effects: from touches and time to the state of all zones and the level that is wanted now.
+
+Each finger has at most one effect under way, a walk through the segments of its envelope, and at most one hold that it
+waits for. A new effect of a finger replaces the one before. Precedence between fingers:
+
+- A finger without an effect, or in a quiet segment, is quiet; a zone is felt if one of its fingers feels.
+- Of several levels the greatest is wanted: an entry of the table has one level for all felt zones, and no finger may
+  feel less than its rule says.
+- A click takes precedence over everything steady while it lasts; of two clicks the one that began last. Fingers whose
+  click is not played are quiet meanwhile.
+- A finger that lifts with a rule on LIFT goes on as a lifted finger until its effect ends; its zone stays touched.
+
+The state changes only in `take` and `advance`, and `next_change_ns` is the earliest time at which `advance` changes it,
+so the loop can wait for a report or that time, whichever comes first. Time is an argument; nothing here reads a clock.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -7,31 +21,28 @@ from engine.effects.rules import Effects, Rule, Trigger
 from engine.touch import Touch
 
 STILL_M = 2e-3
-"""A finger that stays within this of where it came to rest is still: a fingertip rolls by a millimetre."""
+"""A finger that stays within this distance of its resting place is still: a fingertip rolls by a millimetre."""
 DEFAULT_CLICK_NS = 30_000_000
-"""Length of a click where no table says."""
+"""Length of a click for which the table states none."""
 DRAG_REST_NS = 100_000_000
-"""A drag has ended when the finger has gone no further such distance for this long."""
+"""A drag ends when the finger has not travelled the next distance within this time."""
 
 
 class EffectPlayer:
-    """Follows the fingers of one bar and the effects that they have; time is the caller's.
+    """Follows the fingers of one bar and their effects.
 
-    Call `take` with the fingers of each frame, and `advance` when `next_change_ns` has come, in the order of their
-    times. A finger without an effect is quiet. Of two fingers in one zone one that feels is enough for the zone to be
-    felt; of several levels the greatest is wanted: an entry has one for all felt zones, and nobody is to feel less.
-    While a click lasts, `click_length_ns`, it is all that is felt: by the fingers whose click began last.
+    Call `take` with the fingers of each frame, and `advance` when `next_change_ns` has come, in the order of times.
     """
 
     def __init__(self, effects: Effects, number_of_zones: int, click_length_ns: int = DEFAULT_CLICK_NS) -> None:
         self.state = 0
-        """What the zones are to do, as `engine.touch.finger_tracker.state_index` numbers it."""
+        """State of all zones, as `engine.touch.finger_tracker.state_index` numbers it."""
         self.level_db: float | None = None
-        """Wanted in every felt zone; None: no zone is felt."""
+        """The level that is wanted in every felt zone; None: no zone is felt."""
         self.click_ns: int | None = None
-        """When the click began that is to be felt now; None: what is felt is steady."""
+        """When the click that is felt now began; None: the drive is steady."""
         self.next_change_ns: int | None = None
-        """When `advance` has something to do; None: time alone changes nothing."""
+        """When `advance` is due; None: time alone changes nothing."""
         self._touch_rules, self._hold_rules = effects.of(Trigger.TOUCH), effects.of(Trigger.HOLD)
         self._lift_rules, self._drag_rules = effects.of(Trigger.LIFT), effects.of(Trigger.DRAG)
         self._follows_moves = bool(self._hold_rules or self._drag_rules)
@@ -39,10 +50,10 @@ class EffectPlayer:
         self._lifted: list[_Finger] = []  # gone, their last effect still under way
         self._powers = _sums_of_powers(number_of_zones)
         self.click_length_ns = click_length_ns
-        """Of the clicks that begin from now on."""
+        """Length of the clicks that begin from now on."""
 
     def take(self, touches: Sequence[Touch], time_ns: int) -> bool:
-        """The fingers that touch from now on; False where that changes nothing for sure."""
+        """Set the fingers that touch from now on; False where the state certainly did not change."""
         fingers, has_changed = self._fingers, self._follows_moves
         for touch in touches:
             finger = fingers.get(touch[0])
@@ -50,7 +61,7 @@ class EffectPlayer:
                 self._put_down(touch, time_ns)
                 has_changed = True
             else:
-                # Where nothing follows moves, only another zone is news.
+                # Without rules on moves, only another zone changes the state.
                 has_changed = has_changed or finger.touch[2] != touch[2]
                 finger.touch = touch
                 if self._follows_moves:
@@ -63,7 +74,7 @@ class EffectPlayer:
         return has_changed
 
     def advance(self, time_ns: int) -> None:
-        """What is due by now."""
+        """Begin and end what is due by `time_ns`."""
         for finger in (*self._fingers.values(), *self._lifted):
             if finger.hold_rule is not None and finger.hold_ns <= time_ns:
                 finger.play = self._begin(finger.hold_rule, finger.hold_ns, None)
@@ -109,12 +120,12 @@ class EffectPlayer:
             return
         steps = int((position_m - finger.mark_m) / rule.every_m)
         if steps:
-            # The marks stay where they are on the bar: a finger that goes back meets them again.
+            # Marks stay in place on the bar: a finger that moves back meets the same marks again.
             finger.mark_m += steps * rule.every_m
             finger.play = self._begin(rule, time_ns, time_ns + DRAG_REST_NS)
 
     def _rest(self, finger: "_Finger", time_ns: int) -> None:
-        """The finger may be coming to rest here: a hold begins unless it moves on."""
+        """Start the time of a hold here; it runs until the finger moves on."""
         finger.rest_m = finger.touch.position_m
         finger.hold_rule = _first(self._hold_rules, finger.touch)
         if finger.hold_rule is not None:
@@ -129,7 +140,7 @@ class EffectPlayer:
                 self._lifted.append(finger)
 
     def _settle(self) -> None:
-        """Sum up over the fingers; zones as bits."""
+        """Combine the effects of all fingers by the precedence above; sets of zones are bits."""
         touched = felt = 0
         level_db = next_ns = click_ns = None
         for fingers in (self._fingers.values(), self._lifted):
@@ -149,7 +160,7 @@ class EffectPlayer:
                         next_ns = play.change_ns
                 if finger.hold_rule is not None and (next_ns is None or finger.hold_ns < next_ns):
                     next_ns = finger.hold_ns
-        # Quiet is 1 and felt 2: a felt zone counts as touched and once more.
+        # ZoneState: quiet is 1 and felt 2, so a felt zone counts once as touched and once as felt.
         self.state = self._powers[touched] + self._powers[felt]
         self.level_db, self.click_ns, self.next_change_ns = level_db, click_ns, next_ns
 
@@ -168,7 +179,7 @@ def _feeling(finger: "_Finger") -> Feeling:
 
 
 class _Play:
-    """An effect under way: its level now, whether that is a click's, and when that changes."""
+    """An effect under way: its present level, whether that is a click, and when it changes."""
 
     __slots__ = (
         "_click_length_ns",
@@ -197,7 +208,7 @@ class _Play:
             self._begin_next(self.change_ns)
 
     def end_condition(self, time_ns: int) -> None:
-        """What is held ends now; segments of a stated duration play to their end."""
+        """The event has ended: a held segment ends now, segments of a stated duration play to their end."""
         self._condition_end_ns = time_ns
         if self._is_held:
             self._begin_next(time_ns)
@@ -218,7 +229,7 @@ class _Play:
 
 
 class _Finger:
-    """One finger and the effect it has."""
+    """One finger, its effect under way, and the hold that it waits for."""
 
     __slots__ = ("hold_ns", "hold_rule", "mark_m", "play", "rest_m", "touch")
 
@@ -226,12 +237,12 @@ class _Finger:
         self.touch = touch
         self.play: _Play | None = None
         self.mark_m = touch.position_m
-        """Where the last distance of a drag ended."""
+        """The position at which the last distance of a drag was complete."""
         self.rest_m = touch.position_m
         self.hold_rule: Rule | None = None
-        """The hold to come if it stays at `rest_m`."""
+        """The hold that begins if the finger stays at `rest_m`."""
         self.hold_ns = 0
-        """When; no meaning without `hold_rule`."""
+        """When that hold begins; undefined without `hold_rule`."""
 
 
 def _first(rules: tuple[Rule, ...], touch: Touch) -> Rule | None:
@@ -242,7 +253,7 @@ def _first(rules: tuple[Rule, ...], touch: Touch) -> Rule | None:
 
 
 def _sums_of_powers(number_of_zones: int) -> list[int]:
-    """For each set of zones, as bits, the sum of 3**zone."""
+    """Sum of 3**zone for every set of zones; the index is the set as bits."""
     sums = [0]
     for zone in range(number_of_zones):
         sums += [total + 3**zone for total in sums]

@@ -1,4 +1,4 @@
-"""A rule file in TOML (tables/EFFECTS.md) to `Effects`; every error names key, value and what was expected."""
+"""Reads a rule file in TOML (tables/EFFECTS.md); every error names key, value and what was expected."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What fingers feel, as values: effects, and the rules that say which finger gets which, when (tables/EFFECTS.md)."""
+"""Effects, and the rules that say which finger gets which effect at which event (tables/EFFECTS.md). Values only."""
 
 import math
 from collections.abc import Iterator
@@ -19,16 +19,16 @@ class EffectError(TactableError, ValueError):
 
 
 class Trigger(StrEnum):
-    """What a finger does to get an effect."""
+    """The event that gives a finger its effect."""
 
     TOUCH = "touch"
     """It comes down."""
     HOLD = "hold"
-    """It has rested for a time."""
+    """It has rested for the time of the rule."""
     LIFT = "lift"
-    """It leaves, or the digitizer has lost it."""
+    """It lifts, or the digitizer has lost it."""
     DRAG = "drag"
-    """It has travelled a distance."""
+    """It has travelled the distance of the rule."""
 
 
 @dataclass(frozen=True)
@@ -36,16 +36,16 @@ class Segment:
     """A stretch of an envelope."""
 
     duration_ns: int | None
-    """None: while the condition lasts that the effect began with; only the last segment. A click has its own length."""
+    """None: as long as the event lasts (only in the last segment), or the length of the click."""
     level_db: float | None
-    """Wanted sensation level, dB above threshold; infinite: full scale; None: not felt."""
+    """Wanted sensation level, dB above threshold; infinite: full scale; None: the finger is quiet."""
     is_click: bool = False
-    """The table's click of the moment's state, instead of its steady drive."""
+    """Play the table's click for the state of the zones, instead of its steady drive."""
 
 
 @dataclass(frozen=True)
 class Effect:
-    """What a finger feels from the moment that a rule gives it the effect."""
+    """An envelope of levels over time, from the event on."""
 
     name: str
     envelope: tuple[Segment, ...]
@@ -53,21 +53,21 @@ class Effect:
 
 @dataclass(frozen=True)
 class Rule:
-    """Which fingers get an effect, and when."""
+    """Gives an effect to the fingers that cause an event in some zones or in a region."""
 
     on: Trigger
     effect: Effect
     zones: frozenset[int] | None = None
-    """Zones by their index; None: not asked for."""
+    """Indices of the zones; None: any."""
     region_m: tuple[float, float] | None = None
-    """From where to where along the bar, ends included; None: not asked for."""
+    """Start and stop along the bar, both included; None: anywhere."""
     after_ns: int = 0
     """How long a finger rests before a HOLD."""
     every_m: float = 0.0
     """How far a finger travels along the bar for each DRAG."""
 
     def covers(self, touch: Touch) -> bool:
-        """Whether the rule is for a finger there."""
+        """Whether the rule applies to a finger at this place."""
         if self.zones is not None:
             return touch.zone in self.zones
         if self.region_m is not None:
@@ -78,13 +78,13 @@ class Rule:
 
 @dataclass(frozen=True)
 class Effects:
-    """The rules of a run, in order: for each trigger the first that covers the finger wins."""
+    """The rules of a run, in order: for each trigger the first rule that covers the finger wins."""
 
     rules: tuple[Rule, ...]
 
     @property
     def levels_db(self) -> tuple[float, ...]:
-        """Every level that a finger may be wanted to feel, rising."""
+        """All levels of all effects, rising."""
         segments = self._segments()
         return tuple(sorted({segment.level_db for segment in segments if segment.level_db is not None}))
 
@@ -102,12 +102,12 @@ class Effects:
 
 
 def burst(level_db: float, duration_ms: int) -> Effect:
-    """One level for a while."""
+    """An effect of one level for a stated time."""
     return Effect("burst", (Segment(duration_ms * NS_PER_MS, level_db),))
 
 
 def click(level_db: float) -> Effect:
-    """One click."""
+    """An effect of one click."""
     return Effect("click", (Segment(None, level_db, is_click=True),))
 
 

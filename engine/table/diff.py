@@ -1,4 +1,4 @@
-"""Two tables to what changed between them: device, options, responses, and every entry and click."""
+"""Compares two tables: device, build options, responses, and the figures of every entry and click."""
 
 import json
 import math
@@ -24,7 +24,7 @@ _Part = TypeVar("_Part", Entry, ClickEntry)
 
 
 DEFAULT_LIMIT_DB = 0.1
-"""Changes of a level up to this count as none: a tenth of what a finger can tell apart."""
+"""Changes of a level up to this are ignored: a tenth of what a finger can tell apart."""
 _FREQUENCY_LIMIT_HZ = 0.015  # a step on the wire is 0.01 Hz
 _UNITS = {
     "achieved": "",
@@ -43,12 +43,12 @@ _UNITS = {
     "waveform": "%",
 }
 FIGURES = tuple(_UNITS)
-"""What is compared: of an entry up to phase_rad, of a click achieved and the rest."""
+"""The compared figures: those of an entry up to phase_rad; `achieved` and the rest are those of a click."""
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Changes up to this count as none: of levels in dB, of everything else the same in its own unit."""
+    """Changes up to this are ignored: of levels in dB, of other figures the equivalent in their unit."""
 
     level_db: float = DEFAULT_LIMIT_DB
 
@@ -58,7 +58,7 @@ class Tolerance:
         return float(10 ** (self.level_db / 20) - 1)
 
     def limit(self, figure: str) -> float:
-        """In the unit of the figure's sizes."""
+        """The limit for a figure, in the unit of its size."""
         limits = {"": 0.0, "dB": self.level_db, "%": 100 * self.ratio, "Hz": _FREQUENCY_LIMIT_HZ, "rad": self.ratio}
         return limits[_UNITS[figure]]
 
@@ -78,7 +78,7 @@ class FigureChange:
 
     @property
     def unit(self) -> str:
-        """Of the size."""
+        """Unit of the size."""
         return _UNITS[self.figure]
 
 
@@ -93,7 +93,7 @@ class StateChange:
 
     @property
     def severity(self) -> tuple[bool, float, float]:
-        """What the worst come first by: reached or not, then the greatest change in dB, then in per cent."""
+        """Sort key, the worst is greatest: whether `achieved` changed, greatest change in dB, then in per cent."""
         largest = {unit: max((f.size for f in self.figures if f.unit == unit), default=0.0) for unit in ("dB", "%")}
         return any(f.figure == "achieved" for f in self.figures), largest["dB"], largest["%"]
 
@@ -124,11 +124,11 @@ class PartDiff:
 
     @property
     def differs(self) -> bool:
-        """Whether anything did."""
+        """Whether anything changed."""
         return bool(self.changed or self.vanished or self.appeared)
 
     def largest(self) -> list[tuple[int, StateChange, FigureChange]]:
-        """For every figure that changed: how often, and where it did most."""
+        """For every changed figure: how often it changed, and the state and size of its greatest change."""
         found = []
         for figure in FIGURES:
             of_figure = [(state, f) for state in self.changed for f in state.figures if f.figure == figure]
@@ -158,7 +158,7 @@ class TableDiff:
 
     @property
     def differs(self) -> bool:
-        """Whether they are made for different things or promise different ones; who made them when does not count."""
+        """Whether device, options or figures differ; author and date of the tables do not count."""
         parts = (self.notes, self.device, self.options, self.response_percent, self.arrays)
         return any(parts) or self.entries.differs or self.clicks.differs
 
@@ -319,7 +319,7 @@ def _wrapped(phase_rad: Any) -> Any:
 
 
 def click_figures(before: ClickEntry, after: ClickEntry, same_actuators: bool) -> Sizes:
-    """The same of a click; waveforms only of the same actuators at the same rate."""
+    """As `entry_figures`, of a click; waveforms are compared only for the same actuators and rate."""
     yield "achieved", before.achieved, after.achieved, float(before.achieved != after.achieved)
     yield _decibels("felt_level_db", before.felt.low_db, after.felt.low_db)
     quiet_db = [None if click.quiet is None else click.quiet.high_db for click in (before, after)]

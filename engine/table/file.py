@@ -1,4 +1,9 @@
-"""The table file: written beside its target and renamed, sealed, and its bytes checked before they are parsed."""
+"""Writes and checks table files: written beside the target, verified, sealed by a checksum, then renamed into place.
+
+A NetCDF-4 file is HDF5, and HDF5 libraries crash or loop on some damaged files. So the bytes are checked before they
+are parsed: the signature, the length, and a seal (CRC-32 of everything before it) that is appended after the HDF5 data,
+where its readers ignore it.
+"""
 
 import math
 import struct
@@ -158,7 +163,7 @@ class VariableStream:
 
 
 def check_bytes(path: Path, verify: bool) -> bool:
-    """Whether the file is sealed; refuses broken ones before HDF5 parses them, which some crash or send in circles."""
+    """Whether the file is sealed. Raises TableError for damaged files, before HDF5 parses them."""
     if not path.is_file():
         raise TableError(f"{path}: there is no such table; `tactable build DEVICE -o {path.name}` makes one")
     with path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""The table before this one: kept when a new one takes its place, and put back."""
+"""Keeps the previous table when a new one takes its place, and puts it back on request."""
 
 import os
 import shutil
@@ -9,7 +9,7 @@ from engine.table.error import TableError
 
 
 def previous_of(path: Path) -> Path:
-    """Where the table is kept that was at `path` before the one that is there now."""
+    """Path of the table that was replaced by the one at `path`."""
     return path.with_name(f"{path.name}.previous")
 
 

@@ -1,4 +1,4 @@
-"""A built table, open: its device, its entries and clicks, its sweep (tables/FORMAT.md)."""
+"""An open table: its device, its entries and clicks by state and level, and its sweep (tables/FORMAT.md)."""
 
 import math
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ __all__ = ["Table", "TableError", "states_of"]
 
 
 class Table:
-    """An open table: its device, its entries, and views of the sweep for any zone combination.
+    """An open table: its device, its entries and clicks, and views of the sweep for any zone combination.
 
     `Table.open` makes one. It is a context manager: the file is closed at its end, entries and device stay usable.
     """
@@ -34,13 +34,13 @@ class Table:
         self.fingerprint = str(self.attributes["device_fingerprint"])
         self.entries: tuple[Entry, ...] = tuple(read_entries(file.groups["entries"], self.device))
         self.levels_db = tuple(dict.fromkeys(entry.wanted_level_db for entry in self.entries))
-        """Levels that have entries, rising; the last is infinite: full scale."""
+        """The tabulated levels, rising; the last is infinite: full scale."""
         self._by_state: dict[int, list[Entry]] = {}  # by rising level
         for entry in self.entries:
             self._by_state.setdefault(entry.index, []).append(entry)
         clicks = file.groups.get("clicks")
         self.clicks: tuple[ClickEntry, ...] = () if clicks is None else tuple(read_clicks(clicks, self.device))
-        """One a state, as tabulated; a table may have none."""
+        """The tabulated clicks, one for each state; a table may have none."""
         self._click_of = {click.index: click for click in self.clicks}
 
     @classmethod
@@ -87,14 +87,14 @@ class Table:
         self._file.close()
 
     def copy_groups(self, writer: TableWriter, groups: Sequence[str]) -> bool:
-        """Write those of these groups that the table has into another one; whether it has any."""
+        """Copy these groups into another table; groups that are absent are skipped. True if any was copied."""
         found = [group for group in groups if group in self._file.groups]
         for group in found:
             writer.copy(group, self._file.groups[group])
         return bool(found)
 
     def values(self, group: str, name: str) -> Values:
-        """One whole array by its group and name, such as "responses" and "frequency"."""
+        """A whole array by its group and name, such as "responses" and "frequency"."""
         return np.asarray(self._file.groups[group].variables[name][...])
 
     def checksums(self) -> dict[str, int]:
@@ -131,9 +131,7 @@ class Table:
     def entry_at(self, state: int, level_db: float) -> Entry | None:
         """Entry of a state (engine.touch.finger_tracker.state_index) at a level, None where there is none."""
         if math.isnan(level_db):
-            raise TableError(
-                "a level that is no number; give dB above the detection threshold, infinite for full scale"
-            )
+            raise TableError("a level is not a number; give dB above the detection threshold, infinite for full scale")
         entries = self._by_state.get(state)
         return None if entries is None else played_at(entries, level_db, self.device.limits.amplitude)
 
@@ -166,7 +164,7 @@ class Table:
         return tuple(entry for entry in self.entries if entry.wanted_level_db == tabulated_db)
 
     def localized_factor(self, zones: Sequence[str], pair: int = 0) -> Values:
-        """Share of kinetic energy of `zones` together: (frequency_1, frequency_2, amplitude_1, amplitude_2)."""
+        """Kinetic-energy share of `zones` together: (frequency_1, frequency_2, amplitude_1, amplitude_2)."""
         return self._combine("localized_factor", zones, pair, np.sum)
 
     def peak_acceleration(self, zones: Sequence[str], pair: int = 0) -> Values:
@@ -191,7 +189,7 @@ class Table:
 
 
 def states_of(device: Device, felt: Sequence[str], quiet: Sequence[str]) -> tuple[ZoneState, ...]:
-    """State of every zone; raises DeviceError for an unknown zone, TableError for one that is both."""
+    """State of every zone. Raises DeviceError for an unknown zone, TableError for one that is felt and quiet."""
     states = [ZoneState.FREE] * len(device.zones)
     for name in _listed(quiet):
         states[device.zone_index(name)] = ZoneState.QUIET
@@ -204,7 +202,7 @@ def states_of(device: Device, felt: Sequence[str], quiet: Sequence[str]) -> tupl
 
 
 def _listed(zones: Sequence[str]) -> Sequence[str]:
-    """The names; "III" would be three times "I"."""
+    """Refuse a text in place of a list of names: "III" would be taken for three times "I"."""
     if isinstance(zones, str):
         raise TableError(f"zones {zones!r}: is one text; give a list of names, such as [{zones!r}]")
     return zones

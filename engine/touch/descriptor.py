@@ -1,4 +1,4 @@
-"""HID report descriptor bytes to the layout of each touch surface."""
+"""Parses a HID report descriptor into the layout of each touch surface: where each contact is in which report."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class ContactLayout:
 
 @dataclass(frozen=True, slots=True)
 class ReportLayout:
-    """One input report of a surface: its contacts in order, and what it says of the whole frame."""
+    """One input report of a surface: its contacts in order, and its fields about the whole frame."""
 
     report_id: int
     size_bytes: int
@@ -179,7 +179,7 @@ def _build_report(report_id: int, uses: list[FieldUse], has_contact_ids: bool, d
 
 
 def _contact_groups(uses: list[FieldUse], has_contact_ids: bool) -> Iterator[dict[int, FieldUse]]:
-    """A contact ends where one of its usages comes again: collections are called Finger, Stylus or nothing at all."""
+    """Split fields into contacts: a repeated usage starts the next one, because not every device names collections."""
     required = {_X, _Y, _TIP, _CONTACT_ID} if has_contact_ids else {_X, _Y, _TIP}
     group: dict[int, FieldUse] = {}
     for use in uses:
@@ -203,7 +203,7 @@ def _build_contact(group: dict[int, FieldUse], declared: Declarations) -> Contac
 
 
 def _is_readable(use: FieldUse, declared: Declarations) -> bool:
-    """Whether a field can be read; an optional one that cannot is left out, the others refuse the device."""
+    """Whether a field can be read; an unreadable optional field is left out, a required one refuses the device."""
     if not 1 <= use.field.size_bits <= _MAXIMUM_FIELD_BITS:
         problem = f"touch field outside 1..{_MAXIMUM_FIELD_BITS} bits"
     elif declared.uses_report_ids and use.field.report_id == 0:

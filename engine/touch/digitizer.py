@@ -1,4 +1,19 @@
-"""Reports of a digitizer to touch frames."""
+"""Assembles the reports of a digitizer into touch frames, as the Linux kernel's hid-multitouch driver does.
+
+A report holds a few contact slots; a frame is every contact at one moment and may need several reports. The digitizer
+says how many contacts a frame has (Contact Count) in the first report of the frame, and 0 in the others ("hybrid"
+mode). Devices depart from this in known ways, which `quirks` lists by vendor and product, from the kernel's own table.
+
+State: `_active`, the contacts in range, by their key; `_received` of `_expected` slots of the frame under way; and the
+keys that the frame has mentioned. Invariants: a contact stays active until a report says that it lifted, until a frame
+leaves it out (where the quirk says that this means "up"), or until the watchdog `expire` releases it. A frame is given
+out only when it is complete, so a finger never flickers between the reports of one frame. Where the count is accurate,
+a gap of 30 ms or another scan time inside a frame means a lost report: the rest of that frame is dropped, because the
+slots after it could not be told apart.
+
+Nothing here raises or waits: broken reports are counted (`DigitizerCounters`), and time is an argument. The reports are
+decoded by shifts and masks that are prepared once for each report (`ReportPlan`).
+"""
 
 from __future__ import annotations
 
@@ -10,9 +25,9 @@ from engine.touch.descriptor import ContactLayout, Field, ReportLayout, Surface,
 from engine.touch.quirks import Key, QuirkClass, Validity, quirks_for, vendor_with_own_driver
 from firmware_link.protocol.errors import TactableError
 
-# Frames of live digitizers come every 2..26 ms: later than this inside a frame, its rest is lost.
+# Frames of live digitizers come every 2..26 ms. A report of a frame that comes later than this belongs to another one.
 FRAME_SILENCE_NS = 30_000_000
-# Four times the slowest frame period; 10 of 89 recorded devices lose a release and stay silent for up to 19 s.
+# Watchdog: four times the slowest frame period. 10 of 89 recorded devices lose a release and are silent for up to 19 s.
 RELEASE_AFTER_NS = 120_000_000
 # A scan time that is further than this from host time has been reset or wrapped.
 SCAN_TIME_TOLERANCE_NS = 25_000_000
@@ -24,20 +39,20 @@ _LARGEST_MAXIMUM_CONTACTS = 250
 # Reports that wait for a contact count in another report: more than any frame needs, few enough to bound memory.
 _HELD_REPORTS = 16
 
-# The hot path: without the search for a method, and half the time of calling a named tuple's class.
+# For the hot path: no method look-up, and half the time of calling a named tuple's class.
 _from_bytes, _new = int.from_bytes, tuple.__new__
 
 _KIND_PREFERENCE = (SurfaceKind.TOUCH_SCREEN, SurfaceKind.MULTI_POINT, SurfaceKind.TOUCH_PAD)
 
 
 class DigitizerError(TactableError):
-    """The device cannot be used as a touch surface: why."""
+    """The device cannot be used as a touch surface; the message says why."""
 
 
 class Contact(NamedTuple):
     """One finger: position in the logical units of the surface, always inside its logical range.
 
-    `tip` is False while it hovers; `confidence` is False where the device takes it for a palm.
+    `tip` is False while the finger hovers; `confidence` is False where the device takes the contact for a palm.
     """
 
     contact_id: int
@@ -48,10 +63,10 @@ class Contact(NamedTuple):
 
 
 class TouchFrame(NamedTuple):
-    """Every contact in range at one moment, touching or hovering; a contact that left is not listed.
+    """Every contact in range at one moment, touching or hovering; contacts that left are not listed.
 
-    `time_ns` is host time of the report that completed the frame. `scan_time_ns` is the device's own time of the
-    scan on the host's time axis, free of transport jitter; `None` where the device reports none.
+    `time_ns` is the host time of the report that completed the frame. `scan_time_ns` is the device's own time of the
+    scan, moved to the host's time axis and free of transport jitter; `None` where the device reports none.
     """
 
     time_ns: int
@@ -61,7 +76,7 @@ class TouchFrame(NamedTuple):
 
 @dataclass(slots=True)
 class DigitizerCounters:
-    """What became of the reports: the hot path counts where others would log."""
+    """Counts of frames and of reports that were not used; the hot path counts instead of logging."""
 
     frames: int = 0
     foreign_reports: int = 0
@@ -72,9 +87,9 @@ class DigitizerCounters:
 
 
 class Digitizer:
-    """Assembles the reports of one surface into touch frames as Linux's hid-multitouch does.
+    """The frame assembler of one surface.
 
-    One thread; `decode_report` and `expire` never raise. Times are nanoseconds of one monotonic clock.
+    Not thread-safe. `decode_report` and `expire` never raise. Times are nanoseconds of one monotonic clock.
     """
 
     def __init__(self, surface: Surface, vendor_id: int = 0, product_id: int = 0) -> None:
@@ -111,7 +126,7 @@ class Digitizer:
     def decode_report(self, report: bytes, now_ns: int) -> TouchFrame | None:
         """Take one report as the device sent it, report ID first where it has one.
 
-        The frame it completes; `None` when the frame goes on or the report is another collection's or too short.
+        Returns the frame that it completes; `None` where the frame goes on, or the report is foreign or too short.
         """
         report_id = report[0] if self.uses_report_ids and report else 0
         plan = self.plans.get(report_id)
@@ -143,7 +158,7 @@ class Digitizer:
         return None if self._received < self._expected else self._complete_frame(plan, ticks, now_ns)
 
     def expire(self, now_ns: int) -> TouchFrame | None:
-        """Watchdog: a frame without contacts when some were down and 120 ms brought no further frame, else `None`."""
+        """Watchdog: an empty frame where contacts were down and 120 ms brought no further frame, else `None`."""
         if not self._is_shown or now_ns - self._frame_ns < RELEASE_AFTER_NS:
             return None
         self.counters.expired_frames += 1
@@ -161,7 +176,7 @@ class Digitizer:
         return self._active.values(), self._seen
 
     def _decode_apart(self, plan: ReportPlan, report: bytes, now_ns: int, is_late: bool) -> TouchFrame | None:
-        """Contacts and their count in different reports, whichever comes first: each waits for the other."""
+        """Take a report of a device that sends contacts and their count in different reports, in either order."""
         if is_late:
             self._held.clear()
             self._announced = None
@@ -183,9 +198,9 @@ class Digitizer:
         return self._complete_frame(plan, _read(plan.scan_time, report) if plan.scan_time else 0, now_ns)
 
     def _take_contacts(self, plan: ReportPlan, report: bytes) -> None:
-        """Take the contacts of a report in order, until the frame has as many as it announced.
+        """Take the contacts of a report in order, until the frame has as many as were announced.
 
-        A position is clamped, not dropped: a finger on the rim reads a few units outside and must not be lost there.
+        Positions outside the logical range are clamped: a finger on the rim reads a few units outside.
         """
         active, seen, received = self._active, self._seen, self._received
         wanted = self._expected if self.count_is_accurate else received + len(plan.slots)
@@ -195,7 +210,8 @@ class Digitizer:
                 break
             bits = _from_bytes(report[place], "little")
             if bits == memory[0]:
-                # Of all recorded contacts 40 % are as they were: a fifth of the time, and others see that too.
+                # 40 % of recorded contacts are unchanged. Reusing the object takes a fifth of the time here, and lets
+                # the finger tracker see by identity that the contact has not moved.
                 contact_id = memory[1][0]
                 if active.get(contact_id) is memory[1] and contact_id not in seen and not is_numbered:
                     received += 1
@@ -236,7 +252,7 @@ class Digitizer:
         self._received = received
 
     def _admit(self, contact_id: int) -> bool:
-        """Whether there is room for a new contact; one that leaves keeps its place until the frame is complete."""
+        """Whether there is room for a new contact; a contact that lifts keeps its room until the frame is complete."""
         if self._key is Key.CONTACT_ID:
             self._taken += 1
             return self._taken <= self.maximum_contacts
@@ -274,7 +290,7 @@ class Digitizer:
 
 
 def open_digitizer(descriptor: bytes, vendor_id: int = 0, product_id: int = 0) -> Digitizer:
-    """Digitizer of the interface's best surface: a touch screen before a touch pad, fingers before a stylus.
+    """The digitizer of the best surface of an interface: fingers before a stylus, a touch screen before a touch pad.
 
     Raises `DescriptorError` when the descriptor is broken, `DigitizerError` when it holds no touch surface.
     """
@@ -288,7 +304,7 @@ def open_digitizer(descriptor: bytes, vendor_id: int = 0, product_id: int = 0) -
 
 
 def _rank(surface: Surface) -> tuple[bool, int, bool, int]:
-    """Smaller is better; the first of equals wins."""
+    """Sort key of a surface; the smallest is the best."""
     preference = _KIND_PREFERENCE.index(surface.kind)
     return surface.is_stylus, preference, not surface.has_contact_ids, -surface.contacts_per_report
 
@@ -313,10 +329,10 @@ PositionBits = tuple[int, int, int, int, int]
 
 
 class SlotPlan(NamedTuple):
-    """A contact in some bytes of a report; a mask of 0 stands for a field the device does not have."""
+    """Where the fields of one contact slot are in a report; a mask of 0 stands for a field that the device lacks."""
 
     memory: list[Any]
-    """The bits of the contact that it held last, and that contact."""
+    """The bits that the slot held last, and the contact that they were decoded to."""
     place: slice
     tip: NumberBits
     contact_id: NumberBits
@@ -329,7 +345,7 @@ class SlotPlan(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ReportPlan:
-    """A report layout compiled for decoding."""
+    """Where everything is in one report, prepared for decoding."""
 
     needed_bytes: int
     slots: tuple[SlotPlan, ...]

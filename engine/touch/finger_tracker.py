@@ -1,4 +1,10 @@
-"""Contacts to touches: the place of each finger on the bar and the zone it is in, with hysteresis at the edges."""
+"""Tracks fingers on the bar: the position of each contact in metres, and the zone that it touches.
+
+A finger that rests on an edge between two zones jitters by a digitizer unit and would change zones at every frame. So
+zones have hysteresis: a contact stays in its zone until it is `zone_hysteresis` past the edge, and only then the zone
+under it counts. The state is the last touch of each contact that is down; a contact that lifts is forgotten, so a
+finger that comes down again starts without hysteresis. Hovering contacts are no touches.
+"""
 
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -9,23 +15,23 @@ from engine.device import Device
 from engine.touch.descriptor import Surface
 from engine.touch.digitizer import Contact, TouchFrame
 
-# The hot path: half the time of calling a named tuple's class.
+# For the hot path: half the time of calling a named tuple's class.
 _new = tuple.__new__
 
 
 class ZoneState(IntEnum):
-    """What a zone is to do."""
+    """The role of a zone."""
 
     FREE = 0
-    """No finger: costs nothing."""
+    """No finger: its motion does not matter."""
     QUIET = 1
-    """A finger that must not feel."""
+    """A finger that must not feel anything."""
     FELT = 2
     """A finger that feels."""
 
 
 def state_index(states: Sequence[ZoneState]) -> int:
-    """One number for the states of all zones: the sum of state times 3**zone; 0 when all are free."""
+    """The states of all zones as one number: the sum of state times 3**zone, 0 when all are free."""
     return sum(int(state) * 3**zone for zone, state in enumerate(states))
 
 
@@ -38,9 +44,9 @@ class Touch(NamedTuple):
 
 
 class TouchPosition:
-    """Logical units of a surface to metres from the bar's start, along the axis that lies on the bar.
+    """Converts logical units of a surface to metres from the start of the bar, along the axis that lies on the bar.
 
-    The touch area may reach beyond the bar: a touch out there counts as one at the bar's end.
+    The touch area may reach beyond the bar: a touch there counts as one at the end of the bar.
     """
 
     def __init__(self, device: Device, surface: Surface) -> None:
@@ -56,7 +62,7 @@ class TouchPosition:
         self.m_per_unit = (-active_m if axis.flip else active_m) / span
 
     def position_m(self, contact: Contact) -> float:
-        """Where the contact is: from 0 to the length of the bar."""
+        """Position of the contact, from 0 to the length of the bar."""
         position_m = self.start_m + (contact[self.column] - self.zero) * self.m_per_unit
         if 0.0 <= position_m <= self.length_m:
             return position_m
@@ -72,9 +78,9 @@ class ZoneEdges:
         self.hysteresis_m = device.zone_hysteresis_m
 
     def zone_at(self, position_m: float, previous: int | None = None) -> int | None:
-        """Index of the zone, None in a gap; a contact stays in `previous` until the hysteresis past its edge.
+        """Index of the zone, None in a gap. A contact stays in `previous` until it is past the edge by the hysteresis.
 
-        An edge that two zones share belongs to the second.
+        An edge that two zones share belongs to the zone that starts there.
         """
         if previous is not None:
             start_m = self.starts_m[previous] - self.hysteresis_m
@@ -85,15 +91,15 @@ class ZoneEdges:
 
 
 class FingerTracker:
-    """Follows every contact that touches over the zones of one bar."""
+    """Follows every touching contact over the zones of one bar."""
 
     def __init__(self, device: Device, surface: Surface) -> None:
         self.position = TouchPosition(device, surface)
         self.edges = ZoneEdges(device)
-        self._touches: dict[int, tuple[Contact, Touch]] = {}  # by contact id; one that has not moved is taken as it was
+        self._touches: dict[int, tuple[Contact, Touch]] = {}  # by contact id
 
     def track(self, frame: TouchFrame) -> list[Touch]:
-        """The fingers of a frame in its order, those in gaps between zones included; hovering contacts are none."""
+        """The touching fingers of a frame, in its order; fingers in gaps between zones are included."""
         previous, zones = self._touches, {}
         position_of, zone_at = self.position.position_m, self.edges.zone_at
         touches = []
@@ -101,7 +107,7 @@ class FingerTracker:
             contact_id, _, _, tip, _ = contact
             if tip:
                 last = previous.get(contact_id)
-                if last is not None and last[0] is contact:
+                if last is not None and last[0] is contact:  # the digitizer reuses contacts that have not moved
                     touch = last[1]
                 else:
                     position_m = position_of(contact)

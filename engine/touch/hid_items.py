@@ -1,4 +1,4 @@
-"""HID report descriptor bytes to the fields its items declare (HID 1.11 section 6.2.2)."""
+"""Parses the items of a HID report descriptor into the fields that they declare (HID 1.11 section 6.2.2)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _STYLUS = 0x000D_0020
 
 
 class DescriptorError(TactableError):
-    """The descriptor breaks the HID grammar or its touch fields cannot be used: what, at which byte, which value."""
+    """A descriptor breaks the HID grammar, or its touch fields cannot be used; the message gives byte and value."""
 
     def __init__(self, problem: str, offset: int, value: int | None = None) -> None:
         self.problem = problem
@@ -38,7 +38,7 @@ class DescriptorError(TactableError):
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """Place and meaning of one value in a report.
+    """Position and meaning of one value in a report.
 
     `bit` counts from the first bit of the report as the device sends it, report ID byte included.
     """
@@ -94,7 +94,7 @@ class Application:
 
 @dataclass(slots=True)
 class Declarations:
-    """What a descriptor declares of the usages asked for; `input_bits` is each report's size without its ID."""
+    """The declared fields of the wanted usages; `input_bits` is the size of each report without its ID."""
 
     applications: list[Application] = field(default_factory=list)
     features: list[FieldUse] = field(default_factory=list)
@@ -135,7 +135,7 @@ class _Item(NamedTuple):
 
 
 def _items(descriptor: bytes) -> Iterator[_Item]:
-    """Short items in order; long items are skipped, none is defined."""
+    """Short items in order; long items are skipped, because HID defines none."""
     offset = 0
     while offset < len(descriptor):
         prefix = descriptor[offset]
@@ -184,7 +184,7 @@ class _Collection(NamedTuple):
 
 
 class _Parser:
-    """The item state table: globals last, locals end with each main item."""
+    """The item state table of HID: globals persist, locals end with each main item."""
 
     def __init__(self, input_usages: list[int], feature_usages: list[int], constant_usage: int) -> None:
         self.declarations = Declarations()
@@ -279,7 +279,7 @@ class _Parser:
         self._locals.usages.append(_UsageRange(page, first.unsigned & 0xFFFF, last.unsigned & 0xFFFF))
 
     def _read_delimiter(self, item: _Item) -> None:
-        """Of the alternatives between two delimiters the first is the preferred one (HID 1.11 section 6.2.2.8)."""
+        """Keep the first of the alternatives between two delimiters, the preferred one (HID 1.11 section 6.2.2.8)."""
         opens = item.unsigned == 1
         if opens == self._locals.is_in_delimiter:
             raise DescriptorError("delimiter without its partner", item.offset, item.unsigned)
@@ -387,5 +387,5 @@ def _maximum(data: bytes, minimum: int) -> int:
 
 
 def _unit_exponent(value: int) -> int:
-    """Signed nibble; the same numbers also occur written as a byte (0xFE for -2)."""
+    """The exponent as a signed nibble; some devices write the same number as a byte (0xFE for -2)."""
     return (value & 0x0F ^ 0x08) - 0x08

@@ -1,4 +1,4 @@
-"""Vendor and product to the way a digitizer departs from the specification."""
+"""How digitizers depart from the specification, by vendor and product: facts from the Linux hid-multitouch driver."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import Enum
 
 
 class Validity(Enum):
-    """Which flag says that a contact's slot in a report holds data; a slot that does not is passed over."""
+    """The flag that marks a contact slot of a report as used; other slots are skipped."""
 
     ALWAYS = "always"
     IN_RANGE = "in range"
@@ -16,7 +16,7 @@ class Validity(Enum):
 
 
 class Key(Enum):
-    """What names a contact from frame to frame."""
+    """What identifies a contact from frame to frame."""
 
     CONTACT_ID = "contact id, any number"
     SLOT_IS_CONTACT_ID = "contact id, below the contact maximum"
@@ -26,14 +26,14 @@ class Key(Enum):
 
 @dataclass(frozen=True, slots=True)
 class QuirkClass:
-    """How to read the reports of one family of devices.
+    """How to read the reports of one family of devices; the fields are switches of the kernel driver.
 
     `count_is_accurate`: slots beyond the contact count are stale.
-    `unseen_means_up`: a contact a frame does not mention has left.
-    `ignores_duplicates`: of two slots with one contact id in a frame the first is right.
-    `hovers`: In Range without Tip Switch is a hovering finger, otherwise it is nothing.
+    `unseen_means_up`: a contact that a frame does not mention has lifted.
+    `ignores_duplicates`: of two slots with the same contact id in a frame, the first is right.
+    `hovers`: In Range without Tip Switch is a hovering finger; without this switch it is ignored.
     `frame_may_be_empty`: a contact count of 0 with a new scan time is a frame of its own.
-    `maximum_contacts`: when the device's own Contact Count Maximum is wrong.
+    `maximum_contacts`: replaces a wrong Contact Count Maximum of the device.
     """
 
     validity: Validity = Validity.ALWAYS

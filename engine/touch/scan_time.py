@@ -1,31 +1,31 @@
-"""Scan Time to the digitizer's own period, and to what transport and host add to it."""
+"""Estimates a digitizer's scan period from its Scan Time, and the jitter that transport and host add."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 _LONGEST_PERIOD_NS = 30_000_000
-"""Frames of one touch come sooner one after the other: what is longer is a pause."""
+"""A longer interval between two frames is a pause between touches."""
 _FEWEST = 50
 
 
 @dataclass(frozen=True)
 class ScanPeriods:
-    """Of frames that followed one another: the digitizer's period by its own clock, and how host time departs from it.
+    """Statistics over consecutive frames: the digitizer's period by its own clock, and the jitter of host time.
 
-    The device's 100 us are 92-131 us: its period is scaled to host time over all frames. `jitter` is by how much the
-    host's interval between two frames differs from the device's, which has steps of 0.1 ms itself.
+    The device's tick of nominally 100 us is 92-131 us, so the period is scaled to host time over all frames. `jitter`
+    is the difference between host and device interval of two frames; the device's own steps are 0.1 ms.
     """
 
     frames: int
     period_ns: int
     """Median."""
     longest_period_ns: int
-    """The 99th percentile: a digitizer that leaves scans out."""
+    """99th percentile; a digitizer that skips scans shows here."""
     jitter_p50_ns: int
     jitter_p99_ns: int
     tick_ns: int
-    """What the device calls 100 us."""
+    """Length of the device's tick of nominally 100 us."""
 
 
 class ScanTimes:
@@ -38,7 +38,7 @@ class ScanTimes:
         self._times_ns = np.zeros((capacity, 2), np.int64)
 
     def record(self, time_ns: int, scan_time_ns: int) -> None:
-        """Keep one frame's times, in place of the oldest where all are taken."""
+        """Keep the times of one frame, in place of the oldest once `capacity` is reached."""
         self._times_ns[self._count % len(self._times_ns)] = time_ns, scan_time_ns
         self._count += 1
 

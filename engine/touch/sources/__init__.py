@@ -1,4 +1,4 @@
-"""Where touches come from: the only modules that read reports."""
+"""Sources of touch reports: live digitizers, recordings and pointers of a page. No other module reads reports."""
 
 from typing import Protocol
 
@@ -6,13 +6,13 @@ from typing import Protocol
 class Source(Protocol):
     """A touch device as the loop sees it: reports in order, each with an index and a time.
 
-    A source has a time axis of its own, which the digitizer lives on: the clock's for a live device, the recording's
-    for a playback, so that a recording played at any speed is assembled as it was recorded. All times are ns.
+    A source has its own time axis, on which the digitizer works: clock time for a live device, the recording's time for
+    a playback. So a recording that is played at any speed is assembled as it was recorded. All times are ns.
     """
 
     @property
     def name(self) -> str:
-        """What the device calls itself; "" where it does not say."""
+        """The device's name for itself, "" where it has none."""
 
     @property
     def descriptor(self) -> bytes:
@@ -28,27 +28,27 @@ class Source(Protocol):
 
     @property
     def ended(self) -> bool:
-        """No report will come any more: all are read, or the device is gone."""
+        """Whether no further report will come: all are read, or the device is gone."""
 
     @property
     def report_index(self) -> int:
-        """Index of the report read last, counted from 0; no meaning before the first."""
+        """Index of the last report that was read, counted from 0; undefined before the first."""
 
     @property
     def report_time_ns(self) -> int:
-        """Time of the report read last, on the source's axis; a live device gives the time of its read."""
+        """Time of the last report that was read, on the source's axis; for a live device the time of the read."""
 
     def fileno(self) -> int | None:
-        """The descriptor to wait on; None for a source that goes by `next_time_ns`."""
+        """The file descriptor to wait on; None for a source that is driven by `next_time_ns`."""
 
     def next_time_ns(self) -> int | None:
-        """Clock time at which the next report is due, perhaps past; None for one that cannot be foretold or none."""
+        """Clock time at which the next report is due, possibly in the past; None: unknown, or there is none."""
 
     def read(self, now_ns: int) -> bytes | None:
-        """The next report that is there at clock time `now_ns`, report ID first where it has one; never blocks."""
+        """The next available report at clock time `now_ns`, report ID first where it has one; never blocks."""
 
     def source_time_ns(self, now_ns: int) -> int:
-        """A clock time on the source's axis."""
+        """Convert clock time to the source's axis."""
 
     def clock_time_ns(self, source_time_ns: int) -> int:
-        """A time on the source's axis as clock time."""
+        """Convert a time on the source's axis to clock time."""

@@ -18,7 +18,7 @@ from typing import Any, Protocol, cast
 from engine.touch.digitizer import Contact, DigitizerError
 from engine.touch.sources.own_reports import MOST_CONTACTS, Axis, ContactReports
 
-# The input layer tells changes only: a resting finger is told again this often, half of the watchdog's patience.
+# The input layer reports changes only, so a resting finger is repeated this often: half the watchdog's time.
 _REPEAT_NS = 60_000_000
 
 # linux/input-event-codes.h
@@ -46,14 +46,14 @@ class InputEvent(Protocol):
 
 
 class InputNode(Protocol):
-    """`InputDevice` of the package, as far as it is used."""
+    """The part of `evdev.InputDevice` that is used."""
 
     path: str
     fd: int
     name: str
 
     def read(self) -> Iterable[InputEvent]:
-        """What is there, up to 64 events; BlockingIOError for nothing, OSError once the device is gone."""
+        """Up to 64 available events; raises BlockingIOError for none, OSError once the device is gone."""
 
     def absinfo(self, axis_num: int) -> Any:
         """Range (`min`, `max`), `resolution` per millimetre and `value` of an axis."""
@@ -62,14 +62,14 @@ class InputNode(Protocol):
         """Codes by event type; those of axes as pairs with their ranges."""
 
     def grab(self) -> None:
-        """Take the device for oneself: the desktop sees nothing of it."""
+        """Grab the device, so that the desktop gets no events of it."""
 
     def close(self) -> None:
         """Give the device back."""
 
 
 class EvdevModule(Protocol):
-    """The package `evdev`, as far as it is used."""
+    """The part of the package `evdev` that is used."""
 
     def list_devices(self) -> list[str]:
         """Paths of the nodes that may be opened."""
@@ -136,7 +136,7 @@ def _axis_codes(node: InputNode) -> set[int]:
 
 
 class SlotTracker:
-    """Events of protocol B to the contacts that each SYN_REPORT brings, the lifted ones once, without tip."""
+    """Turns events of protocol B into the contacts at each SYN_REPORT; a lifted contact comes once, without tip."""
 
     def __init__(self, slots: int) -> None:
         self._values = {code: [0] * slots for code in _SLOT_CODES}
@@ -146,7 +146,7 @@ class SlotTracker:
 
     @property
     def shown(self) -> tuple[Contact, ...]:
-        """What was down in the frame taken last."""
+        """The contacts that were down in the last frame."""
         return tuple(self._shown.values())
 
     def set_axis(self, code: int, value: int) -> None:
@@ -202,7 +202,7 @@ class EvdevSource:
         self.report_index = -1
         self.report_time_ns = 0
         self.dropped = 0
-        """How often the kernel lost events; each time its state was read anew."""
+        """How often the kernel lost events; its state was read again each time."""
         self._node = node
         self._is_open = True
         self._read_slots = read_slots
@@ -212,7 +212,7 @@ class EvdevSource:
         self._encoder = ContactReports(_axis(node, _X), _axis(node, _Y), contacts=most, maximum_contacts=most)
         self.descriptor = self._encoder.descriptor
         self.slots = slots
-        """Fingers it tells apart."""
+        """How many fingers the device tells apart."""
         has_distance = _DISTANCE in _axis_codes(node)
         self._codes = [code for code in _SLOT_CODES if code != _DISTANCE or has_distance]
         self._is_dropping = False
@@ -230,7 +230,7 @@ class EvdevSource:
         return self._node.fd if self._is_open else None
 
     def next_time_ns(self) -> int | None:
-        """At once for reports that are read already; when to tell of resting fingers again."""
+        """Now for reports that were read already, else when resting fingers are repeated."""
         if self._ready:
             return 0
         return self.report_time_ns + _REPEAT_NS if self._is_open and self._tracker.shown else None

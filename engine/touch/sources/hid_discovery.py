@@ -1,4 +1,4 @@
-"""HID interfaces of this machine to the digitizers among them, and the words to choose and to unlock one."""
+"""Finds the digitizers among the HID interfaces of this machine, chooses one by name, and explains missing rights."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _KERNEL_BUS = {1: 0x03, 2: 0x05, 3: 0x18, 4: 0x1C}
 
 
 class HidHandle(Protocol):
-    """`device` of hidapi, as far as it is used."""
+    """The part of hidapi's `device` that is used."""
 
     def open_path(self, path: bytes) -> None:
         """Open read-write; OSError says "open failed" and no more."""
@@ -51,7 +51,7 @@ class HidHandle(Protocol):
 
 
 class HidModule(Protocol):
-    """A module of hidapi, as far as it is used."""
+    """The part of a hidapi module that is used."""
 
     def enumerate(self) -> list[dict[str, Any]]:
         """One entry per top-level collection."""
@@ -149,7 +149,7 @@ def _digitizer(system: HidSystem, path: str, collection: dict[str, Any]) -> HidD
 
 
 def _read_uevent(sysfs: Path, path: str) -> dict[str, str]:
-    """What the kernel says of a node, such as HID_PHYS=usb-0000:00:14.0-6/input0; empty where it does not."""
+    """The kernel's properties of a node, such as HID_PHYS=usb-0000:00:14.0-6/input0; empty where it has none."""
     try:
         text = (sysfs / Path(path).name / "device" / "uevent").read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -185,7 +185,7 @@ def parse_number(text: str) -> tuple[int, int] | None:
 
 
 def udev_rule(vendor_id: int, product_id: int) -> str:
-    """The rule that lets whoever sits at the machine read the device. The kernel's names have capital digits."""
+    """The udev rule that lets the logged-in user read the device. The kernel's names have capital digits."""
     return f'SUBSYSTEM=="hidraw", KERNELS=="*:{vendor_id:04X}:{product_id:04X}.*", TAG+="uaccess"'
 
 

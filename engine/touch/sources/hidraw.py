@@ -1,4 +1,4 @@
-"""A HID digitizer of this machine to its reports, across unplug and overflow."""
+"""Reads the reports of a HID digitizer of this machine, across unplugs and overflows."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Connection(Enum):
 
 @dataclass(slots=True)
 class HidrawCounters:
-    """What became of the device. An overflow is a full ring after a stall: reports were lost with it."""
+    """Counts of events of the device. An overflow is a full kernel ring after a stall: reports were lost."""
 
     overflows: int = 0
     losses: int = 0

@@ -1,4 +1,4 @@
-"""Contacts to reports of a touch screen of our own making, for sources that are not HID devices.
+"""Encodes contacts as reports of a touch screen of our own, for sources that are not HID devices.
 
 So every source speaks reports: one digitizer assembles them all, and any source can be recorded and replayed.
 """

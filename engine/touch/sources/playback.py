@@ -1,4 +1,4 @@
-"""A recording to reports that come when they came, or faster."""
+"""Plays a recording: its reports come at their recorded times, or faster."""
 
 import math
 

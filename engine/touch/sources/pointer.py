@@ -1,4 +1,4 @@
-"""Pointer events of a page to reports, handed over by a pipe so that the engine's one wait sees them."""
+"""Turns pointer events of a page into reports, through a pipe on which the engine's one wait can wait."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class PointerSource:
         self.ended = False
         """The page is gone and all is released."""
         self.silent_pointers = 0
-        """Pointers that were released because the page told nothing of them any more."""
+        """Pointers that were released because the page stopped reporting them."""
         self._pipe = descriptor
         self._is_open = True
         self._pressed: dict[bytes, tuple[int, bytes]] = {}  # by contact id: time and report, the longest silent first

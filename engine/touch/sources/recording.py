@@ -1,4 +1,4 @@
-"""Recordings in the text form of hid-recorder to reports, and back."""
+"""Reads and writes recordings of reports in the text format of hid-recorder."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _EVENT_TIME = re.compile(r"[0-9]{1,12}\.[0-9]{6}")
 
 
 class RecordingError(TactableError):
-    """A recording cannot be read: which file and line, what is wrong, what to do."""
+    """A recording cannot be read; the message gives file, line, cause and remedy."""
 
     def __init__(self, path: Path, line_number: int, problem: str, remedy: str) -> None:
         self.path = path
@@ -104,7 +104,7 @@ def _first_device(path: Path) -> Iterator[tuple[int, str, str]]:
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """Place of a line, for what is wrong with it."""
+    """File and line, for an error message."""
 
     path: Path
     number: int
