@@ -23,7 +23,7 @@ Complex = NDArray[np.complex128]
 Single = NDArray[np.float32]
 
 BEAT_HZ = 10.0
-"""Tones closer than this beat within a touch (PHYSICS.md section 2): not searched."""
+"""Tones closer than this beat within a touch (docs/theory.md#tabulated-quantities): not searched."""
 TIE_DB = 0.01
 """Drives this close are as good: the quicker one is taken, then the one that needs less."""
 GAP_DB = 0.03

@@ -29,9 +29,9 @@ class BarDrive:
 def find_untouched_optima(plant: Plant, zones: Sequence[int]) -> tuple[BarDrive, BarDrive]:
     """The best of tones of different frequencies, and the best of one frequency for all actuators, with phase.
 
-    Different frequencies: the factor is a weighted mean of the single actuators' (the mediant, PHYSICS.md section 3.1),
-    so the best drives one of them alone. One frequency: the greatest generalised eigenvalue of R_S a = lambda T a
-    (section 3.2). Both over `fine_frequencies`.
+    Different frequencies: the factor is a weighted mean of the single actuators' (the mediant), so the best
+    drives one of them alone. One frequency: the greatest generalised eigenvalue of R_S a = lambda T a. Both over
+    `fine_frequencies` (docs/theory.md#objective-and-bound).
     """
     frequency_hz = fine_frequencies(plant)
     gram, total = compute_gram(solve_response(plant, frequency_hz))

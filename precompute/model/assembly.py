@@ -94,7 +94,7 @@ class Plant:
         return None
 
     def with_fingers(self, position_m: Sequence[float], finger: Finger | Sequence[Finger]) -> "Plant":
-        """The plant with a grounded finger at each position, assembled into the matrices (PHYSICS.md section 3.7)."""
+        """The plant with a grounded finger at each position, assembled into the matrices (docs/theory.md#fingers)."""
         fingers = [finger] * len(position_m) if isinstance(finger, Finger) else list(finger)
         K, C, M = self.K.copy(), self.C.copy(), self.M.copy()
         sampler = self.sampler(np.asarray(position_m, dtype=np.float64))

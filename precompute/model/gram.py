@@ -18,8 +18,8 @@ _OUT = types.Array(types.complex128, 4, "C")
 def compute_gram(response: Response) -> tuple[Gram, Gram]:
     """R_z = omega^2 G^H Z_z G (frequency, zone, actuator, actuator) and T over the whole bar, without the zone axis.
 
-    Hermitian, proportional to the kinetic energy; the constants cancel in the localized factor (PHYSICS.md section 2,
-    paper eq. (10)). Zones need not cover the bar: then T is more than their sum.
+    Hermitian, proportional to the kinetic energy; the constants cancel in the localized factor, paper
+    eq. (10) (docs/theory.md#tabulated-quantities). Zones need not cover the bar: then T is more than their sum.
     """
     plant = response.plant
     zones = len(plant.device.zones)

@@ -29,7 +29,7 @@ class Response:
 def solve_response(
     plant: Plant, frequency_hz: NDArray[np.float64], touched_m: NDArray[np.float64] | None = None
 ) -> Response:
-    """G(omega) = (K + j omega C - omega^2 M)^-1 F(omega), F_i = (k_i + j omega c_i) alpha_i (PHYSICS.md section 1).
+    """G(omega) = (K + j omega C - omega^2 M)^-1 F(omega), F_i = (k_i + j omega c_i) alpha_i (docs/theory.md#model).
 
     A column for each actuator, as measured where it was, then one for a unit force at each position of `touched_m`.
     """

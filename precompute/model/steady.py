@@ -28,7 +28,7 @@ def compute_steady_state(plant: Plant, frequency_hz: Array, amplitude: Complex) 
     """Long-run figures of one tone an actuator: frequency_hz, amplitude (actuator,), complex fractions of full scale.
 
     Tones of one frequency add as fields, tones of different frequencies as magnitudes and energies
-    (paper eqs. (8), (10); PHYSICS.md section 2).
+    (paper eqs. (8), (10); docs/theory.md#tabulated-quantities).
     """
     tones = np.unique(frequency_hz[amplitude != 0])
     response = solve_response(plant, tones)

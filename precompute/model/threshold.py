@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Fingertip at about 2 N, peak acceleration in dB re 1e-6 m/s^2 (PHYSICS.md section 3.5): 40 and 250 Hz from Oh and Choi
-# 2019, the rest interpolated there. ESTIMATE, within 8 dB between people.
+# Fingertip at about 2 N, peak acceleration in dB re 1e-6 m/s^2: 40 and 250 Hz from Oh and Choi 2019, the rest
+# interpolated (docs/theory.md#objective-and-bound). ESTIMATE, within 8 dB between people.
 _FREQUENCY_HZ = np.array([40.0, 60.0, 80.0, 100.0, 125.0, 150.0, 175.0, 200.0, 230.0, 250.0, 300.0])
 _LEVEL_DB = np.array([113.0, 110.6, 109.0, 107.7, 106.4, 105.3, 104.4, 103.6, 102.8, 102.3, 105.5])
 _REFERENCE_M_PER_S2 = 1e-6

@@ -1,8 +1,9 @@
 """Unit responses to tables: localized factor, peak and dead spot of every zone, over frequency, amplitude and phase.
 
 Two kernels. `fill_pair_sweep`: two actuators at two frequencies, where magnitudes add (paper eqs. (8), (10)).
-`fill_coherent_sweep`: all actuators at one frequency, where complex fields add (PHYSICS.md section 2). Both put the
-amplitude combinations in the innermost loop, so that one load of a point serves them all in vector registers.
+`fill_coherent_sweep`: all actuators at one frequency, where complex fields add. Both put the amplitude combinations in
+the innermost loop, so that one load of a point serves them all in vector registers
+(docs/theory.md#tabulated-quantities).
 """
 
 from dataclasses import dataclass

@@ -615,7 +615,7 @@ def test_a_missing_file_is_a_missing_file(tmp_path: Path) -> None:
         Device.read(tmp_path / "none.toml")
 
 
-ESTIMATES = (  # PHYSICS.md section 1: L, B, h, lumped masses, mesh, zone edges, bounds; section 3.7: the finger
+ESTIMATES = (  # docs/theory.md#model: L, B, h, lumped masses, mesh, zone edges, bounds; #fingers: the finger
     *("bar.length", "bar.width", "bar.thickness", "bar.largest_element"),
     *("actuator[1].mass", "actuator[2].mass", "actuator[1].band", "actuator[2].band"),
     *("zones.count", "sweep.start", "sweep.stop", "limits.amplitude"),

@@ -25,7 +25,7 @@ THRESHOLD_DB = {
     40: 113.0, 60: 110.6, 80: 109.0, 100: 107.7, 125: 106.4, 150: 105.3,
     175: 104.4, 200: 103.6, 230: 102.8, 250: 102.3, 300: 105.5,
 }  # fmt: skip
-"""PHYSICS.md section 3.5: peak acceleration in dB re 1e-6 m/s^2 by frequency in Hz."""
+"""docs/theory.md#objective-and-bound: peak acceleration in dB re 1e-6 m/s^2 by frequency in Hz."""
 _OFFSETS = (3, 2, 1, 0, -1, -2, -3)
 
 

@@ -161,7 +161,7 @@ def test_actuators_play_within_their_bands(seed: int, actuators: int) -> None:
 
 @pytest.mark.parametrize(("felt", "factor"), [("I,III,V", 0.966), ("II", 0.431), ("II,IV", 0.731), ("IV", 0.328)])
 def test_unloaded_optima_of_reference_a(felt: str, factor: float) -> None:
-    """PHYSICS.md section 3.2: the paper's bar has no fingers."""
+    """docs/theory.md#objective-and-bound: the paper's bar has no fingers."""
     device = shipped("reference-a")
     found = best(localized_factor(solver_of(device).forms_of(()), states_of(device, felt)))
     assert found.drive.family == "coherent"

@@ -100,7 +100,7 @@ def test_frequencies_beyond_one_chunk_are_solved_alike() -> None:
 
 
 def test_a_roving_sensor_of_2_g_shifts_what_a_light_one_reads() -> None:
-    """PHYSICS.md section 5: visibly."""
+    """docs/theory.md#calibration: visibly."""
     rows = rows_of(DEVICE, np.array([[150, 130]]), finger=False)
     light = replace(rows, sensor_mass_kg=np.zeros(len(rows)))
     found = [MeasurementModel(DEVICE, r, ()).predict(np.zeros(0)).log_acceleration.real for r in (rows, light)]

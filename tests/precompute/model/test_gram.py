@@ -150,7 +150,7 @@ def test_coherent_optimum_is_at_least_the_better_single_actuator(device: Device)
 
 @any_device
 def test_two_tones_never_beat_the_better_single_actuator(device: Device) -> None:
-    """The mediant bound (PHYSICS.md section 3.1) for every pair of frequencies, ratio of amplitudes and zone."""
+    """The mediant bound for every pair of frequencies, ratio and zone (docs/theory.md#objective-and-bound)."""
     gram, all_zones = compute_gram(solved(device))
     first, second = (np.einsum("fzaa->afz", gram).real[i][:, :, None] for i in (0, 1))
     total = np.einsum("faa->af", all_zones).real
@@ -164,7 +164,7 @@ def test_two_tones_never_beat_the_better_single_actuator(device: Device) -> None
 
 
 def test_two_by_two_closed_form_is_the_largest_eigenvalue() -> None:
-    """Largest lambda = (tr + sqrt(tr^2 - 4 det R / det T)) / 2 with tr of T^-1 R (PHYSICS.md section 3.2)."""
+    """Largest lambda = (tr + sqrt(tr^2 - 4 det R / det T)) / 2, tr of T^-1 R (docs/theory.md#objective-and-bound)."""
     gram, total = compute_gram(solved(shipped("reference-a")))
     for R, T in zip(gram[:, 1], total, strict=True):
         trace = np.trace(np.linalg.solve(T, R)).real

@@ -1,4 +1,4 @@
-"""What the paper and PHYSICS.md say of the two bars in figures, found again from the shipped descriptions."""
+"""What the paper and docs/theory.md say of the two bars in figures, found again from the shipped descriptions."""
 
 from dataclasses import replace
 from functools import cache
@@ -183,7 +183,7 @@ def test_the_shipped_values_are_the_published_ones() -> None:
     ("name", "length_m", "width_m", "thickness_m", "mass_kg"),
     [("reference-a", 0.2794, 0.0127, 0.79e-3, 9.5e-3), ("reference-d", 0.2286, 0.0254, 1.6e-3, 2e-3)],
 )
-def test_the_shipped_estimates_are_those_of_physics(
+def test_the_shipped_estimates_are_those_of_the_theory(
     name: str, length_m: float, width_m: float, thickness_m: float, mass_kg: float
 ) -> None:
     device = shipped(name)

@@ -169,7 +169,7 @@ def test_power_in_is_power_dissipated(device: Device) -> None:
 
 @any_device
 def test_assembled_fingers_equal_the_low_rank_update_of_the_receptance(device: Device) -> None:
-    """Woodbury: G' = G - H_t (Z^-1 + H_tt)^-1 G_t with Z the fingers' dynamic stiffness (PHYSICS.md section 3.7)."""
+    """Woodbury: G' = G - H_t (Z^-1 + H_tt)^-1 G_t with Z the fingers' dynamic stiffness (docs/theory.md#fingers)."""
     free = assemble(device)
     places = [f * device.bar.length_m for f in (0.0, 0.1234, 0.51, 0.93)]
     fingers = [replace(device.finger, stiffness_n_per_m=k, mass_kg=m) for k, m in ((300, 0), (1e3, 1e-4), (3e3, 3e-4))]

@@ -1,0 +1,95 @@
+"""What code and documents point to exists: files, headings, and the functions named on the page of the journeys."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+ROOMS = ("engine", "precompute", "firmware_link", "tactable", "tests", "docs", "tables")
+SOURCES = (".py", ".c", ".h", ".js", ".html", ".md", ".toml", ".ipynb", ".cpp")
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "tables").glob("*.md"))]
+_CITED = re.compile(r"(?<![\w/.-])((?:[\w-]+/)*[A-Za-z][\w-]*\.md)(?:#([\w-]+))?")
+_NAMED = re.compile(r"\[`([\w.]+)`\]\(([^)#]+\.(?:py|c|h))\)")
+_MADE_BY_COMMANDS = {"report.md"}
+
+
+def sources() -> Iterator[Path]:
+    for room in ROOMS:
+        yield from (path for path in sorted((ROOT / room).rglob("*")) if path.suffix in SOURCES)
+    yield from (ROOT / name for name in ("README.md", "CHANGELOG.md"))
+
+
+def anchors(page: Path) -> set[str]:
+    """The anchors that headings of a page get."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    plain = (re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings)
+    return {heading.replace(" ", "-") for heading in plain}
+
+
+def page_of(cited: str, where: Path) -> Path | None:
+    """The page that a citation means: beside the file, from the root, in a folder of documents, or anywhere by name."""
+    folders = (where.parent, ROOT, ROOT / "docs", ROOT / "tables", ROOT / "firmware_link")
+    found = (folder / cited for folder in folders if (folder / cited).is_file())
+    return next(found, None)
+
+
+def missing_citations(where: Path) -> list[str]:
+    text, missing = where.read_text(encoding="utf-8"), []
+    for cited, anchor in _CITED.findall(text):
+        page = page_of(cited, where)
+        if Path(cited).name in _MADE_BY_COMMANDS:
+            continue
+        if page is None or (anchor and anchor not in anchors(page)):
+            missing.append(f"{where.relative_to(ROOT)}: {cited}{'#' * bool(anchor)}{anchor}")
+    return missing
+
+
+def defined_names(path: Path) -> set[str]:
+    """Functions and classes of a file, methods as Class.method; of C whatever is defined or declared with a body."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix != ".py":
+        return set(re.findall(r"^\w[\w *]*?\b(\w+)\([^;]*?\)\s*\{", text, re.MULTILINE))
+    names = set[str]()
+    for node in ast.parse(text).body:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            names.add(node.name)
+        if isinstance(node, ast.ClassDef):
+            names.update(f"{node.name}.{part.name}" for part in node.body if isinstance(part, ast.FunctionDef))
+    return names
+
+
+def test_every_document_that_is_cited_exists() -> None:
+    missing = [citation for path in sources() if path != Path(__file__) for citation in missing_citations(path)]
+    assert missing == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_every_heading_that_a_page_links_to_exists(page: Path) -> None:
+    links = re.findall(r"\]\(([^)#:\s]*)#([^)\s]+)\)", page.read_text(encoding="utf-8"))
+    targets = [((page.parent / path).resolve() if path else page, anchor) for path, anchor in links]
+    assert [f"{path.name}#{anchor}" for path, anchor in targets if anchor not in anchors(path)] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_every_function_that_a_page_names_is_in_the_file_it_links_to(page: Path) -> None:
+    named = [
+        (name, page.parent / target)
+        for name, target in _NAMED.findall(page.read_text(encoding="utf-8"))
+        if name != Path(target).name and "/" not in name
+    ]
+    assert [f"{name} in {path}" for name, path in named if name not in defined_names(path)] == []
+
+
+def test_the_journeys_name_functions_of_every_room_they_pass() -> None:
+    named = _NAMED.findall((ROOT / "docs" / "journey.md").read_text(encoding="utf-8"))
+    rooms = {Path(target).parts[1] for _, target in named}
+    assert rooms == {"engine", "firmware_link", "precompute", "tactable"} and len(named) > 25
+
+
+def test_a_document_that_is_not_there_is_found(tmp_path: Path) -> None:
+    assert page_of("PHYSICS.md", tmp_path / "module.py") is None
+    assert page_of("docs/theory.md", tmp_path / "module.py") == ROOT / "docs" / "theory.md"
+    assert "objective-and-bound" in anchors(ROOT / "docs" / "theory.md")
