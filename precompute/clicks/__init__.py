@@ -1,1 +1,6 @@
-"""The best click of every state, by linear programs."""
+"""Best clicks of all states of the fingers by linear programs over sampled plants; solver.py says what a click is."""
+
+from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
+from precompute.clicks.solver import Click, ClickSolver, solve_clicks
+
+__all__ = ["DEFAULT_OPTIONS", "Click", "ClickOptions", "ClickSolver", "solve_clicks"]

@@ -1,4 +1,4 @@
-"""Other ways to a click, by name, for comparison: energy contrast in a window, the steady drive gated."""
+"""Baselines for clicks: acoustic contrast control in a time window, and the steady drive switched on and off."""
 
 from collections.abc import Callable
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from engine.table import Entry
 from engine.touch import ZoneState
-from precompute.clicks.basis import LOOK_RATE_HZ, PLAY_RATE_HZ, make_tones
+from precompute.clicks.basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, make_tones
 from precompute.clicks.design import fingers_of
 from precompute.clicks.solver import Click, ClickSolver
 from precompute.entries.prediction import States, touched_zones
@@ -18,20 +18,21 @@ from precompute.model.assembly import assemble
 Array = NDArray[np.float64]
 
 _REGULAR = 1e-6
-"""Of the mean quiet energy, added to every tone's: without it the quotient rests on rounding."""
+"""Regularisation, relative to the mean quiet energy; without it the quotient is decided by rounding."""
 
 
 def energy_contrast(solver: ClickSolver, states: States, length_s: float) -> Array:
-    """Most weighted energy under felt fingers during the click over that under quiet ones at all times.
+    """Waveform of the greatest ratio of felt energy during the click to quiet energy at all times.
 
-    Energies averaged over the scenarios; the greatest generalised eigenvalue over the weights of the tones (acoustic
-    contrast control in the time domain). With nothing quiet: over the energy of the displacement.
+    Acoustic contrast control in the time domain: the leading generalised eigenvector over the weights of the tones,
+    with weighted energies averaged over the scenarios. Without quiet fingers the denominator is the energy of the
+    drive.
     """
     options = solver.options
     tones = make_tones(solver.device, length_s, options.crowding)
     played = solver.plants_of(touched_zones(states)).optimised.play_each(tones)
     felt, quiet = (fingers_of(states, kind) for kind in (ZoneState.FELT, ZoneState.QUIET))
-    numerator = _energy(played[:, felt, : round(length_s * LOOK_RATE_HZ)])
+    numerator = _energy(played[:, felt, : round(length_s * EVALUATION_RATE_HZ)])
     denominator = _energy(played[:, quiet]) if quiet else _drive_energy(tones.wave, tones.actuator)
     mean = np.trace(denominator) / len(denominator)
     _, vectors = scipy.linalg.eigh(numerator, denominator + _REGULAR * mean * np.eye(len(denominator)))
@@ -39,15 +40,15 @@ def energy_contrast(solver: ClickSolver, states: States, length_s: float) -> Arr
 
 
 def gated_drive(solver: ClickSolver, states: States, length_s: float) -> Array:
-    """A steady entry switched on for that long with the ramp of the device's limits: of its levels the best so."""
+    """The steady drive switched on for that long within the slew of the device's limits; of all levels the best."""
     entries = EntrySolver(assemble(solver.device)).solve(states)
     gated = [gate(entry, length_s, solver.device.limits.slew_per_s) for entry in entries]
-    return max(gated, key=lambda drive: solver.judge(states, length_s, drive, "").verdict.felt.low_db)
+    return max(gated, key=lambda drive: solver.evaluate(states, length_s, drive, "").evaluation.felt.low_db)
 
 
 def gate(entry: Entry, length_s: float, slew_per_s: float) -> Array:
-    """Base displacements (actuator, time) of a drive that ramps up at once and is silent again after length_s."""
-    time_s = np.arange(round(length_s * PLAY_RATE_HZ) + 1) / PLAY_RATE_HZ
+    """Base displacements (actuator, time) of a drive that ramps up at the start and down to 0 at length_s."""
+    time_s = np.arange(round(length_s * SAMPLE_RATE_HZ) + 1) / SAMPLE_RATE_HZ
     envelope = np.minimum(1.0, np.minimum(time_s, time_s[-1] - time_s) * slew_per_s)
     turn = 2 * np.pi * np.outer(entry.frequencies_hz, time_s) + np.array(entry.phases_rad)[:, None]
     displacement: Array = np.array(entry.amplitudes)[:, None] * envelope * np.sin(turn)
@@ -58,17 +59,17 @@ BASELINES: dict[str, Callable[[ClickSolver, States, float], Array]] = {
     "energy contrast": energy_contrast,
     "gated steady drive": gated_drive,
 }
-"""Objectives that a click can be compared with: functions of solver, states and length to a waveform."""
+"""Baselines by name: functions of solver, states and length that return a waveform."""
 
 
 def solve_baseline(solver: ClickSolver, states: States, name: str) -> Click:
-    """The waveform of BASELINES[name], of the first length, as loud as limits and quiet level allow, judged alike."""
+    """The baseline of the first length, scaled to the limits and the quiet level, evaluated as any click."""
     length_s = solver.options.lengths_s[0]
-    return solver.judge(states, length_s, BASELINES[name](solver, states, length_s), name)
+    return solver.evaluate(states, length_s, BASELINES[name](solver, states, length_s), name)
 
 
 def _energy(course: Array) -> Array:
-    """Shape (tone, tone): products of the tones' courses (scenario, finger, time, tone), summed."""
+    """Gram matrix (tone, tone) of time courses (scenario, finger, time, tone)."""
     rows = course.reshape(-1, course.shape[-1])
     energy: Array = rows.T @ rows
     return energy

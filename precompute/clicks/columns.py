@@ -1,4 +1,4 @@
-"""A solved click to its line in a table: rounded to the wire, with the nominal plant's accelerations."""
+"""Table rows of solved clicks: samples as integers, and accelerations of the nominal plant."""
 
 from dataclasses import astuple
 
@@ -9,7 +9,7 @@ from engine.device import Device
 from engine.table import ClickEntry
 from engine.table.click import ClickZone, LevelSpread
 from engine.touch import ZoneState
-from precompute.clicks.basis import LOOK_RATE_HZ, LOOKS, PLAY_RATE_HZ, RING_S
+from precompute.clicks.basis import EVALUATION_RATE_HZ, EVALUATIONS_PER_SAMPLE, RINGDOWN_S, SAMPLE_RATE_HZ
 from precompute.clicks.solver import FULL_SCALE, Click
 from precompute.entries.prediction import touched_zones
 from precompute.model.assembly import assemble
@@ -20,12 +20,12 @@ from precompute.model.transient import TransientPlant
 Array = NDArray[np.float64]
 
 _STEPS = 12
-"""Of the nominal plant for each sample: at the corners between samples the acceleration turns sharply."""
+"""Steps of the nominal plant for each sample; acceleration changes sharply at the corners of the waveform."""
 _SILENT = 1e-15
 
 
 class ClickTabulator:
-    """Makes table lines of one device's clicks; levels_db: those that the exceedance of the threshold is given at."""
+    """Makes the table rows of one device's clicks; `wanted_db` is the level of the options, None for the strongest."""
 
     def __init__(self, device: Device, wanted_db: float | None) -> None:
         self._device = device
@@ -33,11 +33,11 @@ class ClickTabulator:
         self._levels_db = (*device.levels_db, np.inf)
         self._basis = compute_basis(assemble(device))
         self._middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
-        self._filter = threshold_filter(LOOK_RATE_HZ)
+        self._filter = threshold_filter(EVALUATION_RATE_HZ)
 
     def tabulate(self, click: Click) -> ClickEntry:
-        """The line of one click."""
-        verdict, touched = click.verdict, touched_zones(click.states)
+        """The row of one click."""
+        evaluation, touched = click.evaluation, touched_zones(click.states)
         samples = np.rint(FULL_SCALE * click.waveform.T).astype(np.int16)
         acceleration, weighted = self._nominal(samples / FULL_SCALE, touched)
         felt = weighted[:, [click.states[zone] is ZoneState.FELT for zone in touched]]
@@ -52,28 +52,30 @@ class ClickTabulator:
             amplitude=1.0,
             wanted_level_db=self._wanted_level_db,
             achieved=click.achieved,
-            felt=LevelSpread(*astuple(verdict.felt)),
-            quiet=None if verdict.quiet is None else LevelSpread(*astuple(verdict.quiet)),
+            felt=LevelSpread(*astuple(evaluation.felt)),
+            quiet=None if evaluation.quiet is None else LevelSpread(*astuple(evaluation.quiet)),
             zones=tuple(zones.get(zone) for zone in range(len(click.states))),
-            exceeds_s={level_db: self._exceeds_s(felt, level_db, verdict.felt.low_db) for level_db in self._levels_db},
-            peak_s=verdict.peak_s,
-            residual_from_s=verdict.residual_from_s,
-            residual_db=verdict.residual_db,
+            exceeds_s={
+                level_db: self._exceeds_s(felt, level_db, evaluation.felt.low_db) for level_db in self._levels_db
+            },
+            peak_s=evaluation.peak_s,
+            residual_from_s=evaluation.residual_from_s,
+            residual_db=evaluation.residual_db,
             objective=click.objective,
             bound_db=click.bound_db,
             gap_db=click.gap_db,
         )
 
     def _nominal(self, waveform: Array, touched: tuple[int, ...]) -> tuple[Array, Array]:
-        """Magnitudes (time, finger) of (sample, actuator): acceleration, and over threshold at LOOK_RATE_HZ."""
-        places_m, rate_hz = self._middle_m[list(touched)], _STEPS * PLAY_RATE_HZ
+        """Magnitudes (time, finger) under samples (sample, actuator): acceleration, and weighted by the threshold."""
+        places_m, rate_hz = self._middle_m[list(touched)], _STEPS * SAMPLE_RATE_HZ
         plant = TransientPlant(self._basis, places_m, rate_hz)
         plant.touch([(place_m, self._device.finger) for place_m in places_m.tolist()])
         at = np.arange((len(waveform) - 1) * _STEPS + 1) / _STEPS
         moved = np.column_stack([np.interp(at, np.arange(len(waveform)), column) for column in waveform.T])
-        rest = np.zeros((round(RING_S * rate_hz), moved.shape[1]))
+        rest = np.zeros((round(RINGDOWN_S * rate_hz), moved.shape[1]))
         acceleration, _ = plant.run(np.concatenate([moved, rest]))
-        looked_at = acceleration[:: _STEPS // LOOKS].T
+        looked_at = acceleration[:: _STEPS // EVALUATIONS_PER_SAMPLE].T
         weighted = np.stack([np.convolve(course, self._filter)[: len(course)] for course in looked_at], axis=1)
         return abs(acceleration), abs(weighted)
 
@@ -81,7 +83,7 @@ class ClickTabulator:
         above = felt * 10 ** (min(0.0, level_db - full_db) / 20) > 1
         if not above.any(axis=0).all():
             return None
-        return float(above.argmax(axis=0).max() / LOOK_RATE_HZ)
+        return float(above.argmax(axis=0).max() / EVALUATION_RATE_HZ)
 
 
 def _decibels(value: float) -> float:

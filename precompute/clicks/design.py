@@ -1,4 +1,11 @@
-"""One state and one length to a waveform: searched, trimmed on other plants, as loud as is wanted."""
+"""Design of one click of one length: search on a few plants, trim on many, scale to the level that is wanted.
+
+The linear program sees only some tens of sampled plants (`optimised`), so under a quiet finger the click passes the
+asked level in more than 5 % of others. Therefore the limit of the program is not the asked quiet level itself: it is
+trimmed, in a few secant-like steps, until the 95th percentile over many other plants (`trimmed`) meets the asked level.
+A last scaling by a fraction of a decibel makes it exact. Figures that are reported come from a third sample
+(`evaluated`).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,26 +16,26 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.touch import ZoneState
-from precompute.clicks.basis import PLAY_RATE_HZ, Tones, independent, make_tones
+from precompute.clicks.basis import SAMPLE_RATE_HZ, Tones, make_tones, orthogonalised
 from precompute.clicks.evaluation import decibels
 from precompute.clicks.options import ClickOptions
 from precompute.clicks.program import Optimum, Program
 from precompute.clicks.responses import Responses
-from precompute.clicks.search import Aim, Search, Strongest
+from precompute.clicks.search import Aim, Found, Search
 from precompute.clicks.watched import WatchedCourses
 from precompute.entries.prediction import States, touched_zones
 
 Array = NDArray[np.float64]
 
 _FIRST_LIMIT_DB = -1.0
-"""Below the quiet level: about where trimming ends."""
+"""First limit of the program relative to the quiet level, about where trimming ends."""
 _ROUGH_DB, _CLOSE_DB = 0.1, 0.03
 _SEARCH_AGAIN_DB = 1.0
-"""A limit moved by more makes other instants the best, and the bounds of the first search loose."""
+"""Change of the limit beyond which other instants may be the best, and the first bounds are loose."""
 _NEAR_DB = 1.5
-"""From the 95th percentile: plants further off do not come to it while the limit moves by tenths of a dB."""
+"""Distance from the 95th percentile beyond which a plant keeps its side while the limit moves by tenths of a dB."""
 _ROUGHLY = 201
-"""Plants that are enough to find the limit roughly; the nominal one is one of them."""
+"""Plants for the first, rough trim, the nominal one included."""
 _TRIMS = 6
 _FIRST_PLANTS, _FIRST_S = 5, 0.07
 _MOST_EXCESS_DB = 40.0
@@ -37,19 +44,19 @@ _HALVINGS = 10
 
 @dataclass(frozen=True)
 class Plants:
-    """Responses of the plants that a click is optimised over, trimmed on, and judged by."""
+    """Responses of the plants over which a click is optimised, trimmed and evaluated."""
 
     optimised: Responses
     trimmed: Responses
-    judged: Responses
+    evaluated: Responses
 
 
 @dataclass(frozen=True)
 class Design:
-    """Base displacements (actuator, time) as fractions of full scale, and what is known of them as an optimum.
+    """Base displacements (actuator, time) as fractions of full scale.
 
-    achieved: in the trimmed plants both levels are as asked. bound_db: no weights of the tones do better at any aim
-    that was tried; gap_db: what is left to it.
+    achieved: whether both levels hold in the trimmed plants. bound_db: upper bound over all aims tried; gap_db:
+    distance to it.
     """
 
     waveform: Array
@@ -60,7 +67,7 @@ class Design:
 
 @dataclass(frozen=True)
 class Trimmed:
-    """The limit in the optimised plants, its optimum, and what quiet fingers keep to in 95 % of the trimmed plants."""
+    """A limit of the program, its optimum, and the 95th percentile of the quiet level over the trimmed plants."""
 
     limit_db: float
     optimum: Optimum
@@ -73,12 +80,12 @@ class Designer:
     def __init__(self, device: Device, options: ClickOptions, plants: Plants, states: States, length_s: float) -> None:
         self._options, self._length_s, self._plants = options, length_s, plants
         self.felt, self.quiet = fingers_of(states, ZoneState.FELT), fingers_of(states, ZoneState.QUIET)
-        self._tones = independent(make_tones(device, length_s, options.crowding))
+        self._tones = orthogonalised(make_tones(device, length_s, options.crowding))
         self._amplitude = device.limits.amplitude
 
     @cached_property
     def search(self) -> Search:
-        """Over the optimised plants; whoever only fits a waveform does not need it."""
+        """The search over the optimised plants, made on first use: `fit` needs none."""
         watched = self._watched()
         program = Program(drive_rows(self._tones, self._amplitude, self._options.slew_per_s), watched, len(self.felt))
         course = self._plants.optimised.under(self.felt).mean().play_each(self._tones)[0]
@@ -88,11 +95,11 @@ class Designer:
         return search
 
     def waveform(self, weight: Array) -> Array:
-        """Base displacements (actuator, time) of weights of the tones (tone,) that the search is over."""
+        """Base displacements (actuator, time) of weights (tone,)."""
         return self._tones.waveform(weight)
 
     def design(self) -> Design:
-        """As strong as can be within the quiet level, or as wanted."""
+        """The strongest click within the quiet level, or one of the wanted level."""
         limit_db = self._options.quiet_db
         if not self.quiet:
             return self._settle(Trimmed(limit_db, self.search.strongest(_factor(limit_db)).optimum, limit_db))
@@ -100,20 +107,20 @@ class Designer:
         return self._settle(self._trim(self.search.strongest(_factor(limit_db)), limit_db))
 
     def fit(self, waveform: Array) -> Design:
-        """Any waveform, as loud as the drive's amplitude and the quiet level allow, or as wanted; the bound is none."""
+        """Any waveform, scaled to the limits, the quiet level and the wanted level; it has no bound (infinite)."""
         full = waveform * (self._amplitude / np.abs(waveform).max())
         if self.quiet:
             full *= _factor(min(0.0, self._options.quiet_db - self._strongest_db(self._plants.trimmed, full)))
         return self._as_wanted(full, np.inf, np.inf)
 
     def least_violation(self) -> Design | None:
-        """The least quiet level above the one asked for at which the wanted level is reached; the bound is none.
+        """The click with the least excess of the quiet level that reaches the wanted level; it has no bound.
 
-        None where the drive alone does not reach it.
+        None where the amplitude of the actuators does not reach the wanted level at all.
         """
         wanted_db = self._options.wanted_db
         aim = self.search.strongest(_factor(self._options.quiet_db)).aim
-        assert wanted_db is not None  # nothing else can be out of reach
+        assert wanted_db is not None  # without a wanted level every click is achieved
         low_db, high_db = self._options.quiet_db, self._options.quiet_db + _MOST_EXCESS_DB
         for _ in range(_HALVINGS):
             middle_db = (low_db + high_db) / 2
@@ -127,33 +134,33 @@ class Designer:
         return Design(waveform, achieved=False, bound_db=np.inf, gap_db=np.inf)
 
     def _watched(self) -> WatchedCourses:
-        """Quiet fingers from the start on, and felt ones from the brake on where there is one."""
+        """Time courses that are limited: quiet fingers from the start, felt ones from the brake on if there is one."""
         optimised = self._plants.optimised
         fingers, start = list(self.quiet), [0] * len(self.quiet)
         if self._options.brake_s is not None:
             fingers += self.felt
-            start += [round(self._options.brake_s * PLAY_RATE_HZ)] * len(self.felt)
+            start += [round(self._options.brake_s * SAMPLE_RATE_HZ)] * len(self.felt)
         starts = np.tile(np.array(start, dtype=np.int64), len(optimised.transfer))
         return WatchedCourses(optimised.under(fingers), self._tones, starts)
 
     def _best_for(self, aim: Aim, limit_db: float) -> Array:
         return self.waveform(self.search.improve(aim, _factor(limit_db)).weight)
 
-    def _trim(self, strongest: Strongest, limit_db: float) -> Trimmed:
-        """Move the limit until 95 % of the trimmed plants keep to the quiet level: roughly on few plants, then on all.
+    def _trim(self, found: Found, limit_db: float) -> Trimmed:
+        """Move the limit until 95 % of the trimmed plants stay below the quiet level: first on few plants, then on all.
 
-        Once all were played, only those near the percentile are played again: the others stay on their side of it.
+        After all plants were played once, only those near the percentile are played again.
         """
-        trimmed, optimum = self._plants.trimmed, strongest.optimum
+        trimmed, optimum = self._plants.trimmed, found.optimum
         few = self._quiet_db(trimmed.first(_ROUGHLY), optimum)
         over_db = _percentile(few, 95) - self._options.quiet_db
         if abs(over_db) >= _ROUGH_DB:
             limit_db -= over_db
             if abs(over_db) >= _SEARCH_AGAIN_DB:
-                strongest = self.search.strongest(_factor(limit_db))
-                optimum = strongest.optimum
+                found = self.search.strongest(_factor(limit_db))
+                optimum = found.optimum
             else:
-                optimum = self.search.improve(strongest.aim, _factor(limit_db))
+                optimum = self.search.improve(found.aim, _factor(limit_db))
         every_db = self._quiet_db(trimmed, optimum)
         over_db = _percentile(every_db, 95) - self._options.quiet_db
         near = np.flatnonzero(np.abs(every_db - self._options.quiet_db - over_db) < _NEAR_DB)
@@ -162,7 +169,7 @@ class Designer:
             if abs(over_db) < _CLOSE_DB:
                 break
             limit_db -= over_db
-            optimum = self.search.improve(strongest.aim, _factor(limit_db))
+            optimum = self.search.improve(found.aim, _factor(limit_db))
             every_db[near] = decibels(close_to.peaks(self.waveform(optimum.weight), self.quiet).max(axis=1))
             over_db = _percentile(every_db, 95) - self._options.quiet_db
         return Trimmed(limit_db, optimum, self._options.quiet_db + over_db)
@@ -172,7 +179,7 @@ class Designer:
         return decibels(plants.peaks(self.waveform(optimum.weight), self.quiet)[1:].max(axis=1))
 
     def _settle(self, trimmed: Trimmed) -> Design:
-        """No louder than the quiet level allows, with the bound that the search has proven at that limit."""
+        """Scale down to the quiet level; the bound is that of the search at the trimmed limit."""
         optimum, limit = trimmed.optimum, _factor(trimmed.limit_db)
         change_db = min(0.0, self._options.quiet_db - trimmed.quiet_db)
         bound_db = float(decibels(max(self.search.bound(limit), optimum.bound.at(limit))))
@@ -187,26 +194,26 @@ class Designer:
         return Design(waveform * _factor(min(0.0, wanted_db - felt_db)), felt_db >= wanted_db, bound_db, gap_db)
 
     def _felt_db(self, waveform: Array) -> float:
-        """What the weakest felt finger exceeds in 95 % of the trimmed plants."""
+        """5th percentile of the weakest felt finger over the trimmed plants, dB."""
         peak = self._plants.trimmed.peaks(waveform, self.felt)[1:]
         return _percentile(decibels(peak.min(axis=1)), 5)
 
     def _strongest_db(self, plants: Responses, waveform: Array) -> float:
-        """What the strongest quiet finger keeps to in 95 % of the plants."""
+        """95th percentile of the strongest quiet finger over the plants, dB."""
         peak = plants.peaks(waveform, self.quiet)[1:]
         return _percentile(decibels(peak.max(axis=1)), 95)
 
 
 def fingers_of(states: States, kind: ZoneState) -> list[int]:
-    """Which of the fingers, in the order of their zones, lie in zones of that state."""
+    """Indices of the fingers, in the order of their zones, whose zones have that state."""
     return [finger for finger, zone in enumerate(touched_zones(states)) if states[zone] is kind]
 
 
 def _first_rows(watched: WatchedCourses) -> NDArray[np.int64]:
-    """Numbers of the watched rows that a pool begins with: every other sample of the first plants' first 70 ms."""
+    """Watched rows that the pool starts with: every other sample of the first 70 ms in the first plants."""
     scenarios, fingers = watched.responses.transfer.shape[:2]
     course = np.arange(min(scenarios, _FIRST_PLANTS) * fingers)[:, None]
-    sample = np.arange(0, round(_FIRST_S * PLAY_RATE_HZ), 2)
+    sample = np.arange(0, round(_FIRST_S * SAMPLE_RATE_HZ), 2)
     numbers: NDArray[np.int64] = (course * watched.shape[1] + sample)[watched.start[course[:, 0], None] <= sample]
     return numbers
 
@@ -216,14 +223,14 @@ def _percentile(level_db: Array, percent: float) -> float:
 
 
 def drive_rows(tones: Tones, amplitude: float, slew_per_s: float | None) -> Array:
-    """Rows (row, tone) that are within 1 where every displacement is within the amplitude and the slew."""
+    """Rows (row, tone) whose magnitude is at most 1 where displacements keep to the amplitude and the slew."""
     actuators: Sequence[int] = np.unique(tones.actuator).tolist()
     rows = list[Array]()
     for actuator in actuators:
         wave = (tones.wave * (tones.actuator == actuator)[:, None]).T
         rows.append(wave[1:-1] / amplitude)
         if slew_per_s is not None:
-            rows.append(np.diff(wave, axis=0) * PLAY_RATE_HZ / slew_per_s)
+            rows.append(np.diff(wave, axis=0) * SAMPLE_RATE_HZ / slew_per_s)
     return np.concatenate(rows)
 
 

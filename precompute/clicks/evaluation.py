@@ -1,4 +1,4 @@
-"""A waveform and the plants it may meet to what is felt: levels, their range, and when."""
+"""Evaluation of a waveform on sampled plants: levels under the fingers, their spread, and when they come."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from precompute.clicks.basis import LOOK_RATE_HZ
+from precompute.clicks.basis import EVALUATION_RATE_HZ
 from precompute.clicks.responses import Responses
 
 Array = NDArray[np.float64]
@@ -16,10 +16,7 @@ _SILENT = 1e-15
 
 @dataclass(frozen=True)
 class Levels:
-    """Peaks of the weighted acceleration in dB above the detection threshold: nominal, and of sampled plants.
-
-    low_db, middle_db, high_db: 5, 50 and 95 % of the sampled plants lie below.
-    """
+    """Peak levels in dB above the detection threshold: of the nominal plant, and 5th, 50th and 95th percentile."""
 
     nominal_db: float
     low_db: float
@@ -28,11 +25,11 @@ class Levels:
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What fingers feel of a waveform. felt: the weakest felt finger; quiet: the strongest quiet one, None if none is.
+class Evaluation:
+    """Levels and times of a waveform. felt: the weakest felt finger; quiet: the strongest quiet one, None without any.
 
-    Of the nominal plant: exceeds_s, when every felt finger has first passed its threshold (None: one never does);
-    peak_s, when the last one has its peak; residual_db, the strongest felt finger from `residual_from_s` on.
+    Of the nominal plant: exceeds_s, when every felt finger has exceeded its threshold (None: one never does); peak_s,
+    when the last of them peaks; residual_db, the strongest felt finger from `residual_from_s` on.
     """
 
     felt: Levels
@@ -43,25 +40,25 @@ class Verdict:
     residual_db: float
 
 
-def judge_waveform(
+def evaluate_waveform(
     waveform: Array, responses: Responses, felt: Sequence[int], quiet: Sequence[int], residual_from_s: float
-) -> Verdict:
-    """Verdict on base displacements (actuator, time); felt, quiet: which fingers of the responses, nominal first."""
+) -> Evaluation:
+    """Evaluate base displacements (actuator, time); felt, quiet: indices of fingers. The first scenario is nominal."""
     level_db = decibels(responses.peaks(waveform, [*felt, *quiet]))
     nominal = np.abs(responses.first(1).under(felt).play(waveform)[0])
     above = nominal > 1
-    return Verdict(
+    return Evaluation(
         felt=_levels(level_db[:, : len(felt)].min(axis=1)),
         quiet=_levels(level_db[:, len(felt) :].max(axis=1)) if quiet else None,
-        exceeds_s=float(above.argmax(axis=1).max() / LOOK_RATE_HZ) if above.any(axis=1).all() else None,
-        peak_s=float(nominal.argmax(axis=1).max() / LOOK_RATE_HZ),
+        exceeds_s=float(above.argmax(axis=1).max() / EVALUATION_RATE_HZ) if above.any(axis=1).all() else None,
+        peak_s=float(nominal.argmax(axis=1).max() / EVALUATION_RATE_HZ),
         residual_from_s=residual_from_s,
-        residual_db=float(decibels(nominal[:, round(residual_from_s * LOOK_RATE_HZ) :].max())),
+        residual_db=float(decibels(nominal[:, round(residual_from_s * EVALUATION_RATE_HZ) :].max())),
     )
 
 
 def decibels(value: Array | float) -> Array:
-    """20 lg of a value over threshold."""
+    """Level in dB of a value in units of the threshold."""
     level_db: Array = 20 * np.log10(np.maximum(value, _SILENT))
     return level_db
 

@@ -1,17 +1,17 @@
-"""What is asked of a device's clicks."""
+"""Options of the clicks of a device."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class ClickOptions:
-    """What is asked of clicks.
+    """Requirements on clicks, and the effort to solve them.
 
-    lengths_s: tried one after another, until one reaches `wanted_db`. wanted_db: what 95 % of sampled plants are to
-    reach under every felt finger, the click is no stronger than that; None: as strong as can be. quiet_db: what 95 %
-    keep to under every quiet finger. brake_s: from then on the felt fingers keep to what the quiet ones do. slew_per_s:
-    of the displacement, fractions of full scale. crowding: tones for each 1/length of the band. The program is solved
-    over `scenarios`, its level trimmed on `trimmed`, the figures are of `judged`: plants of three seeds.
+    lengths_s: tried in turn until one reaches `wanted_db`. wanted_db: level that every felt finger reaches in 95 % of
+    the sampled plants, and no more; None: the strongest. quiet_db: level that no quiet finger exceeds in 95 % of them.
+    brake_s: time from which the felt fingers are limited like the quiet ones. slew_per_s: limit of the rate of
+    displacement, full scales a second. crowding: tones for each 1/length of an actuator's band. scenarios, trimmed,
+    judged: numbers of sampled plants to optimise over, to trim on and to evaluate with; each has a seed of its own.
     """
 
     lengths_s: tuple[float, ...] = (0.03,)

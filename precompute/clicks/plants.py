@@ -1,9 +1,9 @@
-"""Sampled plants to what every finger feels, over threshold, of each actuator: transfer functions on damped lines.
+"""Transfer functions of sampled plants, from each actuator to the weighted acceleration under every finger.
 
 Theory of operation
 -------------------
-A click is optimised over, trimmed on and judged by a thousand sampled plants; from one placement to the next only the
-fingers differ. What does not depend on fingers is computed once for a device:
+A click is optimised over, trimmed on and evaluated with a thousand sampled plants; from one placement to the next only
+the fingers differ. What does not depend on fingers is computed once for a device:
 
 1. The modes of the nominal bar, some more than are kept, are a Ritz basis: every sampled bar, a few per cent stiffer
    or heavier, is a small eigenproblem in it. Its damping is diagonal but for one rank-one term for each actuator.
@@ -41,7 +41,7 @@ Complex32 = NDArray[np.complex64]
 _SPARE_MODES = 8
 """Modes of the nominal bar beyond those that are kept, in the Ritz basis of the sampled bars."""
 _CONVERGED = 1e-3
-"""What the modes that are left out may change, as a fraction of the greatest response: 0.01 dB."""
+"""Change by the omitted modes that is tolerated, as a fraction of the greatest response: 0.01 dB."""
 _MOST_MODES = 64
 _STEP_OF_MODES = 4
 _FILTER_OVERSAMPLING = 2
@@ -127,9 +127,9 @@ class SampledPlants:
 
 
 def count_modes(device: Device, lines: DampedLines) -> int:
-    """How many modes the transfer functions of a device need: those left out change them by less than 0.01 dB.
+    """Number of modes with which the transfer functions are converged to 0.01 dB of their greatest value.
 
-    That is, of the nominal bar with a finger in every zone, at every line, of the greatest value.
+    It is found on the nominal bar with a finger in every zone.
     """
     nominal = sample_scenarios(device, 0, 0)
     most = min(_MOST_MODES, assemble(device).size - _SPARE_MODES)
@@ -145,7 +145,7 @@ def count_modes(device: Device, lines: DampedLines) -> int:
 
 
 def output_factor(lines: DampedLines) -> Complex:
-    """Lines (line,) of displacement to weighted acceleration: s^2, the threshold filter, lines between samples.
+    """Factor (line,) from displacement to weighted acceleration: s^2, the threshold filter, linear interpolation.
 
     A sample at full scale is a triangle of two sample periods: (sinh(x) / x)^2 with x = s T / 2.
     """
@@ -158,9 +158,9 @@ def output_factor(lines: DampedLines) -> Complex:
 
 
 def _sampled_modes(scenarios: Scenarios, modes: int) -> tuple[list[tuple[Basis, NDArray[np.int64]]], Array, Array]:
-    """Modes of every sampled bar as sums of the modes of a bar of the same lengths.
+    """Modes of every sampled bar as combinations of the modes of a bar of the same dimensions.
 
-    Returns the bases, each with the scenarios that it serves; turn (scenario, basis mode, mode); square_omega
+    Returns the bases, each with the indices of its scenarios; turn (scenario, basis mode, mode); square_omega
     (scenario, mode), in (rad/s)^2.
     """
     groups: dict[tuple[float, ...], list[int]] = {}

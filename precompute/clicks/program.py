@@ -38,18 +38,18 @@ Integers = NDArray[np.int64]
 TOLERANCE = 1e-4
 """A bound this close, relative, counts as met: 0.001 dB."""
 _PEAKS = 4
-"""Rows added at most of one course in one round."""
+"""Most rows of one course that are added in one round."""
 _ROUNDS = 60
 _OVER = 1e-5
-"""Courses are played in single precision: beyond the limit by less than this is within it."""
+"""Relative violation that is tolerated, since courses are played in single precision."""
 _LET_IN = 0.95
-"""Of the limit: lower peaks of a course that passes it elsewhere are left out."""
+"""Fraction of the limit below which peaks of a violated course are not added."""
 _NEAR = 0.7
-"""Of the limit: rows that the last weights bring no closer are taken out before the next aim."""
+"""Fraction of the limit below which a row counts as idle."""
 _WORTH_PURGING = 40
-"""Idle rows are taken out only when there are at least this many."""
+"""Purge idle rows only when at least this many are idle."""
 _LARGEST_VALUE = 1e4
-"""Above whatever is felt, over threshold: it closes the rows of several aims on their open side."""
+"""Greater than any response in units of the threshold: the upper limit of the one-sided rows of several aims."""
 
 
 class ProgramError(TactableError):
@@ -61,13 +61,13 @@ class Watched(Protocol):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """How many courses and how many samples of each."""
+        """Numbers of courses and of samples of each."""
 
     def play(self, weight: Array) -> Single:
         """Magnitudes (course, sample) for weights (tone,)."""
 
     def rows(self, numbers: Integers) -> Array:
-        """What each tone does (row, tone) at instants given as course * samples + sample."""
+        """Rows (row, tone) at instants given as course * samples + sample."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class Program:
         self._pool.add(self._with_value(drive), -1.0, 1.0)
         self._entered = np.zeros(watched.shape, np.bool_)
         self._order = np.zeros(0, np.int64)
-        """Of the watched rows in the pool: their numbers."""
+        """Numbers of the watched rows in the pool."""
         self._limit = 1.0
         independent = scipy.linalg.qr(drive.T, mode="r", pivoting=True)[1][: self._tones] + self._extra
         self._first_basis = np.concatenate([independent, np.zeros(self._unknowns - self._tones, np.int64)])
@@ -123,16 +123,16 @@ class Program:
 
     @property
     def rows(self) -> int:
-        """How many of the watched rows are in the pool."""
+        """Number of watched rows in the pool."""
         return len(self._order)
 
     def set_limit(self, limit: float) -> None:
-        """Change what the watched courses keep to."""
+        """Change the limit of the watched courses."""
         self._limit = limit
         self._pool.limit_from(self._first_watched, limit)
 
     def add(self, numbers: Integers) -> None:
-        """Let watched rows into the pool, given as course * samples + sample; none that is in already."""
+        """Add watched rows to the pool, given as course * samples + sample; none may be in it already."""
         self._pool.add(self._with_value(self._watched.rows(numbers)), -self._limit, self._limit)
         self._order = np.concatenate([self._order, numbers])
         self._entered.flat[numbers] = True
@@ -185,7 +185,7 @@ class Program:
         return x[: self._tones].copy(), Bound(float(size[:drive].sum()) + open_side, float(size[drive:].sum()))
 
     def _add_violated(self, course: Single) -> bool:
-        """Let in the highest peaks of every course that passes the limit; whether there are any."""
+        """Add the highest peaks of every course that exceeds the limit; False if none does."""
         numbers = np.empty(_PEAKS * len(course), np.int64)
         found = _pick_peaks(course, self._entered, self._limit * _LET_IN, self._limit * (1 + _OVER), numbers)
         if found:
@@ -193,7 +193,7 @@ class Program:
         return found > 0
 
     def _purge(self) -> None:
-        """Take out the watched rows that are far from the limit, unless they are basic."""
+        """Delete the watched rows that are far from the limit and not basic."""
         first = self._first_watched
         idle = np.abs(self._pool.value[first:]) < _NEAR * self._limit
         idle &= self._pool.place[first:] < 0
@@ -204,7 +204,7 @@ class Program:
 
 
 class _Pool:
-    """Rows of a program, its basis, and what the last solution was: arrays (row, ...) that grow as rows come."""
+    """Rows of a program with its basis and last solution, as arrays (row, ...) that grow."""
 
     def __init__(self, unknowns: int) -> None:
         self.rows = np.zeros((0, unknowns))
@@ -226,7 +226,7 @@ class _Pool:
         self.place = np.concatenate([self.place, np.full(count, -1)])
 
     def keep(self, kept: NDArray[np.bool_]) -> None:
-        """Take out all rows but `kept` (row,), of which every basic row must be one."""
+        """Keep only the rows `kept` (row,), which must include every basic row."""
         number = np.cumsum(kept) - 1
         self.basis = number[self.basis]
         self.rows, self.low, self.high = self.rows[kept], self.low[kept], self.high[kept]
@@ -266,7 +266,7 @@ class _Pool:
         return Outcome(outcome)
 
     def prices(self) -> Array:
-        """Prices (row,): what the value gains as a row's limit moves; 0 for rows that are not basic."""
+        """Dual prices (row,): derivative of the value by the row's limit; 0 for rows that are not basic."""
         price = np.zeros(len(self.rows))
         price[self.basis] = self.price
         return price
@@ -274,7 +274,7 @@ class _Pool:
 
 @njit(nogil=True, cache=True)
 def _pick_peaks(course: Single, entered: NDArray[np.bool_], low: float, limit: float, numbers: Integers) -> int:
-    """Of each course that passes `limit` anywhere: its highest local peaks above `low` that are not in the pool.
+    """Pick the highest local peaks above `low` that are not in the pool, of each course that exceeds `limit`.
 
     course, entered (course, sample); numbers are filled with course * samples + sample, at most _PEAKS a course.
     Returns how many there are.
@@ -301,7 +301,7 @@ def _pick_peaks(course: Single, entered: NDArray[np.bool_], low: float, limit: f
 
 
 def _solve_with_highs(pool: _Pool, cost: Array) -> tuple[Array, Array]:
-    """The same program by HiGHS: unknowns (unknown,) and prices (row,)."""
+    """Solve the pool with HiGHS: unknowns (unknown,) and prices (row,)."""
     solver = highspy.Highs()  # type: ignore[no-untyped-call]  # highspy has stubs for part of itself
     for option, setting in (("output_flag", False), ("threads", 1)):
         solver.setOptionValue(option, setting)

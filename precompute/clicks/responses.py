@@ -1,4 +1,4 @@
-"""Transfer functions of sampled plants to what every finger feels: of a waveform, of each tone, and its peaks."""
+"""Weighted acceleration under every finger in sampled plants, for a waveform or for each tone, and its peaks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from precompute.clicks.basis import LOOKS, Tones
+from precompute.clicks.basis import EVALUATIONS_PER_SAMPLE, Tones
 from precompute.model.damped_lines import SIGMA_PER_S, DampedLines
 
 Array = NDArray[np.float64]
@@ -15,43 +15,43 @@ Single = NDArray[np.float32]
 Complex32 = NDArray[np.complex64]
 
 _AT_ONCE = 64
-"""Courses transformed at once: what they take stays near the processor."""
+"""Time courses transformed at once, so that they stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
 class Responses:
-    """What fingers feel, over threshold, in every scenario: transfer (scenario, finger, actuator, line)."""
+    """Transfer functions (scenario, finger, actuator, line) to weighted acceleration; 1 is the detection threshold."""
 
     transfer: Complex32
     lines: DampedLines
 
     @property
     def steps(self) -> int:
-        """Instants that are looked at, from the click's start, at LOOK_RATE_HZ."""
-        return LOOKS * self.lines.steps
+        """Number of instants that are evaluated from the start of the click, at EVALUATION_RATE_HZ."""
+        return EVALUATIONS_PER_SAMPLE * self.lines.steps
 
     def under(self, fingers: Sequence[int]) -> "Responses":
-        """Those of some fingers only."""
+        """The responses of some fingers."""
         return Responses(np.ascontiguousarray(self.transfer[:, list(fingers)]), self.lines)
 
     def first(self, scenarios: int) -> "Responses":
-        """Those of the first scenarios only."""
+        """The responses of the first scenarios."""
         return Responses(self.transfer[:scenarios], self.lines)
 
     def of(self, scenarios: NDArray[np.int64]) -> "Responses":
-        """Those of some scenarios only."""
+        """The responses of some scenarios."""
         return Responses(self.transfer[scenarios], self.lines)
 
     def mean(self) -> "Responses":
-        """One scenario, in which everything is felt as on average."""
+        """The mean over the scenarios, as one scenario."""
         return Responses(self.transfer.mean(axis=0, keepdims=True), self.lines)
 
     def play(self, waveform: Array) -> Single:
-        """Weighted acceleration (scenario, finger, time) at LOOK_RATE_HZ of base displacements (actuator, time)."""
-        return self.lines.course(self._sum(self.lines.transform(waveform)), LOOKS)
+        """Weighted acceleration (scenario, finger, time) at EVALUATION_RATE_HZ under displacements (actuator, time)."""
+        return self.lines.course(self._sum(self.lines.transform(waveform)), EVALUATIONS_PER_SAMPLE)
 
     def play_samples(self, waveform: Array) -> Single:
-        """The same at PLAY_RATE_HZ: only at the instants of the waveform's samples."""
+        """Weighted acceleration at SAMPLE_RATE_HZ, at the samples of the waveform only."""
         return self.lines.course(self._sum(self.lines.transform(waveform)))
 
     def peaks(self, waveform: Array, fingers: Sequence[int]) -> Array:
@@ -66,17 +66,19 @@ class Responses:
         return peaks.reshape(len(self.transfer), len(which)).astype(np.float64)
 
     def play_each(self, tones: Tones) -> Array:
-        """Weighted acceleration (scenario, finger, time, tone) of every tone by itself, at LOOK_RATE_HZ."""
+        """Weighted acceleration (scenario, finger, time, tone) of each tone alone, at EVALUATION_RATE_HZ."""
         drive = self.lines.transform(tones.wave)
         out = np.empty((*self.transfer.shape[:2], self.steps, len(drive)))
         for scenario, transfer in enumerate(self.transfer):
-            out[scenario] = self.lines.course(transfer[:, tones.actuator] * drive, LOOKS).transpose(0, 2, 1)
+            out[scenario] = self.lines.course(transfer[:, tones.actuator] * drive, EVALUATIONS_PER_SAMPLE).transpose(
+                0, 2, 1
+            )
         return out
 
     def impulses(self, before: int) -> Single:
-        """What one sample at full scale does (scenario, finger, actuator, time), from `before` samples ahead of it.
+        """Responses (scenario, finger, actuator, time) to one sample at SAMPLE_RATE_HZ, `before` samples early.
 
-        At PLAY_RATE_HZ. Ahead of it is only what band-limited lines ring there.
+        Before the sample there is only the ringing of the band limit.
         """
         lines = self.lines
         period = lines.period(self.transfer)
@@ -86,7 +88,7 @@ class Responses:
         )
 
     def _sum(self, drive: Complex32) -> Complex32:
-        """Lines of what all actuators do together (scenario, finger, line)."""
+        """Lines (scenario, finger, line) of the response to all actuators together."""
         transfer = self.transfer.reshape(-1, *self.transfer.shape[2:])
         return _combine(transfer, drive).reshape(*self.transfer.shape[:2], drive.shape[-1])
 

@@ -31,7 +31,7 @@ HOT_ROWS = 150
 PIVOTS_A_LOOK = 20
 PIVOTS_AN_INVERSE = 100
 TOLERANCE = 1e-7
-"""Of a row's scale: what its limits may be passed by."""
+"""Violation of a limit that is tolerated, relative to the scale of the row."""
 _MOST_PIVOTS = 20_000
 _SMALLEST_PIVOT = 1e-7
 _BINS = 64
@@ -42,7 +42,7 @@ class Outcome(IntEnum):
 
     OPTIMAL = 0
     BELOW_FLOOR = 1
-    """The bound fell to the floor: the optimum is not above it."""
+    """The bound fell to the floor, so the optimum is not above it."""
     FAILED = 2
     """Too many pivots, a singular basis, or no row that could leave: rounding, since the programs have solutions."""
 
@@ -80,7 +80,7 @@ def invert(rows: Array, basis: Integers, inverse: Array) -> bool:
 def _choose_hot(
     value: Array, low: Array, high: Array, scale: Array, place: Integers, hot: Integers
 ) -> tuple[int, float]:
-    """Fill `hot` with the rows nearest to their limits or beyond, none of the basis; how many, and the worst excess.
+    """Fill `hot` with the nonbasic rows nearest to their limits or beyond; return their number and the worst excess.
 
     Excess: how far a row is beyond its nearer limit, as a fraction of its scale. A histogram of it says where to cut.
     """
@@ -127,8 +127,8 @@ def maximise(
 ) -> tuple[int, int]:
     """Pivot until no row is beyond its limits by more than TOLERANCE of its scale, or the bound is at the floor.
 
-    rows (row, unknown); low, high, scale (row,); cost (unknown,). basis (unknown,): the basic rows; place (row,): where
-    in the basis a row stands, -1 for none; inverse (unknown, unknown) of rows[basis], which `is_fresh` says it is.
+    rows (row, unknown); low, high, scale (row,); cost (unknown,). basis (unknown,): the basic rows; place (row,):
+    position of a row in the basis, -1 for none; inverse (unknown, unknown) of rows[basis], valid if `is_fresh`.
     x, price (unknown,), value (row,) are results. Returns an Outcome and the number of pivots.
     """
     n, count = len(basis), len(low)

@@ -1,4 +1,24 @@
-"""A state of the fingers to its click: a short waveform that felt fingers feel and quiet ones do not."""
+"""What a click is, and how the click of one state of the fingers is solved.
+
+A click is a short waveform (30 ms) for each actuator, 0 at both ends, after which some fingers have felt a tick and the
+others have not. It differs from a steady drive in that the bar never reaches a steady vibration: what a finger feels is
+the transient of all modes, which goes on ringing after the actuators have stopped.
+
+The level of a click under a finger, felt or quiet, is the peak of the acceleration there in dB above the detection
+threshold: the acceleration is filtered so that 1 is the threshold at every frequency, and watched until 0.2 s after the
+click. Bar and fingers are never known exactly, so a level is a percentile over sampled plants, which vary stiffnesses,
+masses, fingers and their places within the device's [spread] or its calibration: 95 % of the plants reach the felt
+level, and 95 % stay below the quiet level.
+
+The click of a state is the waveform with the greatest felt level under which every quiet finger stays below the quiet
+level, within amplitude and slew of the actuators. It is a weighted sum of tones in the actuators' bands under a
+half-sine window (basis.py), so the acceleration at every instant is linear in the weights (plants.py, responses.py).
+For given instants of the felt peaks the strongest click is therefore a linear program (program.py, solved by
+simplex.py); a search chooses the instants (search.py). The program limits the quiet fingers of some tens of plants; its
+limit is trimmed until 95 % of many other plants stay below the quiet level (design.py). Rounded to the samples of the
+wire, the click is evaluated on a third sample of plants (evaluation.py), and only these figures are reported.
+`ClickSolver.solve` tries the asked lengths in turn and keeps the first that reaches the wanted level.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
@@ -11,9 +31,9 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from engine.device import Device
-from precompute.clicks.basis import PLAY_RATE_HZ, lines_for
+from precompute.clicks.basis import SAMPLE_RATE_HZ, lines_for
 from precompute.clicks.design import Design, Designer, Plants
-from precompute.clicks.evaluation import Verdict, judge_waveform
+from precompute.clicks.evaluation import Evaluation, evaluate_waveform
 from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.plants import SampledPlants, count_modes
 from precompute.clicks.responses import Responses
@@ -24,23 +44,23 @@ from precompute.sampling.plants import sample_scenarios
 Array = NDArray[np.float64]
 
 FULL_SCALE = 32767
-"""Of a sample on the wire; waveforms are rounded to it, towards 0, before they are judged."""
+"""Full scale of a sample on the wire; waveforms are rounded to it, towards 0, before they are evaluated."""
 PEAK = "peak"
-"""The objective of the linear program: the greatest peak under the weakest felt finger."""
+"""Name of the objective of the linear program: the peak under the weakest felt finger."""
 RESIDUAL_S = 0.03
-"""From so long after its end what is left of a click counts as residual, where no brake says when."""
+"""Time after the end of a click from which its residual is evaluated, unless a brake states the time."""
 _MOST_TOGETHER = 16
-"""States that one process solves before it asks for others: fewer share less, more keep some processes waiting."""
+"""Most states that a process solves in one piece: they share responses, but large pieces keep processes waiting."""
 
 
 @dataclass(frozen=True)
 class Click:
-    """One click: waveform (actuator, time) in fractions of full scale at rate_hz, straight lines between samples.
+    """One click: waveform (actuator, time) in fractions of full scale at rate_hz, linear between samples.
 
-    achieved: the plants that it was trimmed on have the levels that were asked for; where they have not, the quiet
-    level is exceeded by the least that the wanted one takes, or kept where full scale does not reach the wanted one.
-    bound_db: what no click of its tones and its quiet level exceeds at any instant tried, the weakest felt finger
-    averaged over the scenarios; gap_db: what is left to it, before the click is scaled down to a wanted level.
+    achieved: whether the trimmed plants have the levels that were asked for. If not, the quiet level is exceeded by the
+    least that the wanted level takes, or is kept where full scale does not reach the wanted level. bound_db: upper
+    bound, over the instants tried, on the weakest felt finger in the mean of the optimised plants, for any click of the
+    same tones and quiet level; gap_db: distance to it before the click is scaled down to a wanted level.
     """
 
     states: States
@@ -48,16 +68,17 @@ class Click:
     rate_hz: float
     length_s: float
     waveform: Array
-    verdict: Verdict
+    evaluation: Evaluation
     achieved: bool
     bound_db: float
     gap_db: float
 
 
 def solve_clicks(device: Device, options: ClickOptions, states: Sequence[States], workers: int = 1) -> Iterator[Click]:
-    """The clicks of some states of the device, in any order, by so many processes (1: this one).
+    """Clicks of some states of a device, in any order, solved by `workers` processes (1: this one).
 
-    They are the same however many solve them. Raises WorkerError where a process was killed.
+    The result does not depend on the number of processes. Raises WorkerError if a process was killed, ProgramError if
+    a linear program failed.
     """
     chunks = chunks_of(states)
     if not chunks:
@@ -74,7 +95,7 @@ def _begin(device: Device, options: ClickOptions) -> Callable[[States], Click]:
 
 
 def chunks_of(states: Sequence[States]) -> list[list[States]]:
-    """States with the same fingers together, so that they share what is computed for them; the longest work first."""
+    """States in pieces with the same fingers, which share their responses; the longest piece first."""
     alike = [list(group) for _, group in groupby(sorted(states, key=touched_zones), key=touched_zones)]
     chunks = [
         group[start : start + _MOST_TOGETHER] for group in alike for start in range(0, len(group), _MOST_TOGETHER)
@@ -83,35 +104,35 @@ def chunks_of(states: Sequence[States]) -> list[list[States]]:
 
 
 class ClickSolver:
-    """Solves states of one device; what states with the same fingers share is computed once."""
+    """Solves clicks of one device; states with the same fingers share the responses of the sampled plants."""
 
     def __init__(self, device: Device, options: ClickOptions = DEFAULT_OPTIONS) -> None:
         self.device, self.options = device, options
         counts = (options.scenarios, options.trimmed, options.judged)
         seeds = np.random.SeedSequence(options.seed).generate_state(len(counts)).tolist()
         self.scenarios = tuple(sample_scenarios(device, count, seed) for count, seed in zip(counts, seeds, strict=True))
-        """Those optimised over, trimmed on, judged by."""
+        """Sampled plants to optimise over, to trim on and to evaluate with."""
         self._threads = ThreadpoolController()
         with self._one_thread():
             lines = lines_for(device, options.lengths_s)
             self.modes = count_modes(device, lines)
             self._sampled = [SampledPlants(scenarios, lines, self.modes) for scenarios in self.scenarios]
         self.plants_of = lru_cache(maxsize=1)(self._compute_plants)
-        """Responses with a finger in each of some zones (indices, a tuple)."""
+        """Responses of all plants with a finger in each zone of a tuple of indices."""
 
     def solve(self, states: States) -> Click:
-        """The click of one state: of the first length that achieves what is wanted, else of the last."""
+        """The click of one state, of the first length that achieves what is wanted, else of the last length."""
         with self._one_thread():
             return self._solve(states)
 
-    def judge(self, states: States, length_s: float, waveform: Array, objective: str) -> Click:
-        """Any base displacements (actuator, time), as loud as limits and quiet level allow; it claims no optimum."""
+    def evaluate(self, states: States, length_s: float, waveform: Array, objective: str) -> Click:
+        """Any base displacements (actuator, time), scaled to the limits and the quiet level; the bound is infinite."""
         with self._one_thread():
             designer = Designer(self.device, self.options, self.plants_of(touched_zones(states)), states, length_s)
-            return self._judged(states, length_s, objective, designer, designer.fit(waveform))
+            return self._evaluated(states, length_s, objective, designer, designer.fit(waveform))
 
     def _one_thread(self) -> AbstractContextManager[object]:
-        """Of BLAS: programs are small, and sums in another order end in another click."""
+        """Limit BLAS to one thread: the programs are small, and another order of summation gives another click."""
         limited: AbstractContextManager[object] = self._threads.limit(limits=1, user_api="blas")
         return limited
 
@@ -124,27 +145,27 @@ class ClickSolver:
                 break
         else:
             design = (designer.least_violation() if designer.quiet else None) or design
-        return self._judged(states, length_s, PEAK, designer, design)
+        return self._evaluated(states, length_s, PEAK, designer, design)
 
-    def _judged(self, states: States, length_s: float, objective: str, designer: Designer, design: Design) -> Click:
+    def _evaluated(self, states: States, length_s: float, objective: str, designer: Designer, design: Design) -> Click:
         waveform = np.fix(design.waveform * FULL_SCALE) / FULL_SCALE
         brake_s = self.options.brake_s
-        judged = self.plants_of(touched_zones(states)).judged
+        plants = self.plants_of(touched_zones(states)).evaluated
         residual_from_s = length_s + RESIDUAL_S if brake_s is None else brake_s
         return Click(
             states=states,
             objective=objective,
-            rate_hz=PLAY_RATE_HZ,
+            rate_hz=SAMPLE_RATE_HZ,
             length_s=length_s,
             waveform=waveform,
-            verdict=judge_waveform(waveform, judged, designer.felt, designer.quiet, residual_from_s),
+            evaluation=evaluate_waveform(waveform, plants, designer.felt, designer.quiet, residual_from_s),
             achieved=design.achieved,
             bound_db=design.bound_db,
             gap_db=design.gap_db,
         )
 
     def _compute_plants(self, touched: tuple[int, ...]) -> Plants:
-        optimised, trimmed, judged = (
+        optimised, trimmed, evaluated = (
             Responses(sampled.transfer(sampled.fingers_in(touched)), sampled.lines) for sampled in self._sampled
         )
-        return Plants(optimised, trimmed, judged)
+        return Plants(optimised, trimmed, evaluated)

@@ -1,4 +1,4 @@
-"""Clicks solved so far, beside a table that is being built: what a killed build need not solve again."""
+"""Journal of solved clicks beside a table that is being built, so that a killed build does not solve them again."""
 
 import base64
 import json
@@ -17,12 +17,12 @@ from engine.touch import ZoneState
 
 
 class ClickStore:
-    """An open file of clicks, a line each; those of another device, code or options are dropped."""
+    """An open journal with a line for each click; clicks of another device, code or options are dropped."""
 
     def __init__(self, table: Path, belongs_to: str) -> None:
         self.path = table.with_name(f".{table.name}.clicks")
         self.clicks: dict[int, ClickEntry] = {}
-        """By state."""
+        """Clicks by state."""
         lines = list(_sound_lines(self.path))
         head = {"belongs_to": belongs_to}
         if lines and lines[0] == head:
@@ -43,7 +43,7 @@ class ClickStore:
             self.path.unlink()
 
     def add(self, click: ClickEntry) -> None:
-        """Keep one more, now."""
+        """Add a click and flush it."""
         self.clicks[click.index] = click
         self._write(_encode(click))
 
@@ -54,7 +54,7 @@ class ClickStore:
 
 
 def _sound_lines(path: Path) -> Iterator[Any]:
-    """Up to the first that was not written whole."""
+    """The lines up to the first that is damaged or incomplete."""
     if not path.exists():
         return
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():

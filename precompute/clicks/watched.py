@@ -1,4 +1,4 @@
-"""Courses that a click must keep within a limit: played for any weights of the tones, and as rows of its program."""
+"""Time courses that a click must keep within a limit: their values for any weights, and their rows of the program."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,9 +17,9 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class WatchedCourses:
-    """Courses under fingers (course = scenario * fingers + finger), looked at at every sample of the waveform.
+    """Time courses under fingers (course = scenario * fingers + finger) at every sample of the waveform.
 
-    start: the first sample (course,) from which each is watched.
+    start (course,): sample from which each course is watched.
     """
 
     responses: Responses
@@ -28,7 +28,7 @@ class WatchedCourses:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """How many courses and how many samples of each."""
+        """Numbers of courses and of samples of each."""
         return len(self.start), self.responses.lines.steps
 
     def play(self, weight: Array) -> Single:
@@ -39,7 +39,7 @@ class WatchedCourses:
         return course
 
     def rows(self, numbers: Integers) -> Array:
-        """What each tone does (row, tone) at instants given as course * samples + sample."""
+        """Rows (row, tone) at instants given as course * samples + sample."""
         course, sample = np.divmod(numbers, self.shape[1])
         reversed_past = np.empty((len(numbers), self._impulse.shape[1], self._taps), np.float64)
         _gather(self._impulse, course, sample, reversed_past)
@@ -51,19 +51,19 @@ class WatchedCourses:
 
     @property
     def _taps(self) -> int:
-        """Samples of a click but for the first and the last, which are 0."""
+        """Samples of a click without the first and the last, which are 0."""
         return int(self.tones.wave.shape[1]) - 2
 
     @cached_property
     def _impulse(self) -> Single:
-        """What one sample of each actuator does (course, actuator, time), from `_taps` samples ahead of it."""
+        """Response (course, actuator, time) to one sample of each actuator, from `_taps` samples before it."""
         impulse = self.responses.impulses(self._taps)
         return impulse.reshape(-1, *impulse.shape[2:])
 
 
 @njit(nogil=True, cache=True)
 def _gather(impulse: Single, course: Integers, sample: Integers, out: Array) -> None:
-    """Out (row, actuator, tap): what samples 1, 2, ... of a waveform do at instant `sample` of `course`."""
+    """Fill out (row, actuator, tap): responses at instant `sample` of `course` to samples 1, 2, ... of a waveform."""
     taps = out.shape[2]
     for i in range(len(course)):
         for a in range(out.shape[1]):

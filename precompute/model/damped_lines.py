@@ -1,7 +1,7 @@
-"""Frequency lines with damping, s = sigma + j omega: signals that ring on, transformed without wrapping round.
+"""Frequency lines with damping, s = sigma + j omega: transforms of signals that ring on, without wrap-around.
 
 The discrete Fourier transform of x(t) exp(-sigma t) samples the Laplace transform of x on such a line. What rings on
-beyond the period comes round weaker by exp(-sigma period), and the inverse is multiplied by exp(sigma t) again
+beyond the period wraps around attenuated by exp(-sigma period), and the inverse is multiplied by exp(sigma t) again
 (F. Durbin, Comput. J. 17, 1974). Lines end where nothing more is felt: the transfer functions are band-limited.
 """
 
@@ -17,9 +17,9 @@ Complex = NDArray[np.complex128]
 Complex32 = NDArray[np.complex64]
 
 SIGMA_PER_S = 25.0
-"""What comes round is 1/1000 of itself in 0.27 s, and single precision keeps 3e-5 of the greatest value at the end."""
+"""Wrap-around is attenuated to 1/1000 in 0.27 s; single precision keeps 3e-5 of the greatest value at the end."""
 _MARGIN_S = 0.04
-"""The period is longer than what is looked at by this."""
+"""Time by which the period exceeds the evaluated course."""
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,13 @@ class DampedLines:
         spectrum = scipy.fft.rfft(course * np.exp(-SIGMA_PER_S * time_s), self.size)
         return spectrum[..., : len(self.s_per_s)].astype(np.complex64)
 
-    def period(self, spectrum: Complex32, looks: int = 1) -> NDArray[np.float32]:
-        """A whole period (..., time) of spectra (..., line), still faded by exp(-sigma t); `looks` times as dense."""
-        course: NDArray[np.float32] = scipy.fft.irfft(spectrum, looks * self.size)
-        return course * np.float32(looks) if looks > 1 else course
+    def period(self, spectrum: Complex32, oversampling: int = 1) -> NDArray[np.float32]:
+        """A whole period (..., time) of spectra (..., line), still attenuated by exp(-sigma t), oversampled."""
+        course: NDArray[np.float32] = scipy.fft.irfft(spectrum, oversampling * self.size)
+        return course * np.float32(oversampling) if oversampling > 1 else course
 
-    def course(self, spectrum: Complex32, looks: int = 1) -> NDArray[np.float32]:
-        """Courses (..., time) of spectra (..., line): the samples that are looked at, `looks` for each of `steps`."""
-        time_s = np.arange(looks * self.steps) / (looks * self.rate_hz)
+    def course(self, spectrum: Complex32, oversampling: int = 1) -> NDArray[np.float32]:
+        """Courses (..., time) of spectra (..., line): `oversampling` samples for each of `steps`."""
+        time_s = np.arange(oversampling * self.steps) / (oversampling * self.rate_hz)
         growth = np.exp(SIGMA_PER_S * time_s).astype(np.float32)
-        return self.period(spectrum, looks)[..., : looks * self.steps] * growth
+        return self.period(spectrum, oversampling)[..., : oversampling * self.steps] * growth

@@ -115,14 +115,14 @@ def _compare(clicks: ClickSolver, entries: EntrySolver, pair: tuple[int, int]) -
 def _best_gated(clicks: ClickSolver, states: States, entries: Sequence[Entry], name: str) -> Click:
     """Of the entries of all levels the one that is felt most when it is gated."""
     length_s, slew_per_s = clicks.options.lengths_s[0], clicks.device.limits.slew_per_s
-    judged = [clicks.judge(states, length_s, gate(entry, length_s, slew_per_s), name) for entry in entries]
-    return max(judged, key=lambda click: click.verdict.felt.low_db)
+    judged = [clicks.evaluate(states, length_s, gate(entry, length_s, slew_per_s), name) for entry in entries]
+    return max(judged, key=lambda click: click.evaluation.felt.low_db)
 
 
 def _figures(click: Click) -> dict[str, Any]:
-    verdict = click.verdict
-    assert verdict.quiet is not None  # there is a quiet finger in every pair
-    return {"felt_db": asdict(verdict.felt), "quiet_db": asdict(verdict.quiet), "exceeds_s": verdict.exceeds_s}
+    evaluation = click.evaluation
+    assert evaluation.quiet is not None  # there is a quiet finger in every pair
+    return {"felt_db": asdict(evaluation.felt), "quiet_db": asdict(evaluation.quiet), "exceeds_s": evaluation.exceeds_s}
 
 
 def _summary(figures: list[dict[str, Any]]) -> dict[str, Any]:

@@ -179,8 +179,10 @@ def _rival_grid(explained: Explained) -> Grid:
     own = explained.strongest
     grid.add_row("this click", *_rival_figures(own.felt, own.quiet, own.exceeds_at_s()), "")
     for rival in explained.rivals:
-        verdict = rival.click.verdict
-        grid.add_row(rival.name, *_rival_figures(verdict.felt, verdict.quiet, verdict.exceeds_s), rival.lost_by)
+        evaluation = rival.click.evaluation
+        grid.add_row(
+            rival.name, *_rival_figures(evaluation.felt, evaluation.quiet, evaluation.exceeds_s), rival.lost_by
+        )
     return grid
 
 
@@ -225,12 +227,12 @@ def _zone_json(name: str, state: ZoneState, promise: ClickZone | None) -> dict[s
 
 
 def _rival_json(rival: Rival) -> dict[str, Any]:
-    verdict = rival.click.verdict
+    evaluation = rival.click.evaluation
     return {
         "name": rival.name,
         "lost_by": rival.lost_by,
-        "felt_db": _spread_json(verdict.felt),
-        "quiet_db": _spread_json(verdict.quiet),
-        "exceeds_s": verdict.exceeds_s,
-        "residual_db": verdict.residual_db,
+        "felt_db": _spread_json(evaluation.felt),
+        "quiet_db": _spread_json(evaluation.quiet),
+        "exceeds_s": evaluation.exceeds_s,
+        "residual_db": evaluation.residual_db,
     }

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from engine.table import ClickEntry
 from engine.touch import ZoneState
 from firmware_link.protocol.bank import SAMPLE_FULL_SCALE
-from precompute.clicks.basis import LOOK_RATE_HZ, between
+from precompute.clicks.basis import EVALUATION_RATE_HZ, interpolated
 from precompute.clicks.evaluation import decibels
 from precompute.entries.prediction import touched_zones
 from tactable.explain.click_source import ClickSource
@@ -51,14 +51,14 @@ def compute_course(source: ClickSource, click: ClickEntry) -> Course:
     """The course of a click of the source's device."""
     zones = touched_zones(click.states)
     wave = played_displacement(click).T
-    responses = source.solver.plants_of(zones).judged
-    drawn = between(wave)
+    responses = source.solver.plants_of(zones).evaluated
+    drawn = interpolated(wave)
     displacement = np.zeros((len(drawn), responses.steps))
     displacement[:, : drawn.shape[1]] = drawn
     return Course(
         click=click,
         zones=zones,
-        time_s=np.arange(responses.steps) / LOOK_RATE_HZ,
+        time_s=np.arange(responses.steps) / EVALUATION_RATE_HZ,
         displacement=displacement,
         weighted=responses.play(wave).astype(np.float64),
     )

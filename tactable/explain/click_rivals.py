@@ -28,14 +28,14 @@ def solve_rivals(source: ClickSource, click: ClickEntry) -> list[Rival]:
 def judge_rival(source: ClickSource, click: ClickEntry, name: str) -> Click:
     """The baseline of that name, of the click's state and length."""
     waveform = BASELINES[name](source.solver, click.states, click.length_s)
-    return source.solver.judge(click.states, click.length_s, waveform, name)
+    return source.solver.evaluate(click.states, click.length_s, waveform, name)
 
 
 def _lost_by(click: ClickEntry, rival: Click) -> str:
-    less_db = click.felt.low_db - rival.verdict.felt.low_db
+    less_db = click.felt.low_db - rival.evaluation.felt.low_db
     if abs(less_db) > _TIE_DB:
         return f"{abs(less_db):.1f} dB {'less' if less_db > 0 else 'MORE'} felt"
-    if click.quiet is None or rival.verdict.quiet is None:
+    if click.quiet is None or rival.evaluation.quiet is None:
         return "as strong"
-    more_db = rival.verdict.quiet.high_db - click.quiet.high_db
+    more_db = rival.evaluation.quiet.high_db - click.quiet.high_db
     return f"as strong, {abs(more_db):.1f} dB {'less' if more_db > 0 else 'MORE'} quiet"

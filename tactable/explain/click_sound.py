@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.table import ClickEntry
 from engine.touch import ZoneState
-from precompute.clicks.basis import RING_S
+from precompute.clicks.basis import RINGDOWN_S
 from precompute.entries.prediction import touched_zones
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
@@ -89,7 +89,7 @@ def compute_felt(device: Device, click: ClickEntry, *, is_weighted: bool) -> Arr
     plant.touch([(place_m, device.finger) for place_m in places_m.tolist()])
     drive = played_displacement(click)
     sample_s = np.arange(len(drive)) / click.sample_rate_hz
-    time_s = np.arange(round((click.length_s + RING_S) * SOUND_RATE_HZ)) / SOUND_RATE_HZ
+    time_s = np.arange(round((click.length_s + RINGDOWN_S) * SOUND_RATE_HZ)) / SOUND_RATE_HZ
     acceleration, _ = plant.run(np.column_stack([np.interp(time_s, sample_s, column) for column in drive.T]))
     if not is_weighted:
         return acceleration

@@ -43,10 +43,10 @@ class Cell:
     @property
     def shown(self) -> tuple["Shown", "Shown"]:
         """Of the click, then of the gated drive."""
-        quiet, gated_quiet = self.click.quiet, self.gated.verdict.quiet
+        quiet, gated_quiet = self.click.quiet, self.gated.evaluation.quiet
         return (
             Shown(self.click.felt.low_db, None if quiet is None else quiet.high_db, self.click.achieved),
-            Shown(self.gated.verdict.felt.low_db, None if gated_quiet is None else gated_quiet.high_db, True),
+            Shown(self.gated.evaluation.felt.low_db, None if gated_quiet is None else gated_quiet.high_db, True),
         )
 
 

@@ -56,7 +56,7 @@ def plot_click_study(study: Study) -> Picture:
 
 
 def _draw(axes: Axes, place: Array, clicks: Sequence[Click]) -> None:
-    sides = {ZoneState.FELT: [click.verdict.felt for click in clicks], ZoneState.QUIET: _quiet(clicks)}
+    sides = {ZoneState.FELT: [click.evaluation.felt for click in clicks], ZoneState.QUIET: _quiet(clicks)}
     for kind, levels in sides.items():
         if levels:
             _draw_levels(axes, place, levels, kind)
@@ -80,12 +80,12 @@ def _draw_levels(axes: Axes, place: Array, levels: Sequence[Levels], kind: ZoneS
 
 
 def _quiet(clicks: Sequence[Click]) -> list[Levels]:
-    return [click.verdict.quiet for click in clicks if click.verdict.quiet is not None]
+    return [click.evaluation.quiet for click in clicks if click.evaluation.quiet is not None]
 
 
 def _range_text(study: Study) -> str:
     def felt(clicks: Sequence[Click]) -> str:
-        return f"felt {clicks[0].verdict.felt.low_db:z.1f} to {clicks[-1].verdict.felt.low_db:z.1f} dB"
+        return f"felt {clicks[0].evaluation.felt.low_db:z.1f} to {clicks[-1].evaluation.felt.low_db:z.1f} dB"
 
     lengths, counts = list(study.by_length), list(study.by_scenarios)
     return (
@@ -102,8 +102,8 @@ def _columns(study: Study) -> dict[str, Sequence[object]]:
         "scenarios (1)": [count for *_, count, _ in study.clicks],
     }
     for key, percent in (("low_db", 5), ("middle_db", 50), ("high_db", 95)):
-        quiet = [click.verdict.quiet for click in clicks]
-        columns[f"felt level, {percent} % (dB above threshold)"] = [getattr(c.verdict.felt, key) for c in clicks]
+        quiet = [click.evaluation.quiet for click in clicks]
+        columns[f"felt level, {percent} % (dB above threshold)"] = [getattr(c.evaluation.felt, key) for c in clicks]
         columns[f"quiet level, {percent} % (dB above threshold)"] = [q and getattr(q, key) for q in quiet]
     columns["upper bound (dB above threshold)"] = [finite(click.bound_db) for click in clicks]
     columns["achieved (1)"] = [int(click.achieved) for click in clicks]
@@ -119,8 +119,8 @@ def _summary(study: Study) -> dict[str, object]:
                 "varied": varied,
                 "length_s": length_s,
                 "scenarios": count,
-                "level_db": click.verdict.felt.low_db,
-                "quiet_level_db": None if click.verdict.quiet is None else click.verdict.quiet.high_db,
+                "level_db": click.evaluation.felt.low_db,
+                "quiet_level_db": None if click.evaluation.quiet is None else click.evaluation.quiet.high_db,
                 "upper_bound_db": finite(click.bound_db),
                 "achieved": click.achieved,
             }

@@ -10,7 +10,7 @@ from engine.device import Device
 from engine.table import ClickEntry, Table
 from engine.touch import ZoneState
 from precompute.builder.build import build_table
-from precompute.clicks.basis import LOOK_RATE_HZ
+from precompute.clicks.basis import EVALUATION_RATE_HZ
 from precompute.clicks.options import ClickOptions
 from precompute.clicks.store import ClickStore
 from precompute.entries.solver import tabulated_states
@@ -75,7 +75,7 @@ def test_a_click_s_figures_of_the_nominal_plant_agree_with_its_verdict(table: Ta
         softest, *_, full = click.exceeds_s.values()
         assert full is not None
         assert softest is None or full <= softest
-        assert full <= click.peak_s + 1 / LOOK_RATE_HZ
+        assert full <= click.peak_s + 1 / EVALUATION_RATE_HZ
 
 
 def test_other_programs_read_the_waveforms_in_fractions_of_full_scale(path: Path, table: Table) -> None:

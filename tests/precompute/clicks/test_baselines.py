@@ -8,7 +8,7 @@ import scipy.linalg
 
 from engine.touch import ZoneState
 from precompute.clicks.baselines import BASELINES, energy_contrast, gate, gated_drive, solve_baseline
-from precompute.clicks.basis import LOOK_RATE_HZ, PLAY_RATE_HZ, make_tones
+from precompute.clicks.basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, make_tones
 from precompute.clicks.solver import PEAK, ClickSolver
 from precompute.entries.prediction import touched_zones
 from precompute.entries.solver import EntrySolver
@@ -31,12 +31,12 @@ def test_a_baseline_keeps_to_the_limits_and_loses_to_the_program(solver: ClickSo
     click, own = solve_baseline(solver, states(letters), name), solver.solve(states(letters))
     assert click.objective == name and own.objective == PEAK
     assert abs(click.waveform).max() <= 1 and not click.waveform[:, [0, -1]].any()
-    assert click.verdict.quiet is not None and own.verdict.quiet is not None
+    assert click.evaluation.quiet is not None and own.evaluation.quiet is not None
     trimmed = abs(solver.plants_of(touched_zones(click.states)).trimmed.play(click.waveform))[1:].max(axis=2)
     quiet = [zone for zone in touched_zones(click.states) if click.states[zone] is ZoneState.QUIET]
     finger = touched_zones(click.states).index(quiet[0])
     assert np.percentile(20 * np.log10(trimmed[:, finger]), 95) <= CHEAP.quiet_db + 0.01
-    assert click.verdict.felt.low_db < own.verdict.felt.low_db
+    assert click.evaluation.felt.low_db < own.evaluation.felt.low_db
 
 
 def test_energy_contrast_is_that_of_no_other_weights(solver: ClickSolver) -> None:
@@ -46,7 +46,7 @@ def test_energy_contrast_is_that_of_no_other_weights(solver: ClickSolver) -> Non
 
     def contrast(drive: np.ndarray) -> float:
         course = optimised.play(drive) ** 2
-        return float(course[:, 0, : round(0.02 * LOOK_RATE_HZ)].sum() / course[:, 1].sum())
+        return float(course[:, 0, : round(0.02 * EVALUATION_RATE_HZ)].sum() / course[:, 1].sum())
 
     weights = np.random.default_rng(0).normal(size=(50, len(tones.wave)))
     assert contrast(waveform) > 10 * max(contrast(tones.waveform(weight)) for weight in weights)
@@ -57,8 +57,8 @@ def test_energy_contrast_is_that_of_no_other_weights(solver: ClickSolver) -> Non
 def test_a_gate_opens_and_closes_by_the_slew(solver: ClickSolver) -> None:
     entry = EntrySolver(assemble(solver.device)).solve(states("F--q-"))[-1]
     waveform = gate(entry, 0.02, slew_per_s=200.0)
-    assert waveform.shape == (2, round(0.02 * PLAY_RATE_HZ) + 1)
-    time_s = np.arange(waveform.shape[1]) / PLAY_RATE_HZ
+    assert waveform.shape == (2, round(0.02 * SAMPLE_RATE_HZ) + 1)
+    time_s = np.arange(waveform.shape[1]) / SAMPLE_RATE_HZ
     inside = (time_s > 0.005) & (time_s < 0.015)
     tones = np.sin(2 * np.pi * np.outer(entry.frequencies_hz, time_s) + np.array(entry.phases_rad)[:, None])
     assert waveform[:, inside] == pytest.approx((np.array(entry.amplitudes)[:, None] * tones)[:, inside])
@@ -69,7 +69,7 @@ def test_the_gated_drive_is_the_entry_that_is_felt_most_so(solver: ClickSolver) 
     state, limited = states("F--q-"), replace_limits(solver)
 
     def felt_db(drive: np.ndarray) -> float:
-        return limited.judge(state, 0.02, drive, "").verdict.felt.low_db
+        return limited.evaluate(state, 0.02, drive, "").evaluation.felt.low_db
 
     own = gated_drive(limited, state, 0.02)
     gated = [gate(entry, 0.02, slew_per_s=200.0) for entry in EntrySolver(assemble(solver.device)).solve(state)]
@@ -86,10 +86,10 @@ def replace_limits(solver: ClickSolver) -> ClickSolver:
 def test_without_a_quiet_finger_contrast_is_against_the_drive(solver: ClickSolver) -> None:
     """The most energy under the finger for that of the displacement: a singular vector of what the tones do."""
     waveform, tones = energy_contrast(solver, states("F----"), 0.02), make_tones(solver.device, 0.02)
-    played = solver.plants_of((0,)).optimised.play_each(tones)[:, 0, : round(0.02 * LOOK_RATE_HZ)]
+    played = solver.plants_of((0,)).optimised.play_each(tones)[:, 0, : round(0.02 * EVALUATION_RATE_HZ)]
     rows = played.reshape(-1, len(tones.wave))
     best = scipy.linalg.eigvalsh(
         rows.T @ rows, (tones.wave @ tones.wave.T) * (tones.actuator[:, None] == tones.actuator)
     )
-    energy = (solver.plants_of((0,)).optimised.play(waveform)[:, 0, : round(0.02 * LOOK_RATE_HZ)] ** 2).sum()
+    energy = (solver.plants_of((0,)).optimised.play(waveform)[:, 0, : round(0.02 * EVALUATION_RATE_HZ)] ** 2).sum()
     assert energy / (waveform**2).sum() == pytest.approx(best[-1], rel=1e-3)

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.clicks.basis import (
-    LOOKS,
-    PLAY_RATE_HZ,
-    between,
-    independent,
+    EVALUATIONS_PER_SAMPLE,
+    SAMPLE_RATE_HZ,
+    interpolated,
     make_tones,
+    orthogonalised,
 )
 from tests.precompute.devices import every_device, shipped
 
@@ -27,12 +27,12 @@ LENGTH_S = 0.02
 @pytest.mark.parametrize("crowding", [1.0, 1.5])
 def test_tones_lie_in_the_band_evenly_as_close_as_asked(device: Device, length_s: float, crowding: float) -> None:
     tones = make_tones(device, length_s, crowding)
-    time_s = (np.arange(tones.wave.shape[1]) - (tones.wave.shape[1] - 1) / 2) / PLAY_RATE_HZ
+    time_s = (np.arange(tones.wave.shape[1]) - (tones.wave.shape[1] - 1) / 2) / SAMPLE_RATE_HZ
     window = np.cos(np.pi * time_s[1:-1] / length_s)
     for index, actuator in enumerate(device.actuators):
         cosines = tones.wave[tones.actuator == index][::2, 1:-1] / window
         step = np.arccos(np.clip(cosines[:, len(time_s) // 2], -1, 1))  # one sample after the middle
-        found_hz = step * PLAY_RATE_HZ / (2 * np.pi)
+        found_hz = step * SAMPLE_RATE_HZ / (2 * np.pi)
         low_hz, high_hz = actuator.band_hz
         assert found_hz[0] - low_hz == pytest.approx(high_hz - found_hz[-1], abs=1e-6)
         assert 0 <= found_hz[0] - low_hz <= 0.5 / (crowding * length_s) + 1e-6
@@ -42,7 +42,7 @@ def test_tones_lie_in_the_band_evenly_as_close_as_asked(device: Device, length_s
 @pytest.mark.parametrize("crowding", [1.0, 1.5, 4.0])
 def test_independent_tones_are_orthogonal_and_span_the_same(crowding: float) -> None:
     tones = make_tones(shipped("reference-a"), LENGTH_S, crowding)
-    apart = independent(tones)
+    apart = orthogonalised(tones)
     for actuator in range(2):
         wave, new = (each.wave[each.actuator == actuator] for each in (tones, apart))
         products = new @ new.T
@@ -55,12 +55,12 @@ def test_independent_tones_are_orthogonal_and_span_the_same(crowding: float) -> 
 def test_a_click_begins_and_ends_at_rest() -> None:
     tones = make_tones(shipped("reference-a"), LENGTH_S)
     waveform = tones.waveform(np.random.default_rng(1).normal(size=len(tones.wave)))
-    assert waveform.shape == (2, round(LENGTH_S * PLAY_RATE_HZ) + 1)
+    assert waveform.shape == (2, round(LENGTH_S * SAMPLE_RATE_HZ) + 1)
     assert not waveform[:, [0, -1]].any()
 
 
 def test_between_samples_there_are_straight_lines() -> None:
     wave = np.random.default_rng(0).normal(size=(2, 7))
-    fine = between(wave)
-    assert fine[:, ::LOOKS] == pytest.approx(wave)
+    fine = interpolated(wave)
+    assert fine[:, ::EVALUATIONS_PER_SAMPLE] == pytest.approx(wave)
     assert fine == pytest.approx(np.stack([np.interp(np.arange(13) / 2, np.arange(7), row) for row in wave]))

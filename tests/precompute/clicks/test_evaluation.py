@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from precompute.clicks.basis import LOOK_RATE_HZ, RING_S, lines_for, make_tones
-from precompute.clicks.evaluation import decibels, judge_waveform
+from precompute.clicks.basis import EVALUATION_RATE_HZ, RINGDOWN_S, lines_for, make_tones
+from precompute.clicks.evaluation import decibels, evaluate_waveform
 from precompute.clicks.plants import SampledPlants
 from precompute.clicks.responses import Responses
 from precompute.sampling.plants import sample_scenarios
@@ -28,21 +28,21 @@ def waveform() -> Array:
 
 
 def test_levels_are_of_the_weakest_felt_and_the_strongest_quiet_finger(responses: Responses, waveform: Array) -> None:
-    verdict = judge_waveform(waveform, responses, [0, 2], [1], 0.05)
+    evaluation = evaluate_waveform(waveform, responses, [0, 2], [1], 0.05)
     peak_db = 20 * np.log10(abs(responses.play(waveform)).max(axis=2))
     felt_db = peak_db[:, [0, 2]].min(axis=1)
-    assert verdict.quiet is not None
-    assert verdict.felt.nominal_db == pytest.approx(felt_db[0], abs=0.05)
-    assert verdict.quiet.nominal_db == pytest.approx(peak_db[0, 1], abs=0.05)
+    assert evaluation.quiet is not None
+    assert evaluation.felt.nominal_db == pytest.approx(felt_db[0], abs=0.05)
+    assert evaluation.quiet.nominal_db == pytest.approx(peak_db[0, 1], abs=0.05)
     expected = np.percentile(felt_db[1:], [5, 50, 95])
-    assert (verdict.felt.low_db, verdict.felt.middle_db, verdict.felt.high_db) == pytest.approx(
+    assert (evaluation.felt.low_db, evaluation.felt.middle_db, evaluation.felt.high_db) == pytest.approx(
         tuple(expected), abs=0.05
     )
-    assert verdict.quiet.high_db == pytest.approx(np.percentile(peak_db[1:, 1], 95), abs=0.05)
+    assert evaluation.quiet.high_db == pytest.approx(np.percentile(peak_db[1:, 1], 95), abs=0.05)
 
 
 def test_twice_the_waveform_is_6_db_more(responses: Responses, waveform: Array) -> None:
-    one, two = (judge_waveform(factor * waveform, responses, [0], [1, 2], 0.05) for factor in (1, 2))
+    one, two = (evaluate_waveform(factor * waveform, responses, [0], [1, 2], 0.05) for factor in (1, 2))
     assert one.quiet is not None and two.quiet is not None
     gain_db = 20 * np.log10(2)
     assert two.felt.low_db - one.felt.low_db == pytest.approx(gain_db)
@@ -52,20 +52,20 @@ def test_twice_the_waveform_is_6_db_more(responses: Responses, waveform: Array) 
 
 
 def test_times_are_those_of_the_nominal_course(responses: Responses, waveform: Array) -> None:
-    verdict = judge_waveform(waveform, responses, [1], [], 0.05)
+    evaluation = evaluate_waveform(waveform, responses, [1], [], 0.05)
     course = abs(responses.play(waveform)[0, 1])
-    assert verdict.quiet is None and verdict.exceeds_s is not None
-    first, peak = round(verdict.exceeds_s * LOOK_RATE_HZ), round(verdict.peak_s * LOOK_RATE_HZ)
+    assert evaluation.quiet is None and evaluation.exceeds_s is not None
+    first, peak = round(evaluation.exceeds_s * EVALUATION_RATE_HZ), round(evaluation.peak_s * EVALUATION_RATE_HZ)
     assert course[first] > 1 and (course[:first] <= 1).all()
     assert course[peak] == course.max()
-    assert verdict.residual_db == pytest.approx(float(decibels(course[round(0.05 * LOOK_RATE_HZ) :].max())))
+    assert evaluation.residual_db == pytest.approx(float(decibels(course[round(0.05 * EVALUATION_RATE_HZ) :].max())))
 
 
 def test_what_stays_below_threshold_never_exceeds_it(responses: Responses, waveform: Array) -> None:
     faint = waveform * (0.99 / float(abs(responses.play(waveform)[0, 0]).max()))
-    verdict = judge_waveform(faint, responses, [0], [], 0.05)
-    assert verdict.exceeds_s is None and verdict.felt.nominal_db == pytest.approx(20 * np.log10(0.99), abs=0.05)
+    evaluation = evaluate_waveform(faint, responses, [0], [], 0.05)
+    assert evaluation.exceeds_s is None and evaluation.felt.nominal_db == pytest.approx(20 * np.log10(0.99), abs=0.05)
 
 
 def test_silence_is_far_below_threshold(responses: Responses, waveform: Array) -> None:
-    assert judge_waveform(0 * waveform, responses, [0], [1], RING_S).felt.high_db < -200
+    assert evaluate_waveform(0 * waveform, responses, [0], [1], RINGDOWN_S).felt.high_db < -200

@@ -8,7 +8,15 @@ import pytest
 from numpy.typing import NDArray
 
 from engine.device import Device
-from precompute.clicks.basis import LOOK_RATE_HZ, LOOKS, PLAY_RATE_HZ, RING_S, between, lines_for, make_tones
+from precompute.clicks.basis import (
+    EVALUATION_RATE_HZ,
+    EVALUATIONS_PER_SAMPLE,
+    RINGDOWN_S,
+    SAMPLE_RATE_HZ,
+    interpolated,
+    lines_for,
+    make_tones,
+)
 from precompute.clicks.plants import SampledPlants, count_modes, output_factor
 from precompute.clicks.responses import Responses
 from precompute.model.assembly import assemble
@@ -46,7 +54,7 @@ def transient_lines(scenarios: Scenarios, scenario: int, waveform: Array, lines:
     """
     device = scenarios.device_of(scenario)
     fingers = scenarios.fingers_of(scenario, TOUCHED)
-    rate_hz = FINE * PLAY_RATE_HZ
+    rate_hz = FINE * SAMPLE_RATE_HZ
     places_m = np.array([position_m for position_m, _ in fingers])
     plant = TransientPlant(compute_basis(assemble(device), 60), places_m, rate_hz)
     plant.touch(fingers)
@@ -102,7 +110,7 @@ def test_the_modes_and_lines_left_out_are_not_felt(device: Device) -> None:
     """Peaks within 0.02 dB of those with every mode and lines up to 0.49 of the sampling rate."""
     scenarios, waveform = sample_scenarios(device, 1, seed=2), drive_of(device)
     responses = responses_of(scenarios)
-    lines = replace(responses.lines, top_hz=0.49 * PLAY_RATE_HZ)
+    lines = replace(responses.lines, top_hz=0.49 * SAMPLE_RATE_HZ)
     plants = SampledPlants(scenarios, lines, 40)
     all_of_it = Responses(plants.transfer(plants.fingers_in(TOUCHED)), lines)
     found, expected = (abs(each.play(waveform)).max(axis=2) for each in (responses, all_of_it))
@@ -137,7 +145,7 @@ def test_a_click_is_felt_as_the_sum_of_its_tones(device: Device) -> None:
     whole = responses.play(tones.waveform(weight))
     assert responses.play_each(tones) @ weight == pytest.approx(whole, abs=1e-4 * float(abs(whole).max()))
     assert responses.play_samples(tones.waveform(weight)) == pytest.approx(
-        whole[..., ::LOOKS], abs=1e-4 * float(abs(whole).max())
+        whole[..., ::EVALUATIONS_PER_SAMPLE], abs=1e-4 * float(abs(whole).max())
     )
 
 
@@ -152,8 +160,8 @@ def test_peaks_are_those_of_the_course(device: Device) -> None:
 
 def test_courses_are_looked_at_until_the_ringing_ends() -> None:
     lines = lines_for(shipped("reference-a"), (0.01, 0.03))
-    assert lines.steps == round((0.03 + RING_S) * PLAY_RATE_HZ)
+    assert lines.steps == round((0.03 + RINGDOWN_S) * SAMPLE_RATE_HZ)
     assert responses_of(sample_scenarios(shipped("reference-a"), 0, 0)).steps == round(
-        (LENGTH_S + RING_S) * LOOK_RATE_HZ
+        (LENGTH_S + RINGDOWN_S) * EVALUATION_RATE_HZ
     )
-    assert between(np.array([[0.0, 1.0, 0.0]])).tolist() == [[0.0, 0.5, 1.0, 0.5, 0.0]]
+    assert interpolated(np.array([[0.0, 1.0, 0.0]])).tolist() == [[0.0, 0.5, 1.0, 0.5, 0.0]]

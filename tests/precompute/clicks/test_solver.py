@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from engine.device import Device
 from engine.touch import ZoneState
-from precompute.clicks.basis import LOOK_RATE_HZ, LOOKS, PLAY_RATE_HZ, RING_S, make_tones
+from precompute.clicks.basis import EVALUATION_RATE_HZ, EVALUATIONS_PER_SAMPLE, RINGDOWN_S, SAMPLE_RATE_HZ, make_tones
 from precompute.clicks.design import Designer, fingers_of
 from precompute.clicks.options import ClickOptions
 from precompute.clicks.solver import FULL_SCALE, Click, ClickSolver, solve_clicks
@@ -51,7 +51,7 @@ def test_displacements_are_within_full_scale_on_the_grid_of_the_wire(letters: st
     waveform = click_of(letters).waveform
     assert abs(waveform).max() <= 1
     assert waveform * FULL_SCALE == pytest.approx(np.round(waveform * FULL_SCALE), abs=1e-9)
-    assert not waveform[:, [0, -1]].any() and waveform.shape[1] == round(0.02 * PLAY_RATE_HZ) + 1
+    assert not waveform[:, [0, -1]].any() and waveform.shape[1] == round(0.02 * SAMPLE_RATE_HZ) + 1
 
 
 @any_case
@@ -61,15 +61,15 @@ def test_quiet_fingers_keep_to_their_level_at_all_times(letters: str) -> None:
     if ZoneState.QUIET in click.states:
         course = courses(click, ZoneState.QUIET, part="trimmed")
         assert percentile_db(course, True, 95) <= CHEAP.quiet_db + 0.01
-        assert course.shape[2] == round((0.02 + RING_S) * LOOK_RATE_HZ)
+        assert course.shape[2] == round((0.02 + RINGDOWN_S) * EVALUATION_RATE_HZ)
 
 
 @any_case
 def test_felt_fingers_feel_what_quiet_ones_do_not(letters: str) -> None:
-    verdict = click_of(letters).verdict
-    if verdict.quiet is not None:
-        assert verdict.felt.low_db >= verdict.quiet.high_db + (10 if letters in ("F--q-", "q--F-") else 1.5)
-    assert verdict.exceeds_s is not None and verdict.exceeds_s < verdict.peak_s < 0.03
+    evaluation = click_of(letters).evaluation
+    if evaluation.quiet is not None:
+        assert evaluation.felt.low_db >= evaluation.quiet.high_db + (10 if letters in ("F--q-", "q--F-") else 1.5)
+    assert evaluation.exceeds_s is not None and evaluation.exceeds_s < evaluation.peak_s < 0.03
 
 
 @any_case
@@ -147,7 +147,7 @@ def test_the_program_violates_none_of_its_own_limits(letters: str) -> None:
     waveform = designer.waveform(designer.search.strongest(0.8).optimum.weight)  # a design is scaled after it
     assert abs(waveform).max() <= 1 + 1e-6
     course = abs(solver.plants_of(touched_zones(state)).optimised.play(waveform)[:, designer.quiet])
-    assert course[..., ::LOOKS].max(initial=0.0) <= 0.8 + 1e-6
+    assert course[..., ::EVALUATIONS_PER_SAMPLE].max(initial=0.0) <= 0.8 + 1e-6
     assert course.max(initial=0.0) <= 0.8 * 10 ** (0.3 / 20)  # between the samples of the waveform
 
 
@@ -157,7 +157,7 @@ def test_a_mirrored_bar_gets_mirrored_clicks(letters: str) -> None:
     here = click_of(letters)
     there = solver_of(mirrored(shipped("reference-a"))).solve(states(letters[::-1]))
     assert there.bound_db == pytest.approx(here.bound_db, abs=2e-2)
-    assert there.verdict.felt.nominal_db == pytest.approx(here.verdict.felt.nominal_db, abs=0.1)
+    assert there.evaluation.felt.nominal_db == pytest.approx(here.evaluation.felt.nominal_db, abs=0.1)
     sign = np.sign((there.waveform * here.waveform).sum())
     assert abs(sign * there.waveform - here.waveform).max() <= 0.1
 
@@ -178,18 +178,18 @@ def test_fewer_wishes_are_never_weaker() -> None:
 def test_a_slew_that_is_asked_for_is_kept() -> None:
     click = click_of("F--q-", replace(CHEAP, slew_per_s=300.0))
     steps = abs(np.diff(click.waveform, axis=1)).max()
-    assert steps <= 300.0 / PLAY_RATE_HZ + 2 / FULL_SCALE
+    assert steps <= 300.0 / SAMPLE_RATE_HZ + 2 / FULL_SCALE
 
 
 def test_a_brake_leaves_no_residual() -> None:
-    options, late = replace(CHEAP, brake_s=0.023), round(0.023 * LOOK_RATE_HZ)
+    options, late = replace(CHEAP, brake_s=0.023), round(0.023 * EVALUATION_RATE_HZ)
     braked = click_of("F--q-", options)
     left, without = (
         abs(courses(click, ZoneState.FELT, CHEAP)[..., late:]).max() for click in (braked, click_of("F--q-"))
     )
     assert left <= 1.5 < without
     assert left == pytest.approx(abs(courses(braked, ZoneState.FELT, options)[..., late:]).max())
-    assert braked.verdict.residual_from_s == 0.023
+    assert braked.evaluation.residual_from_s == 0.023
 
 
 def test_a_wanted_level_is_reached_and_not_exceeded() -> None:
@@ -208,9 +208,9 @@ def test_the_shortest_length_that_reaches_the_level_is_taken() -> None:
 def test_what_is_out_of_reach_violates_the_quiet_level_by_the_least_and_says_so() -> None:
     options = replace(CHEAP, wanted_db=20.0)
     click = click_of("F--q-", options)
-    assert not click.achieved and click.verdict.quiet is not None
+    assert not click.achieved and click.evaluation.quiet is not None
     assert percentile_db(courses(click, ZoneState.FELT, options, "trimmed"), False, 5) == pytest.approx(20.0, abs=0.1)
-    assert click.verdict.quiet.high_db > CHEAP.quiet_db + 1
+    assert click.evaluation.quiet.high_db > CHEAP.quiet_db + 1
 
 
 def test_what_full_scale_does_not_reach_keeps_to_the_quiet_level() -> None:
@@ -233,4 +233,4 @@ def test_clicks_are_the_same_by_however_many_processes() -> None:
     one, two = ({click.states: click for click in solve_clicks(device, CHEAP, wanted, n)} for n in (1, 2))
     assert set(one) == set(two) == set(wanted)
     for state in wanted:
-        assert (one[state].waveform == two[state].waveform).all() and one[state].verdict == two[state].verdict
+        assert (one[state].waveform == two[state].waveform).all() and one[state].evaluation == two[state].evaluation

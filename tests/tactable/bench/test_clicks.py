@@ -21,12 +21,12 @@ def test_every_ordered_pair_is_compared_as_the_solvers_say() -> None:
     pairs = {(row["felt"], row["quiet"]): row for row in result["pairs"]}
     assert set(pairs) == {(a, b) for a in ("I", "II", "III") for b in ("I", "II", "III") if a != b}
     assert told == pytest.approx([i / 6 for i in range(1, 7)])
-    verdict = ClickSolver(COARSE, CHEAP).solve(states("F-q")).verdict
+    evaluation = ClickSolver(COARSE, CHEAP).solve(states("F-q")).evaluation
     row = pairs["I", "III"]
-    assert verdict.quiet is not None
+    assert evaluation.quiet is not None
     assert (row["click"]["felt_db"]["low_db"], row["click"]["quiet_db"]["high_db"]) == (
-        verdict.felt.low_db,
-        verdict.quiet.high_db,
+        evaluation.felt.low_db,
+        evaluation.quiet.high_db,
     )
     for way in ("gated", "paper"):
         assert all(row[way]["felt_db"]["low_db"] < row["click"]["felt_db"]["low_db"] + 0.5 for row in pairs.values())

@@ -9,7 +9,7 @@ import pytest
 from engine.table import ClickEntry
 from engine.table.click import played_at
 from engine.touch import ZoneState
-from precompute.clicks.basis import LOOKS
+from precompute.clicks.basis import EVALUATIONS_PER_SAMPLE
 from tactable.explain.click_course import Course, compute_course
 from tactable.explain.click_source import ClickSource
 
@@ -40,10 +40,10 @@ def test_of_several_felt_fingers_the_weakest_counts(source: ClickSource) -> None
 
 def test_the_displacement_passes_through_the_samples_and_ends_in_silence(source: ClickSource) -> None:
     click, course = course_of(source, "I", "III", 2.0)
-    drawn = course.displacement[:, : LOOKS * len(click.samples) : LOOKS]
+    drawn = course.displacement[:, : EVALUATIONS_PER_SAMPLE * len(click.samples) : EVALUATIONS_PER_SAMPLE]
     assert pytest.approx(click.samples / 32767 * click.amplitude) == drawn.T
-    assert not course.displacement[:, LOOKS * (len(click.samples) - 1) :].any()
-    assert course.time_s[LOOKS * (len(click.samples) - 1)] == pytest.approx(click.length_s)
+    assert not course.displacement[:, EVALUATIONS_PER_SAMPLE * (len(click.samples) - 1) :].any()
+    assert course.time_s[EVALUATIONS_PER_SAMPLE * (len(click.samples) - 1)] == pytest.approx(click.length_s)
     assert course.displacement.shape[1] == course.weighted.shape[2] == len(course.time_s)
 
 

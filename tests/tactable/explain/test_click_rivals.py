@@ -23,11 +23,11 @@ def test_every_baseline_is_judged_at_the_length_of_the_click(source: ClickSource
     for rival in rivals:
         assert rival.click.waveform.shape == click.samples.T.shape
         assert abs(rival.click.waveform).max() <= source.table.device.limits.amplitude
-        assert rival.lost_by == f"{click.felt.low_db - rival.click.verdict.felt.low_db:.1f} dB less felt"
+        assert rival.lost_by == f"{click.felt.low_db - rival.click.evaluation.felt.low_db:.1f} dB less felt"
 
 
 def test_what_does_not_lose_says_so(source: ClickSource, click: ClickEntry) -> None:
-    rival = solve_rivals(source, click)[0].click.verdict
+    rival = solve_rivals(source, click)[0].click.evaluation
     assert rival.quiet is not None and click.quiet is not None
     weaker = replace(click, felt=shifted(click.felt, rival.felt.low_db - click.felt.low_db - 1.0))
     assert solve_rivals(source, weaker)[0].lost_by == "1.0 dB MORE felt"

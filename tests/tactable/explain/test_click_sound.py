@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from engine.table import ClickEntry
 from engine.table.click import played_at
-from precompute.clicks.basis import LOOK_RATE_HZ, RING_S
+from precompute.clicks.basis import EVALUATION_RATE_HZ, RINGDOWN_S
 from tactable.explain.click_course import compute_course
 from tactable.explain.click_sound import (
     LOUDEST,
@@ -48,7 +48,7 @@ def test_what_is_heard_has_the_peaks_of_the_table(source: ClickSource, level_db:
 
 def test_what_is_heard_is_the_acceleration_that_the_plants_are_judged_by(source: ClickSource) -> None:
     """Another way to it: closed-form responses at a lower rate, whose filter of least phase is a moment earlier."""
-    click, step = click_of(source, "I", "III"), round(SOUND_RATE_HZ / LOOK_RATE_HZ)
+    click, step = click_of(source, "I", "III"), round(SOUND_RATE_HZ / EVALUATION_RATE_HZ)
     heard = compute_felt(source.table.device, click, is_weighted=True)
     judged = compute_course(source, click).weighted[0].T
     differences = [abs(heard[late::step][:1700] - judged[:1700]).max() for late in range(2 * step)]
@@ -61,7 +61,7 @@ def test_fingers_come_one_after_another_felt_ones_first_on_one_scale(source: Cli
     heard = compute_felt(source.table.device, click, is_weighted=is_weighted)
     sound = make_sound(source.table.device, click, is_weighted=is_weighted, is_stereo=False)
     assert sound.order == ("III", "I")
-    assert sound.samples.shape == (2 * round((click.length_s + RING_S + PAUSE_S) * SOUND_RATE_HZ), 1)
+    assert sound.samples.shape == (2 * round((click.length_s + RINGDOWN_S + PAUSE_S) * SOUND_RATE_HZ), 1)
     felt, quiet = sound.samples[:, 0].reshape(2, -1)[:, : len(heard)]
     scaled = heard * (LOUDEST / sound.loudest_value)
     assert felt == pytest.approx(scaled[:, 1], abs=0.51)

@@ -45,14 +45,14 @@ def test_each_point_is_the_click_of_its_options(study: Study, told: list[float])
 
 def test_the_point_of_the_table_s_options_is_the_table_s_click(source: ClickSource, study: Study) -> None:
     click = source.table.click_for(["I"], ["III"], float("inf"))
-    assert study.by_length[0.02].verdict.felt.low_db == pytest.approx(click.felt.low_db)
+    assert study.by_length[0.02].evaluation.felt.low_db == pytest.approx(click.felt.low_db)
 
 
 def test_the_picture_has_every_point_and_both_sides(study: Study) -> None:
     picture = plot_click_study(study)
     columns, clicks = picture.columns, [click for *_, click in study.clicks]
-    felt = [click.verdict.felt.low_db for click in clicks]
-    quiet = [click.verdict.quiet and click.verdict.quiet.high_db for click in clicks]
+    felt = [click.evaluation.felt.low_db for click in clicks]
+    quiet = [click.evaluation.quiet and click.evaluation.quiet.high_db for click in clicks]
     assert columns["felt level, 5 % (dB above threshold)"] == felt
     assert columns["quiet level, 95 % (dB above threshold)"] == quiet
     assert [point["level_db"] for point in picture.summary["clicks"]] == felt

@@ -37,7 +37,7 @@ def test_every_ordered_pair_is_there_with_the_figures_of_the_table(source: Click
 
 
 def test_beside_it_is_the_gated_drive_judged_alike(source: ClickSource, picture: Picture) -> None:
-    gated = solve_baseline(source.solver, source.table.states_of(["III"], ["I"]), GATED).verdict
+    gated = solve_baseline(source.solver, source.table.states_of(["III"], ["I"]), GATED).evaluation
     assert gated.quiet is not None
     assert picture.summary["gated_felt_level_db"][2][0] == pytest.approx(gated.felt.low_db)
     assert picture.summary["gated_quiet_level_db"][2][0] == pytest.approx(gated.quiet.high_db)
