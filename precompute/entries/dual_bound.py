@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _TINY = 1e-30
-_DEFINITE = 1e-12  # of the trace: keeps a denominator of few fingers definite
+_DEFINITE = 1e-12
 _MIXED = 1e-6
 _MOST_TONES = 3
 _PRICED = 3
@@ -91,9 +91,7 @@ class Columns:
         """Add the drives that these weights value most; the bound that the weights prove."""
         eigenvalue, numerator, denominator = _eigenvalues(self._muted, weights)
         for k in peaks(eigenvalue)[:_PRICED]:
-            inverse = np.linalg.inv(np.linalg.cholesky(denominator[k]))
-            vectors = np.linalg.eigh(inverse @ numerator[k] @ inverse.conj().T)[1]
-            amplitude = inverse.conj().T @ vectors[:, -1]
+            _, amplitude = solve_eigen(numerator[k], denominator[k])
             amplitude[~self._problem.in_band[k]] = 0
             self.add(float(self._problem.frequency_hz[k]), amplitude)
         return _proved(eigenvalue, weights)
@@ -146,12 +144,24 @@ def block_directions(problem: Problem, weights: Weights, actuators: list[int]) -
     """Shape (frequency, actuator): at each frequency what the weights value most of drives of these actuators alone."""
     _, numerator, denominator = _eigenvalues(problem.muted(), weights)
     pick = np.ix_(range(len(numerator)), actuators, actuators)
-    inverse = np.linalg.inv(np.linalg.cholesky(denominator[pick]))
-    vectors = np.linalg.eigh(inverse @ numerator[pick] @ inverse.conj().transpose(0, 2, 1))[1]
     out = np.zeros((len(numerator), problem.in_band.shape[1]), dtype=np.complex128)
-    out[:, actuators] = (inverse.conj().transpose(0, 2, 1) @ vectors[:, :, -1:])[:, :, 0]
+    out[:, actuators] = solve_eigen(numerator[pick], denominator[pick])[1]
     out[~problem.in_band] = 0
     return out
+
+
+def definite(D: Complex) -> Complex:
+    """D (..., actuator, actuator) with 1e-12 of its trace on the diagonal: a form of few fingers may be singular."""
+    trace = np.einsum("...aa->...", D).real
+    return np.ascontiguousarray(D + (_DEFINITE * trace)[..., None, None] * np.eye(D.shape[-1]))
+
+
+def solve_eigen(N: Complex, D: Complex) -> tuple[Array, Complex]:
+    """The greatest lambda (...,) of N a = lambda D a for Hermitian N and definite D, and its a (..., actuator)."""
+    inverse = np.linalg.inv(np.linalg.cholesky(D))
+    turned = inverse.conj().swapaxes(-1, -2)
+    value, vector = np.linalg.eigh(inverse @ N @ turned)
+    return value[..., -1], (turned @ vector[..., -1:])[..., 0]
 
 
 def peaks(score: NDArray[np.floating]) -> list[int]:
@@ -166,9 +176,7 @@ def _eigenvalues(problem: Problem, weights: Weights) -> tuple[Array, Complex, Co
     """Greatest eigenvalue (frequency,) of the weighted forms, and these (frequency, actuator, actuator)."""
     numerator = np.tensordot(weights.numerator, problem.numerator, 1) + np.tensordot(weights.level, problem.level, 1)
     numerator = np.ascontiguousarray(numerator - np.diag(weights.actuator))
-    denominator = np.tensordot(weights.denominator, problem.denominator, 1)
-    trace = np.einsum("faa->f", denominator).real
-    denominator = np.ascontiguousarray(denominator + (_DEFINITE * trace)[:, None, None] * np.eye(len(weights.actuator)))
+    denominator = definite(np.tensordot(weights.denominator, problem.denominator, 1))
     out = np.empty(len(numerator))
     greatest_eigenvalue(numerator, denominator, out)
     out[~problem.in_band.any(axis=1)] = -np.inf

@@ -1,7 +1,9 @@
-"""A device to better places for its actuators: the worst of all states of one felt and one quiet finger made best.
+"""Search for actuator places that maximise the contrast of the worst state of one felt and one quiet finger.
 
-A search, not a proof: all placements of a coarse grid are screened (studies.two_fingers), the best few are moved in
-ever smaller steps while that helps, and what comes out is judged by the entries that a table would hold.
+A search, not a proof. All placements of a coarse grid are screened (studies.two_fingers). The best few of them, the
+even placement and the device's own are moved in ever smaller steps while that helps. The ends are evaluated by the
+entries that a table would hold, and "found" is the best placement that was evaluated, wherever its search began:
+screening and entries need not agree, so an end of the search can be worse than a start.
 """
 
 import itertools
@@ -106,11 +108,12 @@ def search_placement(
     grid, step_m = grid_of(device, count, most)
     screened = solve(look.begin, grid, lambda done: told(_SCREENING * done))
     order = sorted(range(len(grid)), key=lambda i: screened[i].rank, reverse=True)
-    starts = list(_distinct([grid[i] for i in order], step_m))
+    known = _known(device, count)
+    starts = list(dict.fromkeys([*_distinct([grid[i] for i in order], step_m), *known.values()]))
     climb = partial(_begin_climb, replace(look, step_hz=_FINE_STEP_HZ), step_m)
     climbed = solve(climb, starts, lambda done: told(_SCREENING + (_MOVING - _SCREENING) * done))
     best = sorted({end.position_m: end.rank for end in climbed}.items(), key=lambda item: item[1], reverse=True)
-    named = _to_judge(device, [at for at, _ in best[:_JUDGED]])
+    named = [*(("found", at) for at, _ in best[:_JUDGED]), *known.items()]
     judge = partial(_begin_judging, device, wanted_db)
     fingers = solve(judge, [at for _, at in named], lambda done: told(_MOVING + (1 - _MOVING) * done))
     return PlacementSearch(
@@ -196,15 +199,14 @@ def _is_buildable(device: Device, at: Places) -> bool:
     return bool(inside and (gaps_m >= APART * length_m - slack_m).all())
 
 
-def _to_judge(device: Device, found: Sequence[Places]) -> list[tuple[str, Places]]:
-    """The best of those found, the even placement and, of as many actuators, the device's own."""
-    count = len(found[0])
-    named = [*(("found", at) for at in found), ("even", even_places(device, count))]
-    return [*named, ("as described", own_places(device))] if count == len(device.actuators) else named
+def _known(device: Device, count: int) -> dict[str, Places]:
+    """The even placement and, where the device has as many actuators, its own, by name."""
+    own = {"as described": own_places(device)} if count == len(device.actuators) else {}
+    return {"even": even_places(device, count), **own}
 
 
-def _ranked(judged: Sequence[Placement]) -> tuple[Placement, ...]:
-    """Best first; of those found only the best."""
-    ordered = sorted(judged, key=lambda placement: placement.fingers.rank, reverse=True)
-    first = next(placement for placement in ordered if placement.name == "found")
-    return tuple(placement for placement in ordered if placement is first or placement.name != "found")
+def _ranked(evaluated: Sequence[Placement]) -> tuple[Placement, ...]:
+    """The best of all, named "found", then the known placements by rank."""
+    ordered = sorted(evaluated, key=lambda placement: placement.fingers.rank, reverse=True)
+    known = (placement for placement in ordered if placement.name != "found")
+    return replace(ordered[0], name="found"), *known

@@ -19,8 +19,6 @@ from precompute.studies.two_fingers import TwoFingers, solve_two_fingers
 
 Array = NDArray[np.float64]
 
-MOST_ZONES = len(ROMAN)
-
 
 @dataclass(frozen=True, eq=False)
 class Resolved:
@@ -37,9 +35,9 @@ class Resolved:
 
 
 def with_equal_zones(device: Device, count: int) -> Device:
-    """The device with so many equal zones, named by Roman numerals."""
+    """The device with `count` equal zones, at most 16 as in a device file, named by Roman numerals."""
     edges = np.linspace(0.0, device.bar.length_m, count + 1).tolist()
-    named = [Zone(name, a, b) for name, (a, b) in zip(ROMAN, itertools.pairwise(edges), strict=False)]
+    named = [Zone(name, a, b) for name, (a, b) in zip(ROMAN[:count], itertools.pairwise(edges), strict=True)]
     return replace(device, zones=tuple(named))
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.touch import ZoneState
 from precompute.entries.bfgs import scan
+from precompute.entries.dual_bound import definite, solve_eigen
 from precompute.entries.forms import compute_forms
 from precompute.entries.objective import Problem, contrast
 from precompute.entries.prediction import States
@@ -116,12 +117,10 @@ def _loudest(problem: Problem) -> tuple[float, float]:
 def _purest(problem: Problem, wanted: float) -> float:
     """The greatest ratio of one tone, where the drive that has it is loud enough; 0 where none is."""
     (N,), (D,), (P,) = problem.stacks
-    inverse = np.linalg.inv(np.linalg.cholesky(D))
-    value, vector = np.linalg.eigh(inverse @ N @ inverse.conj().transpose(0, 2, 1))
-    drive = (inverse.conj().transpose(0, 2, 1) @ vector[:, :, -1:])[:, :, 0]
+    value, drive = solve_eigen(N, definite(D))
     drive /= abs(drive).max(axis=1, keepdims=True)
     power = np.einsum("fa,fab,fb->f", drive.conj(), P, drive).real
-    return float(np.where(power >= wanted, value[:, -1], 0.0).max())
+    return float(np.where(power >= wanted, value, 0.0).max())
 
 
 def _states(device: Device, felt: int, quiet: int) -> States:

@@ -10,6 +10,7 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device
+from engine.device.file import ROMAN
 from tactable.cli.plot import AsJson, CsvPath, Output, deliver, names_in
 from tactable.figures.file import FigureError, check_paths
 from tactable.progress import shown_progress
@@ -19,7 +20,7 @@ study = typer.Typer(no_args_is_help=True, help="Search and compare bars that are
 _out = Console(stderr=True)
 
 _MOST_ACTUATORS = 4
-_MOST_ZONES = 10
+_MOST_ZONES = len(ROMAN)
 
 DeviceName = Annotated[str, typer.Argument(metavar="DEVICE", help="A device file, or a shipped name.")]
 Level = Annotated[float, typer.Option("--level", min=0.0, max=60.0, help="Of the felt finger, dB above threshold.")]
@@ -65,7 +66,7 @@ def placement(
 @study.command()
 def resolution(
     device_name: DeviceName,
-    zones: Annotated[str, typer.Option(help="Numbers of equal zones, 2 to 10.")] = "2,3,4,5,6,8",
+    zones: Annotated[str, typer.Option(help="Numbers of equal zones, 2 to 16.")] = "2,3,4,5,6,8",
     placements: Annotated[
         str, typer.Option("--at", help="Positions in % of the bar, placements parted by ;. Default: own, even 1, 3, 4.")
     ] = "",

@@ -89,6 +89,16 @@ def test_the_best_judged_comes_first_and_the_even_placement_is_among_them(found:
     assert even.position_m == even_places(small(), 2) == pytest.approx((0.06985, 0.20955))
 
 
+@pytest.mark.parametrize("most", [4, 8])
+def test_what_is_found_is_never_worse_than_the_even_placement(most: int) -> None:
+    """With these grids the best screened places of one actuator are worse than the middle of the bar."""
+    search = search_placement(small(), 1, 20.0, most, lambda _: None)
+    found, even = search.judged
+    assert (found.name, even.name) == ("found", "even")
+    assert found.fingers.rank >= even.fingers.rank
+    assert found.fingers.worst_db > 0.3  # next to the middle, where the search that starts there ends
+
+
 def test_it_is_the_same_every_time_and_of_another_number_than_the_devices_has_no_own_placement() -> None:
     done = list[float]()
     one, again = (search_placement(small(), 1, 20.0, 3, done.append) for _ in range(2))

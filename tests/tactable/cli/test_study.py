@@ -81,7 +81,7 @@ def test_a_resolution_comes_with_its_data_and_a_summary(
         (("placement", "bar.toml", "--actuators", "2,5"), ("--actuators '2,5'", "1 to 4")),
         (("placement", "bar.toml", "--actuators", "two"), ("--actuators 'two'",)),
         (("placement", "bar.toml", "-o", "p.gif"), ("p.gif", ".png, .svg, .pdf")),
-        (("resolution", "bar.toml", "--zones", "1,2"), ("--zones '1,2'", "2 to 10")),
+        (("resolution", "bar.toml", "--zones", "1,2"), ("--zones '1,2'", "2 to 16")),
         (("resolution", "bar.toml", "--at", "16,120"), ("--at '16,120'", "% of the bar")),
         (("resolution", "bar.toml", "--at", "16;16,16"), ("'16,16'", "different places")),
         (("resolution", "bar.toml", "--csv", "r.txt"), ("r.txt", ".csv")),
