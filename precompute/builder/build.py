@@ -1,24 +1,21 @@
 """A device to its table file: responses, sweeps and entries, in bounded memory, complete or not at all."""
 
-import hashlib
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from functools import cache
 from importlib import metadata
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-import engine
-import precompute
 from engine.device import Device
 from engine.table import Table, TableError
 from engine.table.columns import write_clicks, write_entries
 from engine.table.file import TableWriter
 from engine.touch import state_index
+from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import KEPT_FOR_NOW, OUTDATED, Part, Recipe, plays_on, rests_on
 from precompute.builder.measured_responses import source_attributes, write_measured
 from precompute.clicks.columns import ClickTabulator
@@ -47,15 +44,6 @@ Progress = Callable[[str, float], None]
 
 def _no_progress(step: str, fraction: float) -> None:
     """Tell nobody."""
-
-
-@cache
-def code_fingerprint() -> str:
-    """SHA-256 (hex) over the sources that decide what is in a table."""
-    here, there = Path(precompute.__file__).parent, Path(engine.__file__).parent
-    folders = (here, there / "table", there / "device")
-    sources = [path for folder in folders for path in folder.rglob("*.py")] + [there / "touch" / "finger_tracker.py"]
-    return hashlib.sha256(b"\0".join(path.read_bytes() for path in sorted(sources))).hexdigest()
 
 
 def build_table(

@@ -11,7 +11,7 @@ from engine.files import replace_file
 from engine.table import Entry, Table
 from engine.table.entry import EntrySpread, Percentiles, WorstCase, ZonePromise
 from engine.touch import ZoneState, state_index
-from precompute.builder.build import code_fingerprint
+from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.measured_responses import plant_of
 from precompute.entries.prediction import MadeFor, States
 from precompute.entries.solver import EntrySolver

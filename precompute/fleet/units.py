@@ -10,7 +10,7 @@ from pathlib import Path
 from engine.device.values import Value
 from engine.plain import to_plain
 from firmware_link.protocol.errors import TactableError
-from precompute.builder.build import code_fingerprint
+from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.calibration.misfit import Loss
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES
 

@@ -18,7 +18,8 @@ from engine.device.values import device_values
 from engine.files import remove_partials, replace_file, write_new_folder
 from engine.table import Table
 from firmware_link.protocol.errors import TactableError
-from precompute.builder.build import build_table, code_fingerprint
+from precompute.builder.build import build_table
+from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.calibration.calibrate import Calibration, calibrate
 from precompute.calibration.device_text import calibrated_text, text_with_values
 from precompute.calibration.misfit import Loss

@@ -13,7 +13,8 @@ from engine.device import Device
 from engine.table import Table, TableError
 from engine.table.diff import TableDiff, compare_tables
 from engine.table.history import previous_of
-from precompute.builder.build import build_table, code_fingerprint
+from precompute.builder.build import build_table
+from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import Recipe, is_current, outdated_parts, plays_on
 from precompute.entries.solver import prepare_entries
 from precompute.parallel.cores import available_cores

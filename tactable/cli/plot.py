@@ -130,7 +130,7 @@ def opened_table(path: Path) -> Iterator[Table]:
     """The table, refused where other code built it: its entries and what is computed anew would not fit together."""
     from threadpoolctl import threadpool_limits
 
-    from precompute.builder.build import code_fingerprint
+    from precompute.builder.code_fingerprint import code_fingerprint
 
     with Table.open(path, code_fingerprint=code_fingerprint()) as table, threadpool_limits(1, "blas"):
         yield table

@@ -15,7 +15,7 @@ def check_tables(paths: Sequence[Path]) -> list[Check]:
 
 
 def _check_table(path: Path) -> Check:
-    from precompute.builder.build import code_fingerprint  # the solver behind it takes a second to import
+    from precompute.builder.code_fingerprint import code_fingerprint
 
     name = f"table {path}"
     try:

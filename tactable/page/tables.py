@@ -10,7 +10,7 @@ from pathlib import Path
 
 from engine.device import Device
 from engine.table import Table, TableError
-from precompute.builder.build import code_fingerprint
+from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.entries.objective import DEFAULT_OBJECTIVE
 from tactable.page.choices import Source
 from tactable.page.processes.build import BuildOrder

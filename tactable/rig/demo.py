@@ -20,7 +20,8 @@ from engine.loop.latency import Stage
 from engine.table import Table, TableError
 from engine.touch import ZoneState
 from engine.touch.sources.recording import Recording
-from precompute.builder.build import Progress, build_table, code_fingerprint
+from precompute.builder.build import Progress, build_table
+from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.parallel.cores import available_cores
 from tactable.rig.bar import ENVELOPE_S, Felt, SimulatedBar
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, StateReport

@@ -17,7 +17,8 @@ from engine.device import Device
 from engine.table import Table, TableError
 from engine.table.entry import DEFAULT_LEVEL_DB
 from engine.touch import ZoneState
-from precompute.builder.build import build_table, code_fingerprint
+from precompute.builder.build import build_table
+from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.entries.solver import solve_entries
 from precompute.model.assembly import assemble
 from precompute.sweep.grid import zone_points

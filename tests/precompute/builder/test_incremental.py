@@ -10,7 +10,8 @@ import pytest
 from engine.device import Device
 from engine.table import Table
 from engine.table.history import previous_of
-from precompute.builder.build import build_table, code_fingerprint
+from precompute.builder.build import build_table
+from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import Part, Recipe, is_current, outdated_parts
 from precompute.clicks.options import ClickOptions
 from tests.precompute.builder.test_build import SMALL

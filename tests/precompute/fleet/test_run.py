@@ -14,7 +14,8 @@ import pytest
 
 from engine.device import Device
 from engine.table import Table
-from precompute.builder.build import build_table, code_fingerprint
+from precompute.builder.build import build_table
+from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.fleet.figures import usual_entries
 from precompute.fleet.plan import plan_fleet
 from precompute.fleet.run import Pool, run_fleet, run_here, run_on_processes

@@ -7,7 +7,7 @@ import pytest
 
 from engine.table.columns import write_entries
 from engine.table.file import TableWriter
-from precompute.builder.build import code_fingerprint
+from precompute.builder.code_fingerprint import code_fingerprint
 from tactable.doctor.tables import check_fast_path, check_kernels, check_tables
 from tactable.shipped import find_device
 from tests.engine.made_entries import entry_of, felt_states

@@ -1,0 +1,88 @@
+"""What makes tables stale: every module that numbers come from, and nothing else of the project."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from precompute.builder.code_fingerprint import code_fingerprint, fingerprint_of, numeric_modules
+
+HOUSE = ("precompute", "engine", "firmware_link")
+LOADED = """
+import sys, precompute.builder.build
+print(*(name for name, module in sys.modules.items() if module and not hasattr(module, "__path__")))
+"""
+
+
+def sources() -> dict[str, str]:
+    return {name: path.read_text(encoding="utf-8") for name, path in numeric_modules().items()}
+
+
+def changed(module: str, before: str, after: str) -> str:
+    """The fingerprint with one text of one module changed."""
+    every = sources()
+    assert before in every[module]
+    return fingerprint_of(every | {module: every[module].replace(before, after, 1)})
+
+
+def test_every_module_that_a_build_loads_counts_but_for_the_processes_that_solve() -> None:
+    done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
+    loaded = {name for name in done.stdout.split() if name.startswith("precompute.")}
+    uncounted = loaded - set(numeric_modules())
+    assert {name.rpartition(".")[0] for name in uncounted} <= {"precompute.parallel"}
+    assert len(loaded) > 30
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        *("precompute.model.band_solver", "precompute.sweep.kernels", "precompute.entries.bfgs"),
+        *("precompute.sampling.plants", "precompute.clicks.program", "precompute.builder.build"),
+        *("engine.device.uncertainty", "engine.device.parts", "engine.table.file", "engine.touch.finger_tracker"),
+        "firmware_link.protocol.messages",
+    ],
+)
+def test_what_numbers_come_from_counts(module: str) -> None:
+    assert module in numeric_modules()
+    assert fingerprint_of(sources() | {module: "changed = 1"}) != code_fingerprint()
+
+
+def test_what_no_number_comes_from_does_not_count() -> None:
+    others = (
+        "precompute.studies",
+        "precompute.fleet",
+        "precompute.parallel",
+        "engine.loop",
+        "engine.render",
+        "tactable",
+    )
+    others += ("engine.effects", "engine.touch.digitizer", "engine.touch.quirks", "firmware_link.emulator")
+    assert [name for name in numeric_modules() if name.startswith(others)] == []
+    assert all(name.startswith(HOUSE) for name in numeric_modules())
+
+
+def test_a_changed_number_makes_tables_stale() -> None:
+    assert changed("engine.device.uncertainty", "_ROUNDING = 1e-9", "_ROUNDING = 1e-8") != code_fingerprint()
+    assert changed("precompute.entries.rise_time", "WITHIN = 0.1", "WITHIN = 0.2") != code_fingerprint()
+
+
+def test_comments_docstrings_and_blank_lines_make_no_table_stale() -> None:
+    assert fingerprint_of(sources()) == code_fingerprint()
+    assert (
+        changed("engine.device.uncertainty", "import math\n", "\n\nimport math  # for its roots\n")
+        == code_fingerprint()
+    )
+    assert changed("precompute.entries.rise_time", '"""Risen: ', '"""It has risen when ') == code_fingerprint()
+    assert changed("precompute.entries.bfgs", '"""Kernels of', '"""All kernels of') == code_fingerprint()
+
+
+def test_a_docstring_is_no_number_of_an_otherwise_empty_function() -> None:
+    one, other = (fingerprint_of({"m": f'def f():\n    """{text}"""\n'}) for text in ("One.", "Other."))
+    assert one == other
+
+
+def test_sources_are_found_beside_this_package() -> None:
+    for name, path in numeric_modules().items():
+        assert path.is_file() and name.split(".")[-1] in (path.stem, path.parent.name)
+        assert Path(__file__).parents[3] in path.parents or "site-packages" in path.parts
