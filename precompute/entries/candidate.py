@@ -11,8 +11,6 @@ from precompute.entries.objective import Problem
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-FREQUENCY_STEP_HZ = 0.01
-"""Resolution of frequency on the wire."""
 _NOTHING = 1e-9
 _LEAST = 1e-200
 
@@ -89,9 +87,3 @@ def full_scale(amplitude: Complex) -> Complex:
     first = scaled[np.flatnonzero(scaled)[0]]
     out: Complex = scaled * np.conj(first) / abs(first)
     return out
-
-
-def on_the_wire(frequency_hz: Array) -> Array:
-    """The nearest frequencies that the wire carries."""
-    rounded: Array = np.round(frequency_hz, 2)
-    return rounded

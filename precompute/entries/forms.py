@@ -11,8 +11,9 @@ import numpy as np
 from numba import njit, prange, types
 from numpy.typing import NDArray
 
-from precompute.model.receptance import Receptance
+from precompute.model.frequencies import in_band
 from precompute.model.threshold import detection_threshold
+from precompute.sampling.receptance import Receptance
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -50,8 +51,6 @@ def compute_forms(receptance: Receptance, touched: Sequence[int]) -> Forms:
     standard, sampled = loaded[:, 0], loaded[:, 1:]
     energy, total = _loaded_gram(receptance, zones, standard)
     actuators = len(device.actuators)
-    bands = np.array([actuator.band_hz for actuator in device.actuators])
-    slack = 1e-9 * receptance.frequency_hz[:, None]
     return Forms(
         touched=tuple(touched),
         frequency_hz=receptance.frequency_hz,
@@ -62,8 +61,7 @@ def compute_forms(receptance: Receptance, touched: Sequence[int]) -> Forms:
         bar_mean=total * (weight / omega**2)[:, None, None] / device.bar.length_m,
         untouched_energy=np.ascontiguousarray(receptance.zone_gram[:, :, :actuators, :actuators].transpose(1, 0, 2, 3)),
         untouched_total=receptance.total_gram[:, :actuators, :actuators],
-        in_band=(receptance.frequency_hz[:, None] >= bands[:, 0] - slack)
-        & (receptance.frequency_hz[:, None] <= bands[:, 1] + slack),
+        in_band=in_band(device, receptance.frequency_hz),
     )
 
 

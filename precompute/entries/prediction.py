@@ -10,8 +10,9 @@ from engine.device import Device
 from engine.table import Entry
 from engine.table.entry import LEVEL_TOLERANCE_DB, EntrySpread, Percentiles, WorstCase, ZonePromise
 from engine.touch import ZoneState
-from precompute.entries.candidate import FREQUENCY_STEP_HZ, Drive
+from precompute.entries.candidate import Drive
 from precompute.entries.performance import DriveFigures
+from precompute.model.frequencies import FREQUENCY_STEP_HZ
 
 Array = NDArray[np.float64]
 States = tuple[ZoneState, ...]

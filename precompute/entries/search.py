@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precompute.entries.bfgs import SHARPEST, climb, climb_each, refine, scan, scan_pairs
-from precompute.entries.candidate import Drive, forms_at, judge, on_the_wire
+from precompute.entries.candidate import Drive, forms_at, judge
 from precompute.entries.dual_bound import Columns, Tone, block_directions, compute_bound, peaks
 from precompute.entries.objective import Problem
+from precompute.model.frequencies import on_the_wire
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.table import Entry
 from engine.touch import ZoneState, state_index
-from precompute.entries.candidate import Drive, on_the_wire
+from precompute.entries.candidate import Drive
 from precompute.entries.forms import Forms, compute_forms
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES, Problem, level
 from precompute.entries.performance import compute_figures
 from precompute.entries.prediction import Choice, MadeFor, States, make_entry, touched_zones
 from precompute.entries.rise_time import COARSE_STEP_S, RiseModel, compute_rise_model, compute_rise_time
 from precompute.entries.search import Found, Search, polish, start_at
-from precompute.measurements.plant import MeasuredPlant
 from precompute.model.assembly import Plant
+from precompute.model.frequencies import add_resonances
 from precompute.model.modal import compute_basis
-from precompute.model.receptance import solve_receptance
 from precompute.parallel.pool import Crew
 from precompute.sampling.bars import sample_bars
 from precompute.sampling.fingers import sample_touches
+from precompute.sampling.receptance import solve_receptance
 
 Array = NDArray[np.float64]
 
@@ -36,10 +36,6 @@ MOST_TOUCHED_BEYOND = 3
 """Beyond, the states of so many fingers; the others are solved when they are asked for."""
 _CHUNK = 8  # states that a process takes at a time: 0.5 s
 _SAMPLED_MODES = 12  # for the range of rise times: those up to 2 kHz on the published bar
-_CLUSTER = np.sinh(np.linspace(-2.2, 2.2, 9))
-"""Distances from a narrow resonance in half bandwidths."""
-_NARROW = 3.0
-"""Resonances with a half bandwidth under so many steps of the grid get frequencies of their own."""
 
 
 def tabulated_states(device: Device) -> list[States]:
@@ -113,8 +109,8 @@ class EntrySolver:
     def __init__(self, plant: Plant, objective: str = DEFAULT_OBJECTIVE, made_for: MadeFor = MadeFor.MEAN) -> None:
         self.plant, self.device, self.made_for = plant, plant.device, made_for
         self.touches = sample_touches(plant.device)
-        # Measured responses have no other bars that they may be of.
-        self.bars = None if isinstance(plant, MeasuredPlant) else sample_bars(plant.device, self.touches)
+        # Measured responses belong to one bar: no others are sampled.
+        self.bars = None if plant.is_measured else sample_bars(plant.device, self.touches)
         self.forms_of = lru_cache(maxsize=2)(self._compute_forms)
         """Forms with a finger in each of some zones (indices, a tuple), at every frequency of the search."""
         self._objective = OBJECTIVES[objective]
@@ -190,18 +186,11 @@ class EntrySolver:
         return limited
 
     def _search_frequencies(self) -> Array:
-        """The grid of the device, with points of their own for resonances that fall between them."""
-        grid_hz, finger = self.device.sweep.frequency_hz, self.device.finger
-        middles = self.touches.middle_m.tolist()
+        """The grid of the device, with the resonances of the bar untouched, under all fingers and under each alone."""
+        finger, middles = self.device.finger, self.touches.middle_m.tolist()
         loads = [[], [(at, finger) for at in middles], *([(at, finger)] for at in middles)]
         pole = compute_rise_model(self._few_modes, loads, np.zeros((len(loads), 0))).pole.ravel()
-        half_hz, centre_hz = -pole.real / (2 * np.pi), pole.imag / (2 * np.pi)
-        narrow = (pole.imag > 0) & (half_hz < _NARROW * self.device.sweep.step_hz)
-        extra = (centre_hz[narrow, None] + half_hz[narrow, None] * _CLUSTER).ravel()
-        edges = np.array([edge for actuator in self.device.actuators for edge in actuator.band_hz])
-        extra = np.concatenate([extra, edges])
-        inside = extra[(extra > grid_hz[0]) & (extra < grid_hz[-1])]
-        return np.unique(on_the_wire(np.concatenate([grid_hz, inside])))
+        return add_resonances(self.device, self.device.sweep.frequency_hz, pole)
 
     def _compute_forms(self, touched: tuple[int, ...]) -> Forms:
         return compute_forms(self._receptance, touched)

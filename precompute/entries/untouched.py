@@ -9,8 +9,8 @@ from scipy.linalg import eigh
 
 from precompute.entries.candidate import full_scale
 from precompute.model.assembly import Plant
+from precompute.model.frequencies import fine_frequencies, in_band
 from precompute.model.gram import compute_gram
-from precompute.model.resonances import fine_frequencies, in_band
 from precompute.model.response import solve_response
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ def find_untouched_optima(plant: Plant, zones: Sequence[int]) -> tuple[BarDrive,
     """
     frequency_hz = fine_frequencies(plant)
     gram, total = compute_gram(solve_response(plant, frequency_hz))
-    energy, usable = gram[:, list(zones)].sum(axis=1), in_band(plant, frequency_hz)
+    energy, usable = gram[:, list(zones)].sum(axis=1), in_band(plant.device, frequency_hz)
     single = np.einsum("faa->fa", energy).real / np.einsum("faa->fa", total).real
     at, actuator = np.unravel_index(np.where(usable, single, -1.0).argmax(), single.shape)
     alone = np.eye(single.shape[1], dtype=np.complex128)[actuator]
@@ -51,7 +51,7 @@ def greatest_factors(plant: Plant) -> Array:
     """Shape (zone,): the greatest localized factor of each zone alone, one frequency for all actuators, with phase."""
     frequency_hz = fine_frequencies(plant)
     gram, total = compute_gram(solve_response(plant, frequency_hz))
-    usable, by_zone = in_band(plant, frequency_hz), gram.transpose(1, 0, 2, 3)
+    usable, by_zone = in_band(plant.device, frequency_hz), gram.transpose(1, 0, 2, 3)
     return np.array([max(_greatest(*each)[0] for each in zip(R, total, usable, strict=True)) for R in by_zone])
 
 

@@ -27,6 +27,11 @@ class MeasuredPlant(Plant):
 
     responses: MeasuredResponses
 
+    @property
+    def is_measured(self) -> bool:
+        """They were."""
+        return True
+
     def known_field(self, frequency_hz: Array) -> Complex:
         """Field (frequency, actuator, degree of freedom) from the measured accelerations."""
         acceleration: Complex = self._over_frequency(frequency_hz)

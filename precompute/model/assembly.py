@@ -86,6 +86,11 @@ class Plant:
         length_m = np.diff(self.node_m)[element]
         return Sampler(element, shape_functions((position_m - self.node_m[element]) / length_m, length_m))
 
+    @property
+    def is_measured(self) -> bool:
+        """Whether the responses to the actuators were measured: `known_field` has them."""
+        return False
+
     def known_field(self, frequency_hz: Array) -> NDArray[np.complex128] | None:  # noqa: ARG002  # a model has none
         """Displacement (frequency, actuator, degree of freedom) of the untouched bar where it was measured, else None.
 

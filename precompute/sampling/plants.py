@@ -9,7 +9,7 @@ from scipy.special import ndtri
 from scipy.stats import qmc
 
 from engine.device import Device, Finger
-from precompute.calibration.device_text import sample_devices
+from precompute.sampling.devices import sample_devices
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from engine.device import Finger
 from precompute.model.assembly import Plant
-from precompute.model.resonances import fine_frequencies, in_band
+from precompute.model.frequencies import fine_frequencies, in_band
 from precompute.model.response import solve_response
 from precompute.model.threshold import detection_threshold
 
@@ -37,7 +37,7 @@ def compute_reach(plant: Plant, position_m: Array, finger: Finger | None = None)
     """Reach of each of position_m (place,), untouched, or under a `finger` that lies there and nowhere else."""
     frequency_hz = fine_frequencies(plant)
     each = _accelerations(plant, frequency_hz, position_m, finger) * plant.device.limits.amplitude
-    each[~in_band(plant, frequency_hz)] = 0.0
+    each[~in_band(plant.device, frequency_hz)] = 0.0
     together = each.sum(axis=1)
     over_threshold = 1 / detection_threshold(frequency_hz)
     one_power = (together * over_threshold[:, None]).max(axis=0) ** 2

@@ -17,8 +17,8 @@ from precompute.entries.prediction import States
 from precompute.entries.search import pack_directions, pack_forms, search_directions
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
-from precompute.model.receptance import solve_receptance
 from precompute.sampling.fingers import Touches
+from precompute.sampling.receptance import solve_receptance
 
 Array = NDArray[np.float64]
 Pair = tuple[int, int]

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.model.assembly import Plant
+from precompute.model.frequencies import in_band
 from precompute.model.gram import compute_gram
 from precompute.model.response import solve_response
 
@@ -53,9 +54,7 @@ def compute_grid_response(plant: Plant, frequency_hz: Array, position_m: Array) 
     """Solve the plant at every frequency and look at every position (zone, point)."""
     response = solve_response(plant, frequency_hz)
     acceleration = response.acceleration(position_m.ravel())
-    bands = np.array([actuator.band_hz for actuator in plant.device.actuators])
     gram, total = compute_gram(response)
-    tolerance = 1e-9 * frequency_hz[:, None]
     return GridResponse(
         device=plant.device,
         frequency_hz=frequency_hz,
@@ -63,7 +62,7 @@ def compute_grid_response(plant: Plant, frequency_hz: Array, position_m: Array) 
         acceleration=acceleration.reshape(*acceleration.shape[:2], *position_m.shape),
         gram=gram,
         total=total,
-        in_band=(frequency_hz[:, None] >= bands[:, 0] - tolerance) & (frequency_hz[:, None] <= bands[:, 1] + tolerance),
+        in_band=in_band(plant.device, frequency_hz),
     )
 
 

@@ -1,27 +1,18 @@
-"""Laws of the new device file: it is read again, comments stay, marks go, and sampled devices have its covariance."""
+"""Laws of the new device file: it is read again, comments stay, and marks of estimates go."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from engine.device import Device, FittedValue, Uncertainty
+from engine.device import Device
 from precompute.calibration.calibrate import calibrate
-from precompute.calibration.device_text import calibrated_text, sample_devices
-from precompute.measurements.parameters import find_parameters
+from precompute.calibration.device_text import calibrated_text
 from precompute.measurements.simulate import Flaws
 from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration
 from tests.precompute.measured import read_bar
 
 PROVENANCE = {"created": "2026-11-21T12:00:00+00:00", "measurements": "measurements.csv", "loss": "robust"}
-FITTED = Uncertainty(
-    (
-        FittedValue("actuator[1].stiffness", 15e3, 25e3, 0.0),
-        FittedValue("actuator[2].stiffness", 15e3, 25e3, 0.0),
-        FittedValue("bar.mass_damping", 0.0, 100.0, 0.3),
-    ),
-    ((1e-4, 0.9e-4, 0.0), (0.9e-4, 1e-4, 0.0), (0.0, 0.0, 4.0)),
-)
 
 
 def test_the_new_file_has_the_fitted_values_and_nothing_else_changed() -> None:
@@ -62,32 +53,3 @@ def test_a_calibrated_file_can_be_calibrated_again() -> None:
     second = Device.parse(calibrated_text(found, PROVENANCE), "second.toml")
     assert second.uncertainty is not None
     assert [value.name for value in second.uncertainty.fitted] == ["actuator.full_scale"]
-
-
-def values_of(devices: list[Device]) -> np.ndarray:
-    return np.array([[a.stiffness_n_per_m for a in d.actuators] + [d.bar.mass_damping_per_s] for d in devices])
-
-
-def test_sampled_devices_vary_together_as_the_covariance_says() -> None:
-    values = values_of(sample_devices(DEVICE, FITTED, 2000, seed=1))
-    log = np.log(values[:, :2])
-    assert np.cov(log.T) == pytest.approx(np.array(FITTED.covariance)[:2, :2], rel=0.15)
-    assert log.mean(axis=0) == pytest.approx(np.log([18.9e3, 17.5e3]), abs=1e-3)
-
-
-def test_sampled_devices_stay_within_the_bounds_without_piling_up_there() -> None:
-    values = values_of(sample_devices(DEVICE, FITTED, 500, seed=2))
-    assert (values[:, 2] >= 0).all() and (values[:, 2] <= 100).all()
-    assert (values[:, 2] == 0).mean() < 0.01
-
-
-def test_sampled_devices_depend_on_their_seed_alone() -> None:
-    first, again, other = (values_of(sample_devices(DEVICE, FITTED, 3, seed=s)) for s in (7, 7, 8))
-    assert (first == again).all() and (first != other).any()
-
-
-def test_the_knee_of_the_file_counts_not_that_of_the_program() -> None:
-    straight = replace(FITTED, fitted=(*FITTED.fitted[:2], replace(FITTED.fitted[2], knee=30.0)))
-    assert values_of(sample_devices(DEVICE, straight, 50, seed=1))[:, 2].mean() > 20
-    (sigma,) = find_parameters(DEVICE, ["bar.mass_damping"], {}, 0.0)
-    assert sigma.knee == 0.3

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from precompute.entries.candidate import FREQUENCY_STEP_HZ, Drive, full_scale, judge, on_the_wire
+from precompute.entries.candidate import Drive, full_scale, judge
 from tests.precompute.entries.problems import random_drives, random_problem, ratios
 
 Complex = NDArray[np.complex128]
@@ -58,14 +58,6 @@ def test_full_scale_is_the_same_drive_with_its_strongest_at_one_and_its_first_at
 def test_what_is_a_billionth_of_the_strongest_is_silence() -> None:
     found = full_scale(np.array([1e-12, 2j, 1.0]))
     assert found.tolist() == pytest.approx([0.0, 1.0, -0.5j])
-
-
-@given(st.floats(20, 1000))
-def test_the_wire_is_half_a_step_away_at_most(frequency_hz: float) -> None:
-    found = on_the_wire(np.array([frequency_hz]))
-    assert abs(found[0] - frequency_hz) <= FREQUENCY_STEP_HZ / 2 + 1e-9
-    assert found[0] / FREQUENCY_STEP_HZ == pytest.approx(round(found[0] / FREQUENCY_STEP_HZ), abs=1e-6)
-    assert on_the_wire(found) == found
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from engine.device import Device
 from precompute.entries.forms import Forms, _fill_loaded, compute_forms, compute_loaded
 from precompute.model.assembly import Plant, assemble
-from precompute.model.receptance import Receptance, solve_receptance
 from precompute.model.response import solve_response
 from precompute.sampling.fingers import sample_touches
+from precompute.sampling.receptance import Receptance, solve_receptance
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import every_device, random_device, shipped, unhurried, with_bar
 from tests.precompute.entries.dense_state import fingers_of, threshold

@@ -17,8 +17,8 @@ from precompute.entries.objective import OBJECTIVES, Problem, level, localized_f
 from precompute.entries.search import BEAT_HZ, TIE_DB, Found, Search, Start, search_directions, two_blocks
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
-from precompute.model.receptance import solve_receptance
 from precompute.sampling.fingers import sample_touches
+from precompute.sampling.receptance import solve_receptance
 from tests.precompute.devices import shipped
 from tests.precompute.entries.problems import random_drives, random_problem, ratios
 

@@ -8,7 +8,7 @@ import pytest
 from engine.touch import ZoneState
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
-from precompute.model.resonances import fine_frequencies
+from precompute.model.frequencies import fine_frequencies
 from precompute.model.response import solve_response
 from precompute.model.threshold import detection_threshold
 from precompute.studies.reach import compute_reach

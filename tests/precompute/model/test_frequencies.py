@@ -1,12 +1,14 @@
-"""Frequencies at which a plant hides nothing."""
+"""Frequency grids: no peak between their steps is missed, and each is one that the wire carries."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from precompute.model.assembly import assemble
-from precompute.model.resonances import fine_frequencies, in_band
+from precompute.model.frequencies import FREQUENCY_STEP_HZ, fine_frequencies, in_band, on_the_wire
 from precompute.model.response import solve_response
 from tests.precompute.devices import every_device, shipped
 
@@ -35,7 +37,15 @@ def test_an_actuator_plays_its_band_and_its_edges_are_looked_at() -> None:
     left, right = device.actuators
     plant = assemble(replace(device, actuators=(replace(left, band_hz=(100.37, 200.0)), right)))
     hz = fine_frequencies(plant)
-    usable = in_band(plant, hz)
+    usable = in_band(plant.device, hz)
     assert 100.37 in hz.tolist()
     assert (usable[:, 0] == ((hz >= 100.37) & (hz <= 200.0))).all()
     assert usable[:, 1].all()
+
+
+@given(st.floats(20, 1000))
+def test_the_wire_is_half_a_step_away_at_most(frequency_hz: float) -> None:
+    found = on_the_wire(np.array([frequency_hz]))
+    assert abs(found[0] - frequency_hz) <= FREQUENCY_STEP_HZ / 2 + 1e-9
+    assert found[0] / FREQUENCY_STEP_HZ == pytest.approx(round(found[0] / FREQUENCY_STEP_HZ), abs=1e-6)
+    assert on_the_wire(found) == found

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.model.assembly import assemble
-from precompute.model.receptance import Receptance, solve_receptance
 from precompute.sampling.fingers import PLACES, sample_touches
+from precompute.sampling.receptance import Receptance, solve_receptance
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import every_device
 

@@ -1,4 +1,4 @@
-"""The untouched bar as fingers meet it: what actuators and touches do at every place of every zone."""
+"""Receptance of the untouched bar at every place where a sampled finger may lie, and its zone energies."""
 
 from dataclasses import dataclass
 

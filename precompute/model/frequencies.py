@@ -1,0 +1,58 @@
+"""Frequency grids: the steps of a sweep, with frequencies of their own for the resonances that fall between them."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device import Device
+from precompute.model.assembly import Plant
+from precompute.model.modal import compute_basis, compute_modal_model
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+FREQUENCY_STEP_HZ = 0.01
+"""Resolution of frequency on the wire."""
+_PARTS = 4
+"""Parts of a step of the sweep in `fine_frequencies`."""
+_NARROW = 3.0
+"""A resonance whose half bandwidth is below this many steps of a grid gets frequencies of its own."""
+_CLUSTER = np.sinh(np.linspace(-2.2, 2.2, 9))
+"""Distances from a narrow resonance in half bandwidths: the greatest response is missed by 0.1 dB at most."""
+
+
+def on_the_wire(frequency_hz: Array) -> Array:
+    """The nearest frequencies that the wire carries."""
+    rounded: Array = np.round(frequency_hz, 2)
+    return rounded
+
+
+def add_resonances(device: Device, grid_hz: Array, pole: Complex) -> Array:
+    """An even grid with nine frequencies about each narrow resonance and with the edges of all bands.
+
+    pole (pole,): of the plants that are looked at, rad/s. Shape (frequency,), rising, on the steps of the wire.
+    """
+    half_hz, centre_hz = -pole.real / (2 * np.pi), pole.imag / (2 * np.pi)
+    narrow = (pole.imag > 0) & (half_hz < _NARROW * (grid_hz[1] - grid_hz[0]))
+    about = (centre_hz[narrow, None] + half_hz[narrow, None] * _CLUSTER).ravel()
+    edges = np.array([edge for actuator in device.actuators for edge in actuator.band_hz])
+    extra = np.concatenate([about, edges])
+    inside = extra[(extra > grid_hz[0]) & (extra < grid_hz[-1])]
+    return np.unique(on_the_wire(np.concatenate([grid_hz, inside])))
+
+
+def fine_frequencies(plant: Plant) -> Array:
+    """The sweep of the device in quarter steps, with the resonances of the untouched bar: shape (frequency,)."""
+    sweep = plant.device.sweep
+    count = _PARTS * round((sweep.stop_hz - sweep.start_hz) / sweep.step_hz) + 1
+    grid_hz = np.linspace(sweep.start_hz, sweep.stop_hz, count)
+    return add_resonances(plant.device, grid_hz, compute_modal_model(compute_basis(plant)).pole)
+
+
+def in_band(device: Device, frequency_hz: Array) -> NDArray[np.bool_]:
+    """Shape (frequency, actuator): whether each actuator may play each frequency."""
+    low_hz, high_hz = np.array([actuator.band_hz for actuator in device.actuators]).reshape(-1, 2).T
+    slack_hz = 1e-9 * frequency_hz[:, None]
+    inside: NDArray[np.bool_] = (frequency_hz[:, None] >= low_hz - slack_hz) & (
+        frequency_hz[:, None] <= high_hz + slack_hz
+    )
+    return inside
