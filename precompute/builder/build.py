@@ -29,7 +29,7 @@ from precompute.measurements.plant import measured_plant
 from precompute.measurements.responses import MeasuredResponses
 from precompute.model.assembly import Plant, assemble
 from precompute.parallel.interrupt import remembered_interrupt
-from precompute.parallel.pool import Crew
+from precompute.parallel.pool import WorkerPool
 from precompute.sampling.bars import sampled_words
 from precompute.sweep.grid import compute_grid_response, zone_points
 from precompute.sweep.tabulate import write_coherent_sweep, write_pair_sweep, write_responses
@@ -56,7 +56,7 @@ def build_table(
     clicks_up_to: int | None = None,
     click_options: ClickOptions = DEFAULT_OPTIONS,
     workers: int = 1,
-    crew: Crew | None = None,
+    pool: WorkerPool | None = None,
     reuse: bool = True,
     clicks_later: bool = False,
     completes: bool = False,
@@ -68,15 +68,17 @@ def build_table(
 
     `created` is the date to note, by default now; `objective` a name of precompute.entries.objective.OBJECTIVES.
     `made_for`: entries whose level and contrast hold for the mean, or in all but the worst 5 % of the sampled cases.
-    `clicks_up_to`: states of up to so many fingers get clicks, by default all of them for up to five zones, of three
-    fingers beyond; 0 is none. Entries and clicks are solved by `workers` processes, entries by a `crew` that waits
-    already, if there is one; the clicks solved when a build is interrupted are kept beside the table for the next.
-    With `reuse`, parts that a table at `path` has already, made by this code and resting on nothing that has changed
-    since, are taken over. With `clicks_later` so are its clicks whatever has changed, marked as outdated
-    (builder.incremental); a build without makes them. The table that was at `path` is kept as the previous one; a build
-    that `completes` it keeps the one before. With `responses` the bar moves as it was measured; what fingers do to it,
-    rise times and clicks stay the model's. Raises TableError if the table cannot be written, for another objective, and
-    for a device whose values are not those of its text, which is what a table holds.
+    `clicks_up_to`: the most fingers that a state with a click has. By default that is every state of up to five zones,
+    and three fingers beyond; 0 makes no clicks. Entries and clicks are solved by `workers` processes, entries by a
+    `pool` where one is given. Clicks that were solved when a build is interrupted are kept beside the table for the
+    next build. With `reuse`, parts of a table at `path` are taken over if this code made them from inputs that have not
+    changed. With `clicks_later` its clicks are taken over whatever has changed, marked as outdated
+    (builder.incremental); a build without it makes them. The table that was at `path` is kept as the previous one; a
+    build that `completes` it keeps the one before. With `responses` the bar moves as it was measured, while the effect
+    of fingers, rise times and clicks remain the model's.
+
+    Raises TableError if the table cannot be written, for an unknown objective, and for a device whose values are not
+    those of its text, since a table holds the text. Raises WorkerError where a worker process was killed.
 
     >>> build_table(Device.read("my-bar.toml"), "my-bar.nc", clicks_up_to=0)
     """
@@ -90,7 +92,7 @@ def build_table(
     with threadpool_limits(1, "blas"), remembered_interrupt() as check:  # unpinned BLAS: 100 times slower when busy
         checked = _checked(progress, check)
         builder = _Builder(
-            device, path, recipe, workers, crew, clicks_later, completes, responses, memory_budget_bytes, checked
+            device, path, recipe, workers, pool, clicks_later, completes, responses, memory_budget_bytes, checked
         )
         with _earlier(path, reuse) as earlier:
             builder.build(created or datetime.now(UTC).isoformat(timespec="seconds"), earlier)
@@ -131,7 +133,7 @@ class _Builder:
     path: Path
     recipe: Recipe
     workers: int
-    crew: Crew | None
+    pool: WorkerPool | None
     clicks_later: bool
     completes: bool
     responses: MeasuredResponses | None
@@ -171,11 +173,11 @@ class _Builder:
                 for part in sorted(known | {part for part in later if plays_on(earlier.device, device)}):
                     if earlier.copy_groups(writer, part.groups):
                         progress(f"{part} as before", 0.05)
-            with self._crew(known) as crew:
+            with self._pool(known) as pool:
                 if Part.RESPONSES not in known:
                     self._write_responses(writer, plant)
                 if Part.ENTRIES not in known:
-                    self._write_entries(writer, plant, crew)
+                    self._write_entries(writer, plant, pool)
             store = self._solve_clicks() if Part.CLICKS in wanted - known - later else None
             if store and store.clicks:
                 write_clicks(writer, [click for _, click in sorted(store.clicks.items())], device)
@@ -192,13 +194,13 @@ class _Builder:
         self.progress("put in place", 0.99)
 
     @contextmanager
-    def _crew(self, known: set[Part]) -> Iterator[Crew]:
-        if self.crew is not None:
-            yield self.crew
+    def _pool(self, known: set[Part]) -> Iterator[WorkerPool]:
+        if self.pool is not None:
+            yield self.pool
             return
-        with Crew(0 if Part.ENTRIES in known else self.workers - 1) as crew:
-            crew.prepare(prepare_entries)
-            yield crew
+        with WorkerPool(0 if Part.ENTRIES in known else self.workers - 1) as pool:
+            pool.prepare(prepare_entries)
+            yield pool
 
     def _write_responses(self, writer: TableWriter, plant: Plant) -> None:
         grid = compute_grid_response(plant, self.device.sweep.frequency_hz, zone_points(self.device))
@@ -210,9 +212,9 @@ class _Builder:
         if self.responses is not None:
             write_measured(writer, self.device, self.responses)
 
-    def _write_entries(self, writer: TableWriter, plant: Plant, crew: Crew) -> None:
+    def _write_entries(self, writer: TableWriter, plant: Plant, pool: WorkerPool) -> None:
         solved, share = [], 0.1 if self.recipe.clicks_up_to else 0.7
-        for entries, fraction in solve_entries(plant, self.recipe.objective, crew, self.recipe.made_for):
+        for entries, fraction in solve_entries(plant, self.recipe.objective, pool, self.recipe.made_for):
             solved.append(entries)
             self.progress("entries", 0.25 + share * fraction)
         solved.sort(key=lambda entries: entries[0].index)

@@ -2,11 +2,9 @@
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache, partial
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +21,7 @@ from precompute.entries.search import Found, Search, polish, start_at
 from precompute.model.assembly import Plant
 from precompute.model.frequencies import add_resonances
 from precompute.model.modal import compute_basis
-from precompute.parallel.pool import Crew
+from precompute.parallel.pool import WorkerPool
 from precompute.sampling.bars import sample_bars
 from precompute.sampling.fingers import sample_touches
 from precompute.sampling.receptance import solve_receptance
@@ -53,17 +51,14 @@ def tabulated_states(device: Device) -> list[States]:
 
 
 def solve_entries(
-    plant: Plant, objective: str = DEFAULT_OBJECTIVE, crew: Crew | None = None, made_for: MadeFor = MadeFor.MEAN
+    plant: Plant, objective: str = DEFAULT_OBJECTIVE, pool: WorkerPool | None = None, made_for: MadeFor = MadeFor.MEAN
 ) -> Iterator[tuple[list[Entry], float]]:
-    """The entries of every tabulated state, one a level, with the fraction done; by this process and its crew."""
+    """The entries of every tabulated state, one a level, with the fraction done; by this process and its workers."""
     chunks = _chunks(tabulated_states(plant.device))
-    count, done = sum(map(len, chunks)), 0
-    crew, begin = crew or Crew(0), partial(_begin, plant, objective, made_for)
-    crew.prepare(prepare_entries)
-    with _one_thread_each(crew.count > 0):
-        for entries in crew.solve(begin, chunks, lends_a_hand=True):
-            done += 1
-            yield entries, done / count
+    count, begin = sum(map(len, chunks)), partial(_begin, plant, objective, made_for)
+    solved = (pool or WorkerPool(0)).solve(begin, chunks, include_self=True)
+    for done, entries in enumerate(solved, 1):
+        yield entries, done / count
 
 
 def _chunks(states: Sequence[States]) -> list[list[States]]:
@@ -82,22 +77,8 @@ def _begin(plant: Plant, objective: str, made_for: MadeFor) -> Callable[[States]
     return EntrySolver(plant, objective, made_for).solve
 
 
-def prepare_entries() -> Callable[[None], None]:
-    """What a crew calls before there is a plant: to unpickle it takes importing all of this."""
-    numba.set_num_threads(1)  # one process a core
-    return lambda _: None
-
-
-@contextmanager
-def _one_thread_each(shared: bool) -> Iterator[None]:
-    """Processes share the cores better than threads: half of the search is Python."""
-    threads = numba.get_num_threads()
-    if shared:
-        numba.set_num_threads(1)
-    try:
-        yield
-    finally:
-        numba.set_num_threads(threads)
+def prepare_entries() -> None:
+    """Does nothing. A worker that unpickles it has imported what entries are solved with, before there is a plant."""
 
 
 class EntrySolver:

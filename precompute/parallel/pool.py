@@ -1,144 +1,164 @@
-"""Jobs to results by several processes, each with a solver of its own; none is left behind."""
+"""Worker processes: jobs to results by `concurrent.futures`, with one solver in each process and none left behind.
+
+A worker is a new interpreter, not a fork, since the libraries of this one may hold locks and threads. It computes with
+one thread of BLAS and of numba: there is one process a core. Ctrl-C of a terminal reaches this process alone, which
+then ends its workers; a worker whose parent was killed ends itself.
+"""
 
 import contextlib
+import itertools
 import multiprocessing
+import os
 import signal
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from multiprocessing.connection import Connection, wait
-from multiprocessing.context import SpawnProcess
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import wait as wait_for
 from typing import Any, TypeVar
 
+import numba
 from threadpoolctl import threadpool_limits
+
+from firmware_link.protocol.errors import TactableError
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
-
-_SOLVED, _IDLE, _FAILED = "solved", "idle", "failed"
-_PATIENCE_S = 5.0
-
-
-class WorkerError(RuntimeError):
-    """A process ended before its work was done."""
+Begin = Callable[[], Callable[[Job], Result]]
+"""Gives a process its solver. It goes there by pickling, as jobs and results do."""
 
 
-def solve_in_processes(
-    begin: Callable[[], Callable[[Job], Result]], chunks: Sequence[Sequence[Job]], workers: int
-) -> Iterator[Result]:
-    """The results of all jobs, in any order; the jobs of a chunk are solved one after another by one process.
+class WorkerError(TactableError, RuntimeError):
+    """A worker process ended before its work was done."""
 
-    `begin` gives a process its solver; it goes there by pickling, as jobs and results do. BLAS has one thread in each.
-    What a solver raises is raised here; WorkerError where a process was killed. When the iterator is closed, or left
-    by an exception such as Ctrl-C, the processes have ended.
+
+def available_cores() -> int:
+    """Cores that this process may run on; where the system does not say, all there are."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def solve_in_processes(begin: Begin[Job, Result], chunks: Sequence[Sequence[Job]], workers: int) -> Iterator[Result]:
+    """The results of all jobs, in any order, by at most `workers` new processes; see `WorkerPool.solve`.
+
+    When the iterator is closed, or left by an exception such as Ctrl-C, the processes have ended.
     """
-    with Crew(min(workers, len(chunks))) as crew:
-        yield from crew.solve(begin, chunks)
+    with WorkerPool(min(workers, len(chunks))) as pool:
+        yield from pool.solve(begin, chunks)
 
 
-class Crew:
-    """Processes that may be started before there is work: what they need takes them a second to import.
+class WorkerPool:
+    """`count` processes, which `prepare` starts before there is work: their imports take a second.
 
-    Use it in a `with` block; at its end the processes have ended.
+    Use it in a `with` block, at the end of which the processes have ended. Without workers the caller solves all.
     """
 
     def __init__(self, count: int) -> None:
         self.count = count
-        self._workers = list[_Worker]()
+        self._numbers = itertools.count()
 
-    def __enter__(self) -> "Crew":
-        try:
-            for _ in range(self.count):
-                self._workers.append(_start())
-        except BaseException:
-            self._end()
-            raise
+    def __enter__(self) -> "WorkerPool":
+        if self.count:
+            spawn = multiprocessing.get_context("spawn")
+            self._executor = ProcessPoolExecutor(self.count, spawn, initializer=_end_with_parent)
         return self
 
     def __exit__(self, *unused: object) -> None:
-        self._end()
+        if self.count:
+            # shutdown() alone would wait for the running jobs.
+            for process in list((self._executor._processes or {}).values()):
+                process.terminate()
+            self._executor.shutdown(cancel_futures=True)
 
-    def prepare(self, begin: Callable[[], Callable[[Any], Any]]) -> None:
-        """Let every process import what `begin` is made of, and call it, while this one does something else."""
-        for worker in self._workers:
-            worker.line.send(begin)
+    def prepare(self, begin: Callable[[], object]) -> None:
+        """Let every worker import what `begin` is made of, and call it, while this process does something else."""
+        for _ in range(self.count):
+            self._submit(_prepare, begin)
 
     def solve(
-        self,
-        begin: Callable[[], Callable[[Job], Result]],
-        chunks: Sequence[Sequence[Job]],
-        *,
-        lends_a_hand: bool = False,
+        self, begin: Begin[Job, Result], chunks: Sequence[Sequence[Job]], *, include_self: bool = False
     ) -> Iterator[Result]:
-        """As `solve_in_processes`; once at a time. One that `lends_a_hand` solves chunks in this process too."""
-        waiting, busy = deque(chunks), list[_Worker]()
-        self.prepare(begin)
-        for worker in self._workers[: len(waiting)]:
-            worker.line.send(waiting.popleft())
-            busy.append(worker)
-        solve, own = begin() if lends_a_hand else None, deque[Job]()
-        while busy or own or (solve and waiting):
-            if solve and waiting and not own:
-                own.extend(waiting.popleft())
-            ready = wait([worker.line for worker in busy], 0 if own else None)
-            for worker in [worker for worker in busy if worker.line in ready]:
-                kind, value = _received(worker)
-                if kind == _FAILED:
-                    raise value
-                if kind == _SOLVED:
-                    yield value
-                elif waiting:
-                    worker.line.send(waiting.popleft())
-                else:
-                    busy.remove(worker)
-            if solve and own:
-                yield solve(own.popleft())
+        """The results of all jobs, in any order; the jobs of a chunk are solved one after another by one process.
 
-    def _end(self) -> None:
-        for worker in self._workers:
-            worker.process.terminate()
-        for worker in self._workers:
-            worker.process.join()
-            worker.line.close()
-        self._workers.clear()
+        With `include_self` this process solves chunks too. What a solver raises is raised here. Raises WorkerError
+        where a worker was killed.
+        """
+        number, waiting, own = next(self._numbers), deque(chunks), deque[Job]()
+        solve_here = begin() if include_self else None
+        with one_thread() if include_self and self.count else contextlib.nullcontext():
+            running = set[Future[list[Result]]]()
+            while waiting or running or own:
+                while waiting and len(running) < self.count:
+                    running.add(self._submit(_solve_chunk, number, begin, waiting.popleft()))
+                if solve_here and waiting and not own:
+                    own.extend(waiting.popleft())
+                done, running = wait(running, 0 if own else None, FIRST_COMPLETED)
+                for future in done:
+                    yield from self._result(future)
+                if solve_here and own:
+                    yield solve_here(own.popleft())
+
+    def solve_in_order(
+        self, begin: Begin[Job, Result], jobs: Sequence[Job], on_progress: Callable[[float], None]
+    ) -> list[Result]:
+        """One result for each job, in their order, solved by this process and the workers, with one thread each.
+
+        `on_progress` is called with the fraction done.
+        """
+        found = dict[int, Result]()
+        with one_thread():
+            numbered = [[each] for each in enumerate(jobs)]
+            for number, result in self.solve(_Numbered(begin), numbered, include_self=True):
+                found[number] = result
+                on_progress(len(found) / len(jobs))
+        return [found[number] for number in range(len(jobs))]
+
+    def _submit(self, function: Callable[..., Result], *arguments: object) -> Future[Result]:
+        try:
+            with _interrupts_held_back():  # a process may be started here
+                return self._executor.submit(function, *arguments)
+        except BrokenProcessPool:
+            raise _killed() from None
+
+    @staticmethod
+    def _result(future: Future[Result]) -> Result:
+        try:
+            return future.result()
+        except BrokenProcessPool:
+            raise _killed() from None
 
 
-@dataclass(frozen=True)
-class _Worker:
-    """A process and our end of the line to it."""
-
-    process: SpawnProcess
-    line: Connection
-
-
-def _received(worker: _Worker) -> tuple[str, Any]:
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Numba computes with one thread: processes share the cores better, since half of a search is Python."""
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
     try:
-        message: tuple[str, Any] = worker.line.recv()
-    except (EOFError, ConnectionError):
-        worker.process.join(_PATIENCE_S)
-        code = worker.process.exitcode
-        told = f"a process ended with exit status {code} before its work was done; try fewer workers"
-        raise WorkerError(told) from None
-    return message
+        yield
+    finally:
+        numba.set_num_threads(threads)
 
 
-def _start() -> _Worker:
-    # A new interpreter, not a fork: the libraries in this one may hold locks and threads.
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=_work, args=(theirs,), daemon=True)
-    with _interrupts_held_back():
-        process.start()
-    theirs.close()
-    return _Worker(process, ours)
+class _Numbered:
+    """The solver of numbered jobs, which numbers its results."""
+
+    def __init__(self, begin: Begin[Any, Any]) -> None:
+        self.begin = begin
+
+    def __call__(self) -> Callable[[tuple[int, Any]], tuple[int, Any]]:
+        solve = self.begin()
+        return lambda numbered: (numbered[0], solve(numbered[1]))
+
+
+def _killed() -> WorkerError:
+    return WorkerError("a worker process was ended before its work was done; memory may be short: try fewer workers")
 
 
 @contextlib.contextmanager
 def _interrupts_held_back() -> Iterator[None]:
-    """Ctrl-C goes to every process of a terminal; those started here never see it, for we end them."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
+    """Processes started here inherit that SIGINT is blocked, and so never see the Ctrl-C of a terminal."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -146,23 +166,31 @@ def _interrupts_held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _work(line: Connection) -> None:
-    """Take what begins a solver, or a chunk for the solver of the last one, until the other side is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it cannot be held back
-    solve: Callable[[Any], Any] | None = None
-    with contextlib.suppress(EOFError, ConnectionError):  # the other side is gone
-        try:
-            while True:
-                message = line.recv()
-                if callable(message):
-                    threadpool_limits(1, "blas")  # of what came with the message: nothing was imported before
-                    solve = message()
-                    continue
-                assert solve is not None
-                for job in message:
-                    line.send((_SOLVED, solve(job)))
-                line.send((_IDLE, None))
-        except (EOFError, ConnectionError):
-            return
-        except Exception as error:  # whatever it is, it is raised where the results are asked for
-            line.send((_FAILED, error))
+def _end_with_parent() -> None:
+    """In a worker: end when the parent is gone, however it ended."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        wait_for([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _prepare(begin: Callable[[], object]) -> None:
+    begin()
+
+
+_solver: tuple[int, Callable[[Any], Any]] | None = None
+"""In a worker: the number of the task that it works on, and its solver."""
+
+
+def _solve_chunk(number: int, begin: Begin[Any, Any], chunk: Sequence[Any]) -> list[Any]:
+    """In a worker: the results of one chunk, by the solver that is kept for the other chunks of the same task."""
+    global _solver
+    if _solver is None or _solver[0] != number:
+        threadpool_limits(1, "blas")  # of the libraries that came with `begin`: nothing was imported before
+        numba.set_num_threads(1)
+        _solver = number, begin()
+    return [_solver[1](job) for job in chunk]

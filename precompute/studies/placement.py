@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from precompute.parallel.pool import Crew
-from precompute.parallel.shared_work import solve_shared
+from precompute.parallel.pool import WorkerPool
 from precompute.sampling.fingers import Touches, sample_touches
 from precompute.studies.two_fingers import TwoFingers, screen_two_fingers, solve_two_fingers
 
@@ -97,13 +96,13 @@ def grid_of(device: Device, count: int, most: int) -> tuple[list[Places], float]
 
 
 def search_placement(
-    device: Device, count: int, wanted_db: float, most: int, told: Told, crew: Crew | None = None
+    device: Device, count: int, wanted_db: float, most: int, told: Told, pool: WorkerPool | None = None
 ) -> PlacementSearch:
     """Search where `count` actuators go for the best worst state at `wanted_db`; `told` the fraction done.
 
-    This process and its crew share the work.
+    This process and its pool share the work.
     """
-    solve = partial(solve_shared, crew or Crew(0))
+    solve = (pool or WorkerPool(0)).solve_in_order
     look = Screening(device, sample_touches(device), wanted_db, _STEP_HZ)
     grid, step_m = grid_of(device, count, most)
     screened = solve(look.begin, grid, lambda done: told(_SCREENING * done))

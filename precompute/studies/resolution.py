@@ -12,8 +12,7 @@ from engine.device import Device, Zone
 from engine.device.file import ROMAN
 from precompute.entries.untouched import greatest_factors
 from precompute.model.assembly import assemble
-from precompute.parallel.pool import Crew
-from precompute.parallel.shared_work import solve_shared
+from precompute.parallel.pool import WorkerPool
 from precompute.studies.placement import with_actuators_at
 from precompute.studies.two_fingers import TwoFingers, solve_two_fingers
 
@@ -47,15 +46,15 @@ def study_resolution(
     zones: Sequence[int],
     wanted_db: float,
     told: Callable[[float], None],
-    crew: Crew | None = None,
+    pool: WorkerPool | None = None,
 ) -> list[Resolved]:
     """Every number of zones for every placement (positions in metres), in this order; `told` the fraction done.
 
-    This process and its crew share the work.
+    This process and its pool share the work.
     """
     jobs = list(itertools.product(placements, zones))
     slowest_first = sorted(jobs, key=lambda job: -len(job[0]) * job[1] ** 2)
-    found = solve_shared(crew or Crew(0), partial(_begin, device, wanted_db), slowest_first, told)
+    found = (pool or WorkerPool(0)).solve_in_order(partial(_begin, device, wanted_db), slowest_first, told)
     by_job = dict(zip(slowest_first, found, strict=True))
     return [by_job[job] for job in jobs]
 

@@ -23,8 +23,7 @@ from precompute.entries.alternatives import paper_drive
 from precompute.entries.prediction import States
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
-from precompute.parallel.cores import available_cores
-from precompute.parallel.pool import solve_in_processes
+from precompute.parallel.pool import available_cores, solve_in_processes
 from tactable.progress import shown_progress
 from tactable.shipped import find_device
 

@@ -17,8 +17,7 @@ from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import Recipe, is_current, outdated_parts, plays_on
 from precompute.entries.solver import prepare_entries
-from precompute.parallel.cores import available_cores
-from precompute.parallel.pool import Crew
+from precompute.parallel.pool import WorkerPool, available_cores
 from tactable.calibration.job import CalibrationJob, Fitted, calibration_json
 from tactable.calibration.page import print_calibration
 from tactable.cli.diff import print_short_diff, short_diff_json
@@ -63,17 +62,17 @@ class TableTarget:
                 "and build it with --responses"
             )
 
-    def put_in_place(self, device: Device, times: StepTimes, crew: Crew) -> InPlace:
+    def put_in_place(self, device: Device, times: StepTimes, pool: WorkerPool) -> InPlace:
         """Build the table anew for `device` as it was built before, its clicks as they were. Raises TableError."""
         with Table.open(self.path, verify=False) as table:
             if is_current(table, device, self._recipe):
                 return InPlace(None, {})
-        self._build(device, times, crew, clicks_later=True)
+        self._build(device, times, pool, clicks_later=True)
         return InPlace(times.total_s, times.read())
 
-    def complete(self, device: Device, times: StepTimes, crew: Crew) -> None:
+    def complete(self, device: Device, times: StepTimes, pool: WorkerPool) -> None:
         """Make what is outdated in it. Raises TableError."""
-        self._build(device, times, crew, clicks_later=False)
+        self._build(device, times, pool, clicks_later=False)
 
     def outdated(self) -> str:
         """What it has of the bar before, in words; empty: nothing."""
@@ -88,7 +87,7 @@ class TableTarget:
         with Table.open(before, verify=False) as own, Table.open(self.path, verify=False) as other:
             return compare_tables(own, other)
 
-    def _build(self, device: Device, times: StepTimes, crew: Crew, *, clicks_later: bool) -> None:
+    def _build(self, device: Device, times: StepTimes, pool: WorkerPool, *, clicks_later: bool) -> None:
         build_table(
             device,
             self.path,
@@ -97,7 +96,7 @@ class TableTarget:
             clicks_up_to=self._recipe.clicks_up_to,
             click_options=self._recipe.click_options,
             workers=available_cores(),
-            crew=crew,
+            pool=pool,
             clicks_later=clicks_later,
             completes=not clicks_later,
             progress=times.tell,
@@ -111,13 +110,13 @@ def apply_calibration(
 
     The doubts for which the table was left as it was. Raises what its parts raise.
     """
-    with _waiting_crew() as crew, shown_progress(options.as_json) as show:
+    with _waiting_pool() as pool, shown_progress(options.as_json) as show:
         times = StepTimes(show, "start")
         target = TableTarget(options.table, job.device)
         found = _find(job, times)
         doubts = doubts_of(found.report)
         refused = [] if options.despite_doubts else doubts
-        placed = None if refused else target.put_in_place(found.device, times, crew)
+        placed = None if refused else target.put_in_place(found.device, times, pool)
         times.tell("report", 1.0)
         if found.fitted is not None:  # only now: the picture takes as long as the fit
             job.write(found.fitted)
@@ -158,7 +157,7 @@ def _follow_up(
         print_short_diff(out, diff)
         _say(out, f"all of it: tactable diff {previous_of(target.path)} {target.path}")
     if outdated and options.with_clicks:
-        with Crew(0) as nobody, shown_progress(options.as_json) as show:
+        with WorkerPool(0) as nobody, shown_progress(options.as_json) as show:
             times = StepTimes(show, "clicks")
             target.complete(device, times, nobody)
         clicks_s = times.total_s
@@ -174,11 +173,11 @@ def _follow_up(
 
 
 @contextmanager
-def _waiting_crew() -> Iterator[Crew]:
+def _waiting_pool() -> Iterator[WorkerPool]:
     """Processes for the entries, one core left to this one; they import while it reads and fits."""
-    with Crew(available_cores() - 1) as crew:
-        crew.prepare(prepare_entries)
-        yield crew
+    with WorkerPool(available_cores() - 1) as pool:
+        pool.prepare(prepare_entries)
+        yield pool
 
 
 def _print_placed(out: Console, target: TableTarget, placed: InPlace | None) -> None:

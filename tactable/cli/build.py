@@ -122,7 +122,7 @@ class BuildJob:
         """Build and say what came of it. Raises TableError."""
         from precompute.builder.build import build_table
         from precompute.measurements.responses import read_responses
-        from precompute.parallel.cores import available_cores
+        from precompute.parallel.pool import available_cores
 
         path = self.output or Path(f"{device.name}.nc")
         measured = None if self.responses is None else read_responses(self.responses, device, self.sensor_mass_kg)

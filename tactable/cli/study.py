@@ -42,17 +42,17 @@ def placement(
     as_json: AsJson = False,
 ) -> None:
     """Where actuators go for the best worst contrast between one felt and one quiet finger. A search, not a proof."""
-    from precompute.parallel.pool import Crew
+    from precompute.parallel.pool import WorkerPool
     from precompute.studies.placement import search_placement
     from tactable.figures.placement import plot_placement
 
     check_paths(output, csv_path)
     device, counts = _two_zones(find_device(device_name)), _counts("--actuators", actuators, 1, _MOST_ACTUATORS)
     start_s, found = time.monotonic(), []
-    with shown_progress(as_json) as progress, threadpool_limits(1, "blas"), Crew(_helpers(workers)) as crew:
+    with shown_progress(as_json) as progress, threadpool_limits(1, "blas"), WorkerPool(_helpers(workers)) as pool:
         for count in counts:
             told = partial(progress, f"{count} actuators")
-            found.append(search_placement(device, count, level_db, most, told, crew))
+            found.append(search_placement(device, count, level_db, most, told, pool))
     deliver(plot_placement(device, found, level_db), output, csv_path, as_json)
     if not as_json:
         looked = sum(len(search.screened_db) + search.moved for search in found)
@@ -77,7 +77,7 @@ def resolution(
     as_json: AsJson = False,
 ) -> None:
     """How narrow zones can be with so many actuators: worst contrast of two fingers, and factor of the worst zone."""
-    from precompute.parallel.pool import Crew
+    from precompute.parallel.pool import WorkerPool
     from precompute.studies.placement import even_places, own_places
     from precompute.studies.resolution import study_resolution
     from tactable.figures.resolution import plot_resolution
@@ -89,14 +89,14 @@ def resolution(
     else:
         own = own_places(device)
         at_m = sorted([own, *(even_places(device, n) for n in (1, 3, 4) if n != len(own))], key=len)
-    with shown_progress(as_json) as progress, threadpool_limits(1, "blas"), Crew(_helpers(workers)) as crew:
-        found = study_resolution(device, at_m, counts, level_db, lambda done: progress("zones", done), crew)
+    with shown_progress(as_json) as progress, threadpool_limits(1, "blas"), WorkerPool(_helpers(workers)) as pool:
+        found = study_resolution(device, at_m, counts, level_db, lambda done: progress("zones", done), pool)
     deliver(plot_resolution(device, found, level_db), output, csv_path, as_json)
 
 
 def _helpers(workers: int | None) -> int:
     """Processes besides this one."""
-    from precompute.parallel.cores import available_cores
+    from precompute.parallel.pool import available_cores
 
     return (workers or available_cores()) - 1
 

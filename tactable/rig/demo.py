@@ -22,7 +22,7 @@ from engine.touch import ZoneState
 from engine.touch.sources.recording import Recording
 from precompute.builder.build import Progress, build_table
 from precompute.builder.code_fingerprint import code_fingerprint
-from precompute.parallel.cores import available_cores
+from precompute.parallel.pool import available_cores
 from tactable.rig.bar import ENVELOPE_S, Felt, SimulatedBar
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, StateReport
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of

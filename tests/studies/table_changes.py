@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from engine.table.history import replace_table
 from precompute.builder.build import build_table
 from precompute.calibration.device_text import text_with_values
-from precompute.parallel.cores import available_cores
+from precompute.parallel.pool import available_cores
 from tactable.bench.latency.load import Load, load_running
 from tactable.shipped import find_device, find_device_file
 from tests.studies.watched_run import resting_run, touches, watched_run
@@ -71,7 +71,7 @@ def make_tables(device_name: str, folder: Path) -> tuple[Path, Path]:
     """Two tables of a device on a coarse grid, with all its states, that drive differently."""
     from engine.device import Device
     from precompute.builder.build import build_table
-    from precompute.parallel.cores import available_cores
+    from precompute.parallel.pool import available_cores
 
     coarse = {"sweep.step": "10 Hz", "sweep.amplitude_steps": "2", "sweep.phase_steps": "8"}
     text, paths = find_device(device_name).text, []

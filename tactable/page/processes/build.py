@@ -13,8 +13,7 @@ from engine.device import DeviceError
 from engine.files import rename_durably
 from engine.table import TableError
 from precompute.builder.build import build_table
-from precompute.parallel.cores import available_cores
-from precompute.parallel.pool import WorkerError
+from precompute.parallel.pool import WorkerError, available_cores
 from tactable.shipped import find_device
 
 

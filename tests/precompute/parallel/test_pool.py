@@ -1,25 +1,37 @@
 """Laws of the workers: every job is solved once, failures are told, and no process is left behind."""
 
 import multiprocessing
+import operator
 import os
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
+import numba
 import pytest
 import scipy.linalg  # noqa: F401  # as solvers do: with it BLAS comes to a process
 from threadpoolctl import threadpool_info
 
-from precompute.parallel.pool import Crew, WorkerError, solve_in_processes
+from firmware_link.protocol.errors import TactableError
+from precompute.parallel.pool import WorkerError, WorkerPool, solve_in_processes
 
 CHUNKS = [[1, 2, 3], [4], [5, 6], [7]]
 
 
 def squares() -> Callable[[int], tuple[int, int]]:
     return lambda job: (job**2, os.getpid())
+
+
+def slow_squares() -> Callable[[int], tuple[int, int]]:
+    def solve(job: int) -> tuple[int, int]:
+        time.sleep(0.01)
+        return job**2, os.getpid()
+
+    return solve
 
 
 def odd_ones_fail() -> Callable[[int], int]:
@@ -58,24 +70,33 @@ def test_what_a_solver_raises_is_raised_here() -> None:
 
 
 def test_a_process_that_ends_by_itself_is_told() -> None:
-    with pytest.raises(WorkerError, match="exit status 7"):
+    with pytest.raises(WorkerError, match="ended before its work was done"):
         list(solve_in_processes(dies, CHUNKS, 2))
+    assert issubclass(WorkerError, TactableError) and none_left()
+
+
+def test_a_killed_process_is_told_where_work_is_asked_for_next() -> None:
+    with WorkerPool(1) as pool:
+        (pid,) = {pid for _, pid in pool.solve(squares, [[1]])}
+        os.kill(pid, signal.SIGKILL)
+        with pytest.raises(WorkerError):
+            list(pool.solve(squares, CHUNKS))
     assert none_left()
 
 
-def test_whoever_stops_asking_leaves_no_process() -> None:
+def test_an_iterator_that_is_closed_leaves_no_process() -> None:
     results = solve_in_processes(squares, CHUNKS, 2)
     next(results)
     results.close()  # type: ignore[attr-defined]  # it is a generator
     assert none_left()
 
 
-def test_whoever_lends_a_hand_solves_what_the_others_do_not() -> None:
-    assert dict(Crew(0).solve(squares, CHUNKS, lends_a_hand=True)) == {n**2: os.getpid() for n in range(1, 8)}
-    with Crew(1) as crew:
-        crew.prepare(squares)
-        found = dict(crew.solve(squares, [[n] for n in range(300)], lends_a_hand=True))
-        again = dict(crew.solve(squares, CHUNKS))
+def test_the_caller_solves_what_the_workers_do_not() -> None:
+    assert dict(WorkerPool(0).solve(squares, CHUNKS, include_self=True)) == {n**2: os.getpid() for n in range(1, 8)}
+    with WorkerPool(1) as pool:
+        pool.prepare(squares)
+        found = dict(pool.solve(slow_squares, [[n] for n in range(300)], include_self=True))
+        again = dict(pool.solve(squares, CHUNKS))
     assert set(found) == {n**2 for n in range(300)}
     assert len(set(found.values())) == 2 and os.getpid() in found.values()
     assert set(again.values()) == set(found.values()) - {os.getpid()} and none_left()
@@ -101,9 +122,32 @@ def solve(job):
     return job
 
 if __name__ == "__main__":
-    for result in solve_in_processes(begin, [[0, 1], [0, 1]], 2):
+    for result in solve_in_processes(begin, [[0], [1], [1]], 2):
         print("solved", result, flush=True)
 """
+
+
+def doubling() -> partial[int]:
+    return partial(operator.mul, 2)
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_results_come_in_the_order_of_the_jobs(workers: int) -> None:
+    done = list[float]()
+    with WorkerPool(workers) as pool:
+        assert pool.solve_in_order(doubling, range(7), done.append) == [0, 2, 4, 6, 8, 10, 12]
+    assert done == pytest.approx([k / 7 for k in range(1, 8)])
+
+
+def test_the_threads_of_kernels_are_as_before_even_where_a_job_fails() -> None:
+    threads = numba.get_num_threads()
+
+    def begin() -> partial[float]:
+        return partial(operator.truediv, 1)
+
+    with pytest.raises(ZeroDivisionError):
+        WorkerPool(0).solve_in_order(begin, [1, 0], lambda _: None)
+    assert numba.get_num_threads() == threads
 
 
 def test_ctrl_c_in_a_terminal_ends_all_of_them_with_one_trace(tmp_path: Path) -> None:
@@ -117,6 +161,19 @@ def test_ctrl_c_in_a_terminal_ends_all_of_them_with_one_trace(tmp_path: Path) ->
     _, errors = process.communicate()
     assert errors.count("Traceback") == 1 and errors.rstrip().endswith("KeyboardInterrupt")
     while _group_lives(process.pid):  # ends as soon as the last one is reaped
+        time.sleep(0.01)
+
+
+def test_workers_of_a_killed_process_end_by_themselves(tmp_path: Path) -> None:
+    script = tmp_path / "sleepers.py"
+    script.write_text(SCRIPT)
+    process = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True, start_new_session=True)
+    with process:
+        assert process.stdout is not None and process.stdout.readline() == "solved 0\n"
+        process.kill()
+    end_s = time.monotonic() + 20
+    while _group_lives(process.pid):
+        assert time.monotonic() < end_s
         time.sleep(0.01)
 
 
