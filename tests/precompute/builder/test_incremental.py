@@ -115,7 +115,7 @@ def clicks_of(path: Path) -> list[bytes]:
 
 
 def test_clicks_may_be_left_for_later_and_are_marked_until_they_are_made(path: Path) -> None:
-    device = Device.parse(SMALL.replace('full_scale = "0.52', 'full_scale = "0.6'), "bar")
+    device = Device.parse(SMALL.replace('stiffness = "18.9', 'stiffness = "19.5'), "bar")
     before, kept = clicks_of(path), path.read_bytes()
     assert AS_BEFORE["clicks"] in build(device, path, clicks_later=True)
     assert clicks_of(path) == before
