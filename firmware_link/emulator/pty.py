@@ -64,7 +64,7 @@ class PseudoTerminalServer(Generic[C]):
             os.close(self._next[0])
 
     def log(self: "PseudoTerminalServer[EmulatedFirmware]") -> dict[str, Any]:
-        """What the device did, for JSON; `read_log` reads it back."""
+        """What the device did, for JSON: `EmulatorLog` is made of it."""
         return {
             "simulated": True,
             "number_of_actuators": self.device.core.configuration.number_of_actuators,

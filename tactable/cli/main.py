@@ -21,7 +21,7 @@ from engine.table import Table, TableError
 from engine.table.entry import DEFAULT_LEVEL_DB, played_at
 from engine.touch import DescriptorError, DigitizerError, ZoneState, open_digitizer
 from engine.touch.sources.recording import RecordingError, read_recording
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.errors import TactableError
 from precompute.fleet.units import FleetError
 from precompute.measurements import CalibrationError
 from tactable.bench import clicks as bench_clicks
@@ -90,7 +90,7 @@ def main() -> None:
         FleetError,
         LimitError,
         LatencyReportError,
-        LinkError,
+        TactableError,
         RecordingError,
         RendererError,
         RingError,

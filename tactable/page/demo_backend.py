@@ -2,11 +2,9 @@
 
 import asyncio
 import contextlib
-import json
 import math
 import os
 import time
-from asyncio.subprocess import PIPE, Process
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -16,34 +14,28 @@ from engine.device import Device, DeviceError
 from engine.loop.ring import RingError, RingReader
 from engine.table import Table
 from engine.touch.sources.pointer import PointerEvent, PointerFeed
-from firmware_link.protocol.errors import TactableError
+from firmware_link.child import ChildError, ending_text
 from tactable.page.choices import Choice, ChoiceError, Offered, changed
 from tactable.page.live_bar import LiveBar
 from tactable.page.messages import encode_picture
 from tactable.page.pointers import Pointers
-from tactable.page.processes import engine as engine_process
-from tactable.page.processes import firmware as firmware_process
+from tactable.page.processes.asynchronous import AsyncChild
 from tactable.page.processes.engine import Order
 from tactable.page.processes.firmware import Applied, decode_applied
 from tactable.page.scene import device_json
-from tactable.page.tables import Builder, ended, open_newest, order_for
+from tactable.page.tables import Builder, open_newest, order_for
 from tactable.page.view import View
 from tactable.rig.emulate import configuration_of
 from tactable.shipped import find_device
 
 SHORTEST_BACK_OFF_S, LONGEST_BACK_OFF_S = 0.25, 5.0
-_LINE_BYTES = 1 << 22  # a bank of clicks is told in one line
-
-
-class ProcessError(TactableError):
-    """A process of the rig ended: which, and what it said."""
 
 
 class _Firmware:
     """The process of the emulated firmware, asked once a tick."""
 
-    def __init__(self, process: Process, port: str, number_of_actuators: int) -> None:
-        self.process, self.port = process, port
+    def __init__(self, child: AsyncChild, port: str, number_of_actuators: int) -> None:
+        self.child, self.port = child, port
         self._actuators = number_of_actuators
         self._answers: list[Applied] = []
         self._is_asked = False
@@ -51,44 +43,38 @@ class _Firmware:
 
     @classmethod
     async def start(cls, device: Device) -> "_Firmware":
-        """Raises ProcessError when it does not start."""
+        """Raises ChildError when it does not start."""
         configuration = configuration_of(device)
-        process = await asyncio.create_subprocess_exec(
-            *firmware_process.command_of(configuration),
-            stdin=PIPE,
-            stdout=PIPE,
-            limit=_LINE_BYTES,
-            start_new_session=True,
-        )
-        greeting = await _line(process, "the emulated firmware")
-        return cls(process, greeting["port"], configuration.number_of_actuators)
+        module = "tactable.page.processes.firmware"
+        child = await AsyncChild.start(module, asdict(configuration), name="the emulated firmware")
+        return cls(child, (await child.read())["port"], configuration.number_of_actuators)
 
     async def _read(self) -> None:
-        assert self.process.stdout is not None
-        async for line in self.process.stdout:
-            self._is_asked = False
-            self._answers.append(decode_applied(json.loads(line), self._actuators))
+        with contextlib.suppress(ChildError):  # the show sees that it has ended
+            while True:
+                answer = await self.child.read()
+                self._is_asked = False
+                self._answers.append(decode_applied(answer, self._actuators))
 
     def ask(self) -> list[Applied]:
         """What was answered since; and ask again."""
-        assert self.process.stdin is not None
         answers, self._answers = self._answers, []
-        if not self._is_asked and self.process.returncode is None:
+        if not self._is_asked and self.child.is_running:
             self._is_asked = True
-            self.process.stdin.write(b"\n")
+            self.child.write({})
         return answers
 
     async def end(self) -> None:
         """End the process."""
         self._reader.cancel()
-        await ended(self.process)
+        await self.child.end()
 
 
 class _Engine:
     """The process of the engine, its end of the pointers' pipe, and its ring."""
 
-    def __init__(self, process: Process, feed: PointerFeed, ring: Path) -> None:
-        self.process, self.feed, self.ring = process, feed, ring
+    def __init__(self, child: AsyncChild, feed: PointerFeed, ring: Path) -> None:
+        self.child, self.feed, self.ring = child, feed, ring
 
     @classmethod
     async def start(cls, ring: Path) -> "_Engine":
@@ -96,41 +82,23 @@ class _Engine:
         reading, writing = os.pipe()
         os.set_blocking(writing, False)
         try:
-            process = await asyncio.create_subprocess_exec(
-                *engine_process.command_of(reading, ring),
-                stdin=PIPE,
-                stdout=PIPE,
-                pass_fds=[reading],
-                start_new_session=True,
-            )
+            arguments = {"pointer_pipe": reading, "ring": str(ring)}
+            module = "tactable.page.processes.engine"
+            child = await AsyncChild.start(module, arguments, name="the engine", descriptors=[reading])
         finally:
             os.close(reading)
-        return cls(process, PointerFeed(writing), ring)
+        return cls(child, PointerFeed(writing), ring)
 
-    async def play(self, order: Order) -> dict[str, Any]:
-        """Change over; what the run says once it is ready. Raises ProcessError."""
-        assert self.process.stdin is not None
-        self.process.stdin.write(order.line())
-        return await _line(self.process, "the engine")
+    async def play(self, order: Order) -> None:
+        """Change over; returns once the run is ready. Raises ChildError."""
+        self.child.write(order.as_json())
+        await self.child.read()
 
     async def end(self) -> None:
-        """End the process; a polite kill would leave its ring, the end of its input does not."""
-        assert self.process.stdin is not None
-        self.process.stdin.close()
+        """End the process."""
         self.feed.close()
-        with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self.process.wait(), 1.0)
-        await ended(self.process)
+        await self.child.end()
         self.ring.unlink(missing_ok=True)
-
-
-async def _line(process: Process, name: str) -> dict[str, Any]:
-    assert process.stdout is not None
-    line = await process.stdout.readline()
-    told: dict[str, Any] = json.loads(line) if line else {"error": f"it ended with status {await process.wait()}"}
-    if "error" in told:
-        raise ProcessError(f"{name}: {told['error']}")
-    return told
 
 
 class DemoBackend:
@@ -159,7 +127,7 @@ class DemoBackend:
     @property
     def process_ids(self) -> tuple[int, ...]:
         """Of the emulated firmware and the engine, those that there are."""
-        return tuple(part.process.pid for part in (self._firmware, self._engine) if part is not None)
+        return tuple(part.child.process.pid for part in (self._firmware, self._engine) if part is not None)
 
     # What browsers do and see.
 
@@ -215,7 +183,7 @@ class DemoBackend:
             return [], False
         messages = []
         for applied in firmware.ask():
-            boot = (firmware.process.pid, applied.host_ns_at_device_zero)
+            boot = (firmware.child.process.pid, applied.host_ns_at_device_zero)
             if boot != self._boot:
                 self._boot, view.zero_ns = boot, applied.host_ns_at_device_zero
                 view.bar.begin(applied.until_us)
@@ -240,7 +208,7 @@ class DemoBackend:
                 try:
                     await self._follow()
                     back_off_s = SHORTEST_BACK_OFF_S
-                except (ProcessError, RingError, OSError) as error:
+                except (ChildError, RingError, OSError) as error:
                     self._status, self._trouble = "restarting", str(error)
                     self.restarts += 1
                     self.scene_number += 1
@@ -256,9 +224,8 @@ class DemoBackend:
     async def _wait(self) -> None:
         """Until somebody chose, a table is usable, or a process has ended."""
         waits: list[asyncio.Task[Any]] = [asyncio.create_task(self._news.wait())]
-        waits += [
-            asyncio.create_task(part.process.wait()) for part in (self._firmware, self._engine) if part is not None
-        ]
+        parts = [part for part in (self._firmware, self._engine) if part is not None]
+        waits += [asyncio.create_task(part.child.process.wait()) for part in parts]
         try:
             await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -268,8 +235,8 @@ class DemoBackend:
     async def _follow(self) -> None:
         """Make what plays what is chosen."""
         for part, name in ((self._firmware, "the emulated firmware"), (self._engine, "the engine")):
-            if part is not None and part.process.returncode is not None:
-                raise ProcessError(f"{name} ended with status {part.process.returncode}")
+            if part is not None and part.child.process.returncode is not None:
+                raise ChildError(f"{name} {ending_text(part.child.process.returncode)}")
         choice, device = self._choice, self._device
         order = order_for(choice.device, device, choice.source, self._cache)
         table = self._table

@@ -2,17 +2,17 @@
 
 import asyncio
 import contextlib
-import json
-from asyncio.subprocess import PIPE, Process
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from engine.device import Device
 from engine.table import Table, TableError
+from firmware_link.child import ChildError
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.entries.objective import DEFAULT_OBJECTIVE
 from tactable.page.choices import Source
+from tactable.page.processes.asynchronous import AsyncChild
 from tactable.page.processes.build import BuildOrder
 from tactable.rig.demo import DEMO_FINGERS
 
@@ -88,37 +88,23 @@ class Builder:
         self._order = self._task = self.now = None
 
     async def _build(self, order: BuildOrder) -> None:
-        process = await asyncio.create_subprocess_exec(*order.command(), stdout=PIPE, start_new_session=True)
+        child = await AsyncChild.start("tactable.page.processes.build", order.as_json(), name="the build")
         try:
-            await self._follow(process, order)
+            await self._follow(child, order)
+        except ChildError as error:
+            self.now = Building(order.device, order.objective, error=str(error))
+            self._on_change()
         finally:
-            await ended(process)
+            await child.end(by_signal=True)
 
-    async def _follow(self, process: Process, order: BuildOrder) -> None:
-        assert process.stdout is not None
-        error = "its process ended"
-        async for line in process.stdout:
-            told = json.loads(line)
+    async def _follow(self, child: AsyncChild, order: BuildOrder) -> None:
+        while True:
+            told = await child.read()
             if "step" in told:
                 self.now = Building(order.device, order.objective, told["step"], told["fraction"])
-            elif "usable" in told and Path(told["usable"]) == order.path:
+            elif Path(told["usable"]) == order.path:
                 self._built.add(order)
                 self._order = self.now = None
                 self._on_change()
                 return
-            error = told.get("error", error)
             self._on_change()
-        self.now = Building(order.device, order.objective, error=error)
-        self._on_change()
-
-
-async def ended(process: Process) -> None:
-    """End a process politely, and wait until it has ended."""
-    if process.returncode is None:
-        with contextlib.suppress(ProcessLookupError):
-            process.terminate()
-        try:
-            await asyncio.wait_for(process.wait(), 3.0)
-        except TimeoutError:
-            process.kill()
-            await process.wait()

@@ -1,9 +1,5 @@
 """The ring of a run to a recording: a process of its own, which the loop never waits for."""
 
-import json
-import os
-import select
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -14,6 +10,7 @@ from typing import Any
 from engine.loop.ring import RingReader, RingWriter
 from engine.touch.sources import Source
 from engine.touch.sources.recording import Recording, Report, write_recording
+from firmware_link.child import START_TIMEOUT_S, Child, Parent
 
 _MEMORY = Path("/dev/shm")
 # A thousandth of what the ring holds at the pace of the fastest digitizer.
@@ -48,27 +45,19 @@ def recorder_of(ring: Path, output: Path, source: Source, bus: int) -> Iterator[
         "product_id": source.product_id,
         "descriptor": source.descriptor.hex(),
     }
-    process = subprocess.Popen(
-        [sys.executable, "-m", "tactable.run.ring_recorder", json.dumps(head)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        start_new_session=True,  # Ctrl-C is for the run: this one ends after it
-    )
-    assert process.stdout is not None
-    process.stdout.readline()
+    child = Child("tactable.run.ring_recorder", head, name="the recorder")
     try:
+        child.read(START_TIMEOUT_S)
         yield
     finally:
-        process.communicate()
+        child.end(timeout_s=None)  # however long the writing takes
 
 
-def main() -> None:
-    """Say that the ring is open, then read it until standard input ends."""
-    head: dict[str, Any] = json.loads(sys.argv[1])
+def main(parent: Parent, head: dict[str, Any]) -> None:
+    """Say that the ring is open, read it until the run ends, and write the recording."""
     with RingReader(Path(head["ring"])) as reader:
-        sys.stdout.write("open\n")
-        sys.stdout.flush()
-        reports = _collect(reader)
+        parent.say({})
+        reports = _collect(reader, parent)
         lost = reader.lost
     numbers = (head["bus"], head["vendor_id"], head["product_id"])
     recording = Recording(head["name"], *numbers, bytes.fromhex(head["descriptor"]), tuple(reports))
@@ -77,11 +66,11 @@ def main() -> None:
         sys.stderr.write(f"note: {lost} records of the run were overwritten before they were recorded\n")
 
 
-def _collect(reader: RingReader) -> list[Report]:
+def _collect(reader: RingReader, parent: Parent) -> list[Report]:
     reports: list[Report] = []
     first_ns, is_over = 0, False
     while not is_over:
-        is_over = bool(select.select([sys.stdin], [], [], _PERIOD_S)[0]) and not os.read(sys.stdin.fileno(), 1)
+        is_over = parent.has_spoken(_PERIOD_S)  # the run says nothing more: that is its end
         for record in reader.read():
             if record.report:
                 first_ns = first_ns if reports else record.time_ns
@@ -89,7 +78,3 @@ def _collect(reader: RingReader) -> list[Report]:
                 time_s = round((record.time_ns - first_ns) / _NS_PER_S * _US_PER_S) / _US_PER_S
                 reports.append(Report(len(reports), time_s, record.report))
     return reports
-
-
-if __name__ == "__main__":
-    main()

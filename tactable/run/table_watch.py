@@ -3,16 +3,15 @@
 The process of the run only ever reads from a pipe, and never waits for it.
 """
 
+import base64
 import os
 import pickle
-import select
-import signal
 import struct
-import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 from engine.device import DeviceError
 from engine.effects import Effects
@@ -20,6 +19,7 @@ from engine.render.limits import LimitError
 from engine.render.prepared import Rendering, render_table
 from engine.render.renderer import RendererError, WhenNotAchieved
 from engine.table import Table, TableError
+from firmware_link.child import Child, Parent
 from firmware_link.host.link_values import Capabilities
 
 LOOK_S = 0.3
@@ -52,14 +52,9 @@ class TableWatch:
     """The end of the pipe that a loop looks at, and the process behind it."""
 
     def __init__(self, watched: Watched) -> None:
-        # Not by -m: what is pickled belongs to this module under its own name.
-        command = [sys.executable, "-c", "from tactable.run.table_watch import main; main()"]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.write(_packed(watched))
-        self._process.stdin.flush()
-        self._pipe = self._process.stdout.fileno()
+        arguments = {"watched": base64.b64encode(pickle.dumps(watched)).decode()}
+        self._child = Child("tactable.run.table_watch", arguments, name="the watch for new tables")
+        self._pipe = self._child.fileno()
         os.set_blocking(self._pipe, False)
         self._received = bytearray()
 
@@ -69,12 +64,7 @@ class TableWatch:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.close()  # its end
-        self._process.kill()
-        self._process.stdout.close()
-        self._process.wait()
+        self._child.kill()
 
     def fileno(self) -> int:
         """Readable when a part of a table has come."""
@@ -108,10 +98,10 @@ class TableWatch:
         os.set_blocking(self._pipe, False)
 
 
-def serve(watched: Watched) -> None:
+def serve(watched: Watched, parent: Parent) -> None:
     """Hand over each new table until the other end closes; one that fails is told and left."""
     seen = watched.identity
-    while not select.select([sys.stdin], (), (), LOOK_S)[0]:
+    while not parent.has_spoken(LOOK_S):
         try:
             found = identity_of(watched.path)
         except OSError:
@@ -124,8 +114,7 @@ def serve(watched: Watched) -> None:
         except (TableError, DeviceError, RendererError, LimitError, OSError) as error:
             _say(f"the new table is refused, the one before plays on: {error}")
             continue
-        sys.stdout.buffer.write(data)
-        sys.stdout.buffer.flush()
+        parent.say_bytes(data)
         _say(f"a new table is verified and handed over: {watched.path}")
 
 
@@ -150,11 +139,9 @@ def _say(text: str) -> None:
     sys.stderr.flush()
 
 
-def main() -> None:
-    """The process behind a `TableWatch`: what to watch comes on the standard input."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run's Ctrl-C: its end closes the pipe
+def main(parent: Parent, arguments: dict[str, Any]) -> None:
+    """The process behind a `TableWatch`."""
     os.nice(10)
-    size = _HEAD.unpack(sys.stdin.buffer.read(_HEAD.size))[0]
-    watched = pickle.loads(sys.stdin.buffer.read(size))  # from our own process
+    watched = pickle.loads(base64.b64decode(arguments["watched"]))  # from our own process
     assert isinstance(watched, Watched)
-    serve(watched)
+    serve(watched, parent)

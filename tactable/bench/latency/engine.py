@@ -1,12 +1,8 @@
 """The engine under measurement: a process of its own that runs one segment after another on the sockets it is given."""
 
-import contextlib
 import ctypes
-import json
 import math
 import socket
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -19,11 +15,10 @@ import numpy as np
 from engine.loop.latency import Stage
 from engine.loop.loop import StateChange, SystemClock
 from engine.loop.realtime import Step
-from engine.render.limits import LimitError
-from engine.render.renderer import RendererError, WhenNotAchieved
+from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.table.entry import DEFAULT_LEVEL_DB
-from engine.touch import DescriptorError, DigitizerError
+from firmware_link.child import Child, Parent
 from firmware_link.host.clock import OffsetBounds
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Port
@@ -36,7 +31,6 @@ from tactable.run.live import Live, LiveOptions, fast_library
 
 SOCKET_BIT_RATE_HZ = 1_000_000_000
 """A socket pair is no line: what is written is there."""
-_MESSAGE_SIZE = 1 << 16
 NO_SEQUENCE = -1
 
 
@@ -62,70 +56,44 @@ class Segment:
 
 
 class EngineProcess:
-    """The engine as a child process; it has opened its table when this is made. Raises LinkError when it has not."""
+    """The engine as a child process; it has opened its table when this is made. Raises ChildError when it has not."""
 
     def __init__(self, table: Path) -> None:
-        self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with theirs:
-            command = [sys.executable, "-m", "tactable.bench.latency.engine", str(theirs.fileno()), str(table)]
-            self._process = subprocess.Popen(command, pass_fds=(theirs.fileno(),))
-        self.process_id = self._process.pid
+        arguments = {"table": str(table)}
+        self._child = Child("tactable.bench.latency.engine", arguments, name="the engine under measurement")
+        self.process_id = self._child.process_id
         self.answer()
 
     def fileno(self) -> int:
         """Can be read once a segment is over."""
-        return self._control.fileno()
+        return self._child.fileno()
 
     def begin(self, segment: Segment, touch: socket.socket, link: socket.socket | None) -> None:
         """Hand the sockets over. The first answer says that it is armed: the other end of the link must be served."""
         descriptors = [sock.fileno() for sock in (touch, link) if sock is not None]
-        socket.send_fds(self._control, [json.dumps(asdict(segment)).encode()], descriptors)
+        self._child.write(asdict(segment), descriptors)
 
     def answer(self) -> dict[str, Any]:
-        """What it says next; raises LinkError for what went wrong there."""
-        message = b""
-        with contextlib.suppress(ConnectionResetError):  # ended with a segment unread
-            message = self._control.recv(_MESSAGE_SIZE)
-        if not message:
-            raise LinkError(f"the engine's process ended with exit status {self._process.wait()}: see above")
-        answer: dict[str, Any] = json.loads(message)
-        if "error" in answer:
-            raise LinkError(f"the engine under measurement: {answer['error']}")
-        return answer
+        """What it says next; raises ChildError for what went wrong there."""
+        return self._child.read()
 
     def close(self) -> None:
         """End the process."""
-        self._control.close()
-        self._process.wait()
+        self._child.end()
 
 
-def main() -> None:
-    """Open the table, then run a segment for each message until the other end closes."""
-    control = socket.socket(fileno=int(sys.argv[1]))
+def main(parent: Parent, arguments: dict[str, Any]) -> None:
+    """Open the table, then run a segment for each line until the bench asks for the end."""
     library = fast_library()
-    with Table.open(Path(sys.argv[2])) as table:
-        _say(control, {"device": table.device.name})
-        while True:
-            try:
-                message, descriptors, _, _ = socket.recv_fds(control, _MESSAGE_SIZE, 2)
-            except ConnectionResetError:
-                return
-            if not message:
-                return
-            try:
-                segment = Segment(**json.loads(message))
-                _run(table, segment, descriptors, control, library if segment.has_fast_path else None)
-            except (DescriptorError, DigitizerError, LimitError, LinkError, RendererError, OSError) as error:
-                _say(control, {"error": str(error)})
+    with Table.open(Path(arguments["table"])) as table:
+        parent.say({"device": table.device.name})
+        while (order := parent.read()) is not None:
+            segment = Segment(**order)
+            descriptors, parent.descriptors = parent.descriptors, []
+            _run(table, segment, descriptors, parent, library if segment.has_fast_path else None)
 
 
-def _say(control: socket.socket, message: dict[str, Any]) -> None:
-    control.send(json.dumps(message).encode())
-
-
-def _run(
-    table: Table, segment: Segment, descriptors: list[int], control: socket.socket, fast: ctypes.CDLL | None
-) -> None:
+def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent, fast: ctypes.CDLL | None) -> None:
     numbers = (segment.vendor_id, segment.product_id)
     with ExitStack() as stack:
         for descriptor in descriptors:
@@ -142,7 +110,7 @@ def _run(
         stack.enter_context(_busy_thread(segment.has_busy_thread))
         live = Live(table, source, port, SystemClock(), options, trace)
         with live.armed():
-            _say(control, {"board": live.capabilities.board})
+            parent.say({"board": live.capabilities.board})
             live.loop.run()
         try:
             bounds = live.link.clock.offset_bounds(SystemClock().now_ns())
@@ -153,8 +121,7 @@ def _run(
             raise LinkError(lost) from error
         samples = _samples(live, source, trace)
         np.savez(segment.samples, **samples, **_promises(table, samples), **port.applied(bounds))
-        _say(
-            control,
+        parent.say(
             {
                 "outcomes": [asdict(outcome) for outcome in live.outcomes],
                 "loop": asdict(live.loop.counters),
@@ -246,7 +213,3 @@ def _promises(table: Table, samples: dict[str, Any]) -> dict[str, Any]:
 
 def _index(report: int | None) -> int:
     return NO_SEQUENCE if report is None else report
-
-
-if __name__ == "__main__":
-    main()

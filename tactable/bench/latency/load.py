@@ -1,11 +1,12 @@
 """What else runs while the engine is measured: nothing, or processes that take processors and memory."""
 
 import os
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import StrEnum
+from typing import Any
+
+from firmware_link.child import Child, Parent
 
 _MEMORY_BYTES = 1 << 26
 
@@ -26,29 +27,20 @@ def load_running(load: Load) -> Iterator[None]:
     """The processes of a load, ended at the end; that of a thread belongs to the engine."""
     count = os.cpu_count() or 1
     kinds = ("compute", "memory") * count if load is Load.STRESS else ()
-    processes = [
-        subprocess.Popen([sys.executable, "-m", "tactable.bench.latency.load", kind], stdin=subprocess.PIPE)
-        for kind in kinds
-    ]
+    children = [Child("tactable.bench.latency.load", {"kind": kind}, name=f"the load {kind}") for kind in kinds]
     try:
         yield
     finally:
-        for process in processes:
-            process.kill()
-        for process in processes:
-            process.communicate()
+        for child in children:
+            child.kill()
 
 
-def main() -> None:
-    """Work without end; the parent kills it, and where that is gone too, it ends by itself."""
-    parent = os.getppid()
+def main(parent: Parent, arguments: dict[str, Any]) -> None:
+    """Work without end; the parent kills it, and where that is gone too, the system does."""
+    parent.end_with_it()
     block, target = bytes(_MEMORY_BYTES), bytearray(_MEMORY_BYTES)
-    while os.getppid() == parent:
-        if sys.argv[1] == "memory":
+    while True:
+        if arguments["kind"] == "memory":
             target[:] = block
         else:
             sum(range(1_000_000))
-
-
-if __name__ == "__main__":
-    main()

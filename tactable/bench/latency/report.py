@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from firmware_link.protocol.errors import TactableError
 from tactable.bench.latency.compare import compare, median, percentile, ratio
 from tactable.bench.latency.plan import Plan
 from tactable.bench.latency.run import Condition, Measured
@@ -27,7 +28,7 @@ _SUMMED = (
 )
 
 
-class LatencyReportError(ValueError):
+class LatencyReportError(TactableError, ValueError):
     """A report that cannot be used as a baseline: which, and why."""
 
 

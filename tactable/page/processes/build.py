@@ -1,19 +1,16 @@
 """A table for the page, built in a process of its own: first steady entries, which play at once, then clicks."""
 
-import json
 import os
 import signal
-import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from engine.device import DeviceError
 from engine.files import rename_durably
-from engine.table import TableError
+from firmware_link.child import Parent
 from precompute.builder.build import build_table
-from precompute.parallel.pool import WorkerError, available_cores
+from precompute.parallel.pool import available_cores
 from tactable.shipped import find_device
 
 
@@ -26,10 +23,9 @@ class BuildOrder:
     clicks_up_to: int
     path: Path
 
-    def command(self) -> list[str]:
-        """The command line of a process that builds it."""
-        words = [self.device, self.objective, str(self.clicks_up_to), str(self.path)]
-        return [sys.executable, "-m", "tactable.page.processes.build", *words]
+    def as_json(self) -> dict[str, Any]:
+        """The arguments of a process that builds it."""
+        return asdict(self) | {"path": str(self.path)}
 
     @property
     def early_path(self) -> Path:
@@ -37,7 +33,7 @@ class BuildOrder:
         return self.path.with_name(f"{self.path.stem}-early{self.path.suffix}")
 
 
-def build(order: BuildOrder) -> None:
+def build(order: BuildOrder, parent: Parent) -> None:
     """Build it, and tell: {"step", "fraction"} again and again, {"usable": path} for what plays already."""
     device = find_device(order.device)
     order.path.parent.mkdir(parents=True, exist_ok=True)
@@ -50,35 +46,21 @@ def build(order: BuildOrder) -> None:
             objective=order.objective,
             clicks_up_to=clicks_up_to,
             workers=available_cores(),
-            progress=lambda step, fraction: _say({"step": step, "fraction": fraction}),
+            progress=lambda step, fraction: parent.say({"step": step, "fraction": fraction}),
         )
         if clicks_up_to == stages[-1]:
             rename_durably(order.early_path, order.path)
-            _say({"usable": str(order.path)})
+            parent.say({"usable": str(order.path)})
         else:
-            _say({"usable": str(order.early_path)})
+            parent.say({"usable": str(order.early_path)})
 
 
-def _say(document: dict[str, Any]) -> None:
-    sys.stdout.write(json.dumps(document) + "\n")
-    sys.stdout.flush()
-
-
-def main() -> None:
-    """Build what the command line orders; a polite kill leaves the clicks that are done for the next build."""
+def main(parent: Parent, arguments: dict[str, Any]) -> None:
+    """Build what is ordered; SIGTERM leaves the clicks that are done for the next build."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    parent.end_with_it()
     os.nice(10)  # the page, which is looked at, comes first
-    name, objective, clicks_up_to, path = sys.argv[1:]
     try:
-        build(BuildOrder(name, objective, int(clicks_up_to), Path(path)))
-    except BrokenPipeError:  # the page is gone
-        raise SystemExit(1) from None
-    except (DeviceError, TableError, WorkerError, OSError) as error:
-        _say({"error": str(error)})
-        raise SystemExit(1) from None
+        build(BuildOrder(**arguments | {"path": Path(arguments["path"])}), parent)
     except KeyboardInterrupt:
         raise SystemExit(1) from None
-
-
-if __name__ == "__main__":
-    main()

@@ -3,14 +3,12 @@
 Unlike `firmware_link.emulator.process` it forgets what it has told: it runs for hours.
 """
 
-import json
-import os
-import sys
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
+from firmware_link.child import Parent
 from firmware_link.emulator import DeviceConfiguration, DriveEvent, EmulatedFirmware
 from firmware_link.emulator.drive_log import decode_drive_event, encode_events
 from firmware_link.emulator.fault_plan import parse_fault_plan
@@ -18,7 +16,6 @@ from firmware_link.emulator.faulty_device import FaultyDevice
 from firmware_link.emulator.pty import PseudoTerminalServer
 from firmware_link.protocol.bank import Bank, decode_bank, encode_bank, hash_of_bank
 
-_READ_SIZE = 4096
 _NS_PER_US = 1000
 
 
@@ -41,11 +38,6 @@ def decode_applied(document: Mapping[str, Any], number_of_actuators: int) -> App
         events=tuple(decode_drive_event(item) for item in document["events"]),
         banks={hash_of_bank(data): decode_bank(data, number_of_actuators) for data in banks},
     )
-
-
-def command_of(configuration: DeviceConfiguration) -> list[str]:
-    """The command line of such a process."""
-    return [sys.executable, "-m", "tactable.page.processes.firmware", json.dumps(asdict(configuration))]
 
 
 class _Teller:
@@ -72,26 +64,16 @@ class _Teller:
         }
 
 
-def main() -> None:
-    """Say the port, then answer whatever comes on standard input, until it ends."""
-    arguments = json.loads(sys.argv[1])
+def main(parent: Parent, arguments: dict[str, Any]) -> None:
+    """Say the port, then answer each line of the page, until it asks for the end."""
     configuration = DeviceConfiguration(**{**arguments, "full_scales_pm": tuple(arguments["full_scales_pm"])})
     device = FaultyDevice(
         lambda boot_id: EmulatedFirmware(replace(configuration, boot_id=boot_id)), parse_fault_plan(""), 0
     )
     server = PseudoTerminalServer(device, lambda _: None)
     teller = _Teller(server)
-    _answer({"port": server.path})
-    while server.serve([sys.stdin.fileno()]) is not None and os.read(sys.stdin.fileno(), _READ_SIZE):
+    parent.say({"port": server.path})
+    while server.serve([parent.fileno()]) is not None and parent.read() is not None:
         now_us = (time.monotonic_ns() - server.host_ns_at_zero) // _NS_PER_US
-        _answer(teller.tell(now_us))
+        parent.say(teller.tell(now_us))
     server.close()
-
-
-def _answer(document: dict[str, Any]) -> None:
-    sys.stdout.write(json.dumps(document) + "\n")
-    sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main()

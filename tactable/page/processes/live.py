@@ -1,16 +1,14 @@
 """The process of a page that looks on at a run: ring and table of the command line, until standard input ends."""
 
 import asyncio
-import json
 import os
-import sys
 from pathlib import Path
 from typing import Any
 
 import uvicorn
 
-from engine.loop.ring import RingError, RingReader
-from engine.table import TableError
+from engine.loop.ring import RingReader
+from firmware_link.child import Parent
 from tactable.page.live_backend import LiveBackend
 from tactable.page.opening import announcement, token_for
 from tactable.page.server import listen_at, serve
@@ -18,37 +16,24 @@ from tactable.page.server import listen_at, serve
 _NICE = 5
 
 
-def main() -> None:
-    """Say where the page is, or why there is none, as a line of JSON; then serve it."""
+def main(parent: Parent, arguments: dict[str, Any]) -> None:
+    """Say where the page is, or why there is none; then serve it until the run ends."""
     os.nice(_NICE)  # the engine comes first
-    ring, table, resolution_hz, host, port = sys.argv[1:]
-    try:
-        with RingReader(Path(ring)) as reader:
-            asyncio.run(_serve(LiveBackend(reader, Path(table), float(resolution_hz)), host, int(port)))
-    except (OSError, RingError, TableError) as error:
-        _say({"error": str(error)})
-        raise SystemExit(1) from None
+    with RingReader(Path(arguments["ring"])) as reader:
+        backend = LiveBackend(reader, Path(arguments["table"]), arguments["frequency_resolution_hz"])
+        asyncio.run(_serve(backend, arguments["host"], arguments["port"], parent))
 
 
-async def _serve(backend: LiveBackend, host: str, port: int) -> None:
+async def _serve(backend: LiveBackend, host: str, port: int, parent: Parent) -> None:
     listening, access = listen_at(host, port, token_for(port))
     with listening:
-        _say({"lines": announcement(access)})
+        parent.say({"lines": announcement(access)})
 
-        async def end_with_input(server: uvicorn.Server) -> None:
+        async def end_with_run(server: uvicorn.Server) -> None:
             def end() -> None:
-                asyncio.get_running_loop().remove_reader(sys.stdin)
+                asyncio.get_running_loop().remove_reader(parent.fileno())
                 server.should_exit = True
 
-            asyncio.get_running_loop().add_reader(sys.stdin, end)
+            asyncio.get_running_loop().add_reader(parent.fileno(), end)
 
-        await serve(backend, listening, access, end_with_input)
-
-
-def _say(document: dict[str, Any]) -> None:
-    sys.stdout.write(json.dumps(document) + "\n")
-    sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main()
+        await serve(backend, listening, access, end_with_run)

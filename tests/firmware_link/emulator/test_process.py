@@ -1,21 +1,18 @@
 """End to end: link, pyserial, a real pseudo-terminal, the emulator process, and its log."""
 
-import json
 import os
 import select
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from firmware_link.child import ChildError
 from firmware_link.emulator import Cause, Outcome, ReceivedFrame, synthesise
 from firmware_link.emulator.fault_plan import FaultPlanError
-from firmware_link.emulator.process import read_log, run_emulator
+from firmware_link.emulator.process import run_emulator
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
 from firmware_link.host.reopening import ReopeningPort
@@ -83,7 +80,7 @@ def test_no_emulator_outlives_an_exception() -> None:
 
 
 def test_a_bad_request_is_reported_when_starting() -> None:
-    with pytest.raises(LinkError, match="did not start"), run_emulator(number_of_actuators=0):
+    with pytest.raises(ChildError, match="number_of_actuators"), run_emulator(number_of_actuators=0):
         pass
 
 
@@ -107,21 +104,17 @@ def test_a_missing_port_is_named() -> None:
         path_of("/dev/nowhere")
 
 
-@pytest.mark.parametrize("by_signal", [False, True])
-def test_the_process_ends_with_its_input_or_a_signal_and_leaves_its_log(by_signal: bool, tmp_path: Path) -> None:
-    log_path = tmp_path / "log.json"
-    command = [sys.executable, "-m", "firmware_link.emulator.process", "--actuators", "3", "--log", str(log_path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
-        assert json.loads(process.stdout.readline())["simulated"] is True
-        if by_signal:
-            process.send_signal(signal.SIGTERM)
-        else:
-            process.stdin.close()
-        assert process.wait(PATIENCE_S) == 0
-    assert read_log(log_path).number_of_actuators == 3
-    assert [path.name for path in tmp_path.iterdir()] == ["log.json"]
+def test_a_signal_ends_the_process_in_order_and_its_log_is_its_last_word() -> None:
+    with run_emulator(number_of_actuators=3) as emulator:
+        os.kill(emulator.process_id, signal.SIGTERM)
+        assert emulator.stop().number_of_actuators == 3
+
+
+def test_an_emulator_that_was_killed_has_no_log() -> None:
+    with run_emulator() as emulator:
+        os.kill(emulator.process_id, signal.SIGKILL)
+        with pytest.raises(ChildError, match="the emulator was ended by SIGKILL"):
+            emulator.stop()
 
 
 def test_a_port_that_comes_back_under_another_name_is_found_by_the_one_that_stays() -> None:

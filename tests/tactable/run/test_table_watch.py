@@ -124,7 +124,7 @@ def test_a_table_that_fails_a_check_is_refused_and_the_run_goes_on(tmp_path: Pat
 def test_a_run_outlives_the_process_that_looks_for_tables(tmp_path: Path, emulator: RunningEmulator) -> None:
     run = Run(tmp_path, emulator)
     found = subprocess.run(
-        ["pgrep", "-P", str(run.process.pid), "-f", "table_watch import main"],
+        ["pgrep", "-P", str(run.process.pid), "-f", "firmware_link.child tactable.run.table_watch"],
         capture_output=True,
         text=True,
         check=False,

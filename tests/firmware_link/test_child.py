@@ -1,0 +1,121 @@
+"""Child processes: lines both ways, last words, and none that outlives its parent."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from firmware_link.child import Child, ChildError
+
+PATIENCE_S = 60.0
+
+
+def child(**arguments: Any) -> Child:
+    return Child("tests.firmware_link.children", arguments, name="the test's child")
+
+
+def is_running(process_id: int) -> bool:
+    """Whether it runs; one that ended and whose parent is gone may lie as a zombie in a container without an init."""
+    try:
+        return Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except FileNotFoundError:
+        return False
+
+
+def wait_for_end(process_id: int) -> None:
+    end_s = time.monotonic() + PATIENCE_S
+    while is_running(process_id):
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
+def test_lines_go_both_ways_whatever_their_length_and_the_last_comes_after_the_end() -> None:
+    with child(do="echo") as it:
+        assert it.read(PATIENCE_S) == {"ready": it.process_id}
+        for text in ("a", "ä\n" * 3, "long" * 200_000):
+            assert it.ask({"text": text}, PATIENCE_S) == {"heard": {"text": text}}
+        it.ask_to_end()
+        assert it.read(PATIENCE_S) == {"last": "words"}
+        assert it.end() == 0
+
+
+def test_a_child_that_prints_and_reads_by_itself_does_not_disturb_the_lines() -> None:
+    with child(do="print") as it:
+        assert it.read(PATIENCE_S) == {"input": ""}
+
+
+def test_a_descriptor_travels_with_a_line() -> None:
+    ours, theirs = socket.socketpair()
+    with ours, child(do="write") as it:
+        it.write({"text": "by another process"}, [theirs.fileno()])
+        theirs.close()
+        assert ours.recv(100) == b"by another process"
+
+
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        ("fail", "the test's child: no such bar: plug one in"),
+        ("break", "the test's child: KeyError: 'a fault of ours'"),
+        ("die", "the test's child was ended by SIGKILL"),
+        ("nothing", "the test's child ended with exit status 0"),
+    ],
+)
+def test_a_child_that_ends_early_says_why(what: str, words: str) -> None:
+    with child(do=what) as it, pytest.raises(ChildError) as raised:
+        it.read(PATIENCE_S)
+    assert str(raised.value) == words
+
+
+def test_a_module_that_is_not_there_is_named() -> None:
+    with Child("tests.nowhere", {}) as it, pytest.raises(ChildError, match=r"ModuleNotFoundError.*tests\.nowhere"):
+        it.read(PATIENCE_S)
+
+
+def test_a_silent_child_is_not_waited_for_without_end_and_is_killed_when_it_does_not_end() -> None:
+    with child(do="ignore") as it:
+        it.read(PATIENCE_S)
+        with pytest.raises(ChildError, match=r"has said nothing for 0\.01 s"):
+            it.read(0.01)
+        assert it.end(timeout_s=0.01) == -signal.SIGKILL
+
+
+@pytest.mark.parametrize("what", ["echo", "compute"])
+def test_a_child_ends_when_its_parent_is_killed(what: str) -> None:
+    with child(do="start", what=what) as parent:
+        grandchild = parent.read(PATIENCE_S)["ready"]
+        assert is_running(grandchild)
+        os.kill(parent.process_id, signal.SIGKILL)
+        wait_for_end(grandchild)
+
+
+_INTERRUPTED = """
+import signal
+from firmware_link.child import Child
+signal.signal(signal.SIGINT, signal.default_int_handler)  # tests in the background of a shell ignore it
+with Child("tests.firmware_link.children", {"do": "echo"}) as it:
+    try:
+        print(it.read(60)["ready"], flush=True)
+        it.read()
+    except KeyboardInterrupt:
+        print(it.ask({}), flush=True)
+print(it.end())
+"""
+
+
+def test_ctrl_c_reaches_the_parent_only_which_ends_its_children_in_order() -> None:
+    command = [sys.executable, "-c", _INTERRUPTED]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
+        assert process.stdout is not None
+        grandchild = int(process.stdout.readline())
+        os.killpg(process.pid, signal.SIGINT)  # as the terminal does
+        # Exit status 1: the child had last words, and its parent had closed the stream.
+        assert process.stdout.read().splitlines() == ["{'heard': {}}", "1"]
+        assert not is_running(grandchild)
+    assert process.returncode == 0
