@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Stamps = tuple[int, int, int, int, int, int]
 """Time of each stage in ns, in the order of `Stage`, all of one clock."""
@@ -27,15 +27,30 @@ class Stage(IntEnum):
 
 
 @dataclass(frozen=True)
-class LatencySummary:
-    """Durations in ns over `count` samples. Each percentile is one of them: the least that this share stays within."""
+class Percentiles:
+    """Percentiles of `count` durations, ns. Each is one of the samples: the least that this share stays within.
+
+    Interpolation between samples would show tails better than any sample.
+    """
 
     count: int
+    p10_ns: int
     p50_ns: int
     p90_ns: int
     p99_ns: int
     p99_9_ns: int
+    p99_99_ns: int
     max_ns: int
+
+    @classmethod
+    def of(cls, durations_ns: ArrayLike) -> "Percentiles | None":
+        """Of those durations that are numbers, ns, of any shape; None without one."""
+        known_ns = np.asarray(durations_ns, np.float64)
+        known_ns = known_ns[np.isfinite(known_ns)]
+        if not len(known_ns):
+            return None
+        values = np.percentile(known_ns, [10, 50, 90, 99, 99.9, 99.99, 100], method="inverted_cdf")
+        return cls(len(known_ns), *(round(value) for value in values.tolist()))
 
 
 class LatencyRecorder:
@@ -60,12 +75,7 @@ class LatencyRecorder:
             return self._stamps_ns[: self.count].copy()
         return np.roll(self._stamps_ns, -(self.count % capacity), axis=0)
 
-    def summarise(self, first: Stage = Stage.AVAILABLE, last: Stage = Stage.WRITTEN) -> LatencySummary | None:
+    def summarise(self, first: Stage = Stage.AVAILABLE, last: Stage = Stage.WRITTEN) -> Percentiles | None:
         """Durations from one stage to a later one; None without a sample."""
         stamps_ns = self.stamps_ns()
-        if not len(stamps_ns):
-            return None
-        durations_ns = stamps_ns[:, last] - stamps_ns[:, first]
-        # The empirical distribution itself: interpolation would show tails better than any sample.
-        percentiles = np.percentile(durations_ns, [50, 90, 99, 99.9, 100], method="inverted_cdf")
-        return LatencySummary(len(durations_ns), *(int(value) for value in percentiles))
+        return Percentiles.of(stamps_ns[:, last] - stamps_ns[:, first])

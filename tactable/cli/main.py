@@ -25,8 +25,7 @@ from firmware_link.protocol.errors import TactableError
 from precompute.fleet.units import FleetError
 from precompute.measurements import CalibrationError
 from tactable.bench import clicks as bench_clicks
-from tactable.bench import commands as bench_commands
-from tactable.bench import effects as bench_effects
+from tactable.bench import step as bench_step
 from tactable.bench.latency import command as bench_latency
 from tactable.bench.latency.report import LatencyReportError
 from tactable.cli import build as build_commands
@@ -61,9 +60,8 @@ link_commands.register(app)
 diff_commands.register(app)
 fleet_commands.register(app)
 run.register(app)
-bench_commands.register(bench)
 bench_clicks.register(bench)
-bench_effects.register(bench)
+bench_step.register(bench)
 bench_latency.register(bench)
 plot_bar_commands.register(plot_commands.plot)
 plot_click_commands.register(plot_commands.plot)
@@ -297,23 +295,6 @@ def bench_sweep(
         _print_json(result)
     else:
         print_sweep_bench(_out, result)
-
-
-@bench.command("decode")
-def bench_decode(
-    recordings: Annotated[
-        list[Path] | None, typer.Argument(help="In hid-recorder form; default: the shipped one.")
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
-    """How long the decoder takes for a report."""
-    from tactable.bench.decode import print_decode_bench, run_decode_bench
-
-    result = run_decode_bench(recordings or [DEMO_RECORDING])
-    if as_json:
-        _print_json(result)
-    else:
-        print_decode_bench(_out, result)
 
 
 @bench.command("states")

@@ -8,14 +8,13 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
+from engine.loop.latency import Percentiles
 from engine.touch import open_digitizer
 from engine.touch.sources.recording import read_recording
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.line_rate import Transport, occupied_ns
 from firmware_link.protocol.messages import DRIVE_SIZE, Set, SetFlag
-from tactable.bench.decode import time_calls
+from tactable.bench.step import time_calls
 from tactable.doctor.check import Check
 from tactable.shipped import DEMO_RECORDING
 
@@ -123,5 +122,6 @@ def _terminal_us() -> tuple[float, float]:
 
 
 def _figures(durations_ns: Sequence[int]) -> tuple[float, float]:
-    median, slow = np.percentile(durations_ns, [50, 99]) / _US
-    return float(median), float(slow)
+    found = Percentiles.of(durations_ns)
+    assert found is not None  # each layer was measured many times
+    return found.p50_ns / _US, found.p99_ns / _US

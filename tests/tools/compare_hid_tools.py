@@ -19,8 +19,10 @@ from typing import Any
 
 import numpy as np
 
+from engine.loop.latency import Percentiles
+from engine.touch import open_digitizer
 from engine.touch.sources.recording import Recording, read_recording
-from tactable.bench.decode import summarise, time_calls, time_ours
+from tactable.bench.step import time_calls
 
 WANTED = 10.0
 
@@ -42,16 +44,24 @@ def main(paths: list[Path]) -> int:
         except Exception as error:  # whatever it does not read is said and left out
             refused.append(f"{path.name}: {error!r}")
             continue
-        samples["tactable"].append(time_ours(recording))
+        digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
+        timed = [(report.data, round(report.time_s * 1e9)) for report in recording.reports]
+        samples["tactable"].append(time_calls(digitizer.decode_report, timed))
         samples["hid_tools_values"].append(time_calls(values, reports_of(recording)))
         samples["hid_tools_decode"].append(time_calls(decode, reports_of(recording)))
-    result: dict[str, Any] = {name: summarise(np.concatenate(times)) for name, times in samples.items()}
+    result: dict[str, Any] = {name: figures_of(np.concatenate(times)) for name, times in samples.items()}
     for figure in ("median_us", "p99_us"):
         for rival in ("hid_tools_values", "hid_tools_decode"):
             result[rival]["times_" + figure.removesuffix("_us")] = result[rival][figure] / result["tactable"][figure]
     result["recordings"], result["not_read_by_hid_tools"] = len(samples["tactable"]), refused
     print(json.dumps(result, indent=2))  # noqa: T201  # the result
     return int(result["hid_tools_decode"]["times_median"] < WANTED)
+
+
+def figures_of(times_ns: Any) -> dict[str, float]:
+    """Median and 99th percentile in us; none for no report."""
+    found = Percentiles.of(times_ns)
+    return {"median_us": found.p50_ns / 1e3, "p99_us": found.p99_ns / 1e3} if found else {}
 
 
 def reports_of(recording: Recording) -> list[tuple[list[int]]]:

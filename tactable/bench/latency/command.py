@@ -1,8 +1,7 @@
 """The command `bench latency`: from report to command, at stated rates, beside loads and floors, as a report."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,14 +11,13 @@ from rich.console import Console
 from engine.loop.realtime import Step, parse_steps
 from engine.table import Table
 from engine.touch.sources.recording import read_recording
+from tactable.bench.inputs import MOST_COMMANDS_HZ, Stream, open_table, replayed, tapping
 from tactable.bench.latency.compare import got_worse
 from tactable.bench.latency.load import Load
 from tactable.bench.latency.plan import Plan
 from tactable.bench.latency.run import PTY_BIT_RATE_HZ, Way
 from tactable.bench.latency.source import Stall, StalledLayer
 from tactable.bench.latency.stages import us
-from tactable.bench.latency.stream import MOST_COMMANDS_HZ, Stream, replayed, tapping
-from tactable.shipped import cache_folder, find_device
 
 EXIT_WORSE = 4
 _IN_PROCESS_REPORTS = 4_000
@@ -70,7 +68,7 @@ def register(bench: typer.Typer) -> None:
         # It draws, and knows the demo: for a run of the engine that would be too much.
         from tactable.bench.latency.measure import compare_with, measure, ways_us, write_report
 
-        with _opened(table_path) as table:
+        with open_table(table_path) as table:
             streams = _streams(table, _numbers(rates), fingers, recordings or [])
             way = Way(over) if over == "sockets" else Way(over, bit_rate_hz)
             plan = _plan(tuple(rate for rate, _ in streams), loads, real_time, ablations, echo)
@@ -87,21 +85,6 @@ def register(bench: typer.Typer) -> None:
             _print_summary(document, output)
         if got_worse(document.get("comparison", {})):
             raise typer.Exit(EXIT_WORSE)
-
-
-@contextmanager
-def _opened(path: Path | None) -> Iterator[Table]:
-    """The given table, or the demo's."""
-    if path is not None:
-        with Table.open(path) as table:
-            yield table
-        return
-    from tactable.rig.demo import table_for
-
-    device = find_device("reference-a")
-    cached = cache_folder() / f"{device.name}-{device.fingerprint[:12]}.nc"
-    with table_for(device, cached, lambda *_: None) as table:
-        yield table
 
 
 def _streams(table: Table, rates: Sequence[int], fingers: int, recordings: Sequence[Path]) -> list[tuple[int, Stream]]:

@@ -25,8 +25,8 @@ from firmware_link.host.session import Port
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FrameDecoder
 from firmware_link.protocol.messages import Status, decode_body
+from tactable.bench.inputs import HELD
 from tactable.bench.latency.sockets import SocketPort, SocketSource
-from tactable.bench.latency.stream import HELD
 from tactable.run.live import Live, LiveOptions, fast_library
 
 SOCKET_BIT_RATE_HZ = 1_000_000_000

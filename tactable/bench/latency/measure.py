@@ -15,18 +15,18 @@ import numpy as np
 from engine.table import Table
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator import BOARD_EMULATED
+from tactable.bench.in_process import measure_in_process, together
+from tactable.bench.inputs import Stream, replayed, tapping
 from tactable.bench.latency.compare import compare_runs
 from tactable.bench.latency.environment import environment_json
 from tactable.bench.latency.floor import build_echo_engine
 from tactable.bench.latency.load import load_running
 from tactable.bench.latency.page import page_html, page_markdown
 from tactable.bench.latency.plan import Plan
-from tactable.bench.latency.process import measure_in_process, together
 from tactable.bench.latency.report import LatencyReportError, Run, read_samples, run_json, write_samples
 from tactable.bench.latency.run import Bench, Condition, Measured, Way
 from tactable.bench.latency.source import Stall
 from tactable.bench.latency.stages import Point, Stamps, Values
-from tactable.bench.latency.stream import Stream, replayed, tapping
 from tactable.run.live import fast_library
 
 _IN_PROCESS_REPORTS = 4_000

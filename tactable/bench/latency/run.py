@@ -20,13 +20,13 @@ from engine.loop.realtime import Outcome, Step, real_time
 from engine.table import Table
 from firmware_link.emulator.process import RunningEmulator, run_emulator
 from firmware_link.protocol.errors import LinkError
-from tactable.bench.latency.device import Arrivals, LightDevice
+from tactable.bench.inputs import Stream, expected_states
 from tactable.bench.latency.engine import SOCKET_BIT_RATE_HZ, EngineProcess, Segment
 from tactable.bench.latency.floor import read_echo_samples, start_echo_engine
 from tactable.bench.latency.load import Load
 from tactable.bench.latency.source import LEAD_NS, Apparatus, Echoed, Schedule, Stall
 from tactable.bench.latency.stages import Point, Stamps
-from tactable.bench.latency.stream import Stream, expected_states
+from tactable.bench.light_device import Arrivals, LightDevice
 
 Times = NDArray[np.int64]
 

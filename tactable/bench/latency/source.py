@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
-from tactable.bench.latency.device import Arrivals
 from tactable.bench.latency.sockets import STAMPS
+from tactable.bench.light_device import Arrivals
 
 _NS_PER_S = 1_000_000_000
 _READ_SIZE = 65_536

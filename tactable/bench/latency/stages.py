@@ -2,20 +2,20 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from engine.loop.latency import Percentiles
+
 Stamps = NDArray[np.float64]
 """Shape (sample, point): ns after the report was due, NaN where a point was not measured."""
 Values = NDArray[np.float64]
 
 MISSES_MS = (1, 5, 10, 20, 50)
-_PERCENTILES = (50.0, 90.0, 99.0, 99.9, 99.99)
-# A percentile with fewer samples beyond it is one of them, and no estimate of anything.
 _LEAST_BEYOND = 10
 _US = 1e3
 _MS = 1e6
@@ -67,38 +67,23 @@ STAGES = {
 SHORT_OF_PROMISE = tuple(point for point in STAGES if point is not Point.AT_FINGER)
 
 
-@dataclass(frozen=True)
-class Figures:
-    """Microseconds over `count` samples; None where too few lie beyond a percentile to tell it. Jitter is p90 - p10."""
+def figures_of(durations_ns: Values) -> dict[str, float | None] | None:
+    """Count and percentiles in us, with the jitter p90 - p10; None without a sample.
 
-    count: int
-    p50_us: float
-    p90_us: float | None
-    p99_us: float | None
-    p99_9_us: float | None
-    p99_99_us: float | None
-    max_us: float
-    jitter_us: float
-
-
-def figures_of(durations_ns: Values) -> Figures | None:
-    """None without a sample; each percentile is one of the samples."""
-    durations_ns = durations_ns[np.isfinite(durations_ns)]
-    if not len(durations_ns):
+    A percentile beyond which fewer than ten samples lie is None: it would be one of them, and no estimate of anything.
+    """
+    found = Percentiles.of(durations_ns)
+    if found is None:
         return None
-    low_ns, *values_ns = np.percentile(durations_ns, [10, *_PERCENTILES], method="inverted_cdf").tolist()
-    beyond = [len(durations_ns) * (1 - percentile / 100) for percentile in _PERCENTILES]
-    told = [value / _US if count >= _LEAST_BEYOND else None for value, count in zip(values_ns, beyond, strict=True)]
-    return Figures(
-        count=len(durations_ns),
-        p50_us=values_ns[0] / _US,
-        p90_us=told[1],
-        p99_us=told[2],
-        p99_9_us=told[3],
-        p99_99_us=told[4],
-        max_us=float(durations_ns.max()) / _US,
-        jitter_us=(values_ns[1] - low_ns) / _US,
-    )
+    # Each with its share: one sample in this many lies beyond it.
+    tails = (("p90", found.p90_ns, 10), ("p99", found.p99_ns, 100), ("p99_9", found.p99_9_ns, 1_000))
+    tails_us = {
+        f"{name}_us": ns / _US if found.count >= _LEAST_BEYOND * share else None
+        for name, ns, share in (*tails, ("p99_99", found.p99_99_ns, 10_000))
+    }
+    jitter_us = (found.p90_ns - found.p10_ns) / _US
+    median_us, greatest_us = found.p50_ns / _US, found.max_ns / _US
+    return {"count": found.count, "p50_us": median_us, **tails_us, "max_us": greatest_us, "jitter_us": jitter_us}
 
 
 def durations_of(stamps: Stamps, point: Point) -> Values:
@@ -125,7 +110,7 @@ def stages_json(stamps: Stamps) -> dict[str, Any]:
         "read to written": figures_of(stamps[:, Point.WRITTEN] - stamps[:, Point.READ]),
         f"due to {last_measured(stamps).name.lower()}": figures_of(stamps[:, last_measured(stamps)]),
     }
-    told = {name: asdict(figures) for name, figures in (wholes | stages).items() if figures is not None}
+    told = {name: figures for name, figures in (wholes | stages).items() if figures is not None}
     return {"stages": told, "misses": misses_of(stamps[:, Point.WRITTEN])}
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.loop.latency import LatencyRecorder, LatencySummary, Stage, Stamps
+from engine.loop.latency import LatencyRecorder, Percentiles, Stage, Stamps
 
 stamps = st.tuples(*(st.integers(0, 2**62),) * 6)
 
@@ -28,7 +28,15 @@ def test_a_percentile_is_the_least_sample_that_its_share_stays_within(durations_
         recorder.record((5, 6, 7, 8, 9, 5 + duration_ns))
     summary = recorder.summarise()
     assert summary is not None
-    shares = {0.5: summary.p50_ns, 0.9: summary.p90_ns, 0.99: summary.p99_ns, 0.999: summary.p99_9_ns}
+    assert summary == Percentiles.of([*map(float, durations_ns), np.nan])
+    shares = {
+        0.1: summary.p10_ns,
+        0.5: summary.p50_ns,
+        0.9: summary.p90_ns,
+        0.99: summary.p99_ns,
+        0.999: summary.p99_9_ns,
+        0.9999: summary.p99_99_ns,
+    }
     for share, percentile_ns in shares.items():
         assert percentile_ns in durations_ns
         assert np.mean([duration_ns <= percentile_ns for duration_ns in durations_ns]) >= share
@@ -40,11 +48,12 @@ def test_a_percentile_is_the_least_sample_that_its_share_stays_within(durations_
 def test_any_two_stages_can_be_compared() -> None:
     recorder = LatencyRecorder(4)
     recorder.record((0, 1, 3, 7, 15, 31))
-    assert recorder.summarise(Stage.FRAME, Stage.COMMAND) == LatencySummary(1, 12, 12, 12, 12, 12)
+    assert recorder.summarise(Stage.FRAME, Stage.COMMAND) == Percentiles(1, 12, 12, 12, 12, 12, 12, 12)
 
 
 def test_without_samples_there_is_no_summary() -> None:
     assert LatencyRecorder().summarise() is None
+    assert Percentiles.of([np.nan]) is None
 
 
 def test_a_recorder_of_nothing_is_refused() -> None:

@@ -28,7 +28,6 @@ from engine.touch.sources.hidraw import open_hidraw
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import read_recording, write_recording
 from firmware_link.host.serial_port import PortDescription
-from tactable.bench.decode import run_decode_bench
 from tactable.cli.touch import map_json, register
 from tactable.digitizers.axis_map import FINGERTIP_MM, Stroke, digitizer_table, learn_axis
 from tactable.digitizers.record import learn_from_recording, record_source
@@ -363,11 +362,3 @@ def test_map_of_a_live_device_ends_with_the_stroke(bench: Bench) -> None:
 
 
 # ---- bench decode ----------------------------------------------------------------------------------------
-
-
-def test_the_decode_bench_times_every_report_of_every_recording(tmp_path: Path) -> None:
-    write_recording(replace(read_recording(DEMO_RECORDING), reports=()), tmp_path / "empty.hid")
-    result = run_decode_bench([DEMO_RECORDING, tmp_path / "empty.hid"])
-    assert result["reports"] == len(read_recording(DEMO_RECORDING).reports)
-    assert 0 < result["median_us"] <= result["p99_us"]
-    assert [row["recording"] for row in result["recordings"]] == ["demo.hid"]

@@ -3,7 +3,7 @@
 import ctypes
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
@@ -15,9 +15,9 @@ from engine.loop.loop import StateChange
 from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.touch import open_digitizer
-from tactable.bench.latency.device import LightDevice
+from tactable.bench.inputs import HELD, Stream
 from tactable.bench.latency.stages import figures_of
-from tactable.bench.latency.stream import HELD, Stream
+from tactable.bench.light_device import LightDevice
 from tactable.run.live import Live, LiveOptions
 
 _MEMORY_BIT_RATE_HZ = 1_000_000_000
@@ -192,10 +192,9 @@ class InProcess:
             "of_one_finger": self.has_command & (self.fingers <= 1),
             "of_ten_fingers": self.has_command & (self.fingers >= 10),
         }
-        found = {name: figures_of(self.answer_ns[where]) for name, where in chosen.items()}
-        told = {name: None if figures is None else asdict(figures) for name, figures in found.items()}
+        figures = {name: figures_of(self.answer_ns[where]) for name, where in chosen.items()}
         about = {"stream": self.stream, "simulated": self.simulated, "reports": len(self.answer_ns)}
-        return about | {"by_fast_path": self.by_fast_path} | told
+        return about | {"by_fast_path": self.by_fast_path} | figures
 
 
 def together(parts: Sequence[InProcess]) -> InProcess:

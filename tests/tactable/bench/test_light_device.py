@@ -8,7 +8,7 @@ from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkState
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import Set, SetFlag, TimeRequest
-from tactable.bench.latency.device import LightDevice
+from tactable.bench.light_device import LightDevice
 from tactable.shipped import find_device
 
 MS = 1_000_000

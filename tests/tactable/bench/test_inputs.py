@@ -7,7 +7,7 @@ import pytest
 
 from engine.touch import open_digitizer
 from engine.touch.sources.recording import read_recording
-from tactable.bench.latency.stream import MOST_COMMANDS_HZ, expected_states, replayed, tapping
+from tactable.bench.inputs import MOST_COMMANDS_HZ, expected_states, replayed, tapping
 from tactable.shipped import DEMO_RECORDING, find_device
 
 DEVICE = find_device("reference-a")

@@ -1,21 +1,40 @@
-"""Fingers that tap, or a recording, to reports that are sent at a stated rate whatever becomes of them."""
+"""What the benches of the engine play: a table, and reports of fingers that tap or of a recording."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import cycle, islice
+from pathlib import Path
 
 from engine.device import Device
 from engine.effects import Effect, EffectPlayer, Effects, Rule, Segment, Trigger
+from engine.table import Table
 from engine.table.entry import DEFAULT_LEVEL_DB
 from engine.touch import FingerTracker, open_digitizer
 from engine.touch.sources.recording import Recording
 from tactable.rig.virtual_digitizer import PRODUCT_ID, VENDOR_ID, descriptor_of, report_of
+from tactable.shipped import cache_folder, find_device
 
 MOST_FINGERS = 10
 MOST_COMMANDS_HZ = 1000
 """A lease of 40 ms numbers 3175 commands a second; a faster digitizer does not make fingers faster."""
 HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_DB),))),))
 """Felt as long as it touches: time alone changes nothing, each change is a report's."""
+
+
+@contextmanager
+def open_table(path: Path | None) -> Iterator[Table]:
+    """The given table, or the demo's, which is built if need be."""
+    if path is not None:
+        with Table.open(path) as table:
+            yield table
+        return
+    from tactable.rig.demo import table_for
+
+    device = find_device("reference-a")
+    cached = cache_folder() / f"{device.name}-{device.fingerprint[:12]}.nc"
+    with table_for(device, cached, lambda *_: None) as table:
+        yield table
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,283 @@
+"""Times the stages of the engine's step, from a report in hand to the bytes of its command, in one process.
+
+Every report of a recording passes all stages once a round. The sets of rules take turns within a round, so that all of
+them meet the same machine; each figure stands beside the compiled step and beside the plainest rules of the same run.
+"""
+
+import gc
+import json
+import platform
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table as Grid
+
+from engine.device import Device
+from engine.effects import DEFAULT_EFFECTS, EffectPlayer, Effects
+from engine.effects.rule_file import parse_effects
+from engine.render.limits import link_configuration
+from engine.render.prepared import render_table
+from engine.render.renderer import PlayCommand, WhenNotAchieved
+from engine.table import Table
+from engine.touch import FingerTracker, open_digitizer
+from engine.touch.sources.recording import Recording, read_recording
+from firmware_link.host.link import Link
+from firmware_link.host.link_values import LinkConfiguration, LinkState
+from tactable.bench.in_process import measure_in_process
+from tactable.bench.inputs import HELD, open_table, replayed
+from tactable.bench.latency.stages import figures_of, us
+from tactable.bench.light_device import LightDevice
+from tactable.run.live import fast_library
+from tactable.shipped import DEMO_RECORDING
+
+ROUNDS = 15
+STAGES = ("decode", "track", "play", "render", "frame")
+"""Report to touch frame; to fingers in zones; to state and level by the rules; to the command; to its bytes."""
+_BIT_RATE_HZ = 2_000_000
+_HANDSHAKE_STEP_NS = 500_000
+_PAUSE_NS = 1_000_000_000
+# What the link owes anyway, such as a renewal, leaves this long before a report and is not counted.
+_EARLIER_NS = 2_000_000
+Stamps = NDArray[np.float64]
+"""Shape (report, stage + 1): ns from the start of the step, NaN for a stage that was not reached."""
+_EVERY_TRIGGER = """
+[[effect]]
+name = "burst"
+envelope = [["50 ms", "{strong:g} dB"]]
+[[effect]]
+name = "purr"
+envelope = [["30 ms", "{strong:g} dB"], ["held", "{weak:g} dB"]]
+[[rule]]
+on = "touch"
+zones = ["{zone}"]
+effect = "purr"
+[[rule]]
+on = "touch"
+region = ["20 %", "100 %"]
+effect = "burst"
+[[rule]]
+on = "drag"
+every = "2 mm"
+effect = "burst"
+[[rule]]
+on = "hold"
+after = "200 ms"
+effect = "purr"
+[[rule]]
+on = "lift"
+effect = "burst"
+"""
+_out = Console()
+
+
+def register(bench: typer.Typer) -> None:
+    """Add the command to the benchmarks."""
+
+    @bench.command("step")
+    def bench_step(
+        table_path: Annotated[
+            Path | None, typer.Argument(metavar="TABLE", help="A built table; default: the demo's, built if need be.")
+        ] = None,
+        recordings: Annotated[
+            list[Path] | None, typer.Option("--recording", help="In hid-recorder form; default: the shipped one.")
+        ] = None,
+        as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
+    ) -> None:
+        """Time each stage from a report to the bytes of its command, for drives, clicks and rules on every trigger."""
+        read = {path.name: read_recording(path) for path in recordings or [DEMO_RECORDING]}
+        with open_table(table_path) as table:
+            result = run_step_bench(table, read)
+        if as_json:
+            print(json.dumps(result, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
+        else:
+            print_step_bench(_out, result)
+
+
+def rules_for(device: Device) -> dict[str, Effects]:
+    """Rules to compare: the plainest first, then those that bring clicks, then one rule on every trigger."""
+    text = _EVERY_TRIGGER.format(zone=device.zones[0].name, strong=max(device.levels_db), weak=min(device.levels_db))
+    return {
+        "a drive while touched": HELD,
+        "a click for every touch": DEFAULT_EFFECTS,
+        "rules on every trigger": parse_effects(text, "the benchmark's rules", device),
+    }
+
+
+def run_step_bench(table: Table, recordings: dict[str, Recording], rounds: int = ROUNDS) -> dict[str, Any]:
+    """Time every report of each recording, by name, `rounds` times under each set of rules.
+
+    Raises what opening a digitizer or rendering the table raises.
+    """
+    library = fast_library()
+    rows = []
+    for name, recording in recordings.items():
+        steps = {rules: Step(table, recording, effects) for rules, effects in rules_for(table.device).items()}
+        stamps: dict[str, list[Stamps]] = {rules: [] for rules in steps}
+        with _collector_paused():
+            for _ in range(rounds):
+                for rules, step in steps.items():
+                    stamps[rules].append(step.run())
+        compiled = None
+        if library is not None and recording.reports:
+            measured = measure_in_process(table, replayed(recording), len(recording.reports), library)
+            compiled = figures_of(measured.answer_ns[measured.has_command])
+        rows.append(
+            {
+                "recording": name,
+                "reports": len(recording.reports),
+                "compiled_step": compiled,
+                "rules": [_figures(rules, steps[rules], np.concatenate(stamps[rules])) for rules in steps],
+            }
+        )
+        _add_ratios(rows[-1])
+    machine = {"python": platform.python_version(), "rounds": rounds, "clock_ns": clock_cost_ns()}
+    return {"machine": machine, "device": table.device.name, "recordings": rows}
+
+
+def _figures(rules: str, step: "Step", stamps: Stamps) -> dict[str, Any]:
+    """Each stage over the reports that reached it, and the whole over those that brought a command."""
+    durations = np.maximum(np.diff(stamps, axis=1) - clock_cost_ns(), 0)
+    return {
+        "rules": rules,
+        "commands": dict(step.commands),
+        "stages": {name: figures_of(durations[:, i]) for i, name in enumerate(STAGES)},
+        "report_to_bytes": figures_of(durations.sum(axis=1)),
+    }
+
+
+def _add_ratios(row: dict[str, Any]) -> None:
+    """Medians of the whole against the plainest rules, and against the compiled step; None where one is missing.
+
+    The mean on a shared machine would be that of its pauses.
+    """
+    plainest = row["rules"][0]["report_to_bytes"]
+    for found in row["rules"]:
+        for name, other in (("ratio_to_plainest", plainest), ("ratio_to_compiled", row["compiled_step"])):
+            whole = found["report_to_bytes"]
+            found[name] = whole["p50_us"] / other["p50_us"] if whole and other else None
+
+
+class Step:
+    """One set of rules on one recording, with a link to an emulated firmware without a line in between."""
+
+    def __init__(self, table: Table, recording: Recording, effects: Effects) -> None:
+        device = self._device = table.device
+        capabilities = _ready_link(link_configuration(device, _BIT_RATE_HZ), device)[0].capabilities
+        assert capabilities is not None  # a link that is ready was greeted
+        rendering = render_table(table, effects, capabilities, WhenNotAchieved.GO_ON, _BIT_RATE_HZ)
+        self._renderer, self._click_ns, self._effects = rendering.renderer, rendering.click_length_ns, effects
+        self._link, self._far_end, self._now_ns = _ready_link(rendering.configuration, device)
+        self._recording = recording
+        self.commands = {"SET": 0, "PLAY": 0}
+        """How many commands of each kind all rounds brought."""
+
+    def run(self) -> Stamps:
+        """One round, with fingers and effects at their start; time goes on from the round before."""
+        recording, clock = self._recording, time.perf_counter_ns
+        digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
+        tracker = FingerTracker(self._device, digitizer.surface)
+        player = EffectPlayer(self._effects, len(self._device.zones), self._click_ns)
+        rows = []
+        start_ns = self._now_ns + _PAUSE_NS
+        for report in recording.reports:
+            report_ns = round(1e9 * report.time_s)
+            now_ns = self._now_ns = start_ns + report_ns
+            self._exchange(now_ns - _EARLIER_NS)
+            marks = [clock()]
+            rows.append(marks)
+            frame = digitizer.decode_report(report.data, report_ns)
+            marks.append(clock())
+            if frame is None:
+                continue
+            fingers = tracker.track(frame)
+            marks.append(clock())
+            before = player.state, player.level_db, player.click_ns
+            # What is due by now comes first, as in the loop.
+            while player.next_change_ns is not None and player.next_change_ns <= report_ns:
+                player.advance(player.next_change_ns)
+            player.take(fingers, report_ns)
+            is_same = (player.state, player.level_db, player.click_ns) == before
+            marks.append(clock())
+            if is_same:
+                continue
+            command = self._renderer.render(player.state, player.level_db, player.click_ns is not None)
+            marks.append(clock())
+            command.hand_to(self._link)
+            data = self._link.outgoing(now_ns)
+            marks.append(clock())
+            self.commands["PLAY" if isinstance(command, PlayCommand) else "SET"] += 1
+            self._link.receive(self._far_end.receive(data, now_ns), now_ns)
+        stamps = np.full((len(rows), len(STAGES) + 1), np.nan)
+        for stamp, marks in zip(stamps, rows, strict=True):
+            stamp[: len(marks)] = np.array(marks) - marks[0]
+        return stamps
+
+    def _exchange(self, now_ns: int) -> None:
+        link, device = self._link, self._far_end
+        link.receive(device.receive(link.outgoing(now_ns), now_ns) + device.advance(now_ns), now_ns)
+
+
+def _ready_link(configuration: LinkConfiguration, device: Device) -> tuple[Link, LightDevice, int]:
+    """A link that an emulated firmware has armed, that firmware, and their time by then."""
+    now_ns = _HANDSHAKE_STEP_NS
+    link, far_end = Link(configuration), LightDevice(len(device.actuators), now_ns)
+    link.connect(now_ns)
+    while link.state is not LinkState.READY:
+        now_ns += _HANDSHAKE_STEP_NS
+        link.receive(far_end.receive(link.outgoing(now_ns), now_ns) + far_end.advance(now_ns), now_ns)
+    return link, far_end, now_ns
+
+
+@contextmanager
+def _collector_paused() -> Iterator[None]:
+    """Garbage waits, as it does in the loop."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
+def time_calls(function: Callable[..., object], arguments: Sequence[tuple[Any, ...]]) -> NDArray[np.int64]:
+    """Ns of each call, less what reading the clock costs; garbage waits, as it does in the loop."""
+    clock, times = time.perf_counter_ns, np.zeros(len(arguments), np.int64)
+    with _collector_paused():
+        for i, values in enumerate(arguments):
+            start_ns = clock()
+            function(*values)
+            times[i] = clock() - start_ns
+    return np.maximum(times - clock_cost_ns(), 0)
+
+
+def clock_cost_ns() -> int:
+    """What one reading of the clock costs: the median of 1000."""
+    readings = [time.perf_counter_ns() for _ in range(1001)]
+    return int(np.median(np.diff(readings)))
+
+
+def print_step_bench(out: Console, result: dict[str, Any]) -> None:
+    """The same as a table, medians in us."""
+    grid = Grid("recording", "rules", *STAGES, "report to bytes", "p99", "ratio", "to the compiled step")
+    for row in result["recordings"]:
+        for found in row["rules"]:
+            figures = [found["stages"][name] or {} for name in STAGES]
+            whole = found["report_to_bytes"] or {}
+            ratios = [found[name] for name in ("ratio_to_plainest", "ratio_to_compiled")]
+            grid.add_row(
+                row["recording"],
+                found["rules"],
+                *(us(figure.get("p50_us")) for figure in figures),
+                us(whole.get("p50_us")),
+                us(whole.get("p99_us")),
+                *("-" if ratio is None else f"{ratio:.2f}" for ratio in ratios),
+            )
+    out.print(grid)

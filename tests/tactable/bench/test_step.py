@@ -1,0 +1,69 @@
+"""The benchmark of the in-process step: every stage of every report, for drives, clicks and every trigger."""
+
+import io
+import json
+import shutil
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from engine.table import Table
+from tactable.bench.step import STAGES, print_step_bench, rules_for, run_step_bench
+from tactable.rig.virtual_digitizer import Stroke, make_recording
+from tactable.shipped import find_device
+from tests.engine.made_clicks import click_of
+from tests.engine.made_entries import entry_of, felt_states
+from tests.engine.made_table import write_table
+
+ROUNDS = 3
+DEVICE = find_device("reference-a")
+RECORDING = make_recording((Stroke(0.0, 0.4, 0.1, 0.9), Stroke(0.1, 0.3, 0.5, 0.5)))
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    states = felt_states(DEVICE)
+    levels_db = {level_db for effects in rules_for(DEVICE).values() for level_db in effects.levels_db}
+    entries = [entry_of(DEVICE, state, wanted_level_db=level_db) for level_db in sorted(levels_db) for state in states]
+    clicks = [click_of(DEVICE, state) for state in states]
+    path = write_table(tmp_path_factory.mktemp("bench") / "bar.nc", DEVICE, entries, clicks)
+    recordings = {"strokes": RECORDING, "none": replace(RECORDING, reports=())}
+    with Table.open(path, verify=False) as table:
+        return run_step_bench(table, recordings, ROUNDS)
+
+
+def test_every_stage_is_timed_over_the_reports_that_reach_it(result: dict[str, Any]) -> None:
+    strokes, _ = result["recordings"]
+    held, clicked, every = strokes["rules"]
+    assert held["commands"]["SET"] > 0 == held["commands"]["PLAY"]
+    assert clicked["commands"]["PLAY"] >= 2 * ROUNDS
+    assert every["commands"]["SET"] > 0
+    for found in strokes["rules"]:
+        stages = found["stages"]
+        assert list(stages) == list(STAGES)
+        assert stages["decode"]["count"] == ROUNDS * strokes["reports"] == ROUNDS * len(RECORDING.reports)
+        assert stages["frame"]["count"] == found["report_to_bytes"]["count"] == sum(found["commands"].values())
+        assert stages["frame"]["p50_us"] < found["report_to_bytes"]["p50_us"]
+
+
+def test_every_figure_stands_beside_one_of_the_same_run(result: dict[str, Any]) -> None:
+    strokes, _ = result["recordings"]
+    assert strokes["rules"][0]["ratio_to_plainest"] == 1
+    for found in strokes["rules"]:
+        whole_us = found["report_to_bytes"]["p50_us"]
+        assert found["ratio_to_plainest"] == whole_us / strokes["rules"][0]["report_to_bytes"]["p50_us"]
+        if any(map(shutil.which, ("cc", "gcc", "clang"))):
+            assert found["ratio_to_compiled"] == whole_us / strokes["compiled_step"]["p50_us"]
+
+
+def test_a_recording_without_reports_has_no_figures(result: dict[str, Any]) -> None:
+    _, none = result["recordings"]
+    assert none["compiled_step"] is None
+    for found in none["rules"]:
+        assert [found[name] for name in ("report_to_bytes", "ratio_to_plainest", "ratio_to_compiled")] == [None] * 3
+    json.dumps(result, allow_nan=False)
+    page = io.StringIO()
+    print_step_bench(Console(file=page, width=200), result)
+    assert "rules on every trigger" in page.getvalue()
