@@ -25,7 +25,7 @@ from engine.table.history import replace_table
 from precompute.builder.build import build_table
 from precompute.calibration.device_text import text_with_values
 from precompute.parallel.pool import available_cores
-from tactable.bench.latency.load import Load, load_running
+from tactable.bench.latency.background_load import BackgroundLoad, background_load
 from tactable.shipped import find_device, find_device_file
 from tests.studies.watched_run import resting_run, touches, watched_run
 
@@ -105,10 +105,10 @@ class Segment:
         return np.array([self.late_ns[a:b].max(initial=0) for a, b in zip(first, last, strict=True)], np.int64)
 
 
-def measure_changes(tables: tuple[Path, Path], count: int, load: Load, folder: Path) -> dict[str, Any]:
+def measure_changes(tables: tuple[Path, Path], count: int, load: BackgroundLoad, folder: Path) -> dict[str, Any]:
     """`count` changes between two tables under RATE_HZ reports a second, and in between runs without one."""
     with_changes, without, left = list[Segment](), list[Segment](), count
-    with load_running(load):
+    with background_load(load):
         while left > 0:
             wanted = min(left, _SEGMENT_CHANGES)
             with_changes.append(_measure(tables, wanted, _SEGMENT_S, folder))
@@ -197,7 +197,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="tests.studies.table_changes", description=__doc__)
     parser.add_argument("--device", default="reference-a")
     parser.add_argument("--changes", type=int, default=1000, help="changes of table while touches come, 1 s each")
-    parser.add_argument("--load", type=Load, choices=(Load.IDLE, Load.STRESS), default=Load.IDLE)
+    parser.add_argument(
+        "--load", type=BackgroundLoad, choices=(BackgroundLoad.IDLE, BackgroundLoad.STRESS), default=BackgroundLoad.IDLE
+    )
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="tactable-study-") as name:
         folder = Path(name)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from engine.device import Device
-from tactable.bench.latency.load import Load
+from tactable.bench.latency.background_load import BackgroundLoad
 from tests.studies.table_changes import FRAME_NS, Segment, measure_changes
 from tests.studies.watched_run import touches
 from tests.tactable.run.test_table_watch import DEVICE, write_table
@@ -19,7 +19,7 @@ def tables_of(folder: Path, device: Device = DEVICE) -> tuple[Path, Path]:
 
 
 def test_every_change_is_seen_and_no_report_is_lost(tmp_path: Path) -> None:
-    found = measure_changes(tables_of(tmp_path), 3, Load.IDLE, tmp_path)
+    found = measure_changes(tables_of(tmp_path), 3, BackgroundLoad.IDLE, tmp_path)
     assert found["with"]["changes"] == found["with"]["changes_counted_by_the_run"] == 3
     assert found["without"]["changes"] == found["without"]["changes_counted_by_the_run"] == 0
     assert found["with"]["reports_lost"] == found["without"]["reports_lost"] == 0

@@ -1,7 +1,7 @@
-"""The command `bench latency`: from report to command, at stated rates, beside loads and floors, as a report."""
+"""The command `bench latency`: latency from report to command by stages, beside loads and floors, as a report."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,79 +12,78 @@ from engine.loop.realtime import Step, parse_steps
 from engine.table import Table
 from engine.touch.sources.recording import read_recording
 from tactable.bench.inputs import MOST_COMMANDS_HZ, Stream, open_table, replayed, tapping
+from tactable.bench.latency.background_load import BackgroundLoad
 from tactable.bench.latency.compare import got_worse
-from tactable.bench.latency.load import Load
-from tactable.bench.latency.plan import Plan
-from tactable.bench.latency.run import PTY_BIT_RATE_HZ, Way
-from tactable.bench.latency.source import Stall, StalledLayer
+from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ, Plan, Transport
+from tactable.bench.latency.load_generator import Stall, StalledLayer
 from tactable.bench.latency.stages import us
 
 EXIT_WORSE = 4
-_IN_PROCESS_REPORTS = 4_000
 _MOST_SAMPLES = 65_536
-_US = 1e3
-Told = Callable[[str], None]
 _out = Console()
 _errors = Console(stderr=True)
 
 
 def register(bench: typer.Typer) -> None:
     """Add the command to the benchmarks."""
+    bench.command("latency")(bench_latency)
 
-    @bench.command("latency")
-    def bench_latency(
-        table_path: Annotated[
-            Path | None, typer.Argument(metavar="TABLE", help="A built table; default: the demo's, built if need be.")
-        ] = None,
-        rates: Annotated[str, typer.Option(help="Reports a second, rising.")] = "125,1000,4000",
-        fingers: Annotated[int, typer.Option(min=1, max=10, help="Of the generated touches; one of them taps.")] = 1,
-        recordings: Annotated[
-            list[Path] | None,
-            typer.Option("--recording", help="Send this one's reports; more: inside the process only."),
-        ] = None,
-        over: Annotated[
-            str,
-            typer.Option(metavar="sockets|pty|PORT", help="Engine alone, an emulator behind a terminal, or a port."),
-        ] = "sockets",
-        bit_rate_hz: Annotated[int, typer.Option("--bit-rate", min=1, help="Of a port, bit/s.")] = PTY_BIT_RATE_HZ,
-        loads: Annotated[str, typer.Option(help="Of idle, stress, thread.")] = "idle,stress,thread",
-        real_time: Annotated[
-            str, typer.Option("--realtime", help="Steps as of `run`: all, none, all,-priority.")
-        ] = "all",
-        ablations: Annotated[bool, typer.Option(help="Also without each step, and without all.")] = True,
-        echo: Annotated[bool, typer.Option(help="Also the C echo engine, where there is a compiler.")] = True,
-        stall: Annotated[
-            StalledLayer | None, typer.Option(help="Let a layer stand still 60 ms each 250 ms, to see it named.")
-        ] = None,
-        seconds: Annotated[float, typer.Option(min=0.05, help="Of each stretch of measurement.")] = 1.0,
-        rounds: Annotated[int, typer.Option(min=1, help="Stretches of each condition, interleaved.")] = 5,
-        output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the report.")] = Path("latency"),
-        baseline: Annotated[
-            Path | None, typer.Option("--compare", help="A report.json of before; exit status 4 if it got worse.")
-        ] = None,
-        as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
-    ) -> None:
-        """Where each microsecond goes from a report to its command, with tails, beside loads and floors."""
-        # It draws, and knows the demo: for a run of the engine that would be too much.
-        from tactable.bench.latency.measure import compare_with, measure, ways_us, write_report
 
-        with open_table(table_path) as table:
-            streams = _streams(table, _numbers(rates), fingers, recordings or [])
-            way = Way(over) if over == "sockets" else Way(over, bit_rate_hz)
-            plan = _plan(tuple(rate for rate, _ in streams), loads, real_time, ablations, echo)
-            _check_samples(plan.rates_hz[-1] if recordings else min(plan.rates_hz[-1], MOST_COMMANDS_HZ), seconds)
-            injected = None if stall is None else Stall(stall)
-            document, run = measure(table, plan, streams, recordings or [], way, seconds, rounds, injected, _told)
-        ways = {name: ways_us(parts) for name, parts in run.rounds().items()}
-        if baseline is not None:
-            document["comparison"] = compare_with(run, baseline)
-        write_report(document, run, ways, output)
-        if as_json:
-            print(json.dumps(document, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
-        else:
-            _print_summary(document, output)
-        if got_worse(document.get("comparison", {})):
-            raise typer.Exit(EXIT_WORSE)
+def bench_latency(
+    table_path: Annotated[
+        Path | None, typer.Argument(metavar="TABLE", help="A built table; default: the demo's, built if need be.")
+    ] = None,
+    rates: Annotated[str, typer.Option(help="Reports a second, rising.")] = "125,1000,4000",
+    fingers: Annotated[int, typer.Option(min=1, max=10, help="Generated fingers; one of them taps.")] = 1,
+    recordings: Annotated[
+        list[Path] | None,
+        typer.Option("--recording", help="Send the reports of this recording; further ones inside the process only."),
+    ] = None,
+    over: Annotated[
+        str,
+        typer.Option(metavar="sockets|pty|PORT", help="Engine alone, an emulator behind a terminal, or a port."),
+    ] = "sockets",
+    bit_rate_hz: Annotated[int, typer.Option("--bit-rate", min=1, help="Bit rate of a port, bit/s.")] = PTY_BIT_RATE_HZ,
+    loads: Annotated[str, typer.Option(help="Background loads, of idle, stress and thread.")] = "idle,stress,thread",
+    real_time: Annotated[
+        str, typer.Option("--realtime", help="Real-time steps as `run` takes them: all, none, all,-priority.")
+    ] = "all",
+    ablations: Annotated[bool, typer.Option(help="Measure also without each step, and without all.")] = True,
+    echo: Annotated[bool, typer.Option(help="Measure also the C echo engine, where a compiler is there.")] = True,
+    stall: Annotated[
+        StalledLayer | None, typer.Option(help="Let a layer stand still 60 ms each 250 ms, to see it named.")
+    ] = None,
+    seconds: Annotated[float, typer.Option(min=0.05, help="Length of a segment of measurement.")] = 1.0,
+    rounds: Annotated[int, typer.Option(min=1, help="Segments of each condition, interleaved.")] = 5,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the report.")] = Path("latency"),
+    baseline: Annotated[
+        Path | None, typer.Option("--compare", help="An earlier report.json; exit status 4 if latency got worse.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
+) -> None:
+    """Measure where each microsecond goes from a report to its command, with tails, beside loads and floors."""
+    # It draws, and knows the demo: importing that takes longer than parsing the options.
+    from engine.plain import to_plain
+    from tactable.bench.latency.report import compare_with, measure, write_report
+
+    with open_table(table_path) as table:
+        streams = _streams(table, _numbers(rates), fingers, recordings or [])
+        transport = Transport(over) if over == "sockets" else Transport(over, bit_rate_hz)
+        plan = _plan(tuple(rate for rate, _ in streams), loads, real_time, ablations, echo)
+        _check_samples(plan.rates_hz[-1] if recordings else min(plan.rates_hz[-1], MOST_COMMANDS_HZ), seconds)
+        injected = None if stall is None else Stall(stall)
+        document, run = measure(
+            table, plan, streams, recordings or [], transport, seconds, rounds, injected, _on_progress
+        )
+    if baseline is not None:
+        document["comparison"] = to_plain(compare_with(run, baseline))
+    write_report(document, run, output)
+    if as_json:
+        print(json.dumps(document, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
+    else:
+        _print_summary(document, output)
+    if got_worse(document.get("comparison", {})):
+        raise typer.Exit(EXIT_WORSE)
 
 
 def _streams(table: Table, rates: Sequence[int], fingers: int, recordings: Sequence[Path]) -> list[tuple[int, Stream]]:
@@ -107,11 +106,11 @@ def _numbers(rates: str) -> tuple[int, ...]:
 def _plan(rates: tuple[int, ...], loads: str, steps: str, ablates: bool, echo: bool) -> Plan:
     try:
         chosen: tuple[Step, ...] = parse_steps(steps)
-        beside = tuple(Load(part.strip()) for part in loads.split(",") if part.strip())
+        beside = tuple(BackgroundLoad(part.strip()) for part in loads.split(",") if part.strip())
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
     if not beside:
-        raise typer.BadParameter(f"--loads {loads!r}: expected some of {', '.join(Load)}")
+        raise typer.BadParameter(f"--loads {loads!r}: expected some of {', '.join(BackgroundLoad)}")
     return Plan(rates, beside, chosen, has_echo=echo, ablates=ablates)
 
 
@@ -121,7 +120,7 @@ def _check_samples(commands_hz: int, seconds: float) -> None:
         raise typer.BadParameter(f"--seconds {seconds:g}: at most {longest_s} at this rate; take more --rounds")
 
 
-def _told(text: str) -> None:
+def _on_progress(text: str) -> None:
     if _errors.is_terminal:
         _errors.print(text, style="dim", markup=False, highlight=False)
 
@@ -133,8 +132,8 @@ def _print_summary(document: dict[str, Any], folder: Path) -> None:
         figures = condition["stages"].get(document["whole"])
         if figures is not None:
             shown = {"median": "p50_us", "p99": "p99_us", "greatest": "max_us"}
-            told = ", ".join(f"{name} {us(figures[key])} us" for name, key in shown.items())
-            _out.print(f"{condition['name']}: {told} of {figures['count']}", highlight=False, soft_wrap=True)
+            text = ", ".join(f"{name} {us(figures[key])} us" for name, key in shown.items())
+            _out.print(f"{condition['name']}: {text} of {figures['count']}", highlight=False, soft_wrap=True)
         if condition["blame"] is not None:
             slowest = condition["blame"]["slowest"]
             _out.print(f"  its slowest lost their time in {slowest['layer']} ({slowest['stage']})", highlight=False)

@@ -1,4 +1,4 @@
-"""The engine under measurement: a process of its own that runs one segment after another on the sockets it is given."""
+"""The engine under measurement, a child process: it runs one segment after another on the sockets it is given."""
 
 import ctypes
 import math
@@ -18,7 +18,7 @@ from engine.loop.realtime import Step
 from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.table.entry import DEFAULT_LEVEL_DB
-from firmware_link.child import Child, Parent
+from firmware_link.child import Parent
 from firmware_link.host.clock import OffsetBounds
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Port
@@ -29,14 +29,12 @@ from tactable.bench.inputs import HELD
 from tactable.bench.latency.sockets import SocketPort, SocketSource
 from tactable.run.live import Live, LiveOptions, fast_library
 
-SOCKET_BIT_RATE_HZ = 1_000_000_000
-"""A socket pair is no line: what is written is there."""
 NO_SEQUENCE = -1
 
 
 @dataclass(frozen=True)
 class Segment:
-    """One stretch of measurement in the engine's process."""
+    """One uninterrupted stretch of measurement, as the engine's process is told of it."""
 
     descriptor: str
     """The report descriptor, as hex digits."""
@@ -49,41 +47,14 @@ class Segment:
     has_busy_thread: bool
     samples: str
     """Where the arrays go, .npz."""
-    port: str | None = None
+    port: str | None
     """A serial port; None: the second socket."""
-    bit_rate_hz: int = SOCKET_BIT_RATE_HZ
-    has_fast_path: bool = True
-
-
-class EngineProcess:
-    """The engine as a child process; it has opened its table when this is made. Raises ChildError when it has not."""
-
-    def __init__(self, table: Path) -> None:
-        arguments = {"table": str(table)}
-        self._child = Child("tactable.bench.latency.engine", arguments, name="the engine under measurement")
-        self.process_id = self._child.process_id
-        self.answer()
-
-    def fileno(self) -> int:
-        """Can be read once a segment is over."""
-        return self._child.fileno()
-
-    def begin(self, segment: Segment, touch: socket.socket, link: socket.socket | None) -> None:
-        """Hand the sockets over. The first answer says that it is armed: the other end of the link must be served."""
-        descriptors = [sock.fileno() for sock in (touch, link) if sock is not None]
-        self._child.write(asdict(segment), descriptors)
-
-    def answer(self) -> dict[str, Any]:
-        """What it says next; raises ChildError for what went wrong there."""
-        return self._child.read()
-
-    def close(self) -> None:
-        """End the process."""
-        self._child.end()
+    bit_rate_hz: int
+    has_fast_path: bool
 
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
-    """Open the table, then run a segment for each line until the bench asks for the end."""
+    """Open the table and say so; then run a segment for each line, saying when it is armed and when it is over."""
     library = fast_library()
     with Table.open(Path(arguments["table"])) as table:
         parent.say({"device": table.device.name})
@@ -99,7 +70,7 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
         for descriptor in descriptors:
             stack.enter_context(socket.socket(fileno=descriptor))
         source = SocketSource(descriptors[0], "bench", bytes.fromhex(segment.descriptor), numbers, segment.count)
-        port = _Listening(
+        port = _ListeningPort(
             SocketPort(descriptors[1])
             if segment.port is None
             else stack.enter_context(SerialPort(segment.port, segment.bit_rate_hz))
@@ -120,7 +91,7 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
             )
             raise LinkError(lost) from error
         samples = _samples(live, source, trace)
-        np.savez(segment.samples, **samples, **_promises(table, samples), **port.applied(bounds))
+        np.savez(segment.samples, **samples, **_predictions(table, samples), **port.applied(bounds))
         parent.say(
             {
                 "outcomes": [asdict(outcome) for outcome in live.outcomes],
@@ -134,7 +105,7 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
 
 @contextmanager
 def _busy_thread(is_wanted: bool) -> Iterator[None]:
-    """Another Python thread of this process that never waits."""
+    """Run another Python thread of this process that never waits."""
     end = threading.Event()
 
     def burn() -> None:
@@ -152,8 +123,8 @@ def _busy_thread(is_wanted: bool) -> Iterator[None]:
             thread.join()
 
 
-class _Listening:
-    """A port, and what the device said of itself on it."""
+class _ListeningPort:
+    """A port that keeps what the device said on it."""
 
     def __init__(self, port: Port) -> None:
         self._port = port
@@ -171,7 +142,7 @@ class _Listening:
         return self._port.write(data)
 
     def applied(self, bounds: OffsetBounds) -> dict[str, Any]:
-        """Which sequences the device says it applied, and when, on the host's clock."""
+        """The sequences that the device says it applied, and when, on the host's clock."""
         bodies = [body for body in FrameDecoder().receive(b"".join(self._heard)) if isinstance(body, bytes)]
         said = [message for _, message in map(decode_body, bodies) if isinstance(message, Status) and message.applied]
         times = {(status.applied_time_us, status.applied_sequence): None for status in said}
@@ -183,7 +154,7 @@ class _Listening:
 
 
 def _samples(live: Live, source: SocketSource, trace: list[StateChange]) -> dict[str, Any]:
-    """Stamps of the commands with the sequence of each, when reports were sent, and all changes."""
+    """Stamps of the commands with the sequence of each, times of all reports, and all changes of state."""
     stamps_ns = live.latency.stamps_ns()
     sequence_of = {change.time_ns: change.drive_sequence for change in trace if change.drive_sequence is not None}
     sequences = [sequence_of.get(int(time_ns), NO_SEQUENCE) for time_ns in stamps_ns[:, Stage.STATE]]
@@ -198,8 +169,8 @@ def _samples(live: Live, source: SocketSource, trace: list[StateChange]) -> dict
     }
 
 
-def _promises(table: Table, samples: dict[str, Any]) -> dict[str, Any]:
-    """Ns from each drive until it is felt by the finger that is last to feel it, as the model says; NaN for silence."""
+def _predictions(table: Table, samples: dict[str, Any]) -> dict[str, Any]:
+    """Simulated ns from each drive until the last felt finger feels it; NaN for silence."""
     from tactable.bench.latency.felt import FeltStart  # a solver, which the engine does without
 
     state_of = dict(zip(samples["change_ns"].tolist(), samples["change_state"].tolist(), strict=True))
@@ -208,7 +179,7 @@ def _promises(table: Table, samples: dict[str, Any]) -> dict[str, Any]:
     start = FeltStart(table.device)
     felt_s = {state: None if entry is None else start.first_exceeds_s(entry) for state, entry in entries.items()}
     felt_ns = {state: math.nan if after_s is None else 1e9 * after_s for state, after_s in felt_s.items()}
-    return {"promise_ns": np.array([felt_ns[state] for state in states])}
+    return {"prediction_ns": np.array([felt_ns[state] for state in states])}
 
 
 def _index(report: int | None) -> int:

@@ -1,41 +1,67 @@
-"""The document of a report to one page that reads by itself, and to a summary in Markdown."""
+"""Turns the document of a report into one HTML page that needs nothing else, and into a summary in Markdown."""
 
+import base64
 import html
-import math
+import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from tactable.bench.latency.stages import MISSES_MS, Values, us
-from tactable.figures.style import BLUE, GREEN, GREY, VERMILLION
+from tactable.figures.style import CURVES
 
-_COLOURS = (BLUE, VERMILLION, GREEN, GREY)
-_WIDTH, _HEIGHT, _LEFT, _BOTTOM, _TOP = 640, 260, 60, 40, 12
 _BINS = 80
+_MOST_CURVES = 4
 _CSS = (
     "body{font:15px/1.5 sans-serif;max-width:70em;margin:2em auto;padding:0 1em;color:#222}"
     "table{border-collapse:collapse;margin:1em 0}td,th{padding:.2em .7em;border-bottom:1px solid #ddd;text-align:right}"
-    "td:first-child,th:first-child{text-align:left}.note{color:#a40}svg{max-width:100%}pre{background:#f4f4f4;padding:1em}"
+    "td:first-child,th:first-child{text-align:left}.note{color:#a40}img{max-width:100%}pre{background:#f4f4f4;padding:1em}"
 )
 
 
 def page_html(document: Mapping[str, Any], ways_us: Mapping[str, Values]) -> str:
-    """The whole page, nothing outside it; `ways_us` has the samples from due to written of each condition."""
+    """The page, pictures included; `ways_us` has the samples from due to written of each condition, us."""
     drawn = {name: values[np.isfinite(values)] for name, values in ways_us.items() if np.isfinite(values).any()}
     parts = ["<!doctype html><html lang=en><meta charset=utf-8><title>tactable: latency</title>"]
     parts.append(f"<style>{_CSS}</style><h1>From report to command</h1>")
     parts += [_html_of(block) for block in markdown_lines(document)]
     for load in dict.fromkeys(condition["load"] for condition in document["conditions"]):
         names = [c["name"] for c in document["conditions"] if c["load"] == load and c["name"] in drawn]
-        for some in (names[i : i + len(_COLOURS)] for i in range(0, len(names), len(_COLOURS))):
-            series = {name: drawn[name] for name in some}
-            parts.append(f"<h2>{html.escape(load)}</h2>{svg_histogram(series)}{svg_exceedance(series)}")
+        for first in range(0, len(names), _MOST_CURVES):
+            picture = draw_ways({name: drawn[name] for name in names[first : first + _MOST_CURVES]})
+            file = io.BytesIO()
+            picture.savefig(file, format="png", dpi=110)
+            data = base64.b64encode(file.getvalue()).decode()
+            text = f"distribution of the latency beside {load}"
+            parts.append(f'<h2>{html.escape(load)}</h2><img alt="{text}" src="data:image/png;base64,{data}">')
     return "\n".join(parts) + "\n</html>\n"
 
 
+def draw_ways(series: Mapping[str, Values]) -> Figure:
+    """Histogram of each series of latencies, us, and beside it the share that took longer; time is logarithmic."""
+    low_us = max(0.1, min(float(values.min()) for values in series.values()))
+    high_us = max(1.01 * low_us, max(float(values.max()) for values in series.values()))
+    edges_us = np.geomspace(low_us, high_us, _BINS + 1)
+    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    histogram, exceedance = figure.subplots(1, 2)
+    for (name, values), (colour, line) in zip(series.items(), CURVES, strict=False):
+        share = np.histogram(np.maximum(values, low_us), edges_us)[0] / len(values)
+        histogram.stairs(100 * share, edges_us, color=colour, ls=line, label=name)
+        beyond = 1 - np.arange(len(values)) / len(values)
+        exceedance.step(np.sort(values), beyond, where="post", color=colour, ls=line)
+    histogram.set(xscale="log", xlabel="due to written (us)", ylabel="share of the samples (%)")
+    exceedance.set(xscale="log", yscale="log", xlabel="due to written (us)", ylabel="share that took longer")
+    for axes in (histogram, exceedance):
+        axes.set_xlim(low_us, high_us)
+        axes.grid(visible=True, alpha=0.3)
+    figure.legend(loc="outside lower center", ncols=2, fontsize="small")
+    return figure
+
+
 def _html_of(block: str) -> str:
-    """A block of our own Markdown: a heading, a table, a command or a paragraph."""
+    """HTML of a block of our own Markdown: a heading, a table, a command or a paragraph."""
     if block.startswith("## "):
         return f"<h2>{html.escape(block[3:])}</h2>"
     if block.startswith("    "):
@@ -50,12 +76,12 @@ def _html_of(block: str) -> str:
 
 
 def page_markdown(document: Mapping[str, Any]) -> str:
-    """The summary."""
+    """The summary in Markdown."""
     return "\n\n".join(["# From report to command", *markdown_lines(document)]) + "\n"
 
 
 def markdown_lines(document: Mapping[str, Any]) -> list[str]:
-    """Blocks of Markdown: what was measured, on what, the figures, whom to blame, and how to do it again."""
+    """Blocks of Markdown: what was measured, the figures, the layers to blame, the machine, and the command."""
     conditions = document["conditions"]
     blocks = [f"SIMULATED: {', '.join(document['simulated'])}."] if document["simulated"] else []
     whole = document["whole"]
@@ -192,75 +218,3 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     for key, value in values.items():
         flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
     return flat
-
-
-# ---- drawings --------------------------------------------------------------------------------------------
-
-
-def svg_histogram(series: Mapping[str, Values]) -> str:
-    """Share of the samples in each of equal steps of the logarithm of time, us."""
-    low, high = _range_of(series)
-    edges = np.geomspace(low, high, _BINS + 1)
-    counts = {name: np.histogram(values, edges)[0] / len(values) for name, values in series.items()}
-    top = max(float(count.max()) for count in counts.values()) or 1.0
-    lines = []
-    for name, count in counts.items():
-        points = [(x, share / top) for i, share in enumerate(count.tolist()) for x in (edges[i], edges[i + 1])]
-        lines.append((name, points))
-    ticks = [(share, f"{100 * share * top:.0f} %") for share in (0.0, 0.5, 1.0)]
-    return _svg("histogram", lines, (low, high), ticks)
-
-
-def svg_exceedance(series: Mapping[str, Values]) -> str:
-    """Share of the samples that took longer, over time, us; both axes logarithmic."""
-    low, high = _range_of(series)
-    decades = max(1, math.ceil(math.log10(max(len(values) for values in series.values()))))
-    lines = []
-    for name, values in series.items():
-        times = np.sort(values)
-        count = len(values)
-        beyond = 1 - np.arange(count) / count
-        # Each power of ten in as many points as a screen shows.
-        kept = count * (1 - np.geomspace(1, 1 / count, 200))
-        places = np.unique(np.append(kept.astype(int), count - 1))
-        heights = 1 + np.log10(beyond[places]) / decades
-        lines.append((name, [*zip(times[places].tolist(), heights.tolist(), strict=True)]))
-    ticks = [(1 - power / decades, "1" if not power else f"1e-{power}") for power in range(decades + 1)]
-    return _svg("share that took longer", lines, (low, high), ticks)
-
-
-def _range_of(series: Mapping[str, Values]) -> tuple[float, float]:
-    low = max(0.1, min(float(values.min()) for values in series.values()))
-    return low, max(1.01 * low, max(float(values.max()) for values in series.values()))
-
-
-def _svg(
-    title: str,
-    lines: Sequence[tuple[str, Sequence[tuple[float, float]]]],
-    range_us: tuple[float, float],
-    ticks: Sequence[tuple[float, str]],
-) -> str:
-    """Lines over a logarithmic time axis; heights from 0 to 1."""
-    low, high = map(math.log10, range_us)
-
-    def place(time_us: float, height: float) -> tuple[float, float]:
-        across = (math.log10(max(time_us, range_us[0])) - low) / (high - low)
-        return _LEFT + across * (_WIDTH - _LEFT - 10), _HEIGHT - _BOTTOM - height * (_HEIGHT - _BOTTOM - _TOP)
-
-    parts = [f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT + 18 * len(lines)}" role="img" aria-label="{title}" font-size="11">']
-    for height, text in ticks:
-        x, y = place(range_us[0], height)
-        parts.append(f'<path d="M{x:.1f} {y:.1f}H{_WIDTH - 10}" stroke="#ddd"/>')
-        parts.append(f'<text x="4" y="{y + 4:.1f}">{text}</text>')
-    for power in range(math.ceil(low), math.floor(high) + 1):
-        x, y = place(10.0**power, 0)
-        parts.append(f'<path d="M{x:.1f} {_TOP}V{y:.1f}" stroke="#ddd"/>')
-        parts.append(f'<text x="{x:.1f}" y="{y + 16:.1f}">{10.0**power:g}</text>')
-    parts.append(f'<text x="{_WIDTH - 10}" y="{_HEIGHT - 8}" text-anchor="end">{title}, us</text>')
-    for number, (name, points) in enumerate(lines):
-        colour, y = _COLOURS[number % len(_COLOURS)], _HEIGHT + 18 * number + 4
-        path = " ".join("{:.1f},{:.1f}".format(*place(*point)) for point in points)
-        parts.append(f'<polyline fill="none" stroke="{colour}" stroke-width="1.5" points="{path}"/>')
-        parts.append(f'<path d="M{_LEFT} {y}h20" stroke="{colour}" stroke-width="3"/>')
-        parts.append(f'<text x="{_LEFT + 26}" y="{y + 4}">{html.escape(name)}</text>')
-    return "\n".join([*parts, "</svg>"])

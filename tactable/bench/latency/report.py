@@ -1,20 +1,44 @@
-"""Measured segments to the document of a report: versioned, for machines, with all that a reader must know."""
+"""Measures a plan and makes the report of it: a versioned document, its page and summary, and all samples."""
 
+import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+import shlex
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from engine.plain import to_plain
+from engine.table import Table
+from engine.touch.sources.recording import read_recording
+from firmware_link.emulator import BOARD_EMULATED
 from firmware_link.protocol.errors import TactableError
-from tactable.bench.latency.compare import compare, median, percentile, ratio
-from tactable.bench.latency.plan import Plan
-from tactable.bench.latency.run import Condition, Measured
+from tactable.bench.in_process import measure_in_process, together
+from tactable.bench.inputs import Stream, replayed, tapping
+from tactable.bench.latency.background_load import background_load
+from tactable.bench.latency.compare import compare, compare_runs, median, percentile, ratio
+from tactable.bench.latency.conditions import Condition, Plan, Transport
+from tactable.bench.latency.echo_engine import build_echo_engine
+from tactable.bench.latency.environment import environment_json
+from tactable.bench.latency.load_generator import Stall
+from tactable.bench.latency.page import page_html, page_markdown
+from tactable.bench.latency.segments import Bench, Measured
 from tactable.bench.latency.stages import STAGES, Point, Stamps, Values, blame, stages_json
+from tactable.run.live import fast_library
 
 FORMAT, REVISION = "tactable latency", 1
+_IN_PROCESS_REPORTS = 4_000
+_LEAST_FOR_P99_9 = 10_000
+_US = 1e3
+_METHOD = (
+    "Open loop: each report has a time at which it is due, whatever became of those before it, and all times count "
+    "from there. One clock for all stages but the device's. A change whose command a newer one replaced unsent counts "
+    "until that one was written. A percentile is one of the samples; a dash means too few."
+)
 _SUMMED = (
     "reports_sent",
     "reports_lost",
@@ -34,7 +58,7 @@ class LatencyReportError(TactableError, ValueError):
 
 @dataclass(frozen=True)
 class Run:
-    """All segments of a measurement, by condition, in the order of their rounds."""
+    """All segments of a measurement by condition, in the order of their rounds."""
 
     plan: Plan
     measured: Mapping[Condition, Sequence[Measured]]
@@ -42,6 +66,96 @@ class Run:
     def rounds(self) -> dict[str, list[Stamps]]:
         """Stamps by the name of their condition."""
         return {condition.name: [part.stamps for part in parts] for condition, parts in self.measured.items()}
+
+    def ways_us(self) -> dict[str, Values]:
+        """From due to written of each sample (sample,), us, by the name of the condition."""
+        return {name: np.concatenate(parts)[:, Point.WRITTEN] / _US for name, parts in self.rounds().items()}
+
+
+def measure(
+    table: Table,
+    plan: Plan,
+    streams: Sequence[tuple[int, Stream]],
+    recordings: Sequence[Path],
+    transport: Transport,
+    seconds: float,
+    rounds: int,
+    stall: Stall | None,
+    on_progress: Callable[[str], None],
+) -> tuple[dict[str, Any], Run]:
+    """The document of the report, and all samples. `streams` are (rate in Hz, touches).
+
+    Raises LinkError or ChildError where the engine, the port or the device fails.
+    """
+    measured: dict[Condition, list[Measured]] = {}
+    stream = streams[0][1]
+    with tempfile.TemporaryDirectory(prefix="tactable-latency-") as name:
+        folder = Path(name)
+        # Of a recording only the engine knows which reports bring a command, so the C program cannot answer alike.
+        is_generated = stream.reports_per_command is not None
+        program = build_echo_engine(folder) if plan.has_echo and is_generated else None
+        plan = replace(plan, has_echo=program is not None)
+        done = 0
+        with Bench(table, dict(streams), folder, transport, program) as bench:
+            for number, load, conditions in plan.rounds(rounds):
+                with background_load(load):
+                    for condition in conditions:
+                        done += 1
+                        on_progress(f"round {number + 1}: {done} of {rounds * plan.segments_a_round}: {condition.name}")
+                        measured.setdefault(condition, []).append(bench.measure(condition, seconds, stall))
+            generator_outcomes = bench.generator_outcomes
+    run = Run(plan, measured)
+    boards = {part.facts.get("board") for parts in measured.values() for part in parts}
+    touches = "the touches" if stream.simulated else "the digitizer, which only repeats a recording"
+    document = run_json(run) | {
+        "simulated": [touches, *(["the firmware"] if BOARD_EMULATED in boards else [])],
+        "method": _METHOD + f" Touches: {stream.name}; over {transport.name}.",
+        "floor_note": _floor_note(plan.has_echo, transport),
+        "command": shlex.join(["tactable", *sys.argv[1:]]),
+        "environment": environment_json(),
+        "apparatus": to_plain(generator_outcomes),
+        "configuration": {
+            "rates_hz": plan.rates_hz,
+            "loads": plan.loads,
+            "steps": plan.steps,
+            "over": transport.name,
+            "bit_rate_hz": transport.bit_rate_hz,
+            "seconds": seconds,
+            "rounds": rounds,
+            "stall": stall,
+        },
+        "table": _table_json(table),
+        "in_process": _in_process(table, recordings),
+    }
+    return to_plain(document), run
+
+
+def _in_process(table: Table, recordings: Sequence[Path]) -> list[dict[str, Any]]:
+    """One tapping finger, ten, and each recording, then all of them."""
+    fast = fast_library()
+    taps = [tapping(count, 1_000, table.device) for count in (1, 10)]
+    made = [measure_in_process(table, stream, _IN_PROCESS_REPORTS, fast) for stream in taps]
+    read = [recording for recording in map(read_recording, recordings) if recording.reports]
+    recorded = [measure_in_process(table, replayed(recording), len(recording.reports), fast) for recording in read]
+    return [part.figures_json() for part in (*made, *recorded, *([together(recorded)] if len(recorded) > 1 else []))]
+
+
+def _table_json(table: Table) -> dict[str, Any]:
+    names = ("code_fingerprint", "format_revision", "created")
+    attributes = {name: str(table.attributes[name]) for name in names if name in table.attributes}
+    return {"path": table.path, "device": table.device.name, "device_fingerprint": table.fingerprint} | attributes
+
+
+def _floor_note(has_echo: bool, transport: Transport) -> str:
+    if not has_echo:
+        return "No ratio: there is no C echo engine beside a recording, without a C compiler, or where it was left out."
+    note = "The C echo engine wakes up for the same reports and writes as many bytes; it decodes nothing."
+    if transport.is_sockets:
+        return note
+    return note + " It writes into a socket pair: the driver of the port is in no floor."
+
+
+# ---- the document ----------------------------------------------------------------------------------------
 
 
 def run_json(run: Run) -> dict[str, Any]:
@@ -68,7 +182,7 @@ def _condition_json(condition: Condition, parts: Sequence[Measured]) -> dict[str
         "engine": condition.engine,
         "rate_hz": condition.rate_hz,
         "load": str(condition.load),
-        "steps": [{**asdict(outcome), "in_force": outcome.in_force} for outcome in parts[0].outcomes],
+        "steps": [{**to_plain(outcome), "in_force": outcome.in_force} for outcome in parts[0].outcomes],
         "steps_asked": condition.steps_text,
         "rounds": len(parts),
         **facts,
@@ -78,35 +192,57 @@ def _condition_json(condition: Condition, parts: Sequence[Measured]) -> dict[str
 
 
 def _ratios(run: Run) -> list[dict[str, Any]]:
-    """Each condition against its floor in the same run: the way from due, and from sent, to written."""
+    """Each condition against its floor in the same run: the ways from due and from sent to written."""
     rows = []
     for condition, parts in run.measured.items():
         floor = run.plan.floor_of(condition)
         if floor is None or floor not in run.measured:
             continue
         for since in (Point.DUE, Point.SENT):
-            ours = [_way(part.stamps, since) for part in parts]
-            theirs = [_way(part.stamps, since) for part in run.measured[floor]]
+            ours, theirs = (
+                [part.stamps[:, Point.WRITTEN] - part.stamps[:, since] for part in some]
+                for some in (parts, run.measured[floor])
+            )
             way = f"{since.name.lower()} to written"
             row: dict[str, Any] = {"condition": condition.name, "against": floor.engine, "way": way}
-            enough = min(sum(map(len, ours)), sum(map(len, theirs))) >= 10_000
-            for name, statistic, is_told in (("median", median, True), ("p99_9", percentile(99.9), enough)):
+            has_tail = min(sum(map(len, ours)), sum(map(len, theirs))) >= _LEAST_FOR_P99_9
+            for name, statistic, is_known in (("median", median, True), ("p99_9", percentile(99.9), has_tail)):
                 found = compare(ours, theirs, statistic, ratio)
-                row[name] = asdict(found) if is_told and math.isfinite(found.value) else None
+                row[name] = to_plain(found) if is_known and math.isfinite(found.value) else None
             rows.append(row)
     return rows
 
 
-def _way(stamps: Stamps, since: Point) -> Values:
-    way: Values = stamps[:, Point.WRITTEN] - stamps[:, since]
-    return way
+def compare_with(run: Run, baseline: Path) -> dict[str, Any]:
+    """Every condition that the baseline, a report.json, has too. Raises LatencyReportError where it is of no use."""
+    try:
+        before = json.loads(baseline.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise LatencyReportError(f"{baseline}: is no report ({error}); give a report.json") from error
+    if (before.get("format"), before.get("revision")) != (FORMAT, REVISION):
+        raise LatencyReportError(f"{baseline}: is no {FORMAT} of revision {REVISION}: measure it again")
+    floors = ((condition, run.plan.floor_of(condition)) for condition in run.measured)
+    floor_of = {condition.name: floor.name for condition, floor in floors if floor is not None}
+    compared = compare_runs(run.rounds(), read_samples(baseline.with_name("samples.npz")), floor_of)
+    if not compared:
+        raise LatencyReportError(f"{baseline}: has none of these conditions: measure with its own command")
+    return compared
 
 
-# ---- raw samples -----------------------------------------------------------------------------------------
+# ---- files -----------------------------------------------------------------------------------------------
+
+
+def write_report(document: dict[str, Any], run: Run, folder: Path) -> None:
+    """Write report.html, report.md, report.json and samples.npz."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "report.json").write_text(json.dumps(to_plain(document), indent=2), encoding="utf-8")
+    (folder / "report.html").write_text(page_html(document, run.ways_us()), encoding="utf-8")
+    (folder / "report.md").write_text(page_markdown(document), encoding="utf-8")
+    write_samples(run, folder / "samples.npz")
 
 
 def write_samples(run: Run, path: Path) -> None:
-    """Every stamp, by condition and round: `NAME/ROUND` is (sample, point) in ns after `NAME/ROUND/due` (sample,)."""
+    """Write every stamp: `NAME/ROUND` is (sample, point) in ns after `NAME/ROUND/due` (sample,)."""
     arrays: dict[str, Any] = {"points": np.array([point.name for point in Point])}
     for condition, parts in run.measured.items():
         for number, part in enumerate(parts):
@@ -116,7 +252,7 @@ def write_samples(run: Run, path: Path) -> None:
 
 
 def read_samples(path: Path) -> dict[str, list[Stamps]]:
-    """Stamps of each condition by its name, a part a round. Raises LatencyReportError for a file that is none."""
+    """Stamps of each condition by its name, one array a round. Raises LatencyReportError for another file."""
     rounds: dict[str, list[Stamps]] = {}
     try:
         with np.load(path) as arrays:
@@ -126,8 +262,8 @@ def read_samples(path: Path) -> dict[str, list[Stamps]]:
                 name, _, number = key.rpartition("/")
                 if number.isdecimal():
                     rounds.setdefault(name, []).append(arrays[key])
+    except LatencyReportError:
+        raise
     except (OSError, KeyError, ValueError) as error:
-        if isinstance(error, LatencyReportError):
-            raise
         raise LatencyReportError(f"{path}: holds no samples of ours ({error}); it lies beside its report") from error
     return rounds

@@ -1,4 +1,4 @@
-"""Two socket pairs in place of a digitizer and a port: the engine's ends of them, without a driver in between."""
+"""The engine's ends of two socket pairs, in place of a digitizer and a serial port and without a driver."""
 
 import os
 import struct
@@ -8,14 +8,14 @@ from array import array
 from firmware_link.protocol.errors import LinkLostError
 
 STAMPS = struct.Struct("<qq")
-"""Leads each report: when it was due, and when it was sent."""
+"""Leads each report on its socket: when it was due, and when it was sent, ns."""
 _READ_SIZE = 4096
 
 
 class SocketSource:
-    """Reports from one end of a pair of SOCK_SEQPACKET, as a Source; its time is when each was due.
+    """Reports from one end of a pair of SOCK_SEQPACKET, as a Source whose time is when each report was due.
 
-    `sent_ns` and `read_ns` have when each was sent and read, as long as `capacity` suffices.
+    `sent_ns` and `read_ns` hold when each of at most `capacity` reports was sent and read.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class SocketSource:
         return self._socket
 
     def next_time_ns(self) -> None:
-        """Nobody knows when the next one comes."""
+        """Unknown: only the load generator has the schedule."""
 
     def read(self, now_ns: int) -> bytes | None:  # noqa: ARG002  # a Source
         """The next report; the other end's close ends the source."""

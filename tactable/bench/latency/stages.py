@@ -1,4 +1,4 @@
-"""Stamps of commands to durations of stages, percentiles, misses, and the layer that costs most."""
+"""Durations of the stages from report to actuator, their percentiles, misses, and the layer that costs most."""
 
 import math
 from collections.abc import Mapping
@@ -22,29 +22,29 @@ _MS = 1e6
 
 
 class Point(IntEnum):
-    """What had just happened, one clock for all; each is the end of a stage, the first the start of all."""
+    """Points on the way of a report, on one clock. Each but the first ends a stage."""
 
     DUE = 0
-    """The report should have been sent."""
+    """The schedule says that the report is sent."""
     SENT = 1
-    """The digitizer gave it away."""
+    """The digitizer has sent it."""
     READ = 2
     FRAME = 3
     STATE = 4
     COMMAND = 5
     WRITTEN = 6
-    """The port had taken the whole command."""
+    """The port has taken the whole command."""
     RECEIVED = 7
-    """The other end of the line had it."""
+    """The far end of the line has it."""
     APPLIED = 8
-    """The firmware drove it."""
+    """The firmware drives it."""
     AT_FINGER = 9
-    """The drive first passes the detection threshold, of the felt finger that is last, as the model says."""
+    """The vibration first passes the detection threshold under the last felt finger, as the model says."""
 
 
 @dataclass(frozen=True)
 class StageOf:
-    """From one point to the next: its name, the layer that is to blame for it, and what lies in it."""
+    """Name of a stage, the layer that is to blame for it, and what lies in it."""
 
     name: str
     layer: str
@@ -61,10 +61,10 @@ STAGES = {
     Point.RECEIVED: StageOf("line", "link", "taken by the port until the other end has it"),
     Point.APPLIED: StageOf("device", "device", "received until the firmware drives it"),
     Point.AT_FINGER: StageOf(
-        "bar (promised)", "bar", "driven until it passes the threshold at the finger: by the model, not measured"
+        "bar (simulated)", "bar", "driven until it passes the threshold at the finger: by the model, not measured"
     ),
 }
-SHORT_OF_PROMISE = tuple(point for point in STAGES if point is not Point.AT_FINGER)
+MEASURED_POINTS = tuple(point for point in STAGES if point is not Point.AT_FINGER)
 
 
 def figures_of(durations_ns: Values) -> dict[str, float | None] | None:
@@ -87,7 +87,7 @@ def figures_of(durations_ns: Values) -> dict[str, float | None] | None:
 
 
 def durations_of(stamps: Stamps, point: Point) -> Values:
-    """Ns of the stage that ends with a point, from the last point before it that was measured."""
+    """Durations (sample,) of the stage that ends with a point, ns, from the last known point before it."""
     before = stamps[:, :point]
     known = np.where(np.isfinite(before), np.arange(int(point)), -1).max(axis=1)
     rows = np.arange(len(stamps))
@@ -96,13 +96,13 @@ def durations_of(stamps: Stamps, point: Point) -> Values:
 
 
 def last_measured(stamps: Stamps) -> Point:
-    """The last point that most samples have, promises aside: a firmware tells of some commands when it applied them."""
-    measured = [point for point in SHORT_OF_PROMISE if 2 * np.isfinite(stamps[:, point]).sum() > len(stamps)]
+    """The last measured point that most samples have: some firmware reports for few commands when it applied them."""
+    measured = [point for point in MEASURED_POINTS if 2 * np.isfinite(stamps[:, point]).sum() > len(stamps)]
     return measured[-1] if measured else Point.DUE
 
 
 def stages_json(stamps: Stamps) -> dict[str, Any]:
-    """Figures of every stage that was measured, of the whole way to WRITTEN, and of that beginning with SENT."""
+    """Figures of every stage, and of the ways to WRITTEN and to the last measured point."""
     stages = {stage.name: figures_of(durations_of(stamps, point)) for point, stage in STAGES.items()}
     wholes = {
         "due to written": figures_of(stamps[:, Point.WRITTEN]),
@@ -115,17 +115,17 @@ def stages_json(stamps: Stamps) -> dict[str, Any]:
 
 
 def misses_of(durations_ns: Values) -> dict[str, int]:
-    """How many took longer than each of the limits; what was never written counts too."""
+    """Number of samples over each limit; a command that was never written counts too."""
     late = ~(durations_ns[:, None] <= _MS * np.array(MISSES_MS))
     return {f"{limit} ms": int(count) for limit, count in zip(MISSES_MS, late.sum(axis=0), strict=True)}
 
 
 def blame(stamps: Stamps) -> dict[str, Any] | None:
-    """Which layer the median is mostly spent in, and which one the slowest hundredth lost its time in.
+    """The layer that most of the median is spent in, and the layer in which the slowest hundredth lost its time.
 
     The second compares each stage of the slowest samples with its own median. None without a sample.
     """
-    durations = {stage: durations_of(stamps, point) for point, stage in STAGES.items() if point in SHORT_OF_PROMISE}
+    durations = {stage: durations_of(stamps, point) for point, stage in STAGES.items() if point in MEASURED_POINTS}
     known = {stage: values for stage, values in durations.items() if np.isfinite(values).any()}
     if not known:
         return None
@@ -137,7 +137,7 @@ def blame(stamps: Stamps) -> dict[str, Any] | None:
 
 
 def _greatest(costs: Mapping[StageOf, float]) -> dict[str, Any]:
-    """The costliest layer, its costliest stage, and the layer's share of all."""
+    """The costliest layer, its costliest stage, and the layer's share of the total."""
     layers: dict[str, float] = {}
     for stage, cost in costs.items():
         layers[stage.layer] = layers.get(stage.layer, 0.0) + max(0.0, cost)
@@ -148,7 +148,7 @@ def _greatest(costs: Mapping[StageOf, float]) -> dict[str, Any]:
 
 
 def us(value: float | None) -> str:
-    """Microseconds with about three digits; a dash where there are too few samples to say."""
+    """Microseconds with about three digits; a dash where too few samples tell."""
     if value is None or not math.isfinite(value):
         return "-"
     return f"{value:.1f}" if value < 1000 else f"{value:.0f}"

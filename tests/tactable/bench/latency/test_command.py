@@ -76,7 +76,7 @@ def test_no_report_is_lost_no_command_stale_and_order_is_kept(measured: tuple[Pa
         assert {step["step"] for step in condition["steps"]} == {Step.COLLECTOR, Step.SWITCH_INTERVAL}
         stages = condition["stages"]
         assert {"digitizer", "wake-up", "decode", "state", "look-up", "encode and write", "line"} <= stages.keys()
-        assert 0 < stages["bar (promised)"]["p50_us"] < 100_000  # the made entries' t90
+        assert 0 < stages["bar (simulated)"]["p50_us"] < 100_000  # the made entries' t90
 
 
 def test_what_a_reader_must_know_is_in_the_report(measured: tuple[Path, dict[str, Any]], table: Path) -> None:
@@ -177,7 +177,7 @@ def test_a_recording_is_sent_at_the_stated_rate(table: Path, tmp_path: Path) -> 
     ("words", "said"),
     [
         (("--rates", "1000,125"), "expected rising rates"),
-        (("--loads", "busy"), "'busy' is not a valid Load"),
+        (("--loads", "busy"), "'busy' is not a valid BackgroundLoad"),
         (("--realtime", "nice"), "is unknown: write all, none"),
         (("--seconds", "600"), "take more --rounds"),
     ],

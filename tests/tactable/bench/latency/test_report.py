@@ -1,5 +1,6 @@
 """The report: samples come back as they were, the page needs nothing but itself, and what is simulated says so."""
 
+import base64
 import json
 import re
 from pathlib import Path
@@ -9,17 +10,16 @@ import numpy as np
 import pytest
 
 from engine.loop.realtime import ALL_STEPS
-from tactable.bench.latency.load import Load
-from tactable.bench.latency.measure import write_report
-from tactable.bench.latency.page import page_html, page_markdown
-from tactable.bench.latency.plan import Plan
-from tactable.bench.latency.report import LatencyReportError, Run, read_samples, run_json, write_samples
-from tactable.bench.latency.run import ECHO, TACTABLE, Condition, Measured, first_with_sequence
-from tactable.bench.latency.stages import Point
+from tactable.bench.latency.background_load import BackgroundLoad
+from tactable.bench.latency.conditions import ECHO, TACTABLE, Condition, Plan
+from tactable.bench.latency.page import draw_ways, page_html, page_markdown
+from tactable.bench.latency.report import LatencyReportError, Run, read_samples, run_json, write_report, write_samples
+from tactable.bench.latency.segments import Measured
+from tactable.bench.latency.stamps import first_with_sequence
 from tests.tactable.bench.latency.test_stages import stamps_of
 
-PLAN = Plan((1000,), (Load.IDLE,), ALL_STEPS, has_echo=True, ablates=False)
-OURS, FLOOR = (Condition(engine, 1000, Load.IDLE, ALL_STEPS) for engine in (TACTABLE, ECHO))
+PLAN = Plan((1000,), (BackgroundLoad.IDLE,), ALL_STEPS, has_echo=True, ablates=False)
+OURS, FLOOR = (Condition(engine, 1000, BackgroundLoad.IDLE, ALL_STEPS) for engine in (TACTABLE, ECHO))
 FACTS = {
     "reports_sent": 400,
     "reports_lost": 0,
@@ -79,14 +79,14 @@ def test_the_ratio_to_the_floor_is_that_of_the_medians() -> None:
 
 def test_the_page_needs_nothing_but_itself_and_shows_every_condition(tmp_path: Path) -> None:
     run = made_run()
-    ways = {name: np.concatenate(parts)[:, Point.WRITTEN] / 1e3 for name, parts in run.rounds().items()}
-    page = page_html(document_of(run), ways)
-    assert not re.search(r"(src|href)\s*=|@import|<script|https?://", page)
-    assert page.count("<svg") == page.count("</svg>") == 2
-    assert page.count("<polyline") == 4
+    page = page_html(document_of(run), run.ways_us())
+    assert not re.search(r"href\s*=|@import|<script|https?://", page)
+    (picture,) = re.findall(r'<img alt="[^"]*" src="data:image/png;base64,([^"]+)">', page)
+    assert page.count("src=") == 1
+    assert base64.b64decode(picture).startswith(b"\x89PNG")
     assert "SIMULATED: the touches, the firmware" in page
     assert "&lt;&amp;&gt;" in page
-    write_report(document_of(run), run, ways, tmp_path / "new")
+    write_report(document_of(run), run, tmp_path / "new")
     assert {path.name for path in (tmp_path / "new").iterdir()} == {
         "report.html",
         "report.md",
@@ -94,6 +94,17 @@ def test_the_page_needs_nothing_but_itself_and_shows_every_condition(tmp_path: P
         "samples.npz",
     }
     assert json.loads((tmp_path / "new" / "report.json").read_text(encoding="utf-8"))["conditions"][0]["rounds"] == 2
+
+
+def test_the_picture_has_each_condition_in_both_drawings() -> None:
+    ways_us = made_run().ways_us()
+    figure = draw_ways(ways_us)
+    histogram, exceedance = figure.axes
+    assert [patch.get_label() for patch in histogram.patches] == list(ways_us)
+    for patch, line, values in zip(histogram.patches, exceedance.lines, ways_us.values(), strict=True):
+        assert sum(patch.get_data().values) == pytest.approx(100)  # type: ignore[attr-defined]
+        assert line.get_xdata()[-1] == values.max()  # type: ignore[index]
+        assert line.get_ydata()[-1] == pytest.approx(1 / len(values))  # type: ignore[index]
 
 
 def test_the_summary_names_the_layer_and_what_came_late() -> None:

@@ -1,4 +1,8 @@
-"""A schedule to reports that go out when they are due, whatever the engine does with them, and to what comes back."""
+"""Open-loop load generator: sends reports when they are due, whatever the engine does, and serves the link's far end.
+
+One thread does both. A report that is late keeps the time at which it was due, so a stall of 60 ms shows as sixty late
+reports at 1000 a second and not as one. A layer can be made to stall, to see the report name it.
+"""
 
 import contextlib
 import os
@@ -14,20 +18,20 @@ from typing import Protocol
 from tactable.bench.latency.sockets import STAMPS
 from tactable.bench.light_device import Arrivals
 
+LEAD_NS = 20_000_000
+"""From the start of a schedule to its first report: the engine has finished the handshake and waits."""
 _NS_PER_S = 1_000_000_000
 _READ_SIZE = 65_536
 _LONGEST_WAIT_NS = 20_000_000
-# The engine is done with the handshake and waits.
-LEAD_NS = 20_000_000
 
 
-class Device(Protocol):
-    """The other end of the link: `LightDevice`, or what only notes when an echo came."""
+class FarEnd(Protocol):
+    """The other end of the link: `LightDevice`, or `EchoReceiver`."""
 
     arrivals: Arrivals
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
-        """Take bytes in; what to answer."""
+        """Take bytes in; the answer."""
 
     def advance(self, now_ns: int) -> bytes:
         """What it says by itself by now."""
@@ -36,20 +40,20 @@ class Device(Protocol):
         """When it has something to say."""
 
 
-class Echoed:
+class EchoReceiver:
     """Notes when each answer of the C echo engine came."""
 
     def __init__(self) -> None:
         self.arrivals = Arrivals()
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
-        """An answer ends with the only zero in it."""
+        """Count answers by the only zero in each, which ends it."""
         for _ in range(data.count(0)):
             self.arrivals.time_ns.append(now_ns)
             self.arrivals.sequence.append(0)
         return b""
 
-    def advance(self, now_ns: int) -> bytes:  # noqa: ARG002  # a Device
+    def advance(self, now_ns: int) -> bytes:  # noqa: ARG002  # a FarEnd
         """It says nothing by itself."""
         return b""
 
@@ -70,14 +74,14 @@ class StalledLayer(StrEnum):
 
 @dataclass(frozen=True)
 class Stall:
-    """A layer that stands still for a while, again and again."""
+    """A layer that stands still at the end of each period."""
 
     layer: StalledLayer
     duration_ns: int = 60_000_000
     period_ns: int = 250_000_000
 
     def is_on(self, since_start_ns: int) -> bool:
-        """Whether it stands still: at the end of each period."""
+        """Whether it stands still."""
         return since_start_ns > 0 and since_start_ns % self.period_ns >= self.period_ns - self.duration_ns
 
     def next_change_ns(self, since_start_ns: int) -> int:
@@ -89,7 +93,7 @@ class Stall:
 
 @dataclass
 class Schedule:
-    """`count` reports at `rate_hz` from `start_ns` on; each has its time, and a late one keeps it."""
+    """`count` reports at `rate_hz` from `start_ns` on."""
 
     reports: Iterator[bytes]
     rate_hz: float
@@ -97,8 +101,13 @@ class Schedule:
     start_ns: int
     next: int = field(default=0, init=False)
 
+    @classmethod
+    def none(cls) -> "Schedule":
+        """No reports: only the link is served."""
+        return cls(iter(()), 1.0, 0, 0)
+
     def due_ns(self) -> int | None:
-        """When the next one is due, perhaps in the past; None after the last."""
+        """When the next report is due, perhaps in the past; None after the last."""
         return None if self.next == self.count else self.time_of_ns(self.next)
 
     def time_of_ns(self, report: int) -> int:
@@ -106,11 +115,11 @@ class Schedule:
         return self.start_ns + round(report * _NS_PER_S / self.rate_hz)
 
 
-class Apparatus:
-    """One thread that sends reports by a schedule and is the other end of the link, until the engine is done.
+class LoadGenerator:
+    """Sends the reports of a schedule and serves the far end of the link until the engine is done.
 
     `engine_process_id` is for a stall of the host. What a full socket does not take stays due. After the last report
-    the source ends, unless it `keeps_open`.
+    the stream of reports ends, unless it `keeps_open`.
     """
 
     def __init__(
@@ -118,13 +127,13 @@ class Apparatus:
         schedule: Schedule,
         touch: socket.socket,
         link: socket.socket | None,
-        device: Device | None,
+        far_end: FarEnd | None,
         *,
         stall: Stall | None = None,
         engine_process_id: int = 0,
         keeps_open: bool = False,
     ) -> None:
-        self._schedule, self._touch, self._link, self._device = schedule, touch, link, device
+        self._schedule, self._touch, self._link, self._far_end = schedule, touch, link, far_end
         self._stall, self._engine_process_id = stall, engine_process_id
         self._packet: bytes | None = None
         self._is_full = self._engine_is_stopped = False
@@ -134,7 +143,7 @@ class Apparatus:
             link.setblocking(False)
 
     def run(self, done: int, is_over: Callable[[], bool] = lambda: False) -> None:
-        """Until the descriptor `done` can be read, or `is_over` says so."""
+        """Run until the descriptor `done` can be read, or `is_over` says so."""
         try:
             while not is_over():
                 readable = self._wait(done)
@@ -143,8 +152,8 @@ class Apparatus:
                 now_ns = time.monotonic_ns()
                 self._follow_stall(now_ns)
                 self._send_due(now_ns)
-                if self._link is not None and self._device is not None:
-                    self._serve_link(self._link, self._device, self._link.fileno() in readable)
+                if self._link is not None and self._far_end is not None:
+                    self._serve_link(self._link, self._far_end, self._link.fileno() in readable)
         finally:
             self._resume_engine()
 
@@ -160,28 +169,26 @@ class Apparatus:
         report_ns = self._schedule.due_ns()
         if report_ns is not None and not self._is_full and not self._is_stalled(StalledLayer.DIGITIZER, now_ns):
             due_ns.append(report_ns)
-        device_ns = None if self._device is None else self._device.next_deadline_ns()
-        if device_ns is not None:
-            due_ns.append(device_ns)
+        far_end_ns = None if self._far_end is None else self._far_end.next_deadline_ns()
+        if far_end_ns is not None:
+            due_ns.append(far_end_ns)
         timeout_s = max(0, min(due_ns) - time.monotonic_ns()) / _NS_PER_S
         ready, writable, _ = select.select(readable, [self._touch] if self._is_full else [], [], timeout_s)
         self._is_full = self._is_full and not writable
         return ready
 
     def _is_stalled(self, layer: StalledLayer, now_ns: int) -> bool:
-        stall = self._stall
-        is_running = self._schedule.next < self._schedule.count
-        return (
-            stall is not None and is_running and stall.layer is layer and stall.is_on(now_ns - self._schedule.start_ns)
-        )
+        stall, schedule = self._stall, self._schedule
+        if stall is None or stall.layer is not layer or schedule.next == schedule.count:
+            return False
+        return stall.is_on(now_ns - schedule.start_ns)
 
     def _follow_stall(self, now_ns: int) -> None:
-        if self._is_stalled(StalledLayer.HOST, now_ns):
-            if not self._engine_is_stopped:
-                os.kill(self._engine_process_id, signal.SIGSTOP)
-                self._engine_is_stopped = True
-        else:
+        if not self._is_stalled(StalledLayer.HOST, now_ns):
             self._resume_engine()
+        elif not self._engine_is_stopped:
+            os.kill(self._engine_process_id, signal.SIGSTOP)
+            self._engine_is_stopped = True
 
     def _resume_engine(self) -> None:
         if self._engine_is_stopped:
@@ -198,10 +205,11 @@ class Apparatus:
                 self._packet = next(schedule.reports)
             try:
                 os.write(self._touch.fileno(), STAMPS.pack(due_ns, time.monotonic_ns()) + self._packet)
-            except BlockingIOError:
-                self._is_full = True
-                return
-            except (BrokenPipeError, ConnectionResetError):  # the engine has ended; it says why
+            except (
+                BlockingIOError,
+                BrokenPipeError,
+                ConnectionResetError,
+            ):  # full; or the engine has ended: it says why
                 self._is_full = True
                 return
             self._packet = None
@@ -212,14 +220,14 @@ class Apparatus:
             with contextlib.suppress(OSError):  # the engine has ended
                 self._touch.shutdown(socket.SHUT_WR)
 
-    def _serve_link(self, link: socket.socket, device: Device, is_readable: bool) -> None:
+    def _serve_link(self, link: socket.socket, far_end: FarEnd, is_readable: bool) -> None:
         data = b""
         try:
             if is_readable:
                 data = os.read(link.fileno(), _READ_SIZE)
                 self._link = link if data else None
             now_ns = time.monotonic_ns()
-            answer = (device.receive(data, now_ns) if data else b"") + device.advance(now_ns)
+            answer = (far_end.receive(data, now_ns) if data else b"") + far_end.advance(now_ns)
             if answer:
                 os.write(link.fileno(), answer)
         except OSError:  # full, as a wire that loses bytes, or the engine has ended

@@ -8,8 +8,8 @@ from itertools import cycle
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tactable.bench.latency.load_generator import LoadGenerator, Schedule, Stall, StalledLayer
 from tactable.bench.latency.sockets import SocketSource
-from tactable.bench.latency.source import Apparatus, Schedule, Stall, StalledLayer
 
 PACKETS = [bytes([number]) * 20 for number in range(7)]
 
@@ -40,7 +40,7 @@ def test_every_report_goes_out_in_order_with_the_time_at_which_it_was_due() -> N
                 due_ns.append(source.report_time_ns)
             return source.ended
 
-        Apparatus(schedule, ours, None, None).run(done, take)
+        LoadGenerator(schedule, ours, None, None).run(done, take)
     os.close(done)
     os.close(end)
     assert reports == [PACKETS[number % 7] for number in range(count)]
@@ -63,7 +63,7 @@ def test_a_digitizer_that_stalls_sends_nothing_and_then_everything() -> None:
                 pass
             return source.ended
 
-        Apparatus(schedule, ours, None, None, stall=stall).run(done, take)
+        LoadGenerator(schedule, ours, None, None, stall=stall).run(done, take)
     os.close(done)
     os.close(end)
     during = [

@@ -1,4 +1,4 @@
-"""The C echo engine, built on the spot: what the same wake-up and the same bytes cost without an engine."""
+"""The C echo engine, compiled on the spot: the cost of the same wake-ups and bytes without an engine, a floor."""
 
 import shutil
 import subprocess
@@ -10,24 +10,24 @@ from numpy.typing import NDArray
 
 from engine.loop.realtime import PRIORITY, Step
 
-SOURCE = Path(__file__).with_name("echo_engine.c")
+_SOURCE = Path(__file__).with_name("echo_engine.c")
 _COMPILERS = ("cc", "gcc", "clang")
 
 
 def build_echo_engine(folder: Path) -> Path | None:
-    """The program, compiled into `folder`; None where there is no compiler that does it."""
+    """Compile the program into `folder`; None where no compiler is there or none succeeds."""
     compiler = next(filter(None, map(shutil.which, _COMPILERS)), None)
     program = folder / "echo_engine"
     if compiler is None:
         return None
-    command = [compiler, "-O2", "-std=c11", "-o", str(program), str(SOURCE)]
+    command = [compiler, "-O2", "-std=c11", "-o", str(program), str(_SOURCE)]
     return program if subprocess.run(command, capture_output=True, check=False).returncode == 0 else None
 
 
 def start_echo_engine(
     program: Path, touch: int, link: int, every: int, samples: Path, steps: Collection[Step], processor: int
 ) -> "subprocess.Popen[bytes]":
-    """Run it on two descriptors until the first ends; it takes of the real-time steps those that are its own."""
+    """Run it on two descriptors until `touch` ends, with those of the real-time steps that a C program can take."""
     priority = PRIORITY if Step.PRIORITY in steps else 0
     chosen = processor if Step.AFFINITY in steps else -1
     numbers = (touch, link, every, samples, priority, chosen, int(Step.MEMORY in steps))
@@ -35,5 +35,5 @@ def start_echo_engine(
 
 
 def read_echo_samples(path: Path) -> NDArray[np.int64]:
-    """Shape (answer, 4): due, sent, read and written, ns."""
+    """Shape (answer, 4): when each was due, sent, read and written, ns."""
     return np.fromfile(path, np.int64).reshape(-1, 4)

@@ -1,11 +1,10 @@
 """The plan: every step is left out once, each engine has its floor, and no condition is always the first."""
 
 from engine.loop.realtime import ALL_STEPS, Step
-from tactable.bench.latency.load import Load
-from tactable.bench.latency.plan import Plan
-from tactable.bench.latency.run import ECHO, TACTABLE, Condition
+from tactable.bench.latency.background_load import BackgroundLoad
+from tactable.bench.latency.conditions import ECHO, TACTABLE, Condition, Plan
 
-PLAN = Plan((125, 1000, 4000), tuple(Load), ALL_STEPS, has_echo=True, ablates=True)
+PLAN = Plan((125, 1000, 4000), tuple(BackgroundLoad), ALL_STEPS, has_echo=True, ablates=True)
 
 
 def test_every_step_is_left_out_once_and_all_once_at_the_middle_rate_under_stress() -> None:
@@ -15,22 +14,22 @@ def test_every_step_is_left_out_once_and_all_once_at_the_middle_rate_under_stres
         for condition in PLAN.conditions(load)
         if condition.steps != ALL_STEPS and condition.engine == TACTABLE
     ]
-    assert {(condition.rate_hz, condition.load) for condition in left_out} == {(1000, Load.STRESS)}
+    assert {(condition.rate_hz, condition.load) for condition in left_out} == {(1000, BackgroundLoad.STRESS)}
     assert [condition.steps_text for condition in left_out] == ["none", *(f"all but {step}" for step in Step)]
 
 
 def test_each_engine_is_next_to_its_floor() -> None:
-    for load in (Load.IDLE, Load.STRESS):
+    for load in (BackgroundLoad.IDLE, BackgroundLoad.STRESS):
         for rate_hz in PLAN.rates_hz:
             floor = PLAN.floor_of(Condition(TACTABLE, rate_hz, load, ALL_STEPS))
             assert floor == Condition(ECHO, rate_hz, load, ALL_STEPS)
             assert floor in PLAN.conditions(load)
             assert PLAN.floor_of(floor) is None
-    assert PLAN.floor_of(Condition(TACTABLE, 1000, Load.THREAD, ALL_STEPS)) is None
+    assert PLAN.floor_of(Condition(TACTABLE, 1000, BackgroundLoad.THREAD, ALL_STEPS)) is None
 
 
 def test_rounds_begin_with_another_condition_and_measure_all_of_them() -> None:
-    rounds = [conditions for _, load, conditions in PLAN.rounds(4) if load is Load.IDLE]
+    rounds = [conditions for _, load, conditions in PLAN.rounds(4) if load is BackgroundLoad.IDLE]
     assert len({conditions[0] for conditions in rounds}) == 4
-    assert all(set(conditions) == set(PLAN.conditions(Load.IDLE)) for conditions in rounds)
-    assert PLAN.segments_a_round == sum(len(PLAN.conditions(load)) for load in Load)
+    assert all(set(conditions) == set(PLAN.conditions(BackgroundLoad.IDLE)) for conditions in rounds)
+    assert PLAN.segments_a_round == sum(len(PLAN.conditions(load)) for load in BackgroundLoad)

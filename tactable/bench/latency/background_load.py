@@ -1,0 +1,45 @@
+"""Background load beside the engine: nothing, processes that take processors and memory, or a busy thread."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from typing import Any
+
+from firmware_link.child import Child, Parent
+
+_MEMORY_BYTES = 1 << 26
+
+
+class BackgroundLoad(StrEnum):
+    """What runs beside the engine under measurement."""
+
+    IDLE = "idle"
+    """Only what the machine does anyway."""
+    STRESS = "stress"
+    """For each processor one process that computes and one that moves memory."""
+    THREAD = "thread"
+    """A busy Python thread in the engine's own process: it shows why no other thread may live there."""
+
+
+@contextmanager
+def background_load(load: BackgroundLoad) -> Iterator[None]:
+    """Run the processes of a load for the length of a `with` block; the busy thread belongs to the engine's process."""
+    kinds = ("compute", "memory") * (os.cpu_count() or 1) if load is BackgroundLoad.STRESS else ()
+    children = [Child(__name__, {"kind": kind}, name=f"the background load {kind}") for kind in kinds]
+    try:
+        yield
+    finally:
+        for child in children:
+            child.kill()
+
+
+def main(parent: Parent, arguments: dict[str, Any]) -> None:
+    """Work without end: the parent kills this process, or the system does when the parent is gone."""
+    parent.end_with_it()
+    block, target = bytes(_MEMORY_BYTES), bytearray(_MEMORY_BYTES)
+    while True:
+        if arguments["kind"] == "memory":
+            target[:] = block
+        else:
+            sum(range(1_000_000))

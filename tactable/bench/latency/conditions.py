@@ -1,0 +1,117 @@
+"""Conditions of a measurement - engine, rate, background load, real-time steps - and the order they are measured in.
+
+A shared machine drifts. So every condition is measured in several short segments, in rounds that each begin with
+another condition, and each engine is measured next to its floor: all of them meet the same machine.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from engine.loop.realtime import Step
+from tactable.bench.latency.background_load import BackgroundLoad
+
+TACTABLE, ECHO, WITHOUT_FAST_PATH = "tactable", "C echo", "tactable without fast path"
+SOCKET_BIT_RATE_HZ = 1_000_000_000
+"""A socket pair is no line: what is written has arrived."""
+PTY_BIT_RATE_HZ = 2_000_000
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Which engine, how many reports a second, beside which load, and with which real-time steps."""
+
+    engine: str
+    rate_hz: int
+    load: BackgroundLoad
+    steps: tuple[Step, ...]
+
+    @property
+    def steps_text(self) -> str:
+        """Such as "all", "none" or "all but memory"."""
+        missing = [step for step in Step if step not in self.steps]
+        if not self.steps:
+            return "none"
+        return f"all but {', '.join(missing)}" if missing else "all"
+
+    @property
+    def name(self) -> str:
+        """For people, and as a key."""
+        return f"{self.engine}, {self.rate_hz}/s, {self.load}, steps {self.steps_text}"
+
+
+@dataclass(frozen=True)
+class Transport:
+    """What commands go over: a socket pair, an emulated firmware behind a pseudo-terminal, or a given port."""
+
+    name: str
+    """`sockets`, `pty`, or the name of a port."""
+    bit_rate_hz: int = SOCKET_BIT_RATE_HZ
+
+    @property
+    def is_sockets(self) -> bool:
+        """Whether there is no driver in between."""
+        return self.name == "sockets"
+
+    @property
+    def is_pty(self) -> bool:
+        """Whether an emulator is started for it."""
+        return self.name == "pty"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All conditions of a measurement; `rates_hz` rise."""
+
+    rates_hz: tuple[int, ...]
+    loads: tuple[BackgroundLoad, ...]
+    steps: tuple[Step, ...]
+    has_echo: bool
+    """The C echo engine is measured too, as a floor."""
+    ablates: bool
+    """Also without each step, without all of them, and without the fast path."""
+
+    @property
+    def middle_hz(self) -> int:
+        """The rate at which steps are left out."""
+        return self.rates_hz[len(self.rates_hz) // 2]
+
+    def conditions(self, load: BackgroundLoad) -> tuple[Condition, ...]:
+        """Every condition beside a load, each engine next to its floor."""
+        if load is BackgroundLoad.THREAD:
+            return (Condition(TACTABLE, self.middle_hz, load, self.steps),)
+        engines = (TACTABLE, ECHO) if self.has_echo else (TACTABLE,)
+        found = [Condition(engine, rate_hz, load, self.steps) for rate_hz in self.rates_hz for engine in engines]
+        if self.ablates and load is self._ablation_load:
+            found += [Condition(TACTABLE, self.middle_hz, load, steps) for steps in self._ablations()]
+            found.append(Condition(WITHOUT_FAST_PATH, self.middle_hz, load, self.steps))
+        return tuple(found)
+
+    @property
+    def _ablation_load(self) -> BackgroundLoad:
+        return BackgroundLoad.STRESS if BackgroundLoad.STRESS in self.loads else BackgroundLoad.IDLE
+
+    def _ablations(self) -> Iterator[tuple[Step, ...]]:
+        yield ()
+        if len(self.steps) > 1:
+            for left_out in self.steps:
+                yield tuple(step for step in self.steps if step is not left_out)
+
+    def rounds(self, count: int) -> Iterator[tuple[int, BackgroundLoad, Sequence[Condition]]]:
+        """Round, load and its conditions; each round begins with another condition, so that none is always first."""
+        for number in range(count):
+            for load in self.loads:
+                conditions = self.conditions(load)
+                first = number % len(conditions)
+                yield number, load, (*conditions[first:], *conditions[:first])
+
+    @property
+    def segments_a_round(self) -> int:
+        """Number of segments that a round measures."""
+        return sum(len(self.conditions(load)) for load in self.loads)
+
+    def floor_of(self, condition: Condition) -> Condition | None:
+        """The C echo engine beside the same load, at the same rate and with the same steps; None without one."""
+        if condition.engine != TACTABLE:
+            return None
+        floor = Condition(ECHO, condition.rate_hz, condition.load, condition.steps)
+        return floor if floor in self.conditions(condition.load) else None
