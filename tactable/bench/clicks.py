@@ -1,4 +1,4 @@
-"""Every state of one felt and one quiet finger: the click against steady drives gated, on the same fresh plants."""
+"""Clicks of every state of one felt and one quiet finger beside gated steady drives, on the same fresh plants."""
 
 import itertools
 import json

@@ -1,4 +1,4 @@
-"""Reports to bytes inside the process: the engine's own loop between a source and a port that are memory."""
+"""Times the engine's own loop, compiled step included, between a source and a port in memory: no system call."""
 
 import ctypes
 import time
@@ -21,19 +21,19 @@ from tactable.bench.light_device import LightDevice
 from tactable.run.live import Live, LiveOptions
 
 _MEMORY_BIT_RATE_HZ = 1_000_000_000
-# A lease of 40 ms numbers a command each 0.3 ms: reports that came faster would wait for that.
+# The link paces commands to one in 0.3 ms with a lease of 40 ms: reports that came faster would wait for it.
 _PERIOD_NS = 1_000_000
 _PASSES_AN_ANSWER = 16
 Times = NDArray[np.float64]
 
 
 class _PacedClock:
-    """The monotonic clock, set forward at each wait instead of waiting."""
+    """The monotonic clock, which a wait sets forward at once."""
 
     def __init__(self) -> None:
         self._ahead_ns = 0
         self.waited_ns = 0
-        """Unchanged clock time of the last wait: where a pass ends."""
+        """Real time of the last wait, where a pass of the loop ends."""
 
     def now_ns(self) -> int:
         return time.monotonic_ns() + self._ahead_ns
@@ -44,7 +44,7 @@ class _PacedClock:
 
 
 class _Memory:
-    """A source of one report a wait, and a port whose other end answers at once; both note when they were called."""
+    """A source of one report a wait, and a port whose far end answers at once; both note when they were called."""
 
     def __init__(self, stream: Stream, count: int, number_of_actuators: int, clock: _PacedClock) -> None:
         self.name, self.descriptor = stream.name, stream.descriptor
@@ -54,9 +54,9 @@ class _Memory:
         self.answer_ns: list[int] = []
         """From each report in hand until the loop asks for more."""
         self.write_ns: list[int] = []
-        """From each report in hand until something was written, a renewal perhaps; 0: nothing was."""
+        """From each report in hand until something was written, perhaps a renewal; 0 where nothing was."""
         self.fast = 0
-        """How many commands the fast path had."""
+        """Number of commands that the compiled step answered."""
         self._reports = list(islice(stream.packets(), count))
         self.clock = clock
         self._device = LightDevice(number_of_actuators, clock.now_ns())
@@ -95,7 +95,7 @@ class _Memory:
         self._is_asked_again = True
 
     def note_fast(self, duration_ns: int) -> None:
-        """The fast path had the command of the report in hand."""
+        """The compiled step answered the report in hand."""
         self.fast += 1
         self._note(duration_ns, duration_ns)
 
@@ -112,7 +112,7 @@ class _Memory:
         return len(data)
 
     def read_port(self) -> bytes:
-        # Now and then: the emulated firmware would take the caches from what is measured each time.
+        # Only sometimes: the emulated firmware would drive what is measured out of the caches each time.
         self._asked += 1
         if self.report_index >= 0 and self._asked % _PASSES_AN_ANSWER:
             return b""
@@ -174,14 +174,14 @@ class _MemoryPort:
 
 @dataclass(frozen=True)
 class InProcess:
-    """Every report of a stream: ns until its answer, whether that was a command, and how many fingers it told of."""
+    """All reports of a stream (report,): ns until the answer, whether a command came, and the number of fingers."""
 
     stream: str
     simulated: bool
     answer_ns: Times
     has_command: NDArray[np.bool_]
     by_fast_path: int
-    """How many of the commands."""
+    """Number of the commands that the compiled step answered."""
     fingers: NDArray[np.int64]
 
     def figures_json(self) -> dict[str, Any]:
@@ -198,7 +198,7 @@ class InProcess:
 
 
 def together(parts: Sequence[InProcess]) -> InProcess:
-    """All reports of several streams."""
+    """The reports of several streams as one."""
     return InProcess(
         f"all {len(parts)} recordings",
         any(part.simulated for part in parts),
@@ -210,9 +210,9 @@ def together(parts: Sequence[InProcess]) -> InProcess:
 
 
 def measure_in_process(table: Table, stream: Stream, count: int, library: ctypes.CDLL | None) -> InProcess:
-    """The answers to `count` reports: the bytes of a command are ready, or it is known that there is none.
+    """Time `count` reports until the bytes of the command are ready, or until it is known that none is due.
 
-    Without the `library` of the fast path the loop does it all.
+    Without the `library` of the compiled step the loop answers every report.
     """
     clock = _PacedClock()
     memory = _MemorySource(stream, count, len(table.device.actuators), clock)
@@ -233,7 +233,7 @@ def measure_in_process(table: Table, stream: Stream, count: int, library: ctypes
 
 
 def _fingers(stream: Stream, count: int) -> list[int]:
-    """How many contacts there are after each report."""
+    """Number of contacts after each report (report,)."""
     digitizer = open_digitizer(stream.descriptor, stream.vendor_id, stream.product_id)
     counts, fingers = [], 0
     for number, report in enumerate(islice(stream.packets(), count)):

@@ -17,9 +17,9 @@ from tactable.shipped import cache_folder, find_device
 
 MOST_FINGERS = 10
 MOST_COMMANDS_HZ = 1000
-"""A lease of 40 ms numbers 3175 commands a second; a faster digitizer does not make fingers faster."""
+"""Commands a second at most: a lease of 40 ms allows 3175, and a faster digitizer does not make fingers faster."""
 HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_DB),))),))
-"""Felt as long as it touches: time alone changes nothing, each change is a report's."""
+"""A finger feels its zone as long as it touches: time alone changes nothing, so each command has its report."""
 
 
 @contextmanager
@@ -39,7 +39,7 @@ def open_table(path: Path | None) -> Iterator[Table]:
 
 @dataclass(frozen=True)
 class Stream:
-    """A digitizer and its reports, which come again from the first after the last."""
+    """A digitizer and its reports, which repeat without end."""
 
     name: str
     descriptor: bytes
@@ -47,18 +47,18 @@ class Stream:
     product_id: int
     reports: tuple[bytes, ...]
     reports_per_command: int | None
-    """Each so many reports change the state; None where only the engine knows."""
+    """One report in this many changes the state; None where only the engine knows."""
     simulated: bool
 
     def packets(self) -> Iterator[bytes]:
-        """The reports, without end."""
+        """Repeat the reports without end."""
         return cycle(self.reports)
 
 
 def tapping(fingers: int, rate_hz: int, device: Device) -> Stream:
-    """Fingers at rest in the first zones and one that taps the others in turn, each tap and each lift a new state.
+    """Fingers that rest in the first zones, and one that taps the others in turn: each tap and lift is a new state.
 
-    Raises ValueError for a number of fingers that no such digitizer has.
+    Raises ValueError for a number of fingers outside 1 to 10.
     """
     if not 1 <= fingers <= MOST_FINGERS:
         raise ValueError(f"{fingers} fingers: expected 1 to {MOST_FINGERS}")
@@ -89,7 +89,7 @@ def _frame(at_rest: list[float], down: float | None, lifted: float | None) -> li
 
 
 def replayed(recording: Recording) -> Stream:
-    """The reports of a recording, at whatever rate they are sent. Raises ValueError for one without reports."""
+    """The reports of a recording. Raises ValueError for one without reports."""
     if not recording.reports:
         raise ValueError(f"{recording.name or 'the recording'} has no reports: take another")
     reports = tuple(report.data for report in recording.reports)
@@ -100,7 +100,7 @@ def replayed(recording: Recording) -> Stream:
 
 
 def expected_states(stream: Stream, count: int, device: Device) -> list[tuple[int, int]]:
-    """(report, state) of each change that `count` reports bring, as long as none is lost or late."""
+    """(report, state) of each change that `count` reports bring when none is lost or late."""
     digitizer = open_digitizer(stream.descriptor, stream.vendor_id, stream.product_id)
     tracker, player = FingerTracker(device, digitizer.surface), EffectPlayer(HELD, len(device.zones))
     changes, state = [], 0

@@ -1,4 +1,4 @@
-"""The other end of a link, light enough to answer at any rate: when each SET came, and what keeps a session going."""
+"""A far end of the link light enough for any rate: it notes when each SET came, and keeps the session going."""
 
 import struct
 from array import array
@@ -10,17 +10,17 @@ from firmware_link.protocol.messages import Set
 
 _NS_PER_US = 1_000
 _MS = 1_000_000
-# The emulated firmware takes 30 us for a frame, which would compete with what is measured: of the SETs it gets one now
-# and then, before 127 sequences have passed and the lease has ended.
+# The emulated firmware takes 30 us for a frame, which would compete with what is measured. So it gets a SET only this
+# often: before 127 sequences have passed, beyond which it could not order them, and before the lease ends.
 _SHOWN_EACH_NS = 10 * _MS
-# COBS: as long as the bytes before the first zero are these, they lie as they are.
+# COBS moves only zeros: type and sequence lie here as they are, unless the first zero comes before them.
 _TYPE_AT, _SEQUENCE_AT = 1, 2
 _CODES = struct.Struct("<BBB")
 
 
 @dataclass
 class Arrivals:
-    """When each SET came, ns, and its sequence; what came otherwise is not in it."""
+    """When each SET came, ns, and its sequence."""
 
     time_ns: "array[int]" = field(default_factory=lambda: array("q"))
     sequence: "array[int]" = field(default_factory=lambda: array("B"))
@@ -37,7 +37,7 @@ class LightDevice:
         self._rest = b""
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
-        """Take bytes in; what to answer."""
+        """Take bytes in; the answer."""
         *frames, self._rest = (self._rest + data).split(DELIMITER)
         shown = [frame for frame in frames if not self._note(frame, now_ns)]
         if not shown:
@@ -45,7 +45,7 @@ class LightDevice:
         return self._firmware.receive(DELIMITER.join([*shown, b""]), self._us(now_ns))
 
     def advance(self, now_ns: int) -> bytes:
-        """What it says by itself by now, such as its state."""
+        """What it says by itself by now, such as a STATUS."""
         return self._firmware.advance(self._us(now_ns))
 
     def next_deadline_ns(self) -> int | None:
@@ -54,7 +54,7 @@ class LightDevice:
         return None if deadline_us is None else self._zero_ns + deadline_us * _NS_PER_US
 
     def _note(self, frame: bytes, now_ns: int) -> bool:
-        """Whether that is enough: a SET that need not be shown."""
+        """Note a SET; whether the firmware need not see it."""
         if len(frame) <= _SEQUENCE_AT:
             return False
         code, type_byte, sequence = _CODES.unpack_from(frame)

@@ -1,4 +1,4 @@
-"""How fast tables are computed, each figure beside a floor or a rival measured in the same run."""
+"""Speed of computing a table: each figure beside a floor or a rival measured in the same run."""
 
 import json
 import platform
@@ -147,7 +147,7 @@ def solve_point(
 
 
 def _rebuild(device: Device) -> dict[str, Any]:
-    """A whole rebuild from a changed device, written and verified, kernels warm; its memory in a process of its own."""
+    """Time a whole rebuild from a changed device with warm kernels; its peak memory in a fresh process."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "table.nc"
         times = []

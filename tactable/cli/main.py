@@ -319,7 +319,7 @@ def bench_contrast(
     as_json: AsJson = False,
 ) -> None:
     """Every state of one felt and one quiet finger: the paper's objective against ours, in frequency and in time."""
-    from tactable.bench.contrast import print_contrast_bench, run_contrast_bench
+    from tactable.bench.entries import print_contrast_bench, run_contrast_bench
 
     with Table.open(table_path) as table:
         result = run_contrast_bench(table, _level(level))

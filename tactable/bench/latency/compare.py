@@ -1,4 +1,8 @@
-"""Two measurements of the same conditions to whether it got worse, by how much at least, and in which stage."""
+"""Compares two measurements of the same conditions: whether latency got worse, by how much at least, in which stage.
+
+Samples that follow one another share what the machine did at the moment, so the bootstrap draws rounds, and within a
+round stretches of neighbours. What the machine did to the C echo engine as well is not counted against the engine.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,11 +14,10 @@ from numpy.typing import NDArray
 from tactable.bench.latency.stages import STAGES, Point, Stamps, Values, durations_of
 
 TOLERANCE = 0.05
-"""Less than this is not called a change: a shared machine drifts by as much."""
+"""A smaller ratio is no change: a shared machine drifts by as much."""
 RESAMPLES = 400
 _CONFIDENCE = 0.95
-# Neighbours share what the machine did at the moment: whole stretches are drawn.
-_BLOCK = 32
+_BLOCK = 32  # samples of a stretch
 Statistic = Callable[[Values], float]
 Rounds = Sequence[Stamps]
 """One array of stamps a round."""
@@ -22,7 +25,7 @@ Rounds = Sequence[Stamps]
 
 @dataclass(frozen=True)
 class Interval:
-    """A ratio or difference, and what its 95 % bootstrap interval is; NaN where there are no samples."""
+    """A ratio or difference with its 95 % bootstrap interval; NaN without samples."""
 
     value: float
     low: float
@@ -30,12 +33,12 @@ class Interval:
 
 
 def median(values: Values) -> float:
-    """Of what was measured."""
+    """Median of the known values; NaN without one."""
     return float(np.nanmedian(values)) if np.isfinite(values).any() else float("nan")
 
 
 def percentile(share: float) -> Statistic:
-    """The statistic that so many percent stay within."""
+    """The statistic that `share` percent of the known values stay within."""
 
     def compute(values: Values) -> float:
         known = values[np.isfinite(values)]
@@ -51,7 +54,7 @@ def compare(
     combine: Callable[[float, float], float],
     seed: int = 0,
 ) -> Interval:
-    """`combine(statistic of ours, statistic of theirs)`, drawn again by rounds and by stretches of a round."""
+    """`combine(statistic of ours, statistic of theirs)` with its interval; each argument is one array a round."""
     random = np.random.default_rng(seed)
     value = combine(statistic(np.concatenate(ours)), statistic(np.concatenate(theirs)))
     drawn = [combine(statistic(_redraw(ours, random)), statistic(_redraw(theirs, random))) for _ in range(RESAMPLES)]
@@ -61,12 +64,12 @@ def compare(
 
 
 def ratio(ours: float, theirs: float) -> float:
-    """Of two durations; NaN where the second is none."""
+    """Ratio of two durations; NaN where the second is 0."""
     return ours / theirs if theirs else float("nan")
 
 
 def difference(ours: float, theirs: float) -> float:
-    """Of two durations."""
+    """Difference of two durations."""
     return ours - theirs
 
 
@@ -88,8 +91,7 @@ def _redraw_blocks(values: Values, random: np.random.Generator) -> Values:
 def compare_condition(now: Rounds, before: Rounds, floor: float) -> dict[str, Any]:
     """Median and p99 of the way from due to written against a baseline, and the stage that changed most.
 
-    `floor` is by what factor the C echo engine of the same condition got slower, 1 where there is none: what the
-    machine does to both is not the engine's.
+    `floor` is the factor by which the C echo engine of the same condition got slower; 1 where it was not measured.
     """
     figures = {}
     for name, statistic in (("median", median), ("p99", percentile(99))):
@@ -130,7 +132,7 @@ def _stage_change(now: Rounds, before: Rounds, point: Point) -> Interval:
 def compare_runs(
     now: Mapping[str, Rounds], before: Mapping[str, Rounds], floor_of: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Every condition that both runs have, by its name; `floor_of` names the floor of a condition."""
+    """Compare every condition that both runs have, by its name; `floor_of` maps a condition to its floor."""
     shared = [name for name in now if name in before and name not in floor_of.values()]
     compared = {}
     for name in shared:

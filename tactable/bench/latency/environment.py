@@ -1,4 +1,4 @@
-"""The machine to what a reader of its figures must know, and what the clock itself costs."""
+"""The machine that a measurement ran on, as far as it decides the figures, and the cost of reading the clock."""
 
 import os
 import platform
@@ -14,7 +14,7 @@ _CPU = Path("/sys/devices/system/cpu")
 
 
 def environment_json() -> dict[str, Any]:
-    """Processor, kernel, governor, versions, clock; unknown values are None."""
+    """Processor, kernel, governor, versions and clock; None for what is unknown."""
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "system": platform.platform(),
@@ -35,7 +35,7 @@ def environment_json() -> dict[str, Any]:
 
 
 def clock_json() -> dict[str, Any]:
-    """The clock of all stamps: its resolution, and what one reading costs."""
+    """The clock of all stamps: its resolution, and the cost of one reading."""
     readings = np.array([time.monotonic_ns() for _ in range(2001)])
     resolution_ns = time.get_clock_info("monotonic").resolution * 1e9
     return {

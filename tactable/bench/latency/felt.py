@@ -1,4 +1,4 @@
-"""A steady drive to when it is felt: the plant in time, from rest, as the firmware ramps it up. Not measured."""
+"""When a steady drive is first felt: the plant simulated in time from rest, with the ramp of the firmware."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ _LONGEST_S = 0.3
 
 
 class FeltStart:
-    """The plant of one device, asked when a drive begins to be felt."""
+    """Simulates the start of drives on one device."""
 
     def __init__(self, device: Device) -> None:
         self._device = device
@@ -26,7 +26,7 @@ class FeltStart:
         self._filter = threshold_filter(_LOOK_RATE_HZ)
 
     def first_exceeds_s(self, entry: Entry) -> float | None:
-        """Seconds from the drive until every felt finger has passed the detection threshold; None: within 0.3 s not.
+        """Seconds until the last felt finger has passed the detection threshold; None if not within 0.3 s.
 
         A standard finger lies at the middle of each zone that is touched.
         """

@@ -8,8 +8,7 @@ import pytest
 from engine.device import Device
 from engine.table import Table
 from precompute.builder.build import build_table
-from tactable.bench.contrast import run_contrast_bench
-from tactable.bench.entries import run_states_bench
+from tactable.bench.entries import run_contrast_bench, run_states_bench
 from tests.precompute.devices import SHIPPED, shipped, with_zones
 
 
