@@ -142,13 +142,15 @@ def run_step_bench(table: Table, recordings: dict[str, Recording], rounds: int =
 
 
 def _figures(rules: str, step: "Step", stamps: Stamps) -> dict[str, Any]:
-    """Each stage over the reports that reached it, and the whole over those that brought a command."""
+    """Stages and whole over the reports that brought a command, and the decoding of every report."""
     durations = np.maximum(np.diff(stamps, axis=1) - clock_cost_ns(), 0)
+    with_command = durations[np.isfinite(durations).all(axis=1)]
     return {
         "rules": rules,
         "commands": dict(step.commands),
-        "stages": {name: figures_of(durations[:, i]) for i, name in enumerate(STAGES)},
-        "report_to_bytes": figures_of(durations.sum(axis=1)),
+        "stages": {name: figures_of(with_command[:, i]) for i, name in enumerate(STAGES)},
+        "report_to_bytes": figures_of(with_command.sum(axis=1)),
+        "decode_every_report": figures_of(durations[:, 0]),
     }
 
 
@@ -265,8 +267,9 @@ def clock_cost_ns() -> int:
 
 
 def print_step_bench(out: Console, result: dict[str, Any]) -> None:
-    """The same as a table, medians in us."""
-    grid = Grid("recording", "rules", *STAGES, "report to bytes", "p99", "ratio", "to the compiled step")
+    """Print medians in us: of the stages of a report that brings a command, and of the decoding of any report."""
+    head = ("report to bytes", "p99", "ratio", "to the compiled step", "decode, every report")
+    grid = Grid("recording", "rules", *STAGES, *head)
     for row in result["recordings"]:
         for found in row["rules"]:
             figures = [found["stages"][name] or {} for name in STAGES]
@@ -279,5 +282,6 @@ def print_step_bench(out: Console, result: dict[str, Any]) -> None:
                 us(whole.get("p50_us")),
                 us(whole.get("p99_us")),
                 *("-" if ratio is None else f"{ratio:.2f}" for ratio in ratios),
+                us((found["decode_every_report"] or {}).get("p50_us")),
             )
     out.print(grid)

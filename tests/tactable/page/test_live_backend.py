@@ -90,7 +90,7 @@ def test_a_page_that_is_killed_leaves_the_run_as_it_is(folder: Path, emulator: R
     with started(folder, emulator, "--page", "--for", "6", "--json") as process:
         address_of(process)
         pages = subprocess.run(
-            ["ps", "--ppid", str(process.pid), "-o", "pid=,args="], capture_output=True, text=True, check=True
+            ["ps", "-ww", "--ppid", str(process.pid), "-o", "pid=,args="], capture_output=True, text=True, check=True
         ).stdout
         (page,) = [int(line.split()[0]) for line in pages.splitlines() if "tactable.page.processes.live" in line]
         subprocess.run(["kill", "-9", str(page)], check=True)
