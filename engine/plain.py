@@ -5,11 +5,18 @@ from collections.abc import Mapping, Sequence, Set
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
+
+@overload
+def to_plain(value: "Mapping[Any, object] | DataclassInstance") -> dict[str, Any]: ...
+@overload
+def to_plain(value: object) -> Any: ...
 def to_plain(value: object) -> Any:
     """The same as dicts, lists, strings, finite numbers, booleans and None.
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
+from engine.plain import to_plain
 from precompute.calibration.calibrate import Calibration
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Bounds, Parameter, find_parameters
@@ -90,7 +91,7 @@ class Plan:
             ],
             "readings": [
                 {
-                    "drive_hz": [None if np.isnan(hz) else hz for hz in step.drive_hz],
+                    "drive_hz": to_plain(step.drive_hz),
                     "position_m": step.position_m,
                     "shrinks": {
                         p.name: float(1 - step.after[i] / step.before[i]) for i, p in enumerate(self.parameters)

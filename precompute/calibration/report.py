@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device.quantity import interval_text, quantity_text
+from engine.plain import to_plain
 from precompute.calibration.calibrate import Calibration, Estimate, Known
 from precompute.calibration.identifiability import advise, open_combinations
 from precompute.calibration.pairwise import Pairwise
@@ -40,7 +41,7 @@ def calibration_report(calibration: Calibration, pairwise: Pairwise | None) -> d
             {
                 "parameter": advice.name,
                 "standard_error": advice.standard_error,
-                "drive_hz": None if advice.drive_hz is None else [_none(hz) for hz in advice.drive_hz],
+                "drive_hz": to_plain(advice.drive_hz),
                 "standard_error_after": advice.standard_error_after,
             }
             for advice in advise(calibration)
@@ -124,10 +125,6 @@ def _pairwise(calibration: Calibration, pairwise: Pairwise) -> dict[str, Any]:
         "joint_median_misfit": pairwise.joint_typical,
         "joint_total_misfit_m_per_s2": pairwise.joint_total,
     }
-
-
-def _none(value: float) -> float | None:
-    return None if math.isnan(value) else value
 
 
 def report_markdown(report: dict[str, Any]) -> str:

@@ -1,13 +1,15 @@
 """A click to a page for people or values for machines: promise, bound, softer levels, and the clicks that lost."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table as Grid
 
 from engine.device import Spread
+from engine.plain import to_plain
 from engine.table import ClickEntry, Table
 from engine.table.click import ClickZone, LevelSpread, played_at
 from engine.touch import ZoneState
@@ -15,7 +17,7 @@ from precompute.clicks.evaluation import Levels
 from precompute.clicks.options import ClickOptions
 from tactable.explain.click_rivals import Rival, solve_rivals
 from tactable.explain.click_source import ClickSource
-from tactable.figures.style import finite, level_text, state_text, zone_names
+from tactable.figures.style import level_text, state_text, zone_names
 
 _PERCENTILES = {"5 %": "low_db", "50 %": "middle_db", "95 %": "high_db"}
 
@@ -48,47 +50,49 @@ def explain_click(source: ClickSource, states: tuple[ZoneState, ...], level_db: 
 
 
 def click_json(table: Table, explained: Explained) -> dict[str, Any]:
-    """Everything as plain values; what is infinite or absent is None."""
+    """The click as plain values for JSON; infinite levels are None."""
     click = explained.click
-    return {
-        "device": table.device.name,
-        "fingerprint": table.fingerprint,
-        "state": click.index,
-        "felt_zones": zone_names(table.device, click.states, ZoneState.FELT),
-        "quiet_zones": zone_names(table.device, click.states, ZoneState.QUIET),
-        "is_tabulated": explained.is_tabulated,
-        "wanted_level_db": finite(click.wanted_level_db),
-        "achieved": click.achieved,
-        "amplitude": click.amplitude,
-        "length_s": click.length_s,
-        "sample_rate_hz": click.sample_rate_hz,
-        "level_db": click.level_db,
-        "felt_db": _spread_json(click.felt),
-        "quiet_db": _spread_json(click.quiet),
-        "zones": [
-            _zone_json(zone.name, state, promise)
-            for zone, state, promise in zip(table.device.zones, click.states, click.zones, strict=True)
-        ],
-        "exceeds_s": click.exceeds_at_s(),
-        "peak_s": click.peak_s,
-        "residual_from_s": click.residual_from_s,
-        "residual_db": click.residual_db,
-        "objective": click.objective,
-        "upper_bound_db": finite(click.bound_db),
-        "optimality_gap_db": finite(click.gap_db),
-        "softer": [
-            {
-                "level_db": softer.level_db,
-                "amplitude": softer.amplitude,
-                "quiet_db": _spread_json(softer.quiet),
-                "exceeds_s": softer.exceeds_at_s(),
-            }
-            for softer in explained.softer
-        ],
-        "options": asdict(explained.options),
-        "alternatives": [_rival_json(rival) for rival in explained.rivals],
-        "estimated": [*table.device.inferred, "detection threshold", "spreads of the sampled plants"],
-    }
+    return to_plain(
+        {
+            "device": table.device.name,
+            "fingerprint": table.fingerprint,
+            "state": click.index,
+            "felt_zones": zone_names(table.device, click.states, ZoneState.FELT),
+            "quiet_zones": zone_names(table.device, click.states, ZoneState.QUIET),
+            "is_tabulated": explained.is_tabulated,
+            "wanted_level_db": click.wanted_level_db,
+            "achieved": click.achieved,
+            "amplitude": click.amplitude,
+            "length_s": click.length_s,
+            "sample_rate_hz": click.sample_rate_hz,
+            "level_db": click.level_db,
+            "felt_db": _spread_json(click.felt),
+            "quiet_db": _spread_json(click.quiet),
+            "zones": [
+                _zone_json(zone.name, state, promise)
+                for zone, state, promise in zip(table.device.zones, click.states, click.zones, strict=True)
+            ],
+            "exceeds_s": click.exceeds_at_s(),
+            "peak_s": click.peak_s,
+            "residual_from_s": click.residual_from_s,
+            "residual_db": click.residual_db,
+            "objective": click.objective,
+            "upper_bound_db": click.bound_db,
+            "optimality_gap_db": click.gap_db,
+            "softer": [
+                {
+                    "level_db": softer.level_db,
+                    "amplitude": softer.amplitude,
+                    "quiet_db": _spread_json(softer.quiet),
+                    "exceeds_s": softer.exceeds_at_s(),
+                }
+                for softer in explained.softer
+            ],
+            "options": explained.options,
+            "alternatives": [_rival_json(rival) for rival in explained.rivals],
+            "estimated": [*table.device.inferred, "detection threshold", "spreads of the sampled plants"],
+        }
+    )
 
 
 def print_click(out: Console, table: Table, explained: Explained) -> None:
@@ -124,7 +128,7 @@ def _promise_lines(explained: Explained) -> list[str]:
     if not click.achieved:
         loud += " - NOT ACHIEVED, the best possible"
     bound = "no bound is known"
-    if finite(click.bound_db) is not None:
+    if math.isfinite(click.bound_db):
         bound = f"no click of its tones passes {click.bound_db:z.2f} dB ({click.gap_db:.2f} dB are open)"
     return [
         loud,

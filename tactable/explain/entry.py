@@ -2,67 +2,61 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table as Grid
 
 from engine.device import Device
+from engine.plain import to_plain
 from engine.table import Entry, Table
-from engine.table.entry import EntrySpread, ZonePromise
+from engine.table.entry import EntrySpread
 from precompute.entries.alternatives import Alternative
 from precompute.entries.prediction import SHARES, objective_value
 from precompute.sampling.fingers import SAMPLES
 
 
 def entry_json(table: Table, entry: Entry, alternatives: Sequence[Alternative]) -> dict[str, Any]:
-    """Everything as plain values; an infinite level is None."""
-    worst = entry.worst_case
-    return {
-        "device": table.device.name,
-        "fingerprint": table.fingerprint,
-        "state": entry.index,
-        "wanted_level_db": _finite(entry.wanted_level_db),
-        "drive": _drive_json(entry),
-        "family": entry.family,
-        "achieved": entry.achieved,
-        "level_db": entry.level_db,
-        "localized_factor": entry.localized_factor,
-        "objective": entry.objective,
-        "objective_value": objective_value(entry),
-        "upper_bound": _finite(entry.upper_bound),
-        "optimality_gap_db": _finite(entry.optimality_gap_db),
-        "contrast_db": entry.contrast_db,
-        "expected_contrast_db": entry.expected_contrast_db,
-        "t90_s": entry.t90_s,
-        "limited_by": entry.limited_by,
-        "worst_case": {
-            "level_db": worst.level_db,
-            "quiet_level_db": worst.quiet_level_db,
-            "contrast_db": worst.contrast_db,
-            "localized_factor": worst.localized_factor,
-            "t90_s": worst.t90_s,
-            "fingers": SAMPLES,
-        },
-        "spread": None if entry.spread is None else _spread_json(table, entry.spread),
-        "zones": [_zone_json(zone) for zone in entry.zones],
-        "alternatives": [
-            {
-                "name": rival.name,
-                "lost_by": rival.lost_by,
-                "drive": _drive_json(rival.entry),
-                "family": rival.entry.family,
-                "level_db": rival.entry.level_db,
-                "localized_factor": rival.entry.localized_factor,
-                "contrast_db": rival.entry.contrast_db,
-                "expected_contrast_db": rival.entry.expected_contrast_db,
-                "t90_s": rival.entry.t90_s,
-            }
-            for rival in alternatives
-        ],
-        "estimated": [*table.device.inferred, "detection threshold"],
-    }
+    """The entry as plain values for JSON; infinite levels are None."""
+    return to_plain(
+        {
+            "device": table.device.name,
+            "fingerprint": table.fingerprint,
+            "state": entry.index,
+            "wanted_level_db": entry.wanted_level_db,
+            "drive": _drive_json(entry),
+            "family": entry.family,
+            "achieved": entry.achieved,
+            "level_db": entry.level_db,
+            "localized_factor": entry.localized_factor,
+            "objective": entry.objective,
+            "objective_value": objective_value(entry),
+            "upper_bound": entry.upper_bound,
+            "optimality_gap_db": entry.optimality_gap_db,
+            "contrast_db": entry.contrast_db,
+            "expected_contrast_db": entry.expected_contrast_db,
+            "t90_s": entry.t90_s,
+            "limited_by": entry.limited_by,
+            "worst_case": {**to_plain(entry.worst_case), "fingers": SAMPLES},
+            "spread": entry.spread and {**to_plain(entry.spread), "over": str(table.attributes["spread_over"])},
+            "zones": [{**to_plain(zone), "state": zone.state.name.lower()} for zone in entry.zones],
+            "alternatives": [
+                {
+                    "name": rival.name,
+                    "lost_by": rival.lost_by,
+                    "drive": _drive_json(rival.entry),
+                    "family": rival.entry.family,
+                    "level_db": rival.entry.level_db,
+                    "localized_factor": rival.entry.localized_factor,
+                    "contrast_db": rival.entry.contrast_db,
+                    "expected_contrast_db": rival.entry.expected_contrast_db,
+                    "t90_s": rival.entry.t90_s,
+                }
+                for rival in alternatives
+            ],
+            "estimated": [*table.device.inferred, "detection threshold"],
+        }
+    )
 
 
 def print_entry(out: Console, table: Table, entry: Entry, alternatives: Sequence[Alternative]) -> None:
@@ -99,46 +93,14 @@ def print_entry(out: Console, table: Table, entry: Entry, alternatives: Sequence
     out.print(f"ESTIMATES: {estimates}", style="dim")
 
 
-def _spread_json(table: Table, spread: EntrySpread) -> dict[str, Any]:
-    """What 5, 50 and 95 % of the sampled cases lie below, dB."""
-    return {**asdict(spread), "over": str(table.attributes["spread_over"])}
-
-
 def _spread_words(table: Table, spread: EntrySpread) -> str:
     parts = (("felt", spread.felt), ("quiet", spread.quiet), ("contrast", spread.contrast))
     words = [f"{name} {p.low_db:.1f}, {p.middle_db:.1f}, {p.high_db:.1f} dB" for name, p in parts if p is not None]
     return f"5, 50 and 95 % of cases lie below: {'; '.join(words)} ({table.attributes['spread_over']})"
 
 
-def _drive_json(entry: Entry) -> dict[str, list[float]]:
-    return {
-        "frequencies_hz": list(entry.frequencies_hz),
-        "amplitudes": list(entry.amplitudes),
-        "phases_rad": list(entry.phases_rad),
-    }
-
-
-def _zone_json(zone: ZonePromise) -> dict[str, Any]:
-    return {
-        "name": zone.name,
-        "state": zone.state.name.lower(),
-        "share": zone.share,
-        "share_range": list(zone.share_range),
-        "peak_acceleration_m_per_s2": zone.peak_acceleration_m_per_s2,
-        "peak_acceleration_range_m_per_s2": list(zone.peak_acceleration_range_m_per_s2),
-        "peak_position_m": zone.peak_position_m,
-        "dead_acceleration_m_per_s2": zone.dead_acceleration_m_per_s2,
-        "dead_position_m": zone.dead_position_m,
-        "acceleration_at_finger_m_per_s2": zone.acceleration_at_finger_m_per_s2,
-        "sensation_level_db": zone.sensation_level_db,
-        "sensation_level_range_db": None
-        if zone.sensation_level_range_db is None
-        else list(zone.sensation_level_range_db),
-    }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _drive_json(entry: Entry) -> dict[str, Any]:
+    return {key: getattr(entry, key) for key in ("frequencies_hz", "amplitudes", "phases_rad")}
 
 
 def _state_words(entry: Entry) -> str:

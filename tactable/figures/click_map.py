@@ -158,11 +158,11 @@ def _summary(source: ClickSource, names: Sequence[str], cells: Cells) -> dict[st
 
     return {
         "zones": list(names),
-        "felt_level_db": matrix(lambda cell: cell.shown[0].felt_db).tolist(),
-        "quiet_level_db": matrix(lambda cell: cell.shown[0].quiet_db).tolist(),
-        "gated_felt_level_db": matrix(lambda cell: cell.shown[1].felt_db).tolist(),
-        "gated_quiet_level_db": matrix(lambda cell: cell.shown[1].quiet_db).tolist(),
-        "achieved": matrix(lambda cell: cell.click.achieved).tolist(),
-        "is_tabulated": matrix(lambda cell: cell.is_tabulated).tolist(),
+        "felt_level_db": matrix(lambda cell: cell.shown[0].felt_db),
+        "quiet_level_db": matrix(lambda cell: cell.shown[0].quiet_db),
+        "gated_felt_level_db": matrix(lambda cell: cell.shown[1].felt_db),
+        "gated_quiet_level_db": matrix(lambda cell: cell.shown[1].quiet_db),
+        "achieved": matrix(lambda cell: cell.click.achieved),
+        "is_tabulated": matrix(lambda cell: cell.is_tabulated),
         "plants": source.options.judged,
     }

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from engine.plain import to_plain
 from engine.touch import ZoneState
 from precompute.clicks.evaluation import Levels
 from precompute.clicks.solver import Click
@@ -20,7 +21,6 @@ from tactable.figures.style import (
     THRESHOLD_NOTE,
     Array,
     finish_picture,
-    finite,
     state_text,
     zone_lists,
 )
@@ -105,7 +105,7 @@ def _columns(study: Study) -> dict[str, Sequence[object]]:
         quiet = [click.evaluation.quiet for click in clicks]
         columns[f"felt level, {percent} % (dB above threshold)"] = [getattr(c.evaluation.felt, key) for c in clicks]
         columns[f"quiet level, {percent} % (dB above threshold)"] = [q and getattr(q, key) for q in quiet]
-    columns["upper bound (dB above threshold)"] = [finite(click.bound_db) for click in clicks]
+    columns["upper bound (dB above threshold)"] = to_plain([click.bound_db for click in clicks])
     columns["achieved (1)"] = [int(click.achieved) for click in clicks]
     return columns
 
@@ -121,7 +121,7 @@ def _summary(study: Study) -> dict[str, object]:
                 "scenarios": count,
                 "level_db": click.evaluation.felt.low_db,
                 "quiet_level_db": None if click.evaluation.quiet is None else click.evaluation.quiet.high_db,
-                "upper_bound_db": finite(click.bound_db),
+                "upper_bound_db": click.bound_db,
                 "achieved": click.achieved,
             }
             for varied, length_s, count, click in study.clicks

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from engine.table import Entry, Table
 from tactable.figures.file import Picture
-from tactable.figures.style import COLOUR_MAP, finish_picture, finite, level_text
+from tactable.figures.style import COLOUR_MAP, finish_picture, level_text
 from tactable.figures.zone_map import (
     SINGLE_CELL,
     colour_of,
@@ -47,7 +47,7 @@ def plot_contrast_map(table: Table, level_db: float) -> Picture:
         f"{_range_text(cells)}, level not achieved in {missed} of {len(names) ** 2} states",
         _columns(names, cells),
         {
-            "wanted_level_db": finite(level_db),
+            "wanted_level_db": level_db,
             "zones": names,
             "expected_contrast_db": _contrasts(cells),
             "achieved": [[entry.achieved for entry in row] for row in cells],

@@ -23,7 +23,6 @@ from tactable.figures.style import (
     STATE_COLOUR,
     Array,
     finish_picture,
-    finite,
     level_text,
     state_text,
     zone_lists,
@@ -68,7 +67,7 @@ def plot_course(table: Table, entry: Entry) -> Picture:
         _columns(table, entry, rising),
         {
             **zone_lists(device, entry.states),
-            "wanted_level_db": finite(entry.wanted_level_db),
+            "wanted_level_db": entry.wanted_level_db,
             "t90_s": entry.t90_s,
             "contrast_db": entry.contrast_db,
             "contrast_after_50_ms_db": None if rising.contrast_db is None else _after(rising, PROMPT_MS[1]),

@@ -19,7 +19,6 @@ from tactable.figures.style import (
     GREY,
     THRESHOLD_NOTE,
     VERMILLION,
-    Array,
     draw_zone_edges,
     finish_picture,
 )
@@ -171,13 +170,8 @@ def _summary_of(device: Device, search: PlacementSearch) -> dict[str, object]:
                 "reached": placement.fingers.is_reached,
                 "worst_contrast_db": placement.fingers.worst_db,
                 "median_contrast_db": float(np.nanmedian(placement.fingers.contrast_db)),
-                "contrast_db": _with_gaps(placement.fingers.contrast_db),
+                "contrast_db": placement.fingers.contrast_db,
             }
             for placement in search.judged
         ],
     }
-
-
-def _with_gaps(values: Array) -> list[list[float | None]]:
-    """For JSON, which has no NaN."""
-    return [[None if np.isnan(value) else float(value) for value in row] for row in values]

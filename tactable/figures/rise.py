@@ -18,7 +18,6 @@ from tactable.figures.style import (
     FINGER_NOTE,
     GREY,
     finish_picture,
-    finite,
     level_text,
     zone_names,
 )
@@ -51,7 +50,7 @@ def plot_rise(table: Table, level_db: float) -> Picture:
         f"{100 * within:.0f} % of {len(entries)} states within {PROMPT_MS[1]:g} ms",
         _columns(table, entries),
         {
-            "wanted_level_db": finite(level_db),
+            "wanted_level_db": level_db,
             "states": len(entries),
             "median_t90_s": float(np.median(standard_ms)) / 1e3,
             "median_worst_t90_s": float(np.median(worst_ms)) / 1e3,

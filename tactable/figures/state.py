@@ -24,7 +24,6 @@ from tactable.figures.style import (
     draw_actuators,
     draw_zones,
     finish_picture,
-    finite,
     level_text,
     state_text,
     zone_lists,
@@ -191,7 +190,7 @@ def _columns(envelope: Envelope) -> dict[str, Array]:
 def _summary(table: Table, entry: Entry, tones_hz: Array, threshold: Array) -> dict[str, object]:
     return {
         **zone_lists(table.device, entry.states),
-        "wanted_level_db": finite(entry.wanted_level_db),
+        "wanted_level_db": entry.wanted_level_db,
         "level_db": entry.level_db,
         "achieved": entry.achieved,
         "contrast_db": entry.contrast_db,

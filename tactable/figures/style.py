@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
+from engine.plain import to_plain
 from engine.touch import ZoneState
 from tactable.figures.file import Picture
 
@@ -43,11 +44,6 @@ Columns = Mapping[str, Sequence[Any] | NDArray[Any]]
 def level_text(level_db: float) -> str:
     """A level in words, such as "20 dB"; an infinite one is full scale."""
     return "full scale" if math.isinf(level_db) else f"{level_db:g} dB"
-
-
-def finite(value: float | None) -> float | None:
-    """The value for JSON: None instead of an infinity, which JSON does not have."""
-    return value if value is not None and math.isfinite(value) else None
 
 
 def zone_names(device: Device, states: Sequence[ZoneState], kind: ZoneState) -> list[str]:
@@ -148,4 +144,5 @@ def finish_picture(
     draw_note(figure, device, *notes, origin=origin)
     estimated = ["detection threshold" if note == THRESHOLD_NOTE else note for note in notes]
     named = {"device": device.name, "fingerprint": device.fingerprint, **summary}
-    return Picture(figure, columns, {**named, "estimated": [*estimated, *device.inferred]}, f"{caption}: {words}")
+    plain = to_plain({**named, "estimated": [*estimated, *device.inferred]})
+    return Picture(figure, columns, plain, f"{caption}: {words}")

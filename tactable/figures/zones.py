@@ -168,9 +168,9 @@ def _summary_of(device: Device, shown: _Shown, wanted: Sequence[int]) -> dict[st
     drive = shown.drive
     return {
         "drive": _label(device, drive),
-        "frequency_hz": drive.frequency_hz.tolist(),
-        "amplitude": abs(drive.amplitude).tolist(),
-        "phase_rad": np.angle(drive.amplitude).tolist(),
-        "localized_factor": float(shown.state.share[list(wanted)].sum()) if wanted else None,
+        "frequency_hz": drive.frequency_hz,
+        "amplitude": abs(drive.amplitude),
+        "phase_rad": np.angle(drive.amplitude),
+        "localized_factor": shown.state.share[list(wanted)].sum() if wanted else None,
         "by_zone": dict(zip((zone.name for zone in device.zones), shown.state.share.tolist(), strict=True)),
     }

@@ -1,6 +1,5 @@
 """The switches of the page to the table that plays and the rules that say which finger feels."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -10,6 +9,7 @@ from typing import Any
 from engine.device import Device
 from engine.effects import Effect, Effects, Rule, Segment, Trigger, read_effects
 from engine.effects.rules import FULL_SCALE_DB
+from engine.plain import to_plain
 from engine.table.entry import DEFAULT_LEVEL_DB
 from firmware_link.protocol.errors import TactableError
 from precompute.entries.objective import DEFAULT_OBJECTIVE
@@ -65,14 +65,7 @@ class Choice:
 
     def as_json(self) -> dict[str, Any]:
         """Its switches as plain values; None is full scale."""
-        return {
-            "device": self.device,
-            "source": self.source.value,
-            "rules": self.rules.value,
-            "level_db": self.level_db if math.isfinite(self.level_db) else None,
-            "quiet_zones": list(self.quiet_zones),
-            "is_loaded": self.is_loaded,
-        }
+        return to_plain(self)
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> "Choice":

@@ -6,12 +6,13 @@ import math
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from engine.device import Device, DeviceError
 from engine.loop.ring import RingError, RingReader
+from engine.plain import to_plain
 from engine.table import Table
 from engine.touch.sources.pointer import PointerEvent, PointerFeed
 from firmware_link.child import ChildError, ending_text
@@ -46,7 +47,7 @@ class _Firmware:
         """Raises ChildError when it does not start."""
         configuration = configuration_of(device)
         module = "tactable.page.processes.firmware"
-        child = await AsyncChild.start(module, asdict(configuration), name="the emulated firmware")
+        child = await AsyncChild.start(module, to_plain(configuration), name="the emulated firmware")
         return cls(child, (await child.read())["port"], configuration.number_of_actuators)
 
     async def _read(self) -> None:
@@ -144,7 +145,7 @@ class DemoBackend:
             "status": self._status,
             "trouble": self._trouble,
             "restarts": self.restarts,
-            "building": None if building is None else asdict(building),
+            "building": to_plain(building),
             "clicks": 0 if table is None else len(table.clicks),
             "plays": None if self._plays is None else self._plays.as_json(),
         }

@@ -3,6 +3,7 @@
 from typing import Any
 
 from engine.device import Device
+from engine.plain import to_plain
 
 
 def device_json(device: Device) -> dict[str, Any]:
@@ -11,7 +12,7 @@ def device_json(device: Device) -> dict[str, Any]:
         "name": device.name,
         "description": device.description,
         "length_m": device.bar.length_m,
-        "zones": [{"name": zone.name, "start_m": zone.start_m, "stop_m": zone.stop_m} for zone in device.zones],
+        "zones": to_plain(device.zones),
         "actuators": [{"name": each.name, "position_m": each.position_m} for each in device.actuators],
         "estimates": len(device.inferred),
     }

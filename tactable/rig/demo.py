@@ -4,9 +4,8 @@ The report says for every rendered state whether the simulated bar does what the
 with `measured_` hold simulated values; their names are kept, since programs read them.
 """
 
-import math
 from collections.abc import Collection
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from threadpoolctl import threadpool_limits
 from engine.device import Device
 from engine.effects import DEFAULT_EFFECTS, Effects
 from engine.loop.latency import Stage
+from engine.plain import to_plain
 from engine.table import Table, TableError
 from engine.touch import ZoneState
 from engine.touch.sources.recording import Recording
@@ -139,38 +139,35 @@ def _greatest(run: LiveRun, felt: Felt) -> dict[Wanted, tuple[float, float]]:
 def demo_json(report: DemoReport) -> dict[str, Any]:
     """The report as plain JSON values."""
     run, latency = report.run, report.run.latency.summarise(Stage.AVAILABLE, Stage.WRITTEN)
-    return {
-        "simulated": True,
-        "device": report.device.name,
-        "fingerprint": report.device.fingerprint,
-        "table": str(report.table),
-        "recording": report.recording.name,
-        "speed": report.speed,
-        "reports": run.counters.reports,
-        "touch_frames": run.counters.frames,
-        "state_changes": run.counters.state_changes,
-        "commands_sent": run.counters.commands,
-        "commands_applied": sum(run.applied(change) is not None for change in run.trace),
-        "commands_late": sum(run.came_late(change) for change in run.trace),
-        "set_frames_on_the_wire": run.frames_sent,
-        "reconnects": run.counters.reconnects,
-        "report_to_command": None if latency is None else asdict(latency),
-        "states": [_state_json(report.device, state) for state in report.states],
-        "clicks": [_click_json(report.device, click) for click in report.clicks],
-        "missed_states": [_key_json(key) for key in report.missed],
-        "states_not_rendered": [_key_json(key) for key in report.not_rendered],
-        "agreement": AGREEMENT,
-        "agrees": report.agrees,
-    }
-
-
-def finite_or_none(level_db: float) -> float | None:
-    """The level for JSON, which has no infinity: None stands for full scale."""
-    return level_db if math.isfinite(level_db) else None
+    return to_plain(
+        {
+            "simulated": True,
+            "device": report.device.name,
+            "fingerprint": report.device.fingerprint,
+            "table": report.table,
+            "recording": report.recording.name,
+            "speed": report.speed,
+            "reports": run.counters.reports,
+            "touch_frames": run.counters.frames,
+            "state_changes": run.counters.state_changes,
+            "commands_sent": run.counters.commands,
+            "commands_applied": sum(run.applied(change) is not None for change in run.trace),
+            "commands_late": sum(run.came_late(change) for change in run.trace),
+            "set_frames_on_the_wire": run.frames_sent,
+            "reconnects": run.counters.reconnects,
+            "report_to_command": latency,
+            "states": [_state_json(report.device, state) for state in report.states],
+            "clicks": [_click_json(report.device, click) for click in report.clicks],
+            "missed_states": [_key_json(key) for key in report.missed],
+            "states_not_rendered": [_key_json(key) for key in report.not_rendered],
+            "agreement": AGREEMENT,
+            "agrees": report.agrees,
+        }
+    )
 
 
 def _key_json(wanted: Wanted) -> dict[str, Any]:
-    return {"state": wanted.state, "level_db": finite_or_none(wanted.level_db), "click": wanted.is_click}
+    return {"state": wanted.state, "level_db": wanted.level_db, "click": wanted.is_click}
 
 
 def _state_json(device: Device, state: StateReport) -> dict[str, Any]:
@@ -179,14 +176,14 @@ def _state_json(device: Device, state: StateReport) -> dict[str, Any]:
         "state": entry.index,
         "felt": [entry.zones[i].name for i in state.felt_zones],
         "quiet": [entry.zones[i].name for i in state.zones_in(ZoneState.QUIET)],
-        "wanted_level_db": finite_or_none(entry.wanted_level_db),
+        "wanted_level_db": entry.wanted_level_db,
         "level_db": entry.level_db,
         "achieved": entry.achieved,
         "contrast_db": entry.contrast_db,
         "family": entry.family,
-        "frequencies_hz": list(entry.frequencies_hz),
-        "amplitudes": list(entry.amplitudes),
-        "phases_rad": list(entry.phases_rad),
+        "frequencies_hz": entry.frequencies_hz,
+        "amplitudes": entry.amplitudes,
+        "phases_rad": entry.phases_rad,
         "t90_s": entry.t90_s,
         "promised_localized_factor": entry.localized_factor,
         "measured_localized_factor": state.simulated_factor,
@@ -195,11 +192,11 @@ def _state_json(device: Device, state: StateReport) -> dict[str, Any]:
                 "name": zone.name,
                 "state": promise.state.name.lower(),
                 "promised_share": promise.share,
-                "measured_share": float(state.simulated.share[i]),
+                "measured_share": state.simulated.share[i],
                 "promised_peak_acceleration_m_per_s2": promise.peak_acceleration_m_per_s2,
-                "measured_peak_acceleration_m_per_s2": float(state.simulated.peak[i]),
+                "measured_peak_acceleration_m_per_s2": state.simulated.peak[i],
                 "promised_acceleration_at_finger_m_per_s2": promise.acceleration_at_finger_m_per_s2,
-                "measured_acceleration_at_finger_m_per_s2": _known(state.simulated.at_finger[i]),
+                "measured_acceleration_at_finger_m_per_s2": state.simulated.at_finger[i],
             }
             for i, (zone, promise) in enumerate(zip(device.zones, entry.zones, strict=True))
         ],
@@ -216,28 +213,24 @@ def _click_json(device: Device, report: ClickReport) -> dict[str, Any]:
         "state": click.index,
         "felt": [device.zones[i].name for i in report.felt_zones],
         "quiet": [device.zones[i].name for i in report.zones_in(ZoneState.QUIET)],
-        "wanted_level_db": finite_or_none(click.wanted_level_db),
+        "wanted_level_db": click.wanted_level_db,
         "level_db": click.level_db,
         "achieved": click.achieved,
         "amplitude": click.amplitude,
         "length_s": click.length_s,
         "exceeds_s": click.exceeds_at_s(),
-        "felt_level_db": asdict(click.felt),
-        "quiet_level_db": None if click.quiet is None else asdict(click.quiet),
+        "felt_level_db": click.felt,
+        "quiet_level_db": click.quiet,
         "zones": [
             {
                 "name": zone.name,
                 "state": state.name.lower(),
                 "promised_level_db": None if promise is None else promise.level_db,
                 "promised_acceleration_at_finger_m_per_s2": promise and promise.acceleration_at_finger_m_per_s2,
-                "measured_acceleration_at_finger_m_per_s2": _known(report.at_finger[i]),
+                "measured_acceleration_at_finger_m_per_s2": report.at_finger[i],
             }
             for i, (zone, state, promise) in enumerate(zip(device.zones, click.states, click.zones, strict=True))
         ],
         "greatest_acceleration_under_a_finger_m_per_s2": max(report.felt_m_per_s2, report.quiet_m_per_s2),
         "disagreement": report.disagreement,
     }
-
-
-def _known(value: float) -> float | None:
-    return None if np.isnan(value) else float(value)

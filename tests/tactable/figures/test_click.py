@@ -50,8 +50,8 @@ def test_the_words_are_the_promise(source: ClickSource) -> None:
     assert picture.summary["level_db"] == click.felt.low_db
     assert picture.summary["is_tabulated"] is True
     first, second = picture.summary["fingers"]
-    assert first["peak_db"]["5 %"] == pytest.approx(click.felt.low_db)
-    assert second["peak_db"]["95 %"] == pytest.approx(click.quiet.high_db)
+    assert first["peak_db"]["5 %"] == pytest.approx(click.felt.low_db, abs=1e-3)  # single precision
+    assert second["peak_db"]["95 %"] == pytest.approx(click.quiet.high_db, abs=1e-3)
 
 
 def test_a_level_that_is_not_reached_is_said(source: ClickSource) -> None:
