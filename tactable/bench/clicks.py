@@ -4,7 +4,7 @@ import itertools
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any
 
@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from engine.device import Device
+from engine.plain import to_plain
 from engine.table import Entry
 from engine.touch import ZoneState
 from precompute.clicks.baselines import gate
@@ -51,8 +52,8 @@ def register(bench: typer.Typer) -> None:
         """What clicks do for every pair of zones, beside steady drives switched on and off."""
         device, count = find_device(device_name), workers or available_cores()
         options = replace(DEFAULT_OPTIONS, scenarios=scenarios, judged=judged)
-        with shown_progress(as_json) as told:
-            result = run_clicks_bench(device, options, count, partial(told, "pairs"))
+        with shown_progress(as_json) as on_progress:
+            result = run_clicks_bench(device, options, count, partial(on_progress, "pairs"))
         if as_json:
             print(json.dumps(result, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
         else:
@@ -60,11 +61,12 @@ def register(bench: typer.Typer) -> None:
 
 
 def run_clicks_bench(
-    device: Device, options: ClickOptions, workers: int, told: Callable[[float], None]
+    device: Device, options: ClickOptions, workers: int, on_progress: Callable[[float], None]
 ) -> dict[str, Any]:
     """Felt and quiet levels of every ordered pair of zones, three ways, each as loud as limits and quiet level allow.
 
-    The steady drive is the entry of the level at which it is felt most when gated. SIMULATED; `told` the fraction done.
+    The steady drive is the entry of the level at which it is felt most when gated. SIMULATED. `on_progress` is told the
+    fraction done.
     """
     zones = len(device.zones)
     # Both orders of a pair have the same fingers, and are solved by one process.
@@ -72,14 +74,14 @@ def run_clicks_bench(
     rows, start_s = dict[tuple[int, int], dict[str, Any]](), time.perf_counter()
     for pair, row in solve_in_processes(partial(_begin, device, options), chunks, workers):
         rows[pair] = row
-        told(len(rows) / (zones * (zones - 1)))
+        on_progress(len(rows) / (zones * (zones - 1)))
     ordered = [rows[pair] for pair in sorted(rows)]
     return {
         "simulated": True,
         "device": device.name,
         "estimates": list(device.inferred),
-        "options": asdict(options),
-        "spread": asdict(device.spread),
+        "options": to_plain(options),
+        "spread": to_plain(device.spread),
         "workers": workers,
         "time_s": time.perf_counter() - start_s,
         "pairs": ordered,
@@ -121,7 +123,11 @@ def _best_gated(clicks: ClickSolver, states: States, entries: Sequence[Entry], n
 def _figures(click: Click) -> dict[str, Any]:
     evaluation = click.evaluation
     assert evaluation.quiet is not None  # there is a quiet finger in every pair
-    return {"felt_db": asdict(evaluation.felt), "quiet_db": asdict(evaluation.quiet), "exceeds_s": evaluation.exceeds_s}
+    return {
+        "felt_db": to_plain(evaluation.felt),
+        "quiet_db": to_plain(evaluation.quiet),
+        "exceeds_s": evaluation.exceeds_s,
+    }
 
 
 def _summary(figures: list[dict[str, Any]]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import gc
 import json
 import platform
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,8 +20,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS, EffectPlayer, Effects
-from engine.effects.rule_file import parse_effects
+from engine.effects import DEFAULT_EFFECTS, EffectPlayer, Effects, read_effects
 from engine.render.limits import link_configuration
 from engine.render.prepared import render_table
 from engine.render.renderer import PlayCommand, WhenNotAchieved
@@ -47,93 +46,71 @@ _PAUSE_NS = 1_000_000_000
 _EARLIER_NS = 2_000_000
 Stamps = NDArray[np.float64]
 """Shape (report, stage + 1): ns from the start of the step, NaN for a stage that was not reached."""
-_EVERY_TRIGGER = """
-[[effect]]
-name = "burst"
-envelope = [["50 ms", "{strong:g} dB"]]
-[[effect]]
-name = "purr"
-envelope = [["30 ms", "{strong:g} dB"], ["held", "{weak:g} dB"]]
-[[rule]]
-on = "touch"
-zones = ["{zone}"]
-effect = "purr"
-[[rule]]
-on = "touch"
-region = ["20 %", "100 %"]
-effect = "burst"
-[[rule]]
-on = "drag"
-every = "2 mm"
-effect = "burst"
-[[rule]]
-on = "hold"
-after = "200 ms"
-effect = "purr"
-[[rule]]
-on = "lift"
-effect = "burst"
-"""
+RULES = {"a drive while touched": HELD, "a click for every touch": DEFAULT_EFFECTS}
+"""Rules to compare: none but the simplest, which bring drives; then the default ones, which bring clicks."""
 _out = Console()
 
 
 def register(bench: typer.Typer) -> None:
     """Add the command to the benchmarks."""
-
-    @bench.command("step")
-    def bench_step(
-        table_path: Annotated[
-            Path | None, typer.Argument(metavar="TABLE", help="A built table; default: the demo's, built if need be.")
-        ] = None,
-        recordings: Annotated[
-            list[Path] | None, typer.Option("--recording", help="In hid-recorder form; default: the shipped one.")
-        ] = None,
-        as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
-    ) -> None:
-        """Time each stage from a report to the bytes of its command, for drives, clicks and rules on every trigger."""
-        read = {path.name: read_recording(path) for path in recordings or [DEMO_RECORDING]}
-        with open_table(table_path) as table:
-            result = run_step_bench(table, read)
-        if as_json:
-            print(json.dumps(result, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
-        else:
-            print_step_bench(_out, result)
+    bench.command("step")(bench_step)
 
 
-def rules_for(device: Device) -> dict[str, Effects]:
-    """Rules to compare: the plainest first, then those that bring clicks, then one rule on every trigger."""
-    text = _EVERY_TRIGGER.format(zone=device.zones[0].name, strong=max(device.levels_db), weak=min(device.levels_db))
-    return {
-        "a drive while touched": HELD,
-        "a click for every touch": DEFAULT_EFFECTS,
-        "rules on every trigger": parse_effects(text, "the benchmark's rules", device),
-    }
+def bench_step(
+    table_path: Annotated[
+        Path | None, typer.Argument(metavar="TABLE", help="A built table; default: the demo's, built if need be.")
+    ] = None,
+    recordings: Annotated[
+        list[Path] | None, typer.Option("--recording", help="In hid-recorder form; default: the shipped one.")
+    ] = None,
+    effects_path: Annotated[
+        Path | None,
+        typer.Option("--effects", help="Also with the rules of this file, such as tables/effects/slider.toml."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
+) -> None:
+    """Time each stage from a report to the bytes of its command, for drives and clicks, with and without rules."""
+    read = {path.name: read_recording(path) for path in recordings or [DEMO_RECORDING]}
+    with open_table(table_path) as table:
+        rules = dict(RULES)
+        if effects_path is not None:
+            rules[effects_path.name] = read_effects(effects_path, table.device)
+        result = run_step_bench(table, read, rules)
+    if as_json:
+        print(json.dumps(result, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
+    else:
+        print_step_bench(_out, result)
 
 
-def run_step_bench(table: Table, recordings: dict[str, Recording], rounds: int = ROUNDS) -> dict[str, Any]:
-    """Time every report of each recording, by name, `rounds` times under each set of rules.
+def run_step_bench(
+    table: Table,
+    recordings: Mapping[str, Recording],
+    rules: Mapping[str, Effects] = RULES,
+    rounds: int = ROUNDS,
+) -> dict[str, Any]:
+    """Time every report of each recording `rounds` times under each set of rules, all by their names.
 
     Raises what opening a digitizer or rendering the table raises.
     """
     library = fast_library()
     rows = []
-    for name, recording in recordings.items():
-        steps = {rules: Step(table, recording, effects) for rules, effects in rules_for(table.device).items()}
-        stamps: dict[str, list[Stamps]] = {rules: [] for rules in steps}
+    for recording_name, recording in recordings.items():
+        steps = {name: Step(table, recording, effects) for name, effects in rules.items()}
+        stamps: dict[str, list[Stamps]] = {name: [] for name in steps}
         with _collector_paused():
             for _ in range(rounds):
-                for rules, step in steps.items():
-                    stamps[rules].append(step.run())
+                for name, step in steps.items():
+                    stamps[name].append(step.run())
         compiled = None
         if library is not None and recording.reports:
             measured = measure_in_process(table, replayed(recording), len(recording.reports), library)
             compiled = figures_of(measured.answer_ns[measured.has_command])
         rows.append(
             {
-                "recording": name,
+                "recording": recording_name,
                 "reports": len(recording.reports),
                 "compiled_step": compiled,
-                "rules": [_figures(rules, steps[rules], np.concatenate(stamps[rules])) for rules in steps],
+                "rules": [_figures(name, step, np.concatenate(stamps[name])) for name, step in steps.items()],
             }
         )
         _add_ratios(rows[-1])
@@ -247,17 +224,6 @@ def _collector_paused() -> Iterator[None]:
     finally:
         if was_enabled:
             gc.enable()
-
-
-def time_calls(function: Callable[..., object], arguments: Sequence[tuple[Any, ...]]) -> NDArray[np.int64]:
-    """Ns of each call, less what reading the clock costs; garbage waits, as it does in the loop."""
-    clock, times = time.perf_counter_ns, np.zeros(len(arguments), np.int64)
-    with _collector_paused():
-        for i, values in enumerate(arguments):
-            start_ns = clock()
-            function(*values)
-            times[i] = clock() - start_ns
-    return np.maximum(times - clock_cost_ns(), 0)
 
 
 def clock_cost_ns() -> int:

@@ -10,10 +10,12 @@ turn, a recording at a time, so that all see the same machine. Exit status 1 whe
 
 from __future__ import annotations
 
+import gc
 import importlib
 import json
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +24,6 @@ import numpy as np
 from engine.loop.latency import Percentiles
 from engine.touch import open_digitizer
 from engine.touch.sources.recording import Recording, read_recording
-from tactable.bench.step import time_calls
 
 WANTED = 10.0
 
@@ -62,6 +63,18 @@ def figures_of(times_ns: Any) -> dict[str, float]:
     """Median and 99th percentile in us; none for no report."""
     found = Percentiles.of(times_ns)
     return {"median_us": found.p50_ns / 1e3, "p99_us": found.p99_ns / 1e3} if found else {}
+
+
+def time_calls(function: Callable[..., object], arguments: Sequence[tuple[Any, ...]]) -> Any:
+    """Ns of each call (call,); garbage waits, as it does in the loop."""
+    clock, times = time.perf_counter_ns, np.zeros(len(arguments), np.int64)
+    gc.disable()
+    for i, values in enumerate(arguments):
+        start_ns = clock()
+        function(*values)
+        times[i] = clock() - start_ns
+    gc.enable()
+    return times
 
 
 def reports_of(recording: Recording) -> list[tuple[list[int]]]:

@@ -6,7 +6,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from engine.loop.latency import Stage
 from engine.loop.loop import StateChange, SystemClock
 from engine.loop.realtime import Step
+from engine.plain import to_plain
 from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.table.entry import DEFAULT_LEVEL_DB
@@ -94,10 +95,10 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
         np.savez(segment.samples, **samples, **_predictions(table, samples), **port.applied(bounds))
         parent.say(
             {
-                "outcomes": [asdict(outcome) for outcome in live.outcomes],
-                "loop": asdict(live.loop.counters),
-                "link": asdict(live.link.counters),
-                "digitizer": asdict(live.digitizer.counters),
+                "outcomes": to_plain(live.outcomes),
+                "loop": to_plain(live.loop.counters),
+                "link": to_plain(live.link.counters),
+                "digitizer": to_plain(live.digitizer.counters),
                 "clock_bounds_ns": [bounds.lower_ns, bounds.upper_ns],
             },
         )

@@ -7,7 +7,7 @@ import subprocess
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from engine.device import Device
 from engine.loop.realtime import Outcome, Step, real_time
+from engine.plain import to_plain
 from engine.table import Table
 from firmware_link.child import Child
 from firmware_link.emulator.process import RunningEmulator, run_emulator
@@ -103,7 +104,7 @@ class Bench:
                 far_end = LightDevice(len(self._device.actuators), time.monotonic_ns())
             segment = self._segment(condition, stream, count, path, emulator)
             theirs = [each for each in (their_touch, their_link) if each is not None]
-            engine.write(asdict(segment), [each.fileno() for each in theirs])
+            engine.write(to_plain(segment), [each.fileno() for each in theirs])
             _close(theirs)
             # The engine greets and arms the device, whose far end must be served meanwhile.
             LoadGenerator(Schedule.none(), touch, link, far_end, keeps_open=True).run(engine.fileno())

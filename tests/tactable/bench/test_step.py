@@ -1,4 +1,4 @@
-"""The benchmark of the in-process step: every stage of every report, for drives, clicks and every trigger."""
+"""The benchmark of the in-process step: every stage of every report, for drives and clicks."""
 
 import io
 import json
@@ -9,10 +9,11 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from engine.effects import read_effects
 from engine.table import Table
-from tactable.bench.step import STAGES, print_step_bench, rules_for, run_step_bench
+from tactable.bench.step import RULES, STAGES, print_step_bench, run_step_bench
 from tactable.rig.virtual_digitizer import Stroke, make_recording
-from tactable.shipped import find_device
+from tactable.shipped import device_folder, find_device
 from tests.engine.made_clicks import click_of
 from tests.engine.made_entries import entry_of, felt_states
 from tests.engine.made_table import write_table
@@ -25,21 +26,22 @@ RECORDING = make_recording((Stroke(0.0, 0.4, 0.1, 0.9), Stroke(0.1, 0.3, 0.5, 0.
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     states = felt_states(DEVICE)
-    levels_db = {level_db for effects in rules_for(DEVICE).values() for level_db in effects.levels_db}
+    rules = {**RULES, "slider": read_effects(device_folder().parent / "effects" / "slider.toml", DEVICE)}
+    levels_db = {level_db for effects in rules.values() for level_db in effects.levels_db}
     entries = [entry_of(DEVICE, state, wanted_level_db=level_db) for level_db in sorted(levels_db) for state in states]
     clicks = [click_of(DEVICE, state) for state in states]
     path = write_table(tmp_path_factory.mktemp("bench") / "bar.nc", DEVICE, entries, clicks)
     recordings = {"strokes": RECORDING, "none": replace(RECORDING, reports=())}
     with Table.open(path, verify=False) as table:
-        return run_step_bench(table, recordings, ROUNDS)
+        return run_step_bench(table, recordings, rules, ROUNDS)
 
 
 def test_every_stage_of_every_command_is_timed_and_the_decoding_of_every_report(result: dict[str, Any]) -> None:
     strokes, _ = result["recordings"]
-    held, clicked, every = strokes["rules"]
+    held, clicked, slid = strokes["rules"]
     assert held["commands"]["SET"] > 0 == held["commands"]["PLAY"]
     assert clicked["commands"]["PLAY"] >= 2 * ROUNDS
-    assert every["commands"]["SET"] > 0
+    assert slid["commands"]["PLAY"] >= 2 * ROUNDS
     for found in strokes["rules"]:
         stages = found["stages"]
         assert list(stages) == list(STAGES)
@@ -66,4 +68,4 @@ def test_a_recording_without_reports_has_no_figures(result: dict[str, Any]) -> N
     json.dumps(result, allow_nan=False)
     page = io.StringIO()
     print_step_bench(Console(file=page, width=200), result)
-    assert "rules on every trigger" in page.getvalue()
+    assert "slider" in page.getvalue()
