@@ -223,58 +223,82 @@ def _fill_transfer(
     """Transfer functions (scenario, finger, actuator, line), scenario by scenario.
 
     shape (scenario, place, mode): the actuators first, then the fingers; damper (scenario, actuator); impedance
-    (scenario, finger, 3): stiffness, damping, mass; force (scenario, actuator, 2). Real and imaginary parts stand in
-    arrays of their own, along lines: so the loops over lines are vector instructions.
+    (scenario, finger, 3): stiffness, damping, mass; force (scenario, actuator, 2). Real and imaginary parts are
+    separate arrays along the lines, so that the loops over lines become vector instructions.
     """
     scenarios, fingers, actuators, count = out.shape
     places = actuators + fingers
     real, imag = s.real.copy(), s.imag.copy()
-    out_real, out_imag = factor.real.copy(), factor.imag.copy()
+    factor_real, factor_imag = factor.real.copy(), factor.imag.copy()
     g, h = np.empty((places, places, count), np.float32), np.empty((places, places, count), np.float32)
-    column_real, column_imag = np.empty((places, count), np.float32), np.empty((places, count), np.float32)
-    u, v = np.empty(count, np.float32), np.empty(count, np.float32)
-    c, d = np.empty(count, np.float32), np.empty(count, np.float32)
     for i in range(scenarios):
-        # Receptances g + j h of the bar with the actuators' springs and masses: sums over modes, upper triangle.
-        for p in range(places):
-            for q in range(p, places):
-                g[p, q], h[p, q] = 0.0, 0.0
-                for m in range(shape.shape[2]):
-                    weight = shape[i, p, m] * shape[i, q, m]
-                    for k in range(count):
-                        g[p, q, k] += weight * pole[i, m, 0, k]
-                        h[p, q, k] += weight * pole[i, m, 1, k]
-        for j in range(places):
-            # u + j v = z / (1 + z g_jj), z the impedance times s that is added at place j.
-            if j < actuators:
-                stiffness, damping, mass = np.float32(0.0), damper[i, j], np.float32(0.0)
-            else:
-                stiffness, damping, mass = impedance[i, j - actuators]
-            for k in range(count):
-                a = stiffness + damping * real[k] + mass * (real[k] * real[k] - imag[k] * imag[k])
-                b = imag[k] * (damping + 2 * mass * real[k])
-                x = 1 + a * g[j, j, k] - b * h[j, j, k]
-                y = a * h[j, j, k] + b * g[j, j, k]
-                scale = 1 / (x * x + y * y)
-                u[k], v[k] = (a * x + b * y) * scale, (b * x - a * y) * scale
-            # G becomes G - G_j (u + j v) G_j^T, from its column j as it was.
-            for p in range(places):
-                low, high = min(p, j), max(p, j)
-                column_real[p], column_imag[p] = g[low, high], h[low, high]
-            for p in range(places):
-                for k in range(count):
-                    c[k] = column_real[p, k] * u[k] - column_imag[p, k] * v[k]
-                    d[k] = column_real[p, k] * v[k] + column_imag[p, k] * u[k]
-                # Between two actuators nothing is needed once their own dampers are in.
-                for q in range(p if j < actuators else max(p, actuators), places):
-                    for k in range(count):
-                        g[p, q, k] -= c[k] * column_real[q, k] - d[k] * column_imag[q, k]
-                        h[p, q, k] -= c[k] * column_imag[q, k] + d[k] * column_real[q, k]
+        _sum_modes(pole[i], shape[i], g, h)
+        for j in range(actuators):
+            _add_impedance(g, h, j, 0, real, imag, np.float32(0.0), damper[i, j], np.float32(0.0))
+        for f in range(fingers):
+            # Between two actuators nothing is needed once their own dampers are in.
+            stiffness, damping, mass = impedance[i, f]
+            _add_impedance(g, h, actuators + f, actuators, real, imag, stiffness, damping, mass)
         for f in range(fingers):
             for n in range(actuators):
                 spring, rate = force[i, n]
                 for k in range(count):
                     a, b = spring + rate * real[k], rate * imag[k]
-                    x, y = a * out_real[k] - b * out_imag[k], a * out_imag[k] + b * out_real[k]
+                    x, y = a * factor_real[k] - b * factor_imag[k], a * factor_imag[k] + b * factor_real[k]
                     real_part = x * g[n, actuators + f, k] - y * h[n, actuators + f, k]
                     out[i, f, n, k] = complex(real_part, x * h[n, actuators + f, k] + y * g[n, actuators + f, k])
+
+
+@njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
+def _sum_modes(pole: Single, shape: Single, g: Single, h: Single) -> None:
+    """Receptances g + j h (place, place, line), upper triangle: sums over modes of the bar with springs and masses."""
+    for p in range(len(shape)):
+        for q in range(p, len(shape)):
+            g[p, q], h[p, q] = 0.0, 0.0
+            for m in range(shape.shape[1]):
+                weight = shape[p, m] * shape[q, m]
+                for k in range(g.shape[2]):
+                    g[p, q, k] += weight * pole[m, 0, k]
+                    h[p, q, k] += weight * pole[m, 1, k]
+
+
+@njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
+def _add_impedance(
+    g: Single,
+    h: Single,
+    j: int,
+    first: int,
+    real: Single,
+    imag: Single,
+    stiffness: np.float32,
+    damping: np.float32,
+    mass: np.float32,
+) -> None:
+    """Attach z = stiffness + damping s + mass s^2 at place j: G becomes G - G_j z / (1 + z G_jj) G_j^T.
+
+    g + j h (place, place, line), upper triangle; pairs of places that are both before `first` are left as they are.
+    """
+    places, count = g.shape[0], g.shape[2]
+    column_real, column_imag = np.empty((places, count), np.float32), np.empty((places, count), np.float32)
+    u, v = np.empty(count, np.float32), np.empty(count, np.float32)
+    c, d = np.empty(count, np.float32), np.empty(count, np.float32)
+    for p in range(places):
+        low, high = min(p, j), max(p, j)
+        column_real[p], column_imag[p] = g[low, high], h[low, high]
+    # u + j v = z / (1 + z G_jj)
+    for k in range(count):
+        a = stiffness + damping * real[k] + mass * (real[k] * real[k] - imag[k] * imag[k])
+        b = imag[k] * (damping + 2 * mass * real[k])
+        x = 1 + a * column_real[j, k] - b * column_imag[j, k]
+        y = a * column_imag[j, k] + b * column_real[j, k]
+        scale = 1 / (x * x + y * y)
+        u[k], v[k] = (a * x + b * y) * scale, (b * x - a * y) * scale
+    # c + j d = G_pj (u + j v)
+    for p in range(places):
+        for k in range(count):
+            c[k] = column_real[p, k] * u[k] - column_imag[p, k] * v[k]
+            d[k] = column_real[p, k] * v[k] + column_imag[p, k] * u[k]
+        for q in range(max(p, first), places):
+            for k in range(count):
+                g[p, q, k] -= c[k] * column_real[q, k] - d[k] * column_imag[q, k]
+                h[p, q, k] -= c[k] * column_imag[q, k] + d[k] * column_real[q, k]

@@ -156,7 +156,7 @@ class Program:
 
     def _with_value(self, rows: Array) -> Array:
         """Rows (row, unknown) of rows (row, tone): the value of several aims has no part in them."""
-        return np.pad(rows, ((0, 0), (0, self._unknowns - self._tones)))
+        return np.column_stack([rows, np.zeros(len(rows))]) if self._extra else rows
 
     def _aim_at(self, aims: Array) -> Array:
         """The objective (unknown,) of aims (aim, tone), whose rows it changes where there are several."""

@@ -110,6 +110,68 @@ def _choose_hot(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def _choose_entering(value: Array, low: Array, high: Array, scale: Array, weight: Array, place: Integers) -> int:
+    """The nonbasic row with the greatest excess^2 / weight, excesses relative to the scale; -1 where none is beyond."""
+    entering, best = -1, 0.0
+    for h in range(len(value)):
+        excess = max(value[h] - high[h], low[h] - value[h]) / scale[h]
+        if place[h] < 0 and excess > TOLERANCE and excess * excess > best * weight[h]:
+            entering, best = h, excess * excess / weight[h]
+    return entering
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _choose_leaving(
+    alpha: Array, sign: float, slope: float, price: Array, target: Array, low: Array, high: Array, smallest: float
+) -> tuple[int, float, int]:
+    """Ratio test with bound flipping, for an entering row that is alpha (unknown,) times the basic rows.
+
+    sign: 1.0 where the entering row is above its limits, -1.0 below; slope: by how much. target, low, high (unknown,):
+    the limit of each basic row, and both of its limits; the targets of rows that flip are changed. Returns the leaving
+    basic row (-1 for none), the step of the prices, and how many rows were flipped.
+    """
+    n = len(alpha)
+    breaking, ratio = np.empty(n, np.int64), np.empty(n)
+    # Breakpoints: how far the entering price may go until the price of a basic row changes its sign.
+    breaks = 0
+    for k in range(n):
+        side = 1.0 if target[k] == high[k] else -1.0
+        towards = side * sign * alpha[k]
+        if towards > 1e-9:
+            breaking[breaks], ratio[breaks] = k, max(side * price[k], 0.0) / towards
+            breaks += 1
+    flipped = 0
+    while breaks > 0:
+        first = int(ratio[:breaks].argmin())
+        for b in range(breaks):  # of ties, the largest pivot
+            if ratio[b] <= ratio[first] + smallest and abs(alpha[breaking[b]]) > abs(alpha[breaking[first]]):
+                first = b
+        k, step = breaking[first], ratio[first]
+        loss = abs(alpha[k]) * (high[k] - low[k])
+        if slope <= loss or breaks == 1:
+            return k, step, flipped
+        # The bound still falls beyond this breakpoint: the basic row goes to its other limit.
+        slope -= loss
+        target[k] = low[k] if target[k] == high[k] else high[k]
+        flipped += 1
+        breaks -= 1
+        breaking[first], ratio[first] = breaking[breaks], ratio[breaks]
+    return -1, 0.0, flipped
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _exchange(inverse: Array, alpha: Array, leaving: int, direction: Array) -> None:
+    """Update the inverse for the exchange of one row, and fill direction (unknown,): how x moves with that row."""
+    n = len(alpha)
+    for j in range(n):
+        direction[j] = inverse[j, leaving] / alpha[leaving]
+    for j in range(n):
+        for k in range(n):
+            inverse[j, k] -= direction[j] * alpha[k]
+        inverse[j, leaving] = direction[j]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def maximise(
     rows: Array,
     low: Array,
@@ -131,18 +193,11 @@ def maximise(
     position of a row in the basis, -1 for none; inverse (unknown, unknown) of rows[basis], valid if `is_fresh`.
     x, price (unknown,), value (row,) are results. Returns an Outcome and the number of pivots.
     """
-    n, count = len(basis), len(low)
+    n = len(basis)
     target = np.empty(n)  # the limit at which each basic row is held
     alpha, direction = np.empty(n), np.empty(n)
-    breaking, ratio = np.empty(n, np.int64), np.empty(n)
-    hot, hot_place = np.empty(HOT_ROWS, np.int64), np.empty(HOT_ROWS, np.int64)
-    hot_rows, hot_value, weight, change = (
-        np.empty((HOT_ROWS, n)),
-        np.empty(HOT_ROWS),
-        np.empty(HOT_ROWS),
-        np.empty(HOT_ROWS),
-    )
-    largest_cost = np.abs(cost).max()
+    hot = np.empty(HOT_ROWS, np.int64)
+    smallest = 1e-10 * np.abs(cost).max()  # prices closer than this are equal
     pivots, since_inverse, is_exact = 0, PIVOTS_AN_INVERSE, False
     while True:
         if since_inverse >= PIVOTS_AN_INVERSE:
@@ -153,105 +208,55 @@ def maximise(
             for k in range(n):
                 target[k] = high[basis[k]] if price[k] >= 0 else low[basis[k]]
             x[:] = np.dot(inverse, target)
-        value[:count] = np.dot(rows, x)
-        found, worst = _choose_hot(value[:count], low, high, scale, place, hot)
+        # A look at all rows: which are beyond their limits or near them?
+        value[:] = np.dot(rows, x)
+        found, worst = _choose_hot(value, low, high, scale, place, hot)
         if worst <= TOLERANCE:
             if is_exact:
                 return Outcome.OPTIMAL, pivots
             since_inverse = PIVOTS_AN_INVERSE
             continue
-        for h in range(found):
-            hot_rows[h] = rows[hot[h]]
-            hot_value[h], weight[h], hot_place[h] = value[hot[h]], 1.0, -1
-        looked_at = hot_rows[:found]
+        chosen = hot[:found]
+        hot_rows, hot_value, hot_place = rows[chosen], value[chosen], place[chosen]
+        hot_low, hot_high, hot_scale, weight = low[chosen], high[chosen], scale[chosen], np.ones(found)
         for _ in range(PIVOTS_A_LOOK):
             if np.dot(cost, x) <= floor:
                 return Outcome.BELOW_FLOOR, pivots
-            # Entering row: the greatest excess^2 / weight.
-            entering, best = -1, 0.0
-            for h in range(found):
-                if hot_place[h] < 0:
-                    i = hot[h]
-                    excess = max(hot_value[h] - high[i], low[i] - hot_value[h])
-                    if excess > TOLERANCE * scale[i] and excess * excess / (weight[h] * scale[i] * scale[i]) > best:
-                        entering, best = h, excess * excess / (weight[h] * scale[i] * scale[i])
+            entering = _choose_entering(hot_value, hot_low, hot_high, hot_scale, weight, hot_place)
             if entering < 0:
                 break
             if pivots >= _MOST_PIVOTS:
                 return Outcome.FAILED, pivots
-            row = hot[entering]
-            is_above = hot_value[entering] > high[row]
-            sign = 1.0 if is_above else -1.0
-            slope = hot_value[entering] - high[row] if is_above else low[row] - hot_value[entering]
+            is_above = hot_value[entering] > hot_high[entering]
+            sign, limit = (1.0, hot_high[entering]) if is_above else (-1.0, hot_low[entering])
             alpha[:] = np.dot(hot_rows[entering], inverse)
-            # Breakpoints: how far the entering price may go until the price of a basic row changes its sign.
-            breaks = 0
-            for k in range(n):
-                side = 1.0 if target[k] == high[basis[k]] else -1.0
-                towards = side * sign * alpha[k]
-                if towards > 1e-9:
-                    breaking[breaks], ratio[breaks] = k, max(side * price[k], 0.0) / towards
-                    breaks += 1
-            leaving, step, is_flipped = -1, 0.0, False
-            while breaks > 0:
-                first = int(ratio[:breaks].argmin())
-                # Of ties, the largest pivot.
-                for b in range(breaks):
-                    if ratio[b] <= ratio[first] + 1e-10 * largest_cost and abs(alpha[breaking[b]]) > abs(
-                        alpha[breaking[first]]
-                    ):
-                        first = b
-                k, step = breaking[first], ratio[first]
-                gap = high[basis[k]] - low[basis[k]]
-                if slope <= abs(alpha[k]) * gap or breaks == 1:
-                    leaving = k
-                    break
-                # The bound still falls beyond this breakpoint: the basic row goes to its other limit.
-                slope -= abs(alpha[k]) * gap
-                moved = -gap if target[k] == high[basis[k]] else gap
-                target[k] = low[basis[k]] if moved < 0 else high[basis[k]]
-                for j in range(n):
-                    x[j] += moved * inverse[j, k]
-                is_flipped = True
-                breaks -= 1
-                breaking[first], ratio[first] = breaking[breaks], ratio[breaks]
+            slope = abs(hot_value[entering] - limit)
+            leaving, step, flipped = _choose_leaving(
+                alpha, sign, slope, price, target, low[basis], high[basis], smallest
+            )
             if leaving < 0:
                 return Outcome.FAILED, pivots
-            pivot = alpha[leaving]
-            if abs(pivot) < _SMALLEST_PIVOT and since_inverse > 0:
+            if abs(alpha[leaving]) < _SMALLEST_PIVOT and since_inverse > 0:
                 since_inverse = PIVOTS_AN_INVERSE
                 break
             # Prices, x and values along the direction in which only the leaving row moves.
-            for k in range(n):
-                price[k] -= sign * step * alpha[k]
+            if flipped:
+                x[:] = np.dot(inverse, target)
+                hot_value[:] = np.dot(hot_rows, x)
+            length = limit - hot_value[entering]
+            pivot, entering_weight, left = alpha[leaving], weight[entering], basis[leaving]
+            price -= sign * step * alpha
             price[leaving] = sign * step
-            for j in range(n):
-                direction[j] = inverse[j, leaving] / pivot
-            limit = high[row] if is_above else low[row]
-            length = limit - np.dot(hot_rows[entering], x)
-            for j in range(n):
-                x[j] += length * direction[j]
-            change[:found] = np.dot(looked_at, direction)
-            if is_flipped:
-                hot_value[:found] = np.dot(looked_at, x)
-            else:
-                for h in range(found):
-                    hot_value[h] += length * change[h]
-            entering_weight = weight[entering]
+            _exchange(inverse, alpha, leaving, direction)
+            x += length * direction
+            change = np.dot(hot_rows, direction)
             for h in range(found):
+                hot_value[h] += length * change[h]
                 weight[h] = max(weight[h], change[h] * change[h] * entering_weight)
-            # Rank-one update of the inverse, and the exchange.
-            for j in range(n):
-                for k in range(n):
-                    inverse[j, k] -= direction[j] * alpha[k]
-                inverse[j, leaving] = direction[j]
-            left = basis[leaving]
-            place[left] = -1
-            for h in range(found):
-                if hot[h] == left:
-                    hot_place[h] = -1
-                    weight[h] = max(entering_weight / (pivot * pivot), 1.0)
-            basis[leaving], target[leaving], place[row], hot_place[entering] = row, limit, leaving, leaving
+                if chosen[h] == left:
+                    hot_place[h], weight[h] = -1, max(entering_weight / (pivot * pivot), 1.0)
+            place[left], place[chosen[entering]], hot_place[entering] = -1, leaving, leaving
+            basis[leaving], target[leaving] = chosen[entering], limit
             since_inverse += 1
             pivots += 1
             is_exact = False
