@@ -18,9 +18,8 @@ from engine.touch import state_index
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import KEPT_FOR_NOW, OUTDATED, Part, Recipe, plays_on, rests_on
 from precompute.builder.measured_responses import source_attributes, write_measured
+from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, solve_clicks
 from precompute.clicks.columns import ClickTabulator
-from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
-from precompute.clicks.solver import solve_clicks
 from precompute.clicks.store import ClickStore
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES
 from precompute.entries.prediction import MadeFor, States, touched_zones

@@ -8,7 +8,7 @@ from typing import Any
 
 from engine.device import Device
 from engine.table import Table, TableError
-from precompute.clicks.options import ClickOptions
+from precompute.clicks import ClickOptions
 from precompute.entries.prediction import MadeFor
 
 

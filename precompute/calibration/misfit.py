@@ -6,9 +6,9 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from precompute.measurements import Kind, Measurements
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Parameter
-from precompute.measurements.types import Kind, Measurements
 
 Array = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.plain import to_plain
 from precompute.calibration.calibrate import Calibration
+from precompute.measurements import Kind, lay_out
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Bounds, Parameter, find_parameters
-from precompute.measurements.types import Kind, lay_out
 
 Array = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 """Search for the instants at which felt fingers are to peak: branch by instant and sign, prune by dual bounds.
 
-A click is judged by the greatest magnitude of each felt finger's time course, whenever it comes. That is not concave,
-but for a given instant and sign of every felt finger (an aim) the strongest click is a linear program. With F felt
+A click counts by the greatest magnitude of each felt finger's time course, whenever it comes. That is not concave, but
+for a given instant and sign of every felt finger (an aim) the strongest click is a linear program. With F felt
 fingers and N instants there are (2 N)^F / 2 aims, too many to try. So:
 
 1. All fingers share one instant, on a grid of STEP_S, with every combination of signs; the sign of the first finger is

@@ -27,7 +27,7 @@ from precompute.calibration.pairwise import fit_pairwise
 from precompute.calibration.report import calibration_report, report_markdown
 from precompute.fleet.figures import compute_table_figures, evaluate_table
 from precompute.fleet.units import FleetError, Job, Outcome
-from precompute.measurements.file import read_measurements
+from precompute.measurements import read_measurements
 from precompute.measurements.parameters import default_names
 
 TABLE = "table.nc"

@@ -17,9 +17,8 @@ from engine.device import Device
 from engine.plain import to_plain
 from engine.table import Entry
 from engine.touch import ZoneState
+from precompute.clicks import DEFAULT_OPTIONS, Click, ClickOptions, ClickSolver
 from precompute.clicks.baselines import gate
-from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
-from precompute.clicks.solver import Click, ClickSolver
 from precompute.entries.alternatives import paper_drive
 from precompute.entries.prediction import States
 from precompute.entries.solver import EntrySolver

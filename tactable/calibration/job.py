@@ -47,7 +47,7 @@ class CalibrationJob:
         from precompute.calibration.calibrate import calibrate
         from precompute.calibration.pairwise import fit_pairwise
         from precompute.calibration.report import calibration_report
-        from precompute.measurements.file import read_measurements
+        from precompute.measurements import read_measurements
 
         check_new_folder(self.folder)
         raw = self.measurements.read_bytes()

@@ -144,7 +144,7 @@ def plan_measurements(
 
     from precompute.calibration.calibrate import calibrate as fit_device
     from precompute.calibration.plan import Accuracy, Criterion, plan_after, plan_first
-    from precompute.measurements.file import read_measurements
+    from precompute.measurements import read_measurements
     from tactable.calibration.page import print_plan
     from tactable.cli.calibrate_options import read_choice, read_option, read_parameters
 
@@ -184,11 +184,10 @@ def simulate_measurements(
     seed: Annotated[int, typer.Option(min=0, help="Of the noise.")] = 0,
 ) -> None:
     """Write what measurements of a device would look like, marked SIMULATED: to try a calibration, and to plan one."""
-    from precompute.measurements import CalibrationError
+    from precompute.measurements import CalibrationError, lay_out
     from precompute.measurements.csv import write_csv
     from precompute.measurements.parameters import with_changes
     from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
-    from precompute.measurements.types import lay_out
     from tactable.cli.calibrate_options import read_changes, read_drives, read_option
 
     device = find_device(device_name)

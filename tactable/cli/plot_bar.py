@@ -42,8 +42,7 @@ def response(
     as_json: AsJson = False,
 ) -> None:
     """Acceleration along the bar of one or more drives at full scale, with measured points if there are any."""
-    from precompute.measurements.file import read_measurements
-    from precompute.measurements.types import lay_out
+    from precompute.measurements import lay_out, read_measurements
     from tactable.cli.calibrate_options import read_drives, read_option
     from tactable.figures.response import plot_response
 

@@ -13,8 +13,8 @@ from engine.plain import to_plain
 from engine.table import ClickEntry, Table
 from engine.table.click import ClickZone, LevelSpread, played_at
 from engine.touch import ZoneState
+from precompute.clicks import ClickOptions
 from precompute.clicks.evaluation import Levels
-from precompute.clicks.options import ClickOptions
 from tactable.explain.click_rivals import Rival, solve_rivals
 from tactable.explain.click_source import ClickSource
 from tactable.figures.style import level_text, state_text, zone_names

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from engine.table import ClickEntry
+from precompute.clicks import Click
 from precompute.clicks.baselines import BASELINES
-from precompute.clicks.solver import Click
 from tactable.explain.click_source import ClickSource
 
 _TIE_DB = 0.05

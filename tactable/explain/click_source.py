@@ -9,9 +9,8 @@ from typing import Any
 from engine.table import ClickEntry, Table, TableError
 from engine.table.click import played_at
 from engine.touch import ZoneState, state_index
+from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
 from precompute.clicks.columns import ClickTabulator
-from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
-from precompute.clicks.solver import ClickSolver
 from precompute.entries.prediction import States
 
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from engine.device import Device
-from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
-from precompute.clicks.solver import Click, ClickSolver
+from precompute.clicks import DEFAULT_OPTIONS, Click, ClickOptions, ClickSolver
 from precompute.entries.prediction import States
 
 

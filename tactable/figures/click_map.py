@@ -10,7 +10,7 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from engine.table import ClickEntry
-from precompute.clicks.solver import Click
+from precompute.clicks import Click
 from tactable.explain.click_rivals import judge_rival
 from tactable.explain.click_source import ClickSource
 from tactable.figures.click import SPREAD_NOTE

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from engine.plain import to_plain
 from engine.touch import ZoneState
+from precompute.clicks import Click
 from precompute.clicks.evaluation import Levels
-from precompute.clicks.solver import Click
 from tactable.explain.click_study import Study
 from tactable.figures.click import SPREAD_NOTE
 from tactable.figures.file import Picture

@@ -22,9 +22,9 @@ from threadpoolctl import threadpool_limits
 from engine.device import Device
 from precompute.calibration.calibrate import Known, calibrate
 from precompute.calibration.misfit import Loss
+from precompute.measurements import lay_out
 from precompute.measurements.parameters import default_names, find_parameters, with_changes
 from precompute.measurements.simulate import SENSOR_MASS_KG, Flaws, even_places, simulate_measurements
-from precompute.measurements.types import lay_out
 from tactable.shipped import find_device
 
 Array = NDArray[np.float64]

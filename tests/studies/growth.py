@@ -23,8 +23,7 @@ from threadpoolctl import threadpool_limits
 
 from engine.device import Device, Zone
 from engine.device.file import ROMAN
-from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
-from precompute.clicks.solver import ClickSolver
+from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
 from precompute.entries.prediction import States, touched_zones
 from precompute.entries.solver import tabulated_states
 from precompute.parallel.pool import solve_in_processes

@@ -23,7 +23,7 @@ from engine.table import Table
 from engine.table.history import previous_of, replace_table
 from precompute.builder.build import build_table
 from precompute.builder.incremental import outdated_parts
-from precompute.clicks.options import ClickOptions
+from precompute.clicks import ClickOptions
 from precompute.fleet.work import DEVICE, OUTCOME, TABLE
 from tests.precompute.fleet.small_fleet import small_text, write_measurements, write_unit
 from tests.studies.watched_run import resting_run

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from engine.device import Device
 from precompute.builder.build import build_table
-from precompute.clicks.options import ClickOptions
+from precompute.clicks import ClickOptions
 from tests.precompute.builder.test_build import SMALL
 
 CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=4, trimmed=10, judged=20)

@@ -10,8 +10,8 @@ from engine.device import Device
 from engine.table import ClickEntry, Table
 from engine.touch import ZoneState
 from precompute.builder.build import build_table
+from precompute.clicks import ClickOptions
 from precompute.clicks.basis import EVALUATION_RATE_HZ
-from precompute.clicks.options import ClickOptions
 from precompute.clicks.store import ClickStore
 from precompute.entries.solver import tabulated_states
 from tests.engine.made_clicks import click_of

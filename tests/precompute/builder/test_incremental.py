@@ -13,7 +13,7 @@ from engine.table.history import previous_of
 from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import Part, Recipe, is_current, outdated_parts
-from precompute.clicks.options import ClickOptions
+from precompute.clicks import ClickOptions
 from tests.precompute.builder.test_build import SMALL
 
 CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=2, trimmed=6, judged=10)

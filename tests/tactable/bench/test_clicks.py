@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from precompute.clicks.solver import ClickSolver
+from precompute.clicks import ClickSolver
 from tactable.bench.clicks import print_clicks_bench, run_clicks_bench
 from tests.precompute.clicks.click_cases import CHEAP, states
 from tests.precompute.devices import shipped, with_zones

@@ -13,7 +13,7 @@ from engine.table import Table
 from engine.table.history import previous_of
 from precompute.builder.build import build_table
 from precompute.builder.incremental import Part, outdated_parts
-from precompute.clicks.options import ClickOptions
+from precompute.clicks import ClickOptions
 from tactable.cli.calibrate import EXIT_DOUBTFUL
 from tactable.cli.main import app
 from tests.precompute.builder.test_build import SMALL

@@ -8,8 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from engine.table import Table
+from precompute.measurements import Kind
 from precompute.measurements.csv import write_csv
-from precompute.measurements.types import Kind
 from tactable.cli.main import app
 from tests.precompute.fleet.small_fleet import small_text
 from tests.precompute.measurements.test_responses import COARSE, rows

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from engine.table import Table, TableError
-from precompute.clicks.options import DEFAULT_OPTIONS
+from precompute.clicks import DEFAULT_OPTIONS
 from tactable.explain.click_source import ClickSource, read_click_options
 from tests.tactable.click_table import CHEAP, build_click_table
 

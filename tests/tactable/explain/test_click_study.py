@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from engine.table.table import states_of
-from precompute.clicks.solver import ClickSolver
+from precompute.clicks import ClickSolver
 from tactable.explain.click_source import ClickSource
 from tactable.explain.click_study import Study, run_study
 from tactable.figures.click_study import plot_click_study

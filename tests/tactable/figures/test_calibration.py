@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from precompute.calibration.calibrate import calibrate
-from precompute.measurements.types import Kind
+from precompute.measurements import Kind
 from tactable.figures.calibration import calibration_png, plot_calibration
 from tactable.figures.response import reading_along
 from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration

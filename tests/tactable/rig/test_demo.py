@@ -18,7 +18,7 @@ from engine.touch import ZoneState
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator import Cause, DriveEvent
 from precompute.builder.build import build_table
-from precompute.clicks.options import ClickOptions
+from precompute.clicks import ClickOptions
 from tactable.rig.bar import ENVELOPE_S, Simulated, SimulatedBar
 from tactable.rig.demo import find_missed
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, StateReport
