@@ -4,14 +4,14 @@ A child is `python -m firmware_link.child MODULE`: it calls `MODULE.main(parent,
 output are one Unix socket, whose other end the parent holds.
 
 - The parent writes lines of JSON: first the arguments, then whatever the child understands. The end of the stream asks
-  the child to end. The system also closes the socket of a parent that was killed, so a child that watches `Parent`
-  outlives nobody; a child that computes instead calls `Parent.end_with_it`.
+  the child to end. The system closes the socket of a parent that was killed, too, so a child that watches its `Parent`
+  ends with it; a child that computes and does not look calls `Parent.end_with_it`.
 - The child writes lines of JSON: first that it is ready, at the end perhaps `{"error": text}`. The parent raises that
   text as a ChildError. Standard error is inherited, so notes and tracebacks appear at once.
 - Each child leads a session of its own: Ctrl-C in a terminal reaches the parent only, which ends its children in order.
 
-Descriptors travel with a line, since a Unix socket carries them. An alternative is `multiprocessing`, whose children
-repeat the import of the main module and share its signals; a fresh interpreter starts in a known state.
+Descriptors travel with a line, which a pipe could not carry. `multiprocessing` would import the parent's main module in
+the child and leave it in the parent's session; a fresh interpreter starts in a known state.
 """
 
 import contextlib
@@ -147,7 +147,7 @@ class Child:
 
 
 class Parent:
-    """The child's end of the stream. Readable when the parent has said something, or asks for the end."""
+    """The child's end of the stream: readable when the parent has said something, or asks for the end."""
 
     def __init__(self) -> None:
         # The stream leaves descriptors 0 and 1: grandchildren and a stray `print` must not reach it.
@@ -157,7 +157,7 @@ class Parent:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
         self._received = bytearray()
         self.descriptors: list[int] = []
-        """Those that came with the lines so far; whoever takes one removes it."""
+        """Descriptors that came with the lines so far; their user removes and closes them."""
 
     def fileno(self) -> int:
         """The socket."""
