@@ -1,4 +1,4 @@
-"""A finger drawn along the bar to how the digitizer lies on it: the [digitizer] table of the device file."""
+"""Learns how a digitizer lies on the bar from one stroke of a finger, for the table [digitizer] of the device file."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Literal
 from engine.touch import DigitizerError, TouchFrame
 from engine.touch.descriptor import Surface
 
-# A finger's centre cannot reach the bar's very edge: nearer than half a fingertip is at the edge.
+# The centre of a finger cannot reach the edge of the bar: nearer than half a fingertip counts as at the edge.
 FINGERTIP_MM = 6.0
 _FINGERTIP = 0.02  # of the axis, where the device states no size
 _SHORTEST_STROKE = 0.25  # of the axis
@@ -24,7 +24,7 @@ class Stroke:
 
 @dataclass(frozen=True)
 class LearntAxis:
-    """How the digitizer lies on the bar. A margin below zero: the touch area reaches beyond the bar's end.
+    """How the digitizer lies on the bar. A negative margin: the touch area reaches beyond that end of the bar.
 
     Margins are fractions of `bar_mm`, or of the bar's unknown length where that is None.
     """
@@ -38,22 +38,22 @@ class LearntAxis:
     """Length of the touch area as the device states it."""
     first: int
     last: int
-    """Logical values at the bar's start and end, as drawn."""
+    """Logical values at the start and end of the bar, as drawn."""
     notes: tuple[str, ...]
 
     def margin_text(self, margin: float) -> str:
-        """The margin as a device file has it."""
+        """A margin as text of a device file."""
         if self.bar_mm is None:
             return f"{100 * margin:.3g} %"
         return f"{margin * self.bar_mm:.3g} mm"
 
 
 class StrokeCollector:
-    """Follows every finger over the frames and keeps the stroke that went furthest."""
+    """Follows every finger and keeps the longest stroke."""
 
     def __init__(self, surface: Surface) -> None:
         self.longest: Stroke | None = None
-        """The furthest stroke that has ended."""
+        """The longest stroke that has ended."""
         self._surface = surface
         self._paths: dict[int, list[tuple[int, int]]] = {}
 
@@ -71,7 +71,7 @@ class StrokeCollector:
             self._paths.setdefault(contact_id, []).append((contact.x, contact.y))
 
     def end(self) -> None:
-        """End every stroke: no more frames will come."""
+        """End every stroke, since no more frames come."""
         for contact_id in tuple(self._paths):
             self._end(contact_id)
 
@@ -83,7 +83,7 @@ class StrokeCollector:
 
 
 def collect_stroke(surface: Surface, frames: Iterable[TouchFrame]) -> Stroke:
-    """The stroke that went furthest. Raises `DigitizerError` where nothing was touched."""
+    """The longest stroke. Raises `DigitizerError` where nothing was touched."""
     collector = StrokeCollector(surface)
     for frame in frames:
         collector.take(frame)
@@ -96,7 +96,7 @@ def collect_stroke(surface: Surface, frames: Iterable[TouchFrame]) -> Stroke:
 def learn_axis(surface: Surface, stroke: Stroke, bar_mm: float | None = None) -> LearntAxis:
     """Axis, direction and margins from a stroke between the bar's ends; `bar_mm` is the bar's length where known.
 
-    Raises `DigitizerError` for a stroke that is short or slanted, so that it tells no axis.
+    Raises `DigitizerError` for a stroke that is too short or too slanted to tell the axis.
     """
     axis = _axis_of(surface, stroke)
     field, values, touch_mm = (
@@ -127,7 +127,7 @@ def _axis_of(surface: Surface, stroke: Stroke) -> Literal["x", "y"]:
 
 
 def _travel(surface: Surface, stroke: Stroke) -> tuple[float, float]:
-    """Way from the first place to the last, as fractions of both axes."""
+    """Distance from the first place to the last, as fractions of both axes."""
     x, y = (
         abs(values[-1] - values[0]) / (field.logical_maximum - field.logical_minimum)
         for values, field in ((stroke.x, surface.x), (stroke.y, surface.y))
@@ -140,8 +140,9 @@ def _margins(
 ) -> tuple[tuple[float, float], tuple[str, ...]]:
     """Both margins as fractions of the bar, from the parts of the touch area before and after the stroke.
 
-    Lengths are in touch areas. A stroke that reaches the touch area's edge says only that the bar reaches at least as
-    far; one that does not says where the bar ends, but for what the finger stopped short of it, equal at both ends.
+    Lengths are in units of the touch area. A stroke that reaches the edge of the touch area says only that the bar
+    reaches at least that far. A stroke that ends before it says where the bar ends, up to the distance by which the
+    finger stopped short, which is taken as equal at both ends.
     """
     tip = _FINGERTIP if touch_mm is None else FINGERTIP_MM / touch_mm
     start_gap, end_gap = (0.0 if gap <= tip else gap for gap in gaps)
@@ -150,7 +151,7 @@ def _margins(
     missing = bar - drawn
     notes = []
     if missing < -2 * tip:
-        notes.append("the stroke is longer than the bar: is this the bar's description?")
+        notes.append("the stroke is longer than the bar: is this the description of this bar?")
     if (start_gap == 0) == (end_gap == 0):
         start, end = missing / 2 - start_gap, missing / 2 - end_gap
         if missing > 2 * tip:

@@ -1,4 +1,4 @@
-"""What this machine has: digitizers and serial ports, as rows for people and machines."""
+"""Lists the digitizers and serial ports of this machine, as rows for people and for JSON."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ _MARK = "SIMULATED"
 
 
 def list_devices(machine: Machine) -> dict[str, list[Any]]:
-    """Digitizers and serial ports, and what keeps others from being found: a machine may have no hidapi."""
+    """Digitizers and serial ports, and problems that keep others from being found, such as a missing hidapi."""
     problems: list[str] = []
     digitizers = [*_hid_rows(machine, problems), *_evdev_rows(machine), _simulated_row()]
     ports = [

@@ -1,4 +1,4 @@
-"""A digitizer by its name to a source, and a source to a recording or to the stroke drawn on it."""
+"""Opens a digitizer by name, records its reports, and waits for the stroke that tells how it lies on the bar."""
 
 import math
 import signal
@@ -20,7 +20,7 @@ from tactable.doctor.touch import Machine
 from tactable.shipped import DEMO_RECORDING
 
 SIMULATED = "simulated"
-"""Stable id of the digitizer that is none: the demo's touches, played once."""
+"""Stable id of the simulated digitizer: the touches of the demo, played once."""
 _EVDEV_FOLDER = "/dev/input/"
 _NS_PER_S = 1_000_000_000
 _LONGEST_WAIT_NS = 100_000_000
@@ -28,7 +28,7 @@ _LONGEST_WAIT_NS = 100_000_000
 
 @contextmanager
 def opened(machine: Machine, name: str) -> Iterator[tuple[Source, int]]:
-    """A source by its name, and the kernel's number of its bus; an unplug ends it."""
+    """Open a source by its name; yields it with the kernel's number of its bus. An unplug ends the source."""
     if name == SIMULATED:
         recording = read_recording(DEMO_RECORDING)
         yield Playback(recording), recording.bus
@@ -47,7 +47,7 @@ def opened(machine: Machine, name: str) -> Iterator[tuple[Source, int]]:
 
 
 def wait_for_reports(source: Source, clock: Clock, stop: StopRequest) -> Iterator[bytes | None]:
-    """Each report as it comes, and None each time there is none; until the source has ended or `stop` is set."""
+    """Yield each report as it comes, and None whenever there is none, until the source ends or `stop` is set."""
     while not (source.ended or stop.is_set()):
         now_ns = clock.now_ns()
         report = source.read(now_ns)
@@ -60,7 +60,7 @@ def wait_for_reports(source: Source, clock: Clock, stop: StopRequest) -> Iterato
 
 
 def record_source(source: Source, bus: int, clock: Clock, stop: StopRequest, seconds: float = math.inf) -> Recording:
-    """What a source reports, timed from its first report; for at most `seconds`."""
+    """Record a source for at most `seconds`; times count from its first report."""
     reports: list[Report] = []
     start_ns, first_ns = clock.now_ns(), 0
     for data in wait_for_reports(source, clock, stop):
@@ -75,7 +75,7 @@ def record_source(source: Source, bus: int, clock: Clock, stop: StopRequest, sec
 
 
 def learn_from_recording(path: Path, bar_mm: float | None) -> LearntAxis:
-    """How the digitizer lies on the bar, from the longest stroke in a recording."""
+    """Learn how the digitizer lies on the bar from the longest stroke in a recording."""
     recording = read_recording(path)
     digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
     return learn_axis(digitizer.surface, collect_stroke(digitizer.surface, _frames_of(digitizer, recording)), bar_mm)
@@ -90,7 +90,7 @@ def _frames_of(digitizer: Digitizer, recording: Recording) -> Iterator[TouchFram
 
 
 def learn_live(machine: Machine, name: str, bar_mm: float | None) -> LearntAxis:
-    """How the digitizer lies on the bar, from the first stroke that is long enough, as it is drawn."""
+    """Learn how the digitizer lies on the bar from a stroke that is drawn now."""
     with opened(machine, name) as (source, _), stop_at_signal() as stop:
         digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
         return learn_axis(digitizer.surface, wait_for_stroke(source, digitizer, SystemClock(), stop), bar_mm)
@@ -116,7 +116,7 @@ def wait_for_stroke(source: Source, digitizer: Digitizer, clock: Clock, stop: St
 
 @contextmanager
 def stop_at_signal() -> Iterator[threading.Event]:
-    """An event that Ctrl-C and a polite kill set, in place of an exception in the middle of a report."""
+    """An event that SIGINT and SIGTERM set, in place of an exception in the middle of a report."""
     stop = threading.Event()
 
     def set_stop(_number: int, _frame: FrameType | None) -> None:

@@ -1,1 +1,1 @@
-"""Checks of machine, ports, tables and digitizers, each with its remedy."""
+"""The doctor: checks of machine, ports, tables and digitizers, each with its remedy."""

@@ -1,13 +1,13 @@
-"""One thing that the doctor looked at: how it is, and what to do about it."""
+"""One finding of the doctor, with its remedy."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was looked at; `remedy` is "" where it is well.
+    """A finding; `remedy` is "" where all is well.
 
-    What is not `needed` is only slower without: no reason for the exit status to be 1.
+    A check that fails but is not `needed` only makes things slower, and leaves the exit status 0.
     """
 
     name: str
@@ -17,5 +17,5 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether it is well."""
+        """Whether all is well."""
         return not self.remedy

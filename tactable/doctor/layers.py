@@ -1,4 +1,4 @@
-"""A short measurement of each layer between touch and drive to the one that costs most."""
+"""Measures each layer between touch and drive for about a second, and names the one that costs most."""
 
 import os
 import select
@@ -31,7 +31,7 @@ for _ in range(int(sys.argv[1])):
 
 @dataclass(frozen=True)
 class Layer:
-    """What one layer adds to the way from a touch to its drive, typically and for one in a hundred; None: not known."""
+    """Delay that one layer adds between a touch and its drive: median and 99th percentile (None: unknown)."""
 
     name: str
     typical_us: float
@@ -66,7 +66,7 @@ def measure_layers(bit_rate_hz: int) -> list[Layer]:
 
 
 def check_layers(layers: Sequence[Layer]) -> list[Check]:
-    """What each costs, and by name the one that costs most."""
+    """A check for each layer, and one that names the costliest."""
     checks = [Check(f"cost of the {layer.name}", _text(layer)) for layer in layers]
     costliest = max(layers, key=lambda layer: layer.typical_us)
     finding = f"the {costliest.name}, {costliest.typical_us:.0f} us; to have less: {costliest.remedy}"
@@ -79,7 +79,7 @@ def _text(layer: Layer) -> str:
 
 
 def _wake_ups_us() -> tuple[float, float]:
-    """From a write in another process to the return of a read that waited for it."""
+    """Time from a write in another process to the return of the read that waited for it."""
     command = [sys.executable, "-S", "-c", _PULSES, str(_WAKES), str(_PERIOD_S)]
     late = []
     with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
@@ -107,7 +107,7 @@ def _decoding_us() -> tuple[float, float]:
 
 
 def _terminal_us() -> tuple[float, float]:
-    """From a write on one side until the other can be read."""
+    """Time from a write on one side until the other side can be read."""
     master, slave = os.openpty()
     late = []
     try:

@@ -1,4 +1,4 @@
-"""What the machine allows a loop in real time to checks with their remedies; takes nothing of it."""
+"""Checks what this machine allows a real-time loop: sleep states, priority, memory, processors. Changes nothing."""
 
 import os
 import resource
@@ -8,12 +8,12 @@ from tactable.doctor.check import Check
 from tactable.doctor.ports import SystemFiles
 
 _LOCKED_BYTES = 1 << 29
-"""More than a run has, numpy and a table of ten zones included."""
+"""More memory than a run uses, with numpy and a table of ten zones."""
 _FAST = "performance"
 
 
 def check_machine(files: SystemFiles) -> list[Check]:
-    """Sleep of processors, priority, memory, processors, governor: nothing that a run needs, all that makes it late."""
+    """Checks of everything that can make a run late; none is needed for it to work."""
     return [
         _check_sleep(files),
         _check_limit("priority", resource.RLIMIT_RTPRIO, PRIORITY, "SCHED_FIFO"),

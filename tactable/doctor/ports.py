@@ -1,4 +1,4 @@
-"""A serial port of this machine to checks of what stands between it and a drive, and to its udev rules."""
+"""Checks serial ports for permissions and ModemManager, and writes their udev rules."""
 
 import os
 from collections.abc import Sequence
@@ -14,12 +14,12 @@ _IGNORED = "E:ID_MM_DEVICE_IGNORE=1"
 
 @dataclass(frozen=True)
 class SystemFiles:
-    """What Linux tells in files, below `root`; where there are none, nothing is known."""
+    """Facts that Linux gives in files below `root`; a missing file means unknown."""
 
     root: Path = Path("/")
 
     def runs_modem_manager(self) -> bool:
-        """Whether the daemon is there that speaks AT commands to each new modem-like port."""
+        """Whether ModemManager runs, which sends AT commands to each new modem-like port."""
         names = (self._read(path) for path in (self.root / "proc").glob("[0-9]*/comm"))
         return "ModemManager" in (name.strip() for name in names)
 
@@ -32,12 +32,12 @@ class SystemFiles:
         return any(_IGNORED in record.splitlines() for record in records)
 
     def latency_timer_ms(self, port: PortDescription) -> int | None:
-        """How long the driver collects bytes before it hands them over; None for a driver without such a timer."""
+        """How long the driver collects bytes before it delivers them; None for a driver without such a timer."""
         text = self._read(self._tty(port) / "device" / "latency_timer").strip()
         return int(text) if text.isdecimal() else None
 
     def governors(self) -> set[str]:
-        """How the kernel chooses the speed of the processors; empty where it does not."""
+        """The frequency governors of the processors; empty where the kernel has none."""
         paths = (self.root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
         return {self._read(path).strip() for path in paths} - {""}
 
@@ -52,7 +52,7 @@ class SystemFiles:
 
 
 def check_ports(ports: Sequence[PortDescription], files: SystemFiles) -> list[Check]:
-    """Permission of every port, and whether ModemManager keeps off those that it would speak to."""
+    """Checks of the permission of every port, and of ModemManager where it runs."""
     if not ports:
         return [Check("serial port", "none found", "plug the firmware's board in")]
     checks = [_check_permission(port, files) for port in ports]
@@ -84,7 +84,7 @@ def _check_modem_manager(port: PortDescription, files: SystemFiles) -> Check:
 
 
 def port_rules(port: PortDescription) -> tuple[str, ...]:
-    """Rules that give the port to whoever sits at the machine and keep ModemManager off; none but for USB."""
+    """Rules of udev that give a USB port to the logged-in user and keep ModemManager off; none for other ports."""
     if port.vendor_id is None or port.product_id is None:
         return ()
     numbers = f'ATTRS{{idVendor}}=="{port.vendor_id:04x}", ATTRS{{idProduct}}=="{port.product_id:04x}"'

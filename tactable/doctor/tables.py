@@ -1,4 +1,4 @@
-"""Tables and what is compiled to checks: fresh or stale, there or to be made first."""
+"""Checks whether tables are whole and fresh, and whether compiled code is cached."""
 
 import os
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from tactable.doctor.check import Check
 
 
 def check_tables(paths: Sequence[Path]) -> list[Check]:
-    """Each table: whole, and built by the code that is installed."""
+    """Checks that each table is whole and was built by the installed code."""
     return [_check_table(path) for path in paths]
 
 
@@ -30,7 +30,7 @@ def _check_table(path: Path) -> Check:
 
 
 def check_fast_path(folder: Path) -> Check:
-    """Whether the compiled step from a report to its command is there, or can be made; it is made here."""
+    """Check that the compiled step from a report to its command can be used; compiles it where it is missing."""
     try:
         compile_fast_path(folder)
     except FastPathError as error:
@@ -40,7 +40,7 @@ def check_fast_path(folder: Path) -> Check:
 
 
 def check_kernels(folder: Path | None = None) -> Check:
-    """Whether the compiled kernels of `build` are kept: they take half a minute to make."""
+    """Check that the compiled kernels of `build` are cached; compiling takes half a minute."""
     where = folder or Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[2] / "precompute")
     kept = len(list(where.rglob("*.nbi"))) if where.is_dir() else 0
     if kept:
@@ -50,4 +50,4 @@ def check_kernels(folder: Path | None = None) -> Check:
             "compiled kernels", "none yet: the first build makes them", "run `tactable demo` once", needed=False
         )
     remedy = "set NUMBA_CACHE_DIR to a folder that you may write to"
-    return Check("compiled kernels", f"{where} cannot be written: each build compiles anew", remedy, needed=False)
+    return Check("compiled kernels", f"{where} cannot be written: each build compiles again", remedy, needed=False)

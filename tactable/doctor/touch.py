@@ -1,4 +1,4 @@
-"""What a machine has to checks: can touches be read, commands be written, what to do where not. Changes nothing."""
+"""Checks whether touches can be read and commands be written on this machine, with remedies. Changes nothing."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -25,7 +25,7 @@ from tactable.doctor.ports import SystemFiles, check_ports, port_rules
 
 @dataclass(frozen=True)
 class Machine:
-    """What the commands ask of the machine they run on."""
+    """Access to the machine's digitizers, ports and files, which tests replace."""
 
     hid: Callable[[], HidSystem] = load_hid_system
     evdev: Callable[[], EvdevModule | None] = load_evdev
@@ -34,7 +34,7 @@ class Machine:
 
 
 def open_found(system: HidSystem, device: HidDigitizer) -> Digitizer:
-    """Digitizer of a device that was found, not opened. Raises `DigitizerError`, `DescriptorError`."""
+    """The digitizer of a found device, from its descriptor. Raises `DigitizerError`, `DescriptorError`."""
     return open_digitizer(read_descriptor(system, device), device.vendor_id, device.product_id)
 
 
@@ -93,7 +93,7 @@ def _rule_remedy(device: HidDigitizer) -> str:
 def rules_text(machine: Machine, name: str | None) -> str:
     """The udev file for one digitizer or serial port (by any of its names), or for all of them.
 
-    A digitizer's vendor:product need not be there. Raises `DigitizerError` where there is no such device.
+    A vendor:product need not be present. Raises `DigitizerError` where there is no such device.
     """
     number = None if name is None else parse_number(name)
     if number is not None:

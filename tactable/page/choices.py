@@ -1,4 +1,4 @@
-"""The switches of the page to the table that plays and the rules that say which finger feels."""
+"""The switches of the page: their positions, and the table and effect rules that follow from them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -21,39 +21,39 @@ _NOTHING = Effect("nothing", (Segment(None, None),))
 
 
 class ChoiceError(TactableError, ValueError):
-    """A switch that there is not, or a position that it has not: which, and what it has."""
+    """An unknown switch, or a position that the switch does not have; the message lists the valid ones."""
 
 
 class Source(StrEnum):
-    """Where the drive comes from."""
+    """The kind of drive that plays."""
 
     CLICK = "click"
-    """Our click of the state."""
+    """The table's click of the state."""
     STEADY = "steady"
-    """Our steady entry of the state, as long as the finger touches."""
+    """The table's steady entry of the state, as long as the finger touches."""
     PAPER = "paper"
-    """The steady entry that the published objective chooses."""
+    """The steady entry that maximises the paper's objective."""
 
     @property
     def objective(self) -> str:
-        """Of the table, as precompute.entries.objective names it."""
+        """Objective of the table (precompute.entries.objective)."""
         return "paper" if self is Source.PAPER else DEFAULT_OBJECTIVE
 
 
 class Rules(StrEnum):
-    """What a finger does to feel."""
+    """The event at which a finger feels."""
 
     TOUCH = "touch"
     HOLD = "hold"
     DRAG = "drag"
     LIFT = "lift"
     FILE = "file"
-    """As a rule file says; level, source and quiet zones are the file's then."""
+    """Taken from a rule file, which then decides about levels, clicks and quiet zones."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The position of every switch. quiet_zones: names; a finger there never feels."""
+    """The position of every switch. quiet_zones: names of zones where a finger never feels."""
 
     device: str
     source: Source = Source.CLICK
@@ -61,10 +61,10 @@ class Choice:
     level_db: float = DEFAULT_LEVEL_DB
     quiet_zones: tuple[str, ...] = ()
     is_loaded: bool = True
-    """The fingers are in the simulated plant."""
+    """Whether the fingers load the simulated bar."""
 
     def as_json(self) -> dict[str, Any]:
-        """Its switches as plain values; None is full scale."""
+        """The switches as plain values; a level of None is full scale."""
         return to_plain(self)
 
     @classmethod
@@ -83,24 +83,24 @@ class Choice:
 
 @dataclass(frozen=True)
 class Offered:
-    """What can be chosen; `rule_file` is one that was given on the command line."""
+    """The positions on offer; `rule_file` was given on the command line."""
 
     devices: tuple[str, ...]
     rule_file: Path | None = None
 
     @property
     def rules(self) -> tuple[Rules, ...]:
-        """All but the file's where there is none."""
+        """All rules; those of the file only where there is one."""
         return tuple(rules for rules in Rules if rules is not Rules.FILE or self.rule_file is not None)
 
 
 def offered(device_name: str, rule_file: Path | None = None) -> Offered:
-    """The shipped devices, and one more where another is asked for."""
+    """The shipped devices, and `device_name` where it is another one."""
     return Offered(tuple(dict.fromkeys((device_name, *shipped_names()))), rule_file)
 
 
 def changed(choice: Choice, switches: Mapping[str, Any], device: Device, offers: Offered) -> Choice:
-    """The choice after some switches were moved; another device starts with no quiet zone. Raises ChoiceError."""
+    """The choice after these switches moved; another device starts without quiet zones. Raises ChoiceError."""
     for name, value in switches.items():
         choice = _moved(choice, name, value, device, offers)
     return choice
@@ -155,7 +155,7 @@ def _rule(on: Trigger, effect: Effect, zones: frozenset[int] | None) -> Rule:
 
 
 def _segment(choice: Choice, is_click: bool) -> Segment:
-    """A lift holds nothing: it is felt for a while."""
+    """The segment of the effect; a lifted finger holds nothing, so its steady effect has a duration."""
     if choice.rules is Rules.LIFT and not is_click:
         return Segment(HOLD_NS, choice.level_db)
     return Segment(None, choice.level_db, is_click=is_click)

@@ -1,4 +1,11 @@
-"""The simulated rig as a backend: browsers' fingers to the real engine, an emulated firmware and the bar. SIMULATED."""
+"""The backend of the demo: the fingers of browsers drive the real engine, an emulated firmware and the bar. SIMULATED.
+
+Two processes stand behind it: the engine, fed through a pipe with pointer events and watched through its ring, and the
+emulated firmware, which is asked once a tick for what it drove. `tick` reads both and lets the simulated bar move; it
+never waits. `run` is the only place that starts, changes or ends processes. It repeats `_follow`, which compares what
+plays with what was chosen and makes up the difference, whenever a switch moved, a table became usable or a process
+ended. A process that ended is a `ChildError`: everything is ended and started again, with growing pauses.
+"""
 
 import asyncio
 import contextlib
@@ -51,14 +58,14 @@ class _Firmware:
         return cls(child, (await child.read())["port"], configuration.number_of_actuators)
 
     async def _read(self) -> None:
-        with contextlib.suppress(ChildError):  # the show sees that it has ended
+        with contextlib.suppress(ChildError):  # `_follow` sees that the child has ended
             while True:
                 answer = await self.child.read()
                 self._is_asked = False
                 self._answers.append(decode_applied(answer, self._actuators))
 
     def ask(self) -> list[Applied]:
-        """What was answered since; and ask again."""
+        """The answers since the last call; asks for the next one."""
         answers, self._answers = self._answers, []
         if not self._is_asked and self.child.is_running:
             self._is_asked = True
@@ -79,7 +86,7 @@ class _Engine:
 
     @classmethod
     async def start(cls, ring: Path) -> "_Engine":
-        """A process that waits for orders; its `ring` is there once the first one plays."""
+        """Start a process that waits for orders; its ring exists once the first order plays."""
         reading, writing = os.pipe()
         os.set_blocking(writing, False)
         try:
@@ -91,7 +98,7 @@ class _Engine:
         return cls(child, PointerFeed(writing), ring)
 
     async def play(self, order: Order) -> None:
-        """Change over; returns once the run is ready. Raises ChildError."""
+        """Play another order; returns once the run is ready. Raises ChildError."""
         self.child.write(order.as_json())
         await self.child.read()
 
@@ -103,12 +110,12 @@ class _Engine:
 
 
 class DemoBackend:
-    """The rig of one choice at a time. `cache` keeps tables, `work` the ring."""
+    """Plays one choice at a time. `cache` is the folder of tables, `work` that of the ring."""
 
     def __init__(self, choice: Choice, device: Device, offers: Offered, cache: Path, work: Path) -> None:
         self.scene_number = 0
         self.restarts = 0
-        """Processes that ended by themselves and were started again."""
+        """Number of restarts of processes that ended by themselves."""
         self._choice, self._device, self._offers = choice, device, offers
         self._cache, self._work = cache, work
         self._builder = Builder(self._tell)
@@ -117,7 +124,7 @@ class DemoBackend:
         self._engine: _Engine | None = None
         self._reader: RingReader | None = None
         self.view: View | None = None
-        """What browsers see; None until the engine runs."""
+        """The view of the browsers; None until the engine runs."""
         self._plays: Choice | None = None
         self._table: Table | None = None
         self._boot: tuple[int, int] = (0, 0)
@@ -127,13 +134,13 @@ class DemoBackend:
 
     @property
     def process_ids(self) -> tuple[int, ...]:
-        """Of the emulated firmware and the engine, those that there are."""
+        """Process ids of the emulated firmware and the engine, of those that run."""
         return tuple(part.child.process.pid for part in (self._firmware, self._engine) if part is not None)
 
-    # What browsers do and see.
+    # ---- for the server -----------------------------------------------------------------------------------
 
     def scene(self) -> dict[str, Any]:
-        """What changes seldom, for JSON."""
+        """The part of the state that changes seldom, as JSON values."""
         building, table = self._builder.now, self._table
         return {
             "mode": "demo",
@@ -151,15 +158,15 @@ class DemoBackend:
         }
 
     def touch(self, browser: int, events: Sequence[PointerEvent]) -> None:
-        """Pointers of a browser."""
+        """Take pointer events of a browser."""
         self._pointers.take(browser, events, time.monotonic_ns())
 
     def leave(self, browser: int) -> None:
-        """A browser is gone."""
+        """Release the pointers of a browser that disconnected."""
         self._pointers.leave(browser)
 
     def choose(self, switches: dict[str, Any]) -> None:
-        """Move switches; what is no switch is told, and changes nothing."""
+        """Move switches; an invalid switch or position changes nothing and is shown as trouble."""
         try:
             choice = changed(self._choice, switches, self._device, self._offers)
             if choice.device != self._choice.device:
@@ -173,11 +180,11 @@ class DemoBackend:
         self._tell()
 
     def sound(self, finger: int) -> bytes | None:
-        """What a finger felt."""
+        """What a finger felt, as a SOUND message."""
         return None if self.view is None else self.view.sound(finger)
 
     def tick(self) -> tuple[list[bytes], bool]:
-        """Let the bar move as the firmware drove it."""
+        """Advance the bar to the present, as the firmware drove it."""
         self._pointers.repeat(time.monotonic_ns())
         view, firmware, reader = self.view, self._firmware, self._reader
         if view is None or firmware is None or reader is None:
@@ -198,10 +205,10 @@ class DemoBackend:
         self.scene_number += 1
         self._news.set()
 
-    # The processes behind it.
+    # ---- processes ----------------------------------------------------------------------------------------
 
     async def run(self) -> None:
-        """Build, start, change over, and start again what ended, until it is cancelled."""
+        """Build, start, change and restart until cancelled."""
         back_off_s = SHORTEST_BACK_OFF_S
         try:
             while True:
@@ -223,7 +230,7 @@ class DemoBackend:
             await self._end_rig()
 
     async def _wait(self) -> None:
-        """Until somebody chose, a table is usable, or a process has ended."""
+        """Wait until a switch moved, a table became usable, or a process ended."""
         waits: list[asyncio.Task[Any]] = [asyncio.create_task(self._news.wait())]
         parts = [part for part in (self._firmware, self._engine) if part is not None]
         waits += [asyncio.create_task(part.child.process.wait()) for part in parts]
@@ -234,7 +241,7 @@ class DemoBackend:
                 wait.cancel()
 
     async def _follow(self) -> None:
-        """Make what plays what is chosen."""
+        """Make what plays equal to what is chosen. Raises ChildError, RingError, OSError."""
         for part, name in ((self._firmware, "the emulated firmware"), (self._engine, "the engine")):
             if part is not None and part.child.process.returncode is not None:
                 raise ChildError(f"{name} {ending_text(part.child.process.returncode)}")
@@ -248,7 +255,7 @@ class DemoBackend:
             had_built = self._builder.has_built(order)
             table = await asyncio.to_thread(open_newest, order, device)
             if (table is None or table.path != order.path) and self._builder.has_built(order) and not had_built:
-                self._news.set()  # it came while we looked: look again
+                self._news.set()  # the table was finished during the look: look again
             elif table is None or table.path != order.path:
                 self._builder.ask(order)
             if table is None:

@@ -1,4 +1,4 @@
-"""A live engine as a backend: its ring, and the bar as its commands would move it. Nothing here reaches the engine."""
+"""The backend of a live run: reads the ring, and simulates the bar as the commands would move it. Read-only."""
 
 import asyncio
 import contextlib
@@ -18,12 +18,12 @@ from tactable.page.view import View
 from tactable.run.table_watch import LOOK_S, identity_of
 
 BEHIND_NS = 30_000_000
-"""The picture is so old: records of a command come after it."""
+"""Age of the picture; ring records are written after their command."""
 _NS_PER_US = 1000
 
 
 class LiveBackend:
-    """One run of a table, looked on; a new table at its path is taken up as the run takes it up."""
+    """Shows one run; a new table at the same path is adopted, as the run adopts it."""
 
     def __init__(self, reader: RingReader, table_path: Path, frequency_resolution_hz: float) -> None:
         self.scene_number = 0
@@ -38,7 +38,7 @@ class LiveBackend:
         self.scene_number += 1
 
     def scene(self) -> dict[str, Any]:
-        """What changes seldom, for JSON."""
+        """The part of the state that changes seldom, as JSON values."""
         return {
             "mode": "live",
             "device": device_json(self._table.device),
@@ -52,7 +52,7 @@ class LiveBackend:
         }
 
     def tick(self) -> tuple[list[bytes], bool]:
-        """Read the ring, and let the bar move."""
+        """Read the ring and advance the bar."""
         view, records = self._view, list(self._reader.read())
         view.read(records)
         view.bar.take(self._drive.events(records), self._drive.banks)
@@ -61,23 +61,23 @@ class LiveBackend:
         return [*messages, encode_picture(picture)], bool(picture.fingers) or view.is_moving
 
     def touch(self, browser: int, events: Sequence[PointerEvent]) -> None:
-        """The fingers are those of a digitizer; a browser's are none."""
+        """Ignored: the fingers are those of a digitizer."""
 
     def leave(self, browser: int) -> None:
-        """Nothing of a browser is left."""
+        """Nothing to release: browsers have no pointers here."""
 
     def choose(self, switches: dict[str, Any]) -> None:
-        """A run has no switches."""
+        """Ignored: a run has no switches."""
 
     def sound(self, finger: int) -> bytes | None:
-        """What a finger felt."""
+        """What a finger felt, as a SOUND message."""
         return self._view.sound(finger)
 
     async def run(self) -> None:
-        """Look for another table, until it is cancelled."""
+        """Watch for another table until cancelled."""
         while True:
             await asyncio.sleep(LOOK_S)
-            with contextlib.suppress(OSError, TableError):  # away for a moment, or none that the run takes
+            with contextlib.suppress(OSError, TableError):  # being replaced, or not usable: the run ignores it too
                 found = identity_of(self._table_path)
                 if found != self._identity:
                     self._identity = found

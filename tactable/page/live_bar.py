@@ -1,4 +1,4 @@
-"""What actuators are told and where fingers are, as time goes on, to how the bar moves and what is felt. SIMULATED."""
+"""The moving bar of the page: drive events and finger positions to acceleration along the bar, live. SIMULATED."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -28,13 +28,13 @@ MODES = 24
 """Up to 9 kHz: the levels are those of all modes within 0.05 dB."""
 POINTS = 61
 KEPT_S = 1.0
-"""So long a past can be seen slowed, and heard."""
+"""Length of the past that can be seen slowed, and heard."""
 POWER_S = 0.1
-"""The level of a steady drive is taken over so long."""
+"""Averaging time of the level of a steady drive."""
 LONGEST_STEP_S = 2.0
-"""A server that stalled for longer leaves out what was missed: the bar starts from rest, so long ago."""
+"""After a longer stall the missed time is left out, and the bar starts from rest this long ago."""
 STILL_M = 2e-4
-"""A finger that moves less leaves the plant as it is: to change it costs as much as 20 ms of motion."""
+"""A smaller move of a finger leaves the plant unchanged; a change costs as much as 20 ms of simulation."""
 _COLUMNS = POINTS + MOST_TOUCHES
 _SILENT = 10 ** (LOWEST_DB / 20)
 _SETTLED_US = 1_000_000  # no waveform or fade is longer
@@ -50,9 +50,10 @@ class BarFinger:
 
 @dataclass(frozen=True)
 class Moved:
-    """One stretch of time. levels_db (point,) evenly along the bar; peak_db, power_db: by finger.
+    """The levels of one stretch of time, dB above the detection threshold, at least LOWEST_DB.
 
-    Greatest, and its tones added in power; dB over the detection threshold, none below LOWEST_DB.
+    levels_db (point,): the greatest at points evenly along the bar. peak_db, power_db: by finger, the greatest, and the
+    mean power with all tones.
     """
 
     levels_db: Array
@@ -61,10 +62,7 @@ class Moved:
 
 
 class LiveBar:
-    """The time-domain plant of a device on the firmware's time, stretch after stretch.
-
-    `take` what the firmware drives, then `advance`.
-    """
+    """The time-domain plant of a device, on the firmware's time: `take` drive events, then `advance`."""
 
     def __init__(self, device: Device) -> None:
         self.device = device
@@ -79,17 +77,17 @@ class LiveBar:
         self._fingers: tuple[BarFinger, ...] = ()
         self._columns: dict[
             int, int
-        ] = {}  # by finger, the newest last; one that left keeps its own while there is room
+        ] = {}  # by finger, newest last; a lifted finger keeps its column while there is room
         self._is_loaded = True
         self._rest()
 
     def begin(self, now_us: float) -> None:
-        """Start here, at rest: the time of a device that was booted anew."""
+        """Start at rest at this time, which is that of a device that has just booted."""
         self._log, self.now_us = [self._silence], now_us
         self._rest()
 
     def _rest(self) -> None:
-        """The bar at rest, and all of the past forgotten."""
+        """Put the bar at rest and forget the past."""
         kept = round(KEPT_S * RATE_HZ)
         self._motion, self._weighted = RollingBuffer(kept, POINTS), RollingBuffer(kept, _COLUMNS)
         self._unweighted = np.zeros((len(self._taps) - 1, _COLUMNS))
@@ -98,12 +96,12 @@ class LiveBar:
         self._place()
 
     def take(self, events: Sequence[DriveEvent], banks: Mapping[int, Bank]) -> None:
-        """Drive events in the order of their times, and banks that their waveforms are in."""
+        """Take drive events in the order of their times, and the banks of their waveforms."""
         self._banks.update(banks)
         self._log.extend(events)
 
     def touch(self, fingers: Sequence[BarFinger], *, is_loaded: bool) -> None:
-        """The fingers from now on, at most as many as a ring tells; they load the bar, or only feel."""
+        """Set the fingers, at most as many as a ring record holds; they load the bar, or only feel it."""
         is_still = is_loaded == self._is_loaded and len(fingers) == len(self._fingers)
         if is_still and all(
             new.number == old.number and abs(new.position_m - old.position_m) < STILL_M
@@ -128,7 +126,7 @@ class LiveBar:
         self._plant.touch([(place_m, self.device.finger) for place_m in places_m] if self._is_loaded else ())
 
     def advance(self, until_us: float) -> Moved | None:
-        """Let the bar move; None while nothing does."""
+        """Simulate until then; None while nothing moves."""
         if until_us - self.now_us > LONGEST_STEP_S * US_PER_S:
             self.now_us = until_us - LONGEST_STEP_S * US_PER_S
             self._rest()
@@ -157,17 +155,17 @@ class LiveBar:
         )
 
     def _weigh(self, acceleration: Array) -> Array:
-        """Acceleration over threshold (time, column); the filter's past is carried over."""
+        """Filter by the detection threshold (time, column); the past of the filter is carried over."""
         course = np.concatenate([self._unweighted, acceleration])
         self._unweighted = course[-len(self._unweighted) :].copy()
         count = scipy.fft.next_fast_len(len(course), real=True)
         spectrum = scipy.fft.rfft(course, count, axis=0) * scipy.fft.rfft(self._taps, count)[:, None]
-        # What wraps around falls on the past, which is cut off.
+        # The circular convolution wraps around into the past, which is cut off.
         weighted: Array = scipy.fft.irfft(spectrum, count, axis=0)[len(self._unweighted) : len(course)]
         return weighted
 
     def _forget_log(self) -> None:
-        """Of what was settled long ago only the last event counts, if it says every phase."""
+        """Drop events that no longer matter: all before the last settled one that states every phase."""
         settled = [
             index
             for index, event in enumerate(self._log)
@@ -178,14 +176,14 @@ class LiveBar:
             del self._log[: settled[-1]]
 
     def motion(self, since_us: float, duration_s: float, every: int) -> Array | None:
-        """Acceleration (step, point), each so many-th sample of a moment; None where it is not over, or forgotten."""
+        """Acceleration (step, point) of a moment, each `every`-th sample; None where it is not over, or too old."""
         passed, count = _sample_at(self.now_us) - _sample_at(since_us), round(duration_s * RATE_HZ)
         if not count <= passed <= self._motion.kept:
             return None
         return self._motion.last(passed)[:count:every].copy()
 
     def felt(self, number: int) -> Array | None:
-        """Acceleration over threshold (time,) under a finger in the last KEPT_S; None for one that is not known."""
+        """Acceleration over threshold (time,) under a finger in the last KEPT_S; None for an unknown finger."""
         column = self._columns.get(number)
         return None if column is None else self._weighted.last(self._weighted.kept)[:, column].copy()
 
@@ -196,6 +194,6 @@ def _sample_at(time_us: float) -> int:
 
 
 def decibels(ratio: Array) -> Array:
-    """Of ratios of amplitudes; LOWEST_DB at least."""
+    """Decibels of amplitude ratios, at least LOWEST_DB."""
     level_db: Array = 20 * np.log10(np.maximum(ratio, _SILENT))
     return level_db

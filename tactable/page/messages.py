@@ -1,12 +1,12 @@
-"""What the page's server and a browser tell each other: the only definition of the bytes, in both directions.
+"""The binary messages between the page's server and a browser: the only definition of the bytes, in both directions.
 
 Little-endian binary frames of one WebSocket. Each begins with VERSION (u8) and its kind (u8). To the browser:
 
-    SCENE   0x01  JSON: device, switches, what the rig does; whenever one of them changes
-    PICTURE 0x02  what happens now, up to 60 a second, see `Picture`
+    SCENE   0x01  JSON: device, switches, state of the rig; whenever one of them changes
+    PICTURE 0x02  the present state, up to 60 a second, see `Picture`
     MOTION  0x03  a moment of the moving bar, to be shown slowed: u8 points, u8 is_click, u16 steps, u32 command,
-                  f32 s a step, f32 m/s^2 for 1, then i16 (step, point)
-    SOUND   0x04  what a finger felt: u32 finger, u32 samples a second, then i16 (sample,)
+                  f32 seconds per step, f32 m/s^2 at 32767, then i16 (step, point)
+    SOUND   0x04  what a finger felt: u32 finger, u32 samples per second, then i16 (sample,)
 
 From the browser:
 
@@ -34,9 +34,9 @@ VERSION = 1
 MOST_TOUCHES = 64
 MOST_CHOICE_BYTES = 2048
 MOST_BYTES = 2 + MOST_CHOICE_BYTES
-"""Of a message from a browser; longer ones close the WebSocket before they are read."""
+"""Limit of a message from a browser; a longer one closes the WebSocket before it is read."""
 LOWEST_DB = -60.0
-"""No level is told below that."""
+"""The lowest level that is sent."""
 NO_ZONE = 255
 
 _HEAD = struct.Struct("<BB")
@@ -78,7 +78,7 @@ class CloseCode(IntEnum):
 
 
 class PageMessageError(ValueError):
-    """A message that is none of a browser's: what is wrong with it, and the code to close with."""
+    """A browser sent an invalid message; `code` closes the WebSocket."""
 
     def __init__(self, code: CloseCode, text: str) -> None:
         super().__init__(text)
@@ -86,7 +86,7 @@ class PageMessageError(ValueError):
 
 
 class Drive(IntEnum):
-    """What plays, or played last."""
+    """Kind of the last command."""
 
     SILENCE = 0
     STEADY = 1
@@ -95,12 +95,12 @@ class Drive(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class FingerPicture:
-    """A finger as the engine has it: `level_db` is what it feels now, `felt_db` the most since the last command."""
+    """A finger: `level_db` is its present level, `felt_db` the greatest since the last command."""
 
     number: int
     zone: int | None
     state: int
-    """Of its zone, engine.touch.finger_tracker.ZoneState."""
+    """State of its zone (engine.touch.finger_tracker.ZoneState)."""
     position_m: float
     level_db: float
     felt_db: float
@@ -108,7 +108,7 @@ class FingerPicture:
 
 @dataclass(frozen=True, slots=True)
 class ZonePicture:
-    """State of a zone, and what its finger was promised by the last command and gets; None: nothing is known."""
+    """State of a zone, and the promised and simulated level of its finger for the last command; None: unknown."""
 
     state: int
     promised_db: float | None
@@ -117,7 +117,7 @@ class ZonePicture:
 
 @dataclass(frozen=True, slots=True)
 class ChannelPicture:
-    """What an actuator was told last."""
+    """The last command to an actuator."""
 
     frequency_hz: float
     amplitude: float
@@ -126,7 +126,7 @@ class ChannelPicture:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """What happens now. On the wire: the fixed part, then fingers, zones, channels, levels, in this order.
+    """The present state. On the wire: the fixed part, then fingers, zones, channels, levels, in this order.
 
     fixed: f64 time_s, 6 u32 counters, u32 command, u32 state, f32 age_s, f32 wanted_db, 5 u32 last_ns,
     5 u32 median_ns, u32 latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing), then u8 of fingers, zones, channels
@@ -140,17 +140,17 @@ class Picture:
     counters: tuple[int, int, int, int, int, int]
     """As engine.loop.ring.RingCounters."""
     command: int
-    """Counts commands; 0 before the first."""
+    """Number of the last command; 0 before the first."""
     state: int
-    """Of all zones, that the command is for (engine.touch.finger_tracker.state_index)."""
+    """State of all zones that the command is for (engine.touch.finger_tracker.state_index)."""
     age_s: float
-    """Of the last command."""
+    """Age of the last command."""
     wanted_db: float
-    """Its level; infinite: full scale."""
+    """Level of the last command; infinite: full scale."""
     last_ns: tuple[int, int, int, int, int]
-    """Of the last command that a report caused: from each stage of engine.loop.latency.Stage to the next."""
+    """Latency of the last command that a report caused: from each stage of engine.loop.latency.Stage to the next."""
     median_ns: tuple[int, int, int, int, int]
-    """The same of the last commands, `latencies` of them."""
+    """Median of the same over the last `latencies` commands."""
     latencies: int
     drive: Drive
     is_loaded: bool
@@ -161,16 +161,16 @@ class Picture:
     zones: tuple[ZonePicture, ...]
     channels: tuple[ChannelPicture, ...]
     levels_db: Array
-    """Shape (point,), evenly from end to end: what a finger would feel there, dB over threshold."""
+    """Shape (point,), evenly from end to end: the level that a finger would feel there, dB above threshold."""
 
 
 def encode_scene(scene: dict[str, Any]) -> bytes:
-    """A SCENE; raises ValueError for what JSON has no word for."""
+    """Encode a SCENE. Raises ValueError for values that JSON does not have."""
     return _HEAD.pack(VERSION, Kind.SCENE) + json.dumps(scene, allow_nan=False).encode()
 
 
 def encode_picture(picture: Picture) -> bytes:
-    """A PICTURE."""
+    """Encode a PICTURE."""
     counts = [len(part) for part in (picture.fingers, picture.zones, picture.channels, picture.levels_db)]
     fixed = _PICTURE.pack(
         picture.time_s,
@@ -207,7 +207,7 @@ def _centibels(level_db: float | None) -> int:
 
 
 def encode_motion(acceleration: Array, step_s: float, command: int, *, is_click: bool) -> bytes:
-    """A MOTION of accelerations (step, point) in m/s^2."""
+    """Encode a MOTION of accelerations (step, point) in m/s^2."""
     steps, points = acceleration.shape
     scale = max(float(abs(acceleration).max(initial=0.0)), 1e-9)
     words = np.rint(acceleration * (_WORD / scale)).astype("<i2").tobytes()
@@ -215,16 +215,16 @@ def encode_motion(acceleration: Array, step_s: float, command: int, *, is_click:
 
 
 def encode_sound(finger: int, rate_hz: int, samples: NDArray[np.int16]) -> bytes:
-    """A SOUND of samples (time,)."""
+    """Encode a SOUND of samples (time,)."""
     return _HEAD.pack(VERSION, Kind.SOUND) + _SOUND.pack(finger, rate_hz) + samples.astype("<i2").tobytes()
 
 
 Asked = tuple[PointerEvent, ...] | dict[str, Any] | int
-"""What a browser asks: touches, switches, or to hear a finger."""
+"""A request of a browser: touches, switches, or the number of the finger to hear."""
 
 
 def decode_message(data: bytes) -> Asked:
-    """What a browser sent. Raises PageMessageError for what is no message of this version."""
+    """Decode a message of a browser. Raises PageMessageError for an invalid one or another version."""
     if len(data) > MOST_BYTES:
         raise PageMessageError(CloseCode.TOO_BIG, f"a message of {len(data)} bytes; expected at most {MOST_BYTES}")
     if len(data) < _HEAD.size:
@@ -240,22 +240,22 @@ def decode_message(data: bytes) -> Asked:
     if kind == Kind.LISTEN and len(body) == _FINGER_NUMBER.size:
         number: int = _FINGER_NUMBER.unpack(body)[0]
         return number
-    raise PageMessageError(CloseCode.MALFORMED, f"{len(body)} bytes of kind 0x{kind:02x}: none that a browser sends")
+    raise PageMessageError(CloseCode.MALFORMED, f"{len(body)} bytes of kind 0x{kind:02x}: not a message of a browser")
 
 
 def encode_touches(events: Sequence[PointerEvent]) -> bytes:
-    """A TOUCHES, as the page's script makes it."""
+    """Encode a TOUCHES as the page's script does."""
     parts = (_TOUCH.pack(event.pointer_id, _PHASES.index(event.phase), event.x, event.y) for event in events)
     return _HEAD.pack(VERSION, Kind.TOUCHES) + b"".join(parts)
 
 
 def encode_choice(switches: dict[str, Any]) -> bytes:
-    """A CHOICE, as the page's script makes it."""
+    """Encode a CHOICE as the page's script does."""
     return _HEAD.pack(VERSION, Kind.CHOICE) + json.dumps(switches).encode()
 
 
 def encode_listen(finger: int) -> bytes:
-    """A LISTEN, as the page's script makes it."""
+    """Encode a LISTEN as the page's script does."""
     return _HEAD.pack(VERSION, Kind.LISTEN) + _FINGER_NUMBER.pack(finger)
 
 
@@ -276,7 +276,7 @@ def _decode_choice(body: bytes) -> dict[str, Any]:
     try:
         switches = json.loads(body)
     except (ValueError, RecursionError) as error:
-        raise PageMessageError(CloseCode.MALFORMED, f"switches that are no JSON: {error}") from error
+        raise PageMessageError(CloseCode.MALFORMED, f"the switches are not JSON: {error}") from error
     if not isinstance(switches, dict):
         raise PageMessageError(CloseCode.MALFORMED, f"switches are {type(switches).__name__}; expected an object")
     return switches

@@ -1,4 +1,4 @@
-"""Pointers of many browsers to the ten fingers of one digitizer."""
+"""Maps the pointers of many browsers to the ten fingers of one digitizer."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,14 +8,14 @@ from engine.touch.sources.pointer import Phase, PointerEvent, PointerFeed
 
 MOST_FINGERS = 10
 REPEAT_NS = 30_000_000
-"""A finger that rests is told again so often: one that is silent for 120 ms is taken for gone."""
+"""A resting finger is repeated this often, because the engine releases one that is silent for 120 ms."""
 SILENT_NS = 1_000_000_000
-"""A browser that says nothing of a pressed pointer for so long has lost it; a busy one takes its time."""
+"""A pressed pointer that its browser has not mentioned for this long is released."""
 
 
 @dataclass
 class _Finger:
-    """A pressed pointer: its contact number and last event, when the browser told of it, and when the engine was."""
+    """A pressed pointer: contact number, last event, when the browser sent it, and when the engine got it."""
 
     number: int
     event: PointerEvent
@@ -24,30 +24,30 @@ class _Finger:
 
 
 class Pointers:
-    """Gives each pressed pointer one of ten contact numbers, and hands its events on as reports."""
+    """Gives each pressed pointer one of ten contact numbers, and forwards its events as reports."""
 
     def __init__(self) -> None:
         self.refused = 0
-        """Events that no engine took, or of pointers beyond the tenth."""
+        """Count of events that no engine took, and of pointers beyond the tenth."""
         self._feed: PointerFeed | None = None
         self._fingers: dict[tuple[int, int], _Finger] = {}  # by browser and pointer
 
     def feed(self, feed: PointerFeed | None) -> None:
-        """Where reports go from now on."""
+        """Send reports to this feed from now on."""
         self._feed = feed
 
     def take(self, browser: int, events: Sequence[PointerEvent], now_ns: int) -> None:
-        """Events of a browser."""
+        """Take events of a browser."""
         for event in events:
             self._take((browser, event.pointer_id), event, now_ns)
 
     def leave(self, browser: int) -> None:
-        """All pointers of a browser that is gone are released."""
+        """Release all pointers of a browser that disconnected."""
         for key in [key for key in self._fingers if key[0] == browser]:
             self._release(key)
 
     def repeat(self, now_ns: int) -> None:
-        """Tell the engine again of every finger that rests, and release those that their browser has lost."""
+        """Repeat resting fingers to the engine, and release those that their browser has lost."""
         for key, finger in list(self._fingers.items()):
             if now_ns - finger.heard_ns > SILENT_NS:
                 self._release(key)

@@ -1,4 +1,4 @@
-"""Records of a ring to what the firmware drives of their commands: for a device that tells nothing of it."""
+"""Turns ring records into the drive events that their commands cause, for a device that does not report them."""
 
 from collections.abc import Iterable, Mapping
 
@@ -16,7 +16,7 @@ _NS_PER_US = 1000
 class RingDrive:
     """Follows the commands of one run of a table; `banks` has its clicks.
 
-    What is driven is taken for what was written: nothing is known of frames that were lost or came late.
+    Every written command is taken as driven: lost and late frames are not known.
     """
 
     def __init__(self, table: Table, frequency_resolution_hz: float) -> None:
@@ -28,7 +28,7 @@ class RingDrive:
         self._drive = b""
 
     def events(self, records: Iterable[Record]) -> list[DriveEvent]:
-        """In the order of their times, on the host's clock in microseconds."""
+        """Drive events in the order of their times, microseconds of the host's clock."""
         found = (self._event(record) for record in records)
         return [event for event in found if event is not None]
 

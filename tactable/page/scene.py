@@ -1,4 +1,4 @@
-"""What of a device the page draws, as plain values."""
+"""The values of a device that the page draws, for JSON."""
 
 from typing import Any
 

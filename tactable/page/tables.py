@@ -1,4 +1,4 @@
-"""The tables that the page's switches ask for: where they are, whether they are sound, and who builds one."""
+"""Tables for the page's switches: finds them in the cache, and builds missing ones in a child process."""
 
 import asyncio
 import contextlib
@@ -19,7 +19,7 @@ from tactable.rig.demo import DEMO_FINGERS
 
 @dataclass(frozen=True)
 class Building:
-    """How far a table is; `error` is why it is given up."""
+    """Progress of a build; `error` says why it was given up."""
 
     device: str
     objective: str
@@ -29,7 +29,7 @@ class Building:
 
 
 def order_for(device_name: str, device: Device, source: Source, folder: Path) -> BuildOrder:
-    """The table of a device for a source; that of our own objective is the one that `tactable demo` has cached."""
+    """What to build for a device and a source; the default objective shares its table with `tactable demo`."""
     is_ours = source.objective == DEFAULT_OBJECTIVE
     path = cached_table(device, folder)
     if not is_ours:
@@ -38,12 +38,12 @@ def order_for(device_name: str, device: Device, source: Source, folder: Path) ->
 
 
 def cached_table(device: Device, folder: Path) -> Path:
-    """Where the table of a device is kept."""
+    """Path of the cached table of a device."""
     return folder / f"{device.name}-{device.fingerprint[:12]}.nc"
 
 
 def open_newest(order: BuildOrder, device: Device) -> Table | None:
-    """The table of an order, or else the one that has no clicks yet; None where there is none that is sound."""
+    """Open the table of an order, or the early one without clicks; None where neither is usable."""
     for path in (order.path, order.early_path):
         with contextlib.suppress(TableError):
             return Table.open(path, device=device, code_fingerprint=code_fingerprint(), verify=False)
@@ -51,18 +51,18 @@ def open_newest(order: BuildOrder, device: Device) -> Table | None:
 
 
 class Builder:
-    """One table after another, each in its own process; `on_change` is called whenever there is something to tell."""
+    """Builds one table at a time in a child process; calls `on_change` whenever its state changed."""
 
     def __init__(self, on_change: Callable[[], None]) -> None:
         self.now: Building | None = None
-        """What is being built, or why it is not."""
+        """The build under way, or why there is none."""
         self._on_change = on_change
         self._order: BuildOrder | None = None
         self._built = set[BuildOrder]()
         self._task: asyncio.Task[None] | None = None
 
     def ask(self, order: BuildOrder) -> None:
-        """Build this one, now; what was being built is left, and goes on from there when it is asked for again."""
+        """Build this table now. A build under way is stopped; it continues from its parts when ordered again."""
         if order == self._order:
             return
         self.stop()
@@ -73,16 +73,16 @@ class Builder:
         self._task = asyncio.create_task(self._build(order))
 
     def has_built(self, order: BuildOrder) -> bool:
-        """Whether this one was built and is there."""
+        """Whether this table was built."""
         return order in self._built
 
     def forgive(self) -> None:
-        """What failed may be tried again."""
+        """Allow a failed build to be tried again."""
         if self.now is not None and self.now.error is not None:
             self.stop()
 
     def stop(self) -> None:
-        """Leave what is being built."""
+        """Stop the build under way."""
         if self._task is not None:
             self._task.cancel()
         self._order = self._task = self.now = None

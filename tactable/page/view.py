@@ -1,4 +1,4 @@
-"""What the ring tells and how the bar moves, to pictures for browsers."""
+"""The state of one run as a browser sees it: ring records and the moving bar to pictures, motions and sounds."""
 
 import math
 from collections import deque
@@ -27,15 +27,15 @@ from tactable.page.messages import (
 )
 
 CLICK_MOTION_S = 0.09
-"""Of a click: it, and what rings on."""
+"""Length of the slowed moment of a click: the click, and the ringing after it."""
 STEADY_MOTION_S = 0.04
 CAPTURE_AFTER_S = 0.4
-"""A command can be seen slowed and heard so long after it, and a steady one again and again."""
+"""A command can be seen slowed and heard this long after it; a steady one is captured repeatedly."""
 HEARD_S = 0.4
 LOUDER_DB = 12.0
-"""Sound of the wanted level is so far below full scale."""
+"""Distance of the wanted level from full scale in a sound."""
 LOUDEST_LEVEL_DB = 40.0
-"""What full scale stands for in a sound."""
+"""The wanted level that is assumed for a command at full scale."""
 LATENCIES = 64
 _MOTION_RATE_HZ = 3000
 _STAGES = len(Stage) - 1
@@ -46,7 +46,7 @@ Stages = tuple[int, int, int, int, int]
 
 @dataclass
 class _Command:
-    """A drive or a click that was sent, and what fingers felt of it."""
+    """A drive or click that was sent, and the levels under the fingers."""
 
     number: int
     state: int
@@ -57,17 +57,14 @@ class _Command:
     promised_db: dict[int, float]
     """By zone."""
     length_s: float
-    """Of a click; infinite for a steady drive."""
+    """Length of a click; infinite for a steady drive."""
     simulated_db: dict[int, float] = field(default_factory=dict)
     """By zone."""
     ended_us: float = math.inf
 
 
 class View:
-    """One table's run, as a browser sees it; times are those of the firmware's device.
-
-    `zero_ns` is the host's time at the device's zero.
-    """
+    """The run of one table. Times are those of the device; `zero_ns` is host time at the device's zero."""
 
     def __init__(self, table: Table, bar: LiveBar, frequency_resolution_hz: float) -> None:
         self.table, self.bar = table, bar
@@ -83,15 +80,15 @@ class View:
         self._levels_db: NDArray[np.float64] = np.full(POINTS, LOWEST_DB)
         self._level_db: dict[int, float] = {}
         self.is_moving = False
-        """Something could be seen or felt just now."""
+        """Whether something moves now."""
         self._is_loaded = True
         self._captured: _Command | None = None
-        """Whose motion is awaited."""
+        """The command whose motion is captured next."""
         self._capture_us = math.inf
         self._sounds: dict[int, NDArray[np.int16]] = {}
 
     def read(self, records: Iterable[Record]) -> None:
-        """What the ring told."""
+        """Take records of the ring."""
         for record in records:
             self._touches, self._state, self._counters = record.touches, record.state, record.counters
             if record.drive_sequence is None:
@@ -137,7 +134,7 @@ class View:
             self._captured, self._capture_us = self._command, at_us + CAPTURE_AFTER_S * US_PER_S
 
     def move(self, until_us: float, *, is_loaded: bool) -> list[bytes]:
-        """Let the bar move until then; what there is to see slowed."""
+        """Advance the bar; returns MOTION messages of moments to be shown slowed."""
         self._is_loaded = is_loaded
         self.bar.touch([BarFinger(touch.contact_id, touch.position_m) for touch in self._touches], is_loaded=is_loaded)
         self._take(self.bar.advance(until_us))
@@ -158,7 +155,7 @@ class View:
             felt_db = max(level_db, self._felt_db.get(touch.contact_id, LOWEST_DB))
             self._felt_db[touch.contact_id] = felt_db
             if touch.zone is not None and not is_over:
-                # Of a click the most, of a steady drive what it has become.
+                # A click counts by its greatest level, a steady drive by its present one.
                 command.simulated_db[touch.zone] = level_db if is_steady else felt_db
 
     def _capture(self) -> list[bytes]:
@@ -188,12 +185,12 @@ class View:
                 self._sounds[touch.contact_id] = np.clip(np.rint(heard), -_FULL_SCALE, _FULL_SCALE).astype(np.int16)
 
     def sound(self, finger: int) -> bytes | None:
-        """What a finger felt of the last command that can be heard; None for a finger that felt none."""
+        """SOUND of the last captured command under a finger; None where the finger felt none."""
         samples = self._sounds.get(finger)
         return None if samples is None else encode_sound(finger, RATE_HZ, samples)
 
     def picture(self) -> Picture:
-        """What happens now."""
+        """The present state."""
         command, now_us = self._command, self.bar.now_us
         latest = self._latencies_ns[-1] if self._latencies_ns else [0] * _STAGES
         median = np.median(self._latencies_ns, axis=0) if self._latencies_ns else np.zeros(_STAGES)
@@ -230,7 +227,7 @@ class View:
 
 
 def _state_of(zone: int, state: int) -> int:
-    """Of one zone, out of engine.touch.finger_tracker.state_index."""
+    """State of one zone, from engine.touch.finger_tracker.state_index."""
     return int(state // 3**zone % 3)
 
 

@@ -115,7 +115,7 @@ class SimulatedBar:
     def simulate_click(
         self, event: DriveEvent, states: Sequence[ZoneState], banks: Mapping[int, Bank]
     ) -> SimulatedClick:
-        """Play the firmware's waveform of `event` from rest, standard fingers in touched zones, as the table has it."""
+        """Play the firmware's waveform of `event` from rest, with standard fingers in the middle of touched zones."""
         zones = [zone for zone, state in zip(self.device.zones, states, strict=True) if state is not ZoneState.FREE]
         middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in zones])
         plant = TransientPlant(self.basis, middle_m, self.sample_rate_hz)
@@ -126,7 +126,7 @@ class SimulatedBar:
         return SimulatedClick(np.arange(len(drive)) / self.sample_rate_hz, drive, acceleration)
 
     def feel(self, run: LiveRun, longest_s: float) -> Felt:
-        """What happened on the bar with the fingers on it, over the first `longest_s` of a run that has a trace."""
+        """Simulate the first `longest_s` of a run with its fingers on the bar."""
         stretches = list(_stretches(run, longest_s))
         drive, felt, quiet = list[Array](), list[Array](), list[Array]()
         plant = TransientPlant(self.basis, np.zeros(0), self.sample_rate_hz)
@@ -147,13 +147,13 @@ class SimulatedBar:
         return Felt(ENVELOPE_S * np.arange(len(drive_envelope), dtype=np.float64), drive_envelope, *envelopes)
 
     def _feels(self, stretch: "_Stretch") -> NDArray[np.bool_]:
-        """Shape (finger,): whether it lies in a felt zone; at an edge, within the hysteresis, either may be so."""
+        """Shape (finger,): whether the finger is in a felt zone; within the hysteresis of an edge, in either zone."""
         state_of = [stretch.state // 3**zone % 3 for zone in range(len(self.device.zones))]
         zones = (self._edges.zone_at(position_m) for position_m in stretch.finger_positions_m)
         return np.array([zone is not None and state_of[zone] == ZoneState.FELT for zone in zones], dtype=np.bool_)
 
     def _envelope(self, values: Array) -> Array:
-        """The greatest of each ENVELOPE_S along the first axis."""
+        """The greatest value of each ENVELOPE_S, along the first axis."""
         block = round(self.sample_rate_hz * ENVELOPE_S)
         whole = len(values) // block * block
         envelope: Array = values[:whole].reshape(-1, block, *values.shape[1:]).max(axis=1)
@@ -162,7 +162,7 @@ class SimulatedBar:
 
 @dataclass(frozen=True)
 class _Stretch:
-    """A time during which the fingers rest; `state` is what they are to feel, or felt until just now."""
+    """A stretch of time with resting fingers; `state` is the wanted state, or while it rings down the one before."""
 
     start_us: float
     stop_us: float
@@ -189,7 +189,7 @@ def _stretches(run: LiveRun, longest_s: float) -> Iterator[_Stretch]:
 
 
 def _settle(plant: TransientPlant, event: DriveEvent) -> tuple[Array, Array]:
-    """Share of each zone and peak at each point of the plant, once two windows agree."""
+    """Energy share of each zone and peak at each point, once two successive windows agree."""
     window_us = _window_s(event) * _US_PER_S
     log, start_us, before = [replace(event, device_time_us=0)], 0.0, np.zeros(0)
     while True:
@@ -204,7 +204,7 @@ def _settle(plant: TransientPlant, event: DriveEvent) -> tuple[Array, Array]:
 
 
 def _window_s(event: DriveEvent) -> float:
-    """About half a second, whole beats of the two tones: over whole beats the cross terms of (10) vanish."""
+    """About half a second of whole beats between the tones: over whole beats the cross terms of eq. (10) vanish."""
     tones = sorted({channel.frequency_hz for channel in event.channels if channel.amplitude > 0})
     if len(tones) < 2:
         return _WINDOW_S

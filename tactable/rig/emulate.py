@@ -1,4 +1,4 @@
-"""A device description and faults to an emulated firmware that any host can open as a serial port. SIMULATED."""
+"""Emulates the firmware of a device, with faults, behind a pseudo-terminal that any host can open. SIMULATED."""
 
 import os
 from collections.abc import Callable
@@ -21,7 +21,7 @@ _PM_PER_M = 1e12
 
 @dataclass(frozen=True)
 class Emulated:
-    """What an emulator tells when it starts, and again whenever its port has another name."""
+    """What an emulator reports when it starts, and whenever the name of its port changes."""
 
     port: str
     stable_name: str
@@ -30,7 +30,7 @@ class Emulated:
 
 
 def configuration_of(device: Device | None) -> DeviceConfiguration:
-    """The board that drives a device: its number of actuators and their full scales; without one, two of 0.52 um."""
+    """Configuration of the board of a device; without a device, two actuators of 0.52 um full scale."""
     if device is None:
         return DeviceConfiguration(boot_id=0)
     full_scales_pm = tuple(round(actuator.full_scale_m * _PM_PER_M) for actuator in device.actuators)
@@ -45,14 +45,14 @@ def emulate(
     core: Path | None = None,
     link: Path | None = None,
 ) -> dict[str, Any]:
-    """Be a device until SIGINT or SIGTERM; what it counted and the faults that were injected, by kind.
+    """Emulate until SIGINT or SIGTERM; returns the counters and the injected faults by kind.
 
-    The device is the library `core` that `make host` builds of the firmware, or without one its twin in Python. `link`
-    becomes a symbolic link to its port, whatever that is called. Raises LinkError where something else is there.
+    The firmware is the library `core` that `make host` builds, or without one its Python twin. `link` becomes a
+    symbolic link to the port. Raises LinkError where another file is at `link`.
     """
     library = None if core is None else open_library(core)
     if link is not None and link.exists() and not link.is_symlink():
-        raise LinkError(f"{link}: is there already and is no link to a port; choose another name")
+        raise LinkError(f"{link}: exists and is not a link to a port; choose another name")
     announcements = [Announcement(own_link(os.getpid())), *([] if link is None else [Announcement(link)])]
 
     def on_port(port: str) -> None:

@@ -1,4 +1,4 @@
-"""The simulated rig: recorded touches to the engine, the wire and the emulated firmware. All SIMULATED."""
+"""The simulated rig: plays recorded touches through the engine and the wire to the emulated firmware. SIMULATED."""
 
 import itertools
 from contextlib import ExitStack
@@ -24,7 +24,7 @@ _SET, _PLAY = "SET", "PLAY"
 
 @dataclass(frozen=True)
 class LiveRun:
-    """What happened between touch and firmware: the loop's trace and figures, the firmware's own log."""
+    """Record of one run: the loop's trace and counters, and the log of the firmware."""
 
     trace: tuple[StateChange, ...]
     counters: LoopCounters
@@ -41,7 +41,7 @@ class LiveRun:
         frame = next((f for f in self._frames(change) if f.outcome is Outcome.ACCEPTED), None)
         if frame is None:
             return None
-        # A drive that plays already is no event, and several frames of one read have the same time.
+        # A renewed drive causes no event, and several frames of one read have the same time.
         before = [event for event in self.log.events if _is_before(event, frame)]
         return before[-1] if before and before[-1].cause in (Cause.SET, Cause.PLAY) else None
 
@@ -56,7 +56,7 @@ class LiveRun:
         A click has none: what follows it is silence.
         """
         since_us = (change.time_ns - self.log.host_ns_at_device_zero) / 1e3
-        # Sequences come again after that many.
+        # Sequence numbers repeat after this many frames.
         frames = [frame for frame in self.log.received if frame.device_time_us >= since_us][:_SEQUENCES]
         sequences = [frame.sequence for frame in frames]
         if change.drive_sequence not in sequences:
@@ -78,8 +78,8 @@ def play(
     `faults` is a text for `parse_fault_plan`: stalls and delays; a line that loses frames is no pseudo-terminal.
     Raises what the engine raises: DigitizerError, DescriptorError, LinkError, LimitError, RendererError.
     """
-    # A machine that stalls for 250 ms latches the firmware, as it should: the run greets it again and goes on. If one
-    # of the two processes stalls for a second, the port is opened anew.
+    # When the machine stalls for 250 ms, the firmware latches silence, as it must; the run greets it again and goes on.
+    # After a stall of a second the port is opened again.
     options, trace = LiveOptions(effects, reconnect=True, bit_rate_hz=PTY_BIT_RATE_HZ), list[StateChange]()
     count = len(table.device.actuators)
     with ExitStack() as stack:
@@ -94,14 +94,14 @@ def play(
 
 
 def _is_before(event: DriveEvent, frame: ReceivedFrame) -> bool:
-    """Whether an event was there once a frame had been taken."""
+    """Whether an event happened by the time a frame had been taken."""
     if event.device_time_us != frame.device_time_us or event.sequence is None:
         return event.device_time_us <= frame.device_time_us
     return (frame.sequence - event.sequence) % _SEQUENCES < _SEQUENCES // 2
 
 
 class Wanted(NamedTuple):
-    """What a state change asks for."""
+    """The drive or click that a state change asks for."""
 
     state: int
     level_db: float
@@ -109,12 +109,12 @@ class Wanted(NamedTuple):
 
 
 def wanted_of(change: StateChange) -> Wanted | None:
-    """None where nothing is to be felt."""
+    """The wanted drive or click of a change; None where no finger is to feel."""
     return None if change.level_db is None else Wanted(change.state, change.level_db, change.is_click)
 
 
 def first_applied(run: LiveRun) -> dict[Wanted, DriveEvent]:
-    """For all that was to be felt and reached the firmware: the first drive event it caused."""
+    """The first drive event of each drive or click that reached the firmware."""
     found: dict[Wanted, DriveEvent] = {}
     for change in run.trace:
         wanted, event = wanted_of(change), run.applied(change)

@@ -1,4 +1,4 @@
-"""Fingers over time to a recording: a made-up ten-finger touch screen as long as a bar. SIMULATED."""
+"""Makes recordings of a virtual ten-finger touch screen that is as long as a bar. SIMULATED."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ _FINGER = bytes.fromhex(
 
 
 def descriptor_of(slots: int) -> bytes:
-    """Descriptor of a touch screen of ten fingers whose reports have so many slots."""
+    """Descriptor of a touch screen of ten fingers whose reports have `slots` slots."""
     return (
         bytes.fromhex("05 0d 09 04 a1 01 85 01")  # touch screen, report 1
         + _FINGER * slots
@@ -47,12 +47,12 @@ class Stroke:
     stop: float
 
     def place_at(self, time_s: float) -> float:
-        """Where it is, as a fraction of the bar's length."""
+        """Position as a fraction of the bar's length."""
         return self.start + (self.stop - self.start) * (time_s - self.start_s) / (self.stop_s - self.start_s)
 
 
 def make_recording(strokes: Sequence[Stroke]) -> Recording:
-    """Hybrid-free parallel reports every 8 ms while a finger is down, and one after each lift."""
+    """A recording with a report every 8 ms while a finger is down, and one report after each lift."""
     return Recording(NAME, BUS, VENDOR_ID, PRODUCT_ID, DESCRIPTOR, tuple(_reports(strokes)))
 
 
@@ -90,4 +90,4 @@ DEMO_STROKES = (
     Stroke(5.5, 6.5, 0.30, 0.30),  # II and IV together
     Stroke(5.5, 6.5, 0.70, 0.70),
 )
-"""What the shipped recording holds: taps, a stroke, several fingers coming and going."""
+"""The strokes of the shipped recording: taps, a stroke along the bar, and several fingers coming and going."""

@@ -1,4 +1,4 @@
-"""The ring of a run to a recording: a process of its own, which the loop never waits for."""
+"""Records the reports of a run from its ring, in a child process that the loop never waits for."""
 
 import sys
 import tempfile
@@ -13,7 +13,7 @@ from engine.touch.sources.recording import Recording, Report, write_recording
 from firmware_link.child import START_TIMEOUT_S, Child, Parent
 
 _MEMORY = Path("/dev/shm")
-# A thousandth of what the ring holds at the pace of the fastest digitizer.
+# At the pace of the fastest digitizer a thousandth of the ring is written meanwhile.
 _PERIOD_S = 0.02
 _NS_PER_S = 1e9
 _US_PER_S = 1e6
@@ -21,7 +21,7 @@ _US_PER_S = 1e6
 
 @contextmanager
 def ring_for(path: Path | None, *, is_needed: bool) -> Iterator[RingWriter | None]:
-    """A ring where one is asked for or needed, removed at the end; None otherwise. Raises RingError."""
+    """A ring where one is wanted or needed, removed at the end; else None. Raises RingError."""
     if path is None and not is_needed:
         yield None
         return
@@ -35,7 +35,7 @@ def ring_for(path: Path | None, *, is_needed: bool) -> Iterator[RingWriter | Non
 
 @contextmanager
 def recorder_of(ring: Path, output: Path, source: Source, bus: int) -> Iterator[None]:
-    """A process that records what the ring tells of a source, until the end; then it has written `output`."""
+    """Record the reports in the ring while the context lasts, then write `output`."""
     head = {
         "ring": str(ring),
         "output": str(output),

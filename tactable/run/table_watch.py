@@ -1,6 +1,7 @@
-"""New tables for a run that goes on: another process sees them come, verifies and renders them, and hands them over.
+"""Finds new tables for a running loop: a child process verifies and renders each one, and hands it over by a pipe.
 
-The process of the run only ever reads from a pipe, and never waits for it.
+Verifying and rendering take up to seconds, which the loop must not spend. It only reads the pipe, piece by piece, and
+never waits for it. If the child dies, the run goes on with the table that it has.
 """
 
 import base64
@@ -23,18 +24,18 @@ from firmware_link.child import Child, Parent
 from firmware_link.host.link_values import Capabilities
 
 LOOK_S = 0.3
-"""The table is looked at this often."""
+"""Time between two looks at the file."""
 _READ_BYTES = 1 << 16
 _HEAD = struct.Struct("<Q")
 
 
 @dataclass(frozen=True)
 class Watched:
-    """What is looked at, and for whom."""
+    """The watched file, and everything that the rendering of a new table depends on."""
 
     path: Path
     identity: tuple[int, int, int]
-    """Of the table that plays: a new one takes its place as another file."""
+    """Identity of the table that plays; a new table is another file under the same name."""
     zones: tuple[str, ...]
     effects: Effects
     capabilities: Capabilities
@@ -43,13 +44,13 @@ class Watched:
 
 
 def identity_of(path: Path) -> tuple[int, int, int]:
-    """Which file lies there."""
+    """Inode, modification time and size: another file has another identity."""
     status = path.stat()
     return status.st_ino, status.st_mtime_ns, status.st_size
 
 
 class TableWatch:
-    """The end of the pipe that a loop looks at, and the process behind it."""
+    """The child process, and the end of its pipe that the loop reads."""
 
     def __init__(self, watched: Watched) -> None:
         arguments = {"watched": base64.b64encode(pickle.dumps(watched)).decode()}
@@ -67,11 +68,11 @@ class TableWatch:
         self._child.kill()
 
     def fileno(self) -> int:
-        """Readable when a part of a table has come."""
+        """The descriptor that is readable when a part of a table has come."""
         return self._pipe
 
     def poll(self) -> Rendering | None:
-        """The table whose last part has come; at most 64 KiB a call are taken."""
+        """Read at most 64 KiB; returns a table once its last part has come."""
         try:
             part = os.read(self._pipe, _READ_BYTES)
         except BlockingIOError:
@@ -90,8 +91,8 @@ class TableWatch:
         return rendering
 
     def _end(self) -> None:
-        """The process has died: the run goes on with a pipe that nothing comes through."""
-        _say("new tables are no longer looked for: the process that did has ended; start the run again for them")
+        """Replace the pipe of a child that died by a silent one, so that the run goes on."""
+        _say("new tables are no longer watched for: the watching process has ended; start the run again to adopt one")
         silent, self._kept_open = os.pipe()
         os.dup2(silent, self._pipe)
         os.close(silent)
@@ -105,7 +106,7 @@ def serve(watched: Watched, parent: Parent) -> None:
         try:
             found = identity_of(watched.path)
         except OSError:
-            continue  # it is away for a moment, or for good: what plays goes on
+            continue  # the file is being replaced, or was removed: the run keeps its table
         if found == seen:
             continue
         seen = found

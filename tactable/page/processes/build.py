@@ -1,4 +1,4 @@
-"""A table for the page, built in a process of its own: first steady entries, which play at once, then clicks."""
+"""Child process that builds a table for the page: first the steady entries, which can play at once, then clicks."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ from tactable.shipped import find_device
 
 @dataclass(frozen=True)
 class BuildOrder:
-    """Which table of which device goes where; `clicks_up_to` so many fingers, 0 is none."""
+    """A table to build; `clicks_up_to`: the most fingers with clicks, 0 for no clicks."""
 
     device: str
     objective: str
@@ -24,17 +24,17 @@ class BuildOrder:
     path: Path
 
     def as_json(self) -> dict[str, Any]:
-        """The arguments of a process that builds it."""
+        """The arguments of the child process."""
         return asdict(self) | {"path": str(self.path)}
 
     @property
     def early_path(self) -> Path:
-        """Where the table without clicks is until it has them."""
+        """Path of the table while it has no clicks yet."""
         return self.path.with_name(f"{self.path.stem}-early{self.path.suffix}")
 
 
 def build(order: BuildOrder, parent: Parent) -> None:
-    """Build it, and tell: {"step", "fraction"} again and again, {"usable": path} for what plays already."""
+    """Build it; say {"step", "fraction"} as it goes on, and {"usable": path} for each usable table."""
     device = find_device(order.device)
     order.path.parent.mkdir(parents=True, exist_ok=True)
     stages = (0, order.clicks_up_to) if order.clicks_up_to else (0,)
@@ -56,10 +56,10 @@ def build(order: BuildOrder, parent: Parent) -> None:
 
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
-    """Build what is ordered; SIGTERM leaves the clicks that are done for the next build."""
+    """Build the order; SIGTERM keeps the finished clicks for the next build."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     parent.end_with_it()
-    os.nice(10)  # the page, which is looked at, comes first
+    os.nice(10)  # the page comes first
     try:
         build(BuildOrder(**arguments | {"path": Path(arguments["path"])}), parent)
     except KeyboardInterrupt:

@@ -1,7 +1,7 @@
-"""The engine as a process of its own: fingers of a page by a pipe, commands to a port, the ring for who looks on.
+"""Child process that runs the engine for the page: fingers from a pipe, commands to a port, records to a ring.
 
-It runs what `tactable run` runs. One process plays one order after another: a line from the page names table,
-port and switches, and ends the run before.
+It runs what `tactable run` runs. Orders come one after another from the page; each names table, port and switches, and
+ends the run of the order before.
 """
 
 from contextlib import ExitStack
@@ -44,14 +44,14 @@ def decode_order(order: dict[str, Any]) -> Order:
 
 
 class _NextOrder:
-    """Ends a run when another order has come, or the page asks for the end."""
+    """Stops a run when another order has come, or the page asks for the end."""
 
     def __init__(self, parent: Parent) -> None:
         self.is_set = parent.has_spoken
 
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
-    """Play orders until the page asks for the end; say each run and each change, and the error that ends it all."""
+    """Play orders until the page asks for the end; says a line for each run."""
     with RingWriter(Path(arguments["ring"])) as ring:
         while (order := parent.read()) is not None:
             _run(decode_order(order), arguments["pointer_pipe"], ring, parent)

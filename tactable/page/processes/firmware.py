@@ -1,6 +1,6 @@
-"""An emulated firmware as a process of its own, which hands over what it applied whenever it is asked. SIMULATED.
+"""Child process that emulates the firmware for the page, and answers questions with new drive events. SIMULATED.
 
-Unlike `firmware_link.emulator.process` it forgets what it has told: it runs for hours.
+Unlike `firmware_link.emulator.process` it forgets what it has answered, since it runs for hours.
 """
 
 import time
@@ -21,7 +21,7 @@ _NS_PER_US = 1000
 
 @dataclass(frozen=True)
 class Applied:
-    """What the firmware did since it was asked before; the time of every event is before `until_us`."""
+    """The drive events since the last question; every event is before `until_us`."""
 
     until_us: float
     host_ns_at_device_zero: int

@@ -1,4 +1,4 @@
-"""The process of a page that looks on at a run: ring and table of the command line, until standard input ends."""
+"""Child process that serves the page of a live run, from its ring and table, until standard input ends."""
 
 import asyncio
 import os
@@ -17,7 +17,7 @@ _NICE = 5
 
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
-    """Say where the page is, or why there is none; then serve it until the run ends."""
+    """Say the address of the page, then serve it until the run ends."""
     os.nice(_NICE)  # the engine comes first
     with RingReader(Path(arguments["ring"])) as reader:
         backend = LiveBackend(reader, Path(arguments["table"]), arguments["frequency_resolution_hz"])

@@ -108,7 +108,7 @@ def test_a_link_leads_to_the_port_while_it_runs_and_replaces_nothing_else(tmp_pa
     link.write_text("mine", encoding="utf-8")
     done = run(tmp_path, "emulate", "--link", str(link))
     assert done.returncode == 1
-    assert "is there already and is no link to a port; choose another name" in done.stderr
+    assert "exists and is not a link to a port; choose another name" in done.stderr
     assert link.read_text(encoding="utf-8") == "mine"
 
 

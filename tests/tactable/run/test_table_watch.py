@@ -131,6 +131,6 @@ def test_a_run_outlives_the_process_that_looks_for_tables(tmp_path: Path, emulat
     )
     (watcher,) = (int(line) for line in found.stdout.split())
     os.kill(watcher, signal.SIGKILL)
-    run.say_until("no longer looked for")
+    run.say_until("no longer watched for")
     assert run.driven_hz() == 100.0
     assert run.end()["changes_of_table"] == 0
