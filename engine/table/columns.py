@@ -15,7 +15,7 @@ import numpy as np
 
 from engine.device import Device
 from engine.table.click import ClickEntry, ClickZone, LevelSpread
-from engine.table.entry import Entry, EntrySpread, Percentiles, WorstCase, ZonePromise
+from engine.table.entry import Entry, EntrySpread, Percentiles, WorstCase, ZonePrediction
 from engine.table.file import TableWriter, Values, Variable, is_text
 from engine.touch import ZoneState
 from firmware_link.protocol.bank import SAMPLE_FULL_SCALE
@@ -244,7 +244,7 @@ def _column(group: Any, variable: Variable, *, axes: int) -> list[Any]:
     return rows
 
 
-def _zone_promise(zones: Mapping[str, list[Any]], row: int, zone: int, name: str) -> ZonePromise:
+def _zone_promise(zones: Mapping[str, list[Any]], row: int, zone: int, name: str) -> ZonePrediction:
     figures = {key: column[row][zone] for key, column in zones.items()}
     ranges = {k: None if None in ends else tuple(ends) for k, ends in figures.items() if isinstance(ends, list)}
-    return ZonePromise(**figures | ranges | {"name": name, "state": ZoneState(int(figures["state"]))})
+    return ZonePrediction(**figures | ranges | {"name": name, "state": ZoneState(int(figures["state"]))})

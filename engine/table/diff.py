@@ -18,7 +18,7 @@ from firmware_link.protocol.bank import SAMPLE_FULL_SCALE
 _PROVENANCE = ("created", "code_fingerprint", "code_version")
 _DEVICE = ("title", "device_name", "device_description", "device_fingerprint")
 _COMPARED = ("responses", "sweep", "coherent_sweep", "entries", "clicks")  # value by value, or derived from such
-_RESTS_ON = "_rest_on"  # fingerprints of the same
+_INPUT_FINGERPRINT = "_input_fingerprint"  # fingerprints of the same
 _Key = tuple[tuple[str, ...], tuple[str, ...], float | None]
 _Part = TypeVar("_Part", Entry, ClickEntry)
 
@@ -215,7 +215,7 @@ def _attributes(table: Table) -> dict[str, Value]:
     for key, value in table.attributes.items():
         plain = value.item() if isinstance(value, np.generic) else value
         parts = json.loads(plain) if isinstance(plain, str) and plain.startswith("{") else plain
-        if key not in _DEVICE and not key.endswith(_RESTS_ON):
+        if key not in _DEVICE and not key.endswith(_INPUT_FINGERPRINT):
             found |= {f"{key}.{k}": _plain(v) for k, v in parts.items()} if isinstance(parts, dict) else {key: parts}
     return found
 

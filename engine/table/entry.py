@@ -19,7 +19,7 @@ Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class ZonePromise:
+class ZonePrediction:
     """Steady state of one zone, with a standard finger at the middle of every touched zone.
 
     Ranges are over sampled fingers, which lie elsewhere in their zones and differ within the device's spread.
@@ -85,7 +85,7 @@ class Entry:
     frequencies_hz: tuple[float, ...]
     amplitudes: tuple[float, ...]
     phases_rad: tuple[float, ...]
-    zones: tuple[ZonePromise, ...]
+    zones: tuple[ZonePrediction, ...]
     wanted_level_db: float
     """The level that is asked for; infinite: as much as full scale gives."""
     level_db: float
@@ -179,7 +179,7 @@ def shifted(levels: Levels, change_db: float) -> Levels:
     return raised
 
 
-def _scaled_zone(zone: ZonePromise, scale: float, change_db: float) -> ZonePromise:
+def _scaled_zone(zone: ZonePrediction, scale: float, change_db: float) -> ZonePrediction:
     at_finger, level_db = zone.acceleration_at_finger_m_per_s2, zone.sensation_level_db
     range_db = zone.sensation_level_range_db
     least, greatest = zone.peak_acceleration_range_m_per_s2

@@ -1,4 +1,10 @@
-"""A device to its table file: responses, sweeps and entries, in bounded memory, complete or not at all."""
+"""Building a table: responses, sweeps, entries and clicks of a device, written whole or not at all, in bounded memory.
+
+A build writes a new file beside its target and takes over the parts of the earlier table that are still right
+(builder.incremental). It solves the others, verifies the file, and only then puts it in the earlier table's place, so
+that an engine never opens half a table. Clicks take longest: each is kept in a store beside the table once it is solved
+(clicks.store), so that an interrupted build loses seconds.
+"""
 
 import json
 from collections.abc import Callable, Iterator
@@ -16,7 +22,7 @@ from engine.table.columns import write_clicks, write_entries
 from engine.table.file import TableWriter
 from engine.touch import state_index
 from precompute.builder.code_fingerprint import code_fingerprint
-from precompute.builder.incremental import KEPT_FOR_NOW, OUTDATED, Part, Recipe, plays_on, rests_on
+from precompute.builder.incremental import DEFERRABLE, OUTDATED, BuildOptions, Part, input_fingerprint, is_compatible
 from precompute.builder.measured_responses import source_attributes, write_measured
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, solve_clicks
 from precompute.clicks.columns import ClickTabulator
@@ -35,6 +41,7 @@ from precompute.sweep.tabulate import write_coherent_sweep, write_pair_sweep, wr
 
 MOST_ZONES_WITH_ALL_CLICKS = 5
 MOST_CLICKED_BEYOND = 3
+"""Fingers of a state that gets a click, by default, on a bar of more zones."""
 MEMORY_BUDGET_BYTES = 64 << 20
 """Default bound on the buffers of the sweep, whatever its grid."""
 Progress = Callable[[str, float], None]
@@ -42,7 +49,7 @@ Progress = Callable[[str, float], None]
 
 
 def _no_progress(step: str, fraction: float) -> None:
-    """Tell nobody."""
+    """Reports nothing."""
 
 
 def build_table(
@@ -85,13 +92,14 @@ def build_table(
     if Device.parse(device.text, device.name).fingerprint != device.fingerprint:
         raise TableError(f"{device.name}: was changed after it was read; write its text anew and read that")
     sha256 = "" if responses is None else responses.sha256
-    recipe = Recipe(code_fingerprint(), objective, _fingers(device, clicks_up_to), click_options, sha256, made_for)
+    most = _most_fingers(device, clicks_up_to)
+    options = BuildOptions(code_fingerprint(), objective, most, click_options, sha256, made_for)
     if objective not in OBJECTIVES:
         raise TableError(f"there is no objective {objective!r}; choose one of {', '.join(OBJECTIVES)}")
     with threadpool_limits(1, "blas"), remembered_interrupt() as check:  # unpinned BLAS: 100 times slower when busy
         checked = _checked(progress, check)
         builder = _Builder(
-            device, path, recipe, workers, pool, clicks_later, completes, responses, memory_budget_bytes, checked
+            device, path, options, workers, pool, clicks_later, completes, responses, memory_budget_bytes, checked
         )
         with _earlier(path, reuse) as earlier:
             builder.build(created or datetime.now(UTC).isoformat(timespec="seconds"), earlier)
@@ -106,7 +114,7 @@ def _checked(progress: Progress, check: Callable[[], None]) -> Progress:
     return checked
 
 
-def _fingers(device: Device, clicks_up_to: int | None) -> int:
+def _most_fingers(device: Device, clicks_up_to: int | None) -> int:
     zones = len(device.zones)
     if clicks_up_to is not None:
         return clicks_up_to
@@ -130,7 +138,7 @@ class _Builder:
 
     device: Device
     path: Path
-    recipe: Recipe
+    options: BuildOptions
     workers: int
     pool: WorkerPool | None
     clicks_later: bool
@@ -140,11 +148,11 @@ class _Builder:
     progress: Progress
 
     def build(self, created: str, earlier: Table | None) -> None:
-        device, recipe, progress = self.device, self.recipe, self.progress
-        rests = {part: rests_on(part, device, recipe) for part in Part}
-        known = {part for part in Part if earlier and earlier.attributes.get(part.attribute) == rests[part]}
+        device, options, progress = self.device, self.options, self.progress
+        inputs = {part: input_fingerprint(part, device, options) for part in Part}
+        known = {part for part in Part if earlier and earlier.attributes.get(part.attribute) == inputs[part]}
         wanted = self._wanted()
-        later = {part for part in KEPT_FOR_NOW if self.clicks_later and part in wanted - known}
+        later = {part for part in DEFERRABLE if self.clicks_later and part in wanted - known}
         progress("responses", 0.0)
         plant = assemble(device) if self.responses is None else measured_plant(device, self.responses)
         with TableWriter(self.path, self._check, completes=self.completes) as writer:
@@ -155,21 +163,21 @@ class _Builder:
                     "device_name": device.name,
                     "device_description": device.text,
                     "device_fingerprint": device.fingerprint,
-                    "code_fingerprint": recipe.code_fingerprint,
+                    "code_fingerprint": options.code_fingerprint,
                     "code_version": metadata.version("tactable"),
                     "created": created,
-                    "objective": recipe.objective,
-                    "made_for": recipe.made_for.value,
-                    "clicks_up_to": recipe.clicks_up_to,
-                    "click_options": json.dumps(asdict(recipe.click_options)),
+                    "objective": options.objective,
+                    "made_for": options.made_for.value,
+                    "clicks_up_to": options.clicks_up_to,
+                    "click_options": json.dumps(asdict(options.click_options)),
                     "spread_over": sampled_words(device, is_measured=self.responses is not None),
                     **source_attributes(self.responses),
-                    **{part.attribute: rests[part] for part in Part if part not in later},
+                    **{part.attribute: inputs[part] for part in Part if part not in later},
                     **({OUTDATED: " ".join(sorted(later))} if later else {}),
                 }
             )
             if earlier is not None:
-                for part in sorted(known | {part for part in later if plays_on(earlier.device, device)}):
+                for part in sorted(known | {part for part in later if is_compatible(earlier.device, device)}):
                     if earlier.copy_groups(writer, part.groups):
                         progress(f"{part} as before", 0.05)
             with self._pool(known) as pool:
@@ -186,10 +194,10 @@ class _Builder:
 
     def _wanted(self) -> set[Part]:
         """The parts that the table is to have."""
-        return {part for part in Part if part is not Part.CLICKS or self.recipe.clicks_up_to}
+        return {part for part in Part if part is not Part.CLICKS or self.options.clicks_up_to}
 
     def _check(self, written: Path) -> None:
-        Table.open(written, device=self.device, code_fingerprint=self.recipe.code_fingerprint, verify=False).close()
+        Table.open(written, device=self.device, code_fingerprint=self.options.code_fingerprint, verify=False).close()
         self.progress("put in place", 0.99)
 
     @contextmanager
@@ -212,8 +220,8 @@ class _Builder:
             write_measured(writer, self.device, self.responses)
 
     def _write_entries(self, writer: TableWriter, plant: Plant, pool: WorkerPool) -> None:
-        solved, share = [], 0.1 if self.recipe.clicks_up_to else 0.7
-        for entries, fraction in solve_entries(plant, self.recipe.objective, pool, self.recipe.made_for):
+        solved, share = [], 0.1 if self.options.clicks_up_to else 0.7
+        for entries, fraction in solve_entries(plant, self.options.objective, pool, self.options.made_for):
             solved.append(entries)
             self.progress("entries", 0.25 + share * fraction)
         solved.sort(key=lambda entries: entries[0].index)
@@ -221,17 +229,17 @@ class _Builder:
         write_entries(writer, [entry for level in zip(*solved, strict=True) for entry in level], self.device)
 
     def _solve_clicks(self) -> ClickStore:
-        """The clicks, in a store that holds those of an interrupted build already."""
-        device, options = self.device, self.recipe.click_options
-        with ClickStore(self.path, rests_on(Part.CLICKS, device, self.recipe)) as store:
-            states = self._states(self.recipe.clicks_up_to)
+        """Every click, in a store that may already hold some from an interrupted build."""
+        device, click_options = self.device, self.options.click_options
+        with ClickStore(self.path, input_fingerprint(Part.CLICKS, device, self.options)) as store:
+            states = self._states(self.options.clicks_up_to)
             left = [state for state in states if state_index(state) not in store.clicks]
-            tabulator = ClickTabulator(device, options.wanted_db)
-            for click in solve_clicks(device, options, left, self.workers):
+            tabulator = ClickTabulator(device, click_options.wanted_db)
+            for click in solve_clicks(device, click_options, left, self.workers):
                 store.add(tabulator.tabulate(click))
                 self.progress("clicks", 0.35 + 0.6 * len(store.clicks) / len(states))
         return store
 
     def _states(self, fingers: int) -> list[States]:
-        """Those of up to so many fingers."""
+        """The tabulated states of at most `fingers` fingers."""
         return [state for state in tabulated_states(self.device) if len(touched_zones(state)) <= fingers]

@@ -1,4 +1,15 @@
-"""A table's parts, and what of a device each rests on: a part is computed again only if some of that has changed."""
+"""Incremental builds: which parts of a table are still right, and which must be computed again.
+
+A table has three parts: the responses of the bar with their sweeps, the entries, and the clicks. For each part it holds
+the fingerprint of the inputs that the part was computed from: the code, the values of the device that the part
+depends on, and the options of the build. A part of an earlier table is taken over only if that fingerprint is equal.
+Values are left out of a fingerprint where the part provably does not depend on them (a name, a lease, for clicks the
+sweep), and everything else is in it, so that a value which is added to the device makes parts stale rather than wrong.
+
+Clicks are deferrable, since they take minutes: a build may keep those of the earlier table for a device that has
+changed, provided that they can be played on it. They are then named as outdated, and carry no fingerprint until a later
+build has made them again.
+"""
 
 import hashlib
 import json
@@ -13,7 +24,7 @@ from precompute.entries.prediction import MadeFor
 
 
 class Part(StrEnum):
-    """What is computed, or taken over from an earlier table, as one."""
+    """A part of a table, which is computed or taken over as a whole."""
 
     RESPONSES = "responses"
     ENTRIES = "entries"
@@ -21,88 +32,88 @@ class Part(StrEnum):
 
     @property
     def attribute(self) -> str:
-        """The table's attribute with the fingerprint of what the part rests on."""
-        return f"{self.value}_rest_on"
+        """The table's attribute that holds the fingerprint of the part's inputs."""
+        return f"{self.value}_input_fingerprint"
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """The groups of the file that hold it."""
+        """The groups of the file that hold the part."""
         return ("responses", "sweep", "coherent_sweep", "measured") if self is Part.RESPONSES else (self.value,)
 
 
 @dataclass(frozen=True)
-class Recipe:
-    """All that decides what is in a table, beside the device."""
+class BuildOptions:
+    """Everything beside the device that decides what is in a table."""
 
     code_fingerprint: str
     objective: str
     clicks_up_to: int
     click_options: ClickOptions
     responses_sha256: str = ""
-    """Of the file of measured responses; "": they are the model's."""
+    """SHA-256 of the file of measured responses; "" where the responses are the model's."""
     made_for: MadeFor = MadeFor.MEAN
 
     @classmethod
-    def of(cls, table: Table) -> "Recipe":
-        """What a table was built by. Raises TableError for a table of a version that did not note it."""
+    def of(cls, table: Table) -> "BuildOptions":
+        """The options that a table was built with. Raises TableError for a table that does not note them."""
         values = table.attributes
         if "clicks_up_to" not in values:
             raise TableError(f"{table.path}: does not say what it was built by; build it again with this version")
-        options = json.loads(str(values["click_options"]))
+        click = json.loads(str(values["click_options"]))
         return cls(
             code_fingerprint=str(values["code_fingerprint"]),
             objective=str(values["objective"]),
             clicks_up_to=int(values["clicks_up_to"]),
-            click_options=ClickOptions(**options | {"lengths_s": tuple(options["lengths_s"])}),
+            click_options=ClickOptions(**click | {"lengths_s": tuple(click["lengths_s"])}),
             responses_sha256=str(values.get("responses_sha256", "")),
             made_for=MadeFor(str(values["made_for"])),
         )
 
 
 OUTDATED = "outdated"
-"""The table's attribute that names the parts, parted by spaces, that are still of the device as it was before."""
-KEPT_FOR_NOW = (Part.CLICKS,)
-"""What a build may leave for later, since it takes minutes."""
+"""The table's attribute that names, separated by spaces, the parts that were made for an earlier device."""
+DEFERRABLE = (Part.CLICKS,)
+"""Parts that a build may leave for later."""
 
-# The untouched bar.
+# Responses are those of the untouched bar.
 _RESPONSES = ("bar", "actuators", "zones", "sweep")
-# What only the engine uses, and words.
+# Only the engine or a person reads these.
 _IDLE = ("name", "description", "zone_hysteresis_m", "touch_axis", "inferred", "text")
 
 
-def rests_on(part: Part, device: Device, recipe: Recipe) -> str:
-    """SHA-256 (hex) over everything that decides what is in a part."""
+def input_fingerprint(part: Part, device: Device, options: BuildOptions) -> str:
+    """SHA-256 (hex) over everything that a part is computed from."""
     values = {key: value for key, value in asdict(device).items() if key not in _IDLE}
     values["limits"].pop("lease_s")
-    chosen: dict[str, Any] = {"code": recipe.code_fingerprint}
+    chosen: dict[str, Any] = {"code": options.code_fingerprint}
     match part:
         case Part.RESPONSES:
             values = {key: values[key] for key in _RESPONSES}
-            chosen["responses"] = recipe.responses_sha256
+            chosen["responses"] = options.responses_sha256
         case Part.ENTRIES:
-            chosen |= {"objective": recipe.objective, "responses": recipe.responses_sha256}
-            chosen["made_for"] = recipe.made_for
+            chosen |= {"objective": options.objective, "responses": options.responses_sha256}
+            chosen["made_for"] = options.made_for
         case Part.CLICKS:
             values.pop("sweep")
-            chosen |= {"clicks_up_to": recipe.clicks_up_to, "options": asdict(recipe.click_options)}
+            chosen |= {"clicks_up_to": options.clicks_up_to, "options": asdict(options.click_options)}
     return hashlib.sha256(json.dumps(chosen | values, sort_keys=True).encode()).hexdigest()
 
 
 def outdated_parts(table: Table) -> tuple[Part, ...]:
-    """Parts of a table that were made for the device as it was before."""
+    """Parts of a table that were made for an earlier device."""
     names = str(table.attributes.get(OUTDATED, "")).split()
     return tuple(part for part in Part if part in names)
 
 
-def is_current(table: Table, device: Device, recipe: Recipe) -> bool:
-    """Whether a table is what a build would make, but for its outdated parts."""
+def is_current(table: Table, device: Device, options: BuildOptions) -> bool:
+    """Whether a table is what a build would make now, its outdated parts left aside."""
     left = set(Part) - set(outdated_parts(table))
     return table.fingerprint == device.fingerprint and all(
-        table.attributes.get(part.attribute) == rests_on(part, device, recipe) for part in left
+        table.attributes.get(part.attribute) == input_fingerprint(part, device, options) for part in left
     )
 
 
-def plays_on(before: Device, device: Device) -> bool:
+def is_compatible(before: Device, device: Device) -> bool:
     """Whether what was made for a device may be played on another: the same zones, actuators and limits."""
     names = [[actuator.name for actuator in each.actuators] for each in (before, device)]
     return before.zones == device.zones and before.limits == device.limits and names[0] == names[1]

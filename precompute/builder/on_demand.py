@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from engine.files import replace_file
 from engine.table import Entry, Table
-from engine.table.entry import EntrySpread, Percentiles, WorstCase, ZonePromise
+from engine.table.entry import EntrySpread, Percentiles, WorstCase, ZonePrediction
 from engine.touch import ZoneState, state_index
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.measured_responses import plant_of
@@ -42,7 +42,9 @@ def entries_on_demand(table: Table, states: States, folder: Path) -> list[Entry]
 
 
 def _entry_of(values: dict[str, Any]) -> Entry:
-    zones = tuple(ZonePromise(**{**_tuples(zone), "state": ZoneState(zone["state"])}) for zone in values.pop("zones"))
+    zones = tuple(
+        ZonePrediction(**{**_tuples(zone), "state": ZoneState(zone["state"])}) for zone in values.pop("zones")
+    )
     worst_case = WorstCase(**values.pop("worst_case"))
     found = values.pop("spread").items()
     spread: dict[str, Any] = {key: None if ends is None else Percentiles(**ends) for key, ends in found}

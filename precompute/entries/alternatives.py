@@ -7,7 +7,7 @@ import numpy as np
 
 from engine.table import Entry
 from engine.table.entry import LEVEL_TOLERANCE_DB
-from precompute.entries.candidate import Drive
+from precompute.entries.found_drive import FoundDrive
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES, Problem, paper
 from precompute.entries.prediction import States, touched_zones
 from precompute.entries.search import TIE_DB, Search
@@ -28,20 +28,20 @@ def solve_alternatives(plant: Plant, states: States, winner: Entry) -> list[Alte
     """The best single tones and the other objectives, judged as the entry `winner` of `states` is."""
     solver = EntrySolver(plant)
     entries = {
-        name: solver.judge(states, winner.wanted_level_db, drive, name)
+        name: solver.evaluate(states, winner.wanted_level_db, drive, name)
         for name, drive in _rivals(solver, states, winner)
     }
     return [Alternative(name, entry, _lost_by(winner, entry)) for name, entry in entries.items()]
 
 
-def paper_drive(solver: EntrySolver, states: States) -> Drive:
+def paper_drive(solver: EntrySolver, states: States) -> FoundDrive:
     """The optimum of the published objective (11)."""
     found = Search(paper(solver.forms_of(touched_zones(states)), states), []).best(0.0)
     assert found is not None  # with nothing wanted there is always a drive
     return found.drive
 
 
-def _rivals(solver: EntrySolver, states: States, winner: Entry) -> Iterator[tuple[str, Drive]]:
+def _rivals(solver: EntrySolver, states: States, winner: Entry) -> Iterator[tuple[str, FoundDrive]]:
     forms = solver.forms_of(touched_zones(states))
     wanted = solver.wanted_power(winner.wanted_level_db)
     own = OBJECTIVES.get(winner.objective, OBJECTIVES[DEFAULT_OBJECTIVE])(forms, states)
@@ -52,7 +52,7 @@ def _rivals(solver: EntrySolver, states: States, winner: Entry) -> Iterator[tupl
             yield from _best(name, objective(forms, states), wanted)
 
 
-def _best(name: str, problem: Problem, wanted: float) -> Iterator[tuple[str, Drive]]:
+def _best(name: str, problem: Problem, wanted: float) -> Iterator[tuple[str, FoundDrive]]:
     """The best that reaches the wanted power; where nothing does, the best of all."""
     powers = [wanted] if np.isfinite(wanted) else []
     search = Search(problem, powers)

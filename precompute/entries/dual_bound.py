@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precompute.entries.bfgs import greatest_eigenvalue
-from precompute.entries.candidate import Drive, Weights, powers_of
+from precompute.entries.found_drive import FoundDrive, Weights, powers_of
 from precompute.entries.objective import Problem
 
 Array = NDArray[np.float64]
@@ -127,7 +127,7 @@ def _empty_program(sizes: list[int], actuators: int, *, is_wanted: bool) -> high
     return program
 
 
-def compute_bound(problem: Problem, drive: Drive, wanted: float) -> float:
+def compute_bound(problem: Problem, drive: FoundDrive, wanted: float) -> float:
     """What no drive of any family above the level exceeds, by the weights that the forms have at `drive`."""
     level, actuator = drive.weights.level, drive.weights.actuator
     lifted = float(level.sum()) * wanted

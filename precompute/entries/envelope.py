@@ -10,14 +10,14 @@ Complex = NDArray[np.complex128]
 
 
 def compute_envelopes(model: RiseModel, frequency_hz: Array, amplitude: Complex, time_s: Array) -> tuple[Array, Array]:
-    """Frequencies (tone,) and envelopes (tone, touch, place, time), m/s^2, of tones started at once at t = 0.
+    """Frequencies (tone,) and envelopes (tone, case, place, time), m/s^2, of tones started at once at t = 0.
 
     frequency_hz, amplitude (actuator,). The envelope of a tone is the magnitude of the acceleration under
     exp(j omega t), as in precompute.entries.rise_time, which says when it has risen.
     """
     tones_hz = np.unique(frequency_hz[amplitude != 0])
     out = np.empty((len(tones_hz), *model.shape.shape[:2], len(time_s)))
-    decay = np.exp(model.pole[:, :, None] * time_s)  # (touch, state, time)
+    decay = np.exp(model.pole[:, :, None] * time_s)  # (case, state, time)
     for t, omega in enumerate(2 * np.pi * tones_hz):
         weight = np.where(frequency_hz == tones_hz[t], amplitude, 0)
         force = (model.spring + 1j * omega * model.damper) @ weight

@@ -1,6 +1,6 @@
 """Fingers to Hermitian forms: what each of them feels, and where the energy goes, as a^H H a of the drive a.
 
-The fingers are added by a low-rank update of the receptance at the points they touch: with Y the receptance there and Z
+The fingers are added by a low-rank update of the receptance at the points they case: with Y the receptance there and Z
 their dynamic stiffness, the bar moves as (1 + Y Z)^-1 y_0 under them and carries their forces -Z y everywhere else.
 """
 
@@ -24,7 +24,7 @@ class Forms:
     """Hermitian forms of one set of touched zones, each (..., frequency, actuator, actuator).
 
     level (finger): power of the acceleration under the standard finger over the detection threshold; expected
-    (finger): the same, averaged over the sampled touches; energy (zone) and total: Gram matrices with the standard
+    (finger): the same, averaged over the sampled cases; energy (zone) and total: Gram matrices with the standard
     fingers on the bar; bar_mean: power over the threshold, averaged along the bar; untouched_energy (zone) and
     untouched_total: Gram matrices without fingers. in_band (frequency, actuator).
     """
@@ -66,11 +66,11 @@ def compute_forms(receptance: Receptance, touched: Sequence[int]) -> Forms:
 
 
 def compute_loaded(receptance: Receptance, touched: Sequence[int]) -> Complex:
-    """Displacement under each finger, (frequency, touch, finger, actuator) in metres at full scale, all fingers on."""
-    touches = receptance.touches
+    """Displacement under each finger, (frequency, case, finger, actuator) in metres at full scale, all fingers on."""
+    sampled = receptance.sampled
     zones = np.array(touched, dtype=np.int64)
-    place = np.ascontiguousarray(zones * touches.position_m.shape[1] + touches.place[:, zones])
-    stiffness = touches.dynamic_stiffness(receptance.frequency_hz)[:, :, zones].copy(order="C")
+    place = np.ascontiguousarray(zones * sampled.position_m.shape[1] + sampled.place[:, zones])
+    stiffness = sampled.dynamic_stiffness(receptance.frequency_hz)[:, :, zones].copy(order="C")
     out = np.empty((*stiffness.shape, receptance.drive.shape[2]), dtype=np.complex128)
     _fill_loaded(receptance.drive, receptance.point, place, stiffness, out)
     return out
@@ -79,7 +79,7 @@ def compute_loaded(receptance: Receptance, touched: Sequence[int]) -> Complex:
 def _loaded_gram(receptance: Receptance, zones: NDArray[np.int64], standard: Complex) -> tuple[Complex, Complex]:
     """Gram matrices (zone, frequency, actuator, actuator) and of the whole bar, standard fingers on."""
     frequencies, actuators = receptance.drive.shape[0], receptance.drive.shape[2]
-    stiffness = receptance.touches.dynamic_stiffness(receptance.frequency_hz)[:, 0, zones]
+    stiffness = receptance.sampled.dynamic_stiffness(receptance.frequency_hz)[:, 0, zones]
     shape = np.zeros((frequencies, receptance.total_gram.shape[1], actuators), dtype=np.complex128)
     shape[:, :actuators] = np.eye(actuators)
     shape[:, actuators + zones] = -stiffness[:, :, None] * standard
@@ -89,7 +89,7 @@ def _loaded_gram(receptance: Receptance, zones: NDArray[np.int64], standard: Com
 
 
 def _mean_power(displacement: Complex) -> Complex:
-    """Mean over touches of conj(y_a) y_b: (finger, frequency, actuator, actuator)."""
+    """Mean over cases of conj(y_a) y_b: (finger, frequency, actuator, actuator)."""
     by_finger = displacement.transpose(2, 0, 1, 3)
     mean: Complex = by_finger.conj().transpose(0, 1, 3, 2) @ by_finger / displacement.shape[1]
     return mean
@@ -129,12 +129,12 @@ def _eliminate(left, right):  # type: ignore[no-untyped-def]  # numba
 
 @njit(types.void(_FIELD, _FIELD, _PLACE, _FIELD, _OUT), cache=True, parallel=True)
 def _fill_loaded(drive, point, place, stiffness, out):  # type: ignore[no-untyped-def]  # numba
-    """Fill out (frequency, touch, finger, actuator) with (1 + Y Z)^-1 y_0, by elimination; Y Z is small."""
-    touches, fingers = place.shape
+    """Fill out (frequency, case, finger, actuator) with (1 + Y Z)^-1 y_0, by elimination; Y Z is small."""
+    cases, fingers = place.shape
     actuators = drive.shape[2]
     for f in prange(drive.shape[0]):
         left = np.empty((fingers, fingers), dtype=np.complex128)
-        for k in range(touches):
+        for k in range(cases):
             right = out[f, k]
             for p in range(fingers):
                 for q in range(fingers):

@@ -11,7 +11,7 @@ from precompute.model.assembly import Plant
 from precompute.model.response import solve_response
 from precompute.model.steady import SteadyState, steady_state_of
 from precompute.model.threshold import detection_threshold
-from precompute.sampling.fingers import Touches
+from precompute.sampling.fingers import SampledFingers
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -23,8 +23,8 @@ _EVERY = 8  # of the places in a zone is looked at for the range of its peak
 class DriveFigures:
     """Steady state of one drive with fingers in the touched zones.
 
-    standard: every zone's figures, standard fingers at the middles. share, peak (touch, zone): with each touch, the
-    standard one first. acceleration (m/s^2) and power over threshold, each (touch, finger): under the fingers; tones of
+    standard: every zone's figures, standard fingers at the middles. share, peak (case, zone): with each case, the
+    standard one first. acceleration (m/s^2) and power over threshold, each (case, finger): under the fingers; tones of
     different frequencies add as magnitudes in the first and as powers in the second.
     """
 
@@ -36,15 +36,15 @@ class DriveFigures:
 
 
 def compute_figures(
-    plant: Plant, touches: Touches, touched: Sequence[int], frequency_hz: Array, amplitude: Complex
+    plant: Plant, sampled: SampledFingers, touched: Sequence[int], frequency_hz: Array, amplitude: Complex
 ) -> DriveFigures:
     """Figures of the drive, frequency_hz and amplitude (actuator,) as fractions of full scale."""
     tones = np.unique(frequency_hz[amplitude != 0])
     weight = np.where(frequency_hz == tones[:, None], amplitude, 0)
-    field = _loaded_fields(plant, touches, list(touched), tones, weight)
+    field = _loaded_fields(plant, sampled, list(touched), tones, weight)
     omega = 2 * np.pi * tones
     zones = np.array(touched, dtype=np.int64)
-    here_m = np.take_along_axis(touches.position_m[zones].T, touches.place[:, zones], axis=0)
+    here_m = np.take_along_axis(sampled.position_m[zones].T, sampled.place[:, zones], axis=0)
     under = _sample_each(plant, field, here_m) * (omega**2)[:, None, None]
     share, peak = _zone_figures(plant, field, omega)
     return DriveFigures(
@@ -56,15 +56,15 @@ def compute_figures(
     )
 
 
-def _loaded_fields(plant: Plant, touches: Touches, zones: list[int], tones: Array, weight: Complex) -> Complex:
-    """Displacement (tone, touch, degree of freedom) under the drive, by low-rank update as in entries.forms."""
+def _loaded_fields(plant: Plant, sampled: SampledFingers, zones: list[int], tones: Array, weight: Complex) -> Complex:
+    """Displacement (tone, case, degree of freedom) under the drive, by low-rank update as in entries.forms."""
     actuators = weight.shape[1]
-    response = solve_response(plant, tones, touches.position_m.ravel()).displacement_m
+    response = solve_response(plant, tones, sampled.position_m.ravel()).displacement_m
     free = np.einsum("ta,tad->td", weight, response[:, :actuators])
     pushed = response[:, actuators:]
-    place = np.array(zones, dtype=np.int64) * touches.position_m.shape[1] + touches.place[:, zones]
-    at_places = plant.sampler(touches.position_m.ravel()).sample(response)
-    stiffness = touches.dynamic_stiffness(tones)[:, :, zones]
+    place = np.array(zones, dtype=np.int64) * sampled.position_m.shape[1] + sampled.place[:, zones]
+    at_places = plant.sampler(sampled.position_m.ravel()).sample(response)
+    stiffness = sampled.dynamic_stiffness(tones)[:, :, zones]
     receptance = at_places[:, actuators:][:, place[:, :, None], place[:, None, :]]
     moved = at_places[:, :actuators].transpose(0, 2, 1) @ weight[:, :, None]
     under = np.linalg.solve(np.eye(len(zones)) + receptance * stiffness[:, :, None, :], moved[:, place])[..., 0]
@@ -75,17 +75,17 @@ def _loaded_fields(plant: Plant, touches: Touches, zones: list[int], tones: Arra
 
 
 def _sample_each(plant: Plant, field: Complex, position_m: Array) -> Complex:
-    """Field (tone, touch, degree of freedom) at positions of its own for each touch (touch, place)."""
+    """Field (tone, case, degree of freedom) at positions of its own for each case (case, place)."""
     sampler = plant.sampler(position_m.ravel())
     columns = (2 * sampler.element[:, None] + np.arange(4)).reshape(*position_m.shape, 4)
     weights = sampler.weight.reshape(*position_m.shape, 4)
-    touch = np.arange(len(position_m))[:, None, None]
-    values: Complex = np.einsum("tkpi,kpi->tkp", field[:, touch, columns], weights)
+    case = np.arange(len(position_m))[:, None, None]
+    values: Complex = np.einsum("tkpi,kpi->tkp", field[:, case, columns], weights)
     return values
 
 
 def _zone_figures(plant: Plant, field: Complex, omega: Array) -> tuple[Array, Array]:
-    """Share of the kinetic energy and peak acceleration, each (touch, zone)."""
+    """Share of the kinetic energy and peak acceleration, each (case, zone)."""
     zones = plant.device.zones
     every = slice(None, None, _EVERY)
     element = plant.zone_sampler.element.reshape(len(zones), -1)[:, every]
@@ -114,9 +114,9 @@ _OUT = types.Array(types.float64, 2, "C")
 
 @njit(types.void(_FIELD, _OMEGA, _BLOCK, _ZONE, _ELEMENT, _BLOCK, _OUT, _OUT), cache=True, parallel=True)
 def _fill_figures(field, omega, integral, zone_of, element, weight, energy, peak):  # type: ignore[no-untyped-def]  # numba
-    """Add up kinetic energies (touch, zone; the last what lies in none), find peaks (touch, zone) over places."""
-    tones, touches, _ = field.shape
-    for k in prange(touches):
+    """Add up kinetic energies (case, zone; the last what lies in none), find peaks (case, zone) over places."""
+    tones, cases, _ = field.shape
+    for k in prange(cases):
         for t in range(tones):
             for e in range(integral.shape[0]):
                 total = 0.0

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.table import Entry
-from engine.table.entry import LEVEL_TOLERANCE_DB, EntrySpread, Percentiles, WorstCase, ZonePromise
+from engine.table.entry import LEVEL_TOLERANCE_DB, EntrySpread, Percentiles, WorstCase, ZonePrediction
 from engine.touch import ZoneState
-from precompute.entries.candidate import Drive
+from precompute.entries.found_drive import FoundDrive
 from precompute.entries.performance import DriveFigures
 from precompute.model.frequencies import FREQUENCY_STEP_HZ
 
@@ -36,16 +36,16 @@ _AT_LEVEL_DB = 0.01
 
 
 @dataclass(frozen=True)
-class Choice:
+class Candidate:
     """A drive chosen for a state by an objective, with the bound on it, its figures at full scale and its rise times.
 
-    rise_s (touch,): of the slowest felt finger, the standard touch first. sampled (case, finger): power over threshold
-    at full scale in the sampled cases: the sampled touches, each on a bar of its own where a calibration left some.
+    rise_s (case,): of the slowest felt finger, the standard case first. sampled (case, finger): power over threshold
+    at full scale in the sampled cases: the sampled fingers, each on a bar of its own where a calibration left some.
     """
 
     states: States
     objective: str
-    drive: Drive
+    drive: FoundDrive
     bound: float
     figures: DriveFigures
     rise_s: Array
@@ -88,24 +88,26 @@ def touched_zones(states: States) -> tuple[int, ...]:
     return tuple(zone for zone, state in enumerate(states) if state is not ZoneState.FREE)
 
 
-def make_entry(device: Device, choice: Choice, wanted_level_db: float, made_for: MadeFor = MadeFor.MEAN) -> Entry:
-    """The entry of a choice at a level; where full scale does not reach it, at full scale."""
-    full_level_db = choice.full_level_db if made_for is MadeFor.MEAN else choice.low_level_db
-    limit, drive, figures = device.limits.amplitude, choice.drive, choice.figures
+def make_entry(device: Device, candidate: Candidate, wanted_level_db: float, made_for: MadeFor = MadeFor.MEAN) -> Entry:
+    """The entry of a candidate at a level; where full scale does not reach it, at full scale."""
+    full_level_db = candidate.full_level_db if made_for is MadeFor.MEAN else candidate.low_level_db
+    limit, drive, figures = device.limits.amplitude, candidate.drive, candidate.figures
     change_db = min(0.0, wanted_level_db - full_level_db)
     amplitude = drive.amplitude * 10 ** (change_db / 20) * limit
     level_db = 10 * np.log10(np.maximum(figures.power, 1e-30)) + change_db
-    felt, quiet = choice.fingers(ZoneState.FELT), choice.fingers(ZoneState.QUIET)
+    felt, quiet = candidate.fingers(ZoneState.FELT), candidate.fingers(ZoneState.QUIET)
     weakest, strongest = level_db[:, felt].min(axis=1), level_db[:, quiet].max(axis=1, initial=-np.inf)
-    felt_zones = [choice.touched[finger] for finger in felt]
-    bound = max(choice.bound, drive.value)
+    felt_zones = [candidate.touched[finger] for finger in felt]
+    bound = max(candidate.bound, drive.value)
     # Values of the search are for amplitudes up to 1; a level scales with the power that the limit leaves.
-    bound_db = _db(bound) + (20 * np.log10(limit) if choice.objective == "level" else 0.0)
+    bound_db = _db(bound) + (20 * np.log10(limit) if candidate.objective == "level" else 0.0)
     return Entry(
         frequencies_hz=tuple(drive.frequency_hz.tolist()),
         amplitudes=tuple(np.minimum(abs(amplitude), limit).tolist()),
         phases_rad=tuple(np.angle(amplitude).tolist()),
-        zones=tuple(_promise(device, choice, zone, change_db, level_db) for zone in range(len(choice.states))),
+        zones=tuple(
+            _predict_zone(device, candidate, zone, change_db, level_db) for zone in range(len(candidate.states))
+        ),
         wanted_level_db=wanted_level_db,
         level_db=float(weakest[0]),
         reached_db=full_level_db + change_db,
@@ -113,20 +115,20 @@ def make_entry(device: Device, choice: Choice, wanted_level_db: float, made_for:
         contrast_db=float(weakest[0] - strongest[0]) if quiet else None,
         expected_contrast_db=_expected_contrast_db(figures, felt, quiet),
         localized_factor=float(figures.standard.share[felt_zones].sum()),
-        objective=choice.objective,
-        upper_bound=bound if choice.objective in SHARES else bound_db,
+        objective=candidate.objective,
+        upper_bound=bound if candidate.objective in SHARES else bound_db,
         optimality_gap_db=_db(bound / drive.value),
-        t90_s=float(choice.rise_s[0]),
+        t90_s=float(candidate.rise_s[0]),
         family=drive.family,
-        limited_by=_limited_by(device, choice, np.abs(amplitude), wanted_level_db, full_level_db - wanted_level_db),
+        limited_by=_limited_by(device, candidate, np.abs(amplitude), wanted_level_db, full_level_db - wanted_level_db),
         worst_case=WorstCase(
             level_db=float(weakest.min()),
             quiet_level_db=float(strongest.max()) if quiet else None,
             contrast_db=float((weakest - strongest).min()) if quiet else None,
             localized_factor=float(figures.share[:, felt_zones].sum(axis=1).min()),
-            t90_s=float(choice.rise_s.max()),
+            t90_s=float(candidate.rise_s.max()),
         ),
-        spread=_spread(choice.sampled, felt, quiet, change_db),
+        spread=_spread(candidate.sampled, felt, quiet, change_db),
     )
 
 
@@ -156,15 +158,15 @@ def _percentiles(level_db: Array) -> Percentiles:
     return Percentiles(*np.percentile(level_db, PERCENTS).tolist())
 
 
-def _promise(device: Device, choice: Choice, zone: int, change_db: float, level_db: Array) -> ZonePromise:
-    standard, figures, scale = choice.figures.standard, choice.figures, 10 ** (change_db / 20)
-    finger = choice.touched.index(zone) if zone in choice.touched else None
+def _predict_zone(device: Device, candidate: Candidate, zone: int, change_db: float, level_db: Array) -> ZonePrediction:
+    standard, figures, scale = candidate.figures.standard, candidate.figures, 10 ** (change_db / 20)
+    finger = candidate.touched.index(zone) if zone in candidate.touched else None
     # The standard peak is interpolated between places; those of the range are not.
     own_peak = float(standard.peak[zone])
     peak = np.append(figures.peak[:, zone], own_peak)
-    return ZonePromise(
+    return ZonePrediction(
         name=device.zones[zone].name,
-        state=choice.states[zone],
+        state=candidate.states[zone],
         share=float(standard.share[zone]),
         share_range=_range(figures.share[:, zone]),
         peak_acceleration_m_per_s2=own_peak * scale,
@@ -178,12 +180,12 @@ def _promise(device: Device, choice: Choice, zone: int, change_db: float, level_
     )
 
 
-def _limited_by(device: Device, choice: Choice, amplitude: Array, wanted_level_db: float, spare_db: float) -> str:
+def _limited_by(device: Device, candidate: Candidate, amplitude: Array, wanted_level_db: float, spare_db: float) -> str:
     """Names of what holds the drive: the level, full scale, a band's edge; else the bar itself does."""
     parts = list[str]()
     if np.isfinite(wanted_level_db) and spare_db < _AT_LEVEL_DB:
         parts.append("level" if spare_db >= -LEVEL_TOLERANCE_DB else "level out of reach")
-    for actuator, hz, fraction in zip(device.actuators, choice.drive.frequency_hz, amplitude, strict=True):
+    for actuator, hz, fraction in zip(device.actuators, candidate.drive.frequency_hz, amplitude, strict=True):
         if fraction > _FULL * device.limits.amplitude:
             parts.append(f"full scale of {actuator.name}")
         if fraction > 0 and min(abs(hz - edge) for edge in actuator.band_hz) < FREQUENCY_STEP_HZ:

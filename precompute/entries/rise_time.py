@@ -27,9 +27,9 @@ _RENEWED = 64
 
 @dataclass(frozen=True)
 class RiseModel:
-    """Damped modes of the bar under several touches.
+    """Damped modes of the bar in several cases.
 
-    pole (touch, state); shape (touch, place, state): what a place sees of each state; spring, damper (touch, state,
+    pole (case, state); shape (case, place, state): what a place sees of each state; spring, damper (case, state,
     actuator): what a base displacement and its rate put in.
     """
 
@@ -39,9 +39,9 @@ class RiseModel:
     damper: Complex
 
 
-def compute_rise_model(basis: Basis, touches: Sequence[Sequence[tuple[float, Finger]]], place_m: Array) -> RiseModel:
-    """One eigenproblem a touch, a touch being its fingers (position in metres, finger); place_m (touch, place)."""
-    models = [compute_modal_model(basis, fingers) for fingers in touches]
+def compute_rise_model(basis: Basis, cases: Sequence[Sequence[tuple[float, Finger]]], place_m: Array) -> RiseModel:
+    """One eigenproblem a case, a case being its fingers (position in metres, finger); place_m (case, place)."""
+    models = [compute_modal_model(basis, fingers) for fingers in cases]
     modes = len(basis.square_omega)
     return RiseModel(
         pole=np.stack([model.pole for model in models]),
@@ -52,7 +52,7 @@ def compute_rise_model(basis: Basis, touches: Sequence[Sequence[tuple[float, Fin
 
 
 def compute_rise_time(model: RiseModel, frequency_hz: Array, amplitude: Complex, step_s: float = STEP_S) -> Array:
-    """Shape (touch, place), seconds: from rest, when each place's envelope stays within WITHIN of its final value.
+    """Shape (case, place), seconds: from rest, when each place's envelope stays within WITHIN of its final value.
 
     frequency_hz, amplitude (actuator,): tones started at once at t = 0 (a slew limit adds its own time). The envelope
     of a tone is the magnitude of the acceleration under exp(j omega t); envelopes of different frequencies add, as

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precompute.entries.bfgs import SHARPEST, climb, climb_each, refine, scan, scan_pairs
-from precompute.entries.candidate import Drive, forms_at, judge
 from precompute.entries.dual_bound import Columns, Tone, block_directions, compute_bound, peaks
+from precompute.entries.found_drive import FoundDrive, evaluate_drive, forms_at
 from precompute.entries.objective import Problem
 from precompute.model.frequencies import on_the_wire
 
@@ -49,8 +49,8 @@ _SEED = 3
 class Found:
     """Best drive above a level, others as good within TIE_DB, and a value that no drive above it exceeds."""
 
-    drive: Drive
-    ties: tuple[Drive, ...]
+    drive: FoundDrive
+    ties: tuple[FoundDrive, ...]
     bound: float
 
 
@@ -98,7 +98,7 @@ class Search:
         ties = tuple(drive for drive in drives if drive is not best and _db(best.value / drive.value) <= TIE_DB)
         return Found(best, ties, max(bound, best.value))
 
-    def basins(self) -> list[Drive]:
+    def basins(self) -> list[FoundDrive]:
         """The local optima over frequency, nothing wanted, for whoever chooses among them by another rule."""
         return climb_all(self.problem, list(self._starts(0.0)), 0.0)
 
@@ -152,7 +152,9 @@ class Search:
             reach = hz[max(k - 1, 0)], hz[min(k + 1, len(hz) - 1)]
             yield Start(drives[k], hz[k : k + 1], np.zeros(self._count, dtype=np.int64), np.array([reach]))
 
-    def _mix(self, best: Drive, bound: float, starts: list[Start], wanted: float) -> tuple[float, list[Drive]]:
+    def _mix(
+        self, best: FoundDrive, bound: float, starts: list[Start], wanted: float
+    ) -> tuple[float, list[FoundDrive]]:
         """A better bound, and drives of several tones where they may be better, by generating columns."""
         columns = Columns(self.problem, wanted)
         if best.family in ("single tone", "coherent"):
@@ -173,20 +175,20 @@ class Search:
             return bound, []
         return bound, list(self._several_tones(columns, best, wanted))
 
-    def _climb(self, starts: list[Start], wanted: float) -> Iterator[Drive]:
+    def _climb(self, starts: list[Start], wanted: float) -> Iterator[FoundDrive]:
         """From every start; those with as many tones together."""
         for count in sorted({len(start.frequency_hz) for start in starts}):
             same = [start for start in starts if len(start.frequency_hz) == count]
             yield from climb_all(self.problem, same, wanted)
 
-    def _several_tones(self, columns: Columns, best: Drive, wanted: float) -> Iterator[Drive]:
+    def _several_tones(self, columns: Columns, best: FoundDrive, wanted: float) -> Iterator[FoundDrive]:
         """Two tones wherever two frequencies come near the best drive; more where the columns mix more."""
         starts = [start for tones in columns.mixtures() if (start := self._start_of(tones))]
         for first in two_blocks(self._count):
             starts += self._pair_starts(first, columns, best, wanted)
         yield from (drive for drive in self._climb(starts, wanted) if drive.loudness >= wanted)
 
-    def _pair_starts(self, first: list[int], columns: Columns, best: Drive, wanted: float) -> Iterator[Start]:
+    def _pair_starts(self, first: list[int], columns: Columns, best: FoundDrive, wanted: float) -> Iterator[Start]:
         """Every two frequencies for these actuators and the others, each block playing what the prices value most."""
         second = [actuator for actuator in range(self._count) if actuator not in first]
         coarse, hz = self._coarse, self._coarse.frequency_hz
@@ -226,7 +228,7 @@ def two_blocks(count: int) -> Iterator[list[int]]:
             yield [0, *chosen]
 
 
-def climb_all(problem: Problem, starts: Sequence[Start], wanted: float) -> list[Drive]:
+def climb_all(problem: Problem, starts: Sequence[Start], wanted: float) -> list[FoundDrive]:
     """Climb from every start, all with as many tones, frequencies free within reach; they end on the wire's steps."""
     starts = [start for start in starts if _is_playable(problem, start)]
     if not starts:
@@ -244,10 +246,10 @@ def climb_all(problem: Problem, starts: Sequence[Start], wanted: float) -> list[
         tail = tone, low_hz, high_hz, _log(wanted), tolerance_hz, multipliers
         refine(*plain, hz, *tail)
         hz = on_the_wire(hz)
-    return [judge(problem, hz[i][tone[i]], drives[i], multipliers[i]) for i in range(len(starts))]
+    return [evaluate_drive(problem, hz[i][tone[i]], drives[i], multipliers[i]) for i in range(len(starts))]
 
 
-def polish(problem: Problem, drive: Drive, wanted: float) -> Drive:
+def polish(problem: Problem, drive: FoundDrive, wanted: float) -> FoundDrive:
     """The drive climbed once more, its frequencies kept, on a problem that holds exactly these frequencies."""
     tones, tone = np.unique(drive.frequency_hz, return_inverse=True)
     forms = [forms_at(stack, problem.frequency_hz, tones, tone) for stack in problem.stacks]
@@ -255,7 +257,7 @@ def polish(problem: Problem, drive: Drive, wanted: float) -> Drive:
     numerator, denominator, level = forms
     usable = _usable(problem, tones, tone)
     climb(amplitude, usable, numerator, denominator, level, _log(wanted), *_POLISH, multipliers)
-    return judge(problem, drive.frequency_hz, amplitude, multipliers)
+    return evaluate_drive(problem, drive.frequency_hz, amplitude, multipliers)
 
 
 def search_directions(count: int) -> Complex:
@@ -299,7 +301,7 @@ def _powers_each(problem: Problem, drives: Complex) -> Array:
     return np.ascontiguousarray(np.concatenate([powers, abs(drives) ** 2], axis=1))
 
 
-def start_at(drive: Drive) -> Start:
+def start_at(drive: FoundDrive) -> Start:
     """Next to a drive, each tone free to move by a stride."""
     tones, tone = np.unique(drive.frequency_hz, return_inverse=True)
     return Start(drive.amplitude, tones, tone, tones[:, None] + np.array([-_STRIDE_HZ, _STRIDE_HZ]))

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.table import Entry
 from engine.touch import ZoneState, state_index
-from precompute.entries.candidate import Drive
 from precompute.entries.forms import Forms, compute_forms
+from precompute.entries.found_drive import FoundDrive
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES, Problem, level
 from precompute.entries.performance import compute_figures
-from precompute.entries.prediction import Choice, MadeFor, States, make_entry, touched_zones
+from precompute.entries.prediction import Candidate, MadeFor, States, make_entry, touched_zones
 from precompute.entries.rise_time import COARSE_STEP_S, RiseModel, compute_rise_model, compute_rise_time
 from precompute.entries.search import Found, Search, polish, start_at
 from precompute.model.assembly import Plant
@@ -23,7 +23,7 @@ from precompute.model.frequencies import add_resonances
 from precompute.model.modal import compute_basis
 from precompute.parallel.pool import WorkerPool
 from precompute.sampling.bars import sample_bars
-from precompute.sampling.fingers import sample_touches
+from precompute.sampling.fingers import sample_fingers
 from precompute.sampling.receptance import solve_receptance
 
 Array = NDArray[np.float64]
@@ -89,16 +89,16 @@ class EntrySolver:
 
     def __init__(self, plant: Plant, objective: str = DEFAULT_OBJECTIVE, made_for: MadeFor = MadeFor.MEAN) -> None:
         self.plant, self.device, self.made_for = plant, plant.device, made_for
-        self.touches = sample_touches(plant.device)
+        self.sampled = sample_fingers(plant.device)
         # Measured responses belong to one bar: no others are sampled.
-        self.bars = None if plant.is_measured else sample_bars(plant.device, self.touches)
+        self.bars = None if plant.is_measured else sample_bars(plant.device, self.sampled)
         self.forms_of = lru_cache(maxsize=2)(self._compute_forms)
         """Forms with a finger in each of some zones (indices, a tuple), at every frequency of the search."""
         self._objective = OBJECTIVES[objective]
         self._basis = compute_basis(plant)
         self._few_modes = self._basis.lowest(_SAMPLED_MODES)
         self._rise_of = lru_cache(maxsize=2)(self._compute_rise)
-        self._receptance = solve_receptance(plant, self.touches, self._search_frequencies())
+        self._receptance = solve_receptance(plant, self.sampled, self._search_frequencies())
 
     def solve(self, states: States) -> list[Entry]:
         """The entry of one state for each level of the device, then for full scale."""
@@ -108,25 +108,25 @@ class EntrySolver:
         loudest = loud.best(0.0)
         assert loudest is not None  # with nothing wanted there is always a drive
         problem = self._objective(forms, states)
-        full = self._choose(loudest, states, level, "level", 0.0)
+        full = self._pick(loudest, states, level, "level", 0.0)
         if self.made_for is MadeFor.WORST:
             return self._solve_for_worst(states, problem, full, loudest, loud)
         found = _find_above(problem, wanted, loudest, loud)
         # One drive may serve several levels: it is polished for the highest.
         highest = {id(each): power for each, power in zip(found, wanted, strict=True)}
         chosen = {
-            id(each): self._choose(each, states, self._objective, problem.name, highest[id(each)])
+            id(each): self._pick(each, states, self._objective, problem.name, highest[id(each)])
             for each in found
             if each is not None
         }
-        choices = [*(chosen.get(id(each), full) for each in found), full]
+        candidates = [*(chosen.get(id(each), full) for each in found), full]
         return [
-            make_entry(self.device, choice, level_db)
-            for choice, level_db in zip(choices, (*levels_db, np.inf), strict=True)
+            make_entry(self.device, candidate, level_db)
+            for candidate, level_db in zip(candidates, (*levels_db, np.inf), strict=True)
         ]
 
     def _solve_for_worst(
-        self, states: States, problem: Problem, full: Choice, loudest: Found, loud: Search
+        self, states: States, problem: Problem, full: Candidate, loudest: Found, loud: Search
     ) -> list[Entry]:
         """Of all that the search finds on its way, what is best in all but the worst 5 % of the sampled cases.
 
@@ -145,30 +145,30 @@ class EntrySolver:
         ]
         pool = [replace(full, bound=np.inf)]
         pool += [self._with_figures(states, problem.name, drive, np.inf, self._rise(states, drive)) for drive in drives]
-        loudest_choice = max(pool, key=lambda choice: choice.low_level_db)
+        loudest_candidate = max(pool, key=lambda candidate: candidate.low_level_db)
         entries = list[Entry]()
         for level_db in (*self.device.levels_db, np.inf):
-            loud_enough = [choice for choice in pool if choice.low_level_db >= level_db]
-            choice = max(loud_enough, key=lambda choice: choice.low_merit, default=loudest_choice)
-            entries.append(make_entry(self.device, choice, level_db, self.made_for))
+            loud_enough = [candidate for candidate in pool if candidate.low_level_db >= level_db]
+            candidate = max(loud_enough, key=lambda candidate: candidate.low_merit, default=loudest_candidate)
+            entries.append(make_entry(self.device, candidate, level_db, self.made_for))
         return entries
 
-    def judge(self, states: States, wanted_level_db: float, drive: Drive, name: str) -> Entry:
+    def evaluate(self, states: States, wanted_level_db: float, drive: FoundDrive, name: str) -> Entry:
         """What any drive does in a state, as an entry that claims no optimum: its gap is infinite."""
-        choice = self._with_figures(states, name, drive, np.inf, self._rise(states, drive))
-        return make_entry(self.device, choice, wanted_level_db)
+        candidate = self._with_figures(states, name, drive, np.inf, self._rise(states, drive))
+        return make_entry(self.device, candidate, wanted_level_db)
 
     def wanted_power(self, level_db: float) -> float:
         """Power over threshold, at amplitudes up to 1, from which the amplitude limit leaves `level_db`."""
         return float(10 ** (level_db / 10) / self.device.limits.amplitude**2)
 
-    def _limited(self, drive: Drive) -> NDArray[np.complex128]:
+    def _limited(self, drive: FoundDrive) -> NDArray[np.complex128]:
         limited: NDArray[np.complex128] = drive.amplitude * self.device.limits.amplitude
         return limited
 
     def _search_frequencies(self) -> Array:
         """The grid of the device, with the resonances of the bar untouched, under all fingers and under each alone."""
-        finger, middles = self.device.finger, self.touches.middle_m.tolist()
+        finger, middles = self.device.finger, self.sampled.middle_m.tolist()
         loads = [[], [(at, finger) for at in middles], *([(at, finger)] for at in middles)]
         pole = compute_rise_model(self._few_modes, loads, np.zeros((len(loads), 0))).pole.ravel()
         return add_resonances(self.device, self.device.sweep.frequency_hz, pole)
@@ -177,37 +177,41 @@ class EntrySolver:
         return compute_forms(self._receptance, touched)
 
     def _compute_rise(self, touched: tuple[int, ...]) -> tuple[RiseModel, RiseModel]:
-        """Models of the standard touch, with all modes, and of every touch, with the lower ones."""
-        loads = [self.touches.fingers(touch, touched) for touch in range(len(self.touches.place))]
+        """Models of the standard case, with all modes, and of every case, with the lower ones."""
+        loads = [self.sampled.fingers(case, touched) for case in range(len(self.sampled.place))]
         places_m = np.array([[at for at, _ in load] for load in loads])
         standard = compute_rise_model(self._basis, loads[:1], places_m[:1])
         return standard, compute_rise_model(self._few_modes, loads, places_m)
 
-    def _choose(
+    def _pick(
         self, found: Found, states: States, make: Callable[[Forms, States], Problem], objective: str, wanted: float
-    ) -> Choice:
+    ) -> Candidate:
         """The quickest of the drives that are as good, climbed on exact forms, with all its figures."""
         drives = [self._exact(drive, states, make, wanted) for drive in (found.drive, *found.ties)]
         timed = [(drive, self._rise(states, drive)) for drive in drives]
         drive, rise_s = min(timed, key=lambda pair: (pair[1][0], -pair[0].loudness))
         return self._with_figures(states, objective, drive, found.bound, rise_s)
 
-    def _with_figures(self, states: States, objective: str, drive: Drive, bound: float, rise_s: Array) -> Choice:
+    def _with_figures(
+        self, states: States, objective: str, drive: FoundDrive, bound: float, rise_s: Array
+    ) -> Candidate:
         touched, amplitude = touched_zones(states), self._limited(drive)
-        figures = compute_figures(self.plant, self.touches, touched, drive.frequency_hz, amplitude)
+        figures = compute_figures(self.plant, self.sampled, touched, drive.frequency_hz, amplitude)
         bars = self.bars
         sampled = figures.power[1:] if bars is None else bars.powers(touched, drive.frequency_hz, amplitude)
-        return Choice(states, objective, drive, bound, figures, rise_s, sampled)
+        return Candidate(states, objective, drive, bound, figures, rise_s, sampled)
 
-    def _exact(self, drive: Drive, states: States, make: Callable[[Forms, States], Problem], wanted: float) -> Drive:
+    def _exact(
+        self, drive: FoundDrive, states: States, make: Callable[[Forms, States], Problem], wanted: float
+    ) -> FoundDrive:
         """The search interpolates between its frequencies; here the plant is solved at the drive's own."""
         tones = np.unique(drive.frequency_hz[drive.amplitude != 0])
-        forms = compute_forms(solve_receptance(self.plant, self.touches, tones), touched_zones(states))
+        forms = compute_forms(solve_receptance(self.plant, self.sampled, tones), touched_zones(states))
         moved = replace(drive, frequency_hz=np.where(drive.amplitude == 0, tones[0], drive.frequency_hz))
         return polish(make(forms, states), moved, wanted)
 
-    def _rise(self, states: States, drive: Drive) -> Array:
-        """Rise time of the slowest felt finger (touch,), the standard touch first."""
+    def _rise(self, states: States, drive: FoundDrive) -> Array:
+        """Rise time of the slowest felt finger (case,), the standard case first."""
         touched = touched_zones(states)
         felt = [finger for finger, zone in enumerate(touched) if states[zone] is ZoneState.FELT]
         exact, few_modes = self._rise_of(touched)
@@ -237,7 +241,7 @@ def _above_levels(problem: Problem, wanted: Sequence[float], loudest: Found, lou
     return found
 
 
-def _flat(loud: Sequence[Drive], wanted: Sequence[float]) -> list[Found | None]:
+def _flat(loud: Sequence[FoundDrive], wanted: Sequence[float]) -> list[Found | None]:
     """Where every drive has the same share, as with all zones felt: the loud ones, of which the quickest is taken."""
     found = list[Found | None]()
     for power in wanted:

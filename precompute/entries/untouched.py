@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from precompute.entries.candidate import full_scale
+from precompute.entries.found_drive import full_scale
 from precompute.model.assembly import Plant
 from precompute.model.frequencies import fine_frequencies, in_band
 from precompute.model.gram import compute_gram

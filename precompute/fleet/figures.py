@@ -15,7 +15,7 @@ from precompute.entries.prediction import touched_zones
 from precompute.entries.solver import tabulated_states
 from precompute.fleet.units import FleetError
 from precompute.model.assembly import Plant, assemble
-from precompute.sampling.fingers import Touches, sample_touches
+from precompute.sampling.fingers import SampledFingers, sample_fingers
 
 
 def compute_table_figures(table: Table) -> dict[str, float | None]:
@@ -63,8 +63,8 @@ def evaluate_table(table: Table, device: Device) -> dict[str, float | None]:
         own, other = ([thing.name for thing in getattr(each, part)] for each in (table.device, device))
         if own != other:
             raise FleetError(f"{table.path}: is for {part} {', '.join(own)}, this bar has {', '.join(other)}")
-    plant, touches = assemble(device), sample_touches(device)
-    evaluated = [(entry, *_evaluate(plant, touches, entry)) for entry in usual_entries(table)]
+    plant, sampled = assemble(device), sample_fingers(device)
+    evaluated = [(entry, *_evaluate(plant, sampled, entry)) for entry in usual_entries(table)]
     level_lost_db = [entry.level_db - level_db for entry, level_db, _ in evaluated]
     pairs = [
         (e.expected_contrast_db, db) for e, _, db in evaluated if e.expected_contrast_db is not None and db is not None
@@ -80,11 +80,11 @@ def evaluate_table(table: Table, device: Device) -> dict[str, float | None]:
     }
 
 
-def _evaluate(plant: Plant, touches: Touches, entry: Entry) -> tuple[float, float | None]:
+def _evaluate(plant: Plant, sampled: SampledFingers, entry: Entry) -> tuple[float, float | None]:
     """Level of the weakest felt standard finger, and expected contrast, dB."""
     touched = touched_zones(entry.states)
     amplitude = np.array(entry.amplitudes) * np.exp(1j * np.array(entry.phases_rad))
-    power = compute_figures(plant, touches, touched, np.array(entry.frequencies_hz), amplitude).power
+    power = compute_figures(plant, sampled, touched, np.array(entry.frequencies_hz), amplitude).power
     felt = np.array([entry.states[zone] is ZoneState.FELT for zone in touched])
     level_db = float(10 * np.log10(power[0, felt].min()))
     if felt.all():

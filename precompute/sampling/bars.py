@@ -1,4 +1,4 @@
-"""A calibrated device to bars that its measurements do not tell apart, each met by one of the sampled touches."""
+"""A calibrated device to bars that its measurements do not tell apart, each met by one of the sampled fingers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from engine.device import Device
 from precompute.model.assembly import BANDWIDTH, Plant, assemble
 from precompute.model.band_solver import BAND_ROWS, FIRST_SUPER, eliminate
 from precompute.model.threshold import detection_threshold
-from precompute.sampling.fingers import SAMPLES, Touches
+from precompute.sampling.fingers import SAMPLES, SampledFingers
 from precompute.sampling.plants import sample_scenarios
 
 Array = NDArray[np.float64]
@@ -22,14 +22,14 @@ _SEED = 20230247606
 
 @dataclass(frozen=True)
 class SampledBars:
-    """One bar for each sampled touch: the first of `touches`, the standard one, has none.
+    """One bar for each sampled case: the first of `cases`, the standard one, has none.
 
     plants: on one mesh. K, C, M (bar, band row, degree of freedom); spring, damper (bar, actuator): force of a base at
     full scale, per unit of its displacement and of its velocity.
     """
 
     plants: tuple[Plant, ...]
-    touches: Touches
+    sampled: SampledFingers
     K: Array
     C: Array
     M: Array
@@ -44,8 +44,8 @@ class SampledBars:
         tones = np.unique(frequency_hz[amplitude != 0])
         weight = np.where(frequency_hz == tones[:, None], amplitude, 0)
         zones = list(touched)
-        touches, mesh = self.touches, self.plants[0]
-        place_m = np.take_along_axis(touches.position_m[zones].T, touches.place[1:, zones], axis=0)
+        sampled, mesh = self.sampled, self.plants[0]
+        place_m = np.take_along_axis(sampled.position_m[zones].T, sampled.place[1:, zones], axis=0)
         sampler = mesh.sampler(place_m.ravel())
         out = np.empty((len(self.plants), len(zones), len(tones)), dtype=np.complex128)
         _fill_displacement(
@@ -59,9 +59,9 @@ class SampledBars:
             weight.astype(np.complex128),
             2 * sampler.element.reshape(place_m.shape),
             sampler.weight.reshape(*place_m.shape, 4),
-            np.ascontiguousarray(touches.stiffness_n_per_m[1:, zones]),
-            np.ascontiguousarray(touches.damping_n_s_per_m[1:, zones]),
-            np.ascontiguousarray(touches.mass_kg[1:, zones]),
+            np.ascontiguousarray(sampled.stiffness_n_per_m[1:, zones]),
+            np.ascontiguousarray(sampled.damping_n_s_per_m[1:, zones]),
+            np.ascontiguousarray(sampled.mass_kg[1:, zones]),
             out,
         )
         size = abs(out) * ((2 * np.pi * tones) ** 2 / detection_threshold(tones))
@@ -69,20 +69,20 @@ class SampledBars:
         return powers
 
 
-def sample_bars(device: Device, touches: Touches) -> SampledBars | None:
-    """As many bars as there are sampled touches; None where no calibration says how well the device is known.
+def sample_bars(device: Device, sampled: SampledFingers) -> SampledBars | None:
+    """As many bars as there are sampled cases; None where no calibration says how well the device is known.
 
     What was fitted varies as the calibration has left it, the rest of bar and actuators within the device's spread.
     """
     if device.uncertainty is None:
         return None
-    count = len(touches.place) - 1
+    count = len(sampled.place) - 1
     scenarios = sample_scenarios(device, count, _SEED)
     plants = tuple(assemble(scenarios.device_of(i)) for i in range(1, count + 1))
     actuators = [plant.device.actuators for plant in plants]
     return SampledBars(
         plants=plants,
-        touches=touches,
+        sampled=sampled,
         K=np.stack([plant.K for plant in plants]),
         C=np.stack([plant.C for plant in plants]),
         M=np.stack([plant.M for plant in plants]),
@@ -93,12 +93,12 @@ def sample_bars(device: Device, touches: Touches) -> SampledBars | None:
 
 def sampled_words(device: Device, *, is_measured: bool) -> str:
     """What spreads are over."""
-    touches = f"{SAMPLES} sampled touches"
+    fingers = f"{SAMPLES} cases of sampled fingers"
     if device.uncertainty is None:
-        return f"{touches}; the bar as described: the device file has no calibration"
+        return f"{fingers}; the bar as described: the device file has no calibration"
     if is_measured:
-        return f"{touches}; the bar as it was measured"
-    return f"{touches}, each on another bar that the calibration leaves possible"
+        return f"{fingers}; the bar as it was measured"
+    return f"{fingers}, each on another bar that the calibration leaves possible"
 
 
 _BANDS = types.Array(types.float64, 3, "C", readonly=True)

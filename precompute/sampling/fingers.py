@@ -14,15 +14,15 @@ Array = NDArray[np.float64]
 PLACES = 7
 """Places in a zone where a finger may lie: the middles of as many equal parts."""
 SAMPLES = 32
-"""Sampled touches, each with its own finger in every zone."""
+"""Sampled cases, each with its own finger in every zone."""
 _SEED = 20230247606
 
 
 @dataclass(frozen=True)
-class Touches:
-    """The standard touch first, then sampled ones. A touch has one finger for every zone; a state uses some of them.
+class SampledFingers:
+    """The standard case first, then sampled ones. A case has one finger for every zone; a state uses some of them.
 
-    position_m (zone, place); place (touch, zone) tells which of these; mass, damping, stiffness (touch, zone).
+    position_m (zone, place); place (case, zone) tells which of these; mass, damping, stiffness (case, zone).
     """
 
     position_m: Array
@@ -36,15 +36,15 @@ class Touches:
         """Shape (zone,): where the standard finger lies."""
         return self.position_m[:, PLACES // 2]
 
-    def fingers(self, touch: int, zones: Sequence[int]) -> list[tuple[float, Finger]]:
-        """Position in metres and finger of one touch, in each of `zones` (indices)."""
+    def fingers(self, case: int, zones: Sequence[int]) -> list[tuple[float, Finger]]:
+        """Position in metres and finger of one case, in each of `zones` (indices)."""
         return [
             (
-                float(self.position_m[zone, self.place[touch, zone]]),
+                float(self.position_m[zone, self.place[case, zone]]),
                 Finger(
-                    mass_kg=float(self.mass_kg[touch, zone]),
-                    damping_n_s_per_m=float(self.damping_n_s_per_m[touch, zone]),
-                    stiffness_n_per_m=float(self.stiffness_n_per_m[touch, zone]),
+                    mass_kg=float(self.mass_kg[case, zone]),
+                    damping_n_s_per_m=float(self.damping_n_s_per_m[case, zone]),
+                    stiffness_n_per_m=float(self.stiffness_n_per_m[case, zone]),
                     spread=1.0,
                 ),
             )
@@ -52,13 +52,13 @@ class Touches:
         ]
 
     def dynamic_stiffness(self, frequency_hz: Array) -> NDArray[np.complex128]:
-        """Shape (frequency, touch, zone), N/m: k + j omega c - omega^2 m of every finger."""
+        """Shape (frequency, case, zone), N/m: k + j omega c - omega^2 m of every finger."""
         omega = 2 * np.pi * frequency_hz[:, None, None]
         real: Array = self.stiffness_n_per_m - omega**2 * self.mass_kg
         return real + 1j * (omega * self.damping_n_s_per_m)
 
 
-def sample_touches(device: Device, samples: int = SAMPLES) -> Touches:
+def sample_fingers(device: Device, samples: int = SAMPLES) -> SampledFingers:
     """Places evenly over the zone, parameters log-evenly within `finger.spread` (a seeded Latin hypercube).
 
     Half of the samples are the mirror images of the others, so that a mirrored bar gets a mirrored table.
@@ -74,7 +74,7 @@ def sample_touches(device: Device, samples: int = SAMPLES) -> Touches:
     middle = np.full((1, count), PLACES // 2, dtype=np.int64)
     one = np.ones((1, count))
     parts = np.linspace(0.0, 1.0, 2 * PLACES + 1)[1::2]
-    return Touches(
+    return SampledFingers(
         position_m=np.array([zone.start_m + parts * zone.length_m for zone in device.zones]),
         place=np.concatenate([middle, place]),
         mass_kg=finger.mass_kg * np.concatenate([one, factor[:, 0]]),

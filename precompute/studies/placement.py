@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.parallel.pool import WorkerPool
-from precompute.sampling.fingers import Touches, sample_touches
+from precompute.sampling.fingers import SampledFingers, sample_fingers
 from precompute.studies.two_fingers import TwoFingers, screen_two_fingers, solve_two_fingers
 
 Array = NDArray[np.float64]
 Places = tuple[float, ...]
-Told = Callable[[float], None]
+Progress = Callable[[float], None]
 
 MOST = 300
 """Placements screened for each number of actuators."""
@@ -31,7 +31,7 @@ MARGIN, APART = 0.02, 0.05
 _STEP_HZ, _FINE_STEP_HZ = 4.0, 2.0
 _STARTS, _MOVES, _FINEST = 4, 12, 0.005
 """Placements moved, rounds of moves of each, and the smallest step as a fraction of the bar's length."""
-_JUDGED = 2
+_EVALUATED = 2
 _SCREENING, _MOVING = 0.3, 0.6
 """Fractions done after these parts."""
 
@@ -47,7 +47,7 @@ class Placement:
 
 @dataclass(frozen=True, eq=False)
 class PlacementSearch:
-    """What was looked at for one number of actuators, and the placements judged, the best first.
+    """What was looked at for one number of actuators, and the placements evaluated, the best first.
 
     screened_m (placement, actuator); screened_db (placement,): worst contrast by the screening, NaN where a level is
     out of reach. moved: placements looked at besides.
@@ -56,7 +56,7 @@ class PlacementSearch:
     screened_m: Array
     screened_db: Array
     moved: int
-    judged: tuple[Placement, ...]
+    evaluated: tuple[Placement, ...]
 
     @property
     def count(self) -> int:
@@ -96,30 +96,30 @@ def grid_of(device: Device, count: int, most: int) -> tuple[list[Places], float]
 
 
 def search_placement(
-    device: Device, count: int, wanted_db: float, most: int, told: Told, pool: WorkerPool | None = None
+    device: Device, count: int, wanted_db: float, most: int, on_progress: Progress, pool: WorkerPool | None = None
 ) -> PlacementSearch:
-    """Search where `count` actuators go for the best worst state at `wanted_db`; `told` the fraction done.
+    """Search where `count` actuators go for the best worst state at `wanted_db`; `on_progress` the fraction done.
 
     This process and its pool share the work.
     """
     solve = (pool or WorkerPool(0)).solve_in_order
-    look = Screening(device, sample_touches(device), wanted_db, _STEP_HZ)
+    look = Screening(device, sample_fingers(device), wanted_db, _STEP_HZ)
     grid, step_m = grid_of(device, count, most)
-    screened = solve(look.begin, grid, lambda done: told(_SCREENING * done))
+    screened = solve(look.begin, grid, lambda done: on_progress(_SCREENING * done))
     order = sorted(range(len(grid)), key=lambda i: screened[i].rank, reverse=True)
     known = _known(device, count)
     starts = list(dict.fromkeys([*_distinct([grid[i] for i in order], step_m), *known.values()]))
     climb = partial(_begin_climb, replace(look, step_hz=_FINE_STEP_HZ), step_m)
-    climbed = solve(climb, starts, lambda done: told(_SCREENING + (_MOVING - _SCREENING) * done))
+    climbed = solve(climb, starts, lambda done: on_progress(_SCREENING + (_MOVING - _SCREENING) * done))
     best = sorted({end.position_m: end.rank for end in climbed}.items(), key=lambda item: item[1], reverse=True)
-    named = [*(("found", at) for at, _ in best[:_JUDGED]), *known.items()]
-    judge = partial(_begin_judging, device, wanted_db)
-    fingers = solve(judge, [at for _, at in named], lambda done: told(_MOVING + (1 - _MOVING) * done))
+    named = [*(("found", at) for at, _ in best[:_EVALUATED]), *known.items()]
+    evaluate = partial(_begin_evaluating, device, wanted_db)
+    fingers = solve(evaluate, [at for _, at in named], lambda done: on_progress(_MOVING + (1 - _MOVING) * done))
     return PlacementSearch(
         screened_m=np.array(grid),
         screened_db=np.array([found.worst_db if found.is_reached else np.nan for found in screened]),
         moved=sum(end.looked_at for end in climbed),
-        judged=_ranked([Placement(name, at, found) for (name, at), found in zip(named, fingers, strict=True)]),
+        evaluated=_ranked([Placement(name, at, found) for (name, at), found in zip(named, fingers, strict=True)]),
     )
 
 
@@ -128,7 +128,7 @@ class Screening:
     """What placements of a device are screened with; its `begin` gives a process what it screens by."""
 
     device: Device
-    touches: Touches
+    sampled: SampledFingers
     wanted_db: float
     step_hz: float
 
@@ -138,7 +138,7 @@ class Screening:
 
     def of(self, at: Places) -> TwoFingers:
         """Of one placement."""
-        return screen_two_fingers(with_actuators_at(self.device, at), self.touches, self.wanted_db, self.step_hz)
+        return screen_two_fingers(with_actuators_at(self.device, at), self.sampled, self.wanted_db, self.step_hz)
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def _begin_climb(look: Screening, step_m: float) -> Callable[[Places], Climbed]:
     return lambda start: _climb(look, start, step_m)
 
 
-def _begin_judging(device: Device, wanted_db: float) -> Callable[[Places], TwoFingers]:
+def _begin_evaluating(device: Device, wanted_db: float) -> Callable[[Places], TwoFingers]:
     return lambda at: solve_two_fingers(with_actuators_at(device, at), wanted_db)
 
 

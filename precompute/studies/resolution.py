@@ -45,16 +45,16 @@ def study_resolution(
     placements: Sequence[tuple[float, ...]],
     zones: Sequence[int],
     wanted_db: float,
-    told: Callable[[float], None],
+    on_progress: Callable[[float], None],
     pool: WorkerPool | None = None,
 ) -> list[Resolved]:
-    """Every number of zones for every placement (positions in metres), in this order; `told` the fraction done.
+    """Every number of zones for every placement (positions in metres), in this order; `on_progress` the fraction done.
 
     This process and its pool share the work.
     """
     jobs = list(itertools.product(placements, zones))
     slowest_first = sorted(jobs, key=lambda job: -len(job[0]) * job[1] ** 2)
-    found = (pool or WorkerPool(0)).solve_in_order(partial(_begin, device, wanted_db), slowest_first, told)
+    found = (pool or WorkerPool(0)).solve_in_order(partial(_begin, device, wanted_db), slowest_first, on_progress)
     by_job = dict(zip(slowest_first, found, strict=True))
     return [by_job[job] for job in jobs]
 

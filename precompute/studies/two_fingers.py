@@ -17,7 +17,7 @@ from precompute.entries.prediction import States
 from precompute.entries.search import pack_directions, pack_forms, search_directions
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
-from precompute.sampling.fingers import Touches
+from precompute.sampling.fingers import SampledFingers
 from precompute.sampling.receptance import solve_receptance
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ def solve_two_fingers(device: Device, wanted_db: float) -> TwoFingers:
     return TwoFingers(wanted_db, contrast_db, level_db)
 
 
-def screen_two_fingers(device: Device, touches: Touches, wanted_db: float, step_hz: float) -> TwoFingers:
+def screen_two_fingers(device: Device, sampled: SampledFingers, wanted_db: float, step_hz: float) -> TwoFingers:
     """The same, quickly: of drives of one tone every `step_hz`, a fixed set, the loudest and the greatest contrast.
 
     No more than the search finds. `touches` are those of the device; they do not depend on its actuators.
@@ -75,7 +75,7 @@ def screen_two_fingers(device: Device, touches: Touches, wanted_db: float, step_
     sweep = device.sweep
     count = round((sweep.stop_hz - sweep.start_hz) / step_hz) + 1
     frequency_hz = np.linspace(sweep.start_hz, sweep.stop_hz, count)
-    receptance = solve_receptance(assemble(device), touches, frequency_hz)
+    receptance = solve_receptance(assemble(device), sampled, frequency_hz)
     directions = pack_directions(search_directions(len(device.actuators)))
     wanted = 10 ** (wanted_db / 10) / device.limits.amplitude**2
     contrast_db, level_db = _empty(device), _empty(device)

@@ -104,7 +104,7 @@ def _compare(clicks: ClickSolver, entries: EntrySolver, pair: tuple[int, int]) -
     )
     steady = {
         "gated": entries.solve(states),
-        "paper": [entries.judge(states, np.inf, paper_drive(entries, states), "paper")],
+        "paper": [entries.evaluate(states, np.inf, paper_drive(entries, states), "paper")],
     }
     judged = {way: _best_gated(clicks, states, drives, _WAYS[way]) for way, drives in steady.items()}
     click = clicks.solve(states)

@@ -20,7 +20,7 @@ from engine.device import Device
 from engine.table import Entry, Table
 from engine.touch import ZoneState
 from precompute.entries.alternatives import paper_drive
-from precompute.entries.candidate import powers_of
+from precompute.entries.found_drive import powers_of
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES, Problem
 from precompute.entries.prediction import States, touched_zones
 from precompute.entries.solver import EntrySolver, tabulated_states
@@ -168,7 +168,7 @@ def _compare_contrast(
     felt, quiet = (table.device.zones[zone].name for zone in pair)
     states = table.states_of([felt], [quiet])
     ours = table.entry_for([felt], [quiet], level_db)
-    paper = solver.judge(states, level_db, paper_drive(solver, states), "paper")
+    paper = solver.evaluate(states, level_db, paper_drive(solver, states), "paper")
     return {"felt": felt, "quiet": quiet, "paper": _contrast_figures(bar, paper), "ours": _contrast_figures(bar, ours)}
 
 

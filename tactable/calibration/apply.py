@@ -15,7 +15,7 @@ from engine.table.diff import TableDiff, compare_tables
 from engine.table.history import previous_of
 from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
-from precompute.builder.incremental import Recipe, is_current, outdated_parts, plays_on
+from precompute.builder.incremental import BuildOptions, is_compatible, is_current, outdated_parts
 from precompute.entries.solver import prepare_entries
 from precompute.parallel.pool import WorkerPool, available_cores
 from tactable.calibration.job import CalibrationJob, Fitted, calibration_json
@@ -52,11 +52,11 @@ class TableTarget:
     def __init__(self, path: Path, device: Device) -> None:
         self.path = path
         with Table.open(path) as table:
-            if table.device.name != device.name or not plays_on(table.device, device):
+            if table.device.name != device.name or not is_compatible(table.device, device):
                 asked = f"{device.name!r} with its zones, actuators and limits"
                 raise TableError(f"{path}: is of {table.device.name!r}, not of {asked}; name the table of this bar")
-            self._recipe = replace(Recipe.of(table), code_fingerprint=code_fingerprint())
-        if self._recipe.responses_sha256:
+            self._options = replace(BuildOptions.of(table), code_fingerprint=code_fingerprint())
+        if self._options.responses_sha256:
             raise TableError(
                 f"{path}: was built from measured responses, which a calibration does not change; measure them again "
                 "and build it with --responses"
@@ -65,7 +65,7 @@ class TableTarget:
     def put_in_place(self, device: Device, times: StepTimes, pool: WorkerPool) -> InPlace:
         """Build the table anew for `device` as it was built before, its clicks as they were. Raises TableError."""
         with Table.open(self.path, verify=False) as table:
-            if is_current(table, device, self._recipe):
+            if is_current(table, device, self._options):
                 return InPlace(None, {})
         self._build(device, times, pool, clicks_later=True)
         return InPlace(times.total_s, times.read())
@@ -91,10 +91,10 @@ class TableTarget:
         build_table(
             device,
             self.path,
-            objective=self._recipe.objective,
-            made_for=self._recipe.made_for,
-            clicks_up_to=self._recipe.clicks_up_to,
-            click_options=self._recipe.click_options,
+            objective=self._options.objective,
+            made_for=self._options.made_for,
+            clicks_up_to=self._options.clicks_up_to,
+            click_options=self._options.click_options,
             workers=available_cores(),
             pool=pool,
             clicks_later=clicks_later,

@@ -56,7 +56,7 @@ def placement(
     deliver(plot_placement(device, found, level_db), output, csv_path, as_json)
     if not as_json:
         looked = sum(len(search.screened_db) + search.moved for search in found)
-        judged = sum(len(search.judged) for search in found)
+        judged = sum(len(search.evaluated) for search in found)
         _say(
             f"looked at {looked} placements in {time.monotonic() - start_s:.0f} s, judged {judged} as a table would; "
             "not at states of more fingers, at clicks, or at anything but places"

@@ -85,7 +85,7 @@ def solve_front(device: Device, states: States, objective: str) -> Front:
 def solve_paper_drive(device: Device, states: States) -> Front:
     """The drive of greatest localized factor on the untouched bar (paper eq. (11)), at full scale, fingers put on."""
     solver = EntrySolver(assemble(device))
-    return _front_of([solver.judge(states, np.inf, paper_drive(solver, states), "paper's objective")])
+    return _front_of([solver.evaluate(states, np.inf, paper_drive(solver, states), "paper's objective")])
 
 
 def _front_of(entries: Sequence[Entry]) -> Front:

@@ -31,7 +31,7 @@ _MARK = {"found": "^", "as described": "s", "even": "o"}
 
 def plot_placement(device: Device, searches: Sequence[PlacementSearch], wanted_db: float) -> Picture:
     """Picture of searches for one or more numbers of actuators."""
-    rows = [(search, placement) for search in searches for placement in search.judged]
+    rows = [(search, placement) for search in searches for placement in search.evaluated]
     with_map = next((search for search in searches if search.count == 2), None)
     figure = Figure(figsize=(9.6, _REST_INCHES + _ROW_INCHES * len(rows)), layout="constrained")
     heights = [_ROW_INCHES * len(rows) + 0.9, 3.6]
@@ -83,7 +83,7 @@ def _draw_map(figure: SubFigure, axes: Axes, search: PlacementSearch) -> None:
     step_m = place_m[1] - place_m[0]
     ends_mm = 1e3 * (place_m[0] - step_m / 2), 1e3 * (place_m[-1] + step_m / 2)
     image = axes.imshow(shown, origin="lower", extent=(*ends_mm, *ends_mm), cmap=COLOUR_MAP, aspect="auto")
-    for placement in search.judged:
+    for placement in search.evaluated:
         name, (left_mm, right_mm) = placement.name, 1e3 * np.array(placement.position_m)
         axes.plot(left_mm, right_mm, _MARK[name], ms=9, mew=1.2, mec="white", color=_COLOUR[name], label=name)
     axes.set(xlabel="left of two actuators (mm)", ylabel="right of two actuators (mm)")
@@ -98,7 +98,7 @@ def _draw_distribution(axes: Axes, searches: Sequence[PlacementSearch]) -> None:
         reached = np.sort(search.screened_db[np.isfinite(search.screened_db)])[::-1]
         share = 100 * np.arange(1, len(reached) + 1) / len(search.screened_db)
         axes.step(reached, share, where="post", color=colour, ls=style, lw=1.7, label=f"{search.count} actuators")
-        best_db = search.judged[0].fingers.worst_db
+        best_db = search.evaluated[0].fingers.worst_db
         axes.plot(best_db, 0, "*", ms=12, color=colour, mec=BLACK, mew=0.5, clip_on=False, zorder=4)
     axes.plot([], [], "*", ms=10, color="white", mec=BLACK, label="the best, judged")
     axes.set(xlabel="worst contrast (dB)", ylabel="placements of the grid\nthat give so much (%)", ylim=(0, 100))
@@ -124,7 +124,7 @@ def _percent_text(device: Device, placement: Placement) -> str:
 def _search_text(device: Device, search: PlacementSearch) -> str:
     return f"{search.count} actuators: " + ", ".join(
         f"{placement.name} at {_percent_text(device, placement)} {_value_text(placement)}"
-        for placement in search.judged
+        for placement in search.evaluated
     )
 
 
@@ -149,7 +149,7 @@ def _columns(searches: Sequence[PlacementSearch]) -> dict[str, list[object]]:
 
 def _rows_of(search: PlacementSearch) -> Iterator[tuple[str, Sequence[float], tuple[float | None, ...]]]:
     """Name, positions, and worst and median contrast and least level of every placement."""
-    for placement in search.judged:
+    for placement in search.evaluated:
         fingers = placement.fingers
         worst_db = fingers.worst_db if fingers.is_reached else None
         median_db, least_db = float(np.nanmedian(fingers.contrast_db)), float(np.nanmin(fingers.level_db))
@@ -172,6 +172,6 @@ def _summary_of(device: Device, search: PlacementSearch) -> dict[str, object]:
                 "median_contrast_db": float(np.nanmedian(placement.fingers.contrast_db)),
                 "contrast_db": placement.fingers.contrast_db,
             }
-            for placement in search.judged
+            for placement in search.evaluated
         ],
     }

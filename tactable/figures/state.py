@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 
 from engine.device import Device
 from engine.table import Entry, Table
-from engine.table.entry import ZonePromise
+from engine.table.entry import ZonePrediction
 from precompute.entries.prediction import touched_zones
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
 from precompute.model.threshold import detection_threshold
-from precompute.sampling.fingers import SAMPLES, sample_touches
+from precompute.sampling.fingers import SAMPLES, sample_fingers
 from tactable.figures.file import Picture
 from tactable.figures.style import (
     BLACK,
@@ -73,19 +73,19 @@ def plot_state(table: Table, entry: Entry) -> Picture:
 
 def compute_envelope(device: Device, entry: Entry) -> Envelope:
     """Tones of different frequencies add as magnitudes, paper eq. (8)."""
-    plant, touches, touched = assemble(device), sample_touches(device), touched_zones(entry.states)
-    position_m = np.union1d(np.linspace(0.0, device.bar.length_m, _POINTS), touches.middle_m)
+    plant, sampled, touched = assemble(device), sample_fingers(device), touched_zones(entry.states)
+    position_m = np.union1d(np.linspace(0.0, device.bar.length_m, _POINTS), sampled.middle_m)
     frequency_hz, tones_hz = np.array(entry.frequencies_hz), _tones(entry)
     amplitude = np.array(entry.amplitudes) * np.exp(1j * np.array(entry.phases_rad))
     weight = np.where(frequency_hz == tones_hz[:, None], amplitude, 0)
 
     def along(touch: int) -> Array:
-        places_m, fingers = zip(*touches.fingers(touch, touched), strict=True)
+        places_m, fingers = zip(*sampled.fingers(touch, touched), strict=True)
         response = solve_response(plant.with_fingers(places_m, fingers), tones_hz).acceleration(position_m)
         total: Array = abs(np.einsum("ta,tap->tp", weight, response)).sum(axis=0)
         return total
 
-    each = np.array([along(touch) for touch in range(len(touches.place))])
+    each = np.array([along(touch) for touch in range(len(sampled.place))])
     return Envelope(position_m, each[0], each.min(axis=0), each.max(axis=0))
 
 
@@ -202,7 +202,7 @@ def _summary(table: Table, entry: Entry, tones_hz: Array, threshold: Array) -> d
     }
 
 
-def _finger_summary(zone: ZonePromise) -> dict[str, object]:
+def _finger_summary(zone: ZonePrediction) -> dict[str, object]:
     return {
         "zone": zone.name,
         "state": zone.state.name.lower(),

@@ -6,7 +6,7 @@ from math import inf
 
 from engine.device import Device
 from engine.table import Entry
-from engine.table.entry import DEFAULT_LEVEL_DB, WorstCase, ZonePromise
+from engine.table.entry import DEFAULT_LEVEL_DB, WorstCase, ZonePrediction
 from engine.touch import ZoneState
 
 LEVEL_DB = DEFAULT_LEVEL_DB
@@ -46,10 +46,10 @@ def entry_of(
     )
 
 
-def zone_promise(name: str, state: ZoneState, level_db: float) -> ZonePromise:
+def zone_promise(name: str, state: ZoneState, level_db: float) -> ZonePrediction:
     """What a zone does: a touched one has a finger."""
     is_touched = state is not ZoneState.FREE
-    return ZonePromise(
+    return ZonePrediction(
         name=name,
         state=state,
         share=0.2,

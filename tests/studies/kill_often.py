@@ -180,10 +180,10 @@ from pathlib import Path
 from precompute.fleet.plan import plan_fleet
 from precompute.fleet.run import run_here, run_on_processes
 from precompute.fleet.run import run_fleet
-from precompute.fleet.units import Recipe
+from precompute.fleet.units import BuildOptions
 if __name__ == "__main__":
     {_BEGIN}    pool = run_on_processes({workers}) if {workers} else run_here
-    run_fleet(plan_fleet(Path("bars")), Recipe(clicks_up_to=0), Path("out"), pool, created="2024-01-01")
+    run_fleet(plan_fleet(Path("bars")), BuildOptions(clicks_up_to=0), Path("out"), pool, created="2024-01-01")
 """
 
     def prepare(self, folder: Path) -> None:

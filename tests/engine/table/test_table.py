@@ -17,7 +17,7 @@ import pytest
 from engine.device import Device, DeviceError
 from engine.table import Entry, Table, TableError
 from engine.table.columns import write_entries
-from engine.table.entry import WorstCase, ZonePromise, played_at
+from engine.table.entry import WorstCase, ZonePrediction, played_at
 from engine.table.file import TableWriter, Variable
 from engine.touch import state_index
 from tests.engine.made_entries import entry_of, states_of
@@ -66,7 +66,7 @@ def make_entry(felt: Sequence[int], quiet: Sequence[int], wanted_level_db: float
     )
 
 
-def _numbered(zone: ZonePromise, figures: Iterator[float]) -> ZonePromise:
+def _numbered(zone: ZonePrediction, figures: Iterator[float]) -> ZonePrediction:
     """The same fields, present where they were, each with a figure of its own."""
 
     def other(value: Any) -> Any:

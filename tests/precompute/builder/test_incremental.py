@@ -12,7 +12,7 @@ from engine.table import Table
 from engine.table.history import previous_of
 from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
-from precompute.builder.incremental import Part, Recipe, is_current, outdated_parts
+from precompute.builder.incremental import BuildOptions, Part, is_current, outdated_parts
 from precompute.clicks import ClickOptions
 from tests.precompute.builder.test_build import SMALL
 
@@ -85,7 +85,7 @@ def test_what_is_taken_over_is_what_would_be_computed(path: Path) -> None:
     assert one.keys() == other.keys()
     assert all(np.array_equal(one[name], other[name], equal_nan=_is_float(one[name])) for name in one)  # type: ignore[arg-type]  # arrays
     with Table.open(path, device=device) as table:
-        assert table.attributes["responses_rest_on"]
+        assert table.attributes["responses_input_fingerprint"]
 
 
 def _is_float(values: object) -> bool:
@@ -121,7 +121,9 @@ def test_clicks_may_be_left_for_later_and_are_marked_until_they_are_made(path: P
     assert clicks_of(path) == before
     with Table.open(path, device=device) as table:
         assert outdated_parts(table) == (Part.CLICKS,)
-        assert is_current(table, device, Recipe.of(table)) and not is_current(table, DEVICE, Recipe.of(table))
+        assert is_current(table, device, BuildOptions.of(table)) and not is_current(
+            table, DEVICE, BuildOptions.of(table)
+        )
     told = build(device, path, completes=True)
     assert "clicks" in told and {AS_BEFORE["responses"], AS_BEFORE["entries"]} <= told
     with Table.open(path, device=device) as table:
@@ -141,7 +143,7 @@ def test_clicks_of_other_zones_are_not_kept_for_now(path: Path) -> None:
 def test_a_table_says_what_it_was_built_by(path: Path) -> None:
     build(DEVICE, path, objective="fair share", clicks_up_to=2)
     with Table.open(path) as table:
-        assert Recipe.of(table) == Recipe(code_fingerprint(), "fair share", 2, CHEAP)
+        assert BuildOptions.of(table) == BuildOptions(code_fingerprint(), "fair share", 2, CHEAP)
 
 
 def test_entries_are_the_same_however_many_processes_solve_them(path: Path, tmp_path: Path) -> None:

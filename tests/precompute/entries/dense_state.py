@@ -1,6 +1,6 @@
-"""What a state of the fingers asks of a drive, from its definition: a dense model for every touch, fingers assembled.
+"""What a state of the fingers asks of a drive, from its definition: a dense model for every case, fingers assembled.
 
-No low-rank update and no interpolation: at each frequency LAPACK solves the models of all touches, side by side in one
+No low-rank update and no interpolation: at each frequency LAPACK solves the models of all cases, side by side in one
 band matrix. Only which fingers there are is taken from precompute.sampling.fingers, as data.
 """
 
@@ -15,7 +15,7 @@ from scipy.linalg.lapack import zgbtrf, zgbtrs
 
 from engine.device import Finger
 from engine.touch import ZoneState
-from precompute.sampling.fingers import PLACES, Touches
+from precompute.sampling.fingers import PLACES, SampledFingers
 from tests.precompute.dense_model import DenseModel, Fingers
 
 Array = NDArray[np.float64]
@@ -36,15 +36,15 @@ def threshold(frequency_hz: float) -> float:
     return float(1e-6 * 10 ** (level_db / 20))
 
 
-def fingers_of(touches: Touches, touch: int, zones: Sequence[int]) -> Fingers:
-    """The fingers of one touch in these zones: position and finger."""
+def fingers_of(sampled: SampledFingers, case: int, zones: Sequence[int]) -> Fingers:
+    """The fingers of one case in these zones: position and finger."""
     return [
         (
-            float(touches.position_m[zone, touches.place[touch, zone]]),
+            float(sampled.position_m[zone, sampled.place[case, zone]]),
             Finger(
-                mass_kg=float(touches.mass_kg[touch, zone]),
-                damping_n_s_per_m=float(touches.damping_n_s_per_m[touch, zone]),
-                stiffness_n_per_m=float(touches.stiffness_n_per_m[touch, zone]),
+                mass_kg=float(sampled.mass_kg[case, zone]),
+                damping_n_s_per_m=float(sampled.damping_n_s_per_m[case, zone]),
+                stiffness_n_per_m=float(sampled.stiffness_n_per_m[case, zone]),
                 spread=1.0,
             ),
         )
@@ -61,11 +61,11 @@ class DenseState:
     """
 
     bare: DenseModel
-    touches: Touches
+    sampled: SampledFingers
     states: tuple[ZoneState, ...]
     loudest: bool
     models: list[DenseModel] = field(init=False)
-    """The bar under each touch, the standard one first."""
+    """The bar under each case, the standard one first."""
     _rows: Any = field(init=False)  # scipy.sparse
     _known: dict[float, Complex] = field(init=False, default_factory=dict)
 
@@ -74,8 +74,8 @@ class DenseState:
         self.felt, self.quiet = (
             [self.touched.index(zone) for zone in self.zones_of(state)] for state in (ZoneState.FELT, ZoneState.QUIET)
         )
-        assert self.touches.position_m.shape[1] == PLACES
-        fingers = [fingers_of(self.touches, touch, self.touched) for touch in range(len(self.touches.place))]
+        assert self.sampled.position_m.shape[1] == PLACES
+        fingers = [fingers_of(self.sampled, case, self.touched) for case in range(len(self.sampled.place))]
         self.models = [self.bare.touched(on) for on in fingers]
         self._bands = [np.hstack([_band(getattr(model, name)) for model in self.models]) for name in "KCM"]
         self._rows = scipy.sparse.block_diag([self.bare.rows([at for at, _ in on]) for on in fingers], format="csr")
@@ -94,7 +94,7 @@ class DenseState:
         return [zone for zone, state in enumerate(self.states) if state in kinds]
 
     def unit_fields(self, frequency_hz: float) -> Complex:
-        """Displacement and its slope per hertz, shape (2, touch, degree of freedom, actuator), at full scale."""
+        """Displacement and its slope per hertz, shape (2, case, degree of freedom, actuator), at full scale."""
         K, C, M = self._bands
         omega, count = 2 * np.pi * frequency_hz, len(self.models)
         band = np.zeros((3 + len(_OFFSETS), K.shape[1]), dtype=np.complex128)  # LAPACK's room for pivoting above
@@ -118,7 +118,7 @@ class DenseState:
         fields = self.unit_fields(frequency_hz)
         flat = fields.reshape(2, -1, fields.shape[3])
         under = np.stack([self._rows @ part for part in flat]).reshape(2, len(self.models), len(self.touched), -1)
-        power = _weighted(_squares(under), *self._weight(frequency_hz))  # (2, touch, finger, actuator, actuator)
+        power = _weighted(_squares(under), *self._weight(frequency_hz))  # (2, case, finger, actuator, actuator)
         level, expected = power[:, 0, self.felt], power[:, 1:].mean(axis=1)
         if self.loudest:
             return np.concatenate([level, level], axis=1)
@@ -154,7 +154,7 @@ class DenseState:
         return ratio, powers[..., self.levels].min(axis=-1)
 
     def under_fingers(self, frequency_hz: Array, amplitude: Complex) -> tuple[Array, Array]:
-        """Acceleration, magnitudes of the tones added, and power over threshold: each (touch, finger)."""
+        """Acceleration, magnitudes of the tones added, and power over threshold: each (case, finger)."""
         acceleration = np.zeros((len(self.models), len(self.touched)))
         power = np.zeros_like(acceleration)
         for hz in np.unique(frequency_hz[amplitude != 0]):

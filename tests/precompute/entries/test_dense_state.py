@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from engine.touch import ZoneState
-from precompute.sampling.fingers import sample_touches
+from precompute.sampling.fingers import sample_fingers
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import random_device, shipped
 from tests.precompute.entries.dense_state import DenseState
@@ -25,16 +25,16 @@ STATES = {
 @cache
 def state_of(name: str, states: str, loudest: bool = False) -> DenseState:
     device = DEVICES[name]
-    return DenseState(DenseModel(device), sample_touches(device), STATES[states][: len(device.zones)], loudest)
+    return DenseState(DenseModel(device), sample_fingers(device), STATES[states][: len(device.zones)], loudest)
 
 
 @any_device
 def test_side_by_side_the_touches_move_as_each_dense_model_alone(name: str) -> None:
     state, hz = state_of(name, "felt and quiet"), 187.3
     fields = state.unit_fields(hz)[0]
-    for touch in (0, 1, 32):
-        expected = state.models[touch].unit_field(np.array([hz]))[0] / -((2 * np.pi * hz) ** 2)
-        assert abs(fields[touch] - expected).max() <= 1e-7 * abs(expected).max()
+    for case in (0, 1, 32):
+        expected = state.models[case].unit_field(np.array([hz]))[0] / -((2 * np.pi * hz) ** 2)
+        assert abs(fields[case] - expected).max() <= 1e-7 * abs(expected).max()
 
 
 @any_device

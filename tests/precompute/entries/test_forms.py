@@ -13,7 +13,7 @@ from engine.device import Device
 from precompute.entries.forms import Forms, _fill_loaded, compute_forms, compute_loaded
 from precompute.model.assembly import Plant, assemble
 from precompute.model.response import solve_response
-from precompute.sampling.fingers import sample_touches
+from precompute.sampling.fingers import sample_fingers
 from precompute.sampling.receptance import Receptance, solve_receptance
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import every_device, random_device, shipped, unhurried, with_bar
@@ -29,7 +29,7 @@ touched_sets = pytest.mark.parametrize("touched", [(0,), (1, 3), (0, 1, 2, 3)], 
 
 @cache
 def receptance_of(device: Device) -> Receptance:
-    return solve_receptance(assemble(device), sample_touches(device), FREQUENCY_HZ)
+    return solve_receptance(assemble(device), sample_fingers(device), FREQUENCY_HZ)
 
 
 @cache
@@ -37,9 +37,9 @@ def forms_of(device: Device, touched: tuple[int, ...]) -> Forms:
     return compute_forms(receptance_of(device), touched)
 
 
-def assembled(plant: Plant, touched: tuple[int, ...], touch: int) -> Complex:
-    """Displacement (frequency, finger, actuator) under the fingers of one touch, assembled into the matrices."""
-    places, fingers = zip(*fingers_of(sample_touches(plant.device), touch, touched), strict=True)
+def assembled(plant: Plant, touched: tuple[int, ...], case: int) -> Complex:
+    """Displacement (frequency, finger, actuator) under the fingers of one case, assembled into the matrices."""
+    places, fingers = zip(*fingers_of(sample_fingers(plant.device), case, touched), strict=True)
     loaded = plant.with_fingers(places, fingers)
     return loaded.sampler(np.array(places)).sample(solve_response(loaded, FREQUENCY_HZ).displacement_m).swapaxes(1, 2)
 
@@ -48,9 +48,9 @@ def update_error(device: Device, touched: tuple[int, ...]) -> Array:
     """Of the low-rank update against assembling, (frequency,), beside the greatest displacement; every eighth touch."""
     plant, found = assemble(device), compute_loaded(receptance_of(device), touched)
     errors = []
-    for touch in range(0, found.shape[1], 8):
-        expected = assembled(plant, touched, touch)
-        errors.append(abs(found[:, touch] - expected).max(axis=(1, 2)) / abs(expected).max(axis=(1, 2)))
+    for case in range(0, found.shape[1], 8):
+        expected = assembled(plant, touched, case)
+        errors.append(abs(found[:, case] - expected).max(axis=(1, 2)) / abs(expected).max(axis=(1, 2)))
     worst: Array = np.max(errors, axis=0)
     return worst
 
@@ -83,17 +83,17 @@ def random_complex(random: np.random.Generator, *shape: int) -> Complex:
 @unhurried
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.integers(1, 4), st.integers(1, 5), st.integers(1, 3))
 def test_the_kernel_solves_one_plus_receptance_times_stiffness(
-    seed: int, frequencies: int, touches: int, fingers: int, actuators: int
+    seed: int, frequencies: int, cases: int, fingers: int, actuators: int
 ) -> None:
     random, places = np.random.default_rng(seed), 7
     drive = random_complex(random, frequencies, places, actuators)
     point = random_complex(random, frequencies, places, places)
-    place = random.integers(places, size=(touches, fingers))
-    stiffness = random_complex(random, frequencies, touches, fingers)
-    out = np.empty((frequencies, touches, fingers, actuators), dtype=np.complex128)
+    place = random.integers(places, size=(cases, fingers))
+    stiffness = random_complex(random, frequencies, cases, fingers)
+    out = np.empty((frequencies, cases, fingers, actuators), dtype=np.complex128)
     _fill_loaded(drive, point, place, stiffness, out)
     for f in range(frequencies):
-        for k in range(touches):
+        for k in range(cases):
             at = place[k]
             matrix = np.eye(fingers) + point[f][np.ix_(at, at)] * stiffness[f, k]
             error = abs(matrix @ out[f, k] - drive[f, at]).max()
@@ -128,11 +128,11 @@ def unit_weight(hz: float) -> float:
 @any_device
 @pytest.mark.parametrize("touched", [(1, 3), (0, 1, 2, 3)], ids=str)
 def test_powers_under_fingers_are_those_of_the_dense_model(device: Device, touched: tuple[int, ...]) -> None:
-    """`level` of the standard touch, `expected` averaged over the others: each touch a model of its own."""
-    forms, touches, bare = forms_of(device, touched), sample_touches(device), DenseModel(device)
+    """`level` of the standard case, `expected` averaged over the others: each case a model of its own."""
+    forms, sampled, bare = forms_of(device, touched), sample_fingers(device), DenseModel(device)
     power = []
-    for touch in range(len(touches.place)):
-        fingers = fingers_of(touches, touch, touched)
+    for case in range(len(sampled.place)):
+        fingers = fingers_of(sampled, case, touched)
         model = bare.touched(fingers)
         under = model.unit_acceleration(FREQUENCY_HZ, np.array([at for at, _ in fingers]))
         power.append(np.einsum("fpa,fpb->pfab", under.conj(), under))
@@ -151,7 +151,7 @@ def assert_forms(found: Complex, expected: Complex, relative: float) -> None:
 def test_energies_and_the_mean_power_of_the_bar_are_those_of_the_dense_model(
     device: Device, touched: tuple[int, ...]
 ) -> None:
-    forms, fingers = forms_of(device, touched), fingers_of(sample_touches(device), 0, touched)
+    forms, fingers = forms_of(device, touched), fingers_of(sample_fingers(device), 0, touched)
     model = DenseModel(device, fingers)
     velocity = model.unit_field(FREQUENCY_HZ) / (2 * np.pi * FREQUENCY_HZ[:, None, None])
     whole = model.square_integral(0.0, device.bar.length_m)

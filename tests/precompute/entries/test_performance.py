@@ -1,4 +1,4 @@
-"""Laws of a drive's figures: under every touch those of a dense model with its fingers assembled."""
+"""Laws of a drive's figures: under every case those of a dense model with its fingers assembled."""
 
 from functools import cache
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from engine.device import Device
 from precompute.entries.performance import DriveFigures, compute_figures
 from precompute.model.assembly import assemble
-from precompute.sampling.fingers import sample_touches
+from precompute.sampling.fingers import sample_fingers
 from tests.precompute.dense_model import DenseModel, Figures
 from tests.precompute.devices import every_device
 from tests.precompute.entries.dense_state import fingers_of, threshold
@@ -31,27 +31,27 @@ def drive_of(device: Device, coherent: bool) -> tuple[Array, Complex]:
 
 @cache
 def figures_of(device: Device, coherent: bool) -> DriveFigures:
-    return compute_figures(assemble(device), sample_touches(device), TOUCHED, *drive_of(device, coherent))
+    return compute_figures(assemble(device), sample_fingers(device), TOUCHED, *drive_of(device, coherent))
 
 
 @cache
-def dense(device: Device, touch: int) -> DenseModel:
-    return DenseModel(device, fingers_of(sample_touches(device), touch, TOUCHED))
+def dense(device: Device, case: int) -> DenseModel:
+    return DenseModel(device, fingers_of(sample_fingers(device), case, TOUCHED))
 
 
 @cache
-def dense_figures(device: Device, coherent: bool, touch: int) -> Figures:
-    return dense(device, touch).figures(*drive_of(device, coherent))
+def dense_figures(device: Device, coherent: bool, case: int) -> Figures:
+    return dense(device, case).figures(*drive_of(device, coherent))
 
 
 @any_device
 @either
 def test_shares_and_peaks_of_a_touch_are_the_dense_models(device: Device, coherent: bool) -> None:
     found = figures_of(device, coherent)
-    for touch in LOOKED_AT:
-        expected = dense_figures(device, coherent, touch)
-        assert found.share[touch] == pytest.approx(expected.share, rel=1e-5, abs=1e-9)
-        assert found.peak[touch] == pytest.approx(expected.peak, rel=1e-3)
+    for case in LOOKED_AT:
+        expected = dense_figures(device, coherent, case)
+        assert found.share[case] == pytest.approx(expected.share, rel=1e-5, abs=1e-9)
+        assert found.peak[case] == pytest.approx(expected.peak, rel=1e-3)
 
 
 @any_device
@@ -66,16 +66,16 @@ def test_standard_figures_are_the_dense_models(device: Device, coherent: bool) -
 @any_device
 @either
 def test_under_fingers_magnitudes_of_tones_add_and_powers_over_their_thresholds(device: Device, coherent: bool) -> None:
-    found, touches = figures_of(device, coherent), sample_touches(device)
+    found, sampled = figures_of(device, coherent), sample_fingers(device)
     hz, amplitude = drive_of(device, coherent)
-    for touch in LOOKED_AT:
-        places_m = np.array([at for at, _ in fingers_of(touches, touch, TOUCHED)])
+    for case in LOOKED_AT:
+        places_m = np.array([at for at, _ in fingers_of(sampled, case, TOUCHED)])
         tones = np.unique(hz)
-        unit = dense(device, touch).unit_acceleration(tones, places_m)
+        unit = dense(device, case).unit_acceleration(tones, places_m)
         each = abs(np.einsum("tpa,ta->tp", unit, np.where(hz == tones[:, None], amplitude, 0)))
-        assert found.acceleration[touch] == pytest.approx(each.sum(axis=0), rel=1e-5)
+        assert found.acceleration[case] == pytest.approx(each.sum(axis=0), rel=1e-5)
         levels = each / np.array([threshold(tone) for tone in tones])[:, None]
-        assert found.power[touch] == pytest.approx((levels**2).sum(axis=0), rel=1e-5)
+        assert found.power[case] == pytest.approx((levels**2).sum(axis=0), rel=1e-5)
 
 
 @any_device
@@ -90,7 +90,7 @@ def test_the_standard_touch_comes_first(device: Device, coherent: bool) -> None:
 @any_device
 def test_all_but_the_shares_is_proportional_to_the_amplitude(device: Device) -> None:
     hz, amplitude = drive_of(device, coherent=False)
-    half = compute_figures(assemble(device), sample_touches(device), TOUCHED, hz, amplitude / 2)
+    half = compute_figures(assemble(device), sample_fingers(device), TOUCHED, hz, amplitude / 2)
     whole = figures_of(device, coherent=False)
     assert half.share == pytest.approx(whole.share)
     assert 2 * half.peak == pytest.approx(whole.peak)

@@ -107,12 +107,12 @@ def test_rise_does_not_depend_on_the_level() -> None:
 
 def test_every_touch_rises_as_it_does_alone() -> None:
     device = shipped("reference-d")
-    touches: list[Fingers] = [[], fingers_on(device), fingers_on(device)[:1]]
+    cases: list[Fingers] = [[], fingers_on(device), fingers_on(device)[:1]]
     places_m = np.array([[0.02, 0.1], [0.03, 0.2], [0.15, 0.05]])
     frequency_hz, amplitude = drive_of("two tones")
-    together = compute_rise_time(compute_rise_model(basis_of(device), touches, places_m), frequency_hz, amplitude)
-    for touch, places, found in zip(touches, places_m, together, strict=True):
-        model = compute_rise_model(basis_of(device), [touch], places[None])
+    together = compute_rise_time(compute_rise_model(basis_of(device), cases, places_m), frequency_hz, amplitude)
+    for case, places, found in zip(cases, places_m, together, strict=True):
+        model = compute_rise_model(basis_of(device), [case], places[None])
         assert compute_rise_time(model, frequency_hz, amplitude)[0] == pytest.approx(found)
 
 

@@ -17,7 +17,7 @@ from precompute.entries.objective import OBJECTIVES, Problem, level, localized_f
 from precompute.entries.search import BEAT_HZ, TIE_DB, Found, Search, Start, search_directions, two_blocks
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
-from precompute.sampling.fingers import sample_touches
+from precompute.sampling.fingers import sample_fingers
 from precompute.sampling.receptance import solve_receptance
 from tests.precompute.devices import shipped
 from tests.precompute.entries.problems import random_drives, random_problem, ratios
@@ -187,7 +187,7 @@ def test_between_its_frequencies_the_search_sees_the_forms_nearly_as_they_are(
     device = shipped(name)
     seen = solver_of(device).forms_of(touched)
     hz = (seen.frequency_hz[1:-2] + seen.frequency_hz[2:-1]) / 2
-    exact = compute_forms(solve_receptance(assemble(device), sample_touches(device), hz), touched)
+    exact = compute_forms(solve_receptance(assemble(device), sample_fingers(device), hz), touched)
     for part in ("expected", "energy"):
         found, there = between(seen.frequency_hz, getattr(seen, part), hz), getattr(exact, part)
         error = abs(np.linalg.eigvals(np.linalg.solve(there, found - there))).max(axis=(0, 2))

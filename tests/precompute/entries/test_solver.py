@@ -18,7 +18,7 @@ from precompute.entries.objective import OBJECTIVES
 from precompute.entries.rise_time import STEP_S, WITHIN
 from precompute.entries.solver import MOST_TOUCHED_BEYOND, EntrySolver, solve_entries, tabulated_states
 from precompute.model.assembly import assemble
-from precompute.sampling.fingers import Touches, sample_touches
+from precompute.sampling.fingers import SampledFingers, sample_fingers
 from tests.precompute.dense_model import DenseModel, Figures
 from tests.precompute.devices import mirrored, random_device, shipped, with_zones
 from tests.precompute.entries.dense_state import DenseState
@@ -97,13 +97,13 @@ def bare_model(device: Device) -> DenseModel:
 
 
 @cache
-def touches_of(device: Device) -> Touches:
-    return sample_touches(device)
+def sampled_fingers_of(device: Device) -> SampledFingers:
+    return sample_fingers(device)
 
 
 @cache
 def dense_state(device: Device, states: str, loudest: bool) -> DenseState:
-    return DenseState(bare_model(device), touches_of(device), states_of(states), loudest)
+    return DenseState(bare_model(device), sampled_fingers_of(device), states_of(states), loudest)
 
 
 def drive_of(entry: Entry) -> tuple[Array, Complex]:
@@ -267,7 +267,7 @@ def test_t90_is_that_of_the_slowest_felt_finger_in_the_dense_model(case: tuple[s
     device = DEVICES[name]
     entry = entries_of(device, states)[level]
     state, _ = task_of(device, entry)
-    places_m = np.array([touches_of(device).middle_m[zone] for zone in state.zones_of(FELT)])
+    places_m = np.array([sampled_fingers_of(device).middle_m[zone] for zone in state.zones_of(FELT)])
     course, final = state.models[0].envelope(*drive_of(entry), places_m, STEP_S * np.arange(4000.0))
     outside = np.flatnonzero((abs(course - final) > WITHIN * final).any(axis=1))
     assert entry.t90_s == pytest.approx((outside[-1] + 1) * STEP_S, rel=0.02, abs=2 * STEP_S)

@@ -13,7 +13,7 @@ from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
 from precompute.model.threshold import detection_threshold
 from precompute.sampling.bars import SampledBars, sample_bars, sampled_words
-from precompute.sampling.fingers import SAMPLES, sample_touches
+from precompute.sampling.fingers import SAMPLES, sample_fingers
 from tests.precompute.builder.test_build import SMALL
 
 DEVICE = Device.parse(SMALL, "bar")
@@ -33,7 +33,7 @@ def calibrated(deviation: float, spread: float = 0.0) -> Device:
 
 
 def bars_of(device: Device) -> SampledBars:
-    bars = sample_bars(device, sample_touches(device))
+    bars = sample_bars(device, sample_fingers(device))
     assert bars is not None
     return bars
 
@@ -43,7 +43,7 @@ def test_a_bar_answers_as_its_own_model_with_its_own_fingers() -> None:
     bars = bars_of(device)
     power = bars.powers(TOUCHED, HZ, AMPLITUDE)
     for number in (0, 7, SAMPLES - 1):
-        fingers = bars.touches.fingers(number + 1, TOUCHED)
+        fingers = bars.sampled.fingers(number + 1, TOUCHED)
         places_m = np.array([at for at, _ in fingers])
         plant = bars.plants[number].with_fingers(places_m.tolist(), [finger for _, finger in fingers])
         moved = np.einsum("aap->ap", solve_response(plant, HZ).acceleration(places_m))  # each actuator at its tone
@@ -55,7 +55,7 @@ def test_tones_of_one_frequency_add_with_their_phases() -> None:
     device = calibrated(0.05)
     bars, one = bars_of(device), np.full(2, 150.0)
     power = bars.powers(TOUCHED, one, AMPLITUDE)
-    fingers = bars.touches.fingers(4, TOUCHED)
+    fingers = bars.sampled.fingers(4, TOUCHED)
     places_m = np.array([at for at, _ in fingers])
     plant = bars.plants[3].with_fingers(places_m.tolist(), [finger for _, finger in fingers])
     moved = AMPLITUDE @ solve_response(plant, one[:1]).acceleration(places_m)[0]
@@ -64,13 +64,13 @@ def test_tones_of_one_frequency_add_with_their_phases() -> None:
 
 def test_where_nothing_is_unknown_of_the_bar_the_touches_are_left() -> None:
     device = calibrated(0.0)
-    touches = sample_touches(device)
-    figures = compute_figures(assemble(device), touches, TOUCHED, HZ, AMPLITUDE)
+    sampled = sample_fingers(device)
+    figures = compute_figures(assemble(device), sampled, TOUCHED, HZ, AMPLITUDE)
     assert bars_of(device).powers(TOUCHED, HZ, AMPLITUDE) == pytest.approx(figures.power[1:], rel=1e-6)
 
 
 def test_without_a_calibration_there_are_no_other_bars_and_it_says_so() -> None:
-    assert sample_bars(DEVICE, sample_touches(DEVICE)) is None
+    assert sample_bars(DEVICE, sample_fingers(DEVICE)) is None
     assert "no calibration" in sampled_words(DEVICE, is_measured=False)
     assert "another bar" in sampled_words(calibrated(0.1), is_measured=False)
 

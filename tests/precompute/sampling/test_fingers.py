@@ -1,4 +1,4 @@
-"""Laws of the sampled touches: within zone and spread, the same every time, even, their own mirror image."""
+"""Laws of the sampled fingers: within zone and spread, the same every time, even, their own mirror image."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from engine.device import Device
-from precompute.sampling.fingers import PLACES, SAMPLES, Touches, sample_touches
+from precompute.sampling.fingers import PLACES, SAMPLES, SampledFingers, sample_fingers
 from tests.precompute.devices import every_device, mirrored, shipped
 
 Array = NDArray[np.float64]
@@ -15,33 +15,33 @@ DEVICES = every_device()
 any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
 
 
-def positions(touches: Touches) -> Array:
-    """Shape (touch, zone), metres."""
-    out: Array = np.take_along_axis(touches.position_m.T, touches.place, axis=0)
+def positions(sampled: SampledFingers) -> Array:
+    """Shape (case, zone), metres."""
+    out: Array = np.take_along_axis(sampled.position_m.T, sampled.place, axis=0)
     return out
 
 
-def parameters(touches: Touches) -> Array:
-    """Shape (parameter, touch, zone)."""
-    return np.stack([touches.mass_kg, touches.damping_n_s_per_m, touches.stiffness_n_per_m])
+def parameters(sampled: SampledFingers) -> Array:
+    """Shape (parameter, case, zone)."""
+    return np.stack([sampled.mass_kg, sampled.damping_n_s_per_m, sampled.stiffness_n_per_m])
 
 
 @any_device
 def test_the_first_touch_is_the_standard_finger_at_every_middle(device: Device) -> None:
-    touches, finger = sample_touches(device), device.finger
+    sampled, finger = sample_fingers(device), device.finger
     middles = [(zone.start_m + zone.stop_m) / 2 for zone in device.zones]
-    assert positions(touches)[0] == pytest.approx(middles)
-    assert touches.middle_m == pytest.approx(middles)
+    assert positions(sampled)[0] == pytest.approx(middles)
+    assert sampled.middle_m == pytest.approx(middles)
     standard = [finger.mass_kg, finger.damping_n_s_per_m, finger.stiffness_n_per_m]
-    assert parameters(touches)[:, 0] == pytest.approx(np.repeat(np.array(standard)[:, None], len(middles), axis=1))
+    assert parameters(sampled)[:, 0] == pytest.approx(np.repeat(np.array(standard)[:, None], len(middles), axis=1))
 
 
 @any_device
 def test_every_finger_lies_within_its_zone_and_varies_within_the_spread(device: Device) -> None:
-    touches = sample_touches(device)
+    sampled = sample_fingers(device)
     starts, stops = np.array([(zone.start_m, zone.stop_m) for zone in device.zones]).T
-    assert (positions(touches) > starts).all() and (positions(touches) < stops).all()
-    factor = parameters(touches) / parameters(touches)[:, :1]
+    assert (positions(sampled) > starts).all() and (positions(sampled) < stops).all()
+    factor = parameters(sampled) / parameters(sampled)[:, :1]
     spread = device.finger.spread * (1 + 1e-12)
     assert (factor >= 1 / spread).all() and (factor <= spread).all()
     assert factor.max() > 0.9 * device.finger.spread and factor.min() < 1 / (0.9 * device.finger.spread)
@@ -49,37 +49,37 @@ def test_every_finger_lies_within_its_zone_and_varies_within_the_spread(device: 
 
 @any_device
 def test_samples_are_even_over_places_and_over_the_logarithms_of_the_spread(device: Device) -> None:
-    touches = sample_touches(device)
+    sampled = sample_fingers(device)
     for zone in range(len(device.zones)):
-        counts = np.bincount(touches.place[1:, zone], minlength=PLACES)
+        counts = np.bincount(sampled.place[1:, zone], minlength=PLACES)
         assert counts.min() >= SAMPLES // PLACES - 2 and counts.max() <= SAMPLES // PLACES + 2
-    octave = np.log(parameters(touches)[:, 1:] / parameters(touches)[:, :1]) / np.log(device.finger.spread)
+    octave = np.log(parameters(sampled)[:, 1:] / parameters(sampled)[:, :1]) / np.log(device.finger.spread)
     assert abs(octave.mean(axis=1)).max() < 0.15  # of -1 to 1
     assert (abs(octave.std(axis=1) - 1 / np.sqrt(3)) < 0.1).all()
 
 
 @any_device
 def test_no_two_places_or_parameters_vary_in_step(device: Device) -> None:
-    touches = sample_touches(device)
-    values = np.concatenate([touches.place[None].astype(float), np.log(parameters(touches))])[:, 1:]
+    sampled = sample_fingers(device)
+    values = np.concatenate([sampled.place[None].astype(float), np.log(parameters(sampled))])[:, 1:]
     correlation = np.corrcoef(values.transpose(0, 2, 1).reshape(-1, SAMPLES))
     assert abs(correlation - np.eye(len(correlation))).max() < 0.8
 
 
 @any_device
 def test_half_of_the_samples_are_the_mirror_images_of_the_others(device: Device) -> None:
-    touches = sample_touches(device)
+    sampled = sample_fingers(device)
     half = SAMPLES // 2
     one, other = slice(1, 1 + half), slice(1 + half, None)
-    assert (touches.place[other, ::-1] == PLACES - 1 - touches.place[one]).all()
-    assert parameters(touches)[:, other, ::-1] == pytest.approx(parameters(touches)[:, one])
+    assert (sampled.place[other, ::-1] == PLACES - 1 - sampled.place[one]).all()
+    assert parameters(sampled)[:, other, ::-1] == pytest.approx(parameters(sampled)[:, one])
 
 
 @any_device
 def test_a_mirrored_bar_gets_the_mirrored_touches(device: Device) -> None:
-    here = np.concatenate([positions(sample_touches(device))[None], parameters(sample_touches(device))])
+    here = np.concatenate([positions(sample_fingers(device))[None], parameters(sample_fingers(device))])
     there = np.concatenate(
-        [positions(sample_touches(mirrored(device)))[None], parameters(sample_touches(mirrored(device)))]
+        [positions(sample_fingers(mirrored(device)))[None], parameters(sample_fingers(mirrored(device)))]
     )
     turned = there[:, :, ::-1].copy()
     turned[0] = device.bar.length_m - turned[0]
@@ -88,22 +88,22 @@ def test_a_mirrored_bar_gets_the_mirrored_touches(device: Device) -> None:
 
 
 def test_the_same_device_gets_the_same_touches() -> None:
-    one, other = (sample_touches(shipped("reference-a")) for _ in range(2))
+    one, other = (sample_fingers(shipped("reference-a")) for _ in range(2))
     assert (one.place == other.place).all() and (parameters(one) == parameters(other)).all()
 
 
 def test_without_spread_all_fingers_are_alike_and_places_still_vary() -> None:
     base = shipped("reference-a")
-    touches = sample_touches(replace(base, finger=replace(base.finger, spread=1.0)))
-    assert np.ptp(parameters(touches), axis=(1, 2)) == pytest.approx(np.zeros(3))
-    assert len(np.unique(touches.place)) == PLACES
+    sampled = sample_fingers(replace(base, finger=replace(base.finger, spread=1.0)))
+    assert np.ptp(parameters(sampled), axis=(1, 2)) == pytest.approx(np.zeros(3))
+    assert len(np.unique(sampled.place)) == PLACES
 
 
 @any_device
 def test_dynamic_stiffness_is_k_plus_j_omega_c_minus_omega_squared_m(device: Device) -> None:
-    touches = sample_touches(device)
-    found = touches.dynamic_stiffness(np.array([60.0, 251.0]))
+    sampled = sample_fingers(device)
+    found = sampled.dynamic_stiffness(np.array([60.0, 251.0]))
     for row, frequency_hz in zip(found, (60.0, 251.0), strict=True):
         s = 2j * np.pi * frequency_hz
-        expected = touches.stiffness_n_per_m + s * touches.damping_n_s_per_m + s**2 * touches.mass_kg
+        expected = sampled.stiffness_n_per_m + s * sampled.damping_n_s_per_m + s**2 * sampled.mass_kg
         assert abs(row - expected).max() <= 1e-12 * abs(expected).max()

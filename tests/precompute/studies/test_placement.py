@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from engine.device import Device
-from precompute.sampling.fingers import sample_touches
+from precompute.sampling.fingers import sample_fingers
 from precompute.studies.placement import (
     APART,
     MARGIN,
@@ -65,10 +65,10 @@ def test_the_grid_holds_as_many_placements_as_allowed_and_they_can_be_built(coun
 
 def test_what_is_found_is_screened_as_no_worse_than_any_placement_of_the_grid(found: PlacementSearch) -> None:
     device = small()
-    best = next(placement for placement in found.judged if placement.name == "found")
-    again = screen_two_fingers(with_actuators_at(device, best.position_m), sample_touches(device), 20.0, 2.0)
+    best = next(placement for placement in found.evaluated if placement.name == "found")
+    again = screen_two_fingers(with_actuators_at(device, best.position_m), sample_fingers(device), 20.0, 2.0)
     on_the_grid = [
-        screen_two_fingers(with_actuators_at(device, at), sample_touches(device), 20.0, 2.0).rank
+        screen_two_fingers(with_actuators_at(device, at), sample_fingers(device), 20.0, 2.0).rank
         for at in found.screened_m[np.argsort(-np.nan_to_num(found.screened_db, nan=-99.0))[:2]].tolist()
     ]
     assert again.rank >= max(on_the_grid)
@@ -76,16 +76,16 @@ def test_what_is_found_is_screened_as_no_worse_than_any_placement_of_the_grid(fo
 
 
 def test_the_objective_of_the_shipped_places_is_that_of_the_shipped_device(found: PlacementSearch) -> None:
-    own = next(placement for placement in found.judged if placement.name == "as described")
+    own = next(placement for placement in found.evaluated if placement.name == "as described")
     assert own.position_m == own_places(small())
     assert own.fingers.worst_db == pytest.approx(solve_two_fingers(small(), 20.0).worst_db, abs=1e-9)
 
 
 def test_the_best_judged_comes_first_and_the_even_placement_is_among_them(found: PlacementSearch) -> None:
-    ranks = [placement.fingers.rank for placement in found.judged]
+    ranks = [placement.fingers.rank for placement in found.evaluated]
     assert ranks == sorted(ranks, reverse=True)
-    assert {placement.name for placement in found.judged} == {"found", "even", "as described"}
-    even = next(placement for placement in found.judged if placement.name == "even")
+    assert {placement.name for placement in found.evaluated} == {"found", "even", "as described"}
+    even = next(placement for placement in found.evaluated if placement.name == "even")
     assert even.position_m == even_places(small(), 2) == pytest.approx((0.06985, 0.20955))
 
 
@@ -93,7 +93,7 @@ def test_the_best_judged_comes_first_and_the_even_placement_is_among_them(found:
 def test_what_is_found_is_never_worse_than_the_even_placement(most: int) -> None:
     """With these grids the best screened places of one actuator are worse than the middle of the bar."""
     search = search_placement(small(), 1, 20.0, most, lambda _: None)
-    found, even = search.judged
+    found, even = search.evaluated
     assert (found.name, even.name) == ("found", "even")
     assert found.fingers.rank >= even.fingers.rank
     assert found.fingers.worst_db > 0.2  # next to the middle, where the search that starts there ends
@@ -102,7 +102,9 @@ def test_what_is_found_is_never_worse_than_the_even_placement(most: int) -> None
 def test_it_is_the_same_every_time_and_of_another_number_than_the_devices_has_no_own_placement() -> None:
     done = list[float]()
     one, again = (search_placement(small(), 1, 20.0, 3, done.append) for _ in range(2))
-    assert [placement.position_m for placement in again.judged] == [placement.position_m for placement in one.judged]
+    assert [placement.position_m for placement in again.evaluated] == [
+        placement.position_m for placement in one.evaluated
+    ]
     assert done[: len(done) // 2] == sorted(done[: len(done) // 2]) and done[-1] == pytest.approx(1.0)
-    assert {placement.name for placement in one.judged} == {"found", "even"}
+    assert {placement.name for placement in one.evaluated} == {"found", "even"}
     assert one.count == 1 and len(one.screened_db) == 3

@@ -9,7 +9,7 @@ from engine.device import Device
 from engine.touch import ZoneState
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
-from precompute.sampling.fingers import sample_touches
+from precompute.sampling.fingers import sample_fingers
 from precompute.studies.two_fingers import TwoFingers, finger_pairs, screen_two_fingers, solve_two_fingers
 from tests.precompute.devices import mirrored, shipped, with_actuators, with_zones
 
@@ -47,7 +47,7 @@ def test_every_two_zones_are_a_pair_both_ways_round(solved: TwoFingers) -> None:
 @pytest.mark.parametrize("name", ["reference-a", "reference-d", "reference-t"])
 def test_the_screening_never_gives_more_than_the_search(name: str) -> None:
     device = small(name)
-    screened = screen_two_fingers(device, sample_touches(device), 20.0, 4.0)
+    screened = screen_two_fingers(device, sample_fingers(device), 20.0, 4.0)
     found = solve_two_fingers(device, 20.0)
     assert (np.nan_to_num(screened.contrast_db - found.contrast_db) < SEARCH_DB).all()
     assert screened.is_reached == found.is_reached
@@ -61,12 +61,12 @@ def test_a_mirrored_bar_has_mirrored_contrasts(solved: TwoFingers) -> None:
 
 def test_a_level_out_of_reach_ranks_below_every_one_that_is_reached(solved: TwoFingers) -> None:
     weak = with_actuators(small(), full_scale_m=1e-8)
-    screened = screen_two_fingers(weak, sample_touches(weak), 20.0, 4.0)
+    screened = screen_two_fingers(weak, sample_fingers(weak), 20.0, 4.0)
     assert not screened.is_reached
     assert screened.rank < solved.rank
     assert np.nanmin(screened.contrast_db) > -60.0, "of the loudest drive"
     weaker = with_actuators(weak, full_scale_m=5e-9)
-    assert screen_two_fingers(weaker, sample_touches(weaker), 20.0, 4.0).rank < screened.rank
+    assert screen_two_fingers(weaker, sample_fingers(weaker), 20.0, 4.0).rank < screened.rank
     least_db = float(np.nanmin(solve_two_fingers(weak, 20.0).level_db))
     second_tone_db = 10 * np.log10(2)
     assert least_db - second_tone_db - SEARCH_DB < np.nanmin(screened.level_db) < least_db + SEARCH_DB

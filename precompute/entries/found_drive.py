@@ -26,7 +26,7 @@ class Weights:
 
 
 @dataclass(frozen=True)
-class Drive:
+class FoundDrive:
     """frequency_hz and amplitude (actuator,), the strongest actuator at 1.
 
     value: the ratio, a share or a ratio of powers. loudness: weakest felt power over threshold, at full scale. weights:
@@ -48,7 +48,7 @@ class Drive:
         return "single tone" if np.count_nonzero(self.amplitude) == 1 else "coherent"
 
 
-def judge(problem: Problem, frequency_hz: Array, amplitude: Complex, multipliers: Array) -> Drive:
+def evaluate_drive(problem: Problem, frequency_hz: Array, amplitude: Complex, multipliers: Array) -> FoundDrive:
     """The drive with its figures; `multipliers` as precompute.entries.bfgs.evaluate leaves them."""
     tones, tone = np.unique(frequency_hz, return_inverse=True)
     amplitude = full_scale(amplitude)
@@ -57,7 +57,7 @@ def judge(problem: Problem, frequency_hz: Array, amplitude: Complex, multipliers
     parts = np.split(multipliers, np.cumsum([len(power) for power in powers[:-1]]))
     # A form without power has no weight either: 0/0 is to be 0.
     floors = [np.maximum(power, max(_NOTHING**2 * power.max(initial=0.0), _LEAST)) for power in powers]
-    return Drive(
+    return FoundDrive(
         frequency_hz=frequency_hz,
         amplitude=amplitude,
         value=float(powers[0].min() / powers[1].max()),

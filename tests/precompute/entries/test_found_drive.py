@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from precompute.entries.candidate import Drive, full_scale, judge
+from precompute.entries.found_drive import FoundDrive, evaluate_drive, full_scale
 from tests.precompute.entries.problems import random_drives, random_problem, ratios
 
 Complex = NDArray[np.complex128]
@@ -15,12 +15,14 @@ seeds = st.integers(0, 2**32 - 1)
 actuator_counts = st.integers(1, 4)
 
 
-def judged(seed: int, actuators: int, drive: int = 0) -> tuple[Drive, float, float]:
+def judged(seed: int, actuators: int, drive: int = 0) -> tuple[FoundDrive, float, float]:
     """One of the random drives of a random problem, judged, and the ratio and level that NumPy finds."""
     problem, random = random_problem(seed, actuators, (2, 3, 2)), np.random.default_rng(seed)
     drives = random_drives(problem, drive + 1, random)
     _, place, amplitude = drives
-    found = judge(problem, problem.frequency_hz[place[drive]], amplitude[drive], random.uniform(size=7 + actuators))
+    found = evaluate_drive(
+        problem, problem.frequency_hz[place[drive]], amplitude[drive], random.uniform(size=7 + actuators)
+    )
     ratio, level = ratios(problem, drives)
     return found, float(ratio[drive]), float(level[drive])
 
@@ -74,4 +76,4 @@ def test_a_family_goes_by_the_tones_that_sound(
     hz: tuple[float, ...], amplitude: tuple[float, ...], family: str
 ) -> None:
     weights = judged(1, 3)[0].weights
-    assert Drive(np.array(hz), np.array(amplitude, dtype=np.complex128), 1.0, 1.0, weights).family == family
+    assert FoundDrive(np.array(hz), np.array(amplitude, dtype=np.complex128), 1.0, 1.0, weights).family == family
