@@ -1,1 +1,1 @@
-"""A device to its table file: whole, incremental, or one state on demand."""
+"""Building of tables: whole, incremental, or one state on demand."""

@@ -90,7 +90,7 @@ def build_table(
     """
     path = Path(path)
     if Device.parse(device.text, device.name).fingerprint != device.fingerprint:
-        raise TableError(f"{device.name}: was changed after it was read; write its text anew and read that")
+        raise TableError(f"{device.name}: was changed after it was read; write the new values to a file and read it")
     sha256 = "" if responses is None else responses.sha256
     most = _most_fingers(device, clicks_up_to)
     options = BuildOptions(code_fingerprint(), objective, most, click_options, sha256, made_for)
@@ -123,7 +123,7 @@ def _most_fingers(device: Device, clicks_up_to: int | None) -> int:
 
 @contextmanager
 def _earlier(path: Path, reuse: bool) -> Iterator[Table | None]:
-    """The sound table of this code that is at `path`, if there is one."""
+    """The table at `path`, if it is sound and of this code."""
     try:
         table = Table.open(path, code_fingerprint=code_fingerprint()) if reuse else None
     except TableError:

@@ -85,7 +85,7 @@ def _path_of(module: str) -> Path | None:
 
 
 class _Bare(ast.NodeTransformer):
-    """Takes out every statement that is only a string."""
+    """Removes every statement that is only a string, and so all docstrings."""
 
     def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:  # the name that ast calls
         is_text = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)

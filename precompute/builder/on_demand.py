@@ -1,4 +1,4 @@
-"""States that no table holds, solved when they are asked for and kept in a folder: bars of many zones, odd levels."""
+"""Entries of states that no table holds, solved on demand and kept in a folder."""
 
 import json
 from dataclasses import asdict

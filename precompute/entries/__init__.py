@@ -1,1 +1,1 @@
-"""The best steady drive of every state, with its bound."""
+"""Entries: for every state of the fingers and every level the best steady drive, with an upper bound."""

@@ -1,4 +1,4 @@
-"""A state and a level to the drives that lost: what each of them does in the plant with fingers, and why it lost."""
+"""Alternatives to an entry: the drives that other objectives choose, evaluated alike, and why each of them lost."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ class Alternative:
 
 
 def solve_alternatives(plant: Plant, states: States, winner: Entry) -> list[Alternative]:
-    """The best single tones and the other objectives, judged as the entry `winner` of `states` is."""
+    """The best single tones and the drives of the other objectives, evaluated as the entry `winner` of `states`."""
     solver = EntrySolver(plant)
     entries = {
         name: solver.evaluate(states, winner.wanted_level_db, drive, name)
@@ -53,7 +53,7 @@ def _rivals(solver: EntrySolver, states: States, winner: Entry) -> Iterator[tupl
 
 
 def _best(name: str, problem: Problem, wanted: float) -> Iterator[tuple[str, FoundDrive]]:
-    """The best that reaches the wanted power; where nothing does, the best of all."""
+    """The best drive that reaches the wanted power; where none does, the best of all."""
     powers = [wanted] if np.isfinite(wanted) else []
     search = Search(problem, powers)
     found = next((found for power in [*powers, 0.0] if (found := search.best(power))), None)
@@ -62,7 +62,7 @@ def _best(name: str, problem: Problem, wanted: float) -> Iterator[tuple[str, Fou
 
 
 def _alone(problem: Problem, actuator: int) -> Problem:
-    """The problem with the other actuators out of their bands."""
+    """The problem with only this actuator in its band."""
     only = problem.in_band & (np.arange(problem.in_band.shape[1]) == actuator)
     return replace(problem, in_band=only)
 

@@ -1,11 +1,13 @@
-"""Kernels of the search for the drive with the greatest ratio of Hermitian forms above a level.
+"""Kernels of the search: ascent of the greatest ratio of Hermitian forms above a level, by BFGS.
 
-A drive a (actuator,) is judged by numerators N_i, denominators D_j and levels P_f, all a^H H a at its frequencies:
+A drive a (actuator,) has numerators N_i, denominators D_j and levels P_f, all a^H H a at its frequencies:
 
     maximise  min_i N_i / max_j D_j   subject to   min_f P_f >= wanted max_l |a_l|^2 .
 
-Nothing depends on the length of a. Logarithms make it a sum; minima and maxima are smoothed at sharpness `beta`, so
-that quasi-Newton steps work, and the level is an exact penalty: more than it costs to lose the greatest ratio.
+All of it is homogeneous of degree 0 in a, so the length of a is free. Logarithms turn the ratio into a difference.
+Minima and maxima are replaced by their log-sum-exp of sharpness `beta`, which makes the objective differentiable, so
+that quasi-Newton steps work; `beta` rises from climb to climb. The level is an exact penalty: missing it costs more
+than any ratio can gain.
 """
 
 import numpy as np
@@ -17,9 +19,9 @@ SHARPEST = 3000.0
 """1 / 3000 neper: the smoothed minimum of two is within 0.001 dB."""
 _ITERATIONS, _GRADIENT, _ARMIJO, _GAIN = 60, 1e-7, 1e-4, 1e-7
 _TINY = 1e-300
-_SWEEPS = 3  # over the frequencies of several tones, which hang together
+_SWEEPS = 3  # over the frequencies of several tones, since they depend on one another
 _FIRST = 30.0
-_ALONG = SHARPEST / 10  # sharpness to start from next to a drive that was climbed
+_ALONG = SHARPEST / 10  # first sharpness of a climb that starts next to a climbed drive
 _SHARPER = 10**0.5
 _GOLDEN = 0.6180339887498949
 
@@ -50,11 +52,13 @@ def scan(numerator, denominator, level, directions, wanted, score, arg):  # type
     """
     parts, count = directions.shape
     for f in prange(numerator.shape[1]):
+        # The innermost loops run over directions: contiguous, so the compiler keeps them in vector registers.
         least = np.empty(count, dtype=np.float32)
         greatest = np.empty(count, dtype=np.float32)
         loud = np.empty(count, dtype=np.float32)
         value = np.empty(count, dtype=np.float32)
         least[:], greatest[:], loud[:] = np.inf, 0.0, np.inf
+        # Least numerator, greatest denominator and least level of every direction.
         for i in range(numerator.shape[0]):
             value[:] = 0.0
             for c in range(parts):
@@ -76,6 +80,7 @@ def scan(numerator, denominator, level, directions, wanted, score, arg):  # type
                     value[d] += level[i, f, c] * directions[c, d]
             for d in range(count):
                 loud[d] = min(loud[d], value[d])
+        # The best direction for each wanted level, and last the loudest one.
         for w in range(len(wanted) + 1):
             score[f, w], arg[f, w] = -1.0, 0
         for d in range(count):
@@ -133,6 +138,7 @@ def evaluate(  # type: ignore[no-untyped-def]  # numba
     multipliers: of log N_i, log D_j, log P_f and log |a_l|^2 one after another, all positive.
     """
     n, d, p, m = len(numerator), len(denominator), len(level), len(drive)
+    # Logarithms of all powers, one after another as the multipliers are.
     logs_n, logs_d, logs_p, logs_a = logs[:n], logs[n : n + d], logs[n + d : n + d + p], logs[n + d + p :]
     for i in range(n):
         logs_n[i] = np.log(_power(numerator[i], drive))
@@ -142,17 +148,21 @@ def evaluate(  # type: ignore[no-untyped-def]  # numba
         logs_p[i] = np.log(_power(level[i], drive))
     for a in range(m):
         logs_a[a] = np.log(max(abs(drive[a]) ** 2, _TINY))
+    # Smoothed log of min N / max D; the multipliers become the weights of the smoothed minimum and maximum.
     value = _soft(logs_n, beta, -1.0, multipliers[:n]) - _soft(logs_d, beta, 1.0, multipliers[n : n + d])
+    # Nepers by which the level is passed at full scale of the strongest actuator.
     spare = -_soft(logs_a, beta, 1.0, multipliers[n + d + p :]) - log_wanted
     if p == 0:
         spare = np.inf
     else:
         spare += _soft(logs_p, beta, -1.0, multipliers[n + d : n + d + p])
+    # Softplus of what is missing, computed without overflow, and its slope.
     x = -beta * spare
     missing = (x + np.log1p(np.exp(-x)) if x > 0 else np.log1p(np.exp(x))) / beta
     slope = PENALTY / (1.0 + np.exp(min(-x, 500.0)))
     value -= PENALTY * missing
     multipliers[n + d :] *= slope
+    # The gradient of log a^H H a is 2 H a over the power.
     gradient[:] = 0.0
     for i in range(n):
         _add_form(numerator[i], drive, multipliers[i] * np.exp(-logs_n[i]), gradient)
@@ -164,7 +174,7 @@ def evaluate(  # type: ignore[no-untyped-def]  # numba
         scale = -2.0 * multipliers[n + d + p + a] * np.exp(-logs_a[a])
         gradient[2 * a] += scale * drive[a].real
         gradient[2 * a + 1] += scale * drive[a].imag
-        if not usable[a]:
+        if not usable[a]:  # out of its band: it stays as it is, at zero
             gradient[2 * a], gradient[2 * a + 1] = 0.0, 0.0
     return value
 
@@ -180,12 +190,14 @@ def _climb_at(  # type: ignore[no-untyped-def]  # numba
     gradient, trial_gradient, step, change = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
     trial, logs = np.empty_like(drive), np.empty(len(multipliers))
     value = evaluate(drive, usable, numerator, denominator, level, log_wanted, beta, gradient, multipliers, logs)
+    # Of the inverse Hessian nothing is known at first: a short step along the gradient.
     inverse = np.eye(size) / max(1.0, np.sqrt(np.sum(gradient**2))) * 0.1
     for _ in range(_ITERATIONS):
         step[:] = inverse @ gradient
         slope = np.sum(step * gradient)
         if slope <= _GRADIENT**2:
             break
+        # Backtracking line search from at most 0.3 of the drive's length, until Armijo's condition holds.
         length = min(1.0, 0.3 / np.sqrt(np.sum(step**2)))
         found = False
         for _ in range(30):
@@ -205,6 +217,7 @@ def _climb_at(  # type: ignore[no-untyped-def]  # numba
         curvature = np.sum(step * change)
         gain = new - value
         drive[:], gradient[:], value = trial, trial_gradient, new
+        # BFGS update of the inverse Hessian; a step of no or negative curvature leaves it.
         if curvature > 1e-14:
             moved = inverse @ change
             factor = (1.0 + np.sum(change * moved) / curvature) / curvature
@@ -292,6 +305,7 @@ def _refine_one(  # type: ignore[no-untyped-def]  # numba
             continue
         x, y = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)
         at_x, at_y = drive.copy(), drive.copy()
+        # Golden section on the frequency of tone t, each end with a drive of its own that climbs along.
         trial_hz[:] = hz
         trial_hz[t] = x
         value_x = _at(at_x, usable, stacks, grid_hz, trial_hz, tone, log_wanted, _ALONG, multipliers)
@@ -310,6 +324,7 @@ def _refine_one(  # type: ignore[no-untyped-def]  # numba
                 y = a + _GOLDEN * (b - a)
                 trial_hz[t] = y
                 value_y = _at(at_y, usable, stacks, grid_hz, trial_hz, tone, log_wanted, _ALONG, multipliers)
+        # The tone moves only if that was better.
         better = max(value_x, value_y)
         if better > value:
             value = better
@@ -409,13 +424,13 @@ def scan_pairs(first, second, hz, ratios, ends, wanted, apart_hz, best, partner,
         for g in range(len(hz)):
             if abs(hz[f] - hz[g]) < apart_hz:
                 continue
-            for r in ratios:
+            for r in ratios:  # of the second tone's power to the first's
                 least, greatest, loud, driven = np.inf, 0.0, np.inf, 0.0
                 for i in range(n):
                     least = min(least, first[f, i] + r * second[g, i])
                 for i in range(n, d):
                     greatest = max(greatest, first[f, i] + r * second[g, i])
-                if least <= best[f] * greatest:
+                if least <= best[f] * greatest:  # no better, whatever its level
                     continue
                 for i in range(d, p):
                     loud = min(loud, first[f, i] + r * second[g, i])
@@ -432,12 +447,12 @@ def greatest_eigenvalue(numerator, denominator, out):  # type: ignore[no-untyped
     for f in range(numerator.shape[0]):
         if m == 1:
             out[f] = (numerator[f, 0, 0] / denominator[f, 0, 0]).real
-        elif m == 2:
+        elif m == 2:  # closed form: half the trace plus the root of the discriminant of D^-1 N
             n, d = numerator[f], denominator[f]
             det_n = (n[0, 0] * n[1, 1] - n[0, 1] * n[1, 0]).real
             det_d = (d[0, 0] * d[1, 1] - d[0, 1] * d[1, 0]).real
             middle = 0.5 * (n[0, 0] * d[1, 1] + n[1, 1] * d[0, 0] - n[0, 1] * d[1, 0] - n[1, 0] * d[0, 1]).real / det_d
             out[f] = middle + np.sqrt(max(middle * middle - det_n / det_d, 0.0))
-        else:
+        else:  # turned into an ordinary eigenproblem by the Cholesky factor of D
             lower = np.linalg.inv(np.linalg.cholesky(denominator[f]))
             out[f] = np.linalg.eigvalsh(lower @ numerator[f] @ lower.conj().T)[-1]

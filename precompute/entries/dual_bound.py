@@ -1,8 +1,21 @@
-"""A problem to what no drive of any kind exceeds, and to the drives of one frequency whose mixture would reach it.
+"""Upper bound on the objective by Lagrangian duality, tightened by column generation.
 
-Tones of different frequencies do not interfere, so the drives of all families together fill a convex cone, and duality
-bounds them all at once: weights on the forms, for which the greatest generalised eigenvalue over frequency is no less
-than what any drive reaches.
+The problem is to maximise min_i N_i / max_j D_j over drives of one or several tones whose level is reached. Tones of
+different frequencies do not interfere: the forms of a drive are sums over its tones. So the forms that drives of all
+families reach lie in the convex cone of the forms of single tones, and the bound is the optimum over that cone.
+
+Weights n_i, d_j >= 0 on the forms, and p_f, w_l >= 0 on levels and amplitudes, prove a bound: at each frequency no
+drive exceeds the greatest eigenvalue of (sum n_i N_i + sum p_f P_f - diag w) a = lambda (sum d_j D_j) a, and so none
+exceeds its maximum over frequency times sum d / sum n. Invariant: the bound holds for any weights whose w_l add up to
+the wanted power times the sum of the p_f; good weights only make it smaller. The first weights are those that the forms
+have at the optimum that was found, which often closes the gap.
+
+Where a gap is left, columns are generated. A linear program mixes known drives of one frequency freely; its prices are
+the next weights; the drives that these value most become new columns. Program and bound approach each other. The
+frequencies of the mixture then show the search where drives of several tones may be better.
+
+Bounds are computed at the search's frequencies. The maximum between them is taken from a parabola, so it may be passed
+by the error of that parabola: at most 0.035 dB, in one of 362 searches of the shipped devices.
 """
 
 import itertools
@@ -29,7 +42,7 @@ _PRICED = 3
 
 @dataclass(frozen=True)
 class Tone:
-    """Some actuators at one frequency."""
+    """One tone of a drive: the actuators that play it, with their amplitudes."""
 
     frequency_hz: float
     actuators: list[int]
@@ -37,7 +50,7 @@ class Tone:
 
 
 class Columns:
-    """Drives of one frequency each, whose powers a linear program mixes freely: no family of drives does better.
+    """Column generation: drives of one frequency each, whose powers a linear program mixes freely.
 
     maximise t: sum_c p_c N_i,c >= t, sum_c p_c D_j,c <= 1, sum_c p_c P_f,c >= wanted s, sum_c p_c |a_l,c|^2 <= s.
     """
@@ -57,7 +70,7 @@ class Columns:
         self._program = _empty_program(sizes, actuators, is_wanted=wanted > 0)
 
     def add(self, frequency_hz: float, amplitude: Complex) -> None:
-        """One more drive, of any length."""
+        """Add a drive as a column; its amplitude may have any length."""
         hz, tone, grid_hz = (
             np.array([frequency_hz]),
             np.zeros(len(amplitude), dtype=np.int64),
@@ -71,13 +84,13 @@ class Columns:
         self._program.addCol(0.0, 0.0, np.inf, len(column), np.arange(len(column), dtype=np.int32), column)
 
     def add_single(self, k: int) -> None:
-        """Each actuator alone at the k-th frequency."""
+        """Add each actuator alone at the k-th frequency."""
         for actuator in np.flatnonzero(self._problem.in_band[k]):
             unit = np.eye(self._problem.in_band.shape[1], dtype=np.complex128)[actuator]
             self.add(float(self._problem.frequency_hz[k]), unit)
 
     def solve(self) -> tuple[Weights, float] | None:
-        """The prices of the best mixture and the ratio that it reaches; None where no mixture is loud enough."""
+        """Solve the program: the prices of the best mixture and its ratio, or None where no mixture is loud enough."""
         self._program.run()
         solution = self._program.getSolution()
         if self._program.getModelStatus() != highspy.HighsModelStatus.kOptimal or solution.col_value[0] <= 0:
@@ -88,7 +101,7 @@ class Columns:
         return self.weights, float(solution.col_value[0])
 
     def price(self, weights: Weights) -> float:
-        """Add the drives that these weights value most; the bound that the weights prove."""
+        """Add the drives that these weights value most as columns; return the bound that the weights prove."""
         eigenvalue, numerator, denominator = _eigenvalues(self._muted, weights)
         for k in peaks(eigenvalue)[:_PRICED]:
             _, amplitude = solve_eigen(numerator[k], denominator[k])
@@ -97,7 +110,7 @@ class Columns:
         return _proved(eigenvalue, weights)
 
     def mixtures(self) -> Iterator[list[Tone]]:
-        """Every way to share the actuators among three or more mixed drives; pairs are all looked at anyway."""
+        """Every way to share the actuators among three or more mixed drives; the search tries all pairs itself."""
         used = [int(c) for c in np.argsort(-self._mix) if self._mix[c] > _MIXED][:_MOST_TONES]
         count = self._problem.in_band.shape[1]
         for tones in range(3, min(len(used), count) + 1):
@@ -128,7 +141,7 @@ def _empty_program(sizes: list[int], actuators: int, *, is_wanted: bool) -> high
 
 
 def compute_bound(problem: Problem, drive: FoundDrive, wanted: float) -> float:
-    """What no drive of any family above the level exceeds, by the weights that the forms have at `drive`."""
+    """The upper bound for drives above the level, from the weights that the forms have at `drive`."""
     level, actuator = drive.weights.level, drive.weights.actuator
     lifted = float(level.sum()) * wanted
     # Above the level sum_f w_f P_f >= wanted sum_f w_f max |a_l|^2 >= sum_l w_l |a_l|^2, if the w_l add up to that.
@@ -141,7 +154,7 @@ def compute_bound(problem: Problem, drive: FoundDrive, wanted: float) -> float:
 
 
 def block_directions(problem: Problem, weights: Weights, actuators: list[int]) -> Complex:
-    """Shape (frequency, actuator): at each frequency what the weights value most of drives of these actuators alone."""
+    """Shape (frequency, actuator): the drive of these actuators alone that the weights value most at each frequency."""
     _, numerator, denominator = _eigenvalues(problem.muted(), weights)
     pick = np.ix_(range(len(numerator)), actuators, actuators)
     out = np.zeros((len(numerator), problem.in_band.shape[1]), dtype=np.complex128)

@@ -1,4 +1,4 @@
-"""Damped modes and a drive to what each finger feels from rest: envelopes, whose rise times are t90."""
+"""Envelopes of the acceleration under fingers while a drive starts from rest."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,7 +1,7 @@
-"""Fingers to Hermitian forms: what each of them feels, and where the energy goes, as a^H H a of the drive a.
+"""Hermitian forms of a drive with fingers on the bar: power under each finger and energy of each zone, as a^H H a.
 
-The fingers are added by a low-rank update of the receptance at the points they case: with Y the receptance there and Z
-their dynamic stiffness, the bar moves as (1 + Y Z)^-1 y_0 under them and carries their forces -Z y everywhere else.
+Fingers are added by a low-rank update of the receptance at the points they touch. With Y the receptance there and Z
+their dynamic stiffness, the bar moves as (1 + Y Z)^-1 y_0 under them, and carries their forces -Z y everywhere else.
 """
 
 from collections.abc import Sequence
@@ -105,6 +105,7 @@ def _eliminate(left, right):  # type: ignore[no-untyped-def]  # numba
     """Solve left x = right in place, x in `right`, with partial pivoting."""
     size, columns = right.shape
     for j in range(size):
+        # Exchange rows for the greatest pivot, then eliminate below it.
         pivot = j
         for i in range(j + 1, size):
             if abs(left[i, j]) > abs(left[pivot, j]):
@@ -120,6 +121,7 @@ def _eliminate(left, right):  # type: ignore[no-untyped-def]  # numba
                 left[i, q] -= factor * left[j, q]
             for a in range(columns):
                 right[i, a] -= factor * right[j, a]
+    # Back substitution.
     for j in range(size - 1, -1, -1):
         for a in range(columns):
             right[j, a] /= left[j, j]

@@ -1,4 +1,4 @@
-"""A drive that was found, and what its problem says of it."""
+"""A drive that the search found, with its ratio, its level and the weights of its forms."""
 
 from dataclasses import dataclass
 

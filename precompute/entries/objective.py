@@ -1,4 +1,4 @@
-"""Objectives by name: a state of the fingers to the numerators and denominators that its drive is judged by."""
+"""Objectives by name: numerators and denominators of the ratio that the drive of a state maximises."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -42,7 +42,7 @@ class Problem:
         return self.numerator, self.denominator, self.level
 
     def muted(self) -> "Problem":
-        """Out of its band an actuator does nothing: no power, but some in the denominators, to keep them definite."""
+        """The problem without actuators outside their bands: no power, and a denominator that stays definite."""
         outside = ~self.in_band
         if not outside.any():
             return self

@@ -1,4 +1,4 @@
-"""A drive and the fingers it may meet to everything that an entry says of it."""
+"""Figures of a drive with fingers on the bar: shares, peaks, accelerations and levels, for every sampled case."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -118,6 +118,7 @@ def _fill_figures(field, omega, integral, zone_of, element, weight, energy, peak
     tones, cases, _ = field.shape
     for k in prange(cases):
         for t in range(tones):
+            # Kinetic energy: the exact integral over each element, added to its zone.
             for e in range(integral.shape[0]):
                 total = 0.0
                 for i in range(4):
@@ -126,6 +127,7 @@ def _fill_figures(field, omega, integral, zone_of, element, weight, energy, peak
                         w = field[t, k, 2 * e + j]
                         total += integral[e, i, j] * (v.real * w.real + v.imag * w.imag)
                 energy[k, zone_of[e]] += omega[t] ** 2 * total
+        # Peak: magnitudes of the tones added at each place (paper eq. (8)).
         for z in range(element.shape[0]):
             for p in range(element.shape[1]):
                 level = 0.0

@@ -1,4 +1,4 @@
-"""A drive and its figures to the entry that a table holds: scaled to its level, every figure with its range."""
+"""The entry of a drive: its figures scaled to a level, each with its range over the sampled cases."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -57,7 +57,7 @@ class Candidate:
         return touched_zones(self.states)
 
     def fingers(self, kind: ZoneState) -> list[int]:
-        """Which of the fingers lie in zones of that state."""
+        """Indices of the fingers that lie in zones of this state."""
         return [finger for finger, zone in enumerate(self.touched) if self.states[zone] is kind]
 
     @property
@@ -67,12 +67,12 @@ class Candidate:
 
     @property
     def low_level_db(self) -> float:
-        """What the weakest felt finger has in 95 % of the sampled cases, at full scale."""
+        """Level of the weakest felt finger at full scale that 95 % of the sampled cases reach."""
         return self._spread.felt.low_db
 
     @property
     def low_merit(self) -> float:
-        """What 95 % of the sampled cases reach: contrast in dB; with nothing quiet, share of the felt zones."""
+        """Contrast in dB that 95 % of the sampled cases reach; with nothing quiet, the share of the felt zones."""
         if self._spread.contrast is not None:
             return self._spread.contrast.low_db
         felt = [self.touched[finger] for finger in self.fingers(ZoneState.FELT)]
@@ -161,7 +161,7 @@ def _percentiles(level_db: Array) -> Percentiles:
 def _predict_zone(device: Device, candidate: Candidate, zone: int, change_db: float, level_db: Array) -> ZonePrediction:
     standard, figures, scale = candidate.figures.standard, candidate.figures, 10 ** (change_db / 20)
     finger = candidate.touched.index(zone) if zone in candidate.touched else None
-    # The standard peak is interpolated between places; those of the range are not.
+    # The standard peak is interpolated between places; the peaks of the range are not.
     own_peak = float(standard.peak[zone])
     peak = np.append(figures.peak[:, zone], own_peak)
     return ZonePrediction(
@@ -181,7 +181,7 @@ def _predict_zone(device: Device, candidate: Candidate, zone: int, change_db: fl
 
 
 def _limited_by(device: Device, candidate: Candidate, amplitude: Array, wanted_level_db: float, spare_db: float) -> str:
-    """Names of what holds the drive: the level, full scale, a band's edge; else the bar itself does."""
+    """What limits the drive, in words: the level, a full scale, the edge of a band, or else the bar itself."""
     parts = list[str]()
     if np.isfinite(wanted_level_db) and spare_db < _AT_LEVEL_DB:
         parts.append("level" if spare_db >= -LEVEL_TOLERANCE_DB else "level out of reach")

@@ -1,4 +1,4 @@
-"""Damped modes to rise times: how long a drive takes from rest until fingers feel what the table promises."""
+"""Rise times t90: how long a drive takes from rest until the fingers feel its steady state."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -73,7 +73,7 @@ _OUT = types.Array(types.float64, 2, "C")
 
 @njit(cache=True)
 def _left(size, pole, time_s):  # type: ignore[no-untyped-def]  # numba
-    """What the transients can still add up to at a time: a bound on the distance from the final envelope."""
+    """The sum of the magnitudes of all transients at a time, which bounds the distance from the final envelope."""
     total = 0.0
     for t in range(size.shape[0]):
         for s in range(size.shape[1]):
@@ -83,10 +83,10 @@ def _left(size, pole, time_s):  # type: ignore[no-untyped-def]  # numba
 
 @njit(cache=True)
 def _scan_back(omega, steady, decaying, pole, final, steps, step_s):  # type: ignore[no-untyped-def]  # numba
-    """The last step before which the envelope is outside.
+    """Scan back in time: the number of steps after which the envelope stays within its band.
 
-    Slow states go back by multiplication, from time to time anew; fast ones only matter near the start, where they are
-    computed directly: going back they would overflow.
+    States that decay slowly are followed back by multiplication and renewed every _RENEWED steps against rounding. Fast
+    ones matter only near the start and would overflow on the way back, so they are computed directly.
     """
     tones = decaying.shape[0]
     heard = np.sum(np.abs(decaying), axis=0) > 0
@@ -120,13 +120,14 @@ def _scan_back(omega, steady, decaying, pole, final, steps, step_s):  # type: ig
 
 @njit(types.void(_REAL, _TWO, _TWO, _THREE, _THREE, _THREE, types.float64, _OUT), cache=True, parallel=True)
 def _fill_rise(omega, weight, pole, shape, spring, damper, step_s, out):  # type: ignore[no-untyped-def]  # numba
-    """Scan back from where the transients can no longer matter until they do."""
+    """Fill out (case, place): scan back from the time after which the transients cannot matter any more."""
     tones, actuators = weight.shape
     states = pole.shape[1]
     for k in prange(pole.shape[0]):
         steady = np.empty(tones, dtype=np.complex128)
         decaying = np.empty((tones, states), dtype=np.complex128)
         for p in range(shape.shape[1]):
+            # Steady state and transients of each tone, and the final envelope.
             final = 0.0
             for t in range(tones):
                 steady[t] = 0j
@@ -142,6 +143,7 @@ def _fill_rise(omega, weight, pole, shape, spring, damper, step_s, out):  # type
                 for s in range(states):
                     if abs(decaying[t, s]) < _NEGLIGIBLE * final:
                         decaying[t, s] = 0
+            # Bisection for the time at which the bound on the transients falls below WITHIN.
             low, high = 0.0, LONGEST_S
             while high - low > step_s:
                 middle = 0.5 * (low + high)

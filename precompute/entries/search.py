@@ -1,9 +1,17 @@
-"""A problem to its best drive: every frequency is scanned, the best basins are climbed, a bound says what is left.
+"""Search for the best drive of a problem: scan all frequencies, climb from the best basins, bound what is left.
 
-Families: one tone for all actuators, with phase (coherent; single tone where one actuator is enough), and several
-tones. For one tone the optimum is global where the bound meets it. Where a gap remains, columns are generated (drives
-of one frequency, mixed by a linear program) until the bound settles; what it mixes is where several tones are searched
-from.
+The problem (entries.objective) is not convex. For one tone it is small: at each frequency only the amplitudes and
+phases are free. So every frequency is scanned with a fixed lattice of directions, in single precision; the best
+direction of each is climbed; the best peaks over frequency are climbed further with the frequency free. One tone for
+all actuators gives a coherent drive, or a single tone where one actuator is enough.
+
+A bound by duality (entries.dual_bound) then says what any drive could still gain. Where that is more than GAP_DB,
+several tones may be better: columns are generated until the bound settles, and drives of two and more tones are climbed
+from the mixtures that it names and from the best pairs of frequencies. Where the bound meets the best drive, the drive
+is the global optimum; otherwise the gap is reported with it.
+
+Frequencies end on the steps of the wire. Between the frequencies of the problem the forms are interpolated, so the
+solver climbs the last steps again on forms at the drive's own frequencies (`polish`).
 """
 
 import itertools
@@ -26,10 +34,10 @@ Single = NDArray[np.float32]
 BEAT_HZ = 10.0
 """Tones closer than this beat within a touch (docs/theory.md#tabulated-quantities): not searched."""
 TIE_DB = 0.01
-"""Drives this close are as good: the quicker one is taken, then the one that needs less."""
+"""Drives whose values differ by less are ties: the one that rises faster is taken, then the louder one."""
 GAP_DB = 0.03
-"""A gap this small is left."""
-_SILENT = -700.0  # logarithm of a wanted power that every drive exceeds
+"""A gap to the bound that is this small is not worth more search."""
+_SILENT = -700.0  # logarithm of a wanted power that every drive exceeds: nothing is wanted
 _LEVEL_MARGIN = 10 ** (5e-4 / 10)  # so that smoothing does not leave a level short
 _LATTICE = (11, 26)  # amplitude ratios and phases of two actuators
 _THREE_DIRECTIONS, _MANY_DIRECTIONS = 800, 2000
@@ -47,7 +55,7 @@ _SEED = 3
 
 @dataclass(frozen=True)
 class Found:
-    """Best drive above a level, others as good within TIE_DB, and a value that no drive above it exceeds."""
+    """The best drive above a level, its ties within TIE_DB, and the upper bound for drives above that level."""
 
     drive: FoundDrive
     ties: tuple[FoundDrive, ...]
@@ -65,7 +73,7 @@ class Start:
 
 
 class Search:
-    """One problem, scanned once for all wanted powers over threshold."""
+    """The search of one problem. It is scanned once for all wanted powers over threshold."""
 
     def __init__(self, problem: Problem, wanted: Sequence[float]) -> None:
         self.problem = problem
@@ -99,7 +107,7 @@ class Search:
         return Found(best, ties, max(bound, best.value))
 
     def basins(self) -> list[FoundDrive]:
-        """The local optima over frequency, nothing wanted, for whoever chooses among them by another rule."""
+        """The local optima over frequency where no level is wanted, for a choice by another rule."""
         return climb_all(self.problem, list(self._starts(0.0)), 0.0)
 
     def _scan(self) -> tuple[Single, NDArray[np.int64]]:
@@ -112,9 +120,10 @@ class Search:
         return score, arg
 
     def edges(self, wanted: float) -> list[Start]:
-        """Where the best value over frequency passes `wanted`: of the loudness, the ends of what reaches a level.
+        """Starts where the best value over frequency crosses `wanted`.
 
-        Few drives reach it there, and no direction of a lattice is one of them.
+        For a search of the loudest drive these are the ends of the frequencies at which a level can be reached. Few
+        drives reach it there, and none of them is a direction of the lattice.
         """
         drives, score = self._climbed(0.0)
         hz, reaches = self._coarse.frequency_hz, score >= wanted
@@ -129,7 +138,7 @@ class Search:
         return found
 
     def _climbed(self, wanted: float) -> tuple[Complex, Array]:
-        """At each frequency looked at: the best direction of the scan, climbed, and its value; -1: nobody may play."""
+        """The best direction of the scan at each frequency, climbed, and its value; -1 where no actuator may play."""
         if wanted in self._climbs:
             return self._climbs[wanted]
         column = self._wanted.index(wanted)
@@ -145,7 +154,7 @@ class Search:
         return climbed
 
     def _starts(self, wanted: float) -> Iterator[Start]:
-        """Coherent starts: the best peaks over frequency."""
+        """Coherent starts at the best peaks over frequency."""
         drives, score = self._climbed(wanted)
         hz = self._coarse.frequency_hz
         for k in peaks(score)[: _BASINS if self._count <= 2 else _MANY_BASINS]:
@@ -155,7 +164,7 @@ class Search:
     def _mix(
         self, best: FoundDrive, bound: float, starts: list[Start], wanted: float
     ) -> tuple[float, list[FoundDrive]]:
-        """A better bound, and drives of several tones where they may be better, by generating columns."""
+        """Tighten the bound by column generation; return it with drives of several tones that may be better."""
         columns = Columns(self.problem, wanted)
         if best.family in ("single tone", "coherent"):
             columns.add(float(best.frequency_hz[0]), best.amplitude)
@@ -176,20 +185,20 @@ class Search:
         return bound, list(self._several_tones(columns, best, wanted))
 
     def _climb(self, starts: list[Start], wanted: float) -> Iterator[FoundDrive]:
-        """From every start; those with as many tones together."""
+        """Climb from every start; starts with equal numbers of tones are climbed together."""
         for count in sorted({len(start.frequency_hz) for start in starts}):
             same = [start for start in starts if len(start.frequency_hz) == count]
             yield from climb_all(self.problem, same, wanted)
 
     def _several_tones(self, columns: Columns, best: FoundDrive, wanted: float) -> Iterator[FoundDrive]:
-        """Two tones wherever two frequencies come near the best drive; more where the columns mix more."""
+        """Drives of two tones where two frequencies come near the best drive; of more where columns mix more."""
         starts = [start for tones in columns.mixtures() if (start := self._start_of(tones))]
         for first in two_blocks(self._count):
             starts += self._pair_starts(first, columns, best, wanted)
         yield from (drive for drive in self._climb(starts, wanted) if drive.loudness >= wanted)
 
     def _pair_starts(self, first: list[int], columns: Columns, best: FoundDrive, wanted: float) -> Iterator[Start]:
-        """Every two frequencies for these actuators and the others, each block playing what the prices value most."""
+        """Starts of two tones, one for these actuators and one for the others, in the directions of the prices."""
         second = [actuator for actuator in range(self._count) if actuator not in first]
         coarse, hz = self._coarse, self._coarse.frequency_hz
         drives = [block_directions(coarse, columns.weights, block) for block in (first, second)]
@@ -229,7 +238,7 @@ def two_blocks(count: int) -> Iterator[list[int]]:
 
 
 def climb_all(problem: Problem, starts: Sequence[Start], wanted: float) -> list[FoundDrive]:
-    """Climb from every start, all with as many tones, frequencies free within reach; they end on the wire's steps."""
+    """Climb from starts of equal numbers of tones, frequencies free within reach and then rounded to the wire's."""
     starts = [start for start in starts if _is_playable(problem, start)]
     if not starts:
         return []
@@ -302,7 +311,7 @@ def _powers_each(problem: Problem, drives: Complex) -> Array:
 
 
 def start_at(drive: FoundDrive) -> Start:
-    """Next to a drive, each tone free to move by a stride."""
+    """A start at a drive, each tone free to move by a stride."""
     tones, tone = np.unique(drive.frequency_hz, return_inverse=True)
     return Start(drive.amplitude, tones, tone, tones[:, None] + np.array([-_STRIDE_HZ, _STRIDE_HZ]))
 

@@ -1,4 +1,4 @@
-"""The plant to its entries: for every state of the fingers and every level the best drive, and all that it promises."""
+"""Solver of entries: the best drive for a state of the fingers at every level, with all its figures."""
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
@@ -29,9 +29,9 @@ from precompute.sampling.receptance import solve_receptance
 Array = NDArray[np.float64]
 
 MOST_TABULATED_ZONES = 8
-"""Up to so many zones a table holds every state: 3^8 are 6561."""
+"""A table of a bar with at most this many zones holds every state: 3^8 are 6561."""
 MOST_TOUCHED_BEYOND = 3
-"""Beyond, the states of so many fingers; the others are solved when they are asked for."""
+"""On a bar with more zones a table holds the states of at most this many fingers; others are solved on demand."""
 _CHUNK = 8  # states that a process takes at a time: 0.5 s
 _SAMPLED_MODES = 12  # for the range of rise times: those up to 2 kHz on the published bar
 
@@ -128,7 +128,7 @@ class EntrySolver:
     def _solve_for_worst(
         self, states: States, problem: Problem, full: Candidate, loudest: Found, loud: Search
     ) -> list[Entry]:
-        """Of all that the search finds on its way, what is best in all but the worst 5 % of the sampled cases.
+        """Entries by their figure in all but the worst 5 % of the sampled cases, of all drives that the search meets.
 
         It is found for the mean, also above the levels that leave to the mean what the worst cases lack; so it is no
         optimum, and claims no bound.
@@ -154,12 +154,12 @@ class EntrySolver:
         return entries
 
     def evaluate(self, states: States, wanted_level_db: float, drive: FoundDrive, name: str) -> Entry:
-        """What any drive does in a state, as an entry that claims no optimum: its gap is infinite."""
+        """The entry of any drive in a state. It claims no optimum: its gap is infinite."""
         candidate = self._with_figures(states, name, drive, np.inf, self._rise(states, drive))
         return make_entry(self.device, candidate, wanted_level_db)
 
     def wanted_power(self, level_db: float) -> float:
-        """Power over threshold, at amplitudes up to 1, from which the amplitude limit leaves `level_db`."""
+        """Power over threshold that a drive needs at amplitude 1 to have `level_db` at the amplitude limit."""
         return float(10 ** (level_db / 10) / self.device.limits.amplitude**2)
 
     def _limited(self, drive: FoundDrive) -> NDArray[np.complex128]:
@@ -186,7 +186,7 @@ class EntrySolver:
     def _pick(
         self, found: Found, states: States, make: Callable[[Forms, States], Problem], objective: str, wanted: float
     ) -> Candidate:
-        """The quickest of the drives that are as good, climbed on exact forms, with all its figures."""
+        """The drive of the shortest rise among the ties, climbed on exact forms, with all its figures."""
         drives = [self._exact(drive, states, make, wanted) for drive in (found.drive, *found.ties)]
         timed = [(drive, self._rise(states, drive)) for drive in drives]
         drive, rise_s = min(timed, key=lambda pair: (pair[1][0], -pair[0].loudness))
@@ -204,7 +204,7 @@ class EntrySolver:
     def _exact(
         self, drive: FoundDrive, states: States, make: Callable[[Forms, States], Problem], wanted: float
     ) -> FoundDrive:
-        """The search interpolates between its frequencies; here the plant is solved at the drive's own."""
+        """Climb the drive on the plant solved at its own frequencies, between which the search interpolates."""
         tones = np.unique(drive.frequency_hz[drive.amplitude != 0])
         forms = compute_forms(solve_receptance(self.plant, self.sampled, tones), touched_zones(states))
         moved = replace(drive, frequency_hz=np.where(drive.amplitude == 0, tones[0], drive.frequency_hz))
@@ -222,12 +222,12 @@ class EntrySolver:
 
 
 def _find_above(problem: Problem, wanted: Sequence[float], loudest: Found, loud: Search) -> list[Found | None]:
-    """The best drive above each wanted power, which rise; None where no drive reaches it."""
+    """The best drive above each wanted power, in rising order; None where no drive reaches it."""
     return _flat(loud.basins(), wanted) if problem.is_flat else _above_levels(problem, wanted, loudest, loud)
 
 
 def _above_levels(problem: Problem, wanted: Sequence[float], loudest: Found, loud: Search) -> list[Found | None]:
-    """The best drive above each wanted power, which rise; None beyond the loudest drive, which `loud` found."""
+    """The best drive above each wanted power, in rising order; None beyond the loudest drive, which `loud` found."""
     search = Search(problem, wanted)
     found = list[Found | None]()
     for power in wanted:
@@ -242,7 +242,7 @@ def _above_levels(problem: Problem, wanted: Sequence[float], loudest: Found, lou
 
 
 def _flat(loud: Sequence[FoundDrive], wanted: Sequence[float]) -> list[Found | None]:
-    """Where every drive has the same share, as with all zones felt: the loud ones, of which the quickest is taken."""
+    """Where all drives have the same share, as with all zones felt: those that are loud enough, as ties."""
     found = list[Found | None]()
     for power in wanted:
         enough = [replace(drive, value=1.0) for drive in loud if drive.loudness >= power]

@@ -1,4 +1,4 @@
-"""Zones to the drives that give them the greatest share of energy on the untouched bar, as paper eq. (11) asks."""
+"""Drives with the greatest share of energy in some zones of the untouched bar, paper eq. (11)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class BarDrive:
 
 
 def find_untouched_optima(plant: Plant, zones: Sequence[int]) -> tuple[BarDrive, BarDrive]:
-    """The best of tones of different frequencies, and the best of one frequency for all actuators, with phase.
+    """The best drive of tones of different frequencies, and the best of one frequency with phases.
 
     Different frequencies: the factor is a weighted mean of the single actuators' (the mediant), so the best
     drives one of them alone. One frequency: the greatest generalised eigenvalue of R_S a = lambda T a. Both over

@@ -1,1 +1,1 @@
-"""The beam, its actuators and its fingers: matrices, responses, modes."""
+"""The beam model: matrices, responses and modes of the bar with its actuators and fingers."""

@@ -1,4 +1,4 @@
-"""A device to its finite-element plant: conforming mesh, banded stiffness, damping and mass matrices."""
+"""Finite-element model of a device: conforming mesh, banded stiffness, damping and mass matrices."""
 
 import itertools
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Kernel: the dynamic stiffness K + j omega C - omega^2 M, solved inside its band at every frequency in parallel."""
+"""Banded solver for the dynamic stiffness K + j omega C - omega^2 M, at all frequencies in parallel (kernel)."""
 
 import numpy as np
 from numba import njit, prange, types
@@ -20,8 +20,9 @@ def eliminate(lu, right):  # type: ignore[no-untyped-def]  # numba
     """Gaussian elimination with partial pivoting inside the band, then back substitution; in place."""
     size = lu.shape[0]
     count = right.shape[0]
-    reach = 0
+    reach = 0  # the last column that row exchanges have filled so far
     for j in range(size):
+        # Partial pivoting among the rows of the band below j.
         last = min(BANDWIDTH, size - 1 - j)
         pivot = 0
         for i in range(1, last + 1):
@@ -34,12 +35,14 @@ def eliminate(lu, right):  # type: ignore[no-untyped-def]  # numba
                 lu[column, upper], lu[column, lower] = lu[column, lower], lu[column, upper]
             for a in range(count):
                 right[a, j], right[a, j + pivot] = right[a, j + pivot], right[a, j]
+        # Eliminate column j from the rows below, in the matrix and in every right side.
         for i in range(1, last + 1):
             factor = lu[j, FIRST_SUPER + i] / lu[j, FIRST_SUPER]
             for column in range(j + 1, reach + 1):
                 lu[column, FIRST_SUPER + j + i - column] -= factor * lu[column, FIRST_SUPER + j - column]
             for a in range(count):
                 right[a, j + i] -= factor * right[a, j]
+    # Back substitution, column by column.
     for j in range(size - 1, -1, -1):
         for a in range(count):
             right[a, j] /= lu[j, FIRST_SUPER]

@@ -1,8 +1,8 @@
 """Frequency lines with damping, s = sigma + j omega: transforms of signals that ring on, without wrap-around.
 
 The discrete Fourier transform of x(t) exp(-sigma t) samples the Laplace transform of x on such a line. What rings on
-beyond the period wraps around attenuated by exp(-sigma period), and the inverse is multiplied by exp(sigma t) again
-(F. Durbin, Comput. J. 17, 1974). Lines end where nothing more is felt: the transfer functions are band-limited.
+beyond the period wraps around attenuated by exp(-sigma period), and the inverse is multiplied by exp(sigma t) again (F.
+Durbin, Comput. J. 17, 1974). Lines end where nothing more is felt: the transfer functions are band-limited.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Unit responses to zone Gram matrices: everything a localized factor needs, n_actuator squared numbers a zone."""
+"""Gram matrices of the zones, R_z = omega^2 G^H Z_z G: localized factors follow from them."""
 
 import numpy as np
 from numba import njit, prange, types

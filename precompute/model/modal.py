@@ -1,4 +1,4 @@
-"""The plant to its damped modes: poles and mode shapes of the state space, damper coupling kept."""
+"""Damped modes of the plant: poles and mode shapes of the state space, with the coupling by dampers kept."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class Basis:
     damping: Array
 
     def lowest(self, modes: int) -> "Basis":
-        """The same with fewer modes."""
+        """The basis of the lowest `modes` modes alone."""
         kept = slice(modes)
         shape, damping = np.ascontiguousarray(self.shape[:, kept]), np.ascontiguousarray(self.damping[kept, kept])
         return Basis(self.plant, shape, self.square_omega[kept], damping)

@@ -1,4 +1,4 @@
-"""The plant to its unit responses: one banded complex solve a frequency, one column an actuator or a point touched."""
+"""Unit responses of the plant: one banded complex solve a frequency, a column for each actuator or touched point."""
 
 from dataclasses import dataclass
 

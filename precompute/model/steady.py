@@ -1,4 +1,4 @@
-"""A drive to its steady state on the bar: share, peak and dead spot of every zone, exactly where they are."""
+"""Steady state of the bar under a drive: share of energy, peak and dead spot of every zone, and where they are."""
 
 from dataclasses import dataclass
 
@@ -37,7 +37,7 @@ def compute_steady_state(plant: Plant, frequency_hz: Array, amplitude: Complex) 
 
 
 def steady_state_of(plant: Plant, tones_hz: Array, displacement_m: Complex) -> SteadyState:
-    """The same of a field that is known: displacement_m (tone, degree of freedom)."""
+    """The steady state of a known field, displacement_m (tone, degree of freedom)."""
     field = Response(plant, tones_hz, np.ascontiguousarray(displacement_m[:, None]))
     gram, total = compute_gram(field)
     share = (gram.sum(axis=0) / total.sum(axis=0))[:, 0, 0].real

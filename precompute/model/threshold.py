@@ -1,4 +1,4 @@
-"""Frequency to the acceleration that a fingertip just detects."""
+"""Detection threshold: the acceleration that a fingertip just detects, by frequency."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""The detection threshold to a causal filter: acceleration in, acceleration over threshold out."""
+"""Detection threshold as a causal filter: acceleration in, acceleration over threshold out."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Base displacements over time to what the bar does: exact discrete-time model, fingers in the plant."""
+"""Exact discrete-time model of the bar with fingers: base displacements over time to accelerations."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

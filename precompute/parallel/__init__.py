@@ -1,1 +1,1 @@
-"""Several processes, and how they end."""
+"""Worker processes, and an interrupt that is not lost."""

@@ -1,1 +1,1 @@
-"""Sampled fingers, plants and bars: what may be met."""
+"""Sampling of what is not known: fingers, bars and actuators, and the receptance where fingers may be."""

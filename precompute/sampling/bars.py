@@ -1,4 +1,4 @@
-"""A calibrated device to bars that its measurements do not tell apart, each met by one of the sampled fingers."""
+"""Sampled bars: bars that a calibration cannot tell apart, each with one case of the sampled fingers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ _SEED = 20230247606
 
 @dataclass(frozen=True)
 class SampledBars:
-    """One bar for each sampled case: the first of `cases`, the standard one, has none.
+    """One bar for each sampled case of `sampled`; its first case, the standard one, has none.
 
     plants: on one mesh. K, C, M (bar, band row, degree of freedom); spring, damper (bar, actuator): force of a base at
     full scale, per unit of its displacement and of its velocity.
@@ -70,7 +70,7 @@ class SampledBars:
 
 
 def sample_bars(device: Device, sampled: SampledFingers) -> SampledBars | None:
-    """As many bars as there are sampled cases; None where no calibration says how well the device is known.
+    """One bar for each sampled case; None where no calibration says how well the device is known.
 
     What was fitted varies as the calibration has left it, the rest of bar and actuators within the device's spread.
     """
@@ -92,7 +92,7 @@ def sample_bars(device: Device, sampled: SampledFingers) -> SampledBars | None:
 
 
 def sampled_words(device: Device, *, is_measured: bool) -> str:
-    """What spreads are over."""
+    """What the spreads of entries are over, in words."""
     fingers = f"{SAMPLES} cases of sampled fingers"
     if device.uncertainty is None:
         return f"{fingers}; the bar as described: the device file has no calibration"
@@ -138,7 +138,8 @@ def _fill_displacement(K, C, M, spring, damper, dof, omega, weight, first, shape
     for b in prange(bars):
         for t in range(tones):
             w = omega[t]
-            lu = np.zeros((size, BAND_ROWS), dtype=np.complex128)  # lu[column, FIRST_SUPER + row - column]
+            # Dynamic stiffness of the bar, both triangles: lu[column, FIRST_SUPER + row - column].
+            lu = np.zeros((size, BAND_ROWS), dtype=np.complex128)
             for column in range(size):
                 for k in range(min(column, BANDWIDTH) + 1):
                     value = complex(
@@ -147,11 +148,13 @@ def _fill_displacement(K, C, M, spring, damper, dof, omega, weight, first, shape
                     )
                     lu[column, FIRST_SUPER - k] = value
                     lu[column - k, FIRST_SUPER + k] = value
+            # The fingers are assembled, each through the shape functions of its element.
             for p in range(fingers):
                 stiffness = complex(k_finger[b, p] - w * w * m_finger[b, p], w * c_finger[b, p])
                 for i in range(4):
                     for j in range(4):
                         lu[first[b, p] + j, FIRST_SUPER + i - j] += stiffness * shape[b, p, i] * shape[b, p, j]
+            # One load for all actuators of the tone, then the deflection under each finger.
             right = np.zeros((1, size), dtype=np.complex128)
             for a in range(dof.shape[0]):
                 right[0, dof[a]] += complex(spring[b, a], w * damper[b, a]) * weight[t, a]

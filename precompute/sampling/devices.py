@@ -11,7 +11,7 @@ _DRAWS_AT_ONCE = 16
 
 
 def sample_devices(device: Device, uncertainty: Uncertainty, count: int, seed: int) -> list[Device]:
-    """`count` devices that the measurements do not tell from `device`, seeded; what was fitted varies together.
+    """`count` devices that the measurements cannot tell from `device`, by a seed; fitted values vary together.
 
     Coordinates are normal about the device's values, with the covariance of the calibration, within its bounds.
     """

@@ -1,4 +1,4 @@
-"""A device to the fingers it may meet: where in each zone a finger lies, and what kind of finger it is."""
+"""Sampled fingers: the places in each zone where a finger may lie, and the fingers that may lie there."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

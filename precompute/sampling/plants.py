@@ -1,4 +1,4 @@
-"""A device to the plants it may turn out to be: bar, actuators and fingers varied within what is not known of them."""
+"""Sampled plants: bar, actuators and fingers of a device varied within its spread."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -106,7 +106,7 @@ def sample_scenarios(device: Device, count: int, seed: int) -> Scenarios:
 
 
 def _calibrated(device: Device, pairs: int, seed: int) -> Iterator[Device]:
-    """Each twice."""
+    """Devices that a calibration leaves possible, each twice, for a sample and its mirror image."""
     if device.uncertainty is None:
         return (device for _ in range(2 * pairs))
     return (each for each in sample_devices(device, device.uncertainty, pairs, seed) for _ in range(2))
@@ -125,6 +125,6 @@ def _fitted(device: Device) -> NDArray[np.bool_]:
 
 
 def _alternating(one: Array, other: Array) -> Array:
-    """Their rows in turn."""
+    """The rows of both in turn."""
     rows: Array = np.stack([one, other], axis=1).reshape(-1, *one.shape[1:])
     return rows

@@ -1,1 +1,1 @@
-"""Questions about a design: placement, resolution, reach."""
+"""Studies of a design: placement of actuators, resolution of zones, reach."""

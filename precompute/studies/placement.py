@@ -38,7 +38,7 @@ _SCREENING, _MOVING = 0.3, 0.6
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Positions from the bar's start, rising, whose they are ("found", "as described", "even"), and what they give."""
+    """Positions from the bar's start, rising, with their name ("found", "as described", "even") and contrasts."""
 
     name: str
     position_m: Places
@@ -47,7 +47,7 @@ class Placement:
 
 @dataclass(frozen=True, eq=False)
 class PlacementSearch:
-    """What was looked at for one number of actuators, and the placements evaluated, the best first.
+    """The search for one number of actuators: what was screened, and the placements evaluated, the best first.
 
     screened_m (placement, actuator); screened_db (placement,): worst contrast by the screening, NaN where a level is
     out of reach. moved: placements looked at besides.
@@ -76,7 +76,7 @@ def with_actuators_at(device: Device, position_m: Sequence[float]) -> Device:
 
 
 def even_places(device: Device, count: int) -> Places:
-    """The middles of so many equal parts of the bar."""
+    """The middles of `count` equal parts of the bar."""
     return tuple(((np.arange(count) + 0.5) / count * device.bar.length_m).tolist())
 
 
@@ -98,9 +98,9 @@ def grid_of(device: Device, count: int, most: int) -> tuple[list[Places], float]
 def search_placement(
     device: Device, count: int, wanted_db: float, most: int, on_progress: Progress, pool: WorkerPool | None = None
 ) -> PlacementSearch:
-    """Search where `count` actuators go for the best worst state at `wanted_db`; `on_progress` the fraction done.
+    """Search where `count` actuators go for the best worst state at `wanted_db`.
 
-    This process and its pool share the work.
+    This process and the workers of `pool` share the work; `on_progress` is called with the fraction done.
     """
     solve = (pool or WorkerPool(0)).solve_in_order
     look = Screening(device, sample_fingers(device), wanted_db, _STEP_HZ)
@@ -125,7 +125,7 @@ def search_placement(
 
 @dataclass(frozen=True)
 class Screening:
-    """What placements of a device are screened with; its `begin` gives a process what it screens by."""
+    """Screening of placements of a device; `begin` gives a worker process its function."""
 
     device: Device
     sampled: SampledFingers
@@ -133,17 +133,17 @@ class Screening:
     step_hz: float
 
     def begin(self) -> Callable[[Places], TwoFingers]:
-        """For a process."""
+        """The function that screens, for a worker process."""
         return self.of
 
     def of(self, at: Places) -> TwoFingers:
-        """Of one placement."""
+        """The contrasts of one placement."""
         return screen_two_fingers(with_actuators_at(self.device, at), self.sampled, self.wanted_db, self.step_hz)
 
 
 @dataclass(frozen=True)
 class Climbed:
-    """Where a climb ended, how that ranks, and how many placements it looked at."""
+    """The end of a climb, its rank, and how many placements the climb looked at."""
 
     position_m: Places
     rank: tuple[bool, float]
@@ -159,7 +159,7 @@ def _begin_evaluating(device: Device, wanted_db: float) -> Callable[[Places], Tw
 
 
 def _climb(look: Screening, start: Places, step_m: float) -> Climbed:
-    """Move one actuator at a time to where that is best, half the step when no move helps."""
+    """Move one actuator at a time to its best neighbouring place; halve the step when no move helps."""
     ranks, at = {start: look.of(start).rank}, start
     for _ in range(_MOVES):
         step_m /= 2
@@ -181,7 +181,7 @@ def _moves(device: Device, at: Places, step_m: float) -> Iterator[Places]:
 
 
 def _distinct(ordered: Sequence[Places], step_m: float) -> Iterator[Places]:
-    """The first few that are not next to one another on the grid."""
+    """The first few placements that are not neighbours on the grid."""
     chosen = list[Places]()
     for at in ordered:
         if all(np.abs(np.subtract(at, other)).max() > 1.5 * step_m for other in chosen):

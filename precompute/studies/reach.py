@@ -1,4 +1,4 @@
-"""A device to the greatest acceleration that each place of its bar can be given: where the dead zones are, if any."""
+"""Reach: the greatest acceleration that each place of a bar can be given, and so its dead zones."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ _CHUNK = 64  # frequencies at a time: fields of 150 columns in 256 elements take
 
 @dataclass(frozen=True)
 class Reach:
-    """What full scale gives each place (place,), and how; accelerations in m/s^2.
+    """The greatest acceleration of each place (place,) at full scale, m/s^2, and the drive that gives it.
 
     tones: every actuator at the frequency tones_hz (place, actuator) that suits it best, magnitudes added (paper
     eq. (8)): no drive of one tone an actuator gives more. one_tone: all at one_tone_hz, in phase there. level_db: the

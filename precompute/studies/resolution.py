@@ -1,4 +1,4 @@
-"""Zones made narrower to what actuators still tell apart: the question that the paper leaves open."""
+"""Resolution: how well actuators tell two fingers apart as zones become narrower, which the paper leaves open."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Resolved:
-    """A bar with actuators at position_m and so many equal zones.
+    """A bar with actuators at position_m and `zones` equal zones.
 
     fingers: contrasts of every two of them. factor (zone,): the greatest localized factor of each alone, untouched.
     """
@@ -48,9 +48,9 @@ def study_resolution(
     on_progress: Callable[[float], None],
     pool: WorkerPool | None = None,
 ) -> list[Resolved]:
-    """Every number of zones for every placement (positions in metres), in this order; `on_progress` the fraction done.
+    """The contrasts of every placement (positions in metres) with every number of zones, in this order.
 
-    This process and its pool share the work.
+    This process and the workers of `pool` share the work; `on_progress` is called with the fraction done.
     """
     jobs = list(itertools.product(placements, zones))
     slowest_first = sorted(jobs, key=lambda job: -len(job[0]) * job[1] ** 2)

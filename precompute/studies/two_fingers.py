@@ -1,4 +1,4 @@
-"""A device to its contrast with one finger felt and one quiet, for every two zones: how well it tells fingers apart."""
+"""Contrast of one felt and one quiet finger for every two zones: how well a bar tells fingers apart."""
 
 import itertools
 from dataclasses import dataclass, replace
@@ -57,7 +57,7 @@ def finger_pairs(device: Device) -> list[Pair]:
 
 
 def solve_two_fingers(device: Device, wanted_db: float) -> TwoFingers:
-    """By the entries that a table of the device holds at `wanted_db`."""
+    """Contrasts by the entries that a table of the device holds at `wanted_db`."""
     solver = EntrySolver(assemble(_at_level(device, wanted_db)))
     contrast_db, level_db = _empty(device), _empty(device)
     for felt, quiet in finger_pairs(device):
@@ -68,9 +68,9 @@ def solve_two_fingers(device: Device, wanted_db: float) -> TwoFingers:
 
 
 def screen_two_fingers(device: Device, sampled: SampledFingers, wanted_db: float, step_hz: float) -> TwoFingers:
-    """The same, quickly: of drives of one tone every `step_hz`, a fixed set, the loudest and the greatest contrast.
+    """Contrasts estimated quickly, from a fixed set of drives of one tone every `step_hz`.
 
-    No more than the search finds. `touches` are those of the device; they do not depend on its actuators.
+    Its contrasts are lower bounds of what the search finds. `sampled` fingers do not depend on the actuators.
     """
     sweep = device.sweep
     count = round((sweep.stop_hz - sweep.start_hz) / step_hz) + 1
@@ -89,7 +89,7 @@ def screen_two_fingers(device: Device, sampled: SampledFingers, wanted_db: float
 
 
 def _scan_best(problem: Problem, directions: NDArray[np.float32], wanted: float) -> tuple[float, float]:
-    """The greatest ratio found above the wanted power, of the loudest drive where that is short; the greatest power."""
+    """The greatest ratio above the wanted power, or that of the loudest drive if it falls short; the greatest power."""
     muted = problem.muted()
     ratio, power = _loudest(muted)
     if power < wanted:

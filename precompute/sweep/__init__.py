@@ -1,1 +1,1 @@
-"""Responses to the tables of localized factor and peak acceleration."""
+"""Sweeps: localized factor and acceleration of every zone over frequencies, amplitudes and phases."""

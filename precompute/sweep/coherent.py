@@ -1,4 +1,4 @@
-"""Complex amplitude vectors at one frequency ("directions"), and what the bar does under all of them at once."""
+"""Coherent sweep: what the bar does under many complex amplitude vectors ("directions") at one frequency."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Frequencies and places at which the plant is looked at, and everything it answers there."""
+"""Unit responses on the grid of a sweep: frequencies, places in each zone, and the errors between them."""
 
 from dataclasses import dataclass
 
@@ -77,7 +77,7 @@ class InterpolationError:
 
 
 def estimate_interpolation_error(plant: Plant, grid: GridResponse) -> InterpolationError:
-    """Solve the middles too and compare."""
+    """Solve the plant between the frequencies of the grid too, and compare."""
     middle = compute_grid_response(plant, (grid.frequency_hz[:-1] + grid.frequency_hz[1:]) / 2, grid.position_m)
     (share, level), (share_there, level_there) = _single_figures(grid), _single_figures(middle)
     return InterpolationError(

@@ -1,9 +1,9 @@
-"""Unit responses to tables: localized factor, peak and dead spot of every zone, over frequency, amplitude and phase.
+"""Kernels of the sweeps: localized factor, peak and dead spot of every zone over frequency, amplitude and phase.
 
-Two kernels. `fill_pair_sweep`: two actuators at two frequencies, where magnitudes add (paper eqs. (8), (10)).
-`fill_coherent_sweep`: all actuators at one frequency, where complex fields add. Both put the amplitude combinations in
-the innermost loop, so that one load of a point serves them all in vector registers
-(docs/theory.md#tabulated-quantities).
+`fill_pair_sweep` takes two actuators at two frequencies, where magnitudes add (paper eqs. (8), (10)).
+`fill_coherent_sweep` takes all actuators at one frequency, where complex fields add (docs/theory.md, tabulated
+quantities). Both have the amplitude combinations in the innermost loop, so that a point is loaded once and serves all
+of them in vector registers.
 """
 
 from dataclasses import dataclass
@@ -89,10 +89,12 @@ def fill_pair_sweep(  # type: ignore[no-untyped-def]  # numba
     """
     zones, points, count_2 = level_2.shape
     ratios = first.shape[0]
+    # One row of the table a thread: everything of one frequency of the first actuator.
     for f1 in prange(level_1.shape[0]):
         high = np.zeros((ratios, zones, count_2), dtype=np.float32)
         low = np.full((ratios, zones, count_2), np.float32(3.4e38))
         share = np.empty((ratios, zones, count_2), dtype=np.float32)
+        # Once for each ratio of amplitudes: greatest and least level, and share of the energy.
         for r in range(ratios):
             power_1, power_2 = first[r] * first[r], second[r] * second[r]
             for z in range(zones):
@@ -103,6 +105,7 @@ def fill_pair_sweep(  # type: ignore[no-untyped-def]  # numba
                     share[r, z, f2] = (power_1 * energy_1[f1, z] + power_2 * energy_2[z, f2]) / (
                         power_1 * total_1[f1] + power_2 * total_2[f2]
                     )
+        # Then each pair of amplitudes is a multiple of its ratio's smallest pair.
         for k in range(ratio.shape[0]):
             r, s = ratio[k], scale[k]
             for z in range(zones):
@@ -151,11 +154,13 @@ def fill_coherent_sweep(  # type: ignore[no-untyped-def]  # numba
         field_imag = np.empty(directions, dtype=np.float32)
         _quadratic_form(total_real[f], total_imag[f], drive_real, drive_imag, total)
         for z in range(zones):
+            # Localized factor: the zone's energy over that of the bar.
             _quadratic_form(gram_real[f, z], gram_imag[f, z], drive_real, drive_imag, factor[f, z])
             for d in range(directions):
                 factor[f, z, d] /= total[d]
                 peak[f, z, d] = np.float32(0.0)
                 dead[f, z, d] = np.float32(np.inf)
+            # Squared magnitude of the field at every point; roots are taken once at the end.
             for p in range(points):
                 for d in range(directions):
                     field_real[d] = np.float32(0.0)

@@ -1,4 +1,4 @@
-"""Responses to the arrays of a table: responses, pair sweep, coherent sweep; in chunks, so that memory is bounded."""
+"""Writing of responses and sweeps to a table, in chunks, so that memory is bounded."""
 
 import itertools
 from collections.abc import Iterator, Sequence
