@@ -1,4 +1,4 @@
-// The page: bytes in, pictures out, fingers back.
+// Connects the parts of the page: the wire, the bar, the panel, fingers and sound.
 
 import { Bar } from "./bar.js";
 import { Fingers } from "./fingers.js";
@@ -7,7 +7,7 @@ import { Sound } from "./sound.js";
 import { Wire } from "./wire.js";
 
 const PANEL_MS = 125;
-const HEARD_AFTER_MS = 550; // The server keeps what was felt 0.4 s after a command.
+const HEARD_AFTER_MS = 550; // The server captures the sound 0.4 s after a command.
 
 let scene = null, heard = 0, panel_ms = 0, isDrawn = false;
 const sound = new Sound();
@@ -63,7 +63,7 @@ function frame(now_ms) {
   requestAnimationFrame(frame);
 }
 
-// For tests and the curious.
+// For tests, and for the console of the browser.
 window.tactable = { wire, bar, fingers, panel, sound, get scene() { return scene; } };
 wire.connect();
 requestAnimationFrame(frame);

@@ -1,4 +1,4 @@
-// The bar across the page: zones, fingers, the level along it over the threshold, and how it moves, slowed.
+// Draws the bar: zones, fingers, the level along it above the threshold, and its motion, slowed.
 
 import { NOTHING } from "./wire.js";
 
@@ -15,7 +15,7 @@ const RADIUS = 15;
 
 export function stateAt(index, zone) { return Math.floor(index / 3 ** zone) % 3; }
 
-// What a zone did in the last command, as long as that is fresh: FREE otherwise.
+// State of a zone in the last command while that is fresh, else FREE.
 export function commandState(picture, zone) {
   if (!picture.command || zone >= picture.zoneCount || picture.promised[zone] === NOTHING) return State.FREE;
   if (!picture.isPlaying && picture.age_s > FRESH_S) return State.FREE;
@@ -23,6 +23,10 @@ export function commandState(picture, zone) {
 }
 
 export function levelText(db) { return db <= -59.9 ? "nothing" : `${db < 0 ? "−" : ""}${Math.abs(db).toFixed(1)} dB`; }
+
+function line(c, x0, y0, x1, y1) { c.beginPath(); c.moveTo(x0, y0); c.lineTo(x1, y1); c.stroke(); }
+
+function disc(c, x, y, radius) { c.beginPath(); c.arc(x, y, radius, 0, 2 * Math.PI); c.fill(); }
 
 export class Bar {
   constructor(canvas, picture) {
@@ -52,11 +56,8 @@ export class Bar {
 
   _readColours() {
     const style = getComputedStyle(document.documentElement), colour = (name) => style.getPropertyValue(name).trim();
-    this._colour = {
-      ink: colour("--ink"), muted: colour("--muted"), line: colour("--line"), felt: colour("--felt"),
-      quiet: colour("--quiet"), level: colour("--level"), metal: colour("--metal"), edge: colour("--metal-edge"),
-      paper: colour("--paper"), font: getComputedStyle(document.body).fontFamily,
-    };
+    this._colour = { edge: colour("--metal-edge"), font: getComputedStyle(document.body).fontFamily };
+    for (const name of ["ink", "muted", "line", "felt", "quiet", "level", "metal", "paper"]) this._colour[name] = colour(`--${name}`);
     this.dirty = true;
   }
 
@@ -81,7 +82,7 @@ export class Bar {
 
   set device(device) { this._device = device; this._motion = null; this.dirty = true; }
 
-  // Where the bar lies in the canvas, for pointers.
+  // Position of the bar in the canvas, for pointers.
   place() { return { left: this._left, width: this._right - this._left, height: this._height }; }
 
   show(motion) {
@@ -96,7 +97,7 @@ export class Bar {
     return this._floor - share * (this._floor - this._top);
   }
 
-  // One frame; nothing where nothing has changed.
+  // Draw one frame, unless nothing has changed.
   draw(now_ms) {
     const passed_s = Math.min((now_ms - this._last_ms) / 1000, 0.1);
     this._last_ms = now_ms;
@@ -145,7 +146,7 @@ export class Bar {
     }
     const in_ms = this._still ? 0.3 * once_ms : since_ms % (once_ms + pause_ms);
     const at = Math.min(in_ms / once_ms, 1) * (motion.steps - 1), step = Math.min(Math.floor(at), motion.steps - 2), part = at - step;
-    // A click is drawn in and out: its moment ends before the bar is still.
+    // A click is faded out: its moment ends before the bar is still.
     const ease = motion.isClick ? Math.min(1, (1 - in_ms / (once_ms + pause_ms)) * 4) : 1;
     for (let i = 0; i < motion.points; i++) {
       const a = motion.words[step * motion.points + i], b = motion.words[(step + 1) * motion.points + i];
@@ -155,7 +156,7 @@ export class Bar {
     return true;
   }
 
-  // Fingers, and those that left a moment ago.
+  // Note the fingers; those that lifted a moment ago stay in their slots as ghosts.
   _note(now_ms) {
     const picture = this.picture;
     for (let i = 0; i < picture.fingerCount; i++) {
@@ -212,7 +213,7 @@ export class Bar {
     c.lineWidth = 1;
     for (let db = LOWEST_DB; db <= HIGHEST_DB; db += 20) {
       const y = this._y(db);
-      if (db) { c.beginPath(); c.moveTo(this._left, y); c.lineTo(this._right, y); c.stroke(); }
+      if (db) line(c, this._left, y, this._right, y);
       c.fillText(db < 0 ? `−${-db}` : `${db}`, this._left - 7, y);
     }
     c.textAlign = "left";
@@ -220,10 +221,7 @@ export class Bar {
     c.fillText(this._narrow ? "dB over threshold" : "level along the bar, dB above the detection threshold", this._left - (this._narrow ? 30 : 44), 13);
     c.setLineDash([5, 4]);
     c.strokeStyle = colour.ink;
-    c.beginPath();
-    c.moveTo(this._left, this._y(0));
-    c.lineTo(this._right, this._y(0));
-    c.stroke();
+    line(c, this._left, this._y(0), this._right, this._y(0));
     c.setLineDash([]);
     c.fillStyle = colour.ink;
     c.textAlign = "right";
@@ -254,7 +252,7 @@ export class Bar {
       c.fill();
       c.restore();
     }
-    // What moves now as an area, the most since the command as a line.
+    // The present level is an area, the greatest since the command a line.
     c.strokeStyle = colour.level;
     c.lineWidth = 2;
     c.lineJoin = "round";
@@ -277,10 +275,7 @@ export class Bar {
       const x = this._x(actuator.position_m), y = this._middle + this._reach() + 12;
       c.strokeStyle = colour.muted;
       c.lineWidth = 1.5;
-      c.beginPath();
-      c.moveTo(x, this._middle + this._bendAt((x - this._left) / width));
-      c.lineTo(x, y);
-      c.stroke();
+      line(c, x, this._middle + this._bendAt((x - this._left) / width), x, y);
       c.fillStyle = colour.muted;
       c.beginPath();
       c.moveTo(x, y - 2);
@@ -322,10 +317,8 @@ export class Bar {
       c.strokeStyle = tone;
       c.fillStyle = colour.paper;
       if (!isHere) c.setLineDash([4, 4]);
-      c.beginPath();
-      c.arc(x, y, RADIUS, 0, 2 * Math.PI);
       c.globalAlpha *= 0.88;
-      c.fill();
+      disc(c, x, y, RADIUS);
       c.globalAlpha /= 0.88;
       c.stroke();
       c.setLineDash([]);
@@ -339,19 +332,14 @@ export class Bar {
     }
   }
 
-  // A stem to the level, the level in words; labels keep clear of one another.
+  // Draw a stem to the level, and the level in words; labels do not overlap.
   _drawLevelOf(c, slot, x, y, tone, labels) {
     const colour = this._colour, level_y = this._y(slot.level_db), text = levelText(slot.level_db);
     c.strokeStyle = tone;
     c.lineWidth = 1.5;
-    c.beginPath();
-    c.moveTo(x, y - RADIUS);
-    c.lineTo(x, level_y);
-    c.stroke();
+    line(c, x, y - RADIUS, x, level_y);
     c.fillStyle = tone;
-    c.beginPath();
-    c.arc(x, level_y, 5, 0, 2 * Math.PI);
-    c.fill();
+    disc(c, x, level_y, 5);
     c.font = `600 13px ${colour.font}`;
     const word = slot.state === State.FELT ? "felt" : "quiet", box = Math.max(c.measureText(text).width, 34) + 12;
     const label_x = Math.min(Math.max(x, this._left + box / 2), this._right - box / 2);

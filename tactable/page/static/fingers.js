@@ -1,8 +1,8 @@
-// Pointers and keys to fingers on the bar: mouse, pen and real multi-touch, coalesced; fingers that stay; a short tour.
+// Turns mouse, pen, touch and keys into fingers on the bar; keeps fingers that stay; plays a short tour.
 
 import { Phase } from "./wire.js";
 
-const REPEAT_MS = 40; // The server takes a finger that is silent for 120 ms for gone.
+const REPEAT_MS = 40; // The server releases a finger that is silent for 120 ms.
 const GRAB_PX = 26;
 const STILL_PX = 4;
 const MIDDLE = 0.5;
@@ -45,6 +45,10 @@ export class Fingers {
     const [x, y] = this._at(event);
     const near = this._keptNear(x);
     this._pointers.set(event.pointerId, near ?? this._press(x, y, this.keeps || event.shiftKey));
+    this._sent();
+  }
+
+  _sent() {
     this._wire.flush();
     this.onUse();
   }
@@ -70,25 +74,24 @@ export class Fingers {
   }
 
   _pointerup(event) {
-    const number = this._pointers.get(event.pointerId);
-    if (number === undefined) return;
-    this._pointers.delete(event.pointerId);
-    const finger = this.down.get(number);
+    const number = this._takeOut(this._pointers, event.pointerId), finger = this.down.get(number);
     if (!finger) return;
-    // A finger that stays is lifted by a tap on it.
+    // A kept finger is lifted by a tap on it.
     const stays = finger.kept && (finger.grabbed === undefined || finger.moved);
     if (stays) finger.grabbed = finger.x;
     else this._release(number, Phase.UP);
-    this._wire.flush();
-    this.onUse();
+    this._sent();
   }
 
   _pointercancel(event) {
-    const number = this._pointers.get(event.pointerId);
-    if (number === undefined) return;
-    this._pointers.delete(event.pointerId);
-    this._release(number, Phase.CANCEL);
+    this._release(this._takeOut(this._pointers, event.pointerId), Phase.CANCEL);
     this._wire.flush();
+  }
+
+  _takeOut(map, key) {
+    const number = map.get(key);
+    map.delete(key);
+    return number;
   }
 
   _press(x, y, kept) {
@@ -124,16 +127,12 @@ export class Fingers {
     for (const number of [...this.down.keys()]) this._release(number, Phase.UP);
     this._pointers.clear();
     this._keys.clear();
-    this._wire.flush();
-    this.onUse();
+    this._sent();
   }
 
-  get anyKept() {
-    for (const finger of this.down.values()) if (finger.kept) return true;
-    return false;
-  }
+  get anyKept() { return [...this.down.values()].some((finger) => finger.kept); }
 
-  // Keys 1 to 9: a finger in the middle of that zone while the key is down.
+  // Keys 1 to 9 put a finger on the middle of that zone while the key is down.
   set zones(middles) { this._middles = middles; }
 
   _keydown(event) {
@@ -143,17 +142,13 @@ export class Fingers {
     if (middle === undefined || this._keys.has(event.code)) return;
     this.stopTour();
     this._keys.set(event.code, this._press(middle, MIDDLE, false));
-    this._wire.flush();
-    this.onUse();
+    this._sent();
   }
 
   _keyup(event) {
-    const number = this._keys.get(event.code);
-    if (number === undefined) return;
-    this._keys.delete(event.code);
-    this._release(number, Phase.UP);
-    this._wire.flush();
-    this.onUse();
+    if (!this._keys.has(event.code)) return;
+    this._release(this._takeOut(this._keys, event.code), Phase.UP);
+    this._sent();
   }
 
   _releaseKeys() {
@@ -162,7 +157,7 @@ export class Fingers {
     this._wire.flush();
   }
 
-  // One finger rests, another taps: what the first one feels of it, and what the second.
+  // The tour: one finger rests while another taps, so that both levels show.
   startTour(resting, tapping, taps = 4) {
     this.liftAll();
     let rests, taps_ = null;
@@ -172,7 +167,7 @@ export class Fingers {
       steps.push([2500 + 2600 * i, () => { this._release(taps_, Phase.UP); }]);
     }
     steps.push([1800 + 2600 * taps, () => { this._release(rests, Phase.UP); this._tour = []; }]);
-    this._tour = steps.map(([after_ms, act]) => setTimeout(() => { act(); this._wire.flush(); this.onUse(); }, after_ms));
+    this._tour = steps.map(([after_ms, act]) => setTimeout(() => { act(); this._sent(); }, after_ms));
   }
 
   get isTouring() { return this._tour.length > 0; }

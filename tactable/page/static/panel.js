@@ -1,4 +1,4 @@
-// Everything beside the bar: switches, the promise against the simulation, the command, latencies, counters.
+// The panel below the bar: switches, promised and simulated levels, the command, latencies, counters.
 
 import { NOTHING } from "./wire.js";
 import { State, stateAt } from "./bar.js";
@@ -14,7 +14,7 @@ const WORDS = { [State.FREE]: "none", [State.QUIET]: "quiet", [State.FELT]: "fel
 
 export function byId(id) { return document.getElementById(id); }
 
-// Text that is the same is left alone: the page lays itself out again only for news.
+// Set a text only where it changed: every change makes the browser lay out the page again.
 function say(element, text) { if (element.textContent !== text) element.textContent = text; }
 
 function rows(body, count, columns) {
@@ -148,7 +148,7 @@ export class Panel {
     say(notice, parts.join(" · "));
   }
 
-  // A few times a second, from the newest picture.
+  // Update from the newest picture, a few times a second.
   update(picture, received) {
     const scene = this._scene;
     if (!scene) return;

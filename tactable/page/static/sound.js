@@ -1,4 +1,4 @@
-// What a finger felt, through the loudspeaker: it lies in the audible band.
+// Plays what a finger felt through the loudspeaker, since vibration lies in the audible band.
 
 export class Sound {
   constructor() {
@@ -6,7 +6,7 @@ export class Sound {
     this._context = null;
   }
 
-  // Browsers let sound begin only with something the user did.
+  // Browsers allow sound only after an action of the user.
   wake() {
     this._context ??= new AudioContext();
     if (this._context.state === "suspended") this._context.resume();

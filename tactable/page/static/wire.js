@@ -1,4 +1,4 @@
-// The page's end of tactable/page/messages.py: bytes to pictures, and what the browser sends; finds a lost server again.
+// The browser's side of tactable/page/messages.py: decodes pictures, encodes touches and switches, and reconnects.
 
 export const VERSION = 1;
 export const Kind = { SCENE: 1, PICTURE: 2, MOTION: 3, SOUND: 4, TOUCHES: 0x81, CHOICE: 0x82, LISTEN: 0x83 };
@@ -11,7 +11,7 @@ const FIRST_BACK_OFF_MS = 250;
 const LONGEST_BACK_OFF_MS = 4000;
 const FATAL = new Set([1003, 1007, 4001]);
 
-// One picture, filled again and again: a page that runs for hours makes no garbage with it.
+// One picture object, which every message fills: a page that runs for hours makes no garbage.
 export function makePicture() {
   return {
     time_s: 0, counters: new Uint32Array(6), command: 0, state: 0, age_s: 0, wanted_db: 0,
@@ -147,7 +147,7 @@ export class Wire {
     }
   }
 
-  // Collected until `flush`.
+  // Collect a touch until `flush`.
   touch(finger, phase, x, y) {
     const at = 2 + 13 * this._count++;
     this._touches.setUint32(at, finger, true);
