@@ -25,11 +25,6 @@ _ALONG = SHARPEST / 10  # first sharpness of a climb that starts next to a climb
 _SHARPER = 10**0.5
 _GOLDEN = 0.6180339887498949
 
-_PACKED = types.Array(types.float32, 3, "C", readonly=True)
-_DIRECTIONS = types.Array(types.float32, 2, "C", readonly=True)
-_LEVELS = types.Array(types.float32, 1, "C", readonly=True)
-_SCORE = types.Array(types.float32, 2, "C")
-_ARG = types.Array(types.int64, 2, "C")
 _STACK = types.Array(types.complex128, 4, "C", readonly=True)
 _FORMS = types.Array(types.complex128, 3, "C", readonly=True)
 _REAL = types.Array(types.float64, 1, "C", readonly=True)
@@ -40,56 +35,6 @@ _USABLES = types.Array(types.boolean, 2, "C", readonly=True)
 _TONES = types.Array(types.int64, 2, "C", readonly=True)
 _BOUNDS = types.Array(types.float64, 2, "C", readonly=True)
 _HZS = types.Array(types.float64, 2, "C")
-
-
-@njit(types.void(_PACKED, _PACKED, _PACKED, _DIRECTIONS, _LEVELS, _SCORE, _ARG), cache=True, parallel=True)
-def scan(numerator, denominator, level, directions, wanted, score, arg):  # type: ignore[no-untyped-def]  # numba
-    """Best of many directions at every frequency: ratio above each level, and the loudest.
-
-    Forms (form, frequency, part) and directions (part, direction) as real vectors whose product is a^H H a, the
-    strongest actuator of a direction at 1. score, arg (frequency, level + 1): the last is the greatest min P; ratio -1:
-    no direction is loud enough.
-    """
-    parts, count = directions.shape
-    for f in prange(numerator.shape[1]):
-        # The innermost loops run over directions: contiguous, so the compiler keeps them in vector registers.
-        least = np.empty(count, dtype=np.float32)
-        greatest = np.empty(count, dtype=np.float32)
-        loud = np.empty(count, dtype=np.float32)
-        value = np.empty(count, dtype=np.float32)
-        least[:], greatest[:], loud[:] = np.inf, 0.0, np.inf
-        # Least numerator, greatest denominator and least level of every direction.
-        for i in range(numerator.shape[0]):
-            value[:] = 0.0
-            for c in range(parts):
-                for d in range(count):
-                    value[d] += numerator[i, f, c] * directions[c, d]
-            for d in range(count):
-                least[d] = min(least[d], value[d])
-        for i in range(denominator.shape[0]):
-            value[:] = 0.0
-            for c in range(parts):
-                for d in range(count):
-                    value[d] += denominator[i, f, c] * directions[c, d]
-            for d in range(count):
-                greatest[d] = max(greatest[d], value[d])
-        for i in range(level.shape[0]):
-            value[:] = 0.0
-            for c in range(parts):
-                for d in range(count):
-                    value[d] += level[i, f, c] * directions[c, d]
-            for d in range(count):
-                loud[d] = min(loud[d], value[d])
-        # The best direction for each wanted level, and last the loudest one.
-        for w in range(len(wanted) + 1):
-            score[f, w], arg[f, w] = -1.0, 0
-        for d in range(count):
-            ratio = least[d] / greatest[d]
-            for w in range(len(wanted)):
-                if loud[d] >= wanted[w] and ratio > score[f, w]:
-                    score[f, w], arg[f, w] = ratio, d
-            if loud[d] > score[f, len(wanted)]:
-                score[f, len(wanted)], arg[f, len(wanted)] = loud[d], d
 
 
 @njit(cache=True)
@@ -399,45 +344,6 @@ def climb_each(drives, usable, numerator, denominator, level, log_wanted, start,
             stop,
             multipliers,
         )
-
-
-_POWERS = types.Array(types.float64, 2, "C", readonly=True)
-
-
-@njit(
-    types.void(
-        _POWERS, _POWERS, _REAL, _REAL, types.int64[::1], types.float64, types.float64, _HZ, types.int64[::1], _HZ
-    ),
-    cache=True,
-    parallel=True,
-)
-def scan_pairs(first, second, hz, ratios, ends, wanted, apart_hz, best, partner, ratio):  # type: ignore[no-untyped-def]  # numba
-    """Best second tone and power ratio for each first one: best, partner, ratio (frequency,); -1: none is loud enough.
-
-    first, second (frequency, form): powers of two drives without common actuators, forms in the order numerators,
-    denominators, levels, actuators, which `ends` divides.
-    """
-    n, d, p = ends
-    forms = first.shape[1]
-    for f in prange(len(hz)):
-        best[f], partner[f], ratio[f] = -1.0, 0, 0.0
-        for g in range(len(hz)):
-            if abs(hz[f] - hz[g]) < apart_hz:
-                continue
-            for r in ratios:  # of the second tone's power to the first's
-                least, greatest, loud, driven = np.inf, 0.0, np.inf, 0.0
-                for i in range(n):
-                    least = min(least, first[f, i] + r * second[g, i])
-                for i in range(n, d):
-                    greatest = max(greatest, first[f, i] + r * second[g, i])
-                if least <= best[f] * greatest:  # no better, whatever its level
-                    continue
-                for i in range(d, p):
-                    loud = min(loud, first[f, i] + r * second[g, i])
-                for i in range(p, forms):
-                    driven = max(driven, first[f, i] + r * second[g, i])
-                if loud >= wanted * driven and least > best[f] * greatest:
-                    best[f], partner[f], ratio[f] = least / greatest, g, r
 
 
 @njit(types.void(_FORMS, _FORMS, _HZ), cache=True)

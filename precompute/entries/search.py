@@ -21,10 +21,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from precompute.entries.bfgs import SHARPEST, climb, climb_each, refine, scan, scan_pairs
+from precompute.entries.bfgs import SHARPEST, climb, climb_each, refine
 from precompute.entries.dual_bound import Columns, Tone, block_directions, compute_bound, peaks
 from precompute.entries.found_drive import FoundDrive, evaluate_drive, forms_at
 from precompute.entries.objective import Problem
+from precompute.entries.scan import scan, scan_pairs
 from precompute.model.frequencies import on_the_wire
 
 Array = NDArray[np.float64]
