@@ -1,16 +1,18 @@
-"""What travels with the program: device descriptions by name, the demo's recording."""
+"""Files that travel with the program, by name: device descriptions and the demo's recording; and the cache folder."""
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from engine.device import Device, DeviceError
+if TYPE_CHECKING:  # device files need the units of pint, which `tactable list` does not
+    from engine.device import Device
 
 _HERE = Path(__file__).parent
 DEMO_RECORDING = _HERE / "rig" / "demo.hid"
 
 
 def device_folder() -> Path:
-    """Where the shipped descriptions are: inside an installed package, in tables/ of a checkout."""
+    """Folder of the shipped descriptions: inside an installed package, in tables/ of a checkout."""
     installed = _HERE / "devices"
     return installed if installed.is_dir() else _HERE.parent / "tables" / "devices"
 
@@ -20,22 +22,26 @@ def shipped_names() -> list[str]:
     return sorted(path.stem for path in device_folder().glob("*.toml"))
 
 
-def find_device(name_or_path: str) -> Device:
+def find_device(name_or_path: str) -> "Device":
     """Read a device by file path or by shipped name. Raises DeviceError with the known names."""
+    from engine.device import Device
+
     return Device.read(find_device_file(name_or_path))
 
 
 def find_device_file(name_or_path: str) -> Path:
-    """The file of a device, by its path or by shipped name. Raises DeviceError with the known names."""
+    """Find the file of a device by path or by shipped name. Raises DeviceError with the known names."""
     path = Path(name_or_path)
     if path.is_file():
         return path
     if name_or_path not in shipped_names():
+        from engine.device import DeviceError
+
         known = ", ".join(shipped_names())
         raise DeviceError(f"{name_or_path}: is neither a file nor a shipped device; shipped are {known}")
     return device_folder() / f"{name_or_path}.toml"
 
 
 def cache_folder() -> Path:
-    """Where what can be made again is kept, such as the demo's table."""
+    """Folder of files that can be remade, such as the demo's table."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "tactable"

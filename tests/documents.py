@@ -207,12 +207,12 @@ def is_alike(expected: str, printed: str) -> bool:
 
 def check_command(command: Command) -> None:
     """The command and its options exist, and its values are of their kind; it is not run."""
-    found: Any = get_command(cli.app)  # of click, or of the click inside newer typer
+    found: Any = get_command(cli.app)
     words = command.own_words[1:]
-    while hasattr(found, "commands"):
+    while isinstance(found, cli.CommandGroup):
         assert words, f"{command.line}: names no command"
-        assert words[0] in found.commands, f"{command.line}: there is no command {words[0]!r}"
-        found, words = found.commands[words[0]], words[1:]
+        assert words[0] in found.entries, f"{command.line}: there is no command {words[0]!r}"
+        found, words = cli.load_command(words[0], found.entries[words[0]]), words[1:]
     try:
         found.make_context(found.name, words)
     except Exception as error:

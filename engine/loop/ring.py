@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple, Self
 
 from engine.touch import Touch
+from firmware_link.protocol.errors import TactableError
 
 MAGIC = b"tactring"
 REVISION = 1
@@ -36,7 +37,7 @@ _NONE = -1
 _SLOT_SIZE = 1024
 
 
-class RingError(Exception):
+class RingError(TactableError):
     """A ring that cannot be read or made: which, why, and the remedy."""
 
 

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from engine.device import Actuator, Device, Limits
 from engine.table import Entry
 from firmware_link.host.link_values import LinkConfiguration
+from firmware_link.protocol.errors import TactableError
 from firmware_link.protocol.messages import ChannelDrive
 
 # Quotients such as 1 / (5 ms) fall short of the whole number they stand for by a few units in the last place.
 _ROUNDING = 1e-9
 
 
-class LimitError(ValueError):
+class LimitError(TactableError, ValueError):
     """An entry asks for what no limit can mend: the table is of another device, or broken."""
 
 

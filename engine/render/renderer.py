@@ -10,13 +10,14 @@ from engine.render.limits import Drive, clamp
 from engine.table import ClickEntry, Entry
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Capabilities
+from firmware_link.protocol.errors import TactableError
 from firmware_link.protocol.messages import encode_drive
 
 _NO_CLICKS: Mapping[float, Iterable[ClickEntry]] = MappingProxyType({})
 _NO_WAVEFORMS: Mapping[int, int] = MappingProxyType({})
 
 
-class RendererError(ValueError):
+class RendererError(TactableError, ValueError):
     """The table, the device description and the connected device do not belong together: which, and the remedy."""
 
 

@@ -24,7 +24,7 @@ from precompute.entries.prediction import States
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
 from precompute.parallel.pool import available_cores, solve_in_processes
-from tactable.progress import shown_progress
+from tactable.cli.console import shown_progress
 from tactable.shipped import find_device
 
 AIM_FELT_DB, AIM_QUIET_DB = 14.0, 1.0

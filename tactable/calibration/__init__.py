@@ -1,1 +1,1 @@
-"""A calibration as the command line runs it: job, files, application."""
+"""Calibration as the command line runs it: fit to a folder, application to a table, and the pages about both."""

@@ -1,13 +1,17 @@
-"""A calibration to the table that a run plays: built, verified, put in place; clicks follow in a second change."""
+"""Apply a calibration to the table that a run plays: fit, build, verify and swap, with the clicks in a second swap.
 
-import json
-from collections.abc import Callable, Iterator
+Theory of operation. The table is looked at before anything is fitted, so that a table that cannot be rebuilt is
+refused at once. The table is then built for the calibrated device with the options of its first build; its clicks,
+which take minutes, stay as they were and are marked as outdated, so that a run changes over after seconds. `complete`
+remakes them. Every step recognises its own finished work (the folder by what was asked for, the table by its
+fingerprints), so the same command continues after an interruption and does nothing twice.
+"""
+
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
-
-from rich.console import Console
 
 from engine.device import Device
 from engine.table import Table, TableError
@@ -18,35 +22,14 @@ from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import BuildOptions, is_compatible, is_current, outdated_parts
 from precompute.entries.solver import prepare_entries
 from precompute.parallel.pool import WorkerPool, available_cores
-from tactable.calibration.job import CalibrationJob, Fitted, calibration_json
-from tactable.calibration.page import print_calibration
-from tactable.cli.diff import print_short_diff, short_diff_json
-from tactable.progress import shown_progress
-from tactable.step_times import StepTimes, times_text
-
-
-@dataclass(frozen=True)
-class ApplyOptions:
-    """What was asked for beside the calibration."""
-
-    table: Path
-    despite_doubts: bool
-    with_clicks: bool
-    as_json: bool
-
-
-@dataclass(frozen=True)
-class InPlace:
-    """A table that took its place `after_s` the start, and how long each step took; None: it was there before."""
-
-    after_s: float | None
-    seconds: dict[str, float]
+from tactable.calibration.job import CalibrationJob
+from tactable.calibration.step_times import Progress, StepTimes
 
 
 class TableTarget:
-    """The table that a calibration is to be applied to, looked at before anything is fitted.
+    """The table that a calibration is applied to.
 
-    Raises TableError where there is none, where it is of another bar, and where a calibration cannot make it.
+    Raises TableError where there is no table, where it belongs to another bar, and where it cannot be rebuilt.
     """
 
     def __init__(self, path: Path, device: Device) -> None:
@@ -62,32 +45,35 @@ class TableTarget:
                 "and build it with --responses"
             )
 
-    def put_in_place(self, device: Device, times: StepTimes, pool: WorkerPool) -> InPlace:
-        """Build the table anew for `device` as it was built before, its clicks as they were. Raises TableError."""
+    def is_in_place(self, device: Device) -> bool:
+        """Whether the table is the one of `device` already, its outdated parts aside."""
         with Table.open(self.path, verify=False) as table:
-            if is_current(table, device, self._options):
-                return InPlace(None, {})
-        self._build(device, times, pool, clicks_later=True)
-        return InPlace(times.total_s, times.read())
+            return is_current(table, device, self._options)
 
-    def complete(self, device: Device, times: StepTimes, pool: WorkerPool) -> None:
-        """Make what is outdated in it. Raises TableError."""
-        self._build(device, times, pool, clicks_later=False)
+    def put_in_place(self, device: Device, progress: Progress, pool: WorkerPool) -> None:
+        """Build the table for `device` as it was built before; its clicks stay as they were. Raises TableError."""
+        self._build(device, progress, pool, clicks_later=True)
+
+    def complete(self, device: Device, progress: Progress) -> float:
+        """Remake the outdated parts; the seconds that it took. Raises TableError."""
+        times = StepTimes(progress, "clicks")
+        self._build(device, times.tell, None, clicks_later=False)
+        return times.total_s
 
     def outdated(self) -> str:
-        """What it has of the bar before, in words; empty: nothing."""
+        """Names of the parts that were made for the previous bar, such as "clicks"; empty where all are current."""
         with Table.open(self.path, verify=False) as table:
             return " and ".join(outdated_parts(table))
 
     def diff(self) -> TableDiff | None:
-        """What is different from the table before, where that is kept."""
+        """Compare the table with the previous one; None where that is not kept."""
         before = previous_of(self.path)
         if not before.is_file():
             return None
         with Table.open(before, verify=False) as own, Table.open(self.path, verify=False) as other:
             return compare_tables(own, other)
 
-    def _build(self, device: Device, times: StepTimes, pool: WorkerPool, *, clicks_later: bool) -> None:
+    def _build(self, device: Device, progress: Progress, pool: WorkerPool | None, *, clicks_later: bool) -> None:
         build_table(
             device,
             self.path,
@@ -99,104 +85,55 @@ class TableTarget:
             pool=pool,
             clicks_later=clicks_later,
             completes=not clicks_later,
-            progress=times.tell,
+            progress=progress,
         )
 
 
-def apply_calibration(
-    out: Console, job: CalibrationJob, doubts_of: Callable[[dict[str, Any]], list[str]], options: ApplyOptions
-) -> list[str]:
-    """Calibrate, build, put in place, and say so; what is done already is not done again.
-
-    The doubts for which the table was left as it was. Raises what its parts raise.
-    """
-    with _waiting_pool() as pool, shown_progress(options.as_json) as show:
-        times = StepTimes(show, "start")
-        target = TableTarget(options.table, job.device)
-        found = _find(job, times)
-        doubts = doubts_of(found.report)
-        refused = [] if options.despite_doubts else doubts
-        placed = None if refused else target.put_in_place(found.device, times, pool)
-        times.tell("report", 1.0)
-        if found.fitted is not None:  # only now: the picture takes as long as the fit
-            job.write(found.fitted)
-    if not options.as_json:
-        print_calibration(out, found.report, str(job.folder), doubts)
-        _print_placed(out, target, placed)
-    said = {} if placed is None else _follow_up(out, target, found.device, placed, options)
-    if options.as_json:
-        document = {**calibration_json(job, found.report, doubts), "applied": {"table": str(target.path), **said}}
-        print(json.dumps(document, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
-    return refused
-
-
 @dataclass(frozen=True)
-class _Found:
-    """A calibrated device with its report; `fitted` where that is not written yet."""
+class Applied:
+    """A calibration and what became of the table."""
 
-    report: dict[str, Any]
+    target: TableTarget
     device: Device
-    fitted: Fitted | None
+    """As calibrated."""
+    report: dict[str, Any]
+    doubts: list[str]
+    is_refused: bool
+    """The fit is doubtful and the table was left as it was."""
+    in_place_after_s: float | None = None
+    """From the start until the table was in place; None where it was left, or in place before."""
+    seconds: dict[str, float] = field(default_factory=dict)
+    """Time of each step."""
 
 
-def _find(job: CalibrationJob, times: StepTimes) -> _Found:
-    """What was found by the same command before, or now."""
-    kept = job.kept_report()
-    if kept is not None:
-        return _Found(kept, Device.read(job.device_file), None)
-    fitted = job.fit(times.tell)
-    return _Found(fitted.report, fitted.device(str(job.device_file)), fitted)
+def apply_fit(job: CalibrationJob, table: Path, despite_doubts: bool, progress: Progress) -> Applied:
+    """Fit, build the table for the calibrated device and put it in place; a finished step is not repeated.
 
-
-def _follow_up(
-    out: Console, target: TableTarget, device: Device, placed: InPlace, options: ApplyOptions
-) -> dict[str, Any]:
-    """What changed, then the clicks; the same for machines."""
-    diff, outdated, clicks_s = target.diff(), target.outdated(), None
-    if diff is not None and not options.as_json:
-        print_short_diff(out, diff)
-        _say(out, f"all of it: tactable diff {previous_of(target.path)} {target.path}")
-    if outdated and options.with_clicks:
-        with WorkerPool(0) as nobody, shown_progress(options.as_json) as show:
-            times = StepTimes(show, "clicks")
-            target.complete(device, times, nobody)
-        clicks_s = times.total_s
-    if not options.as_json:
-        _print_clicks(out, target, outdated, clicks_s)
-    return {
-        "in_place_after_s": placed.after_s,
-        "seconds": placed.seconds,
-        "clicks_s": clicks_s,
-        "outdated": "" if options.with_clicks else outdated,
-        "diff": None if diff is None else short_diff_json(diff),
-    }
+    A doubtful fit leaves the table, unless `despite_doubts`. Raises what its steps raise.
+    """
+    with _waiting_pool() as pool:
+        times = StepTimes(progress, "start")
+        target = TableTarget(table, job.device)
+        kept = job.kept_report()
+        if kept is None:
+            fitted = job.fit(times.tell)
+            report, device = fitted.report, fitted.device(str(job.device_file))
+        else:
+            report, device = kept, Device.read(job.device_file)
+        doubts = job.doubts_of(report)
+        applied = Applied(target, device, report, doubts, bool(doubts) and not despite_doubts)
+        if not applied.is_refused and not target.is_in_place(device):
+            target.put_in_place(device, times.tell, pool)
+            applied = replace(applied, in_place_after_s=times.total_s, seconds=times.read())
+        times.tell("report", 1.0)
+        if kept is None:  # after the table: the report's picture takes as long as the fit
+            job.write(fitted)
+    return applied
 
 
 @contextmanager
 def _waiting_pool() -> Iterator[WorkerPool]:
-    """Processes for the entries, one core left to this one; they import while it reads and fits."""
+    """Processes for the entries, one core left to this one; they import while this one reads and fits."""
     with WorkerPool(available_cores() - 1) as pool:
         pool.prepare(prepare_entries)
         yield pool
-
-
-def _print_placed(out: Console, target: TableTarget, placed: InPlace | None) -> None:
-    if placed is None:
-        _say(out, f"{target.path}: left as it was, for the doubts; --despite-doubts applies them all the same")
-    elif placed.after_s is None:
-        _say(out, f"{target.path}: was put in place before")
-    else:
-        _say(out, f"{target.path}: in place {placed.after_s:.1f} s after the start; a run that plays it changes over")
-        _say(out, f"  {times_text(placed.seconds)}")
-
-
-def _print_clicks(out: Console, target: TableTarget, outdated: str, clicks_s: float | None) -> None:
-    if clicks_s is not None:
-        _say(out, f"{target.path}: {outdated} made anew in {clicks_s:.0f} s, put in place in a second change")
-    elif outdated:
-        _say(out, f"{target.path}: its {outdated} are still those of the bar before; without --no-clicks they are made")
-    _say(out, f"back to the table before: tactable rollback {target.path}")
-
-
-def _say(out: Console, text: str) -> None:
-    out.print(text, markup=False, highlight=False, soft_wrap=True)

@@ -1,4 +1,8 @@
-"""A calibration as it was asked for: fitted and written to its folder, or found there from before."""
+"""A calibration as it was asked for: fitted and written to a folder, or found there from an earlier run.
+
+The folder holds the new device file, the raw measurements, the report and a picture of the fit. It appears whole or
+not at all, and its report keeps everything that decided the result, so that the same job finds it again.
+"""
 
 import hashlib
 import json
@@ -10,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 from engine.device import Device
 from engine.files import check_new_folder, write_new_folder
+from precompute.calibration.device_text import calibrated_text
 from precompute.calibration.misfit import Loss
 from precompute.measurements.parameters import Bounds
-from tactable.step_times import Progress
+from tactable.calibration.step_times import Progress
 
 if TYPE_CHECKING:
     from precompute.calibration.calibrate import Calibration
@@ -22,7 +27,7 @@ _REPORT = "report.json"
 
 @dataclass(frozen=True)
 class CalibrationJob:
-    """What the command was asked for; `bounds` are SI."""
+    """All that decides a calibration; `bounds` in SI units."""
 
     device: Device
     measurements: Path
@@ -34,14 +39,18 @@ class CalibrationJob:
     starts: int
     seed: int
     compares: bool
+    """Also fit as the paper does: each drive alone, then the mean."""
+    accepted_misfit: float
+    is_strict: bool
+    """A parameter that is not known within a factor of 2 makes the result doubtful."""
 
     @property
     def device_file(self) -> Path:
-        """Where the calibrated device is written."""
+        """File of the calibrated device."""
         return self.folder / f"{self.device.name}.toml"
 
     def fit(self, progress: Progress) -> "Fitted":
-        """Read and fit. Raises CalibrationError and its kin, and where the folder is there already."""
+        """Read the measurements and fit. Raises CalibrationError, FolderError where the folder is there already."""
         from threadpoolctl import threadpool_limits
 
         from precompute.calibration.calibrate import calibrate
@@ -69,13 +78,20 @@ class CalibrationJob:
 
     def write(self, fitted: "Fitted") -> None:
         """Write the folder. Raises FolderError."""
-        from tactable.calibration.files import calibration_files
+        write_new_folder(self.folder, calibration_files(fitted))
 
-        files = calibration_files(fitted.calibration, fitted.report, fitted.raw, fitted.ending, fitted.created)
-        write_new_folder(self.folder, files)
+    def doubts_of(self, report: Mapping[str, Any]) -> list[str]:
+        """Reasons not to use the result without a look."""
+        doubts, misfit = [], report["median_misfit"]
+        if misfit > self.accepted_misfit:
+            doubts.append(f"the typical misfit, {100 * misfit:.3g} %, is above {100 * self.accepted_misfit:g} %")
+        if self.is_strict:
+            unsure = [p["name"] for p in report["parameters"] if p["known"] != "known"]
+            doubts += [f"{name} is not known within a factor of 2" for name in unsure]
+        return doubts
 
     def kept_report(self) -> dict[str, Any] | None:
-        """The report of the same calibration, asked for before; None where the folder holds none, or another."""
+        """Report of an earlier run of the same job; None where the folder holds none, or that of another job."""
         try:
             report: dict[str, Any] = json.loads((self.folder / _REPORT).read_text(encoding="utf-8"))
             raw = self.measurements.read_bytes()
@@ -84,7 +100,7 @@ class CalibrationJob:
         return report if report.get("asked") == self._asked(raw) and self.device_file.is_file() else None
 
     def _asked(self, raw: bytes) -> dict[str, Any]:
-        """All that decides the result, for JSON."""
+        """Values that decide the result, for JSON."""
         return {
             "device_sha256": hashlib.sha256(self.device.text.encode()).hexdigest(),
             "measurements_sha256": hashlib.sha256(raw).hexdigest(),
@@ -99,7 +115,7 @@ class CalibrationJob:
 
 @dataclass(frozen=True)
 class Fitted:
-    """What was found, not written yet; `raw` is the file of measurements, `ending` such as ".csv"."""
+    """A calibration that is not written yet; `raw` is the file of measurements, `ending` such as ".csv"."""
 
     calibration: "Calibration"
     report: dict[str, Any]
@@ -108,12 +124,45 @@ class Fitted:
     created: str
 
     def device(self, source: str) -> Device:
-        """The device of the file that will be written; `source` is its name in messages."""
-        from tactable.calibration.files import device_text
-
-        return Device.parse(device_text(self.calibration, self.raw, self.ending, self.created), source)
+        """Device of the file that will be written; `source` is its name in messages."""
+        return Device.parse(_device_text(self), source)
 
 
 def calibration_json(job: CalibrationJob, report: Mapping[str, Any], doubts: Sequence[str]) -> dict[str, Any]:
-    """For machines."""
+    """Calibration as plain values: files, doubts and the report."""
     return {"folder": str(job.folder), "device_file": str(job.device_file), "doubts": list(doubts), **report}
+
+
+def calibration_files(fitted: Fitted) -> dict[str, bytes]:
+    """Contents of the folder by name."""
+    from precompute.calibration.report import report_markdown
+    from tactable.figures.calibration import calibration_png  # takes a second to import; the device file does not wait
+
+    name = fitted.calibration.device.name
+    text = _device_text(fitted)
+    more = {**_provenance(fitted), "fingerprint": Device.parse(text, name).fingerprint}
+    return {
+        f"{name}.toml": text.encode(),
+        _data_name(fitted): fitted.raw,
+        _REPORT: json.dumps({**fitted.report, **more}, indent=2).encode(),
+        "report.md": report_markdown(fitted.report).encode(),
+        "fit.png": calibration_png(fitted.calibration),
+    }
+
+
+def _device_text(fitted: Fitted) -> str:
+    return calibrated_text(fitted.calibration, _provenance(fitted))
+
+
+def _provenance(fitted: Fitted) -> dict[str, str]:
+    return {
+        "created": fitted.created,
+        "measurements": _data_name(fitted),
+        "sha256": hashlib.sha256(fitted.raw).hexdigest(),
+        "report": _REPORT,
+        "loss": fitted.calibration.loss.value,
+    }
+
+
+def _data_name(fitted: Fitted) -> str:
+    return f"measurements{fitted.ending}"

@@ -1,7 +1,8 @@
-"""A calibration and a plan of measurements for people to read."""
+"""Pages about a calibration: the fitted values, the table it was applied to, a plan of measurements."""
 
 from collections.abc import Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -10,13 +11,17 @@ from rich.table import Table as Grid
 
 from engine.device.quantity import interval_text, quantity_text
 from precompute.calibration.report import drive_text, open_text
+from tactable.calibration.step_times import times_text
+
+if TYPE_CHECKING:
+    from tactable.calibration.apply import Applied
 
 
 def print_calibration(out: Console, report: dict[str, Any], folder: str, doubts: Sequence[str]) -> None:
-    """Values, what is open, where it was written, and why not to trust it."""
+    """Print the fitted values, what remains uncertain, the folder, and the reasons to doubt the result."""
     marked = " SIMULATED" if report["simulated"] else ""
     wrong = len(report["wrong_readings"])
-    misfit = f"typical misfit {100 * report['median_misfit']:.3g} %, {wrong} taken for wrong"
+    misfit = f"typical misfit {100 * report['median_misfit']:.3g} %, {wrong} readings taken for wrong"
     _say(out, f"{report['device']}{marked}: {report['readings']} readings, {misfit}")
     grid = Grid(*(Column(title, no_wrap=True) for title in ("parameter", "before", "fitted", "95 % interval")))
     for p in report["parameters"]:
@@ -29,8 +34,30 @@ def print_calibration(out: Console, report: dict[str, Any], folder: str, doubts:
         _say(out, f"DOUBTFUL: {doubt}")
 
 
+def print_applied(out: Console, table: Path, applied: "Applied") -> None:
+    """Print whether the table was put in place, and how long each step took."""
+    if applied.is_refused:
+        _say(out, f"{table}: left as it was, because the fit is doubtful; --despite-doubts applies it all the same")
+    elif applied.in_place_after_s is None:
+        _say(out, f"{table}: was put in place before")
+    else:
+        _say(
+            out, f"{table}: in place {applied.in_place_after_s:.1f} s after the start; a run that plays it changes over"
+        )
+        _say(out, f"  {times_text(applied.seconds)}")
+
+
+def print_clicks(out: Console, table: Path, outdated: str, clicks_s: float | None) -> None:
+    """Print what became of the outdated parts; `clicks_s` is the time it took to remake them, None: they were not."""
+    if clicks_s is not None:
+        _say(out, f"{table}: {outdated} remade in {clicks_s:.0f} s and put in place in a second change")
+    elif outdated:
+        _say(out, f"{table}: its {outdated} are still those of the previous bar; without --no-clicks they are remade")
+    _say(out, f"back to the previous table: tactable rollback {table}")
+
+
 def print_plan(out: Console, plan: dict[str, Any]) -> None:
-    """One line a reading; what it does to the standard errors, as a whole at the end."""
+    """Print a line for each proposed reading, then what all of them do to the standard errors."""
     if plan["readings"]:
         grid = Grid("", "drive", "sensor at", "shrinks most")
         for number, step in enumerate(plan["readings"], 1):

@@ -1,170 +1,139 @@
-"""The commands `build` and `rollback`: a device's table made, made again whenever its description changes, put back."""
+"""Commands `build` and `rollback`: make a table, remake it whenever its device changes, put the previous one back."""
 
-import json
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 
-from engine.device import Device, DeviceError
-from engine.table import Table, TableError
+from engine.device import Device
+from engine.table import Table
 from engine.table.history import previous_of, roll_back
+from firmware_link.protocol.errors import TactableError
 from precompute.entries.prediction import MadeFor
-from precompute.measurements import CalibrationError
-from tactable.progress import shown_progress
+from tactable.cli.console import print_error, print_json, remark, say, shown_progress
+from tactable.cli.options import (
+    AsJson,
+    ClicksUpTo,
+    DeviceArgument,
+    Objective,
+    SensorMass,
+    TableArgument,
+    Workers,
+    read_option,
+)
 from tactable.shipped import find_device, find_device_file
 
 LOOK_S = 0.5
-"""A watched description is looked at this often."""
-_out = Console()
-_errors = Console(stderr=True)
+"""Time between two looks at a watched description."""
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to `app`."""
+def build(
+    device_name: DeviceArgument,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="The table; default NAME.nc here.")] = None,
+    objective: Objective = "contrast",
+    made_for: Annotated[
+        MadeFor,
+        typer.Option(
+            help="What level and contrast of an entry hold for: the mean, or all but the worst 5 % of the cases "
+            "that calibration and fingers leave possible. The latter takes half as long again."
+        ),
+    ] = MadeFor.MEAN,
+    clicks_up_to: ClicksUpTo = None,
+    workers: Workers = None,
+    reuse: Annotated[
+        bool, typer.Option(help="Take from the table that is there whatever the device's changes do not affect.")
+    ] = True,
+    responses: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Measured responses in place of the model's (tables/MEASUREMENTS.md)."),
+    ] = None,
+    sensor_mass: SensorMass = "0 g",
+    memory_mib: Annotated[int, typer.Option(min=1, help="Memory for the buffers of the sweep, in MiB.")] = 64,
+    watch: Annotated[
+        bool, typer.Option("--watch", help="Build again whenever the device file changes, until Ctrl-C.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Build the table of a device; an interrupted build continues.
 
-    @app.command("build")
-    def build_command(
-        device_name: Annotated[str, typer.Argument(metavar="DEVICE", help="A device file, or a shipped name.")],
-        output: Annotated[Path | None, typer.Option("-o", "--output", help="The table; default NAME.nc here.")] = None,
-        objective: Annotated[
-            str, typer.Option(help="contrast, standard contrast, localized factor, fair share or paper.")
-        ] = "contrast",
-        made_for: Annotated[
-            MadeFor,
-            typer.Option(
-                help="What level and contrast of an entry hold for: the mean, or all but the worst 5 % of the cases "
-                "that calibration and fingers leave possible. That takes half as long again."
-            ),
-        ] = MadeFor.MEAN,
-        clicks_up_to: Annotated[
-            int | None,
-            typer.Option(min=0, help="Clicks for states of so many fingers; default: all, or 3 beyond five zones."),
-        ] = None,
-        workers: Annotated[int | None, typer.Option(min=1, help="Processes for clicks; default: one a core.")] = None,
-        reuse: Annotated[
-            bool, typer.Option(help="Take over what the table that is there has and no change of the device affects.")
-        ] = True,
-        responses: Annotated[
-            Path | None,
-            typer.Option(metavar="FILE", help="Measured responses instead of the model's (tables/MEASUREMENTS.md)."),
-        ] = None,
-        sensor_mass: Annotated[str, typer.Option(help="Of the accelerometer, where that file has none.")] = "0 g",
-        memory_mib: Annotated[int, typer.Option(min=1, help="Memory for the buffers of the sweep, in MiB.")] = 64,
-        watch: Annotated[
-            bool, typer.Option("--watch", help="Build again whenever the device file changes, until Ctrl-C.")
-        ] = False,
-        as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
-    ) -> None:
-        """Build the table of a device; an interrupted build goes on where its clicks were."""
-        from tactable.cli.calibrate_options import read_option
+    A table that is there is replaced when the new one is whole; `tactable rollback` puts it back.
+    """
+    from precompute.builder.build import build_table
+    from precompute.measurements.responses import read_responses
+    from precompute.parallel.pool import available_cores
 
-        mass_kg = read_option("--sensor-mass", sensor_mass, "kg")
-        job = BuildJob(
-            output,
-            objective,
-            made_for,
-            clicks_up_to,
-            workers,
-            reuse,
-            responses,
-            mass_kg,
-            memory_mib,
-            as_json,
-        )
-        if not watch:
-            job.run(find_device(device_name))
-            return
-        with suppress(KeyboardInterrupt):
-            watch_device(find_device_file(device_name), job.run)
+    mass_kg = read_option("--sensor-mass", sensor_mass, "kg")
 
-    @app.command("rollback")
-    def rollback_command(
-        table_path: Annotated[Path, typer.Argument(metavar="TABLE", help="A table that was built in another's place.")],
-        as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
-    ) -> None:
-        """Put the table back that was there before; once more is as it was. A run that plays it takes it at once."""
-        previous = previous_of(table_path)
-        if previous.is_file():
-            Table.open(previous).close()  # verified before it takes a place
-        roll_back(table_path)
-        with Table.open(table_path) as table:
-            summary = {"table": str(table_path), "created": table.attributes["created"], "device": table.device.name}
-        if as_json:
-            print(json.dumps(summary, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
-        else:
-            _out.print(f"{table_path}: back to the table of {summary['created']}, for {summary['device']}")
-
-
-@dataclass(frozen=True)
-class BuildJob:
-    """What the command was asked for, whatever the device."""
-
-    output: Path | None
-    objective: str
-    made_for: MadeFor
-    clicks_up_to: int | None
-    workers: int | None
-    reuse: bool
-    responses: Path | None
-    """Measured; None: the model's."""
-    sensor_mass_kg: float
-    memory_mib: int
-    as_json: bool
-
-    def run(self, device: Device) -> None:
-        """Build and say what came of it. Raises TableError."""
-        from precompute.builder.build import build_table
-        from precompute.measurements.responses import read_responses
-        from precompute.parallel.pool import available_cores
-
-        path = self.output or Path(f"{device.name}.nc")
-        measured = None if self.responses is None else read_responses(self.responses, device, self.sensor_mass_kg)
-        with shown_progress(self.as_json) as progress:
+    def build_device(device: Device) -> None:
+        path = output or Path(f"{device.name}.nc")
+        measured = None if responses is None else read_responses(responses, device, mass_kg)
+        with shown_progress(as_json) as progress:
             build_table(
                 device,
                 path,
                 created=datetime.now(UTC).isoformat(timespec="seconds"),
-                objective=self.objective,
-                made_for=self.made_for,
-                # Clicks are of the model in time: with measured responses only those that are asked for.
-                clicks_up_to=0 if measured and self.clicks_up_to is None else self.clicks_up_to,
-                workers=self.workers or available_cores(),
-                reuse=self.reuse,
+                objective=objective,
+                made_for=made_for,
+                # Clicks are computed by the model in time: with measured responses only where they are asked for.
+                clicks_up_to=0 if measured and clicks_up_to is None else clicks_up_to,
+                workers=workers or available_cores(),
+                reuse=reuse,
                 responses=measured,
-                memory_budget_bytes=self.memory_mib << 20,
+                memory_budget_bytes=memory_mib << 20,
                 progress=progress,
             )
-        self._tell(device, path)
+        _print_built(path, device, responses, as_json)
 
-    def _tell(self, device: Device, path: Path) -> None:
-        from precompute.builder.measured_responses import interpolation_errors_of
+    if not watch:
+        build_device(find_device(device_name))
+        return
+    with suppress(KeyboardInterrupt):
+        watch_device(find_device_file(device_name), build_device)
 
-        with Table.open(path, verify=False) as table:
-            summary: dict[str, Any] = {
-                "table": str(path),
-                "device": device.name,
-                "fingerprint": device.fingerprint,
-                "entries": len(table.entries),
-                "clicks": len(table.clicks),
-                "bytes": path.stat().st_size,
-                "source": str(table.attributes["source"]),
-                **({} if self.responses is None else interpolation_errors_of(table)),
-            }
-        if self.as_json:
-            print(json.dumps(summary, indent=2), flush=True)  # noqa: T201  # as above
-            return
-        counts = f"{summary['entries']} entries, {summary['clicks']} clicks"
-        _out.print(f"{path}: {counts}, {path.stat().st_size / 1e6:.0f} MB, for {device.name}")
-        _out.print(f"fingerprint {device.fingerprint[:16]}; {len(device.inferred)} values of the device are estimates")
-        if self.responses is not None:
-            _out.print(f"built from {summary['source']} in {self.responses}; {_doubts_text(summary)}", soft_wrap=True)
+
+def rollback(table_path: TableArgument, as_json: AsJson = False) -> None:
+    """Put the previous table back; a second rollback undoes the first.
+
+    A run that plays the table changes over at once.
+    """
+    previous = previous_of(table_path)
+    if previous.is_file():
+        Table.open(previous).close()  # verified before it takes a place
+    roll_back(table_path)
+    with Table.open(table_path) as table:
+        summary = {"table": str(table_path), "created": table.attributes["created"], "device": table.device.name}
+    if as_json:
+        print_json(summary)
+    else:
+        say(f"{table_path}: back to the table of {summary['created']}, for {summary['device']}")
+
+
+def _print_built(path: Path, device: Device, responses: Path | None, as_json: bool) -> None:
+    from precompute.builder.measured_responses import interpolation_errors_of
+
+    with Table.open(path, verify=False) as table:
+        summary: dict[str, Any] = {
+            "table": str(path),
+            "device": device.name,
+            "fingerprint": device.fingerprint,
+            "entries": len(table.entries),
+            "clicks": len(table.clicks),
+            "bytes": path.stat().st_size,
+            "source": str(table.attributes["source"]),
+            **({} if responses is None else interpolation_errors_of(table)),
+        }
+    if as_json:
+        print_json(summary)
+        return
+    counts = f"{summary['entries']} entries, {summary['clicks']} clicks"
+    say(f"{path}: {counts}, {summary['bytes'] / 1e6:.0f} MB, for {device.name}")
+    say(f"fingerprint {device.fingerprint[:16]}; {len(device.inferred)} values of the device are estimates")
+    if responses is not None:
+        say(f"built from {summary['source']} in {responses}; {_doubts_text(summary)}")
 
 
 def _doubts_text(summary: Mapping[str, Any]) -> str:
@@ -174,13 +143,13 @@ def _doubts_text(summary: Mapping[str, Any]) -> str:
     )
     clicks = "there are no clicks" if summary["clicks"] == 0 else "clicks are the model's too"
     return (
-        f"ESTIMATE: what fingers do and rise times are the model's, which is {model} off the measured responses; "
-        f"{clicks}. Read between frequencies up to {hz} wrong, between places up to {places}"
+        f"ESTIMATE: the fingers' effect and rise times are the model's, which is {model} off the measured responses; "
+        f"{clicks}. Interpolation errs by up to {hz} between frequencies and {places} between places"
     )
 
 
-def watch_device(path: Path, build: Callable[[Device], None]) -> None:
-    """Build whenever the description at `path` has changed; one that is wrong is told, and waited for its mending."""
+def watch_device(path: Path, build_device: Callable[[Device], None]) -> None:
+    """Build at every change of the description at `path`, for ever; errors are printed, and the next change awaited."""
     seen: bytes | None = None
     while True:
         try:
@@ -190,8 +159,8 @@ def watch_device(path: Path, build: Callable[[Device], None]) -> None:
         if found != seen:
             seen = found
             try:
-                build(find_device(str(path)))
-            except (CalibrationError, DeviceError, TableError) as error:
-                _errors.print(f"tactable: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
-            _errors.print(f"{path}: waiting for a change; Ctrl-C ends", style="dim", markup=False, soft_wrap=True)
+                build_device(find_device(str(path)))
+            except TactableError as error:
+                print_error(error)
+            remark(f"{path}: waiting for a change; Ctrl-C ends", "dim")
         time.sleep(LOOK_S)

@@ -1,83 +1,83 @@
-"""The commands around calibration: measured accelerations to a new device file, and what to measure next."""
+"""Commands around calibration: plan and simulate measurements, fit a device to them, apply the fit to a table."""
 
-import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 
+from engine.table.history import previous_of
+from tactable.cli.console import EXIT_DOUBTFUL, OUT, print_json, say, show, shown_progress
+from tactable.cli.options import (
+    Also,
+    AsJson,
+    Change,
+    DeviceArgument,
+    Drives,
+    Fit,
+    Loss,
+    OptionError,
+    SensorMass,
+    read_changes,
+    read_choice,
+    read_drives,
+    read_option,
+    read_parameters,
+)
 from tactable.shipped import find_device
 
-EXIT_DOUBTFUL = 3
+if TYPE_CHECKING:
+    from tactable.calibration.job import CalibrationJob
 
-_out = Console()
-
-DeviceName = Annotated[str, typer.Argument(metavar="DEVICE", help="A device file, or a shipped name.")]
-Fit = Annotated[
-    list[str] | None,
-    typer.Option("--fit", metavar="NAME[=LOW..HIGH]", help="Fit this, and no other that is not named. Repeat."),
-]
-Also = Annotated[
-    list[str] | None,
-    typer.Option("--also", metavar="NAME[=LOW..HIGH]", help="Fit this besides the usual ones, or bound one. Repeat."),
-]
-SensorMass = Annotated[str, typer.Option("--sensor-mass", help="Of the accelerometer, where the file has none.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to `app`."""
-    app.command("calibrate")(calibrate)
-    app.command("plan-measurements")(plan_measurements)
-    app.command("simulate-measurements")(simulate_measurements)
+_MEASUREMENTS = "CSV, NetCDF or universal file (tables/MEASUREMENTS.md)"
 
 
 def calibrate(
-    device_name: DeviceName,
-    measurements_path: Annotated[
-        Path, typer.Argument(metavar="MEASUREMENTS", help="CSV, NetCDF or universal file (tables/MEASUREMENTS.md).")
-    ],
+    device_name: DeviceArgument,
+    measurements_path: Annotated[Path, typer.Argument(metavar="MEASUREMENTS", help=f"{_MEASUREMENTS}.")],
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="A new folder; default NAME-calibrated here.")
     ] = None,
     fit: Fit = None,
     also: Also = None,
-    loss: Annotated[str, typer.Option(help="robust, squares, or l1 as the paper's equation (12).")] = "robust",
+    loss: Loss = "robust",
     sensor_mass: SensorMass = "0 g",
-    starts: Annotated[int, typer.Option(min=1, max=64, help="Places to start from.")] = 5,
-    seed: Annotated[int, typer.Option(min=0, help="Of the places to start from.")] = 0,
-    accept: Annotated[str, typer.Option(help="A greater typical misfit is exit status 3.")] = "20 %",
-    strict: Annotated[bool, typer.Option("--strict", help="So is a parameter not known within a factor of 2.")] = False,
+    starts: Annotated[int, typer.Option(min=1, max=64, help="Points that the search starts from.")] = 5,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of these points.")] = 0,
+    accept: Annotated[str, typer.Option(help="Greatest typical misfit; a fit above it is doubtful.")] = "20 %",
+    strict: Annotated[
+        bool, typer.Option("--strict", help="A parameter not known within a factor of 2 is doubtful too.")
+    ] = False,
     compare: Annotated[
         bool | None,
-        typer.Option(help="Fit the paper's way too: every drive alone, then the average; default: not with --apply."),
+        typer.Option(help="Also fit as the paper does, each drive alone, then the mean; default: not with --apply."),
     ] = None,
     apply: Annotated[
         Path | None,
         typer.Option(
             metavar="TABLE",
-            help="Then build this table anew for the bar that was found and put it in place; a run that plays it "
-            "changes over. Asked again after an interruption, it goes on where it was.",
+            help="Then rebuild this table for the calibrated bar and put it in place; a run that plays it changes "
+            "over. The same command continues after an interruption.",
         ),
     ] = None,
     despite_doubts: Annotated[
-        bool, typer.Option("--despite-doubts", help="Apply what is doubtful too; without, that leaves the table.")
+        bool, typer.Option("--despite-doubts", help="With --apply: apply a doubtful fit too.")
     ] = False,
     clicks: Annotated[
-        bool, typer.Option(help="With --apply: make the clicks anew too, once the rest is in place. Some minutes.")
+        bool, typer.Option(help="With --apply: remake the clicks once the rest is in place. Takes some minutes.")
     ] = True,
     as_json: AsJson = False,
 ) -> None:
-    """Fit a device to measured accelerations; a new folder gets the new device file, the raw data and a report."""
-    from precompute.calibration.misfit import Loss
+    """Fit a device to measured accelerations.
+
+    A new folder gets the new device file, the raw data and a report. Exit status 3: the result is doubtful.
+    """
+    from precompute.calibration.misfit import Loss as Losses
     from tactable.calibration.job import CalibrationJob, calibration_json
     from tactable.calibration.page import print_calibration
-    from tactable.cli.calibrate_options import read_choice, read_option, read_parameters
 
     device = find_device(device_name)
-    accepted, chosen = read_option("--accept", accept, ""), read_choice("--loss", loss, Loss)
+    accepted, chosen = read_option("--accept", accept, ""), read_choice("--loss", loss, Losses)
     names, bounds = read_parameters(device, fit, also)
     job = CalibrationJob(
         device=device,
@@ -90,63 +90,88 @@ def calibrate(
         starts=starts,
         seed=seed,
         compares=apply is None if compare is None else compare,
+        accepted_misfit=accepted,
+        is_strict=strict,
     )
-
-    def doubts_of(report: dict[str, Any]) -> list[str]:
-        return _doubts(report, accepted, strict)
-
     if apply is not None:
-        from tactable.calibration.apply import ApplyOptions, apply_calibration
-
-        doubts = apply_calibration(_out, job, doubts_of, ApplyOptions(apply, despite_doubts, clicks, as_json))
+        if _apply(job, apply, despite_doubts, clicks, as_json):
+            raise typer.Exit(EXIT_DOUBTFUL)
+        return
+    fitted = job.fit(lambda _step, _fraction: None)
+    job.write(fitted)
+    doubts = job.doubts_of(fitted.report)
+    if as_json:
+        print_json(calibration_json(job, fitted.report, doubts))
     else:
-        fitted = job.fit(lambda _step, _fraction: None)
-        job.write(fitted)
-        report, doubts = fitted.report, doubts_of(fitted.report)
-        if as_json:
-            _print_json(calibration_json(job, report, doubts))
-        else:
-            print_calibration(_out, report, str(job.folder), doubts)
+        print_calibration(OUT, fitted.report, str(job.folder), doubts)
     if doubts:
         raise typer.Exit(EXIT_DOUBTFUL)
 
 
-def _doubts(report: dict[str, Any], accepted: float, strict: bool) -> list[str]:
-    """Why the result should not be used unseen."""
-    doubts = []
-    if report["median_misfit"] > accepted:
-        doubts.append(f"the typical misfit, {100 * report['median_misfit']:.3g} %, is above {100 * accepted:g} %")
-    if strict:
-        unsure = [p["name"] for p in report["parameters"] if p["known"] != "known"]
-        doubts += [f"{name} is not known within a factor of 2" for name in unsure]
-    return doubts
+def _apply(job: "CalibrationJob", table: Path, despite_doubts: bool, with_clicks: bool, as_json: bool) -> list[str]:
+    """Apply the calibration to a table, and print it; the doubts for which the table was left as it was."""
+    from tactable.calibration.apply import apply_fit
+    from tactable.calibration.job import calibration_json
+    from tactable.calibration.page import print_applied, print_calibration, print_clicks
+    from tactable.explain.diff import print_short_diff, short_diff_json
+
+    with shown_progress(as_json) as progress:
+        applied = apply_fit(job, table, despite_doubts, progress)
+    document = calibration_json(job, applied.report, applied.doubts) | {"applied": {"table": str(table)}}
+    if not as_json:
+        print_calibration(OUT, applied.report, str(job.folder), applied.doubts)
+        print_applied(OUT, table, applied)
+    if not applied.is_refused:
+        target, diff = applied.target, applied.target.diff()
+        outdated, clicks_s = target.outdated(), None
+        if diff is not None and not as_json:
+            print_short_diff(OUT, diff)
+            say(f"complete comparison: tactable diff {previous_of(table)} {table}")
+        if outdated and with_clicks:
+            with shown_progress(as_json) as progress:
+                clicks_s = target.complete(applied.device, progress)
+        if not as_json:
+            print_clicks(OUT, table, outdated, clicks_s)
+        document["applied"] |= {
+            "in_place_after_s": applied.in_place_after_s,
+            "seconds": applied.seconds,
+            "clicks_s": clicks_s,
+            "outdated": "" if with_clicks else outdated,
+            "diff": None if diff is None else short_diff_json(diff),
+        }
+    if as_json:
+        print_json(document)
+    return applied.doubts if applied.is_refused else []
 
 
 def plan_measurements(
-    device_name: DeviceName,
+    device_name: DeviceArgument,
     measurements_path: Annotated[
-        Path | None, typer.Argument(metavar="[MEASUREMENTS]", help="What has been measured; none: nothing yet.")
+        Path | None, typer.Argument(metavar="[MEASUREMENTS]", help=f"Measurements so far: {_MEASUREMENTS}.")
     ] = None,
     count: Annotated[int, typer.Option(min=1, max=1000, help="Readings to propose.")] = 10,
     criterion: Annotated[
-        str, typer.Option(help="D: least volume of what is possible; A: least sum of the variances.")
+        str, typer.Option(help="D: least volume of the confidence region; A: least sum of the variances.")
     ] = "D",
     fit: Fit = None,
     also: Also = None,
     sensor_mass: SensorMass = "0 g",
-    noise: Annotated[str, typer.Option(help="Of a reading, relative; where nothing is measured.")] = "2 %",
-    floor: Annotated[str, typer.Option(help="Of the sensor at rest.")] = "0.05 m/s^2",
-    place: Annotated[str, typer.Option(help="How well the sensor is placed.")] = "0.5 mm",
+    noise: Annotated[str, typer.Option(help="Relative standard deviation of a reading, without measurements.")] = "2 %",
+    floor: Annotated[str, typer.Option(help="Noise of the sensor at rest.")] = "0.05 m/s^2",
+    place: Annotated[str, typer.Option(help="Standard deviation of the sensor's position.")] = "0.5 mm",
     as_json: AsJson = False,
 ) -> None:
-    """Propose the readings, frequencies and points, that shrink the uncertainty of the parameters most."""
+    """Propose the readings that tell most.
+
+    A reading is a frequency for each actuator and a point on the bar; the proposed ones reduce the uncertainty of the
+    parameters most.
+    """
     from threadpoolctl import threadpool_limits
 
     from precompute.calibration.calibrate import calibrate as fit_device
     from precompute.calibration.plan import Accuracy, Criterion, plan_after, plan_first
-    from precompute.measurements import read_measurements
+    from precompute.measurements.file import read_measurements
     from tactable.calibration.page import print_plan
-    from tactable.cli.calibrate_options import read_choice, read_option, read_parameters
 
     device = find_device(device_name)
     accuracy = Accuracy(
@@ -162,49 +187,40 @@ def plan_measurements(
         else:
             measurements = read_measurements(measurements_path, device, mass_kg)
             plan = plan_after(fit_device(device, measurements, names, bounds=bounds), accuracy, count, chosen)
-    if as_json:
-        _print_json(plan.summary())
-    else:
-        print_plan(_out, plan.summary())
+    show(plan.summary(), as_json, print_plan)
 
 
 def simulate_measurements(
-    device_name: DeviceName,
+    device_name: DeviceArgument,
     output: Annotated[Path, typer.Option("-o", "--output", help="A new CSV file.")],
-    drives: Annotated[
-        str, typer.Option(help="Frequencies of the actuators in Hz, drives parted by ;, - for still.")
-    ] = "150,130;150,200;150,230",
-    points: Annotated[int, typer.Option(min=1, max=1000, help="Even places along the bar.")] = 22,
-    change: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=VALUE", help="What is different from the device. Repeat.")
-    ] = None,
+    drives: Drives = "150,130;150,200;150,230",
+    points: Annotated[int, typer.Option(min=1, max=1000, help="Evenly spaced points along the bar.")] = 22,
+    change: Change = None,
     noise: Annotated[str, typer.Option(help="Relative standard deviation of a reading.")] = "1 %",
-    wrong: Annotated[str, typer.Option(help="Share of readings that are wrong by 3, up or down.")] = "0 %",
+    wrong: Annotated[str, typer.Option(help="Share of readings that are wrong by a factor of 3.")] = "0 %",
     sensor_mass: SensorMass = "2 g",
-    seed: Annotated[int, typer.Option(min=0, help="Of the noise.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
 ) -> None:
-    """Write what measurements of a device would look like, marked SIMULATED: to try a calibration, and to plan one."""
-    from precompute.measurements import CalibrationError, lay_out
+    """Write measurements, SIMULATED.
+
+    They are what a device would give, to try a calibration or to plan one; the file says that it is simulated.
+    """
     from precompute.measurements.csv import write_csv
     from precompute.measurements.parameters import with_changes
-    from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
-    from tactable.cli.calibrate_options import read_changes, read_drives, read_option
+    from precompute.measurements.simulate import Flaws, even_places
+    from precompute.measurements.simulate import simulate_measurements as simulate
+    from precompute.measurements.types import lay_out
 
     device = find_device(device_name)
-    changes = read_changes(change or [], device)
     flaws = Flaws(read_option("--noise", noise, ""), read_option("--wrong", wrong, ""))
     mass_kg = read_option("--sensor-mass", sensor_mass, "kg")
     layout = lay_out(np.array(read_drives(drives, device)), even_places(device, points), mass_kg)
-    measured = simulate_measurements(with_changes(device, changes), layout, flaws, seed)
+    measured = simulate(with_changes(device, read_changes(change, device)), layout, flaws, seed)
     what = "; ".join([device.name, *(change or []), f"noise {noise}", f"wrong {wrong}", f"seed {seed}"])
     text = write_csv(measured, device, f"SIMULATED by tactable simulate-measurements: {what}")
     try:
         with output.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
-        raise CalibrationError(f"{output}: exists already and is not overwritten; choose another output") from None
-    _out.print(f"{output}: {len(measured)} readings, SIMULATED", markup=False, highlight=False, soft_wrap=True)
-
-
-def _print_json(value: object) -> None:
-    print(json.dumps(value, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
+        raise OptionError(f"{output}: exists already and is not overwritten; choose another output") from None
+    say(f"{output}: {len(measured)} readings, SIMULATED")

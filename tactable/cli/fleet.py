@@ -1,23 +1,23 @@
-"""The command `tactable fleet`: many devices, or many variations of one, calibrated, built and verified."""
+"""Command `fleet`: many devices, or many variations of one, calibrated, built and verified."""
 
 import json
+from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
+from rich.table import Table as Grid
+from rich.text import Text
 
-from tactable.progress import shown_progress
+from tactable.cli.console import EXIT_DOUBTFUL, OUT, print_json, say, shown_progress
+from tactable.cli.options import Also, AsJson, ClicksUpTo, Fit, Loss, Objective, OptionError, SensorMass, read_option
 
-EXIT_FAILED = 3
+if TYPE_CHECKING:
+    from precompute.fleet.summary import Summary
+
 SUMMARY = "summary"
-_out = Console()
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to `app`."""
-    app.command("fleet")(fleet)
+_SHOWN = 20
 
 
 def fleet(
@@ -25,36 +25,33 @@ def fleet(
         Path,
         typer.Argument(metavar="DIR|MANIFEST|STUDY", help="A folder of folders, .toml or .csv (docs/fleet.md)."),
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the results; what is there is kept.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the results; complete ones are kept.")],
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler that runs, such as tcp://host:8786.")
+        str | None, typer.Option(metavar="ADDRESS", help="A running Dask scheduler, such as tcp://host:8786.")
     ] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes of this machine; default: one unit after another in this one.")
     ] = None,
-    objective: Annotated[
-        str, typer.Option(help="contrast, standard contrast, localized factor, fair share or paper.")
-    ] = "contrast",
-    clicks_up_to: Annotated[
-        int | None, typer.Option(min=0, help="Clicks for states of up to so many fingers; default as for build.")
-    ] = None,
-    loss: Annotated[str, typer.Option(help="Of calibrations: robust, squares or l1.")] = "robust",
-    fit: Annotated[list[str] | None, typer.Option(metavar="NAME", help="Fit only these values. Repeat.")] = None,
-    also: Annotated[list[str] | None, typer.Option(metavar="NAME", help="Fit these besides the usual. Repeat.")] = None,
-    sensor_mass: Annotated[str, typer.Option(help="Of the accelerometer, where a file has none.")] = "0 g",
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON for machines.")] = False,
+    objective: Objective = "contrast",
+    clicks_up_to: ClicksUpTo = None,
+    loss: Loss = "robust",
+    fit: Fit = None,
+    also: Also = None,
+    sensor_mass: SensorMass = "0 g",
+    as_json: AsJson = False,
 ) -> None:
-    """Calibrate, build and verify many devices; run again, it goes on where it was. Exit status 3: a unit failed."""
+    """Calibrate, build and verify many devices; an interrupted run continues.
+
+    Exit status 3: a unit failed.
+    """
     from engine.files import replace_file
     from precompute.fleet.plan import plan_fleet
     from precompute.fleet.run import run_fleet, run_here, run_on_processes, run_on_scheduler
     from precompute.fleet.summary import summarise, summary_csv, summary_json
-    from precompute.fleet.units import FleetError, FleetOptions
-    from tactable.cli.calibrate_options import read_option
-    from tactable.cli.fleet_page import print_fleet
+    from precompute.fleet.units import FleetOptions
 
     if scheduler is not None and workers is not None:
-        raise FleetError("--workers and --scheduler: give one of them; a scheduler has its own workers")
+        raise OptionError("--workers and --scheduler: give one of them; a scheduler has its own workers")
     options = FleetOptions(
         objective=objective,
         clicks_up_to=clicks_up_to,
@@ -65,10 +62,10 @@ def fleet(
     )
     units = plan_fleet(source)
     if output.exists() and source.is_dir() and output.resolve() == source.resolve():
-        raise FleetError(f"{output}: is where the units are; choose another folder for the results")
+        raise OptionError(f"--output {output}: is the folder of the units; choose another folder for the results")
     output.mkdir(parents=True, exist_ok=True)
     for ending in (".csv", ".json"):
-        (output / f"{SUMMARY}{ending}").unlink(missing_ok=True)  # until this run is done, there is none
+        (output / f"{SUMMARY}{ending}").unlink(missing_ok=True)  # a summary means that the run was completed
     pool = run_on_scheduler(scheduler) if scheduler else run_on_processes(workers) if workers else run_here
     with shown_progress(as_json) as progress:
         outcomes = run_fleet(
@@ -80,8 +77,47 @@ def fleet(
         with replace_file(output / f"{SUMMARY}{ending}") as partial:
             partial.write_text(text, encoding="utf-8")
     if as_json:
-        print(json.dumps(values, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
+        print_json(values)
     else:
-        print_fleet(_out, summary, output / f"{SUMMARY}.csv")
+        print_fleet(summary, output / f"{SUMMARY}.csv")
     if summary.failed:
-        raise typer.Exit(EXIT_FAILED)
+        raise typer.Exit(EXIT_DOUBTFUL)
+
+
+def print_fleet(summary: "Summary", path: Path) -> None:
+    """Print how many units are done, which failed and why, what varies, and which units stand out.
+
+    `path` is the file of the complete summary.
+    """
+    from precompute.fleet.summary import FEWEST, OUTLYING, status_of
+
+    counts = Counter(status_of(outcome) for outcome in summary.outcomes)
+    parts = (f"{counts['built']} built", f"{counts['kept']} complete already", f"{counts['failed']} failed")
+    say(f"{len(summary.outcomes)} units: {', '.join(parts)}")
+    for outcome in summary.failed:
+        say(f"FAILED {outcome.name}: {outcome.error}")
+    _say_first([f"doubtful {unit.name}: {'; '.join(unit.doubts)}" for unit in summary.outcomes if unit.doubts])
+    if summary.columns:
+        grid = Grid("what varies", "median", "spread", "least", "greatest")
+        for column in summary.columns:
+            ends = ((column.least, column.least_unit), (column.greatest, column.greatest_unit))
+            cells = (Text(f"{value:.5g} ({unit})") for value, unit in ends)
+            grid.add_row(Text(column.name), f"{column.median:.5g}", f"{column.spread:.2g}", *cells)
+        OUT.print(grid)
+    _say_first(
+        [
+            f"stands out {outlier.unit}: {outlier.column} is {outlier.value:.5g}, "
+            f"{outlier.deviation:+.1f} spreads from the median"
+            for outlier in summary.outliers
+        ]
+    )
+    if not summary.outliers:
+        say(f"no unit stands out by more than {OUTLYING} spreads; of fewer than {FEWEST} none ever does")
+    say(f"complete summary: {path}")
+
+
+def _say_first(lines: list[str]) -> None:
+    for line in lines[:_SHOWN]:
+        say(line)
+    if len(lines) > _SHOWN:
+        say(f"  and {len(lines) - _SHOWN} more")

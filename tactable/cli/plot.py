@@ -1,183 +1,348 @@
-"""The commands around figures: a table to pictures, their data and a summary."""
+"""Commands `plot ...`: each draws one picture, with its data as CSV and a summary for machines.
 
-import json
-import math
-from collections.abc import Iterator
+A command here is a function from a table or a device to a `Picture`. `picture_command` adds the options that say where
+the picture goes and writes it, so that every figure has the same ones.
+"""
+
+import inspect
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import wraps
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import numpy as np
 import typer
-from rich.console import Console
+from threadpoolctl import threadpool_limits
 
+from engine.device import Device
 from engine.table import Table
 from engine.table.entry import DEFAULT_LEVEL_DB
-from tactable.figures.file import FigureError, Picture, check_paths, write_columns, write_picture
+from engine.table.table import states_of
+from tactable.cli.console import Progress, print_json, say, shown_progress
+from tactable.cli.options import (
+    AsJson,
+    Change,
+    CsvPath,
+    DeviceArgument,
+    Drives,
+    Felt,
+    Level,
+    OptionError,
+    Output,
+    Quiet,
+    SensorMass,
+    TableArgument,
+    names_in,
+    read_changes,
+    read_counts,
+    read_drives,
+    read_level,
+    read_numbers,
+    read_option,
+    read_zones,
+)
+from tactable.figures.file import Picture, check_paths, write_columns, write_picture
+from tactable.shipped import find_device
 
-plot = typer.Typer(no_args_is_help=True, help="Draw what a table holds: PNG, SVG or PDF, and the data as CSV.")
-_out = Console()
-
-TablePath = Annotated[Path, typer.Argument(metavar="TABLE", help="A built table.")]
-Felt = Annotated[str, typer.Option(help="Zones with a finger that feels, such as I,III.")]
-Quiet = Annotated[str, typer.Option(help="Zones with a finger that must not feel, such as IV.")]
-Level = Annotated[float, typer.Option("--level", help="dB above the detection threshold; inf: full scale.")]
-Output = Annotated[Path, typer.Option("-o", "--output", help="The picture; ends in .png, .svg or .pdf.")]
-CsvPath = Annotated[Path | None, typer.Option("--csv", help="The data as CSV, units in the header.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print a summary as JSON for machines.")]
-
-
-@plot.command()
-def state(
-    table_path: TablePath,
-    felt: Felt,
-    quiet: Quiet = "",
-    level_db: Level = DEFAULT_LEVEL_DB,
-    output: Output = Path("state.png"),
-    csv_path: CsvPath = None,
-    as_json: AsJson = False,
-) -> None:
-    """One state along the bar: acceleration under the fingers it may meet, against the detection threshold."""
-    check_paths(output, csv_path)
-    with opened_table(table_path) as table:
-        from tactable.figures.state import plot_state
-
-        entry = table.entry_for(named_zones("--felt", felt), names_in(quiet), checked_level(level_db))
-        deliver(plot_state(table, entry), output, csv_path, as_json)
+_DEFAULT_LEVEL = f"{DEFAULT_LEVEL_DB:g}"
+_MS_PER_S = 1000
 
 
-@plot.command()
-def pareto(
-    table_path: TablePath,
-    felt: Felt,
-    quiet: Quiet,
-    output: Output = Path("pareto.png"),
-    csv_path: CsvPath = None,
-    as_json: AsJson = False,
-) -> None:
-    """One state: the contrast at every level that can be reached, and what the paper's objective gives."""
-    check_paths(output, csv_path)
-    with opened_table(table_path) as table:
-        from tactable.figures.pareto import plot_pareto
+def picture_command(draw: Callable[..., Picture]) -> Callable[..., None]:
+    """Make a command of a function that draws: it gets the options --output, --csv and --json.
 
-        states = table.states_of(named_zones("--felt", felt), named_zones("--quiet", quiet))
-        deliver(plot_pareto(table, states), output, csv_path, as_json)
+    Numerical libraries keep to one thread meanwhile. A function with a parameter `as_json` or `progress` is given the
+    option's value, or the function that shows progress.
+    """
+    own = inspect.signature(draw).parameters
+    name = draw.__name__.replace("_", "-")
+    shared = {"output": (Output, Path(f"{name}.png")), "csv_path": (CsvPath, None), "as_json": (AsJson, False)}
 
+    @wraps(draw)
+    def command(*, output: Path, csv_path: Path | None, as_json: bool, **given: Any) -> None:
+        check_paths(output, csv_path)
+        with threadpool_limits(1, "blas"), shown_progress(as_json or "progress" not in own) as progress:
+            offered = {"as_json": as_json, "progress": progress}
+            picture = draw(**given, **{key: value for key, value in offered.items() if key in own})
+        _deliver(picture, output, csv_path, as_json)
 
-@plot.command("contrast-map")
-def contrast_map(
-    table_path: TablePath,
-    level_db: Level = DEFAULT_LEVEL_DB,
-    output: Output = Path("contrast-map.png"),
-    csv_path: CsvPath = None,
-    as_json: AsJson = False,
-) -> None:
-    """All states of two fingers: the contrast of the felt one over the quiet one."""
-    check_paths(output, csv_path)
-    with opened_table(table_path) as table:
-        from tactable.figures.contrast_map import plot_contrast_map
-
-        deliver(plot_contrast_map(table, checked_level(level_db)), output, csv_path, as_json)
+    parameters = [parameter for key, parameter in own.items() if key not in (*shared, "progress")]
+    parameters += [
+        inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+        for key, (annotation, default) in shared.items()
+    ]
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]  # typer reads it
+    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return command
 
 
-@plot.command()
-def rise(
-    table_path: TablePath,
-    felt: Annotated[str, typer.Option(help="Zones that are felt: draw the course of this state; none: all.")] = "",
-    quiet: Quiet = "",
-    level_db: Level = DEFAULT_LEVEL_DB,
-    output: Output = Path("rise.png"),
-    csv_path: CsvPath = None,
-    as_json: AsJson = False,
-) -> None:
-    """Rise times of all states, or one state from rest: how long until every felt finger has what is promised."""
-    check_paths(output, csv_path)
-    if quiet and not felt:
-        raise FigureError(f"--quiet {quiet} is of one state; name what is felt in it, such as --felt I")
-    with opened_table(table_path) as table:
-        from tactable.figures.course import plot_course
-        from tactable.figures.rise import plot_rise
-
-        level = checked_level(level_db)
-        if felt:
-            picture = plot_course(table, table.entry_for(named_zones("--felt", felt), names_in(quiet), level))
-        else:
-            picture = plot_rise(table, level)
-        deliver(picture, output, csv_path, as_json)
-
-
-@plot.command()
-def factor(
-    table_path: TablePath,
-    zones: Annotated[str, typer.Option(help="Zones whose common share is drawn, such as I,III; none: each.")] = "",
-    fingers: Annotated[str, typer.Option(help="Zones with a finger: draw the bar with these fingers too.")] = "",
-    amplitudes: Annotated[str, typer.Option(help="Of the two actuators, fractions of full scale.")] = "1,1",
-    pair: Annotated[str, typer.Option(help="Names of two actuators; default: the first two.")] = "",
-    output: Output = Path("factor.png"),
-    csv_path: CsvPath = None,
-    as_json: AsJson = False,
-) -> None:
-    """Localized factor of zones over the frequencies of two actuators."""
-    check_paths(output, csv_path)
-    with opened_table(table_path) as table:
-        from tactable.figures.factor import pair_drive, plot_factor
-
-        drive = pair_drive(table.device, names_in(pair), _numbers("--amplitudes", amplitudes))
-        deliver(plot_factor(table, _combinations(table, zones), names_in(fingers), drive), output, csv_path, as_json)
-
-
-@contextmanager
-def opened_table(path: Path) -> Iterator[Table]:
-    """The table, refused where other code built it: its entries and what is computed anew would not fit together."""
-    from threadpoolctl import threadpool_limits
-
-    from precompute.builder.code_fingerprint import code_fingerprint
-
-    with Table.open(path, code_fingerprint=code_fingerprint()) as table, threadpool_limits(1, "blas"):
-        yield table
-
-
-def names_in(text: str) -> list[str]:
-    """Names between commas."""
-    return [name.strip() for name in text.split(",") if name.strip()]
-
-
-def named_zones(option: str, text: str) -> list[str]:
-    """Names of at least one zone; raises FigureError for none."""
-    names = names_in(text)
-    if not names:
-        raise FigureError(f"{option} names no zone; give at least one, such as {option} I,III")
-    return names
-
-
-def _combinations(table: Table, text: str) -> list[list[str]]:
-    """The zones that are named, together; every zone by itself where the text is empty."""
-    return [named_zones("--zones", text)] if text else [[zone.name] for zone in table.device.zones]
-
-
-def _numbers(option: str, text: str) -> list[float]:
-    try:
-        return [float(part) for part in names_in(text)]
-    except ValueError:
-        raise FigureError(f"{option} {text!r}: expected numbers, such as {option} 1,0.6") from None
-
-
-def checked_level(level_db: float) -> float:
-    """The level; raises FigureError for what is no number."""
-    if math.isnan(level_db):
-        raise FigureError("--level nan: expected dB above the detection threshold, such as --level 20")
-    return level_db
-
-
-def deliver(picture: Picture, output: Path, csv_path: Path | None, as_json: bool) -> None:
+def _deliver(picture: Picture, output: Path, csv_path: Path | None, as_json: bool) -> None:
     """Write the picture and its data, and say what they show."""
     write_picture(picture, output)
     if csv_path is not None:
         write_columns(picture, csv_path)
     if as_json:
-        files = {"figure": str(output), "csv": None if csv_path is None else str(csv_path)}
-        print(json.dumps({**files, **picture.summary}, indent=2))  # noqa: T201  # without a terminal's width
+        print_json({"figure": str(output), "csv": None if csv_path is None else str(csv_path), **picture.summary})
         return
-    _out.print(picture.caption, markup=False, highlight=False, soft_wrap=True)
+    say(picture.caption)
     for path in (output, csv_path):
         if path is not None:
-            _out.print(f"written: {path}", markup=False, highlight=False, soft_wrap=True)
+            say(f"written: {path}")
+
+
+@contextmanager
+def _opened_table(path: Path) -> Iterator[Table]:
+    """The table, refused where other code built it: its entries and what is computed now would not fit together."""
+    from precompute.builder.code_fingerprint import code_fingerprint
+
+    with Table.open(path, code_fingerprint=code_fingerprint()) as table:
+        yield table
+
+
+# ---- pictures of a table -----------------------------------------------------------------------------------------
+
+
+@picture_command
+def state(table_path: TableArgument, felt: Felt, quiet: Quiet = "", level: Level = _DEFAULT_LEVEL) -> Picture:
+    """Draw the acceleration along the bar in one state.
+
+    The figure shows it under the fingers that the state may meet, against the detection threshold.
+    """
+    with _opened_table(table_path) as table:
+        from tactable.figures.state import plot_state
+
+        return plot_state(table, table.entry_for(read_zones("--felt", felt), names_in(quiet), read_level(level)))
+
+
+@picture_command
+def pareto(table_path: TableArgument, felt: Felt, quiet: Quiet) -> Picture:
+    """Draw the contrast of one state over the felt level.
+
+    Every level that can be reached has a point; the paper's objective is drawn beside them.
+    """
+    with _opened_table(table_path) as table:
+        from tactable.figures.pareto import plot_pareto
+
+        return plot_pareto(table, table.states_of(read_zones("--felt", felt), read_zones("--quiet", quiet)))
+
+
+@picture_command
+def contrast_map(table_path: TableArgument, level: Level = _DEFAULT_LEVEL) -> Picture:
+    """Draw the contrast of all states of two fingers.
+
+    It is the level of the felt finger above that of the quiet one.
+    """
+    with _opened_table(table_path) as table:
+        from tactable.figures.contrast_map import plot_contrast_map
+
+        return plot_contrast_map(table, read_level(level))
+
+
+@picture_command
+def rise(
+    table_path: TableArgument,
+    felt: Annotated[
+        str, typer.Option(help="Felt zones of one state, whose time course is drawn; default: all states.")
+    ] = "",
+    quiet: Quiet = "",
+    level: Level = _DEFAULT_LEVEL,
+) -> Picture:
+    """Draw the rise times of all states, or the time course of one.
+
+    A rise time lasts from rest until every felt finger has 90 % of its predicted vibration.
+    """
+    if quiet and not felt:
+        raise OptionError(f"--quiet {quiet} belongs to one state; name its felt zones too, such as --felt I")
+    with _opened_table(table_path) as table:
+        from tactable.figures.course import plot_course
+        from tactable.figures.rise import plot_rise
+
+        level_db = read_level(level)
+        if not felt:
+            return plot_rise(table, level_db)
+        return plot_course(table, table.entry_for(read_zones("--felt", felt), names_in(quiet), level_db))
+
+
+@picture_command
+def factor(
+    table_path: TableArgument,
+    zones: Annotated[str, typer.Option(help="Zones whose common share is drawn, such as I,III; default: each.")] = "",
+    fingers: Annotated[str, typer.Option(help="Zones with a finger: also draw the bar with these fingers.")] = "",
+    amplitudes: Annotated[str, typer.Option(help="Amplitudes of the two actuators, fractions of full scale.")] = "1,1",
+    pair: Annotated[str, typer.Option(help="Names of two actuators; default: the first two.")] = "",
+) -> Picture:
+    """Draw the localized factor over the frequencies of two actuators.
+
+    The localized factor is the share of the bar's vibration that the named zones have.
+    """
+    with _opened_table(table_path) as table:
+        from tactable.figures.factor import pair_drive, plot_factor
+
+        drive = pair_drive(table.device, names_in(pair), read_numbers("--amplitudes", amplitudes))
+        named = [read_zones("--zones", zones)] if zones else [[zone.name] for zone in table.device.zones]
+        return plot_factor(table, named, names_in(fingers), drive)
+
+
+@picture_command
+def click(
+    table_path: TableArgument,
+    felt: Felt,
+    quiet: Quiet = "",
+    level: Level = "full",
+    sound_path: Annotated[
+        Path | None, typer.Option("--sound", help="Also write what each finger feels, one after another, as .wav.")
+    ] = None,
+    stereo: Annotated[bool, typer.Option("--stereo", help="The felt finger left, the quiet one right.")] = False,
+    plain: Annotated[bool, typer.Option("--plain", help="The acceleration itself, not weighted by threshold.")] = False,
+    as_json: AsJson = False,
+) -> Picture:
+    """Draw one click: its waveform and what each finger feels.
+
+    The figure shows the acceleration under each finger and its spread over sampled plants that the click was not
+    optimised over. With --sound it can be heard.
+    """
+    from engine.table.click import played_at
+    from tactable.explain.click_sound import check_sound_path, make_sound, sound_json, write_sound
+
+    if sound_path is not None:
+        check_sound_path(sound_path)
+    elif stereo or plain:
+        raise OptionError("--stereo and --plain belong to a sound; name its file, such as --sound click.wav")
+    with _opened_table(table_path) as table:
+        from tactable.explain.click_source import ClickSource
+        from tactable.figures.click import plot_click
+
+        source, states = ClickSource(table), table.states_of(read_zones("--felt", felt), names_in(quiet))
+        played = played_at(source.solve_click(states), read_level(level))
+        picture = plot_click(source, played)
+    if sound_path is None:
+        return picture
+    sound = make_sound(source.table.device, played, is_weighted=not plain, is_stereo=stereo)
+    write_sound(sound, sound_path)
+    if not as_json:
+        say(f"written: {sound_path}: {sound.words}")
+    return replace(picture, summary={"sound": {"file": str(sound_path), **sound_json(sound)}, **picture.summary})
+
+
+@picture_command
+def click_map(table_path: TableArgument, progress: Progress) -> Picture:
+    """Draw all clicks of one felt and one quiet finger.
+
+    The best steady drives, gated for the same time, are drawn beside them.
+    """
+    with _opened_table(table_path) as table:
+        from tactable.explain.click_source import ClickSource
+        from tactable.figures.click_map import plot_click_map
+
+        return plot_click_map(ClickSource(table), lambda done: progress("states", done))
+
+
+# ---- pictures of a device ----------------------------------------------------------------------------------------
+
+
+@picture_command
+def response(
+    device_name: DeviceArgument,
+    drives: Drives = "",
+    measured_path: Annotated[
+        Path | None, typer.Option("--measured", help="Draw these readings and their drives (tables/MEASUREMENTS.md).")
+    ] = None,
+    sensor_mass: SensorMass = "0 g",
+    change: Change = None,
+) -> Picture:
+    """Draw the acceleration along the bar of one or more drives.
+
+    The actuators are at full scale. Measured readings are drawn beside the model where there are any.
+    """
+    from precompute.measurements.file import read_measurements
+    from precompute.measurements.types import lay_out
+    from tactable.figures.response import plot_response
+
+    device = _changed(device_name, change)
+    mass_kg = read_option("--sensor-mass", sensor_mass, "kg")
+    if bool(drives) == (measured_path is not None):
+        raise OptionError("give --drives, such as --drives '150,130', or --measured FILE, which has its own: not both")
+    if measured_path is None:
+        layout = lay_out(np.array(read_drives(drives, device)), np.zeros(1), mass_kg)
+    else:
+        layout = read_measurements(measured_path, device, mass_kg)
+    return plot_response(device, layout, has_readings=measured_path is not None)
+
+
+@picture_command
+def zones(device_name: DeviceArgument, drives: Drives, change: Change = None) -> Picture:
+    """Draw localized factor and acceleration by zone of up to four drives.
+
+    The actuators are at full scale and the bar is untouched.
+    """
+    from precompute.entries.untouched import BarDrive
+    from tactable.figures.zones import plot_zones
+
+    device = _changed(device_name, change)
+    drives_hz = np.array(read_drives(drives, device))
+    drawn = [BarDrive("", np.nan_to_num(hz), np.where(np.isnan(hz), 0, 1).astype(np.complex128)) for hz in drives_hz]
+    return plot_zones(device, drawn)
+
+
+@picture_command
+def optimum(
+    device_name: DeviceArgument,
+    zone_names: Annotated[str, typer.Option("--zones", help="Zones to vibrate, such as I,III,V.")],
+    change: Change = None,
+) -> Picture:
+    """Draw the drives of greatest localized factor of some zones.
+
+    The bar is untouched, as in the paper's equation (11).
+    """
+    from tactable.figures.zones import plot_optimum
+
+    return plot_optimum(_changed(device_name, change), read_zones("--zones", zone_names))
+
+
+@picture_command
+def reach(device_name: DeviceArgument, change: Change = None) -> Picture:
+    """Draw the greatest acceleration and level of each place of the bar.
+
+    Places that no drive moves are dead zones.
+    """
+    from tactable.figures.reach import plot_reach
+
+    return plot_reach(_changed(device_name, change))
+
+
+@picture_command
+def click_study(
+    device_name: DeviceArgument,
+    felt: Felt,
+    progress: Progress,
+    quiet: Quiet = "",
+    lengths: Annotated[str, typer.Option(help="Lengths of the click, ms.")] = "10,20,30,40",
+    scenarios: Annotated[
+        str, typer.Option(help="Numbers of scenarios, the sampled plants of a click.")
+    ] = "5,10,20,40,80",
+) -> Picture:
+    """Draw what one click gains from its length and its scenarios.
+
+    Scenarios are the sampled plants that a click is optimised over.
+    """
+    from tactable.explain.click_study import run_study
+    from tactable.figures.click_study import plot_click_study
+
+    lengths_s = [length_ms / _MS_PER_S for length_ms in read_counts("--lengths", lengths, 1, 200)]
+    counts = read_counts("--scenarios", scenarios, 1, 1000)
+    device = find_device(device_name)
+    states = states_of(device, read_zones("--felt", felt), names_in(quiet))
+    study = run_study(device, states, lengths_s=lengths_s, scenarios=counts, told=lambda done: progress("clicks", done))
+    return plot_click_study(study)
+
+
+def _changed(device_name: str, change: list[str] | None) -> Device:
+    """The device; where it is changed, its name says so."""
+    from precompute.measurements.parameters import with_changes
+
+    device = find_device(device_name)
+    if not change:
+        return device
+    return replace(with_changes(device, read_changes(change, device)), name=f"{device.name}, changed")

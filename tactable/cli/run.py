@@ -1,7 +1,6 @@
-"""The command `run`: touches of a digitizer to the drives of a table, out over a serial port, until Ctrl-C."""
+"""Command `run`: touches of a digitizer, answered from a table, become commands on a serial port until Ctrl-C."""
 
 import ctypes
-import json
 import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -10,10 +9,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 
-from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS, Effects, read_effects
+from engine.effects import DEFAULT_EFFECTS, read_effects
 from engine.loop.fast.step import FastPathError, compile_fast_path
 from engine.loop.latency import Stage
 from engine.loop.loop import Clock, StopRequest, SystemClock, Updates
@@ -28,6 +25,9 @@ from firmware_link.host.link_values import Capabilities
 from firmware_link.host.reopening import ReopeningPort, stable_name_of
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.protocol.errors import LinkError
+from tactable.cli.console import ERRORS, OUT, note, show
+from tactable.cli.options import AsJson, BitRate, EffectsPath, TableArgument
+from tactable.cli.touch import machine_of
 from tactable.digitizers.record import opened, stop_at_signal
 from tactable.doctor.touch import Machine
 from tactable.page.attach import PageOf, page_of
@@ -37,148 +37,132 @@ from tactable.run.table_watch import TableWatch, Watched, identity_of
 from tactable.shipped import cache_folder, find_device
 
 _NS_PER_S = 1_000_000_000
-_out = Console()
-_errors = Console(stderr=True)
-
-TouchOption = Annotated[
-    str,
-    typer.Option(metavar="DEVICE|RECORDING", help="A digitizer as `list` shows it, a recording, or `simulated`."),
-]
-EffectsOption = Annotated[
-    Path | None, typer.Option("--effects", help="Which fingers feel what; default: a click at 20 dB for every touch.")
-]
-RealTimeOption = Annotated[
-    str,
-    typer.Option(
-        "--realtime",
-        metavar="STEPS",
-        help=f"all, none, or some of {', '.join(ALL_STEPS)}; all,-priority leaves one out.",
-    ),
-]
-NotAchievedOption = Annotated[
-    WhenNotAchieved, typer.Option("--when-not-achieved", help="Where the bar cannot give the wanted level.")
-]
 
 
 @dataclass(frozen=True)
 class Deadline:
-    """Ends a run when `stop` is set or at a time."""
+    """Stop request that is set by another one, or at a time."""
 
     stop: StopRequest
     clock: Clock
     end_ns: float
 
     def is_set(self) -> bool:
-        """Whether to end."""
+        """Whether the run shall end."""
         return self.stop.is_set() or self.clock.now_ns() >= self.end_ns
 
 
-def register(app: typer.Typer, machine: Machine | None = None) -> None:
-    """Add the command to `app`; it asks `machine`, by default the one it runs on."""
-    asked = machine or Machine()
+def run(
+    context: typer.Context,
+    table_path: TableArgument,
+    touch: Annotated[
+        str,
+        typer.Option(metavar="DEVICE|RECORDING", help="A digitizer as `list` shows it, a recording, or `simulated`."),
+    ],
+    port_name: Annotated[str, typer.Option("--port", help="The firmware's serial port, as `list` shows it.")],
+    effects_path: EffectsPath = None,
+    when_not_achieved: Annotated[
+        WhenNotAchieved, typer.Option("--when-not-achieved", help="What to do where the bar cannot reach a level.")
+    ] = WhenNotAchieved.WARN,
+    seconds: Annotated[float, typer.Option("--for", min=0.0, help="End after this time of playing.")] = math.inf,
+    device_name: Annotated[
+        str | None, typer.Option("--device", help="Refuse the table unless it belongs to this device.")
+    ] = None,
+    bit_rate_hz: BitRate = 115_200,
+    reconnect: Annotated[
+        bool, typer.Option("--reconnect", help="Reconnect to a device that stopped itself or was unplugged.")
+    ] = False,
+    steps: Annotated[
+        str,
+        typer.Option(
+            "--realtime",
+            metavar="STEPS",
+            help=f"all, none, or some of {', '.join(ALL_STEPS)}; all,-priority leaves one out.",
+        ),
+    ] = "collector",
+    recording_path: Annotated[
+        Path | None, typer.Option("--record", help="Record the touches here, by another process, as hid-recorder does.")
+    ] = None,
+    ring_path: Annotated[
+        Path | None,
+        typer.Option("--ring", help="Shared memory from which other processes follow the run (engine/loop/ring.py)."),
+    ] = None,
+    watch: Annotated[
+        bool, typer.Option(help="Change over to a new table that replaces this one, once it is verified.")
+    ] = True,
+    page: Annotated[bool, typer.Option("--page", help="Show the run to browsers, by another process.")] = False,
+    page_host: Annotated[str, typer.Option("--page-host", help="Bind the page to this address.")] = "127.0.0.1",
+    page_port: Annotated[int, typer.Option("--page-port", min=0, max=65_535, help="The page's port; 0: any.")] = 0,
+    fast: Annotated[
+        bool, typer.Option("--fast-path/--no-fast-path", help="Answer reports in one compiled step where it can.")
+    ] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Play a table: turn touches into commands for the firmware.
 
-    @app.command("run")
-    def run_command(
-        table_path: Annotated[Path, typer.Argument(metavar="TABLE", help="A built table.")],
-        touch: TouchOption,
-        port_name: Annotated[str, typer.Option("--port", help="The firmware's serial port, as `list` shows it.")],
-        effects_path: EffectsOption = None,
-        when_not_achieved: NotAchievedOption = WhenNotAchieved.WARN,
-        seconds: Annotated[float, typer.Option("--for", min=0.0, help="End after this time of playing.")] = math.inf,
-        device_name: Annotated[
-            str | None, typer.Option("--device", help="Refuse the table unless it belongs to this device.")
-        ] = None,
-        bit_rate_hz: Annotated[int, typer.Option("--bit-rate", min=1, help="Of the port, bit/s.")] = 115_200,
-        reconnect: Annotated[
-            bool, typer.Option("--reconnect", help="Greet and arm again a device that stopped itself or was unplugged.")
-        ] = False,
-        steps: RealTimeOption = "collector",
-        recording_path: Annotated[
-            Path | None, typer.Option("--record", help="Another process writes the touches here, in hid-recorder form.")
-        ] = None,
-        ring_path: Annotated[
-            Path | None,
-            typer.Option("--ring", help="Shared memory for other processes that look on (engine/loop/ring.py)."),
-        ] = None,
-        watch: Annotated[
-            bool, typer.Option(help="Change over to a new table that takes this one's place, once it is verified.")
-        ] = True,
-        page: Annotated[bool, typer.Option("--page", help="Another process shows the run to browsers.")] = False,
-        page_host: Annotated[str, typer.Option("--page-host", help="Bind the page to this address.")] = "127.0.0.1",
-        page_port: Annotated[int, typer.Option("--page-port", min=0, max=65_535, help="Of the page; 0: any free.")] = 0,
-        fast: Annotated[
-            bool, typer.Option("--fast-path/--no-fast-path", help="Answer what it can in one compiled step.")
-        ] = True,
-        as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
-    ) -> None:
-        """Play a table: what fingers do on a digitizer becomes what they feel, until Ctrl-C."""
-        clock = SystemClock()
-        identity = identity_of(table_path) if table_path.is_file() else (0, 0, 0)
-        device = None if device_name is None else find_device(device_name)
-        with Table.open(table_path, device=device) as table, ExitStack() as stack:
-            effects = _effects_of(effects_path, table.device)
-            options = LiveOptions(
-                effects, when_not_achieved, reconnect, bit_rate_hz, real_time_steps(steps), fast=_compiled(fast)
-            )
-            source, bus = stack.enter_context(_opened(asked, touch))
-            ring = stack.enter_context(ring_for(ring_path, is_needed=page or recording_path is not None))
-            stop = stack.enter_context(stop_at_signal())
-            port = SerialPort(port_name, bit_rate_hz)
-            name = stable_name_of(port_name) if reconnect else port_name
-            reopening = ReopeningPort(_told(lambda: SerialPort(name, bit_rate_hz)), port)
-            stack.callback(reopening.close)
-            found_again = reopening if reconnect else None
-            zones = tuple(zone.name for zone in table.device.zones)
+    Ctrl-C ends the run; the firmware falls silent, and a summary is printed.
+    """
+    clock = SystemClock()
+    identity = identity_of(table_path) if table_path.is_file() else (0, 0, 0)
+    device = None if device_name is None else find_device(device_name)
+    with Table.open(table_path, device=device) as table, ExitStack() as stack:
+        effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, table.device)
+        options = LiveOptions(
+            effects, when_not_achieved, reconnect, bit_rate_hz, real_time_steps(steps), fast=_compiled(fast)
+        )
+        source, bus = stack.enter_context(_opened(machine_of(context), touch))
+        ring = stack.enter_context(ring_for(ring_path, is_needed=page or recording_path is not None))
+        stop = stack.enter_context(stop_at_signal())
+        port = SerialPort(port_name, bit_rate_hz)
+        name = stable_name_of(port_name) if reconnect else port_name
+        reopening = ReopeningPort(_told(lambda: SerialPort(name, bit_rate_hz)), port)
+        stack.callback(reopening.close)
+        found_again = reopening if reconnect else None
+        zones = tuple(zone.name for zone in table.device.zones)
 
-            def watched(capabilities: Capabilities) -> Updates:
-                asked = Watched(table_path, identity, zones, effects, capabilities, when_not_achieved, bit_rate_hz)
-                return stack.enter_context(TableWatch(asked))
+        def watched(capabilities: Capabilities) -> Updates:
+            asked = Watched(table_path, identity, zones, effects, capabilities, when_not_achieved, bit_rate_hz)
+            return stack.enter_context(TableWatch(asked))
 
-            live = Live(
-                table, source, port, clock, options, reopening=found_again, ring=ring, watch=watched if watch else None
-            )
-            if ring is not None and recording_path is not None:
-                stack.enter_context(recorder_of(ring.path, recording_path, source, bus))
-            if ring is not None and page:
-                shown = PageOf(ring.path, table_path, live.capabilities.frequency_resolution_hz, page_host, page_port)
-                for line in stack.enter_context(page_of(shown)):
-                    _note(line)
-            _announce(source, port, live, when_not_achieved)
-            start_ns = clock.now_ns()
-            try:
-                with live.armed():
-                    live.loop.run(Deadline(stop, clock, clock.now_ns() + seconds * _NS_PER_S))
-            finally:
-                where = {"table": str(table_path), "device": table.device.name, "port": port.path}
-                _print_summary(where | run_json(live, source, clock.now_ns() - start_ns), as_json)
+        live = Live(
+            table, source, port, clock, options, reopening=found_again, ring=ring, watch=watched if watch else None
+        )
+        if ring is not None and recording_path is not None:
+            stack.enter_context(recorder_of(ring.path, recording_path, source, bus))
+        if ring is not None and page:
+            shown = PageOf(ring.path, table_path, live.capabilities.frequency_resolution_hz, page_host, page_port)
+            for line in stack.enter_context(page_of(shown)):
+                note(line)
+        _announce(source, port, live, when_not_achieved)
+        start_ns = clock.now_ns()
+        try:
+            with live.armed():
+                live.loop.run(Deadline(stop, clock, clock.now_ns() + seconds * _NS_PER_S))
+        finally:
+            where = {"table": str(table_path), "device": table.device.name, "port": port.path}
+            summary = where | run_json(live, source, clock.now_ns() - start_ns)
+            show(summary, as_json, lambda _, summary: _print_summary(summary))
 
 
 def _compiled(is_wanted: bool) -> ctypes.CDLL | None:
     try:
         return compile_fast_path(cache_folder()) if is_wanted else None
     except FastPathError as error:
-        _note(f"commands take the loop's own way: {error}")
+        note(f"commands take the loop's own way: {error}")
         return None
 
 
 def real_time_steps(text: str) -> tuple[Step, ...]:
-    """The steps that an option names; a word that is none is a usage error."""
+    """Read the real-time steps of an option; an unknown word is a usage error."""
     try:
         return parse_steps(text)
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
 
 
-def _effects_of(path: Path | None, device: Device) -> Effects:
-    return DEFAULT_EFFECTS if path is None else read_effects(path, device)
-
-
 @contextmanager
 def _opened(machine: Machine, name: str) -> Iterator[tuple[Source, int]]:
-    """A recording where there is such a file, else a digitizer; devices are files too, but not plain ones.
-
-    With the number of its bus.
-    """
+    """A source and the number of its bus: a recording where there is a plain file of that name, else a digitizer."""
     if Path(name).is_file():
         recording = read_recording(Path(name))
         yield Playback(recording), recording.bus
@@ -188,7 +172,7 @@ def _opened(machine: Machine, name: str) -> Iterator[tuple[Source, int]]:
 
 
 def _told(open_port: Callable[[], SerialPort]) -> Callable[[], SerialPort]:
-    """The same, and people are told: once why the port cannot be opened, and when it is open again."""
+    """Wrap `open_port` with notes: one when the port cannot be opened, and one when it is open again."""
     is_told = False
 
     def open_and_tell() -> SerialPort:
@@ -197,39 +181,35 @@ def _told(open_port: Callable[[], SerialPort]) -> Callable[[], SerialPort]:
             port = open_port()
         except LinkError as error:
             if not is_told:
-                _note(f"the port is lost, and looked for until it is back or Ctrl-C: {error}")
+                note(f"the port is lost, and looked for until it is back or Ctrl-C: {error}")
             is_told = True
             raise
         is_told = False
-        _note(f"{port.path} is open again")
+        note(f"{port.path} is open again")
         return port
 
     return open_and_tell
 
 
-def _note(text: str) -> None:
-    _errors.print(f"note: {text}", style="yellow", markup=False, highlight=False, soft_wrap=True)
-
-
 def _announce(source: Source, port: SerialPort, live: Live, when_not_achieved: WhenNotAchieved) -> None:
     simulated = ", SIMULATED firmware" if live.capabilities.board == BOARD_EMULATED else ""
-    _errors.print(f"{source.name} to {port.path}{simulated}; Ctrl-C ends", markup=False, soft_wrap=True)
+    ERRORS.print(f"{source.name} to {port.path}{simulated}; Ctrl-C ends", markup=False, soft_wrap=True)
     if when_not_achieved is WhenNotAchieved.WARN:
         for level_db, states in live.renderer.shortfalls.items():
             if states:
-                _note(f"{states} states do not reach {level_db:g} dB: they are played as strong as they get")
+                note(f"{states} states do not reach {level_db:g} dB: they are played as strong as they get")
         for level_db, clicks in live.renderer.click_shortfalls.items():
             if clicks:
                 unfelt = "without being felt by quiet fingers: they are played as strong as they get"
-                _note(f"{clicks} of {live.clicks} clicks do not reach {level_db:g} dB {unfelt}")
+                note(f"{clicks} of {live.clicks} clicks do not reach {level_db:g} dB {unfelt}")
     if live.no_fast_path:
-        _note(live.no_fast_path)
+        note(live.no_fast_path)
     if live.wants_clicks and not live.clicks:
-        _note("no clicks: the table has none, or the device plays no waveforms; steady drives take their place")
+        note("no clicks: the table has none, or the device plays no waveforms; steady drives take their place")
 
 
 def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
-    """What a run did, as plain values."""
+    """Counters and times of a run as plain values."""
     counters, latency = live.loop.counters, live.latency.summarise(Stage.AVAILABLE, Stage.WRITTEN)
     scans = live.scan_times.summarise()
     return {
@@ -257,10 +237,7 @@ def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
     }
 
 
-def _print_summary(summary: dict[str, Any], as_json: bool) -> None:
-    if as_json:
-        print(json.dumps(summary, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
-        return
+def _print_summary(summary: dict[str, Any]) -> None:
     names = ("reports", "touch_frames", "state_changes", "commands_sent", "set_frames_on_the_wire")
     told = [f"{summary[name]} {name.replace('_', ' ')}" for name in names]
     rare = (
@@ -272,16 +249,16 @@ def _print_summary(summary: dict[str, Any], as_json: bool) -> None:
         "reconnects",
     )
     told += [f"{summary[name]} {name.replace('_', ' ')}" for name in rare if summary[name]]
-    _out.print(f"{summary['duration_s']:.1f} s: {', '.join(told)}", highlight=False, soft_wrap=True)
+    OUT.print(f"{summary['duration_s']:.1f} s: {', '.join(told)}", highlight=False, soft_wrap=True)
     for step in summary["realtime"]:
         if not step["in_force"]:
-            _out.print(f"{step['step']}: {step['finding']}; {step['remedy']}", markup=False, soft_wrap=True)
+            OUT.print(f"{step['step']}: {step['finding']}; {step['remedy']}", markup=False, soft_wrap=True)
     if latency := summary["report_to_command"]:
         figures = f"median {latency['p50_ns'] / 1e6:.2f} ms, greatest {latency['max_ns'] / 1e6:.2f} ms"
-        _out.print(f"report to command: {figures} of {latency['count']}", highlight=False)
+        OUT.print(f"report to command: {figures} of {latency['count']}", highlight=False)
     if scans := summary["scan_time"]:
         period_ms, jitter_ms = scans["period_ns"] / 1e6, scans["jitter_p99_ns"] / 1e6
         text = (
             f"digitizer: a frame each {period_ms:.1f} ms by its own clock; host and transport add up to {jitter_ms:.1f}"
         )
-        _out.print(f"{text} ms (99 %)", highlight=False)
+        OUT.print(f"{text} ms (99 %)", highlight=False)

@@ -1,129 +1,176 @@
-"""The commands around touch devices: list, record, doctor, map."""
+"""Commands around touch digitizers: list, doctor, map, record, replay."""
 
-import json
 import math
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
+from rich.markup import escape
 from rich.table import Table as Grid
 
-from engine.loop.loop import SystemClock
-from engine.touch.sources.recording import write_recording
+from tactable.cli.console import ERRORS, OUT, note, print_json, say, show
+from tactable.cli.options import AsJson, BitRate
 from tactable.digitizers.axis_map import LearntAxis, digitizer_table
-from tactable.digitizers.listing import list_devices
-from tactable.digitizers.record import learn_from_recording, learn_live, opened, record_source, stop_at_signal
-from tactable.doctor.check import Check
-from tactable.doctor.layers import check_layers, measure_layers
-from tactable.doctor.machine import check_machine
-from tactable.doctor.tables import check_fast_path, check_kernels, check_tables
-from tactable.doctor.touch import Machine, examine, rules_text
+from tactable.digitizers.listing import list_devices as find_devices
+from tactable.doctor.touch import Machine
 from tactable.shipped import cache_folder, find_device
 
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
-DeviceOption = Annotated[
-    str, typer.Argument(metavar="DEVICE", help="Path, stable id, serial number or vendor:product, as `list` shows.")
+DigitizerName = Annotated[
+    str,
+    typer.Argument(metavar="DEVICE", help="Path, stable id, serial number or vendor:product, as in `tactable list`."),
 ]
-_out = Console()
-_errors = Console(stderr=True)
 
 
-def register(app: typer.Typer, machine: Machine | None = None) -> None:
-    """Add the commands to `app`; they ask `machine`, by default the one they run on."""
-    asked = machine or Machine()
+def machine_of(context: typer.Context) -> Machine:
+    """The machine that the commands ask: this one, or the one that the caller of the command line handed in."""
+    return context.obj if isinstance(context.obj, Machine) else Machine()
 
-    @app.command("list")
-    def list_command(as_json: AsJson = False) -> None:
-        """Digitizers and serial ports of this machine, each with a name that stays the same."""
-        listing = list_devices(asked)
-        if as_json:
-            _print_json(listing)
-        else:
-            _print_listing(listing)
 
-    @app.command()
-    def record(
-        device: DeviceOption,
-        output: Annotated[Path, typer.Option("-o", "--output", help="The recording, in hid-recorder form.")],
-        seconds: Annotated[float, typer.Option(min=0.0, help="End after this time; default: at Ctrl-C.")] = math.inf,
-        as_json: AsJson = False,
-    ) -> None:
-        """Record what a digitizer reports, until Ctrl-C or until it is unplugged."""
-        with opened(asked, device) as (source, bus), stop_at_signal() as stop:
-            _errors.print(f"recording {source.name}; touch it, Ctrl-C ends", markup=False)
-            recording = record_source(source, bus, SystemClock(), stop, seconds)
-        write_recording(recording, output)
-        duration_s = recording.reports[-1].time_s if recording.reports else 0.0
+def list_devices(context: typer.Context, as_json: AsJson = False) -> None:
+    """List the touch digitizers and serial ports of this machine.
+
+    Each has a name that stays the same when it is plugged into another port.
+    """
+    show(find_devices(machine_of(context)), as_json, lambda _, listing: _print_listing(listing))
+
+
+def record(
+    context: typer.Context,
+    device: DigitizerName,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The recording, in hid-recorder format.")],
+    seconds: Annotated[float, typer.Option(min=0.0, help="End after this time; default: at Ctrl-C.")] = math.inf,
+    as_json: AsJson = False,
+) -> None:
+    """Record what a digitizer reports.
+
+    The recording ends at Ctrl-C, after --seconds, or when the digitizer is unplugged.
+    """
+    from engine.loop.loop import SystemClock
+    from engine.touch.sources.recording import write_recording
+    from tactable.digitizers.record import opened, record_source, stop_at_signal
+
+    with opened(machine_of(context), device) as (source, bus), stop_at_signal() as stop:
+        ERRORS.print(f"recording {source.name}; touch it, Ctrl-C ends", markup=False)
+        recording = record_source(source, bus, SystemClock(), stop, seconds)
+    write_recording(recording, output)
+    duration_s = recording.reports[-1].time_s if recording.reports else 0.0
+    if as_json:
         summary = {"recording": str(output), "name": recording.name, "reports": len(recording.reports)}
-        if as_json:
-            _print_json({**summary, "duration_s": duration_s})
-        else:
-            _out.print(f"{output}: {len(recording.reports)} reports in {duration_s:.1f} s", markup=False)
+        print_json({**summary, "duration_s": duration_s})
+    else:
+        say(f"{output}: {len(recording.reports)} reports in {duration_s:.1f} s")
 
-    @app.command()
-    def doctor(
-        device: Annotated[
-            str | None, typer.Argument(help="With --emit-udev: the digitizer or serial port; default: all.")
-        ] = None,
-        emit_udev: Annotated[bool, typer.Option("--emit-udev", help="Print the udev rule, and nothing else.")] = False,
-        tables: Annotated[
-            list[Path] | None, typer.Option("--table", help="Also this table; default: those in this folder.")
-        ] = None,
-        bit_rate_hz: Annotated[int, typer.Option("--bit-rate", min=1, help="The port will have, bit/s.")] = 115_200,
-        measures: Annotated[bool, typer.Option("--measure/--no-measure", help="Which layer costs most.")] = True,
-        as_json: AsJson = False,
-    ) -> None:
-        """Look whether touches can be read and commands be written here, how fast, and what to do about it.
 
-        Exit status 1 where something fails; what is only slow is told.
-        """
-        if emit_udev:
-            rules = rules_text(asked, device)
-            if as_json:
-                _print_json({"rules": rules})
-            else:
-                print(rules)  # noqa: T201  # for a file
-            return
-        checks = [
-            *examine(asked),
-            *check_machine(asked.files),
-            *check_tables(tables or sorted(Path().glob("*.nc"))),
-            check_kernels(),
-            check_fast_path(cache_folder()),
-            *(check_layers(measure_layers(bit_rate_hz)) if measures else ()),
-        ]
-        if as_json:
-            _print_json([{**asdict(check), "passed": check.passed} for check in checks])
-        else:
-            _print_checks(checks)
-        if not all(check.passed or not check.needed for check in checks):
-            raise typer.Exit(1)
+def replay(
+    recording_path: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording in hid-recorder format.")],
+    frames: Annotated[bool, typer.Option("--frames", help="Print every complete touch frame.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Decode a recording as the engine does, all at once."""
+    from engine.touch import open_digitizer
+    from engine.touch.sources.recording import read_recording
 
-    @app.command("map")
-    def map_command(
-        name: Annotated[str, typer.Argument(metavar="DEVICE_OR_RECORDING", help="A digitizer, or a recording of one.")],
-        device_name: Annotated[
-            str | None, typer.Option("--device", help="The bar's device file or shipped name, for its length.")
-        ] = None,
-        as_json: AsJson = False,
-    ) -> None:
-        """Learn how the digitizer lies on the bar: draw one finger along it, from its start to its end."""
-        bar_mm = None if device_name is None else 1e3 * find_device(device_name).bar.length_m
-        path = Path(name)
-        if path.is_file():
-            learnt = learn_from_recording(path, bar_mm)
-        else:
-            _errors.print("draw one finger along the bar, from its start to its end; Ctrl-C ends")
-            learnt = learn_live(asked, name, bar_mm)
+    recording = read_recording(recording_path)
+    digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
+    completed = 0
+    for report in recording.reports:
+        frame = digitizer.decode_report(report.data, round(report.time_s * 1e9))
+        if frame is None:
+            continue
+        completed += 1
+        contacts = [{"id": c.contact_id, "x": c.x, "y": c.y, "tip": c.tip} for c in frame.contacts]
+        if frames and as_json:
+            print_json({"report": report.index, "t_s": report.time_s, "contacts": contacts}, indent=None)
+        elif frames:
+            shown = "  ".join(f"{c['id']}: {c['x']},{c['y']}{'' if c['tip'] else ' hovers'}" for c in contacts)
+            say(f"{report.index:6d} {report.time_s:10.4f} s  {shown or 'nothing'}")
+    if frames:
+        return
+    kind, count = digitizer.surface.kind.name, len(recording.reports)
+    if as_json:
+        print_json({"name": recording.name, "kind": kind, "reports": count, "touch_frames": completed})
+    else:
+        say(f"{recording.name}: {kind.lower().replace('_', ' ')}, {count} reports, {completed} touch frames")
+
+
+def doctor(
+    context: typer.Context,
+    device: Annotated[
+        str | None, typer.Argument(help="With --emit-udev: the digitizer or serial port; default: all.")
+    ] = None,
+    emit_udev: Annotated[bool, typer.Option("--emit-udev", help="Print the udev rule, and nothing else.")] = False,
+    tables: Annotated[
+        list[Path] | None, typer.Option("--table", help="Also check this table; default: those in this folder.")
+    ] = None,
+    bit_rate_hz: BitRate = 115_200,
+    measures: Annotated[bool, typer.Option("--measure/--no-measure", help="Measure which layer is slowest.")] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Check whether touches can be read and commands written, and how fast.
+
+    Every check that does not pass comes with its remedy. Exit status 1: a needed check failed; a slow one does not
+    count as failed.
+    """
+    from tactable.doctor.layers import check_layers, measure_layers
+    from tactable.doctor.machine import check_machine
+    from tactable.doctor.tables import check_fast_path, check_kernels, check_tables
+    from tactable.doctor.touch import examine, rules_text
+
+    machine = machine_of(context)
+    if emit_udev:
+        rules = rules_text(machine, device)
         if as_json:
-            _print_json(map_json(learnt))
+            print_json({"rules": rules})
         else:
-            print(digitizer_table(learnt))  # noqa: T201  # for a file
-        for note in learnt.notes:
-            _errors.print(f"note: {note}", style="yellow", markup=False, soft_wrap=True)
+            print(rules)  # noqa: T201  # for a file
+        return
+    checks = [
+        *examine(machine),
+        *check_machine(machine.files),
+        *check_tables(tables or sorted(Path().glob("*.nc"))),
+        check_kernels(),
+        check_fast_path(cache_folder()),
+        *(check_layers(measure_layers(bit_rate_hz)) if measures else ()),
+    ]
+    if as_json:
+        print_json([{**asdict(check), "passed": check.passed} for check in checks])
+    for check in () if as_json else checks:
+        mark, style = ("ok  ", "green") if check.passed else ("FAIL", "red") if check.needed else ("slow", "yellow")
+        OUT.print(f"{mark} {check.name}: {check.finding}", style=style, markup=False, soft_wrap=True)
+        if not check.passed:
+            OUT.print(f"     {check.remedy}", markup=False, soft_wrap=True)
+    if not all(check.passed or not check.needed for check in checks):
+        raise typer.Exit(1)
+
+
+def map_axis(
+    context: typer.Context,
+    name: Annotated[str, typer.Argument(metavar="DEVICE_OR_RECORDING", help="A digitizer, or a recording of one.")],
+    device_name: Annotated[
+        str | None, typer.Option("--device", help="The bar's device file or shipped name, for its length.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Learn how the digitizer lies on the bar from one finger drawn along it.
+
+    Draw from the bar's start to its end. What is printed is the [digitizer] table of the device file.
+    """
+    from tactable.digitizers.record import learn_from_recording, learn_live
+
+    bar_mm = None if device_name is None else 1e3 * find_device(device_name).bar.length_m
+    path = Path(name)
+    if path.is_file():
+        learnt = learn_from_recording(path, bar_mm)
+    else:
+        ERRORS.print("draw one finger along the bar, from its start to its end; Ctrl-C ends")
+        learnt = learn_live(machine_of(context), name, bar_mm)
+    if as_json:
+        print_json(map_json(learnt))
+    else:
+        print(digitizer_table(learnt))  # noqa: T201  # for a file
+    for text in learnt.notes:
+        note(text)
 
 
 def _print_listing(listing: dict[str, list[Any]]) -> None:
@@ -133,26 +180,18 @@ def _print_listing(listing: dict[str, list[Any]]) -> None:
         size = " x ".join("?" if length is None else f"{length:.0f}" for length in sizes)
         maximum = "?" if row["contact_maximum"] is None else str(row["contact_maximum"])
         cells = (row["name"], row["stable_id"], row["source"], size, maximum, "yes" if row["usable"] else "NO")
-        grid.add_row(*map(_plain, cells))
-    _out.print(grid)
+        grid.add_row(*map(escape, cells))
+    OUT.print(grid)
     for problem in (*(row["problem"] for row in listing["digitizers"] if row["problem"]), *listing["problems"]):
-        _out.print(problem, style="yellow", markup=False, soft_wrap=True)
+        OUT.print(problem, style="yellow", markup=False, soft_wrap=True)
     ports = Grid("serial port", "choose it by", "what it says")
     for row in listing["serial_ports"]:
-        ports.add_row(row["path"], _plain(row["stable_id"]), _plain(row["description"]))
-    if listing["serial_ports"]:
-        _out.print(ports)
-    else:
-        _out.print("no serial port")
-
-
-def _plain(text: str) -> str:
-    """Text of a device in a table: its brackets are no markup."""
-    return text.replace("[", r"\[")
+        ports.add_row(*map(escape, (row["path"], row["stable_id"], row["description"])))
+    OUT.print(ports if listing["serial_ports"] else "no serial port")
 
 
 def map_json(learnt: LearntAxis) -> dict[str, Any]:
-    """What was learnt, for machines; lengths are None where neither bar nor device states one."""
+    """The axis that was learnt; lengths are None where neither bar nor device states one."""
     bar_mm = learnt.bar_mm
     return {
         "axis": learnt.axis,
@@ -168,19 +207,3 @@ def map_json(learnt: LearntAxis) -> dict[str, Any]:
         "notes": list(learnt.notes),
         "table": digitizer_table(learnt),
     }
-
-
-# ---- doctor ----------------------------------------------------------------------------------------------
-
-
-def _print_checks(checks: list[Check]) -> None:
-    for check in checks:
-        mark, style = ("ok  ", "green") if check.passed else ("FAIL", "red") if check.needed else ("slow", "yellow")
-        _out.print(f"{mark} {check.name}: {check.finding}", style=style, markup=False, soft_wrap=True)
-        if not check.passed:
-            _out.print(f"     {check.remedy}", markup=False, soft_wrap=True)
-
-
-def _print_json(value: object) -> None:
-    json.dump(value, sys.stdout, indent=2)
-    sys.stdout.write("\n")

@@ -6,10 +6,11 @@ from engine.touch import DescriptorError, Digitizer, DigitizerError, open_digiti
 from engine.touch.sources.evdev import find_evdev_digitizers, open_evdev
 from engine.touch.sources.hid_discovery import HidDigitizer, HidSystem, find_digitizers
 from engine.touch.sources.recording import read_recording
-from tactable.digitizers.record import SIMULATED
 from tactable.doctor.touch import Machine, find_problem, open_found
 from tactable.shipped import DEMO_RECORDING
 
+SIMULATED = "simulated"
+"""Stable id of the simulated digitizer: the touches of the demo, played once."""
 _MARK = "SIMULATED"
 
 

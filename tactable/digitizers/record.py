@@ -16,11 +16,10 @@ from engine.touch.sources.hidraw import open_hidraw
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording, Report, read_recording
 from tactable.digitizers.axis_map import LearntAxis, Stroke, StrokeCollector, collect_stroke, learn_axis
+from tactable.digitizers.listing import SIMULATED
 from tactable.doctor.touch import Machine
 from tactable.shipped import DEMO_RECORDING
 
-SIMULATED = "simulated"
-"""Stable id of the simulated digitizer: the touches of the demo, played once."""
 _EVDEV_FOLDER = "/dev/input/"
 _NS_PER_S = 1_000_000_000
 _LONGEST_WAIT_NS = 100_000_000

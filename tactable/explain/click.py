@@ -17,7 +17,7 @@ from precompute.clicks import ClickOptions
 from precompute.clicks.evaluation import Levels
 from tactable.explain.click_rivals import Rival, solve_rivals
 from tactable.explain.click_source import ClickSource
-from tactable.figures.style import level_text, state_text, zone_names
+from tactable.explain.words import level_text, state_text, zone_names
 
 _PERCENTILES = {"5 %": "low_db", "50 %": "middle_db", "95 %": "high_db"}
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.table import ClickEntry
 from engine.touch import ZoneState
+from firmware_link.protocol.errors import TactableError
 from precompute.clicks.basis import RINGDOWN_S
 from precompute.entries.prediction import touched_zones
 from precompute.model.assembly import assemble
@@ -17,7 +18,6 @@ from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transient import TransientPlant
 from tactable.explain.click_course import played_displacement
-from tactable.figures.file import FigureError
 
 Array = NDArray[np.float64]
 
@@ -27,6 +27,10 @@ PAUSE_S = 0.5
 LOUDEST = 0.9 * 32_767
 """Of a sample: converters overshoot between samples."""
 _CHANNEL_NAMES = {1: "one after another", 2: "felt left, quiet right"}
+
+
+class SoundError(TactableError):
+    """A sound cannot be made as asked; the message names the file or option and the remedy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,23 +56,23 @@ class Sound:
 
 
 def check_sound_path(path: Path) -> None:
-    """Raise FigureError for another ending or a folder that does not exist, before work is done."""
+    """Raise SoundError for another ending or a folder that does not exist, before work is done."""
     if path.suffix.lower() != ".wav":
-        raise FigureError(f"{path}: a sound ends in .wav; choose such a name")
+        raise SoundError(f"{path}: a sound ends in .wav; choose such a name")
     if not path.parent.is_dir():
-        raise FigureError(f"{path.parent}: no such folder; create it or choose another output")
+        raise SoundError(f"{path.parent}: no such folder; create it or choose another output")
 
 
 def make_sound(device: Device, click: ClickEntry, *, is_weighted: bool, is_stereo: bool) -> Sound:
     """Felt fingers, then quiet ones, a pause between; or the felt one left and the quiet one right.
 
-    Raises FigureError for stereo of other than one felt and one quiet finger.
+    Raises SoundError for stereo of other than one felt and one quiet finger.
     """
     touched = touched_zones(click.states)
     order = sorted(touched, key=lambda zone: click.states[zone] is ZoneState.QUIET)
     kinds = [click.states[zone] for zone in order]
     if is_stereo and kinds != [ZoneState.FELT, ZoneState.QUIET]:
-        raise FigureError("--stereo is for one felt and one quiet finger; without it all are heard one after another")
+        raise SoundError("--stereo is for one felt and one quiet finger; without it all are heard one after another")
     heard = compute_felt(device, click, is_weighted=is_weighted)[:, [touched.index(zone) for zone in order]]
     if not is_stereo:
         pause = np.zeros((round(PAUSE_S * SOUND_RATE_HZ), len(order)))

@@ -1,6 +1,5 @@
 """Parts that the figures share: colours, zones, actuators, the note on estimates, and the frame of a picture."""
 
-import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,10 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.plain import to_plain
 from engine.touch import ZoneState
+from tactable.explain.words import level_text as level_text
+from tactable.explain.words import state_text as state_text
+from tactable.explain.words import zone_lists as zone_lists
+from tactable.explain.words import zone_names as zone_names
 from tactable.figures.file import Picture
 
 if TYPE_CHECKING:  # as in file.py: pages use the words of this module, and draw nothing
@@ -39,26 +42,6 @@ STANDARD_GRAVITY_M_PER_S2 = 9.80665
 _NOTE_LETTERS_PER_INCH = 16
 Array = NDArray[np.float64]
 Columns = Mapping[str, Sequence[Any] | NDArray[Any]]
-
-
-def level_text(level_db: float) -> str:
-    """A level in words, such as "20 dB"; an infinite one is full scale."""
-    return "full scale" if math.isinf(level_db) else f"{level_db:g} dB"
-
-
-def zone_names(device: Device, states: Sequence[ZoneState], kind: ZoneState) -> list[str]:
-    """Names of the zones in one state."""
-    return [zone.name for zone, state in zip(device.zones, states, strict=True) if state is kind]
-
-
-def zone_lists(device: Device, states: Sequence[ZoneState]) -> dict[str, list[str]]:
-    """Names of the felt and of the quiet zones, for a summary."""
-    return {kind.name.lower(): zone_names(device, states, kind) for kind in (ZoneState.FELT, ZoneState.QUIET)}
-
-
-def state_text(device: Device, states: Sequence[ZoneState]) -> str:
-    """States of the zones in words, such as "I felt, IV quiet"."""
-    return ", ".join(f"{', '.join(names)} {kind}" for kind, names in zone_lists(device, states).items() if names)
 
 
 def draw_zones(axes: "Axes", device: Device, states: Sequence[ZoneState]) -> None:

@@ -27,6 +27,7 @@ from engine.touch.digitizer import Bits, NumberBits, ReportPlan, SlotPlan
 from engine.touch.quirks import Key
 from engine.touch.sources import Source
 from firmware_link.host.link import Link
+from firmware_link.protocol.errors import TactableError
 from firmware_link.protocol.messages import Play, Set, seed_of
 
 SOURCE = Path(__file__).with_name("step.c")
@@ -42,7 +43,7 @@ _KEYS = (Key.CONTACT_ID, Key.SLOT_IS_CONTACT_ID, Key.SLOT_IS_CONTACT_ID_MINUS_ON
 _TRIGGERS = (Trigger.TOUCH, Trigger.LIFT)
 
 
-class FastPathError(Exception):
+class FastPathError(TactableError):
     """There is no compiled step here: why, and what would give one."""
 
 

@@ -13,8 +13,8 @@ from engine.table import Table
 from engine.table.history import previous_of
 from precompute.builder.build import build_table
 from precompute.builder.incremental import Part, outdated_parts
-from precompute.clicks import ClickOptions
-from tactable.cli.calibrate import EXIT_DOUBTFUL
+from precompute.clicks.options import ClickOptions
+from tactable.cli.console import EXIT_DOUBTFUL
 from tactable.cli.main import app
 from tests.precompute.builder.test_build import SMALL
 from tests.precompute.builder.test_incremental import arrays
@@ -73,7 +73,7 @@ def test_the_table_is_built_for_the_new_bar_as_it_was_built_before(folder: Path)
 def test_asked_again_it_goes_on_where_it_was_and_then_does_nothing(folder: Path) -> None:
     first = apply("--no-clicks")
     assert first.exit_code == 0, first.output
-    assert "its clicks are still those of the bar before" in first.stdout
+    assert "its clicks are still those of the previous bar" in first.stdout
     with Table.open(folder / "bar.nc") as table:
         assert outdated_parts(table) == (Part.CLICKS,)
         assert [click.samples.tobytes() for click in table.clicks]
@@ -84,7 +84,7 @@ def test_asked_again_it_goes_on_where_it_was_and_then_does_nothing(folder: Path)
     report = (folder / "new" / "report.json").read_bytes()
     second = apply()
     assert second.exit_code == 0, second.output
-    assert "was put in place before" in second.stdout and "clicks made anew" in second.stdout
+    assert "was put in place before" in second.stdout and "clicks remade" in second.stdout
     with Table.open(folder / "bar.nc") as table:
         assert table.entries == entries and not outdated_parts(table)
     with Table.open(previous_of(folder / "bar.nc"), device=DEVICE):
@@ -100,7 +100,7 @@ def test_a_doubtful_fit_leaves_the_table_unless_it_is_wanted_all_the_same(folder
     strict = ("--accept", "0.001 %", "--no-clicks")
     done = apply(*strict)
     assert done.exit_code == EXIT_DOUBTFUL
-    assert "left as it was, for the doubts" in done.stdout
+    assert "left as it was, because the fit is doubtful" in done.stdout
     assert (folder / "bar.nc").read_bytes() == before and not previous_of(folder / "bar.nc").exists()
     assert (folder / "new" / "report.md").is_file()
     assert apply(*strict, "--despite-doubts").exit_code == 0

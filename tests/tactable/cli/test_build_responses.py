@@ -8,8 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from engine.table import Table
-from precompute.measurements import Kind
+from firmware_link.protocol.errors import TactableError
 from precompute.measurements.csv import write_csv
+from precompute.measurements.types import Kind
 from tactable.cli.main import app
 from tests.precompute.fleet.small_fleet import small_text
 from tests.precompute.measurements.test_responses import COARSE, rows
@@ -47,6 +48,6 @@ def test_it_says_what_is_measured_and_what_is_an_estimate(folder: Path) -> None:
 )
 def test_a_file_that_is_none_is_refused(folder: Path, words: tuple[str, ...], part: str) -> None:
     done = CliRunner().invoke(app, ["build", "bar.toml", "-o", "bar.nc", "--responses", *words])
-    assert isinstance(done.exception, ValueError | OSError)
+    assert isinstance(done.exception, TactableError | OSError)
     assert part in str(done.exception)
     assert not (folder / "bar.nc").exists()

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from engine.device import Device
-from tactable.cli.calibrate import EXIT_DOUBTFUL
+from tactable.cli.console import EXIT_DOUBTFUL
 from tactable.cli.main import app, main
 
 ROOT = Path(__file__).parents[3]

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from firmware_link.protocol.errors import TactableError
 from tactable.cli.main import app
 from tests.precompute.fleet.small_fleet import small_text, write_unit
 
@@ -69,6 +70,6 @@ def test_what_cannot_be_run_is_refused_before_anything_is_done(
     monkeypatch.chdir(folder)
     before = sorted(folder.rglob("*"))
     done = CliRunner().invoke(app, ["fleet", *words])
-    assert isinstance(done.exception, ValueError | OSError)
+    assert isinstance(done.exception, TactableError | OSError)
     assert part in str(done.exception)
     assert sorted(folder.rglob("*")) == before

@@ -52,7 +52,7 @@ def test_a_figure_comes_with_its_data_and_a_summary(
 
 def test_a_sound_is_written_beside_the_picture(click_table: Path, run: Any, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(*WORDS["click"], "--sound", "click.wav") == 0
-    caption, picture, sound = capsys.readouterr().out.splitlines()
+    sound, caption, picture = capsys.readouterr().out.splitlines()
     assert caption.startswith("reference-a: I felt, III quiet")
     assert picture == "written: click.png"
     assert sound.startswith("written: click.wav: I, III (one after another): acceleration weighted")
@@ -78,7 +78,7 @@ def test_explain_tells_of_the_click(run: Any, capsys: pytest.CaptureFixture[str]
         (("click", "bar.nc", "--felt", "VI"), ("'VI'", "I, II, III")),
         (("click", "bar.nc", "--felt", ","), ("--felt names no zone",)),
         (("click", "bar.nc", "--felt", "I", "--quiet", "I"), ("zone I", "felt and quiet")),
-        (("click", "bar.nc", "--felt", "I", "--level", "nan"), ("--level nan",)),
+        (("click", "bar.nc", "--felt", "I", "--level", "nan"), ("--level 'nan'",)),
         (("click", "bar.nc", "--felt", "I", "-o", "click.gif"), ("click.gif", ".png, .svg, .pdf")),
         (("click", "bar.nc", "--felt", "I", "--sound", "click.mp3"), ("click.mp3", ".wav")),
         (("click", "bar.nc", "--felt", "I", "--sound", "nowhere/click.wav"), ("nowhere", "no such folder")),

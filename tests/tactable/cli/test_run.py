@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 from typer.testing import CliRunner
 
 from engine.loop.ring import Record, RingReader
@@ -24,7 +23,7 @@ from engine.touch.sources.recording import RecordingError, read_recording, write
 from firmware_link.emulator import Cause
 from firmware_link.emulator.process import EmulatorLog, RunningEmulator, run_emulator
 from firmware_link.protocol.errors import LinkError
-from tactable.cli.run import register
+from tactable.cli.main import app
 from tactable.doctor.touch import Machine
 from tactable.rig.virtual_digitizer import Stroke, make_recording
 from tactable.shipped import find_device
@@ -202,9 +201,8 @@ def test_a_refusal_names_the_thing(
     parts: list[str],
 ) -> None:
     monkeypatch.chdir(folder)
-    app = typer.Typer()
-    register(app, Machine(FakeMachine(folder).system, lambda: None, lambda: ()))
-    found = CliRunner().invoke(app, [*words, "--port", "no-such-port"]).exception
+    machine = Machine(FakeMachine(folder).system, lambda: None, lambda: ())
+    found = CliRunner().invoke(app, ["run", *words, "--port", "no-such-port"], obj=machine).exception
     assert isinstance(found, error)
     assert all(part in str(found) for part in parts)
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner, Result
@@ -28,7 +27,8 @@ from engine.touch.sources.hidraw import open_hidraw
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import read_recording, write_recording
 from firmware_link.host.serial_port import PortDescription
-from tactable.cli.touch import map_json, register
+from tactable.cli.main import app
+from tactable.cli.touch import map_json
 from tactable.digitizers.axis_map import FINGERTIP_MM, Stroke, digitizer_table, learn_axis
 from tactable.digitizers.record import learn_from_recording, record_source
 from tactable.doctor.touch import Machine, examine
@@ -57,9 +57,7 @@ class Bench:
         return Machine(self.system, lambda: None, lambda: self.ports)
 
     def run(self, *words: str) -> Result:
-        app = typer.Typer()
-        register(app, self.machine())
-        return CliRunner().invoke(app, words)
+        return CliRunner().invoke(app, words, obj=self.machine())
 
     def json(self, *words: str) -> Any:
         return json.loads(self.run(*words, "--json").stdout)
@@ -115,9 +113,8 @@ def test_a_machine_without_hidapi_still_lists_the_rest() -> None:
     def system() -> HidSystem:
         raise DigitizerError("hidapi is not installed: run `pip install hidapi`")
 
-    app = typer.Typer()
-    register(app, Machine(system, lambda: None, lambda: ()))
-    listing = json.loads(CliRunner().invoke(app, ["list", "--json"]).stdout)
+    machine = Machine(system, lambda: None, lambda: ())
+    listing = json.loads(CliRunner().invoke(app, ["list", "--json"], obj=machine).stdout)
     assert [row["stable_id"] for row in listing["digitizers"]] == ["simulated"]
     assert "pip install hidapi" in listing["problems"][0]
 
@@ -163,9 +160,8 @@ def test_a_recording_that_is_played_is_recorded_as_it_was() -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_ends_a_recording_with_a_whole_file(tmp_path: Path, number: signal.Signals) -> None:
-    script = "import typer; from tactable.cli.touch import register; a = typer.Typer(); register(a); a()"
     path = tmp_path / "bar.hid"
-    command = [sys.executable, "-c", script, "record", "simulated", "-o", str(path), "--json"]
+    command = [str(Path(sys.executable).parent / "tactable"), "record", "simulated", "-o", str(path), "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None and process.stdout is not None
         assert "Ctrl-C ends" in process.stderr.readline()

@@ -16,6 +16,7 @@ from tactable.explain.click_sound import (
     LOUDEST,
     PAUSE_S,
     SOUND_RATE_HZ,
+    SoundError,
     check_sound_path,
     compute_felt,
     make_sound,
@@ -23,7 +24,6 @@ from tactable.explain.click_sound import (
     write_sound,
 )
 from tactable.explain.click_source import ClickSource
-from tactable.figures.file import FigureError
 
 
 def click_of(source: ClickSource, felt: str, quiet: str, level_db: float = inf) -> ClickEntry:
@@ -82,7 +82,7 @@ def test_stereo_is_the_felt_finger_left_and_the_quiet_one_right(source: ClickSou
 
 @pytest.mark.parametrize(("felt", "quiet"), [("I", ""), ("I II", "")])
 def test_stereo_of_other_fingers_is_refused(source: ClickSource, felt: str, quiet: str) -> None:
-    with pytest.raises(FigureError, match="one felt and one quiet"):
+    with pytest.raises(SoundError, match="one felt and one quiet"):
         make_sound(source.table.device, click_of(source, felt, quiet), is_weighted=True, is_stereo=True)
 
 
@@ -99,7 +99,7 @@ def test_a_file_holds_the_samples(source: ClickSource, tmp_path: Path, is_stereo
 
 def test_a_path_that_takes_no_sound_is_refused(tmp_path: Path) -> None:
     check_sound_path(tmp_path / "click.wav")
-    with pytest.raises(FigureError, match=r"\.wav"):
+    with pytest.raises(SoundError, match=r"\.wav"):
         check_sound_path(tmp_path / "click.mp3")
-    with pytest.raises(FigureError, match="no such folder"):
+    with pytest.raises(SoundError, match="no such folder"):
         check_sound_path(tmp_path / "nowhere" / "click.wav")

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from tactable.cli import main as cli
+from tactable.cli import demo as cli
+from tactable.cli.main import app
 from tactable.page import opening
 from tactable.page.opening import announcement, has_browser, token_for
 from tactable.page.security import AccessPolicy
@@ -25,7 +26,7 @@ def reported(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     ) -> None:
         figures.append(figure)
 
-    monkeypatch.setattr(cli, "_report_demo", report)
+    monkeypatch.setattr(cli, "report_demo", report)
     return figures
 
 
@@ -42,7 +43,7 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> list[opening.Address]:
 
 
 def demo(*words: str) -> str:
-    found = CliRunner().invoke(cli.app, ["demo", *words])
+    found = CliRunner().invoke(app, ["demo", *words])
     assert found.exception is None or isinstance(found.exception, SystemExit), found.exception
     return found.output
 

@@ -1,4 +1,4 @@
-"""Steps of work, as they are told, to how long each of them took."""
+"""Stopwatch of a piece of work whose steps are reported as they begin."""
 
 import time
 from collections.abc import Callable
@@ -7,7 +7,7 @@ Progress = Callable[[str, float], None]
 
 
 class StepTimes:
-    """Seconds by step, from the moment it is made; a step ends when another is told."""
+    """Seconds by step, from its creation on; a step ends when another one is reported."""
 
     def __init__(self, show: Progress, step: str) -> None:
         self._show, self._step = show, step
@@ -15,20 +15,20 @@ class StepTimes:
         self._seconds: dict[str, float] = {}
 
     def tell(self, step: str, fraction: float) -> None:
-        """A `Progress`: what is being done now, and the fraction done."""
+        """Report the present step and the fraction done, and pass both on."""
         self._show(step, fraction)
         if step != self._step:
             self._end_step()
             self._step = step
 
     def read(self) -> dict[str, float]:
-        """Seconds of every step so far, in the order they began, that under way included."""
+        """Seconds of every step so far, the present one included, in the order of their beginning."""
         self._end_step()
         return dict(self._seconds)
 
     @property
     def total_s(self) -> float:
-        """Since it was made."""
+        """Seconds since its creation."""
         return time.perf_counter() - self._start_s
 
     def _end_step(self) -> None:
@@ -38,5 +38,5 @@ class StepTimes:
 
 
 def times_text(seconds: dict[str, float]) -> str:
-    """Such as "fit 0.7 s, entries 5.9 s", what took no time left out."""
+    """Such as "fit 0.7 s, entries 5.9 s", steps of no time left out."""
     return ", ".join(f"{step} {value:.2g} s" for step, value in seconds.items() if value >= 0.01)

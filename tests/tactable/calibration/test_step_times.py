@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from tactable.step_times import StepTimes, times_text
+from tactable.calibration.step_times import StepTimes, times_text
 
 
 def test_every_moment_belongs_to_a_step() -> None:

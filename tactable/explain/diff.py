@@ -1,64 +1,19 @@
-"""The command `tactable diff`: what changed between two tables, for people or for machines."""
+"""A difference of two tables as a page for people or values for machines."""
 
-import json
 import math
 from dataclasses import asdict
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
 from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text
 
-from engine.device import DeviceError
 from engine.device.values import Change, Value, number_of
-from engine.table import Table, TableError
-from engine.table.diff import (
-    DEFAULT_LIMIT_DB,
-    FigureChange,
-    PartDiff,
-    StateChange,
-    TableDiff,
-    Tolerance,
-    compare_tables,
-    describe,
-)
+from engine.table.diff import FigureChange, PartDiff, StateChange, TableDiff, describe
 
-EXIT_DIFFERS = 1
-EXIT_TROUBLE = 2
 _SHOWN, _FIGURES, _NAMED, _LONGEST = 8, 3, 3, 40
 _UNCERTAINTY = "uncertainty."
 _UNIT_OF = {"db": "dB", "hz": "Hz", "rad": "rad", "s": "s"}
-_out = Console()
-_errors = Console(stderr=True)
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to `app`."""
-
-    @app.command("diff")
-    def diff(
-        before: Annotated[Path, typer.Argument(metavar="BEFORE", help="A built table.")],
-        after: Annotated[Path, typer.Argument(metavar="AFTER", help="Another one.")],
-        limit_db: Annotated[
-            float, typer.Option("--limit", min=0.0, help="Changes up to so many dB, or as much, count as none.")
-        ] = DEFAULT_LIMIT_DB,
-        as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON for machines.")] = False,
-    ) -> None:
-        """What changed between two tables, overall and by state; exit status 0: nothing, 1: something, 2: trouble."""
-        try:
-            with Table.open(before) as own, Table.open(after) as other:
-                found = compare_tables(own, other, Tolerance(limit_db))
-        except (DeviceError, TableError, OSError) as error:
-            _errors.print(f"tactable: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
-            raise typer.Exit(EXIT_TROUBLE) from None
-        if as_json:
-            print(json.dumps(diff_json(found), indent=2))  # noqa: T201  # JSON goes out as it is
-        else:
-            print_diff(_out, found)
-        if found.differs:
-            raise typer.Exit(EXIT_DIFFERS)
 
 
 def diff_json(found: TableDiff) -> dict[str, Any]:

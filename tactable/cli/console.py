@@ -1,0 +1,61 @@
+"""Console of the commands: lines and pages for people, JSON for machines, errors and progress on standard error."""
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TypeVar
+
+from rich.console import Console
+
+EXIT_DOUBTFUL = 3
+"""The work was done, and its result should not be used without a look: a doubtful fit, a failed unit, a deviation."""
+
+OUT = Console()
+ERRORS = Console(stderr=True)
+_Result = TypeVar("_Result")
+Progress = Callable[[str, float], None]
+
+
+def say(text: str) -> None:
+    """Print one line as it is, however wide the terminal."""
+    OUT.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def remark(text: str, style: str | None = None) -> None:
+    """Print one line on standard error, beside the result."""
+    ERRORS.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+
+
+def note(text: str) -> None:
+    """Print what a user should know on standard error."""
+    remark(f"note: {text}", "yellow")
+
+
+def print_error(error: BaseException) -> None:
+    """Print an error as one line on standard error."""
+    remark(f"tactable: {error}", "red")
+
+
+def print_json(value: object, indent: int | None = 2) -> None:
+    """Print JSON as it is; without indent it is one line."""
+    print(json.dumps(value, indent=indent), flush=True)  # noqa: T201
+
+
+def show(result: _Result, as_json: bool, print_page: Callable[[Console, _Result], None]) -> None:
+    """Print a result as JSON, or as the page that `print_page` makes of it."""
+    if as_json:
+        print_json(result)
+    else:
+        print_page(OUT, result)
+
+
+@contextmanager
+def shown_progress(is_hidden: bool) -> Iterator[Progress]:
+    """A function that takes the present step and the fraction done, and shows a bar where there is a terminal."""
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("{task.description:>16}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Bar(*columns, console=ERRORS, transient=True, disable=is_hidden or not ERRORS.is_terminal) as bar:
+        task = bar.add_task("starting", total=1.0)
+        yield lambda step, fraction: bar.update(task, description=step, completed=fraction)

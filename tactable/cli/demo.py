@@ -1,0 +1,141 @@
+"""Commands that need no hardware: the demo, and the emulated firmware on a serial port. Both say SIMULATED."""
+
+import secrets
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tactable.cli.console import EXIT_DOUBTFUL, OUT, print_json, remark, say, shown_progress
+from tactable.cli.options import AsJson, DeviceOption, EffectsPath
+from tactable.shipped import DEMO_RECORDING, cache_folder, find_device
+
+if TYPE_CHECKING:
+    from engine.device import Device
+    from tactable.rig.emulate import Emulated
+
+
+def demo(
+    device_name: DeviceOption = "reference-a",
+    recording_path: Annotated[
+        Path | None, typer.Option("--recording", help="Touches in hid-recorder format; default: the shipped ones.")
+    ] = None,
+    table_path: Annotated[
+        Path | None, typer.Option("--table", help="The table, built if it is missing; default: in a cache.")
+    ] = None,
+    effects_path: EffectsPath = None,
+    figure: Annotated[
+        Path | None, typer.Option("--figure", help="The report's picture; default: tactable-demo.png.")
+    ] = None,
+    headless: Annotated[bool, typer.Option("--headless", help="No page: play recorded touches and report.")] = False,
+    no_open: Annotated[bool, typer.Option("--no-open", help="Print the page's address and open no browser.")] = False,
+    host: Annotated[
+        str | None, typer.Option("--host", help="Bind the page to this address instead of 127.0.0.1.")
+    ] = None,
+    page_port: Annotated[int, typer.Option("--page-port", min=0, max=65_535, help="The page's port; 0: any.")] = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Show the whole chain, SIMULATED: as a page to touch, or as a report.
+
+    The report compares what the table predicts with what the simulated bar does; exit status 3: they disagree. It
+    takes the page's place without a browser, and with --headless, --json, --figure, --recording or --table.
+    """
+    device = find_device(device_name)
+    is_report = headless or as_json or any(path is not None for path in (figure, recording_path, table_path))
+    is_asked_for = no_open or host is not None or page_port != 0
+    if is_report and is_asked_for:
+        raise typer.BadParameter("--no-open, --host and --page-port are the page's; leave out what asks for the report")
+    if not is_report:
+        from tactable.page.opening import Address, has_browser, show_demo
+
+        opens_browser = not no_open and host is None and has_browser()
+        if opens_browser or is_asked_for:
+            address = Address(host or "127.0.0.1", page_port, opens_browser)
+            show_demo(device_name, device, effects_path, cache_folder(), address, remark)
+            return
+        remark("no browser here: the report instead of the page; --no-open prints an address to open elsewhere")
+    report_demo(device, recording_path, table_path, effects_path, figure or Path("tactable-demo.png"), as_json)
+
+
+def report_demo(
+    device: "Device",
+    recording_path: Path | None,
+    table_path: Path | None,
+    effects_path: Path | None,
+    figure: Path,
+    as_json: bool,
+) -> None:
+    """Play a recording through the simulated chain, draw and print what came of it."""
+    from engine.effects import DEFAULT_EFFECTS, read_effects
+    from engine.touch.sources.recording import read_recording
+    from tactable.figures.demo import draw_demo
+    from tactable.rig.demo import demo_json, run_demo, table_for
+    from tactable.rig.demo_page import print_demo
+
+    recording = read_recording(recording_path or DEMO_RECORDING)
+    effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, device)
+    path = table_path or cache_folder() / f"{device.name}-{device.fingerprint[:12]}.nc"
+    with shown_progress(as_json) as progress:
+        table = table_for(device, path, progress)
+    with table:
+        report = run_demo(table, recording, effects)
+    draw_demo(report, figure)
+    if as_json:
+        print_json({**demo_json(report), "figure": str(figure)})
+    else:
+        print_demo(OUT, report, figure)
+    if not report.agrees:
+        raise typer.Exit(EXIT_DOUBTFUL)
+
+
+def emulate(
+    faults: Annotated[str, typer.Option(metavar="SPEC", help="Faults to inject; `help` lists them.")] = "",
+    seed: Annotated[int | None, typer.Option(help="Seed of the faults; the same seed gives the same ones.")] = None,
+    device_name: Annotated[
+        str | None, typer.Option("--device", help="Full scales and actuators of a device file or shipped name.")
+    ] = None,
+    core: Annotated[
+        Path | None, typer.Option(metavar="LIBRARY", help="The firmware's C core, built with make host.")
+    ] = None,
+    link: Annotated[
+        Path | None, typer.Option(metavar="PATH", help="Make a symbolic link to the port here, for as long as it runs.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Emulate the firmware on a serial port, SIMULATED.
+
+    It runs until Ctrl-C. With --json it prints a line for each port and one at the end.
+    """
+    from firmware_link.emulator.fault_plan import fault_help, parse_fault_plan
+    from tactable.rig.emulate import configuration_of
+    from tactable.rig.emulate import emulate as run_emulator
+
+    if faults == "help":
+        if as_json:
+            print_json(fault_help(), indent=None)
+        for key, text in () if as_json else fault_help().items():
+            say(f"{key:>10}  {text}")
+        return
+    plan = parse_fault_plan(faults)
+    configuration = configuration_of(None if device_name is None else find_device(device_name))
+    chosen_seed = secrets.randbits(32) if seed is None else seed
+
+    def print_port(emulated: "Emulated") -> None:
+        if as_json:
+            print_json({"simulated": True, **asdict(emulated)}, indent=None)
+        else:
+            say(f"port {emulated.port}, whose stable name is {emulated.stable_name}")
+            say(f"{emulated.number_of_actuators} actuators, seed {emulated.seed}, SIMULATED; Ctrl-C ends")
+
+    summary = run_emulator(configuration, plan, chosen_seed, print_port, core, link)
+    if as_json:
+        print_json(summary, indent=None)
+        return
+    for index, counters in enumerate(summary["boots"], 1):
+        say(f"boot {index}: {_counts(counters)}")
+    say(f"faults: {_counts(summary['faults'])}")
+
+
+def _counts(counters: dict[str, Any]) -> str:
+    return ", ".join(f"{name} {number}" for name, number in counters.items() if number) or "none"

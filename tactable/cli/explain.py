@@ -1,0 +1,95 @@
+"""Commands `explain` and `diff`: what one state of a table gets and why, and what changed between two tables."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from threadpoolctl import threadpool_limits
+
+from engine.table import Table
+from engine.table.diff import DEFAULT_LIMIT_DB, Tolerance, compare_tables
+from engine.table.entry import DEFAULT_LEVEL_DB, played_at
+from engine.touch import ZoneState
+from firmware_link.protocol.errors import TactableError
+from tactable.cli.console import OUT, print_error, print_json
+from tactable.cli.options import AsJson, Felt, Level, Quiet, TableArgument, names_in, read_level, read_zones
+from tactable.explain.diff import diff_json, print_diff
+from tactable.shipped import cache_folder
+
+EXIT_DIFFERS = 1
+EXIT_TROUBLE = 2
+
+
+def explain(
+    table_path: TableArgument,
+    felt: Felt,
+    quiet: Quiet = "",
+    level: Level = f"{DEFAULT_LEVEL_DB:g}",
+    alternatives: Annotated[bool, typer.Option(help="Also compute the alternatives that lost, and why.")] = True,
+    click: Annotated[bool, typer.Option("--click", help="Explain the state's click, not its steady drive.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Explain the drive or click of one state, and why others lost.
+
+    It says what is played, what the table predicts for every finger, and the worst case over sampled fingers.
+    """
+    felt_zones, level_db = read_zones("--felt", felt), read_level(level)
+    explain_it = _explain_click if click else _explain_entry
+    with Table.open(table_path) as table, threadpool_limits(1, "blas"):
+        explain_it(table, table.states_of(felt_zones, names_in(quiet)), level_db, alternatives, as_json)
+
+
+def _explain_entry(
+    table: Table, states: tuple[ZoneState, ...], level_db: float, alternatives: bool, as_json: bool
+) -> None:
+    from precompute.builder.measured_responses import plant_of
+    from precompute.builder.on_demand import entries_on_demand
+    from precompute.entries.alternatives import solve_alternatives
+    from tactable.explain.entry import entry_json, print_entry
+
+    tabulated = entries_on_demand(table, states, cache_folder() / "states")
+    entry = played_at(tabulated, level_db, table.device.limits.amplitude)
+    rivals = solve_alternatives(plant_of(table), states, entry) if alternatives else []
+    if as_json:
+        print_json(entry_json(table, entry, rivals))
+    else:
+        print_entry(OUT, table, entry, rivals)
+
+
+def _explain_click(
+    table: Table, states: tuple[ZoneState, ...], level_db: float, alternatives: bool, as_json: bool
+) -> None:
+    from tactable.explain.click import click_json, explain_click, print_click
+    from tactable.explain.click_source import ClickSource
+
+    explained = explain_click(ClickSource(table), states, level_db, rivals=alternatives)
+    if as_json:
+        print_json(click_json(table, explained))
+    else:
+        print_click(OUT, table, explained)
+
+
+def diff(
+    before: Annotated[Path, typer.Argument(metavar="BEFORE", help="A built table.")],
+    after: Annotated[Path, typer.Argument(metavar="AFTER", help="The table to compare with it.")],
+    limit_db: Annotated[
+        float, typer.Option("--limit", min=0.0, help="Ignore changes up to this many dB, or as much in per cent.")
+    ] = DEFAULT_LIMIT_DB,
+    as_json: AsJson = False,
+) -> None:
+    """Compare two tables, as a whole and state by state.
+
+    Exit status 0: no difference, 1: they differ, 2: an error.
+    """
+    try:
+        with Table.open(before) as own, Table.open(after) as other:
+            found = compare_tables(own, other, Tolerance(limit_db))
+    except (TactableError, OSError) as error:
+        print_error(error)
+        raise typer.Exit(EXIT_TROUBLE) from None
+    if as_json:
+        print_json(diff_json(found))
+    else:
+        print_diff(OUT, found)
+    if found.differs:
+        raise typer.Exit(EXIT_DIFFERS)

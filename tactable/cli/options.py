@@ -1,0 +1,195 @@
+"""Options that several commands share, and readers of their texts: zones, levels, quantities, drives, parameters."""
+
+import math
+from collections.abc import Sequence
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeVar
+
+import typer
+
+from firmware_link.protocol.errors import TactableError
+
+if TYPE_CHECKING:
+    from engine.device import Device
+    from precompute.measurements.parameters import Bounds
+
+DEVICE_HELP = "A device file, or the name of a shipped device."
+DeviceArgument = Annotated[str, typer.Argument(metavar="DEVICE", help=DEVICE_HELP)]
+DeviceOption = Annotated[str, typer.Option("--device", help=DEVICE_HELP)]
+TableArgument = Annotated[Path, typer.Argument(metavar="TABLE", help="A built table.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
+Felt = Annotated[str, typer.Option(help="Zones with a finger that shall feel, such as I,III.")]
+Quiet = Annotated[str, typer.Option(help="Zones with a finger that must not feel, such as IV.")]
+Level = Annotated[str, typer.Option("--level", help="Wanted level, dB above the detection threshold, or full.")]
+Output = Annotated[Path, typer.Option("-o", "--output", help="The picture; ends in .png, .svg or .pdf.")]
+CsvPath = Annotated[Path | None, typer.Option("--csv", help="The data as CSV, units in the header.")]
+EffectsPath = Annotated[
+    Path | None, typer.Option("--effects", help="Effect file; default: a click at 20 dB for every touch.")
+]
+SensorMass = Annotated[
+    str, typer.Option("--sensor-mass", help="Mass of the accelerometer where the file states none, such as 2 g.")
+]
+Objective = Annotated[
+    str,
+    typer.Option(help="What entries maximise: contrast, standard contrast, localized factor, fair share or paper."),
+]
+ClicksUpTo = Annotated[
+    int | None,
+    typer.Option(min=0, help="Most fingers of a state that gets a click; default: all, or 3 beyond five zones."),
+]
+Fit = Annotated[
+    list[str] | None,
+    typer.Option("--fit", metavar="NAME[=LOW..HIGH]", help="Fit only the parameters that are named so. Repeat."),
+]
+Also = Annotated[
+    list[str] | None,
+    typer.Option("--also", metavar="NAME[=LOW..HIGH]", help="Fit this parameter besides the usual ones. Repeat."),
+]
+Loss = Annotated[str, typer.Option(help="Loss of the fit: robust, squares, or l1 as the paper's equation (12).")]
+Change = Annotated[
+    list[str] | None, typer.Option(metavar="NAME=VALUE", help="Change this parameter of the device. Repeat.")
+]
+Drives = Annotated[
+    str,
+    typer.Option(help="Frequencies of the actuators in Hz, - for still; drives separated by ; such as 150,130;-,90."),
+]
+Workers = Annotated[
+    int | None, typer.Option("--workers", min=1, max=64, help="Processes that share the work; default: one a core.")
+]
+BitRate = Annotated[int, typer.Option("--bit-rate", min=1, help="Bit rate of the serial port, bit/s.")]
+
+_Choice = TypeVar("_Choice", bound=Enum)
+
+
+class OptionError(TactableError):
+    """The text of an option cannot be read; the message names the option, the text and an example."""
+
+
+def names_in(text: str) -> list[str]:
+    """Names between commas."""
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def read_zones(option: str, text: str) -> list[str]:
+    """Names of at least one zone. Raises OptionError."""
+    names = names_in(text)
+    if not names:
+        raise OptionError(f"{option} names no zone; give at least one, such as {option} I,III")
+    return names
+
+
+def read_level(text: str) -> float:
+    """A level in dB above the detection threshold; infinite is full scale. Raises OptionError."""
+    if text.strip() in ("full", "inf"):
+        return math.inf
+    try:
+        level_db = float(text.removesuffix("dB"))
+    except ValueError:
+        level_db = math.nan
+    if not 0 <= level_db < math.inf:
+        raise OptionError(f"--level {text!r}: expected dB above threshold, 0 or more, such as 20, or full")
+    return level_db
+
+
+def read_numbers(option: str, text: str, example: str = "1,0.6") -> list[float]:
+    """Numbers between commas. Raises OptionError."""
+    try:
+        return [float(part) for part in names_in(text)]
+    except ValueError:
+        raise OptionError(f"{option} {text!r}: expected numbers, such as {option} {example}") from None
+
+
+def read_counts(option: str, text: str, least: int, most: int) -> list[int]:
+    """Different whole numbers between commas, in rising order. Raises OptionError."""
+    try:
+        counts = sorted({int(part) for part in names_in(text)})
+    except ValueError:
+        counts = []
+    if not counts or not least <= counts[0] <= counts[-1] <= most:
+        raise OptionError(f"{option} {text!r}: expected whole numbers from {least} to {most}, such as {least},{most}")
+    return counts
+
+
+def read_option(option: str, text: str, unit: str) -> float:
+    """A quantity of at least 0 in SI units. Raises OptionError."""
+    from engine.device.quantity import QuantityError, read_quantity
+
+    try:
+        value = read_quantity(text, unit)
+    except QuantityError as error:
+        raise OptionError(f"{option}: {error}") from None
+    if value < 0:
+        raise OptionError(f"{option} {text!r}: expected at least 0")
+    return value
+
+
+def read_choice(option: str, text: str, choices: type[_Choice]) -> _Choice:
+    """One of the values of an enumeration. Raises OptionError."""
+    for choice in choices:
+        if choice.value == text:
+            return choice
+    raise OptionError(f"{option} {text!r}: expected one of {', '.join(choice.value for choice in choices)}")
+
+
+def read_parameters(
+    device: "Device", fit: Sequence[str] | None, also: Sequence[str] | None
+) -> tuple[tuple[str, ...], dict[str, "Bounds"]]:
+    """Names to fit and their bounds in SI units, from texts such as "bar.density=2.6e3 kg/m^3..2.8e3 kg/m^3".
+
+    Raises OptionError, and ParameterError for a name that the device does not have.
+    """
+    from precompute.measurements.parameters import default_names, parameter_unit
+
+    bounds = {}
+    names = [] if fit else list(default_names(device))
+    for option, texts in (("--fit", fit or []), ("--also", also or [])):
+        for text in texts:
+            name, _, limits = text.partition("=")
+            if name not in names:
+                names.append(name)
+            if limits:
+                unit = parameter_unit(device, name)
+                low, separator, high = limits.partition("..")
+                if not separator:
+                    raise OptionError(f"{option} {name}={limits}: expected bounds such as 1 {unit}..2 {unit}")
+                bounds[name] = (read_option(f"{option} {name}", low, unit), read_option(f"{option} {name}", high, unit))
+    return tuple(names), bounds
+
+
+def read_drives(text: str, device: "Device") -> list[list[float]]:
+    """Frequencies (drive, actuator) in Hz of a text such as "150,130;140,-"; NaN for a still actuator.
+
+    Raises OptionError.
+    """
+    drives = [[_read_frequency(part) for part in drive.split(",")] for drive in text.split(";") if drive.strip()]
+    for drive in drives:
+        if len(drive) != len(device.actuators) or all(math.isnan(hz) for hz in drive):
+            names = ",".join(actuator.name for actuator in device.actuators)
+            raise OptionError(f"--drives {text!r}: expected frequencies in Hz of {names}, - for still; such as 150,130")
+    if not drives:
+        raise OptionError("--drives names no drive; give at least one, such as 150,130")
+    return drives
+
+
+def _read_frequency(text: str) -> float:
+    if text.strip() == "-":
+        return math.nan
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise OptionError(f"--drives: {text!r}: expected a frequency in Hz, or - for still")
+    return value
+
+
+def read_changes(texts: Sequence[str] | None, device: "Device") -> dict[str, float]:
+    """Values in SI units by name, of texts such as "actuator[1].stiffness=20 kN/m". Raises OptionError."""
+    from precompute.measurements.parameters import parameter_unit
+
+    changes = {}
+    for text in texts or ():
+        name, _, value = text.partition("=")
+        changes[name] = read_option(f"--change {name}", value, parameter_unit(device, name))
+    return changes
