@@ -68,7 +68,7 @@ class FigureChange:
     """A figure of FIGURES that changed beyond the tolerance.
 
     size is in `unit`: dB, per cent, Hz or rad; infinite where the figure came or went. Of several actuators, before and
-    after are those of the one that changed most; of a waveform, 0 and the greatest difference in per cent.
+    after are the values of the actuator that changed most; for a waveform, 0 and the greatest difference in per cent.
     """
 
     figure: str
@@ -229,7 +229,7 @@ def _compare_responses(before: Table, after: Table, tolerance: Tolerance) -> tup
     own, other = ([table.values("responses", axis) for axis in axes] for table in (before, after))
     for what, a, b in zip(("frequencies", "actuators", "places"), own, other, strict=True):
         if not np.array_equal(a, b):
-            return [f"the responses are those of other {what}, and are not compared"], {}
+            return [f"the responses have other {what}, and are not compared"], {}
     values, changed = (
         table.values("responses", "acceleration") @ np.array([1, 1j]) for table in (before, after)
     )  # (frequency, actuator, zone, point) from (..., part)

@@ -26,7 +26,7 @@ def replace_table(new: Path, path: Path, *, keep: bool = True) -> None:
 def roll_back(path: Path) -> None:
     """Put the previous table back; the one that was there becomes the previous one, so twice is as before.
 
-    Raises TableError if there is none. Whoever calls verifies the previous table first.
+    Raises TableError where there is no previous table. The caller verifies it first.
     """
     previous = previous_of(path)
     if not previous.is_file():

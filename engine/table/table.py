@@ -142,7 +142,7 @@ class Table:
         click = self.click_at(state_index(self.states_of(felt, quiet)), level_db)
         if click is None:
             zones = f"felt zones {', '.join(felt)!r} and quiet {', '.join(quiet)!r}"
-            raise TableError(f"{self.path}: has no click for {zones}: build it with clicks for so many fingers")
+            raise TableError(f"{self.path}: has no click for {zones}: build it with clicks for this number of fingers")
         return click
 
     def click_at(self, state: int, level_db: float) -> ClickEntry | None:

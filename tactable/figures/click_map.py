@@ -63,14 +63,14 @@ Cells = Sequence[Sequence[Cell]]
 """By felt zone, then quiet zone."""
 
 
-def plot_click_map(source: ClickSource, told: Callable[[float], None]) -> Picture:
-    """Picture of all states of one felt and one quiet finger, as strong as they are; `told` the fraction done.
+def plot_click_map(source: ClickSource, on_progress: Callable[[float], None]) -> Picture:
+    """The map of all states of one felt and one quiet finger, as strong as they are.
 
-    What the table has no click for is solved. Raises TableError where the device has one zone.
+    Clicks that the table does not have are solved; `on_progress` gets the fraction done. Raises TableError where the device has one zone.
     """
     table = source.table
     names = two_zone_names(table)
-    cells = _solve_cells(source, names, told)
+    cells = _solve_cells(source, names, on_progress)
     width, height = (_CELL_INCHES * count * len(names) for count in (2, 1))
     figure = Figure(figsize=(width + _MARGINS_INCHES[0], height + _MARGINS_INCHES[1]), layout="constrained")
     _draw(figure, names, cells)
@@ -87,7 +87,7 @@ def plot_click_map(source: ClickSource, told: Callable[[float], None]) -> Pictur
     )
 
 
-def _solve_cells(source: ClickSource, names: Sequence[str], told: Callable[[float], None]) -> Cells:
+def _solve_cells(source: ClickSource, names: Sequence[str], on_progress: Callable[[float], None]) -> Cells:
     """States with the same fingers one after another: they share what is computed for them."""
     pairs = sorted(pairs_of(names), key=lambda pair: (max(pair), min(pair)))
     solved = dict[tuple[int, int], Cell]()
@@ -95,7 +95,7 @@ def _solve_cells(source: ClickSource, names: Sequence[str], told: Callable[[floa
         states = source.table.states_of([names[felt]], [names[quiet]] if quiet != felt else [])
         click = source.solve_click(states)
         solved[felt, quiet] = Cell(click, judge_rival(source, click, GATED), source.holds(states))
-        told(len(solved) / len(pairs))
+        on_progress(len(solved) / len(pairs))
     return [[solved[felt, quiet] for quiet in range(len(names))] for felt in range(len(names))]
 
 

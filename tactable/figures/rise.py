@@ -31,7 +31,7 @@ _WHITE_BELOW = 0.5
 
 
 def plot_rise(table: Table, level_db: float) -> Picture:
-    """Picture of all entries at one level: those of one and two fingers as a map, all of them as a distribution.
+    """Picture of all entries at one level: one and two fingers as a map, all states as a distribution.
 
     Standard fingers, and the worst of the sampled ones. Between tabulated levels: the drive that is played there.
     """

@@ -121,7 +121,7 @@ def finish_picture(
 ) -> Picture:
     """The picture of a figure, with title, note on estimates, and a summary that names the device.
 
-    `words` follow the caption where the picture is told in one line; `subtitle` stands below it in the picture.
+    `words` follow the caption in the one line that describes the picture; `subtitle` stands below it in the picture.
     """
     figure.suptitle(caption if subtitle is None else f"{caption}\n{subtitle}", fontsize="medium")
     draw_note(figure, device, *notes, origin=origin)

@@ -118,7 +118,7 @@ class DemoBackend:
         """Number of restarts of processes that ended by themselves."""
         self._choice, self._device, self._offers = choice, device, offers
         self._cache, self._work = cache, work
-        self._builder = Builder(self._tell)
+        self._builder = Builder(self._changed)
         self._pointers = Pointers()
         self._firmware: _Firmware | None = None
         self._engine: _Engine | None = None
@@ -177,7 +177,7 @@ class DemoBackend:
             self._builder.forgive()
         except (ChoiceError, DeviceError) as error:
             self._trouble = str(error)
-        self._tell()
+        self._changed()
 
     def sound(self, finger: int) -> bytes | None:
         """What a finger felt, as a SOUND message."""
@@ -201,7 +201,7 @@ class DemoBackend:
         picture = view.picture()
         return [*messages, encode_picture(picture)], bool(picture.fingers) or view.is_moving
 
-    def _tell(self) -> None:
+    def _changed(self) -> None:
         self.scene_number += 1
         self._news.set()
 

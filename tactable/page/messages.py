@@ -189,10 +189,10 @@ def encode_picture(picture: Picture) -> bytes:
     fingers = [_finger_bytes(finger) for finger in picture.fingers]
     states = bytes(zone.state for zone in picture.zones)
     pairs = [(zone.promised_db, zone.simulated_db) for zone in picture.zones]
-    told = np.array([_centibels(level_db) for pair in pairs for level_db in pair], dtype="<i2").tobytes()
+    zone_levels = np.array([_centibels(level_db) for pair in pairs for level_db in pair], dtype="<i2").tobytes()
     channels = [_CHANNEL.pack(c.frequency_hz, c.amplitude, c.phase_rad) for c in picture.channels]
     levels = np.rint(_PER_DB * np.clip(picture.levels_db, LOWEST_DB, -LOWEST_DB)).astype("<i2").tobytes()
-    return b"".join((_HEAD.pack(VERSION, Kind.PICTURE), fixed, *fingers, states, told, *channels, levels))
+    return b"".join((_HEAD.pack(VERSION, Kind.PICTURE), fixed, *fingers, states, zone_levels, *channels, levels))
 
 
 def _finger_bytes(finger: FingerPicture) -> bytes:

@@ -99,10 +99,10 @@ class Builder:
 
     async def _follow(self, child: AsyncChild, order: BuildOrder) -> None:
         while True:
-            told = await child.read()
-            if "step" in told:
-                self.now = Building(order.device, order.objective, told["step"], told["fraction"])
-            elif Path(told["usable"]) == order.path:
+            answer = await child.read()
+            if "step" in answer:
+                self.now = Building(order.device, order.objective, answer["step"], answer["fraction"])
+            elif Path(answer["usable"]) == order.path:
                 self._built.add(order)
                 self._order = self.now = None
                 self._on_change()

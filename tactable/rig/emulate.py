@@ -41,7 +41,7 @@ def emulate(
     configuration: DeviceConfiguration,
     plan: FaultPlan,
     seed: int,
-    tell: Callable[[Emulated], None],
+    on_start: Callable[[Emulated], None],
     core: Path | None = None,
     link: Path | None = None,
 ) -> dict[str, Any]:
@@ -58,7 +58,7 @@ def emulate(
     def on_port(port: str) -> None:
         for announcement in announcements:
             announcement.point_to(port)
-        tell(Emulated(port, str(announcements[-1].link), configuration.number_of_actuators, seed))
+        on_start(Emulated(port, str(announcements[-1].link), configuration.number_of_actuators, seed))
 
     def start(boot_id: int) -> EmulatedFirmware | CompiledFirmware:
         booted = replace(configuration, boot_id=boot_id)

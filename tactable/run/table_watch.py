@@ -100,7 +100,7 @@ class TableWatch:
 
 
 def serve(watched: Watched, parent: Parent) -> None:
-    """Hand over each new table until the other end closes; one that fails is told and left."""
+    """Hand over each new table until the other end closes; a table that is refused is reported and skipped."""
     seen = watched.identity
     while not parent.has_spoken(LOOK_S):
         try:

@@ -186,7 +186,7 @@ class EvdevSource:
 
     With `grab` the desktop does not react to the touches. Its vendor and product are 0: its reports are of our own
     making, and the quirks of the device do not hold for them. A release the kernel owes (100 ms) is trusted.
-    Raises `DigitizerError` for a node without slots, or one that somebody else has grabbed.
+    Raises `DigitizerError` for a node without slots, or a node that another process has grabbed.
     """
 
     vendor_id = 0

@@ -137,7 +137,7 @@ class HidrawSource:
         return None if self._channel is None or self._poll is None else self._channel.fileno()
 
     def take_packet(self, packet: bytes, now_ns: int, *, is_last: bool) -> bytes:
-        """A report that somebody else read at `now_ns`, the last that was there or not."""
+        """Take a report that the compiled wait read at `now_ns`; it may be the last available one."""
         self._count_report(now_ns)
         if is_last:
             self._end_burst()
@@ -320,7 +320,7 @@ def _read_node_descriptor(descriptor: int, path: str, sysfs: Path) -> bytes:
 
 
 class _Handle:
-    """A device through hidapi: never closed while another thread reads, for there is none."""
+    """A device through hidapi. It is never closed during a read, since no other thread reads."""
 
     def __init__(self, handle: HidHandle, path: str) -> None:
         self._handle = handle

@@ -40,21 +40,21 @@ def decode_applied(document: Mapping[str, Any], number_of_actuators: int) -> App
     )
 
 
-class _Teller:
-    """What of the device was told already."""
+class _Reporter:
+    """Answers with what happened since the last answer; the device forgets what was answered."""
 
     def __init__(self, server: PseudoTerminalServer[EmulatedFirmware]) -> None:
         self._server = server
-        self._told = set[int]()
+        self._sent = set[int]()
 
-    def tell(self, now_us: int) -> dict[str, Any]:
-        """What happened since; the device forgets it."""
+    def report(self, now_us: int) -> dict[str, Any]:
+        """The drive events since the last report, and the banks that are new."""
         server, core = self._server, self._server.device.core
         events = encode_events(core.drive_log)
         core.drive_log.clear()
         core.received.clear()
-        new = [number for number in core.banks if number not in self._told]
-        self._told.update(new)
+        new = [number for number in core.banks if number not in self._sent]
+        self._sent.update(new)
         actuators = core.configuration.number_of_actuators
         return {
             "until_us": now_us,
@@ -71,9 +71,9 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
         lambda boot_id: EmulatedFirmware(replace(configuration, boot_id=boot_id)), parse_fault_plan(""), 0
     )
     server = PseudoTerminalServer(device, lambda _: None)
-    teller = _Teller(server)
+    reporter = _Reporter(server)
     parent.say({"port": server.path})
     while server.serve([parent.fileno()]) is not None and parent.read() is not None:
         now_us = (time.monotonic_ns() - server.host_ns_at_zero) // _NS_PER_US
-        parent.say(teller.tell(now_us))
+        parent.say(reporter.report(now_us))
     server.close()

@@ -16,13 +16,13 @@ NAMES = ("I", "II", "III")
 
 
 @pytest.fixture(scope="module")
-def told() -> list[float]:
+def progress() -> list[float]:
     return []
 
 
 @pytest.fixture(scope="module")
-def picture(source: ClickSource, told: list[float]) -> Iterator[Picture]:
-    yield plot_click_map(source, told.append)
+def picture(source: ClickSource, progress: list[float]) -> Iterator[Picture]:
+    yield plot_click_map(source, progress.append)
 
 
 def test_every_ordered_pair_is_there_with_the_figures_of_the_table(source: ClickSource, picture: Picture) -> None:
@@ -51,9 +51,9 @@ def test_the_matrices_are_whole(picture: Picture) -> None:
             assert (matrix[felt][quiet] is None) == (felt == quiet and "quiet" in key)
 
 
-def test_the_fraction_done_rises_to_one(picture: Picture, told: list[float]) -> None:
+def test_the_fraction_done_rises_to_one(picture: Picture, progress: list[float]) -> None:
     assert picture.caption
-    assert len(told) == 9 and told[-1] == 1 and all(one < other for one, other in pairwise(told))
+    assert len(progress) == 9 and progress[-1] == 1 and all(one < other for one, other in pairwise(progress))
 
 
 def test_a_bar_of_one_zone_is_refused(source: ClickSource, monkeypatch: pytest.MonkeyPatch) -> None:
