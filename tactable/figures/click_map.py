@@ -66,7 +66,8 @@ Cells = Sequence[Sequence[Cell]]
 def plot_click_map(source: ClickSource, on_progress: Callable[[float], None]) -> Picture:
     """The map of all states of one felt and one quiet finger, as strong as they are.
 
-    Clicks that the table does not have are solved; `on_progress` gets the fraction done. Raises TableError where the device has one zone.
+    Clicks that the table does not have are solved; `on_progress` gets the fraction done. Raises TableError where the
+    device has one zone.
     """
     table = source.table
     names = two_zone_names(table)
