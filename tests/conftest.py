@@ -9,7 +9,7 @@ import pytest
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
-from engine.loop.fast.step import FastPathError, compile_fast_path
+from engine.loop.fast.library import FastPathError, compile_fast_path
 
 # Consoles made with it would keep that width, whatever a test says.
 os.environ.pop("COLUMNS", None)

@@ -1,45 +1,41 @@
-"""Reports to commands: one thread that waits once for touches, the link and time."""
+"""The loop: one thread that waits once for touches, the link and time, and runs the pipeline for each report.
 
-import math
+One pass is: wait; read every report that is there and run the pipeline on it; let time act; write the newest command;
+take in what the device says; look for a new table; tell the observer. The order carries the guarantees:
+
+- *Latest wins.* After a stall the ring of hidraw holds up to 63 reports. All are taken before anything is written, so a
+  device gets one fresh command and no stale ones.
+- *Write before read.* A fresh command does not wait for the parsing of what the device says.
+- *Time after reports.* What is due before a report is taken before it; what is due now is taken after the last one.
+- *Nothing is told before the write.* Records go to the observer at the end of the pass.
+
+The loop allocates little, logs nothing and catches no broad error: it counts. One thread, because another Python thread
+in this process would hold the interpreter for up to 10 ms.
+"""
+
 import select
 import time
 from collections.abc import Container, Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
-from engine.effects import EffectPlayer
-from engine.loop.fast.step import Answer, FastPath
-from engine.loop.fast.table import FastTable
-from engine.loop.latency import LatencyRecorder, Stamps
-from engine.loop.ring import RingWriter
-from engine.render.prepared import Rendering
-from engine.render.renderer import SILENCE, DriveCommand, Renderer
-from engine.touch import Digitizer, FingerTracker, Touch, TouchFrame
-from engine.touch.digitizer import RELEASE_AFTER_NS
-from engine.touch.scan_time import ScanTimes
+from engine.loop.dispatcher import Dispatcher
+from engine.loop.observer import CommandRecord, Fate, Observer
+from engine.loop.pipeline import Pipeline
+from engine.loop.reconnect import Reconnection, Reopening
+from engine.loop.table_swap import TableSwap, Updates
+from engine.render import Command
 from engine.touch.sources import Source
-from firmware_link.host.link_values import (
-    Armed,
-    BankRefused,
-    BankReplaced,
-    Capabilities,
-    Event,
-    FaultReceived,
-    Greeted,
-    LinkState,
-)
-from firmware_link.host.session import Port, Session
+from firmware_link.host.link_values import Armed, Capabilities, Event, LinkState
+from firmware_link.host.session import Session
 from firmware_link.protocol.errors import LinkError, LinkLostError
 
 NS_PER_S = 1_000_000_000
-# The ring of hidraw holds 63 reports: after a stall all are taken before anything is sent, and the link never waits
-# for more.
+# The ring of hidraw holds 63 reports; the link never waits for more.
 REPORTS_PER_PASS = 64
-# A line that takes nothing is looked after this often, so that the patience of the link still ends.
+# A line that takes nothing is tried again this often, so that the patience of the link still ends.
 BLOCKED_LINE_NS = 5_000_000
-_ENDED = (LinkState.STOPPED, LinkState.DISCONNECTED)
-# Without a port nothing else wakes the loop up for a request to stop.
-LOST_PORT_NS = 80_000_000
+# The hot path: half the time of calling a named tuple's class.
+_new = tuple.__new__
 
 
 class Clock(Protocol):
@@ -74,110 +70,6 @@ class StopRequest(Protocol):
         """Whether to end."""
 
 
-class Reopening(Protocol):
-    """What finds a lost port again: `ReopeningPort` has it."""
-
-    def lose(self, now_ns: int) -> None:
-        """The port is gone: give it back."""
-
-    def poll(self, now_ns: int) -> Port | None:
-        """The port, opened now if it is time to try; None while it is gone."""
-
-    def next_attempt_ns(self) -> int | None:
-        """When `poll` tries next; None while the port is open."""
-
-
-class Updates(Protocol):
-    """Where new tables come from while a loop runs, verified and rendered by somebody else."""
-
-    def fileno(self) -> int:
-        """Readable when `poll` has something to do."""
-
-    def poll(self) -> Rendering | None:
-        """The newest, once it is here whole; never waits."""
-
-
-class StateChange(NamedTuple):
-    """One line of the trace: the zones took a new state or level, and what was sent for it."""
-
-    time_ns: int
-    """Clock time at which the state was known."""
-    report_index: int | None
-    """The report that completed the frame; None for what time alone brought, and at the end of the run."""
-    state: int
-    level_db: float | None
-    """Wanted sensation level; None: no zone is felt."""
-    is_click: bool
-    """A click was wanted, not a steady drive."""
-    drive_sequence: int | None
-    """Sequence of the SET or PLAY.
-
-    None where the drive stayed the same, a newer one replaced it unsent, or the link was not ready.
-    """
-    finger_positions_m: tuple[float, ...]
-
-
-@dataclass
-class LoopCounters:
-    """What the loop did. A command is a drive or a click that was sent; renewals do not count.
-
-    Each loss of the port or of the device behind it is counted, and each new session after that or after a stop.
-    """
-
-    reports: int = 0
-    frames: int = 0
-    state_changes: int = 0
-    commands: int = 0
-    losses: int = 0
-    reconnects: int = 0
-    swaps: int = 0
-    """Changes over to another table."""
-    answered: int = 0
-    """Commands that the fast path wrote before the loop knew of them."""
-    mispredicted: int = 0
-    """Those that were not the loop's: the run went on without the fast path, in a new session."""
-
-
-class _Pending(NamedTuple):
-    """A state change until its command is written."""
-
-    time_ns: int
-    report_index: int | None
-    state: int
-    level_db: float | None
-    is_click: bool
-    touches: Sequence[Touch]
-    sent_before: int
-    stamps: tuple[int, int, int, int, int] | None
-    """Up to COMMAND, where a report caused it."""
-
-    def change(self, sequence: int | None) -> StateChange:
-        """Its line of the trace."""
-        positions_m = tuple(touch.position_m for touch in self.touches)
-        return StateChange(*self[:5], sequence, positions_m)
-
-
-class _News(NamedTuple):
-    """A report and what is wanted since, or a change that time brought, until there is time to tell."""
-
-    time_ns: int
-    report_index: int | None
-    state: int
-    level_db: float | None
-    is_click: bool
-    touches: Sequence[Touch]
-    report: bytes
-
-
-class _Sent(NamedTuple):
-    """The command that left in a pass."""
-
-    report_index: int | None
-    time_ns: int
-    stamps: Stamps | None
-    sequence: int | None
-
-
 def connect(session: Session, clock: Clock) -> Capabilities:
     """Greet, compare clocks and arm: what the renderer needs to know of the device.
 
@@ -192,147 +84,83 @@ def connect(session: Session, clock: Clock) -> Capabilities:
 
 
 class Loop:
-    """Runs touches of one source to one link that `connect` made ready; clock, source and session are the caller's.
+    """Runs the touches of one source through one pipeline to one link that `connect` made ready.
 
-    `trace` gets a line for each state change, in order. `latency` gets the stamps of each command that a report caused,
-    `scan_times` those of each frame of a digitizer that has a clock.
-    With `reconnect` a device that stopped itself is greeted and armed again, and the state of the moment sent anew;
-    without, that is a LinkError. With `reopening` so is one whose port was lost or that does not answer, once its port
-    is back; touches are read all the while. `ring` gets a record for each report, and for each change that time
-    brought, once the command of the pass is written. With `updates` it changes over to each table that comes;
-    `bank_data` are the bytes of the bank that the link is configured with. `fast` waits in place of the clock, and
-    answers what it can from `fast_table`.
+    `observer` is told a record for each report and each change that time brought. With `reconnect` a device that
+    stopped itself is greeted and armed again; with `reopening` a lost port is waited for while touches are read
+    (`engine.loop.reconnect`). With `updates` the loop changes to each table that comes; `bank_data` are the bytes of
+    the bank that the link is configured with (`engine.loop.table_swap`).
     """
 
     def __init__(
         self,
+        pipeline: Pipeline,
+        dispatcher: Dispatcher,
         source: Source,
-        digitizer: Digitizer,
-        tracker: FingerTracker,
-        player: EffectPlayer,
-        renderer: Renderer,
-        session: Session,
         clock: Clock,
+        observer: Observer | None = None,
         *,
         reconnect: bool = False,
         reopening: Reopening | None = None,
-        trace: list[StateChange] | None = None,
-        latency: LatencyRecorder | None = None,
-        scan_times: ScanTimes | None = None,
-        ring: RingWriter | None = None,
         updates: Updates | None = None,
         bank_data: bytes = b"",
-        fast: FastPath | None = None,
-        fast_table: FastTable | None = None,
     ) -> None:
-        self.counters = LoopCounters()
-        self._source = source
-        self._digitizer = digitizer
-        self._tracker = tracker
-        self._player = player
-        self._renderer = renderer
-        self._session = session
-        self._link = session.link
-        self._clock = clock
+        session = dispatcher.session
+        self.counters = dispatcher.counters
+        self._pipeline, self._dispatcher, self._session = pipeline, dispatcher, session
+        self._source, self._clock, self._observer = source, clock, observer
         self._now_ns = clock.now_ns
-        self._reconnect = reconnect
-        self._reopening = reopening
-        self._trace = trace
-        self._latency = latency
-        self._scan_times = scan_times
-        self._ring = ring
-        self._updates = updates
-        self._bank_data = bank_data
-        self._fast = fast
-        self._answer: Answer | None = None  # what the fast path took during the wait
-        if fast is not None:
-            fast.refit(tracker, fast_table)
-        self._next: Rendering | None = None  # what to change over to
-        self._is_handed_over = self._needs_session = False
-        self._news: list[_News] = []
-        self._sent: _Sent | None = None
-        self._read_ns = 0
-        self._state = 0
-        self._level_db: float | None = None
-        self._click_ns: int | None = None
-        self._held = SILENCE  # what the device drives unless a waveform plays
-        self._touches: Sequence[Touch] = ()
-        self._release_ns: int | None = None  # when the watchdog acts, on the source's axis; None with no contact
-        self._due_ns: float = math.inf  # when time alone brings something, on the source's axis
-        self._pending: _Pending | None = None
-        self._watch((session.port.fileno(),))
+        self._reconnection = Reconnection(session, self.counters, reconnect, reopening)
+        swap = None if updates is None else TableSwap(updates, pipeline, session, bank_data, self._table_changed)
+        self._swap = swap
+        others = (source.fileno(), None if swap is None else swap.descriptor)  # which may be read beside the port
+        self._others = tuple(descriptor for descriptor in others if descriptor is not None)
 
     def run(self, stop: StopRequest | None = None) -> None:
         """Until source, contacts and effects have ended, or `stop` is set; then silence and a STOP.
 
-        Raises LinkError when the port or the device fails; counters and trace are final then too.
+        Raises LinkError when the port or the device fails; counters and records are final then too.
         """
         try:
             while not self._is_over(stop):
                 readable = self._wait()
                 self._read_touches()
                 self._keep_link(readable)
-                if self._updates is not None:
-                    self._look_for_update(self._updates, readable)
-                if self._ring is not None:
-                    self._tell(self._ring)
+                if self._swap is not None:
+                    self._swap.look(readable)
+                self._tell()
             self._silence()
             self._stop()
-            if self._ring is not None:
-                self._tell(self._ring)
         except LinkError:
-            self._link.disconnect()
+            self._session.link.disconnect()
             raise
         finally:
-            self._settle()
+            self._dispatcher.settle()
+            self._tell()
 
     def _is_over(self, stop: StopRequest | None) -> bool:
-        if stop is not None and stop.is_set():
-            return True
-        return self._source.ended and self._release_ns is None and self._player.next_change_ns is None
+        return (stop is not None and stop.is_set()) or (self._source.ended and self._pipeline.is_at_rest)
+
+    # ---- waiting ----
 
     def _wait(self) -> Container[int] | None:
-        source, session = self._source, self._session
-        deadlines_ns = [_link_deadline_ns(session, self._clock), source.next_time_ns()]
-        if not self._port and self._reopening is not None:
-            deadlines_ns += [self._reopening.next_attempt_ns(), self._now_ns() + LOST_PORT_NS]
-        due_ns = (self._release_ns, self._player.next_change_ns)
-        deadlines_ns += [source.clock_time_ns(time_ns) for time_ns in due_ns if time_ns is not None]
+        """Until a report, something from the device, a new table, or a deadline."""
+        source, session, pipeline = self._source, self._session, self._pipeline
+        now_ns = self._now_ns()
+        deadlines_ns = [_link_deadline_ns(session, now_ns), source.next_time_ns()]
+        deadlines_ns.append(self._reconnection.next_attempt_ns(now_ns))
+        if not pipeline.is_at_rest:
+            deadlines_ns.append(source.clock_time_ns(int(pipeline.due_ns)))
         until_ns = min((deadline_ns for deadline_ns in deadlines_ns if deadline_ns is not None), default=None)
-        if self._fast is not None and not source.ended and not session.wants_to_write():
-            packets = self._fast.packet_fileno()
-            if packets is not None:
-                return self._wait_fast(self._fast, packets, until_ns)
-        return self._clock.wait(
-            until_ns,
-            self._port if source.ended else self._port_and_touch,
-            self._port if session.wants_to_write() else (),
-        )
+        port = (session.port.fileno(),) if self._reconnection.has_port else ()
+        readable = port if source.ended else (*port, *self._others)
+        return self._clock.wait(until_ns, readable, port if session.wants_to_write() else ())
 
-    def _wait_fast(self, fast: FastPath, packets: int, until_ns: int | None) -> Container[int]:
-        """Wait, and let a report be answered before the loop takes it."""
-        others = self._port if self._updates is None else (*self._port, self._updates.fileno())
-        is_idle = self._port and self._pending is None
-        readable, self._answer = fast.wait(
-            until_ns,
-            (packets, *others),
-            self._link if is_idle else None,
-            self._port[0] if self._port else -1,
-            self._due_ns,
-            (self._state, self._level_db, self._click_ns),
-            self._held,
-        )
-        return readable
+    # ---- reading ----
 
     def _read_touches(self) -> None:
         """Every report that is there, in order; time acts by itself only on a source that has no more."""
         source, now_ns = self._source, self._now_ns()
-        if self._answer is not None and self._fast is not None:
-            answer = self._answer
-            self._take_report(self._fast.report_of(answer), answer)
-            self._answer = None
-            if answer.frame:
-                return  # there was no other report
         for _ in range(REPORTS_PER_PASS):
             report = source.read(now_ns)
             if report is None:
@@ -340,314 +168,118 @@ class Loop:
             self._take_report(report)
         else:
             return
-        self._catch_up(source.source_time_ns(now_ns))
+        self._let_time_act(source.source_time_ns(now_ns))
 
-    def _take_report(self, report: bytes, answer: Answer | None = None) -> None:
-        """With an `answer` the report was read during the wait, and perhaps its command written."""
-        self._follow_report(report, answer)
-        if answer is not None and answer.frame:
-            self._confirm(answer)
-        if self._ring is not None:
-            self._note(self._read_ns, self._source.report_index, report)
-
-    def _follow_report(self, report: bytes, answer: Answer | None) -> None:
-        source, now_ns = self._source, self._now_ns
-        read_ns, report_time_ns = now_ns() if answer is None else answer.read_ns, source.report_time_ns
-        self._read_ns = read_ns
+    def _take_report(self, report: bytes) -> None:
+        source, pipeline, dispatcher, now_ns = self._source, self._pipeline, self._dispatcher, self._now_ns
+        read_ns, time_ns = now_ns(), source.report_time_ns
         self.counters.reports += 1
         # After a stall, or in a playback that does not wait, what was due before may be seen only now.
-        if self._due_ns <= report_time_ns:
-            self._catch_up(report_time_ns)
-        frame = self._digitizer.decode_report(report, report_time_ns)
-        if frame is None:
-            return
-        if self._scan_times is not None and frame.scan_time_ns is not None:
-            self._scan_times.record(frame.time_ns, frame.scan_time_ns)
-        written = answer if answer is not None and answer.frame else None
-        frame_ns = now_ns() if written is None else written.frame_ns
-        self.counters.frames += 1
-        if self._take_frame(frame):
-            available_ns = source.clock_time_ns(report_time_ns)
-            state_ns = now_ns() if written is None else written.state_ns
-            command_ns = None if written is None else written.command_ns
-            self._command(source.report_index, state_ns, (available_ns, read_ns, frame_ns), command_ns)
+        if pipeline.due_ns <= time_ns:
+            self._let_time_act(time_ns)
+        command = pipeline.step(report, time_ns)
+        if command is None:
+            fate, stamps_ns = Fate.NONE, (0, read_ns, 0, 0, 0, 0)
+        else:
+            fate = dispatcher.hand_over(command)
+            available_ns = source.clock_time_ns(time_ns)
+            stamps_ns = (available_ns, read_ns, pipeline.frame_ns, pipeline.state_ns, now_ns(), 0)
+        self._note(stamps_ns, source.report_index, report, fate)
 
-    def _confirm(self, answer: Answer) -> None:
-        """The command is out: what the link would send must be the same."""
-        if self._session.confirm(answer.frame, answer.written, answer.asked_ns):
-            self.counters.answered += 1
-            if self._pending is not None and not self._session.wants_to_write() and self._is_sent():
-                self._settle(answer.written_ns)
-            return
-        # A fault of the fast path: begin anew, without it.
-        self.counters.mispredicted += 1
-        self._fast = None
-        self._session.connect()
+    def _let_time_act(self, source_time_ns: int) -> None:
+        if self._pipeline.due_ns <= source_time_ns:
+            for command in self._pipeline.advance(source_time_ns):
+                self._hand_over(command)
 
-    def _catch_up(self, source_time_ns: int) -> None:
-        """What time alone brings, in order: changes of effects, and the release by the watchdog."""
-        if self._due_ns > source_time_ns:
-            return
-        release_ns = self._release_ns
-        if release_ns is not None and release_ns <= source_time_ns:
-            self._advance_effects(release_ns)
-            frame = self._digitizer.expire(release_ns)
-            if frame is not None and self._take_frame(frame):
-                self._command_by_time()
-        self._advance_effects(source_time_ns)
+    def _hand_over(self, command: Command) -> None:
+        """A command that no report caused."""
+        fate = self._dispatcher.hand_over(command)
+        self._note((0, self._now_ns(), 0, 0, 0, 0), None, b"", fate)
 
-    def _advance_effects(self, source_time_ns: int) -> None:
-        player = self._player
-        while player.next_change_ns is not None and player.next_change_ns <= source_time_ns:
-            player.advance(player.next_change_ns)
-            if self._take_state():
-                self._command_by_time()
+    def _note(self, stamps_ns: Sequence[int], report_index: int | None, report: bytes, fate: Fate) -> None:
+        pipeline, dispatcher = self._pipeline, self._dispatcher
+        state, level_db, click_ns = pipeline.wanted
+        frame, drive = None if report_index is None else pipeline.frame, dispatcher.held.drive
+        is_click, touches = click_ns is not None, pipeline.touches
+        values = (stamps_ns, report_index, report, frame, state, level_db, is_click, touches, drive, fate, None)
+        dispatcher.note(_new(CommandRecord, values))
 
-    def _command_by_time(self) -> None:
-        now_ns = self._now_ns()
-        self._command(None, now_ns, None)
-        if self._ring is not None:
-            self._note(now_ns, None, b"")
+    def _tell(self) -> None:
+        """The records of the pass, after its command was written."""
+        counters, pipeline, observer = self.counters, self._pipeline, self._observer
+        records = self._dispatcher.take_records()
+        counters.replaced = self._session.link.counters.coalesced
+        digitizer = pipeline.digitizer.counters
+        counters.frames, counters.lost_frames = digitizer.frames, digitizer.lost_frames
+        if observer is not None:
+            for record in records:
+                observer.tell(record, counters)
 
-    def _take_frame(self, frame: TouchFrame) -> bool:
-        """Whether the frame brings a new state."""
-        time_ns = frame.time_ns
-        self._release_ns = time_ns + RELEASE_AFTER_NS if frame.contacts else None
-        touches = self._touches = self._tracker.track(frame)
-        if self._player.take(touches, time_ns):
-            return self._take_state()
-        self._note_due()
-        return False
-
-    def _take_state(self) -> bool:
-        player = self._player
-        self._note_due()
-        state, level_db, click_ns = player.state, player.level_db, player.click_ns
-        if state == self._state and level_db == self._level_db and click_ns == self._click_ns:
-            return False
-        self._state, self._level_db, self._click_ns = state, level_db, click_ns
-        return True
-
-    def _note_due(self) -> None:
-        due_ns, release_ns = self._player.next_change_ns, self._release_ns
-        if release_ns is not None and (due_ns is None or release_ns < due_ns):
-            due_ns = release_ns
-        self._due_ns = math.inf if due_ns is None else due_ns
-
-    def _command(
-        self,
-        report_index: int | None,
-        state_ns: int,
-        stamps: tuple[int, int, int] | None,
-        command_ns: int | None = None,
-    ) -> None:
-        """Hand the command of a new state to the link, in place of one not sent yet, unless it plays already.
-
-        `stamps` are those up to FRAME, where a report caused it; `command_ns` is when it was known, if not now.
-        """
-        self.counters.state_changes += 1
-        is_click = self._click_ns is not None
-        command = self._renderer.render(self._state, self._level_db, is_click)
-        state = (state_ns, report_index, self._state, self._level_db, is_click, self._touches)
-        if command == self._held and (self._pending is None or self._is_sent()):
-            # Sent anew, it would begin anew: fade out and in; and silence would cut a click that still plays.
-            self._settle()
-            if self._trace is not None:
-                self._trace.append(_Pending(*state, 0, None).change(None))
-            return
-        if self._pending is not None:
-            self._settle()
-        sent_before = self._link.counters.sent
-        self._held = command if isinstance(command, DriveCommand) else SILENCE
-        command.hand_to(self._link)
-        handed = None if stamps is None else (*stamps, state_ns, command_ns or self._now_ns())
-        self._pending = _Pending(*state, sent_before, handed)
+    # ---- writing ----
 
     def _keep_link(self, readable: Container[int] | None) -> None:
-        """Move bytes while there is a port; what was lost is found again, or ends the run."""
-        if not self._port:
-            self._look_for_port()
+        """Move bytes while there is a port; a port that was lost is found again, or ends the run."""
+        reconnection = self._reconnection
+        if not reconnection.has_port:
+            reconnection.look_for_port(self._now_ns())
             return
         try:
             self._move_bytes(readable)
-        except LinkLostError:
-            if self._reopening is None:
-                raise
-            self._lose_port(self._reopening)
-
-    def _look_for_update(self, updates: Updates, readable: Container[int] | None) -> None:
-        """Another table: its bank goes over while the old one plays; then all changes at once, between two frames."""
-        if readable is None or updates.fileno() in readable:
-            rendering = updates.poll()
-            if rendering is not None and rendering.renderer.suits_device_of(self._renderer):
-                self._next, self._is_handed_over, self._needs_session = rendering, False, False
-        coming, link = self._next, self._link
-        if coming is None or self._is_handed_over or link.state is not LinkState.READY:
-            return
-        if self._needs_session or replace(coming.configuration, bank=None) != replace(link.configuration, bank=None):
-            self._change_session(coming)
-        elif coming.bank is None or coming.bank_data == self._bank_data:
-            self._swap(coming)
-        else:
-            link.replace_bank(coming.bank, coming.bank_data)
-            self._is_handed_over = True
-
-    def _change_session(self, coming: Rendering) -> None:
-        """Other limits, or a device without room for two banks: a new session, in a moment that nobody touches."""
-        if self._release_ns is not None or self._player.next_change_ns is not None:
-            return
-        self._swap(coming)
-        self._link.reconfigure(coming.configuration)
-        self._session.connect()
-
-    def _swap(self, coming: Rendering) -> None:
-        self.counters.swaps += 1
-        self._next = None
-        self._renderer, self._bank_data = coming.renderer, coming.bank_data
-        self._tracker = FingerTracker(coming.device, self._digitizer.surface)
-        if self._fast is not None:
-            self._fast.refit(self._tracker, coming.fast_table)
-        self._player.click_length_ns = coming.click_length_ns
-        waits = self._pending is not None and not self._is_sent()
-        if waits or (self._level_db is not None and self._click_ns is None):
-            self._command_by_time()
-
-    def _lose_port(self, reopening: Reopening) -> None:
-        self.counters.losses += 1
-        if self._is_sent():
-            self._settle()
-        self._session.lose_port()
-        self._watch(())
-        reopening.lose(self._now_ns())
-
-    def _look_for_port(self) -> None:
-        """A port that is back begins with the whole handshake; what is to play by then goes out once it is armed."""
-        port = None if self._reopening is None else self._reopening.poll(self._now_ns())
-        if port is not None:
-            self.counters.reconnects += 1
-            self._session.move_to(port)
-            self._watch((port.fileno(),))
-
-    def _watch(self, port: tuple[int, ...]) -> None:
-        """Wait for the descriptor of the port, if there is one, and for that of the touches."""
-        touch = self._source.fileno()
-        self._port = port
-        self._port_and_touch = port if touch is None else (*port, touch)
-        if self._updates is not None:
-            self._port_and_touch += (self._updates.fileno(),)
+        except LinkLostError as error:
+            if self._dispatcher.is_sent:
+                self._dispatcher.settle()
+            reconnection.lose_port(error, self._now_ns())
 
     def _move_bytes(self, readable: Container[int] | None = None) -> None:
-        """Write first: a fresh command does not wait for what the device says."""
         session = self._session
         session.send()
-        if self._pending is not None and not session.wants_to_write() and self._is_sent():
-            self._settle()
-        if readable is None or self._port[0] in readable:
+        self._dispatcher.settle_if_written()
+        if readable is None or session.port.fileno() in readable:
             for event in session.receive():
                 self._act_on(event)
         else:
             session.check_patience()
-        if self._link.state in _ENDED:
-            self._act_on_stop()
-
-    def _is_sent(self) -> bool:
-        return self._pending is not None and self._link.counters.sent != self._pending.sent_before
-
-    def _settle(self, settled_ns: int | None = None) -> None:
-        """End of the pending change: written, replaced, or never to be sent; now, if no time is given."""
-        pending, settled_ns = self._pending, settled_ns or self._now_ns()
-        if pending is None:
-            return
-        is_sent = self._is_sent()
-        self._pending = None
-        self.counters.commands += is_sent
-        if is_sent and self._ring is not None:
-            stamps = None if pending.stamps is None else (*pending.stamps, settled_ns)
-            self._sent = _Sent(pending.report_index, pending.time_ns, stamps, self._link.drive_sequence)
-        if is_sent and pending.stamps and self._latency is not None and not self._session.wants_to_write():
-            self._latency.record((*pending.stamps, settled_ns))
-        if self._trace is not None:
-            self._trace.append(pending.change(self._link.drive_sequence if is_sent else None))
-
-    def _note(self, time_ns: int, report_index: int | None, report: bytes) -> None:
-        """Keep what there is to tell until the command of the pass is written: nobody waits for a record."""
-        is_click = self._click_ns is not None
-        self._news.append(_News(time_ns, report_index, self._state, self._level_db, is_click, self._touches, report))
-
-    def _tell(self, ring: RingWriter) -> None:
-        """Records of the pass; a command that left later than its report has one more, without the report."""
-        sent, self._sent = self._sent, None
-        if sent is not None and all(news.report_index != sent.report_index for news in self._news):
-            self._note(sent.time_ns, sent.report_index, b"")
-        counters, link = self.counters, self._link.counters
-        counts = (
-            counters.reports,
-            counters.frames,
-            counters.state_changes,
-            counters.commands,
-            link.coalesced,
-            self._digitizer.counters.lost_frames,
-        )
-        drive = self._held.drive
-        for time_ns, index, state, level_db, is_click, touches, report in self._news:
-            stamps, sequence = (0, time_ns, 0, 0, 0, 0), None
-            if sent is not None and sent.report_index == index:
-                stamps, sequence = sent.stamps or stamps, sent.sequence
-            ring.write(stamps, index, state, level_db, is_click, sequence, counts, touches, drive, report)
-        self._news.clear()
+        self._reconnection.greet_again_if_stopped()
 
     def _act_on(self, event: Event) -> None:
-        match event:
-            case Armed():
-                self._resume()
-            case BankReplaced() if self._next is not None:
-                self._swap(self._next)
-            case BankRefused():
-                self._is_handed_over, self._needs_session = False, True
-            case Greeted() if not self._renderer.fits(event.capabilities):
-                raise LinkError("another device answered than the one this run began with: start the run again")
-            case FaultReceived() if not self._reconnect:
-                raise LinkError(f"the device disarmed itself ({event.fault.name}): see to it, then start the run again")
+        self._reconnection.check(event, self._pipeline.renderer)
+        if self._swap is not None:
+            self._swap.act_on(event)
+        if isinstance(event, Armed):
+            self._dispatcher.resume()
 
-    def _resume(self) -> None:
-        """What is to play by now goes out to a device that was armed again; a click is over."""
-        self._is_handed_over = False
-        if self._pending is not None and self._pending.is_click:
-            self._settle()
-        if self._held != SILENCE or self._pending is not None:
-            self._held.hand_to(self._link)
+    def _table_changed(self) -> None:
+        """Play a steady drive, or a command that waits, from the new table; a click that sounds ends as it began."""
+        self.counters.swaps += 1
+        wanted, dispatcher = self._pipeline.wanted, self._dispatcher
+        waits = dispatcher.is_pending and not dispatcher.is_sent
+        if waits or (wanted.level_db is not None and wanted.click_ns is None):
+            self._hand_over(self._pipeline.command())
 
-    def _act_on_stop(self) -> None:
-        if not self._reconnect:
-            raise LinkError("the device is not armed: it was rebooted or stopped; see to it, then start the run again")
-        # The acknowledgement of a fault goes out first: the device repeats the fault until it comes.
-        if self._link.next_deadline_ns() is None and not self._session.wants_to_write():
-            self.counters.reconnects += 1
-            self._session.connect()
+    # ---- the end ----
 
     def _silence(self) -> None:
         """Leave no drive, whatever is touched, and wait until the port has taken that."""
-        if self._state:
-            self._state, self._level_db, self._click_ns = 0, None, None
-            self._command(None, self._now_ns(), None)
-        while self._pending is not None and self._link.state is LinkState.READY:
+        command = self._pipeline.silence()
+        if command is not None:
+            self._hand_over(command)
+        while self._dispatcher.is_pending and self._session.link.state is LinkState.READY:
             _wait_for_link(self._session, self._clock)
             self._move_bytes()
 
     def _stop(self) -> None:
-        self._link.stop(self._now_ns())
-        while self._link.state is LinkState.STOPPING:
-            _wait_for_link(self._session, self._clock)
-            self._session.send()
-            self._session.receive()
+        session = self._session
+        session.link.stop(self._now_ns())
+        while session.link.state is LinkState.STOPPING:
+            _wait_for_link(session, self._clock)
+            session.send()
+            session.receive()
 
 
 def _wait_for_link(session: Session, clock: Clock) -> None:
     port = (session.port.fileno(),)
-    clock.wait(_link_deadline_ns(session, clock), port, port if session.wants_to_write() else ())
+    clock.wait(_link_deadline_ns(session, clock.now_ns()), port, port if session.wants_to_write() else ())
 
 
-def _link_deadline_ns(session: Session, clock: Clock) -> int | None:
-    if session.wants_to_write():
-        return clock.now_ns() + BLOCKED_LINE_NS
-    return session.link.next_deadline_ns()
+def _link_deadline_ns(session: Session, now_ns: int) -> int | None:
+    return now_ns + BLOCKED_LINE_NS if session.wants_to_write() else session.link.next_deadline_ns()

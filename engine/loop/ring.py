@@ -9,10 +9,12 @@ import mmap
 import os
 import struct
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple, Self
 
+from engine.loop.latency import Stamps
+from engine.loop.observer import CommandRecord, LoopCounters
 from engine.touch import Touch
 from firmware_link.protocol.errors import TactableError
 
@@ -61,7 +63,7 @@ class Record(NamedTuple):
     command where the state stayed the same.
     """
 
-    stamps_ns: tuple[int, int, int, int, int, int]
+    stamps_ns: Stamps
     report_index: int | None
     """None for a change that time alone brought."""
     state: int
@@ -103,32 +105,26 @@ class RingWriter:
             os.close(descriptor)
         _HEAD.pack_into(self._memory, 0, MAGIC, REVISION, _SLOT_SIZE, slots, os.getpid(), 0)
 
-    def write(
-        self,
-        stamps_ns: Sequence[int],
-        report_index: int | None,
-        state: int,
-        level_db: float | None,
-        is_click: bool,
-        drive_sequence: int | None,
-        counters: Sequence[int],
-        touches: Sequence[Touch],
-        drive: bytes,
-        report: bytes,
-    ) -> None:
-        """Write a `Record`, in place of the oldest where all slots are taken."""
+    def tell(self, record: CommandRecord, counters: LoopCounters) -> None:
+        """Write a record, in place of the oldest where all slots are taken."""
+        touches, drive, report = record.touches, record.drive, record.report
         count = min(len(touches), MOST_TOUCHES)
         room = _SLOT_SIZE - _GUARD.size - _FIXED.size - count * _TOUCH.size - len(drive)
         body = b"".join(
             (
                 _FIXED.pack(
-                    *stamps_ns,
-                    _NONE if report_index is None else report_index,
-                    state,
-                    _NO_LEVEL if level_db is None else level_db,
-                    is_click,
-                    _NONE if drive_sequence is None else drive_sequence,
-                    *counters,
+                    *record.stamps_ns,
+                    _NONE if record.report_index is None else record.report_index,
+                    record.state,
+                    _NO_LEVEL if record.level_db is None else record.level_db,
+                    record.is_click,
+                    _NONE if record.drive_sequence is None else record.drive_sequence,
+                    counters.reports,
+                    counters.frames,
+                    counters.state_changes,
+                    counters.commands,
+                    counters.replaced,
+                    counters.lost_frames,
                     count,
                     len(drive),
                     min(len(report), room),

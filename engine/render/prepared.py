@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from engine.device import Device
 from engine.effects import Effects
 from engine.effects.player import DEFAULT_CLICK_NS
-from engine.loop.fast.table import FastTable, make_fast_table
 from engine.render.limits import link_configuration
 from engine.render.renderer import Renderer, WhenNotAchieved
 from engine.table import Table
@@ -27,8 +26,6 @@ class Rendering:
     bank_data: bytes
     """The bank as the device takes it; empty without one."""
     click_length_ns: int
-    fast_table: FastTable | None = None
-    """The same commands as the fast path reads them; None where they are too many or too long."""
 
     @property
     def bank(self) -> Bank | None:
@@ -56,5 +53,4 @@ def render_table(
         configuration,
         b"" if bank is None else encode_bank(bank, capabilities.number_of_actuators),
         max((round(NS_PER_S * click.length_s) for click in table.clicks), default=DEFAULT_CLICK_NS),
-        make_fast_table(renderer, capabilities, len(device.zones), configuration.lease_ms),
     )

@@ -78,13 +78,6 @@ class Session:
             self._unsent = data
             self._unsent = data[self.port.write(data) :]
 
-    def confirm(self, frame: bytes, taken: int, now_ns: int) -> bool:
-        """The compiled step wrote the first `taken` bytes of `frame` at `now_ns`; returns whether the link agrees."""
-        if self.link.outgoing(now_ns) != frame:
-            return False
-        self._unsent = frame[taken:]
-        return True
-
     def wants_to_write(self) -> bool:
         """Whether the port should be polled for writing too."""
         return bool(self._unsent)

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.loop.fast.step import NONE, FastPath
-from engine.loop.loop import StateChange
+from engine.loop import Trace
+from engine.loop.fast.fast_path import FastPath
+from engine.loop.fast.layout import NONE
 from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.touch import open_digitizer
@@ -139,16 +140,14 @@ class _MemorySource(_Memory):
 class _MemoryFastPath(FastPath):
     """The compiled step on a report in memory, from the call to its return."""
 
-    def __init__(self, library: ctypes.CDLL, source: _MemorySource, *others: Any) -> None:
-        super().__init__(library, source, *others)
-        self._memory_source = source
+    _packets: _MemorySource
 
     def _run(self, until_ns: int) -> None:  # noqa: ARG002  # the clock is set forward instead
-        fast, source, library = self._fast, self._memory_source, self._library
+        fast, source, library = self._moment.fast, self._packets, self._library
         fast.packet_size = fast.frame_size = fast.written = 0
         fast.readable[:] = (1, 1, 1, 1)
         source.clock.wait(None, (), ())
-        now_ns = fast.woken_ns = fast.read_ns = fast.written_ns = source.clock.now_ns()
+        now_ns = fast.read_ns = fast.written_ns = source.clock.now_ns()
         report = source.read_report(now_ns)
         if report is None:
             return
@@ -217,7 +216,7 @@ def measure_in_process(table: Table, stream: Stream, count: int, library: ctypes
     clock = _PacedClock()
     memory = _MemorySource(stream, count, len(table.device.actuators), clock)
     options = LiveOptions(HELD, WhenNotAchieved.GO_ON, True, _MEMORY_BIT_RATE_HZ, fast=library)
-    trace: list[StateChange] = []
+    trace = Trace()
     Live(table, memory, _MemoryPort(memory), clock, options, trace, fast_path=_MemoryFastPath).run()
     write_ns = np.array(memory.write_ns, np.float64)
     caused = [change.report_index for change in trace if change.drive_sequence is not None]

@@ -7,11 +7,13 @@ from itertools import cycle, islice
 from pathlib import Path
 
 from engine.device import Device
-from engine.effects import Effect, EffectPlayer, Effects, Rule, Segment, Trigger
+from engine.effects import Effect, Effects, Rule, Segment, Trigger
+from engine.loop import open_pipeline
+from engine.render import Renderer
 from engine.table import Table
 from engine.table.entry import DEFAULT_LEVEL_DB
-from engine.touch import FingerTracker, open_digitizer
 from engine.touch.sources.recording import Recording
+from firmware_link.host.link_values import Capabilities
 from tactable.rig.virtual_digitizer import PRODUCT_ID, VENDOR_ID, descriptor_of, report_of
 from tactable.shipped import cache_folder, find_device
 
@@ -20,6 +22,8 @@ MOST_COMMANDS_HZ = 1000
 """Commands a second at most: a lease of 40 ms allows 3175, and a faster digitizer does not make fingers faster."""
 HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_DB),))),))
 """A finger feels its zone as long as it touches: time alone changes nothing, so each command has its report."""
+# Where only states are asked for, any device will do.
+_ANY_DEVICE = Capabilities(255, 0.01, 1.0, 655.35, (), 100, 48_000, 0, 0, (0, 0, 0))
 
 
 @contextmanager
@@ -101,14 +105,7 @@ def replayed(recording: Recording) -> Stream:
 
 def expected_states(stream: Stream, count: int, device: Device) -> list[tuple[int, int]]:
     """(report, state) of each change that `count` reports bring when none is lost or late."""
-    digitizer = open_digitizer(stream.descriptor, stream.vendor_id, stream.product_id)
-    tracker, player = FingerTracker(device, digitizer.surface), EffectPlayer(HELD, len(device.zones))
-    changes, state = [], 0
-    for index, report in enumerate(islice(stream.packets(), count)):
-        frame = digitizer.decode_report(report, 0)
-        if frame is not None:
-            player.take(tracker.track(frame), 0)
-        if player.state != state:
-            state = player.state
-            changes.append((index, state))
-    return changes
+    renderer = Renderer(dict.fromkeys(HELD.levels_db, ()), device, _ANY_DEVICE)
+    pipeline = open_pipeline(stream, device, HELD, renderer)
+    reports = enumerate(islice(stream.packets(), count))
+    return [(index, pipeline.wanted.state) for index, report in reports if pipeline.step(report, 0) is not None]

@@ -11,9 +11,8 @@ from typing import Annotated, Any
 import typer
 
 from engine.effects import DEFAULT_EFFECTS, read_effects
-from engine.loop.fast.step import FastPathError, compile_fast_path
-from engine.loop.latency import Stage
-from engine.loop.loop import Clock, StopRequest, SystemClock, Updates
+from engine.loop import Clock, Stage, StopRequest, SystemClock, Updates
+from engine.loop.fast.library import FastPathError, compile_fast_path
 from engine.loop.realtime import ALL_STEPS, Step, parse_steps
 from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
@@ -124,9 +123,7 @@ def run(
             asked = Watched(table_path, identity, zones, effects, capabilities, when_not_achieved, bit_rate_hz)
             return stack.enter_context(TableWatch(asked))
 
-        live = Live(
-            table, source, port, clock, options, reopening=found_again, ring=ring, watch=watched if watch else None
-        )
+        live = Live(table, source, port, clock, options, ring, reopening=found_again, watch=watched if watch else None)
         if ring is not None and recording_path is not None:
             stack.enter_context(recorder_of(ring.path, recording_path, source, bus))
         if ring is not None and page:
@@ -210,8 +207,9 @@ def _announce(source: Source, port: SerialPort, live: Live, when_not_achieved: W
 
 def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
     """Counters and times of a run as plain values."""
-    counters, latency = live.loop.counters, live.latency.summarise(Stage.AVAILABLE, Stage.WRITTEN)
-    scans = live.scan_times.summarise()
+    counters, fast = live.loop.counters, live.fast_counters
+    latency = live.timing.latency.summarise(Stage.AVAILABLE, Stage.WRITTEN)
+    scans = live.timing.scan_times.summarise()
     return {
         "touches": source.name,
         "simulated_firmware": live.capabilities.board == BOARD_EMULATED,
@@ -220,8 +218,8 @@ def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
         "touch_frames": counters.frames,
         "state_changes": counters.state_changes,
         "commands_sent": counters.commands,
-        "commands_by_fast_path": counters.answered,
-        "commands_mispredicted": counters.mispredicted,
+        "commands_by_fast_path": fast.answered,
+        "commands_mispredicted": fast.mispredicted,
         "clicks_in_the_bank": live.clicks,
         "set_frames_on_the_wire": live.frames_sent,
         "unknown_states": live.renderer.unknown_states,

@@ -4,7 +4,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from engine.loop.fast.step import FastPathError, compile_fast_path
+from engine.loop.fast.library import FastPathError, compile_fast_path
 from engine.table import Table, TableError
 from tactable.doctor.check import Check
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from engine.effects import DEFAULT_EFFECTS, Effects
-from engine.loop.latency import LatencyRecorder
-from engine.loop.loop import LoopCounters, StateChange, SystemClock
+from engine.loop import CommandRecord, LatencyRecorder, LoopCounters, SystemClock, Trace
 from engine.table import Table
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording
@@ -26,14 +25,14 @@ _SET, _PLAY = "SET", "PLAY"
 class LiveRun:
     """Record of one run: the loop's trace and counters, and the log of the firmware."""
 
-    trace: tuple[StateChange, ...]
+    trace: tuple[CommandRecord, ...]
     counters: LoopCounters
     frames_sent: int
     """SET and PLAY frames, renewals of the lease included."""
     latency: LatencyRecorder
     log: EmulatorLog
 
-    def applied(self, change: StateChange) -> DriveEvent | None:
+    def applied(self, change: CommandRecord) -> DriveEvent | None:
         """What the firmware drove once it had taken the command of a state change; None if it never took it.
 
         A command that came late is refused as stale; its renewals bring the same drive as long as the state lasts.
@@ -45,12 +44,12 @@ class LiveRun:
         before = [event for event in self.log.events if _is_before(event, frame)]
         return before[-1] if before and before[-1].cause in (Cause.SET, Cause.PLAY) else None
 
-    def came_late(self, change: StateChange) -> bool:
+    def came_late(self, change: CommandRecord) -> bool:
         """Whether the firmware refused the command and all its renewals, as it does when the machine has stalled."""
         frames = self._frames(change)
         return bool(frames) and all(frame.outcome is not Outcome.ACCEPTED for frame in frames)
 
-    def _frames(self, change: StateChange) -> list[ReceivedFrame]:
+    def _frames(self, change: CommandRecord) -> list[ReceivedFrame]:
         """The command of a state change and its renewals, as the firmware received them; a terminal loses none.
 
         A click has none: what follows it is silence.
@@ -80,7 +79,7 @@ def play(
     """
     # When the machine stalls for 250 ms, the firmware latches silence, as it must; the run greets it again and goes on.
     # After a stall of a second the port is opened again.
-    options, trace = LiveOptions(effects, reconnect=True, bit_rate_hz=PTY_BIT_RATE_HZ), list[StateChange]()
+    options, trace = LiveOptions(effects, reconnect=True, bit_rate_hz=PTY_BIT_RATE_HZ), Trace()
     count = len(table.device.actuators)
     with ExitStack() as stack:
         emulator = stack.enter_context(run_emulator(count, faults=faults))
@@ -90,7 +89,7 @@ def play(
         live = Live(table, Playback(recording, speed), port, SystemClock(), options, trace, reopening)
         live.run()
         log = emulator.stop()
-    return LiveRun(tuple(trace), replace(live.loop.counters), live.frames_sent, live.latency, log)
+    return LiveRun(tuple(trace), replace(live.loop.counters), live.frames_sent, live.timing.latency, log)
 
 
 def _is_before(event: DriveEvent, frame: ReceivedFrame) -> bool:
@@ -108,7 +107,7 @@ class Wanted(NamedTuple):
     is_click: bool
 
 
-def wanted_of(change: StateChange) -> Wanted | None:
+def wanted_of(change: CommandRecord) -> Wanted | None:
     """The wanted drive or click of a change; None where no finger is to feel."""
     return None if change.level_db is None else Wanted(change.state, change.level_db, change.is_click)
 

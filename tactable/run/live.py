@@ -5,18 +5,26 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from engine.effects import DEFAULT_EFFECTS, EffectPlayer, Effects
-from engine.loop.fast.step import FastPath, FastPathError, PacketSource, compile_fast_path
-from engine.loop.latency import LatencyRecorder
-from engine.loop.loop import Clock, Loop, Reopening, StateChange, StopRequest, Updates, connect
+from engine.effects import DEFAULT_EFFECTS, Effects
+from engine.loop import (
+    Clock,
+    Dispatcher,
+    Loop,
+    Observer,
+    Observers,
+    Reopening,
+    StopRequest,
+    Timing,
+    Updates,
+    connect,
+    open_pipeline,
+)
+from engine.loop.fast.fast_path import FastPath, FastSession, PacketSource
+from engine.loop.fast.library import FastPathError, compile_fast_path
+from engine.loop.fast.table import with_fast_table
 from engine.loop.realtime import Outcome, Step, real_time
-from engine.loop.ring import RingWriter
-from engine.render.limits import link_configuration
-from engine.render.prepared import render_table
-from engine.render.renderer import WhenNotAchieved
+from engine.render import WhenNotAchieved, link_configuration, render_table
 from engine.table import Table
-from engine.touch import FingerTracker, open_digitizer
-from engine.touch.scan_time import ScanTimes
 from engine.touch.sources import Source
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Capabilities
@@ -53,9 +61,9 @@ class Live:
     """The engine between a source and a port: greeted and encoded when it is made, then `run`.
 
     With `reopening` a run outlasts the loss of its port: the device is greeted and armed again once it is back. With
-    `watch`, which is told the device's capabilities, it changes over to new tables.
-    Its parts hold the counters, during the run and after it. Raises what they raise: DigitizerError, DescriptorError,
-    LinkError, LimitError, RendererError.
+    `watch`, which is told the device's capabilities, it changes to new tables. `observer` is told what happens beside
+    the run's own `timing`. The parts hold the counters, during the run and after it. Raises what they raise:
+    DigitizerError, DescriptorError, LinkError, LimitError, RendererError.
     """
 
     def __init__(
@@ -65,16 +73,14 @@ class Live:
         port: Port,
         clock: Clock,
         options: LiveOptions,
-        trace: list[StateChange] | None = None,
+        observer: Observer | None = None,
         reopening: Reopening | None = None,
-        ring: RingWriter | None = None,
         watch: Callable[[Capabilities], Updates] | None = None,
         fast_path: Callable[..., FastPath] = FastPath,
     ) -> None:
-        effects, self._make_fast_path = options.effects, fast_path
-        self.digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
+        effects = options.effects
         self.wants_clicks = effects.have_clicks
-        self.latency, self.scan_times = LatencyRecorder(), ScanTimes()
+        self.timing = Timing()
         greeting = Link(link_configuration(table.device, options.bit_rate_hz))
         self.capabilities = connect(Session(greeting, port, clock.now_ns), clock)
         rendering = render_table(table, effects, self.capabilities, options.when_not_achieved, options.bit_rate_hz)
@@ -85,37 +91,31 @@ class Live:
         self.outcomes: tuple[Outcome, ...] = ()
         """What became of each real-time step, once it runs."""
         self._options, self._clock = options, clock
-        session = self._session = Session(self.link, port, clock.now_ns)
-        player = EffectPlayer(effects, len(table.device.zones), rendering.click_length_ns)
+        self._session = FastSession(self.link, port, clock.now_ns)
+        self.fast_counters = self._session.fast_counters
+        click_ns = rendering.click_length_ns
+        pipeline = open_pipeline(source, table.device, effects, self.renderer, clock.now_ns, click_ns)
+        self.digitizer = pipeline.digitizer
+        dispatcher = Dispatcher(self._session, clock.now_ns)
+        observer = Observers(self.timing, observer)
+        edges: tuple[Source, Clock, Observer] = (source, clock, observer)
+        if options.fast is not None and isinstance(source, PacketSource):
+            try:
+                fast_rendering = with_fast_table(rendering, self.capabilities)
+                others = (clock, effects, fast_rendering, observer)
+                fast = fast_path(options.fast, source, pipeline, dispatcher, *others)
+                edges = (fast.source, fast, fast)
+            except FastPathError as error:
+                self.no_fast_path = str(error)
         self.loop = Loop(
-            source,
-            self.digitizer,
-            FingerTracker(table.device, self.digitizer.surface),
-            player,
-            self.renderer,
-            session,
-            clock,
+            pipeline,
+            dispatcher,
+            *edges,
             reconnect=options.reconnect,
             reopening=reopening,
-            trace=trace,
-            latency=self.latency,
-            scan_times=self.scan_times,
-            ring=ring,
             updates=None if watch is None else watch(self.capabilities),
             bank_data=rendering.bank_data,
-            fast=None if options.fast is None else self._fast_path(options.fast, source, player),
-            fast_table=rendering.fast_table,
         )
-
-    def _fast_path(self, library: ctypes.CDLL, source: Source, player: EffectPlayer) -> FastPath | None:
-        if not isinstance(source, PacketSource):
-            return None
-        try:
-            rules = self._options.effects
-            return self._make_fast_path(library, source, self.digitizer, player, rules, self._clock.now_ns)
-        except FastPathError as error:
-            self.no_fast_path = str(error)
-            return None
 
     @property
     def clicks(self) -> int:

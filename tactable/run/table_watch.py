@@ -16,6 +16,7 @@ from typing import Any
 
 from engine.device import DeviceError
 from engine.effects import Effects
+from engine.loop.fast.table import with_fast_table
 from engine.render.limits import LimitError
 from engine.render.prepared import Rendering, render_table
 from engine.render.renderer import RendererError, WhenNotAchieved
@@ -125,9 +126,10 @@ def _rendered(watched: Watched) -> Rendering:
         if zones != watched.zones:
             was = ", ".join(watched.zones)
             raise TableError(f"{watched.path}: has zones {', '.join(zones)}, the run began with {was}: start it again")
-        return render_table(
+        rendering = render_table(
             table, watched.effects, watched.capabilities, watched.when_not_achieved, watched.bit_rate_hz
         )
+        return with_fast_table(rendering, watched.capabilities)
 
 
 def _packed(value: object) -> bytes:

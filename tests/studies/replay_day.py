@@ -16,14 +16,13 @@ from pathlib import Path
 from typing import Any
 
 from engine.device import Device
-from engine.effects import EffectPlayer, Effects, Rule, Trigger
+from engine.effects import Effects, Rule, Trigger
 from engine.effects.rules import burst
-from engine.loop.latency import LatencyRecorder
-from engine.loop.loop import Loop, connect
+from engine.loop import Dispatcher, Loop, Timing, connect, open_pipeline
 from engine.loop.realtime import Step, real_time
 from engine.render.limits import link_configuration
 from engine.render.renderer import Renderer
-from engine.touch import DigitizerError, FingerTracker, open_digitizer
+from engine.touch import DigitizerError, open_digitizer
 from engine.touch.sources.recording import Recording, Report, read_recording
 from firmware_link.emulator import Cause, DeviceConfiguration, DeviceCounters, EmulatedFirmware
 from firmware_link.host.link import Link
@@ -174,17 +173,8 @@ def replay(recordings: Sequence[Recording], seconds: float, pieces: int = 24) ->
         recording = recordings[piece % len(recordings)]
         capabilities = connect(session, machine)
         source = Repeated(recording, machine, machine.time_ns + round(seconds / pieces * NS_PER_S))
-        digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
-        loop = Loop(
-            source,
-            digitizer,
-            FingerTracker(DEVICE, digitizer.surface),
-            EffectPlayer(BURSTS, len(DEVICE.zones)),
-            Renderer(entries, DEVICE, capabilities),
-            session,
-            machine,
-            latency=LatencyRecorder(1_000),
-        )
+        pipeline = open_pipeline(source, DEVICE, BURSTS, Renderer(entries, DEVICE, capabilities))
+        loop = Loop(pipeline, Dispatcher(session, machine.now_ns), source, machine, Timing())
         trips = machine.firmware.counters.trips
         with real_time([Step.COLLECTOR]):
             gc.callbacks.append(note)

@@ -6,12 +6,21 @@ from itertools import combinations, groupby
 from pathlib import Path
 
 from engine.device import Device
-from engine.effects import Effect, EffectPlayer, Effects, Rule, Segment, Trigger
-from engine.loop.loop import Loop, LoopCounters, StateChange, StopRequest, SystemClock, connect
+from engine.effects import Effect, Effects, Rule, Segment, Trigger
+from engine.loop import (
+    CommandRecord,
+    Dispatcher,
+    Loop,
+    LoopCounters,
+    StopRequest,
+    SystemClock,
+    Trace,
+    connect,
+    open_pipeline,
+)
 from engine.render.limits import link_configuration
 from engine.render.renderer import Renderer
 from engine.table import Entry
-from engine.touch import FingerTracker, open_digitizer
 from engine.touch.digitizer import DigitizerCounters
 from engine.touch.sources import Source
 from firmware_link.emulator import DriveEvent
@@ -36,7 +45,7 @@ HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),
 class ChainRun:
     """What the engine did in one run, and how it ended: `link_error` is None for a run that ended as asked."""
 
-    trace: tuple[StateChange, ...]
+    trace: tuple[CommandRecord, ...]
     counters: LoopCounters
     digitizer_counters: DigitizerCounters
     link_counters: LinkCounters
@@ -53,21 +62,20 @@ class ChainRun:
 
 def run_chain(source: Source, port: SerialPort, stop: StopRequest | None, on_ready: Callable[[], None]) -> ChainRun:
     """Greet the firmware, say so, then run until the source has ended or `stop` is set; closes the port."""
-    clock, trace = SystemClock(), list[StateChange]()
-    digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
-    tracker, player = FingerTracker(DEVICE, digitizer.surface), EffectPlayer(HELD, len(DEVICE.zones))
+    clock, trace = SystemClock(), Trace()
     link = Link(replace(link_configuration(DEVICE, BIT_RATE_HZ), handshake_timeout_s=PATIENCE_S))
     link_error = None
     with port:
         session = Session(link, port, clock.now_ns)
         renderer = Renderer({LEVEL_DB: ENTRIES}, DEVICE, connect(session, clock))
-        loop = Loop(source, digitizer, tracker, player, renderer, session, clock, reconnect=True, trace=trace)
+        pipeline = open_pipeline(source, DEVICE, HELD, renderer)
+        loop = Loop(pipeline, Dispatcher(session, clock.now_ns), source, clock, trace, reconnect=True)
         on_ready()
         try:
             loop.run(stop)
         except LinkError as error:
             link_error = str(error)
-    return ChainRun(tuple(trace), loop.counters, digitizer.counters, link.counters, link_error)
+    return ChainRun(tuple(trace), loop.counters, pipeline.digitizer.counters, link.counters, link_error)
 
 
 def entry_for(zones: tuple[int, ...]) -> Entry:

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import pytest
 
-from engine.loop.loop import StateChange
+from engine.loop import CommandRecord
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources.playback import Playback
 from firmware_link.emulator import Cause, DriveEvent, Outcome
@@ -102,7 +102,7 @@ def last_before(happened: Happened, note: str) -> DriveEvent:
     return [event for event in happened.log.events if time_ns(happened, event) < happened.notes[note]][-1]
 
 
-def played_for(happened: Happened, change: StateChange) -> DriveEvent | None:
+def played_for(happened: Happened, change: CommandRecord) -> DriveEvent | None:
     """The firmware's change of drive by the command of a state; None where it was never sent, stale or no change."""
     since_ns = [(event, time_ns(happened, event) - change.time_ns) for event in happened.log.events]
     near = (event for event, passed_ns in since_ns if 0 <= passed_ns < SAME_SEQUENCE_NS and event.cause is Cause.SET)

@@ -9,74 +9,14 @@
 #include <errno.h>
 #include <math.h>
 #include <poll.h>
-#include <stdint.h>
 #include <string.h>
 #include <sys/timerfd.h>
 #include <time.h>
 #include <unistd.h>
 
-enum {
-    MOST_PLANS = 8, MOST_SLOTS = 40, MOST_CONTACTS = 64, MOST_ZONES = 16, MOST_RULES = 64, MOST_WAITED = 4,
-    LONGEST_BODY = 240, PACKET_SIZE = 4096, FRAME_SIZE = 256
-};
-enum { KEY_ID, KEY_SLOT, KEY_SLOT_FROM_ONE, KEY_NUMBER };
-enum { SET = 1, PLAY = 2 };
+#include "layout.h"
+
 enum { DECLINED, ANSWERED };
-#define NONE (-1)
-#define FRAME_SILENCE_NS 30000000
-
-typedef struct { int64_t byte, shift, mask; } Bits; /* a mask of 0: the device has no such field */
-
-typedef struct {
-    Bits tip, contact_id, valid, hover, place;
-    int64_t sign, minimum, maximum;
-} Slot;
-
-typedef struct {
-    int64_t report_id, needed_bytes, slots;
-    Bits count, scan_time;
-    Slot slot[MOST_SLOTS];
-} Plan;
-
-typedef struct { int64_t kind, size; uint8_t body[LONGEST_BODY]; } Command;
-
-typedef struct { int64_t trigger, zones, level, is_click; double start_m, stop_m; } Rule; /* start > stop: by zones */
-
-typedef struct { int64_t contact_id, place, tip, seen; } Active;
-typedef struct { int64_t contact_id, zone; } Tracked;
-typedef struct { int64_t contact_id, zone, level, click_ns; double position_m; } Finger;
-
-typedef struct {
-    /* the device and the rules of the run */
-    int64_t uses_report_ids, packet_head, plans, key, count_is_accurate, frame_may_be_empty, ignores_duplicates;
-    int64_t unseen_means_up, maximum_contacts, zones, rules, follows_moves, states;
-    int64_t zero; /* logical place of the start */
-    int64_t timer, armed_ns;
-    double start_m, m_per_unit, length_m, hysteresis_m;
-    double zone_start_m[MOST_ZONES], zone_stop_m[MOST_ZONES];
-    Rule rule[MOST_RULES];
-    Plan plan[MOST_PLANS];
-    const int32_t *command_of; /* shape (level, steady or click, state) */
-    const Command *command; /* the first is silence */
-    int64_t seed[3]; /* of the checksum, by kind */
-    /* the moment before the wait */
-    int64_t can_answer, touch, link, waited, descriptor[MOST_WAITED];
-    int64_t axis_ns; /* the source's axis less the clock */
-    int64_t received, expected, ticks, taken, report_ns, due_ns;
-    int64_t state, level, click_ns, held;
-    int64_t line_free_ns, set_from_ns, play_from_ns, sequence, clock_at_ns;
-    double clock_middle_ns, clock_drift;
-    int64_t actives, tracked_count, fingers, lifted;
-    Active active[MOST_CONTACTS];
-    Tracked tracked[MOST_CONTACTS];
-    Finger finger[2 * MOST_CONTACTS]; /* those that touch, then those lifted whose effect goes on */
-    /* what came of it */
-    int64_t readable[MOST_WAITED], packet_size, frame_size, written;
-    int64_t woken_ns, read_ns, frame_ns, state_ns, asked_ns, command_ns, written_ns;
-    uint8_t packet[PACKET_SIZE + 16], frame[FRAME_SIZE];
-} Fast;
-
-int64_t fast_size(void) { return sizeof(Fast); }
 
 static int64_t virtual_ns = NONE;
 
@@ -187,7 +127,6 @@ static int64_t zone_at(const Fast *fast, double position_m, int64_t previous) {
 
 /* ---- fingers to what is felt, as engine/effects/player.py ---- */
 
-enum { TOUCH, LIFT };
 typedef struct { int64_t touched, felt, level, click_ns; } Felt;
 
 static void feel(Felt *felt, int64_t zone, int64_t level, int64_t click_ns) {
@@ -364,7 +303,6 @@ int64_t fast_wait(Fast *fast, int64_t until_ns) {
     waited[fast->waited] = (struct pollfd){.fd = (int)fast->timer, .events = POLLIN};
     if (until_ns != fast->armed_ns) arm(fast, until_ns);
     if (poll(waited, (nfds_t)fast->waited + 1, -1) < 0) return DECLINED;
-    fast->woken_ns = now_ns();
     if (waited[fast->waited].revents) {
         uint64_t expired;
         fast->armed_ns = read((int)fast->timer, &expired, sizeof expired) == sizeof expired ? NONE : fast->armed_ns;

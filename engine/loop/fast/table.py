@@ -1,21 +1,18 @@
-"""Every command that a run may send, as the fast path looks it up: bodies in a row, and numbers by level and state."""
+"""Every command that a run may send, as the compiled step looks it up: encoded bodies, and their numbers by state."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.render.renderer import SILENCE, Command, DriveCommand, Renderer
+from engine.loop.fast.layout import CONSTANTS
+from engine.loop.fast.layout import Command as CommandPlace
+from engine.render import SILENCE, Command, DriveCommand, Rendering
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import DRIVE_SIZE, encode_amplitude, encode_play_body, encode_set_body
 
-LONGEST_BODY = 240
-"""A longer body takes the long way: one of 28 actuators or more. Up to here COBS has one block without a zero."""
 MOST_CELLS = 1 << 22
-"""Numbers by level, kind and state: 16 MiB. Beyond, all commands take the long way."""
-COMMAND = np.dtype([("kind", np.int64), ("size", np.int64), ("body", np.uint8, LONGEST_BODY)])
-"""One command as engine/loop/fast/step.c has it; its sequence and clock reference are filled in when it is sent."""
-_KIND_SET, _KIND_PLAY = 1, 2
+"""Numbers by level, kind and state: 16 MiB. Beyond, the Python loop sends all commands."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +24,7 @@ class FastTable:
     numbers: dict[Command, int]
     """0 is silence."""
     commands: NDArray[np.void]
-    """Shape (command,), of COMMAND."""
+    """Shape (command,), each a `Command` of the layout; sequence and clock reference are filled in when it is sent."""
     command_of: NDArray[np.int32]
     """Shape (level, steady or click, state): a number; that of silence where nothing is known."""
     lease_ms: int
@@ -35,14 +32,34 @@ class FastTable:
     """Bytes, of the drive of every actuator of the device."""
 
 
-def make_fast_table(
-    renderer: Renderer, capabilities: Capabilities, number_of_zones: int, lease_ms: int
-) -> FastTable | None:
-    """All that `renderer` may return, encoded; None where that is too much."""
-    lease_ms = min(lease_ms, capabilities.longest_lease_ms)
+@dataclass(frozen=True)
+class FastRendering(Rendering):
+    """A rendered table with the commands as the compiled step reads them."""
+
+    fast_table: FastTable | None
+    """None where the commands are too many or too long."""
+
+
+def with_fast_table(rendering: Rendering, capabilities: Capabilities) -> FastRendering:
+    """The rendering with its fast table; it takes long enough to be made before the loop needs it."""
+    configuration, zones = rendering.configuration, len(rendering.device.zones)
+    lease_ms = min(configuration.lease_ms, capabilities.longest_lease_ms)
     drive_size = DRIVE_SIZE * capabilities.number_of_actuators
+    fast_table = _make_fast_table(rendering, 3**zones, lease_ms, drive_size)
+    return FastRendering(
+        rendering.device,
+        rendering.renderer,
+        configuration,
+        rendering.bank_data,
+        rendering.click_length_ns,
+        fast_table,
+    )
+
+
+def _make_fast_table(rendering: Rendering, states: int, lease_ms: int, drive_size: int) -> FastTable | None:
+    renderer = rendering.renderer
     levels_db = tuple(sorted(renderer.levels_db))
-    shape = (len(levels_db), 2, 3**number_of_zones)
+    shape = (len(levels_db), 2, states)
     if np.prod(shape, dtype=float) > MOST_CELLS:
         return None
     command_of = np.zeros(shape, np.int32)
@@ -51,11 +68,11 @@ def make_fast_table(
         number = numbers.setdefault(command, len(numbers))
         command_of[levels_db.index(level_db), int(is_click), state] = number
     bodies = [_body_of(command, lease_ms, drive_size) for command in numbers]
-    if max(map(len, bodies)) > LONGEST_BODY:
+    if max(map(len, bodies)) > CONSTANTS["LONGEST_BODY"]:
         return None
-    commands = np.zeros(len(bodies), COMMAND)
+    commands = np.zeros(len(bodies), np.dtype(CommandPlace))
     for row, command, body in zip(commands, numbers, bodies, strict=True):
-        row["kind"] = _KIND_SET if isinstance(command, DriveCommand) else _KIND_PLAY
+        row["kind"] = CONSTANTS["SET" if isinstance(command, DriveCommand) else "PLAY"]
         row["size"] = len(body)
         row["body"][: len(body)] = np.frombuffer(body, np.uint8)
     return FastTable(levels_db, numbers, commands, command_of, lease_ms, drive_size)

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from engine.loop.latency import Stage
-from engine.loop.loop import StateChange, SystemClock
+from engine.loop import Stage, SystemClock, Trace
 from engine.loop.realtime import Step
 from engine.plain import to_plain
 from engine.render.renderer import WhenNotAchieved
@@ -76,7 +75,7 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
             if segment.port is None
             else stack.enter_context(SerialPort(segment.port, segment.bit_rate_hz))
         )
-        trace: list[StateChange] = []
+        trace = Trace()
         steps = tuple(Step(step) for step in segment.steps)
         options = LiveOptions(HELD, WhenNotAchieved.GO_ON, True, segment.bit_rate_hz, steps, segment.processor, fast)
         stack.enter_context(_busy_thread(segment.has_busy_thread))
@@ -154,9 +153,9 @@ class _ListeningPort:
         }
 
 
-def _samples(live: Live, source: SocketSource, trace: list[StateChange]) -> dict[str, Any]:
+def _samples(live: Live, source: SocketSource, trace: Trace) -> dict[str, Any]:
     """Stamps of the commands with the sequence of each, times of all reports, and all changes of state."""
-    stamps_ns = live.latency.stamps_ns()
+    stamps_ns = live.timing.latency.stamps_ns()
     sequence_of = {change.time_ns: change.drive_sequence for change in trace if change.drive_sequence is not None}
     sequences = [sequence_of.get(int(time_ns), NO_SEQUENCE) for time_ns in stamps_ns[:, Stage.STATE]]
     return {

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from engine.loop.loop import SystemClock
-from engine.loop.ring import RingWriter
+from engine.loop import RingWriter, SystemClock
 from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.touch.sources.pointer import PointerSource
@@ -65,6 +64,6 @@ def _run(order: Order, pipe: int, ring: RingWriter, parent: Parent) -> None:
         port = SerialPort(order.port)
         reopening = ReopeningPort(lambda: SerialPort(order.port), port)
         stack.callback(reopening.close)
-        live = Live(table, PointerSource(pipe), port, clock, options, reopening=reopening, ring=ring)
+        live = Live(table, PointerSource(pipe), port, clock, options, ring, reopening=reopening)
         parent.say({"clicks": live.clicks, "shortfalls": sum(live.renderer.shortfalls.values())})
         live.run(_NextOrder(parent))

@@ -13,18 +13,30 @@ from typing import ClassVar
 import pytest
 
 from engine.device import Device
-from engine.effects import Effect, EffectPlayer, Effects, Rule, Segment, Trigger
+from engine.effects import Effect, Effects, Rule, Segment, Trigger
 from engine.effects.rules import burst
-from engine.loop.fast.table import make_fast_table
-from engine.loop.latency import LatencyRecorder, Stage
-from engine.loop.loop import Loop, StateChange, SystemClock, connect
-from engine.loop.ring import RingWriter
-from engine.render.limits import link_configuration
-from engine.render.renderer import Renderer
+from engine.loop import (
+    Clock,
+    Dispatcher,
+    Loop,
+    Observer,
+    Observers,
+    RingWriter,
+    Stage,
+    SystemClock,
+    Timing,
+    Trace,
+    connect,
+    open_pipeline,
+)
+from engine.loop.fast.fast_path import FastSession
+from engine.loop.fast.table import with_fast_table
+from engine.render import Renderer, Rendering, link_configuration
 from engine.table import ClickEntry, Entry
 from engine.table.click import choose_bank, played_at
-from engine.touch import FingerTracker, open_digitizer, state_index
+from engine.touch import state_index
 from engine.touch.digitizer import RELEASE_AFTER_NS
+from engine.touch.sources import Source
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording, Report, read_recording
 from firmware_link.emulator import Cause, DeviceConfiguration, DriveEvent, EmulatedFirmware
@@ -219,47 +231,38 @@ class Rig:
     """Of the fast path: the loop's tests hold with it and without."""
 
     def __post_init__(self) -> None:
-        self.trace: list[StateChange] = []
-        self.latency = LatencyRecorder(100)
+        self.trace, timing = Trace(), Timing()
+        self.latency = timing.latency
         configuration = link_configuration(DEVICE, self.bit_rate_hz)
-        session = Session(Link(configuration), self.line, self.line.now_ns)
+        session = FastSession(Link(configuration), self.line, self.line.now_ns)
         capabilities = connect(session, self.line)
         bank, waveforms = choose_bank(self.clicks, capabilities)
         if bank is not None:
             configuration = replace(configuration, bank=bank)
-            session = Session(Link(configuration), self.line, self.line.now_ns)
+            session = FastSession(Link(configuration), self.line, self.line.now_ns)
             connect(session, self.line)
         self.session = session
         self.start_ns = self.line.time_ns
         source = Packets(self.recording, self.speed)
-        digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
         levels_db = self.effects.levels_db
         by_level = {level: [e for e in self.entries if e.wanted_level_db == level] for level in levels_db}
         clicks = {level: [played_at(click, level) for click in self.clicks] for level in levels_db}
         self.renderer = Renderer(by_level, DEVICE, capabilities, clicks=clicks, waveforms=waveforms)
-        player = EffectPlayer(self.effects, len(DEVICE.zones))
-        rules = (digitizer, player, self.effects)
-        self.fast_table = make_fast_table(self.renderer, capabilities, len(DEVICE.zones), configuration.lease_ms)
-        self.loop = Loop(
-            source,
-            digitizer,
-            FingerTracker(DEVICE, digitizer.surface),
-            player,
-            self.renderer,
-            self.session,
-            self.line,
-            reconnect=self.reconnect,
-            reopening=self.reopening,
-            trace=self.trace,
-            latency=self.latency,
-            ring=self.ring,
-            fast=None if self.library is None else VirtualFastPath(self.library, source, *rules, self.line),
-            fast_table=self.fast_table,
-        )
+        pipeline = open_pipeline(source, DEVICE, self.effects, self.renderer, self.line.now_ns)
+        dispatcher = Dispatcher(session, self.line.now_ns)
+        self.observers = Observers(self.trace, timing, self.ring)
+        edges: tuple[Source, Clock, Observer] = (source, self.line, self.observers)
+        self.rendering = with_fast_table(Rendering(DEVICE, self.renderer, configuration, b"", 0), capabilities)
+        if self.library is not None:
+            fast = VirtualFastPath(
+                self.library, source, pipeline, dispatcher, self.line, self.effects, self.rendering, self.observers
+            )
+            edges = (fast.source, fast, fast)
+        self.loop = Loop(pipeline, dispatcher, *edges, reconnect=self.reconnect, reopening=self.reopening)
 
     def run(self) -> Rig:
         self.loop.run()
-        assert self.loop.counters.mispredicted == 0
+        assert self.session.fast_counters.mispredicted == 0
         return self
 
     @property
@@ -661,16 +664,15 @@ def test_a_real_recording_gives_the_same_states_and_levels_at_any_speed(path: Pa
 
 def test_a_touch_reaches_the_emulator_of_another_process() -> None:
     frames = [*held(0.0, 0.2, (1, 0.1)), *held(0.2, 0.4, (1, 0.5)), (0.4, report(lifted=[1]))]
-    clock, trace, latency = SystemClock(), list[StateChange](), LatencyRecorder()
+    clock, trace, timing = SystemClock(), Trace(), Timing()
     with run_emulator(number_of_actuators=2) as emulator, SerialPort(emulator.port) as port:
         link = Link(replace(link_configuration(DEVICE), handshake_timeout_s=PATIENCE_S))
         session = Session(link, port, clock.now_ns)
         renderer = Renderer({LEVEL_DB: ENTRIES}, DEVICE, connect(session, clock))
-        source, digitizer = Playback(recording_of(*frames)), open_digitizer(DESCRIPTOR)
-        tracker, player = FingerTracker(DEVICE, digitizer.surface), EffectPlayer(HELD, len(DEVICE.zones))
+        source, dispatcher = Playback(recording_of(*frames)), Dispatcher(session, clock.now_ns)
+        pipeline = open_pipeline(source, DEVICE, HELD, renderer, clock.now_ns)
         # A stall of this machine may latch the device: the run goes on.
-        chain = (source, digitizer, tracker, player, renderer, session, clock)
-        loop = Loop(*chain, reconnect=True, trace=trace, latency=latency)
+        loop = Loop(pipeline, dispatcher, source, clock, Observers(trace, timing), reconnect=True)
         loop.run()
         log = emulator.stop()
     assert [change.state for change in trace] == [index_of(0), index_of(2), 0]
@@ -678,7 +680,7 @@ def test_a_touch_reaches_the_emulator_of_another_process() -> None:
     sent = {change.drive_sequence for change in trace} - {None}
     assert loop.counters.reconnects or (sent and sent <= applied)
     assert not log.events[-1].channels[0].amplitude
-    summary = latency.summarise()
+    summary = timing.latency.summarise()
     assert summary is not None
     assert summary.count == loop.counters.commands
     assert 0 < summary.p50_ns <= summary.max_ns

@@ -4,15 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 
-from engine.effects import EffectPlayer, Effects, Rule, Trigger
+from engine.effects import Effects, Rule, Trigger
 from engine.effects.rules import click
-from engine.loop.loop import Loop, StateChange, connect
-from engine.render.limits import link_configuration
-from engine.render.prepared import Rendering
-from engine.render.renderer import Renderer
+from engine.loop import Dispatcher, Loop, Trace, connect, open_pipeline
+from engine.render import Renderer, Rendering, link_configuration
 from engine.table import ClickEntry, Entry
 from engine.table.click import choose_bank, played_at
-from engine.touch import FingerTracker, open_digitizer
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording
 from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware
@@ -89,23 +86,14 @@ class SwapRig:
         first = self.rendering(100.0, self.clicks)
         session = self.session = Session(Link(first.configuration), self.line, self.line.now_ns)
         connect(session, self.line)
-        self.trace: list[StateChange] = []
+        self.trace = Trace()
         self.updates = Later(self.line)
         source = Playback(self.recording, 1.0)
-        digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
         self.start_ns = self.line.time_ns
-        self.loop = Loop(
-            source,
-            digitizer,
-            FingerTracker(DEVICE, digitizer.surface),
-            EffectPlayer(self.effects, 5),
-            first.renderer,
-            session,
-            self.line,
-            trace=self.trace,
-            updates=self.updates,
-            bank_data=first.bank_data,
-        )
+        pipeline = open_pipeline(source, DEVICE, self.effects, first.renderer)
+        dispatcher = Dispatcher(session, self.line.now_ns)
+        edges = (source, self.line, self.trace)
+        self.loop = Loop(pipeline, dispatcher, *edges, updates=self.updates, bank_data=first.bank_data)
 
     def rendering(self, frequency_hz: float, clicks: Sequence[ClickEntry] = ()) -> Rendering:
         return rendering_of(self.capabilities, frequency_hz, clicks, self.effects)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import ctypes
 import struct
 from typing import TYPE_CHECKING
 
-from engine.effects import EffectPlayer, Effects
-from engine.loop.fast.step import NONE, FastPath
-from engine.touch import Digitizer
+from engine.loop.fast.fast_path import FastPath
+from engine.loop.fast.layout import NONE
 from engine.touch.sources.playback import Playback
 
 if TYPE_CHECKING:
@@ -41,23 +39,14 @@ class Packets(Playback):
 class VirtualFastPath(FastPath):
     """Waits as the line does, and writes to it."""
 
-    def __init__(
-        self,
-        library: ctypes.CDLL,
-        source: Packets,
-        digitizer: Digitizer,
-        player: EffectPlayer,
-        effects: Effects,
-        line: VirtualLine,
-    ) -> None:
-        super().__init__(library, source, digitizer, player, effects, line.now_ns)
-        self._line, self._packets = line, source
+    _clock: VirtualLine
+    _packets: Packets
 
     def _run(self, until_ns: int) -> None:
-        fast, line = self._fast, self._line
+        fast, line = self._moment.fast, self._clock
         fast.packet_size = fast.frame_size = fast.written = 0
         line.wait(None if until_ns == NONE else until_ns, (-1,) if line.is_open else (), ())
-        now_ns = fast.woken_ns = fast.read_ns = fast.written_ns = line.now_ns()
+        now_ns = fast.read_ns = fast.written_ns = line.now_ns()
         fast.readable[:] = (1, 1, 1, 1)
         packet = self._packets.next_packet(now_ns)
         fast.packet_size = len(packet)

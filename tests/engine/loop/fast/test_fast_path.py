@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import math
 import socket
 import struct
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,14 +14,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from engine.effects import Effect, EffectPlayer, Effects, Rule, Segment, Trigger
+from engine.effects import Effect, Effects, Rule, Segment, Trigger
 from engine.effects.rules import click
-from engine.loop.fast.step import FastPath, FastPathError, compile_fast_path
-from engine.loop.fast.table import MOST_CELLS, make_fast_table
-from engine.render.renderer import SILENCE
-from engine.touch import FingerTracker, open_digitizer
+from engine.loop import Dispatcher, SystemClock, open_pipeline
+from engine.loop.fast.fast_path import FastPath
+from engine.loop.fast.library import FastPathError, compile_fast_path
+from engine.loop.fast.table import MOST_CELLS, with_fast_table
 from engine.touch.descriptor import read_surfaces
 from engine.touch.sources.recording import read_recording
+from tactable.bench.latency.sockets import SocketPort
 from tests.engine.loop.fast.virtual_fast_path import Packets
 from tests.engine.loop.test_loop import DEVICE, HELD, Rig, entry_for, held, index_of, recording_of, report
 from tests.engine.made_clicks import click_of
@@ -56,7 +55,7 @@ def both(library: ctypes.CDLL, *frames: tuple[float, bytes], effects: Effects = 
     )
     assert fast.trace == slow.trace
     assert fast.log == slow.log
-    assert replace(fast.loop.counters, answered=0) == slow.loop.counters
+    assert fast.loop.counters == slow.loop.counters
     return fast
 
 
@@ -64,7 +63,7 @@ def test_what_most_touches_bring_is_answered(library: ctypes.CDLL) -> None:
     two = [(1, 0.1), (2, 0.5)]
     frames = [*held(0.0, 0.1, (1, 0.1)), *held(0.1, 0.2, *two), (0.2, report((2, 0.5), lifted=[1]))]
     rig = both(library, *frames, (0.25, report(lifted=[2])))
-    assert rig.loop.counters.answered == 3  # before the first the line is busy: it was only just armed
+    assert rig.session.fast_counters.answered == 3  # before the first the line is busy: it was only just armed
     assert rig.loop.counters.commands == 4
 
 
@@ -72,7 +71,7 @@ def test_clicks_are_answered(library: ctypes.CDLL) -> None:
     effects = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB)),))
     frames = [(0.0, report()), (0.1, report((1, 0.1))), (0.2, report((1, 0.1), (2, 0.5))), (0.3, report())]
     rig = both(library, *frames, effects=effects)
-    assert rig.loop.counters.answered == 2
+    assert rig.session.fast_counters.answered == 2
 
 
 PLACES = st.sampled_from([0.0, 0.1, 0.19, 0.201, 0.3, 0.399, 0.5, 0.7, 0.9, 1.0])
@@ -136,23 +135,22 @@ def test_a_report_that_is_not_the_last_is_left_to_the_loop(library: ctypes.CDLL,
     with contextlib.ExitStack() as stack:
         pairs = [socket.socketpair(socket.AF_UNIX, kind) for _ in range(2)]
         (ours, touch), (device, port) = [[stack.enter_context(end) for end in pair] for pair in pairs]
-        digitizer = open_digitizer(rig.recording.descriptor)
-        tracker, player = FingerTracker(DEVICE, digitizer.surface), EffectPlayer(HELD, len(DEVICE.zones))
-        source, now_ns = Sockets(touch.fileno()), time.monotonic_ns
-        fast = FastPath(library, source, digitizer, player, HELD, now_ns)
-        fast.refit(tracker, rig.fast_table)
+        source, clock, session = Sockets(touch.fileno()), SystemClock(), rig.session
+        session.port = SocketPort(port.fileno())
+        pipeline, dispatcher = open_pipeline(source, DEVICE, HELD, rig.renderer), Dispatcher(session, clock.now_ns)
+        fast = FastPath(library, source, pipeline, dispatcher, clock, HELD, rig.rendering)
         for place in (0.1, 0.5)[:waiting]:
-            ours.send(struct.pack("<qq", now_ns(), 0) + report((1, place)))
-        descriptors, wanted = (touch.fileno(), port.fileno()), (0, None, None)
-        readable, answer = fast.wait(None, descriptors, rig.session.link, port.fileno(), math.inf, wanted, SILENCE)
+            ours.send(struct.pack("<qq", clock.now_ns(), 0) + report((1, place)))
+        readable = fast.wait(None, (touch.fileno(), port.fileno()), ())
         device.setblocking(False)
-        assert readable == [touch.fileno()]
-        assert answer is not None
+        assert readable is not None and touch.fileno() in readable and port.fileno() not in readable
+        assert fast.source.taken is not None
         if waiting == 1:
-            assert answer.frame == device.recv(4096)
-            assert answer.written == len(answer.frame)
+            assert session.answer is not None
+            assert session.answer.frame == device.recv(4096)
+            assert session.answer.written == len(session.answer.frame)
             return
-        assert (answer.frame, answer.written) == (b"", 0)
+        assert session.answer is None
         with pytest.raises(BlockingIOError):
             device.recv(4096)
 
@@ -161,10 +159,10 @@ def test_a_wrong_answer_is_put_right_and_the_last(library: ctypes.CDLL) -> None:
     FastRig.library = library
     frames = [*held(0.0, 0.5, (1, 0.1)), *held(0.5, 1.0, (1, 0.5)), (1.0, report(lifted=[1]))]
     rig = FastRig(recording_of(*frames), reconnect=True)
-    assert rig.fast_table is not None
-    rig.fast_table.commands["body"][:, 8] ^= 0x40
+    assert rig.rendering.fast_table is not None
+    rig.rendering.fast_table.commands["body"][:, 8] ^= 0x40
     rig.loop.run()
-    counters = rig.loop.counters
+    counters = rig.session.fast_counters
     assert (counters.mispredicted, counters.answered) == (1, 0)
     assert [index for index in rig.states() if index] == [index_of(0), index_of(2)]
     assert rig.played()[-2:] == [104.0, 0.0]
@@ -173,8 +171,10 @@ def test_a_wrong_answer_is_put_right_and_the_last(library: ctypes.CDLL) -> None:
 def test_too_many_states_for_a_table_take_the_long_way() -> None:
     rig = Rig(recording_of((0.0, report())))
     assert rig.session.link.capabilities is not None
-    assert MOST_CELLS < 2 * 3**14
-    assert make_fast_table(rig.renderer, rig.session.link.capabilities, 14, 40) is None
+    zones = tuple(replace(DEVICE.zones[0], name=str(number)) for number in range(14))
+    assert 2 * 3 ** len(zones) > MOST_CELLS
+    rendering = replace(rig.rendering, device=replace(DEVICE, zones=zones))
+    assert with_fast_table(rendering, rig.session.link.capabilities).fast_table is None
 
 
 def test_it_is_compiled_once(tmp_path: Path, library: ctypes.CDLL) -> None:

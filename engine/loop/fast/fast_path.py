@@ -1,0 +1,232 @@
+"""The fast path: a report is answered by the compiled step while the loop waits; the loop repeats and checks it.
+
+Theory of operation
+-------------------
+The operating system wakes a process in 25 us. Python, its caches cold, then needs about 20 us from a report to its
+command, and the compiled step (`step.c`) 2 us. So the wait itself is compiled: it sleeps, reads the report, and where
+the report brings a new command, writes it at once.
+
+The answer is speculative. Before each wait `Moment.write` copies what the step must know; the step changes nothing
+that Python owns. After the wait the Python loop takes the same report through `Pipeline.step` and hands its command to
+the link, whose frame for the time of the answer must be the same bytes. On a mismatch the device gets a new session,
+and the run goes on without the fast path. What is rare (a lost report, a busy line, a report that is not the last) the
+step declines, and the loop answers.
+
+The loop knows nothing of this. The fast path stands at its four edges and passes everything else on:
+
+- `FastPath` is the clock: its `wait` runs the compiled step;
+- `FastPath.source` gives the loop the report that the step has read;
+- `FastSession` compares the frame instead of writing it a second time;
+- `FastPath` is the observer, too: the records get the times at which the step worked.
+"""
+
+import ctypes
+import os
+import weakref
+from collections.abc import Callable, Container, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, runtime_checkable
+
+from engine.effects import Effects
+from engine.loop.dispatcher import Dispatcher
+from engine.loop.fast.layout import NONE, Fast
+from engine.loop.fast.library import FastPathError
+from engine.loop.fast.moment import Moment
+from engine.loop.fast.table import FastRendering
+from engine.loop.latency import Stage
+from engine.loop.loop import Clock
+from engine.loop.observer import CommandRecord, LoopCounters, Observer
+from engine.loop.pipeline import Pipeline
+from engine.touch.sources import Source
+from firmware_link.host.link import Link
+from firmware_link.host.session import Port, Session
+
+
+@runtime_checkable
+class PacketSource(Source, Protocol):
+    """A source whose reports somebody else may read: each read of a descriptor gives one packet, which holds one."""
+
+    @property
+    def packet_head(self) -> int:
+        """Bytes before the report: 0, or 8 and more, of which the first 8 are the report's time."""
+
+    def packet_fileno(self) -> int | None:
+        """The descriptor; None while there is none."""
+
+    def take_packet(self, packet: bytes, now_ns: int, *, is_last: bool) -> bytes:
+        """The report in a packet that was read at clock time `now_ns`, as if `read` had given it.
+
+        `is_last` says that there was no other behind it.
+        """
+
+
+class Answer(NamedTuple):
+    """A packet that was read during a wait, and the frame that was written for it, where there is one."""
+
+    packet: bytes
+    frame: bytes
+    """Empty: the step declined."""
+    written: int
+    """Bytes of the frame that the port took."""
+    read_ns: int
+    frame_ns: int
+    state_ns: int
+    asked_ns: int
+    """The time that the frame was encoded for."""
+    command_ns: int
+    written_ns: int
+
+
+@dataclass
+class FastCounters:
+    """Commands that the compiled step wrote: confirmed by the loop, or not the loop's, which ends the fast path."""
+
+    answered: int = 0
+    mispredicted: int = 0
+
+
+class FastSession(Session):
+    """A session that may find its next frame written already."""
+
+    answer: Answer | None = None
+    """An answer whose frame was written; the next `send` confirms it."""
+
+    def __init__(self, link: Link, port: Port, monotonic_ns: Callable[[], int]) -> None:
+        super().__init__(link, port, monotonic_ns)
+        self.fast_counters = FastCounters()
+
+    def send(self) -> None:
+        """Write what is due, or confirm that it was written; a frame that is not the link's begins a new session."""
+        answer, self.answer = self.answer, None
+        if answer is None:
+            super().send()
+        elif self.link.outgoing(answer.asked_ns) == answer.frame:
+            self.fast_counters.answered += 1
+            self._unsent = answer.frame[answer.written :]
+        else:
+            self.fast_counters.mispredicted += 1
+            self.connect()
+
+
+class FastSource:
+    """A packet source as the loop sees it: first the report that the compiled step has read, then the others."""
+
+    def __init__(self, source: PacketSource, session: FastSession) -> None:
+        self.name, self.descriptor = source.name, source.descriptor
+        self.vendor_id, self.product_id = source.vendor_id, source.product_id
+        self.fileno, self.next_time_ns, self.clock_time_ns = source.fileno, source.next_time_ns, source.clock_time_ns
+        self.taken: Answer | None = None
+        """The answer whose packet `read` gives next."""
+        self._source, self._session = source, session
+
+    @property
+    def ended(self) -> bool:
+        """As the source says."""
+        return self._source.ended
+
+    @property
+    def report_index(self) -> int:
+        """As the source says."""
+        return self._source.report_index
+
+    @property
+    def report_time_ns(self) -> int:
+        """As the source says."""
+        return self._source.report_time_ns
+
+    def read(self, now_ns: int) -> bytes | None:
+        """The report that was read during the wait; behind an answered one there was no other."""
+        answer, self.taken = self.taken, None
+        if answer is not None:
+            return self._source.take_packet(answer.packet, answer.read_ns, is_last=bool(answer.frame))
+        return None if self._session.answer is not None else self._source.read(now_ns)
+
+    def source_time_ns(self, now_ns: int) -> int:
+        """A clock time on the source's axis; until an answer is confirmed, time stands where its report was read."""
+        answer = self._session.answer
+        return self._source.source_time_ns(now_ns if answer is None else answer.read_ns)
+
+
+class FastPath:
+    """The compiled step of one run: give a loop its `source`, and the fast path itself as clock and observer.
+
+    The session of the dispatcher must be a FastSession. Raises FastPathError for a digitizer or rules that the step
+    cannot serve.
+    """
+
+    def __init__(
+        self,
+        library: ctypes.CDLL,
+        source: PacketSource,
+        pipeline: Pipeline,
+        dispatcher: Dispatcher,
+        clock: Clock,
+        effects: Effects,
+        rendering: FastRendering,
+        observer: Observer | None = None,
+    ) -> None:
+        assert isinstance(dispatcher.session, FastSession)
+        self.now_ns = clock.now_ns
+        self.counters = dispatcher.session.fast_counters
+        self.source = FastSource(source, dispatcher.session)
+        self._library, self._clock, self._observer = library, clock, observer
+        self._packets, self._pipeline, self._dispatcher = source, pipeline, dispatcher
+        self._session = dispatcher.session
+        timer = library.fast_open_timer()
+        if timer < 0:
+            raise FastPathError("the system gives no timer: the Python loop answers all reports")
+        weakref.finalize(self, os.close, timer)
+        self._moment = Moment(pipeline.digitizer, effects, source.packet_head, timer)
+        self._moment.refit(pipeline, rendering.fast_table)
+        self._address = ctypes.addressof(self._moment.fast)
+        self._rendering = pipeline.rendering
+        self._answered: tuple[int, Answer] | None = None  # the report that was taken last, by its index
+
+    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Container[int] | None:
+        """Wait as the clock does, and answer a report meanwhile."""
+        packets = None if writable or self.source.ended or self.counters.mispredicted else self._packets.packet_fileno()
+        self._answered = None
+        if packets is None:
+            return self._clock.wait(until_ns, readable, writable)
+        pipeline, touch = self._pipeline, self.source.fileno()
+        if pipeline.rendering is not self._rendering:
+            self._rendering = rendering = pipeline.rendering
+            self._moment.refit(pipeline, rendering.fast_table if isinstance(rendering, FastRendering) else None)
+        descriptors = (packets, *(descriptor for descriptor in readable if descriptor != touch))
+        now_ns = self.now_ns()
+        axis_ns = self._packets.source_time_ns(now_ns) - now_ns
+        self._moment.write(pipeline, self._dispatcher, now_ns, axis_ns, descriptors)
+        self._run(NONE if until_ns is None else until_ns)
+        fast = self._moment.fast
+        if fast.packet_size:
+            self._take_answer()
+        return [each for each, is_readable in zip(descriptors, fast.readable, strict=False) if is_readable]
+
+    def _run(self, until_ns: int) -> None:
+        self._library.fast_wait(self._address, until_ns)
+
+    def _take_answer(self) -> None:
+        fast = self._moment.fast
+        packet = ctypes.string_at(self._address + Fast.packet.offset, fast.packet_size)
+        frame = ctypes.string_at(self._address + Fast.frame.offset, fast.frame_size)
+        times_ns = (fast.read_ns, fast.frame_ns, fast.state_ns, fast.asked_ns, fast.command_ns, fast.written_ns)
+        answer = self.source.taken = Answer(packet, frame, fast.written, *times_ns)
+        self._answered = (self.source.report_index + 1, answer)
+        if frame:
+            self._session.answer = answer
+
+    def tell(self, record: CommandRecord, counters: LoopCounters) -> None:
+        """Pass a record on with the times at which the compiled step worked."""
+        if self._observer is None:
+            return
+        if self._answered is not None and self._answered[0] == record.report_index:
+            record = record._replace(stamps_ns=_stamps_of(self._answered[1], record.stamps_ns))
+        self._observer.tell(record, counters)
+
+
+def _stamps_of(answer: Answer, stamps_ns: tuple[int, int, int, int, int, int]) -> tuple[int, int, int, int, int, int]:
+    available_ns, _, *others_ns = stamps_ns
+    if answer.frame:
+        written_ns = answer.written_ns if stamps_ns[Stage.WRITTEN] else 0
+        return available_ns, answer.read_ns, answer.frame_ns, answer.state_ns, answer.command_ns, written_ns
+    return available_ns, answer.read_ns, *others_ns  # type: ignore[return-value]  # four of them

@@ -1,0 +1,121 @@
+"""The memory that the compiled step and Python share, declared once: to a C header and to ctypes structures.
+
+Every number is 64 bits wide, so both languages lay the structures out alike without padding between fields.
+"""
+
+import ctypes
+import re
+from typing import Any
+
+from engine.touch.digitizer import FRAME_SILENCE_NS
+
+CONSTANTS = {
+    "MOST_PLANS": 8,
+    "MOST_SLOTS": 40,
+    "MOST_CONTACTS": 64,
+    "MOST_ZONES": 16,
+    "MOST_RULES": 64,
+    "MOST_WAITED": 4,
+    "LONGEST_BODY": 240,  # of a command; up to here COBS has one block without a zero
+    "PACKET_SIZE": 4096,
+    "ROOM_BEHIND": 16,  # a field is read as eight bytes from the one that it begins in
+    "FRAME_SIZE": 256,
+    "NONE": -1,  # stands for None
+    "SET": 1,
+    "PLAY": 2,  # kinds of commands
+    "KEY_ID": 0,
+    "KEY_SLOT": 1,
+    "KEY_SLOT_FROM_ONE": 2,
+    "KEY_NUMBER": 3,  # `engine.touch.quirks.Key`
+    "TOUCH": 0,
+    "LIFT": 1,  # triggers of rules
+    "FRAME_SILENCE_NS": FRAME_SILENCE_NS,
+}
+NONE = CONSTANTS["NONE"]
+
+STRUCTURES = {
+    # A field of a report: `byte` and `shift` of its lowest bit. A mask of 0: the device has no such field.
+    "Bits": ["int64_t byte shift mask"],
+    "Slot": ["Bits tip contact_id valid hover place", "int64_t sign minimum maximum"],
+    "Plan": ["int64_t report_id needed_bytes slots", "Bits count scan_time", "Slot slot[MOST_SLOTS]"],
+    # By zones, as bits, where start_m is above stop_m; all zones are NONE.
+    "Rule": ["int64_t trigger zones level is_click", "double start_m stop_m"],
+    "Command": ["int64_t kind size", "uint8_t body[LONGEST_BODY]"],
+    "Active": ["int64_t contact_id place tip seen"],
+    "Tracked": ["int64_t contact_id zone"],
+    "Finger": ["int64_t contact_id zone level click_ns", "double position_m"],
+    "Fast": [
+        # What stays during a run: the digitizer,
+        "int64_t uses_report_ids packet_head plans key count_is_accurate frame_may_be_empty ignores_duplicates",
+        "int64_t unseen_means_up maximum_contacts",
+        "Plan plan[MOST_PLANS]",
+        # the bar (`zero` is the logical place of its start), the rules,
+        "double start_m m_per_unit length_m hysteresis_m zone_start_m[MOST_ZONES] zone_stop_m[MOST_ZONES]",
+        "int64_t zero zones states rules follows_moves",
+        "Rule rule[MOST_RULES]",
+        # the commands: a number by (level, steady or click, state), and each command, the first of which is silence;
+        # seeds of the checksum by kind.
+        "const_int32_t* command_of",
+        "const_Command* command",
+        "int64_t seed[3]",
+        "int64_t timer armed_ns",
+        # The moment before the wait: what is waited for,
+        "int64_t can_answer touch link waited descriptor[MOST_WAITED]",
+        # how far the frame is (`axis_ns` is the source's time axis less the clock),
+        "int64_t axis_ns received expected ticks taken report_ns due_ns",
+        # what is wanted and held, and what the link would send a command with,
+        "int64_t state level click_ns held",
+        "int64_t line_free_ns set_from_ns play_from_ns sequence clock_at_ns",
+        "double clock_middle_ns clock_drift",
+        # the contacts in range, those on the bar with their zones, and the fingers: those that touch, then those lifted
+        # whose effect goes on.
+        "int64_t actives tracked_count fingers lifted",
+        "Active active[MOST_CONTACTS]",
+        "Tracked tracked[MOST_CONTACTS]",
+        "Finger finger[2*MOST_CONTACTS]",
+        # What came of the wait.
+        "int64_t readable[MOST_WAITED] packet_size frame_size written",
+        "int64_t read_ns frame_ns state_ns asked_ns command_ns written_ns",
+        "uint8_t packet[PACKET_SIZE+ROOM_BEHIND] frame[FRAME_SIZE]",
+    ],
+}
+
+_PLACE = re.compile(r"(\w+)(?:\[([\w+*]+)\])?")
+
+
+def _fields(lines: list[str]) -> list[tuple[str, str, str]]:
+    """Type, name and number of places ("" for a single one) of each field."""
+    found = []
+    for kind, *names in map(str.split, lines):
+        for name in names:
+            place = _PLACE.fullmatch(name)
+            assert place is not None, name
+            found.append((kind.replace("_", " ", 1) if kind.startswith("const") else kind, place[1], place[2] or ""))
+    return found
+
+
+def c_header() -> str:
+    """The header that engine/loop/fast/step.c includes."""
+    lines = ["/* Made from engine/loop/fast/layout.py. */", "#include <stdint.h>", "", "enum {"]
+    lines += [f"    {name} = {value}," for name, value in CONSTANTS.items()]
+    lines.append("};")
+    for structure, fields in STRUCTURES.items():
+        places = (f"    {kind} {name}{f'[{count}]' * bool(count)};" for kind, name, count in _fields(fields))
+        lines += ["", "typedef struct {", *places, f"}} {structure};"]
+    return "\n".join(lines) + "\n"
+
+
+def _structures() -> dict[str, Any]:
+    """The same as ctypes structures."""
+    kinds: dict[str, Any] = {"int64_t": ctypes.c_int64, "double": ctypes.c_double, "uint8_t": ctypes.c_uint8}
+    for structure, fields in STRUCTURES.items():
+        members = []
+        for kind, name, count in _fields(fields):
+            member = ctypes.c_void_p if kind.endswith("*") else kinds[kind]
+            members.append((name, member * eval(count, {}, CONSTANTS) if count else member))
+        kinds[structure] = type(structure, (ctypes.Structure,), {"_fields_": members})
+    return kinds
+
+
+_MADE = _structures()
+Fast, Command = _MADE["Fast"], _MADE["Command"]

@@ -1,0 +1,179 @@
+"""What the compiled step must know: what stays during a run once, and the moment before each wait.
+
+Both are written into one structure of `engine.loop.fast.layout`, field by field.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from engine.effects import Effects, Rule, Trigger
+from engine.loop.dispatcher import Dispatcher
+from engine.loop.fast.layout import CONSTANTS, NONE, Fast
+from engine.loop.fast.library import FastPathError
+from engine.loop.fast.table import FastTable
+from engine.loop.pipeline import Pipeline
+from engine.touch import Digitizer
+from engine.touch.digitizer import NumberBits, ReportPlan, SlotPlan
+from engine.touch.quirks import Key
+from firmware_link.protocol.messages import Play, Set, seed_of
+
+_NEVER_NS = (1 << 63) - 1
+# A field is read as eight bytes from the one that it begins in.
+_WIDEST_FIELD = 56
+_KEYS = {
+    Key.CONTACT_ID: CONSTANTS["KEY_ID"],
+    Key.SLOT_IS_CONTACT_ID: CONSTANTS["KEY_SLOT"],
+    Key.SLOT_IS_CONTACT_ID_MINUS_ONE: CONSTANTS["KEY_SLOT_FROM_ONE"],
+    Key.SLOT_IS_CONTACT_NUMBER: CONSTANTS["KEY_NUMBER"],
+}
+_TRIGGERS = {Trigger.TOUCH: CONSTANTS["TOUCH"], Trigger.LIFT: CONSTANTS["LIFT"]}
+
+
+class Moment:
+    """The structure of one run, and what Python writes into it.
+
+    Raises FastPathError for a digitizer or rules that the structure has no room for.
+    """
+
+    def __init__(self, digitizer: Digitizer, effects: Effects, packet_head: int, timer: int) -> None:
+        self.fast: Any = Fast(timer=timer, armed_ns=NONE)
+        self._rules = [rule for rule in effects.rules if rule.on in _TRIGGERS]
+        self._table: FastTable | None = None
+        self._levels: dict[float | None, int] = {}
+        if len(self._rules) > CONSTANTS["MOST_RULES"]:
+            raise FastPathError("there are too many rules for touches and lifts: the Python loop answers all reports")
+        _set_digitizer(self.fast, digitizer, packet_head)
+
+    def refit(self, pipeline: Pipeline, table: FastTable | None) -> None:
+        """Answer with the commands of this table from now on, on the pipeline's zones; with None only wait."""
+        self._table = table
+        if table is None:
+            return
+        fast = self.fast
+        self._levels = {None: NONE} | {level_db: index for index, level_db in enumerate(table.levels_db)}
+        _set_bar(fast, pipeline)
+        fast.rules, fast.follows_moves = len(self._rules), pipeline.player.follows_moves
+        for place, rule in zip(fast.rule, self._rules, strict=False):
+            self._set_rule(place, rule)
+        fast.states = table.command_of.shape[2]
+        fast.command_of, fast.command = table.command_of.ctypes.data, table.commands.ctypes.data
+        fast.seed[CONSTANTS["SET"]] = seed_of(Set.type_byte)
+        fast.seed[CONSTANTS["PLAY"]] = seed_of(Play.type_byte)
+
+    def _set_rule(self, place: Any, rule: Rule) -> None:
+        first = rule.effect.envelope[0]
+        place.trigger, place.is_click = _TRIGGERS[rule.on], first.is_click
+        place.level = self._levels[first.level_db]
+        place.zones = NONE if rule.zones is None else sum(1 << zone for zone in rule.zones)
+        place.start_m, place.stop_m = (1.0, 0.0) if rule.zones is not None or rule.region_m is None else rule.region_m
+
+    def write(
+        self, pipeline: Pipeline, dispatcher: Dispatcher, now_ns: int, axis_ns: int, descriptors: Sequence[int]
+    ) -> None:
+        """Write the moment before a wait; `axis_ns` is the source's time axis less the clock."""
+        fast, table, link = self.fast, self._table, dispatcher.session.link
+        fast.touch, fast.waited = descriptors[0], len(descriptors)
+        fast.descriptor[: len(descriptors)] = descriptors
+        fast.can_answer = 0
+        ahead = None if table is None or dispatcher.is_pending else link.ahead(now_ns)
+        if table is None or ahead is None or (ahead.lease_ms, ahead.drive_size) != (table.lease_ms, table.drive_size):
+            return
+        if not self._write_contacts(pipeline):
+            return
+        wanted, digitizer = pipeline.wanted, pipeline.digitizer
+        fast.axis_ns, fast.due_ns = axis_ns, _NEVER_NS if pipeline.is_at_rest else pipeline.due_ns
+        fast.received, fast.expected, fast.ticks, fast.taken, fast.report_ns = digitizer.moment()
+        fast.state, fast.level = wanted.state, self._levels[wanted.level_db]
+        fast.click_ns = NONE if wanted.click_ns is None else wanted.click_ns
+        fast.held = table.numbers.get(dispatcher.held, NONE)
+        fast.line_free_ns, fast.sequence = ahead.line_free_ns, ahead.sequence
+        fast.set_from_ns, fast.play_from_ns = ahead.drive_from_ns, ahead.waveform_from_ns
+        fast.clock_at_ns, fast.clock_middle_ns = ahead.clock_at_ns, ahead.clock_middle_ns
+        fast.clock_drift = ahead.clock_drift
+        fast.link, fast.can_answer = dispatcher.session.port.fileno(), 1
+
+    def _write_contacts(self, pipeline: Pipeline) -> bool:
+        """Contacts and fingers; False where there are too many."""
+        fast, levels = self.fast, self._levels
+        active, seen = pipeline.digitizer.active()
+        fingers, lifted = pipeline.player.fingers()
+        contacts, most = list(active), CONSTANTS["MOST_CONTACTS"]
+        if len(contacts) > most or len(lifted) > most:
+            return False
+        column = pipeline.tracker.position.column
+        for place, contact in zip(fast.active, contacts, strict=False):
+            place.contact_id, place.place = contact.contact_id, contact[column]
+            place.tip, place.seen = contact.tip, contact.contact_id in seen
+        tracked = pipeline.tracker.zones()
+        for place, (contact_id, zone) in zip(fast.tracked, tracked, strict=False):
+            place.contact_id, place.zone = contact_id, NONE if zone is None else zone
+        for place, ((contact_id, position_m, zone), level_db, click_ns) in zip(
+            fast.finger, (*fingers, *lifted), strict=False
+        ):
+            place.contact_id, place.position_m, place.level = contact_id, position_m, levels[level_db]
+            place.zone = NONE if zone is None else zone
+            place.click_ns = NONE if click_ns is None else click_ns
+        fast.actives, fast.tracked_count = len(contacts), len(tracked)
+        fast.fingers, fast.lifted = len(fingers), len(lifted)
+        return True
+
+
+# ---- what stays during a run ----
+
+
+def _set_digitizer(fast: Any, digitizer: Digitizer, packet_head: int) -> None:
+    quirks, plans = digitizer.quirks, digitizer.plans
+    if digitizer.count_is_apart:
+        raise FastPathError("this digitizer sends contacts and their count apart: the Python loop answers its reports")
+    slots = max(len(plan.slots) for plan in plans.values())
+    if len(plans) > CONSTANTS["MOST_PLANS"] or slots > CONSTANTS["MOST_SLOTS"]:
+        raise FastPathError(
+            "this digitizer has more reports, or contacts a report, than the compiled step has room for"
+        )
+    fast.uses_report_ids, fast.packet_head = digitizer.uses_report_ids, packet_head
+    fast.key = _KEYS[quirks.key]
+    fast.count_is_accurate = digitizer.count_is_accurate
+    fast.frame_may_be_empty, fast.ignores_duplicates = quirks.frame_may_be_empty, quirks.ignores_duplicates
+    fast.unseen_means_up, fast.maximum_contacts = quirks.unseen_means_up, digitizer.maximum_contacts
+    fast.plans = len(plans)
+
+
+def _set_bar(fast: Any, pipeline: Pipeline) -> None:
+    position, edges = pipeline.tracker.position, pipeline.tracker.edges
+    fast.zones, fast.hysteresis_m = len(edges.starts_m), edges.hysteresis_m
+    fast.zone_start_m[: fast.zones], fast.zone_stop_m[: fast.zones] = edges.starts_m, edges.stops_m
+    fast.start_m, fast.m_per_unit, fast.length_m = position.start_m, position.m_per_unit, position.length_m
+    fast.zero = position.zero
+    # Only the coordinate along the bar is read, so the plans follow from the bar, too.
+    for place, (report_id, plan) in zip(fast.plan, pipeline.digitizer.plans.items(), strict=False):
+        _set_plan(place, report_id, plan, position.column)
+
+
+def _set_plan(place: Any, report_id: int, plan: ReportPlan, column: int) -> None:
+    place.report_id, place.needed_bytes, place.slots = report_id, plan.needed_bytes, len(plan.slots)
+    for field, bits in ((place.count, plan.count), (place.scan_time, plan.scan_time)):
+        _set_bits(field, 0 if bits is None else bits.start, (0, 0) if bits is None else (bits.shift, bits.mask))
+    for slot_place, slot in zip(place.slot, plan.slots, strict=False):
+        _set_slot(slot_place, slot, column)
+
+
+def _set_slot(place: Any, slot: SlotPlan, column: int) -> None:
+    start: int = slot.place.start
+    position = slot.x if column == 1 else slot.y
+    for field, number in (
+        (place.tip, slot.tip),
+        (place.contact_id, slot.contact_id),
+        (place.valid, slot.valid),
+        (place.hover, slot.hover),
+        (place.place, position[:2]),
+    ):
+        _set_bits(field, start, number)
+    place.sign, place.minimum, place.maximum = position[2:]
+
+
+def _set_bits(place: Any, start: int, number: NumberBits) -> None:
+    shift, mask = number
+    if mask >> _WIDEST_FIELD:
+        raise FastPathError("this digitizer has a field of more than 56 bits: the Python loop answers its reports")
+    place.byte, place.shift = divmod(8 * start + shift, 8)
+    place.mask = mask

@@ -1,0 +1,128 @@
+"""The record of each report and its command, and the observers that a loop tells it to.
+
+The loop tells its observer at the end of each pass, after the command of the pass is written: observing never delays a
+command. Each report gives one record, and so does each change that time alone brings. Where the command of a record is
+still waiting at the end of the pass (the line was busy), the record is told as WAITING, and once more, without report
+and frame, when the command is written or replaced.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple, Protocol
+
+from engine.loop.latency import LatencyRecorder, Stage, Stamps
+from engine.touch import Touch, TouchFrame
+from engine.touch.scan_time import ScanTimes
+
+
+class Fate(Enum):
+    """What became of the command of a record."""
+
+    NONE = "none"
+    """The report changed nothing that is wanted."""
+    SAME = "same"
+    """Something else is wanted, but its command is the one that the device holds already."""
+    WAITING = "waiting"
+    """The link has it; the port has not taken it yet."""
+    WRITTEN = "written"
+    DROPPED = "dropped"
+    """A newer one replaced it unsent, or the link was not ready."""
+
+
+class CommandRecord(NamedTuple):
+    """One report, or one change that time alone brought: what is wanted from then on, and the command for it."""
+
+    stamps_ns: Stamps
+    """Clock time of each `Stage`; 0 for a stage that there was not, or before the port took the whole command."""
+    report_index: int | None
+    """None for what time alone brought, and at the end of the run."""
+    report: bytes
+    """As the device sent it."""
+    frame: TouchFrame | None
+    """The frame that the report completed."""
+    state: int
+    """Of all zones, as `engine.touch.state_index` numbers it."""
+    level_db: float | None
+    """Wanted sensation level; None: no zone is felt."""
+    is_click: bool
+    """A click is wanted, not a steady drive."""
+    touches: Sequence[Touch]
+    drive: bytes
+    """The drive that the device holds from then on unless a waveform plays; empty for silence."""
+    fate: Fate
+    drive_sequence: int | None
+    """Sequence of the SET or PLAY; None unless it was written."""
+
+    @property
+    def time_ns(self) -> int:
+        """When what is wanted was known; for a report that changed nothing, when it was read."""
+        return self.stamps_ns[Stage.STATE] or self.stamps_ns[Stage.READ]
+
+    @property
+    def finger_positions_m(self) -> tuple[float, ...]:
+        """Where the fingers are, in the order of the frame."""
+        return tuple(touch.position_m for touch in self.touches)
+
+
+@dataclass
+class LoopCounters:
+    """What the loop did since it began. A command is a drive or a click that was sent; renewals do not count."""
+
+    reports: int = 0
+    frames: int = 0
+    state_changes: int = 0
+    commands: int = 0
+    replaced: int = 0
+    """Commands that a newer one replaced unsent."""
+    lost_frames: int = 0
+    """Of the digitizer."""
+    losses: int = 0
+    """Of the port, or of the device behind it."""
+    reconnects: int = 0
+    """New sessions after a loss, or after the device stopped itself."""
+    swaps: int = 0
+    """Changes to another table."""
+
+
+class Observer(Protocol):
+    """What a loop tells its records to."""
+
+    def tell(self, record: CommandRecord, counters: LoopCounters) -> None:
+        """Take one record; it is a value and may be kept. `counters` are the loop's own and go on counting."""
+
+
+class Observers:
+    """Several observers as one."""
+
+    def __init__(self, *observers: Observer | None) -> None:
+        self._tells = [observer.tell for observer in observers if observer is not None]
+
+    def tell(self, record: CommandRecord, counters: LoopCounters) -> None:
+        """Tell each of them, in order."""
+        for tell in self._tells:
+            tell(record, counters)
+
+
+class Trace(list[CommandRecord]):
+    """Every change of what is wanted, in order, once the fate of its command is known."""
+
+    def tell(self, record: CommandRecord, counters: LoopCounters) -> None:  # noqa: ARG002  # an Observer
+        """Keep a change."""
+        if record.fate is not Fate.NONE and record.fate is not Fate.WAITING:
+            self.append(record)
+
+
+class Timing:
+    """Latency of the commands that a report caused, and the times of the digitizer's scans."""
+
+    def __init__(self) -> None:
+        self.latency, self.scan_times = LatencyRecorder(), ScanTimes()
+
+    def tell(self, record: CommandRecord, counters: LoopCounters) -> None:  # noqa: ARG002  # an Observer
+        """Record the stamps of a command that was written whole, and the frame's times where it has both."""
+        stamps_ns, frame = record.stamps_ns, record.frame
+        if stamps_ns[Stage.WRITTEN] and record.report_index is not None:
+            self.latency.record(stamps_ns)
+        if frame is not None and frame.scan_time_ns is not None:
+            self.scan_times.record(frame.time_ns, frame.scan_time_ns)
