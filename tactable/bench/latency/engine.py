@@ -96,6 +96,7 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
             {
                 "outcomes": to_plain(live.outcomes),
                 "loop": to_plain(live.loop.counters),
+                "fast_path": to_plain(live.fast_counters),
                 "link": to_plain(live.link.counters),
                 "digitizer": to_plain(live.digitizer.counters),
                 "clock_bounds_ns": [bounds.lower_ns, bounds.upper_ns],
