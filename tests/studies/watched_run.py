@@ -56,6 +56,7 @@ class WatchedRun:
     def __init__(self, table: Path, recording: Path, port: str, folder: Path) -> None:
         self.table, self.seen, self._said = table, Seen(), ""
         effects, self._ring_path = folder / "held.toml", folder / "ring"
+        self._ring_path.unlink(missing_ok=True)  # a run that was killed leaves its ring
         effects.write_text(_HELD, encoding="utf-8")
         words = ["run", str(table), "--touch", str(recording), "--port", port, "--effects", str(effects)]
         words += ["--bit-rate", "2000000", "--ring", str(self._ring_path), "--reconnect", "--realtime", "all", "--json"]
