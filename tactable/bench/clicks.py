@@ -1,15 +1,12 @@
 """Clicks of every state of one felt and one quiet finger beside gated steady drives, on the same fresh plants."""
 
 import itertools
-import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
 from rich.console import Console
 from rich.table import Table as Grid
 
@@ -17,46 +14,17 @@ from engine.device import Device
 from engine.plain import to_plain
 from engine.table import Entry
 from engine.touch import ZoneState
-from precompute.clicks import DEFAULT_OPTIONS, Click, ClickOptions, ClickSolver
+from precompute.clicks import Click, ClickOptions, ClickSolver
 from precompute.clicks.baselines import gate
 from precompute.entries.alternatives import paper_drive
 from precompute.entries.prediction import States
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
-from precompute.parallel.pool import available_cores, solve_in_processes
-from tactable.cli.console import shown_progress
-from tactable.shipped import find_device
+from precompute.parallel.pool import solve_in_processes
 
 AIM_FELT_DB, AIM_QUIET_DB = 14.0, 1.0
 _WAYS = {"click": "click", "gated": "steady drive gated", "paper": "paper's objective gated"}
 _ENDS = (("felt_db", "low_db"), ("quiet_db", "high_db"))
-_out = Console()
-
-
-def register(bench: typer.Typer) -> None:
-    """Add the command to the benchmarks."""
-
-    @bench.command("clicks")
-    def bench_clicks(
-        device_name: Annotated[
-            str, typer.Argument(metavar="DEVICE", help="A device file, or a shipped name.")
-        ] = "reference-a",
-        scenarios: Annotated[
-            int, typer.Option(min=1, max=1000, help="Plants that clicks are optimised over.")
-        ] = DEFAULT_OPTIONS.scenarios,
-        judged: Annotated[int, typer.Option(min=20, max=100_000, help="Fresh plants they are judged by.")] = 1000,
-        workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one a core.")] = None,
-        as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
-    ) -> None:
-        """What clicks do for every pair of zones, beside steady drives switched on and off."""
-        device, count = find_device(device_name), workers or available_cores()
-        options = replace(DEFAULT_OPTIONS, scenarios=scenarios, judged=judged)
-        with shown_progress(as_json) as on_progress:
-            result = run_clicks_bench(device, options, count, partial(on_progress, "pairs"))
-        if as_json:
-            print(json.dumps(result, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
-        else:
-            print_clicks_bench(_out, result)
 
 
 def run_clicks_bench(

@@ -5,36 +5,32 @@ them meet the same machine; each figure stands beside the compiled step and besi
 """
 
 import gc
-import json
 import platform
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as Grid
 
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS, EffectPlayer, Effects, read_effects
+from engine.effects import DEFAULT_EFFECTS, EffectPlayer, Effects
 from engine.render.limits import link_configuration
 from engine.render.prepared import render_table
 from engine.render.renderer import PlayCommand, WhenNotAchieved
 from engine.table import Table
 from engine.touch import FingerTracker, open_digitizer
-from engine.touch.sources.recording import Recording, read_recording
+from engine.touch.sources.recording import Recording
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
 from tactable.bench.in_process import measure_in_process
-from tactable.bench.inputs import HELD, open_table, replayed
+from tactable.bench.inputs import HELD, replayed
 from tactable.bench.latency.stages import figures_of, us
 from tactable.bench.light_device import LightDevice
 from tactable.run.live import fast_library
-from tactable.shipped import DEMO_RECORDING
 
 ROUNDS = 15
 STAGES = ("decode", "track", "play", "render", "frame")
@@ -48,38 +44,6 @@ Stamps = NDArray[np.float64]
 """Shape (report, stage + 1): ns from the start of the step, NaN for a stage that was not reached."""
 RULES = {"a drive while touched": HELD, "a click for every touch": DEFAULT_EFFECTS}
 """Rules to compare: none but the simplest, which bring drives; then the default ones, which bring clicks."""
-_out = Console()
-
-
-def register(bench: typer.Typer) -> None:
-    """Add the command to the benchmarks."""
-    bench.command("step")(bench_step)
-
-
-def bench_step(
-    table_path: Annotated[
-        Path | None, typer.Argument(metavar="TABLE", help="A built table; default: the demo's, built if need be.")
-    ] = None,
-    recordings: Annotated[
-        list[Path] | None, typer.Option("--recording", help="In hid-recorder form; default: the shipped one.")
-    ] = None,
-    effects_path: Annotated[
-        Path | None,
-        typer.Option("--effects", help="Also with the rules of this file, such as tables/effects/slider.toml."),
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
-) -> None:
-    """Time each stage from a report to the bytes of its command, for drives and clicks, with and without rules."""
-    read = {path.name: read_recording(path) for path in recordings or [DEMO_RECORDING]}
-    with open_table(table_path) as table:
-        rules = dict(RULES)
-        if effects_path is not None:
-            rules[effects_path.name] = read_effects(effects_path, table.device)
-        result = run_step_bench(table, read, rules)
-    if as_json:
-        print(json.dumps(result, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
-    else:
-        print_step_bench(_out, result)
 
 
 def run_step_bench(

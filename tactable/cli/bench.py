@@ -1,8 +1,24 @@
 """Commands `bench ...`: each runs one benchmark, and prints its page or its JSON."""
 
-from tactable.cli.console import show
-from tactable.cli.options import AsJson, DeviceOption, Level, TableArgument, read_level
-from tactable.shipped import find_device
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tactable.cli.console import show, shown_progress
+from tactable.cli.options import (
+    AsJson,
+    DeviceArgument,
+    DeviceOption,
+    Level,
+    OptionalTable,
+    TableArgument,
+    Workers,
+    read_level,
+)
+from tactable.shipped import DEMO_RECORDING, find_device
 
 
 def sweep(device_name: DeviceOption = "reference-a", as_json: AsJson = False) -> None:
@@ -40,3 +56,58 @@ def contrast(
     level_db = read_level(level)
     with Table.open(table_path) as table:
         show(run_contrast_bench(table, level_db), as_json, print_contrast_bench)
+
+
+def clicks(
+    device_name: DeviceArgument = "reference-a",
+    scenarios: Annotated[
+        int | None, typer.Option(min=1, max=1000, help="Plants that clicks are optimised over; default as for build.")
+    ] = None,
+    judged: Annotated[
+        int, typer.Option(min=20, max=100_000, help="Sampled plants that clicks are evaluated on.")
+    ] = 1000,
+    workers: Workers = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compute the clicks of every pair of zones.
+
+    Steady drives that are switched on and off are evaluated beside them, on the same plants.
+    """
+    from precompute.clicks import DEFAULT_OPTIONS
+    from precompute.parallel.pool import available_cores
+    from tactable.bench.clicks import print_clicks_bench, run_clicks_bench
+
+    options = replace(DEFAULT_OPTIONS, scenarios=scenarios or DEFAULT_OPTIONS.scenarios, judged=judged)
+    with shown_progress(as_json) as progress:
+        result = run_clicks_bench(
+            find_device(device_name), options, workers or available_cores(), partial(progress, "pairs")
+        )
+    show(result, as_json, print_clicks_bench)
+
+
+def step(
+    table_path: OptionalTable = None,
+    recordings: Annotated[
+        list[Path] | None, typer.Option("--recording", help="In hid-recorder format; default: the shipped one.")
+    ] = None,
+    effects_path: Annotated[
+        Path | None,
+        typer.Option("--effects", help="Also with the rules of this file, such as tables/effects/slider.toml."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Time the stages from a report to command bytes.
+
+    Drives and clicks are timed, with and without rules, beside the compiled step.
+    """
+    from engine.effects import read_effects
+    from engine.touch.sources.recording import read_recording
+    from tactable.bench.inputs import open_table
+    from tactable.bench.step import RULES, print_step_bench, run_step_bench
+
+    read = {path.name: read_recording(path) for path in recordings or [DEMO_RECORDING]}
+    with open_table(table_path) as table:
+        rules = dict(RULES)
+        if effects_path is not None:
+            rules[effects_path.name] = read_effects(effects_path, table.device)
+        show(run_step_bench(table, read, rules), as_json, print_step_bench)

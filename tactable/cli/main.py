@@ -88,9 +88,9 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "sweep": Entry("bench:sweep", "Time the sweep over frequencies and amplitudes."),
             "states": Entry("bench:states", "Time the entries of every state, beside a general-purpose solver."),
             "contrast": Entry("bench:contrast", "Compare the paper's objective with ours, SIMULATED."),
-            "clicks": Entry("tactable.bench.clicks:register", "Compute the clicks of every pair of zones."),
-            "step": Entry("tactable.bench.step:register", "Time the stages from a report to command bytes."),
-            "latency": Entry("tactable.bench.latency.command:register", "Measure the latency from report to command."),
+            "clicks": Entry("bench:clicks", "Compute the clicks of every pair of zones."),
+            "step": Entry("bench:step", "Time the stages from a report to command bytes."),
+            "latency": Entry("latency:latency", "Measure the latency from report to command."),
         },
     },
 }
@@ -141,11 +141,7 @@ def load_command(name: str, entry: Entry) -> Any:
     single = typer.Typer(
         add_completion=False, rich_markup_mode=None, context_settings={"max_content_width": _LONGEST_LINE}
     )
-    found = getattr(import_module(module if "." in module else f"tactable.cli.{module}"), function)
-    if function == "register":
-        found(single)
-    else:
-        single.command(name)(found)
+    single.command(name)(getattr(import_module(f"tactable.cli.{module}"), function))
     return get_command(single)
 
 

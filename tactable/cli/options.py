@@ -18,6 +18,9 @@ DEVICE_HELP = "A device file, or the name of a shipped device."
 DeviceArgument = Annotated[str, typer.Argument(metavar="DEVICE", help=DEVICE_HELP)]
 DeviceOption = Annotated[str, typer.Option("--device", help=DEVICE_HELP)]
 TableArgument = Annotated[Path, typer.Argument(metavar="TABLE", help="A built table.")]
+OptionalTable = Annotated[
+    Path | None, typer.Argument(metavar="TABLE", help="A built table; default: the demo's, built if need be.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
 Felt = Annotated[str, typer.Option(help="Zones with a finger that shall feel, such as I,III.")]
 Quiet = Annotated[str, typer.Option(help="Zones with a finger that must not feel, such as IV.")]

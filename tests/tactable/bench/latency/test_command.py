@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-import typer
 from typer.testing import CliRunner, Result
 
 from engine.loop.realtime import Step
 from engine.table.columns import write_entries
 from engine.table.file import TableWriter
-from tactable.bench.latency.command import EXIT_WORSE, register
 from tactable.bench.latency.report import LatencyReportError
+from tactable.cli.latency import EXIT_WORSE
+from tactable.cli.main import app
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.made_entries import entry_of, felt_states
 
@@ -40,10 +40,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def bench(folder: Path, *words: str) -> Result:
-    app = typer.Typer()
-    app.callback()(lambda: None)
-    register(app)
-    return CliRunner().invoke(app, ["latency", *words, "-o", str(folder)], catch_exceptions=False)
+    return CliRunner().invoke(app, ["bench", "latency", *words, "-o", str(folder)], catch_exceptions=False)
 
 
 def report(folder: Path, *words: str) -> dict[str, Any]:

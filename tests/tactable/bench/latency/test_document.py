@@ -4,19 +4,14 @@ import re
 import shlex
 from pathlib import Path
 
-import typer
-from typer.main import get_command
-
-from tactable.bench.latency.command import register
 from tactable.bench.latency.stages import STAGES
+from tactable.cli.main import COMMANDS, load_command
 
 TEXT = (Path(__file__).parents[4] / "docs" / "latency.md").read_text(encoding="utf-8")
 
 
 def test_every_option_that_it_shows_exists() -> None:
-    app = typer.Typer()
-    register(app)
-    parameters = get_command(app).params
+    parameters = load_command("latency", COMMANDS["bench"]["Benchmarks"]["latency"]).params
     known = {option for parameter in parameters for option in (*parameter.opts, *parameter.secondary_opts)}
     lines = [line for line in TEXT.splitlines() if line.startswith("tactable bench latency")]
     shown = {word for line in lines for word in shlex.split(line, comments=True) if word.startswith("-")}

@@ -1,12 +1,10 @@
-"""The command `bench latency`: latency from report to command by stages, beside loads and floors, as a report."""
+"""Command `bench latency`: latency from report to command by stages, beside loads and floors, as a report."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 
 from engine.loop.realtime import Step, parse_steps
 from engine.table import Table
@@ -17,22 +15,15 @@ from tactable.bench.latency.compare import got_worse
 from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ, Plan, Transport
 from tactable.bench.latency.load_generator import Stall, StalledLayer
 from tactable.bench.latency.stages import us
+from tactable.cli.console import ERRORS, OUT, remark, show
+from tactable.cli.options import AsJson, OptionalTable
 
 EXIT_WORSE = 4
 _MOST_SAMPLES = 65_536
-_out = Console()
-_errors = Console(stderr=True)
 
 
-def register(bench: typer.Typer) -> None:
-    """Add the command to the benchmarks."""
-    bench.command("latency")(bench_latency)
-
-
-def bench_latency(
-    table_path: Annotated[
-        Path | None, typer.Argument(metavar="TABLE", help="A built table; default: the demo's, built if need be.")
-    ] = None,
+def latency(
+    table_path: OptionalTable = None,
     rates: Annotated[str, typer.Option(help="Reports a second, rising.")] = "125,1000,4000",
     fingers: Annotated[int, typer.Option(min=1, max=10, help="Generated fingers; one of them taps.")] = 1,
     recordings: Annotated[
@@ -59,9 +50,13 @@ def bench_latency(
     baseline: Annotated[
         Path | None, typer.Option("--compare", help="An earlier report.json; exit status 4 if latency got worse.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON for machines.")] = False,
+    as_json: AsJson = False,
 ) -> None:
-    """Measure where each microsecond goes from a report to its command, with tails, beside loads and floors."""
+    """Measure the latency from report to command.
+
+    The report says where each microsecond goes, with tails, beside loads and floors. Exit status 4: it is worse
+    than the report of --compare.
+    """
     # It draws, and knows the demo: importing that takes longer than parsing the options.
     from engine.plain import to_plain
     from tactable.bench.latency.report import compare_with, measure, write_report
@@ -78,10 +73,7 @@ def bench_latency(
     if baseline is not None:
         document["comparison"] = to_plain(compare_with(run, baseline))
     write_report(document, run, output)
-    if as_json:
-        print(json.dumps(document, indent=2))  # noqa: T201  # JSON goes out as it is, without a terminal's width
-    else:
-        _print_summary(document, output)
+    show(document, as_json, lambda _, found: _print_summary(found, output))
     if got_worse(document.get("comparison", {})):
         raise typer.Exit(EXIT_WORSE)
 
@@ -121,26 +113,26 @@ def _check_samples(commands_hz: int, seconds: float) -> None:
 
 
 def _on_progress(text: str) -> None:
-    if _errors.is_terminal:
-        _errors.print(text, style="dim", markup=False, highlight=False)
+    if ERRORS.is_terminal:
+        remark(text, "dim")
 
 
 def _print_summary(document: dict[str, Any], folder: Path) -> None:
     if document["simulated"]:
-        _out.print(f"SIMULATED: {', '.join(document['simulated'])}", markup=False, soft_wrap=True)
+        OUT.print(f"SIMULATED: {', '.join(document['simulated'])}", markup=False, soft_wrap=True)
     for condition in document["conditions"]:
         figures = condition["stages"].get(document["whole"])
         if figures is not None:
             shown = {"median": "p50_us", "p99": "p99_us", "greatest": "max_us"}
             text = ", ".join(f"{name} {us(figures[key])} us" for name, key in shown.items())
-            _out.print(f"{condition['name']}: {text} of {figures['count']}", highlight=False, soft_wrap=True)
+            OUT.print(f"{condition['name']}: {text} of {figures['count']}", highlight=False, soft_wrap=True)
         if condition["blame"] is not None:
             slowest = condition["blame"]["slowest"]
-            _out.print(f"  its slowest lost their time in {slowest['layer']} ({slowest['stage']})", highlight=False)
+            OUT.print(f"  its slowest lost their time in {slowest['layer']} ({slowest['stage']})", highlight=False)
     for row in document["ratios"]:
         if row["way"].startswith("due"):
             ratio = f"{row['condition']}, against {row['against']}: median {row['median']['value']:.2f}"
-            _out.print(ratio, highlight=False, soft_wrap=True)
+            OUT.print(ratio, highlight=False, soft_wrap=True)
     for name in got_worse(document.get("comparison", {})):
-        _out.print(f"WORSE than the baseline: {name}", style="red", markup=False, soft_wrap=True)
-    _out.print(f"{folder / 'report.html'}: the page; report.md, report.json and the samples beside it", highlight=False)
+        OUT.print(f"WORSE than the baseline: {name}", style="red", markup=False, soft_wrap=True)
+    OUT.print(f"{folder / 'report.html'}: the page; report.md, report.json and the samples beside it", highlight=False)

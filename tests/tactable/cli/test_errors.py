@@ -1,0 +1,109 @@
+"""How a command ends that cannot do its work: one line and a status, never a traceback."""
+
+import ast
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from firmware_link.protocol.errors import TactableError
+from precompute.clicks.program import ProgramError
+from precompute.parallel.pool import WorkerError
+from tactable.cli import touch
+from tactable.cli.main import main
+from tests.precompute.builder.test_build import SMALL
+
+ROOT = Path(__file__).parents[3]
+ROOMS = ("engine", "firmware_link", "precompute", "tactable")
+TACTABLE = str(Path(sys.executable).parent / "tactable")
+UNDER_ANOTHER_ERROR = {"QuantityError": "becomes DeviceError or OptionError", "PageMessageError": "answers a browser"}
+
+
+def bases_of_errors() -> dict[str, set[str]]:
+    """Names of the bases of every class of the four rooms whose name ends in Error."""
+    found: dict[str, set[str]] = {}
+    for path in (path for room in ROOMS for path in (ROOT / room).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef) and node.name.endswith("Error"):
+                found[node.name] = {base.id for base in node.bases if isinstance(base, ast.Name)}
+    return found
+
+
+def test_every_error_derives_from_the_root() -> None:
+    bases = bases_of_errors()
+
+    def is_ours(name: str) -> bool:
+        return name == "TactableError" or any(is_ours(base) for base in bases.get(name, ()))
+
+    strangers = {name for name, own in bases.items() if own and not is_ours(name)}
+    assert strangers == set(UNDER_ANOTHER_ERROR)
+
+
+def end_of(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> object:
+    """Exit status of a command that raises `error`."""
+
+    def fail(_machine: object) -> None:
+        raise error
+
+    monkeypatch.setattr(touch, "find_devices", fail)
+    monkeypatch.setattr(sys, "argv", ["tactable", "list"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    return end.value.code
+
+
+@pytest.mark.parametrize("error", [TactableError, WorkerError, ProgramError, OSError])
+def test_an_error_is_one_line_and_status_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], error: type[Exception]
+) -> None:
+    assert end_of(monkeypatch, error("no [bar]: mend it")) == 1
+    assert capsys.readouterr().err == "tactable: no [bar]: mend it\n"
+
+
+def test_an_error_of_the_program_itself_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ZeroDivisionError):
+        end_of(monkeypatch, ZeroDivisionError())
+
+
+def test_ctrl_c_is_quiet_and_status_130(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    assert end_of(monkeypatch, KeyboardInterrupt()) == 130
+    assert capsys.readouterr() == ("", "")
+
+
+def workers_of(process: "subprocess.Popen[str]") -> list[int]:
+    """Worker processes that it started and that run."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    return [int(child) for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
+
+
+def kill_a_worker(_process: "subprocess.Popen[str]", workers: list[int]) -> None:
+    os.kill(workers[0], signal.SIGKILL)
+
+
+def interrupt(process: "subprocess.Popen[str]", _workers: list[int]) -> None:
+    process.send_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize(("strike", "status", "said"), [(kill_a_worker, 1, "tactable: "), (interrupt, 130, "")])
+def test_a_build_that_is_struck_while_workers_solve_ends_in_a_line_and_leaves_no_process(
+    tmp_path: Path, strike: Callable[["subprocess.Popen[str]", list[int]], None], status: int, said: str
+) -> None:
+    (tmp_path / "bar.toml").write_text(SMALL, encoding="utf-8")
+    command, pipe = [TACTABLE, "build", "bar.toml", "-o", "bar.nc", "--workers", "2"], subprocess.PIPE
+    with subprocess.Popen(command, cwd=tmp_path, text=True, stdout=pipe, stderr=pipe) as process:
+        workers = list[int]()
+        while len(workers) < 2:
+            time.sleep(0.05)
+            assert process.poll() is None, process.communicate()
+            workers = workers_of(process)
+        strike(process, workers)
+        out, err = process.communicate()
+    assert (process.returncode, out) == (status, ""), err
+    assert err.startswith(said) and err.count("\n") == (1 if said else 0), err
+    assert not any(Path(f"/proc/{worker}").exists() for worker in workers)
+    assert not (tmp_path / "bar.nc").exists()

@@ -1,0 +1,81 @@
+"""How the command line starts: from its table of commands, importing little; the table and the functions agree."""
+
+import subprocess
+import sys
+from importlib import import_module
+from inspect import getdoc
+
+import pytest
+
+from tactable.cli.main import COMMANDS, Entry
+
+HEAVY = {"h5netcdf", "matplotlib", "numba", "pint", "precompute", "scipy", "xarray"}
+TARGETS = [
+    (f"{group} {name}".strip(), entry)
+    for group, sections in COMMANDS.items()
+    for section in sections.values()
+    for name, entry in section.items()
+]
+
+
+def modules_after(*words: str) -> set[str]:
+    """Top-level packages that a fresh interpreter has loaded when the command ends."""
+    program = f"""
+import sys
+from tactable.cli.main import main
+sys.argv = ["tactable", *{words!r}]
+try:
+    main()
+finally:
+    print(*{{name.partition(".")[0] for name in sys.modules}}, file=sys.stderr)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    return set(done.stderr.splitlines()[-1].split())
+
+
+@pytest.mark.parametrize("words", [("--help",), ("list",), ("list", "--json"), ("plot", "--help"), ("list", "--help")])
+def test_help_and_list_load_neither_compiler_nor_solver_nor_plot(words: tuple[str, ...]) -> None:
+    loaded = modules_after(*words)
+    assert "tactable" in loaded
+    assert loaded.isdisjoint(HEAVY)
+
+
+def test_the_help_of_the_commands_needs_not_even_numpy() -> None:
+    assert modules_after("--help").isdisjoint({"engine", "numpy", "rich"})
+
+
+@pytest.mark.parametrize(("name", "entry"), TARGETS, ids=[name for name, _ in TARGETS])
+def test_the_table_says_what_the_function_says(name: str, entry: Entry) -> None:
+    if not entry.target:
+        assert name in COMMANDS
+        return
+    module, _, function = entry.target.partition(":")
+    text = getdoc(getattr(import_module(f"tactable.cli.{module}"), function)) or ""
+    assert text.partition("\n\n")[0] == entry.help
+    assert len(entry.help) <= 80 and entry.help.endswith(".")
+
+
+def test_every_group_is_listed() -> None:
+    assert set(COMMANDS) == {"", *(name for name, entry in TARGETS if not entry.target)}
+
+
+def test_the_help_lists_every_command_by_section() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", "from tactable.cli.main import main; main()", "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={"COLUMNS": "120"},
+    )
+    titles = [line[:-1] for line in done.stdout.splitlines() if line.endswith(":") and line[0] != " "]
+    assert titles == ["Options", *COMMANDS[""]]
+    for section in COMMANDS[""].values():
+        for name, entry in section.items():
+            assert f"  {name} " in done.stdout and entry.help in done.stdout
+
+
+def test_a_misspelt_command_is_answered_with_the_nearest() -> None:
+    program = "from tactable.cli.main import main; main()"
+    done = subprocess.run([sys.executable, "-c", program, "lits"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "Did you mean 'list'" in done.stderr
