@@ -4,7 +4,7 @@ A report holds a few contact slots; a frame is every contact at one moment and m
 says how many contacts a frame has (Contact Count) in the first report of the frame, and 0 in the others ("hybrid"
 mode). Devices depart from this in known ways, which `quirks` lists by vendor and product, from the kernel's own table.
 
-State: `_active`, the contacts in range, by their key; `_received` of `_expected` slots of the frame under way; and the
+State (`_Frame`): the contacts in range by their key, `received` of `expected` slots of the frame under way, and the
 keys that the frame has mentioned. Invariants: a contact stays active until a report says that it lifted, until a frame
 leaves it out (where the quirk says that this means "up"), or until the watchdog `expire` releases it. A frame is given
 out only when it is complete, so a finger never flickers between the reports of one frame. Where the count is accurate,
@@ -18,11 +18,12 @@ decoded by shifts and masks that are prepared once for each report (`ReportPlan`
 from __future__ import annotations
 
 from collections.abc import Container, Iterable
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
-from engine.touch.descriptor import ContactLayout, Field, ReportLayout, Surface, SurfaceKind, read_surfaces
-from engine.touch.quirks import Key, QuirkClass, Validity, quirks_for, vendor_with_own_driver
+from engine.touch.descriptor import Surface, SurfaceKind, read_surfaces
+from engine.touch.quirks import Key, QuirkClass, quirks_for, vendor_with_own_driver
+from engine.touch.report_plan import ReportPlan, build_plan, read
 from firmware_link.protocol.errors import TactableError
 
 # Frames of live digitizers come every 2..26 ms. A report of a frame that comes later than this belongs to another one.
@@ -42,6 +43,7 @@ _HELD_REPORTS = 16
 # For the hot path: no method look-up, and half the time of calling a named tuple's class.
 _from_bytes, _new = int.from_bytes, tuple.__new__
 
+_CONTACT_NUMBER = Key.SLOT_IS_CONTACT_NUMBER  # looked up once: the member of an enum costs 50 ns
 _KIND_PREFERENCE = (SurfaceKind.TOUCH_SCREEN, SurfaceKind.MULTI_POINT, SurfaceKind.TOUCH_PAD)
 
 
@@ -86,6 +88,56 @@ class DigitizerCounters:
     expired_frames: int = 0
 
 
+@dataclass(slots=True)
+class _Frame:
+    """The frame that is being assembled, and the contacts in range."""
+
+    active: dict[int, Contact] = field(default_factory=dict)
+    """Contacts in range by their key, oldest first."""
+    seen: set[int] = field(default_factory=set)
+    """Keys that this frame has mentioned."""
+    taken: int = 0
+    """Contacts that were active or mentioned in this frame."""
+    received: int = 0
+    expected: int = 0
+    ticks: int = 0
+    """Scan time of the last report, in ticks of the device."""
+
+    def start(self) -> None:
+        """Start the next frame; the contacts stay."""
+        self.received = 0
+        self.seen.clear()
+        self.taken = len(self.active)
+
+
+@dataclass(slots=True)
+class _ScanClock:
+    """Moves scan times of the device to the host's time axis.
+
+    Devices reset the counter at a new touch, wrap it at its size instead of the declared maximum, and their ticks of
+    100 us are 92..131 us. So only steps of the counter are added up, and only while the sum agrees with host time.
+    """
+
+    ticks: int = 0
+    time_ns: int = 0
+
+    def advance(self, ticks: int, mask: int, now_ns: int) -> int:
+        """Scan time of a frame on the host's axis; host time after a reset or a pause."""
+        time_ns = self.time_ns + (ticks - self.ticks & mask) * SCAN_TIME_TICK_NS
+        if not -SCAN_TIME_TOLERANCE_NS <= time_ns - now_ns <= SCAN_TIME_TOLERANCE_NS:
+            time_ns = now_ns
+        self.ticks, self.time_ns = ticks, time_ns
+        return time_ns
+
+
+@dataclass(slots=True)
+class _Waiting:
+    """Reports whose contact count comes in another report, and a count whose reports are still to come."""
+
+    reports: list[tuple[ReportPlan, bytes]] = field(default_factory=list)
+    count: int | None = None
+
+
 class Digitizer:
     """The frame assembler of one surface.
 
@@ -99,29 +151,14 @@ class Digitizer:
         self.quirks = quirks_for(vendor_id, product_id, is_win8=surface.is_win8, is_serial=contacts == 1)
         self.counters = DigitizerCounters()
         self.maximum_contacts = _maximum_contacts(surface, self.quirks)
-        # What of it the fast path compiles too.
-        self.plans = {report.report_id: _build_plan(report, surface, self.quirks) for report in surface.reports}
+        self.plans = {report.report_id: build_plan(report, surface, self.quirks) for report in surface.reports}
         self.uses_report_ids = surface.uses_report_ids
         self.count_is_accurate = self.quirks.count_is_accurate and has_count
-        self._key = self.quirks.key
-        self._is_numbered = self._key is Key.SLOT_IS_CONTACT_NUMBER
-        self._frame_may_be_empty = self.quirks.frame_may_be_empty
-        self._ignores_duplicates = self.quirks.ignores_duplicates
-        self._unseen_means_up = self.quirks.unseen_means_up
         self.count_is_apart = has_count and not any(plan.slots and plan.count for plan in self.plans.values())
-        self._active: dict[int, Contact] = {}  # by key, oldest first
-        self._seen: set[int] = set()  # keys this frame mentioned
-        self._taken = 0  # contacts active or mentioned in this frame
-        self._received = 0
-        self._expected = 0
-        self._ticks = 0
-        self._frame_ticks = 0
-        self._scan_time_ns = 0
+        self._frame, self._scan_clock, self._waiting = _Frame(), _ScanClock(), _Waiting()
         self._report_ns = 0
         self._frame_ns = 0
         self._is_shown = False  # the last frame listed a contact
-        self._held: list[tuple[ReportPlan, bytes]] = []  # reports that wait for their count
-        self._announced: int | None = None  # count that waits for its reports
 
     def decode_report(self, report: bytes, now_ns: int) -> TouchFrame | None:
         """Take one report as the device sent it, report ID first where it has one.
@@ -140,71 +177,74 @@ class Digitizer:
         self._report_ns = now_ns
         if self.count_is_apart:
             return self._decode_apart(plan, report, now_ns, is_late)
-        scan_time, count = plan.scan_time, plan.count
-        ticks = self._ticks
+        frame, scan_time, count = self._frame, plan.scan_time, plan.count
+        ticks = frame.ticks
         if scan_time is not None:
             ticks = _from_bytes(report[scan_time.start : scan_time.stop], "little") >> scan_time.shift & scan_time.mask
         # A lost report shifts the frames after it only where the count says which slots to read.
-        if self._received and self.count_is_accurate and (is_late or ticks != self._ticks):
+        if frame.received and self.count_is_accurate and (is_late or ticks != frame.ticks):
             self.counters.lost_frames += 1
-            self._start_frame()
+            frame.start()
         if count is not None:
-            announced = _read(count, report)
+            announced = read(count, report)
             # The first report of a frame carries the total, the others 0; some devices repeat the total in each.
-            if announced or (self._received == 0 and ticks != self._ticks and self._frame_may_be_empty):
-                self._expected = announced
-        self._ticks = ticks
+            if announced or (frame.received == 0 and ticks != frame.ticks and self.quirks.frame_may_be_empty):
+                frame.expected = announced
+        frame.ticks = ticks
         self._take_contacts(plan, report)
-        return None if self._received < self._expected else self._complete_frame(plan, ticks, now_ns)
+        return None if frame.received < frame.expected else self._complete_frame(plan, ticks, now_ns)
 
     def expire(self, now_ns: int) -> TouchFrame | None:
         """Watchdog: an empty frame where contacts were down and 120 ms brought no further frame, else `None`."""
         if not self._is_shown or now_ns - self._frame_ns < RELEASE_AFTER_NS:
             return None
         self.counters.expired_frames += 1
-        self._active.clear()
-        self._start_frame()
+        self._frame.active.clear()
+        self._frame.start()
         self._is_shown = False
         return TouchFrame(now_ns, ())
 
     def moment(self) -> tuple[int, int, int, int, int]:
         """Contacts received, expected, ticks, contacts counted and the last report's time: how far the frame is."""
-        return self._received, self._expected, self._ticks, self._taken, self._report_ns
+        frame = self._frame
+        return frame.received, frame.expected, frame.ticks, frame.taken, self._report_ns
 
     def active(self) -> tuple[Iterable[Contact], Container[int]]:
         """Contacts in range so far, and the identifiers that this frame mentioned."""
-        return self._active.values(), self._seen
+        return self._frame.active.values(), self._frame.seen
 
     def _decode_apart(self, plan: ReportPlan, report: bytes, now_ns: int, is_late: bool) -> TouchFrame | None:
         """Take a report of a device that sends contacts and their count in different reports, in either order."""
+        frame, waiting = self._frame, self._waiting
         if is_late:
-            self._held.clear()
-            self._announced = None
-            self._start_frame()
+            waiting.reports.clear()
+            waiting.count = None
+            frame.start()
         if plan.count is not None:
-            self._announced = _read(plan.count, report)
+            waiting.count = read(plan.count, report)
         else:
-            self._held.append((plan, report))
-            del self._held[:-_HELD_REPORTS]
-        if self._announced is None or not self._held:
+            waiting.reports.append((plan, report))
+            del waiting.reports[:-_HELD_REPORTS]
+        if waiting.count is None or not waiting.reports:
             return None
-        self._expected = self._announced
-        for held_plan, held_report in self._held:
+        frame.expected = waiting.count
+        for held_plan, held_report in waiting.reports:
             self._take_contacts(held_plan, held_report)
-        self._held.clear()
-        if self._received < self._expected:
+        waiting.reports.clear()
+        if frame.received < frame.expected:
             return None
-        self._announced = None
-        return self._complete_frame(plan, _read(plan.scan_time, report) if plan.scan_time else 0, now_ns)
+        waiting.count = None
+        return self._complete_frame(plan, read(plan.scan_time, report) if plan.scan_time else 0, now_ns)
 
     def _take_contacts(self, plan: ReportPlan, report: bytes) -> None:
         """Take the contacts of a report in order, until the frame has as many as were announced.
 
         Positions outside the logical range are clamped: a finger on the rim reads a few units outside.
         """
-        active, seen, received = self._active, self._seen, self._received
-        wanted = self._expected if self.count_is_accurate else received + len(plan.slots)
-        is_numbered, ignores_duplicates = self._is_numbered, self._ignores_duplicates
+        frame, quirks = self._frame, self.quirks
+        active, seen, received = frame.active, frame.seen, frame.received
+        wanted = frame.expected if self.count_is_accurate else received + len(plan.slots)
+        is_numbered, ignores_duplicates = quirks.key is _CONTACT_NUMBER, quirks.ignores_duplicates
         for memory, place, tip_at, id_at, valid_at, hover_at, confidence_at, x_at, y_at in plan.slots:
             if received >= wanted:
                 break
@@ -249,44 +289,32 @@ class Digitizer:
             contact = _new(Contact, (contact_id, x, y, tip, not mask or bits >> shift & mask != 0))
             active[contact_id] = contact
             memory[:] = bits, contact
-        self._received = received
+        frame.received = received
 
     def _admit(self, contact_id: int) -> bool:
         """Whether there is room for a new contact; a contact that lifts keeps its room until the frame is complete."""
-        if self._key is Key.CONTACT_ID:
-            self._taken += 1
-            return self._taken <= self.maximum_contacts
-        if self._key is Key.SLOT_IS_CONTACT_ID_MINUS_ONE:
+        if self.quirks.key is Key.CONTACT_ID:
+            self._frame.taken += 1
+            return self._frame.taken <= self.maximum_contacts
+        if self.quirks.key is Key.SLOT_IS_CONTACT_ID_MINUS_ONE:
             return 1 <= contact_id <= self.maximum_contacts
         return contact_id < self.maximum_contacts
 
     def _complete_frame(self, plan: ReportPlan, ticks: int, now_ns: int) -> TouchFrame:
-        active = self._active
-        if self._unseen_means_up:
-            for contact_id in active.keys() - self._seen:
+        frame = self._frame
+        active = frame.active
+        if self.quirks.unseen_means_up:
+            for contact_id in active.keys() - frame.seen:
                 del active[contact_id]
         contacts = tuple(active.values())
-        self._received = 0
-        self._seen.clear()
-        self._taken = len(active)
+        frame.start()
         self._is_shown = bool(contacts)
         self._frame_ns = now_ns
         self.counters.frames += 1
-        if plan.scan_time is None:
-            return _new(TouchFrame, (now_ns, contacts, None))
-        # Scan time on the host's axis: steps of the device's clock while they agree with host time, else host time.
-        # Devices reset the counter at a new touch, wrap it at its size rather than the declared maximum, and their
-        # 100 us are 92..131 us: only steps are taken, and only within the tolerance.
-        joined_ns = self._scan_time_ns + (ticks - self._frame_ticks & plan.scan_time.mask) * SCAN_TIME_TICK_NS
-        if not -SCAN_TIME_TOLERANCE_NS <= joined_ns - now_ns <= SCAN_TIME_TOLERANCE_NS:
-            joined_ns = now_ns
-        self._frame_ticks, self._scan_time_ns = ticks, joined_ns
-        return _new(TouchFrame, (now_ns, contacts, joined_ns))
-
-    def _start_frame(self) -> None:
-        self._received = 0
-        self._seen.clear()
-        self._taken = len(self._active)
+        scan_time_ns = None
+        if plan.scan_time is not None:
+            scan_time_ns = self._scan_clock.advance(ticks, plan.scan_time.mask, now_ns)
+        return _new(TouchFrame, (now_ns, contacts, scan_time_ns))
 
 
 def open_digitizer(descriptor: bytes, vendor_id: int = 0, product_id: int = 0) -> Digitizer:
@@ -307,104 +335,6 @@ def _rank(surface: Surface) -> tuple[bool, int, bool, int]:
     """Sort key of a surface; the smallest is the best."""
     preference = _KIND_PREFERENCE.index(surface.kind)
     return surface.is_stylus, preference, not surface.has_contact_ids, -surface.contacts_per_report
-
-
-# ---- plans -----------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class Bits:
-    """A field in the bytes start..stop of a report."""
-
-    start: int
-    stop: int
-    shift: int
-    mask: int
-
-
-# Shift and mask of a flag or number; shift, mask, sign bit and range of a position. `(value ^ sign) - sign` reads
-# `value` as two's complement.
-NumberBits = tuple[int, int]
-PositionBits = tuple[int, int, int, int, int]
-
-
-class SlotPlan(NamedTuple):
-    """Where the fields of one contact slot are in a report; a mask of 0 stands for a field that the device lacks."""
-
-    memory: list[Any]
-    """The bits that the slot held last, and the contact that they were decoded to."""
-    place: slice
-    tip: NumberBits
-    contact_id: NumberBits
-    valid: NumberBits
-    hover: NumberBits
-    confidence: NumberBits
-    x: PositionBits
-    y: PositionBits
-
-
-@dataclass(frozen=True, slots=True)
-class ReportPlan:
-    """Where everything is in one report, prepared for decoding."""
-
-    needed_bytes: int
-    slots: tuple[SlotPlan, ...]
-    count: Bits | None
-    scan_time: Bits | None
-
-
-def _build_plan(report: ReportLayout, surface: Surface, quirks: QuirkClass) -> ReportPlan:
-    slots = tuple(_build_slot(contact, surface, quirks) for contact in report.contacts)
-    count = None if report.contact_count is None else _bits(report.contact_count)
-    scan_time = None if report.scan_time is None else _bits(report.scan_time)
-    stops = [*(slot.place.stop for slot in slots), *(part.stop for part in (count, scan_time) if part is not None)]
-    return ReportPlan(max(stops), slots, count, scan_time)
-
-
-def _build_slot(contact: ContactLayout, surface: Surface, quirks: QuirkClass) -> SlotPlan:
-    validity = {
-        Validity.ALWAYS: None,
-        Validity.IN_RANGE: contact.in_range,
-        Validity.TIP: contact.tip,
-        Validity.CONFIDENCE: contact.confidence,
-    }[quirks.validity]
-    hover = contact.in_range if quirks.hovers else None
-    used = (contact.tip, contact.contact_id, validity, hover, contact.confidence, contact.x, contact.y)
-    fields = [field for field in used if field is not None]
-    start = min(field.bit for field in fields) // 8
-    stop = max(field.bit + field.size_bits + 7 for field in fields) // 8
-    return SlotPlan(
-        memory=[None, None],
-        place=slice(start, stop),
-        tip=_shift_and_mask(contact.tip, start),
-        contact_id=_shift_and_mask(contact.contact_id, start),
-        valid=_shift_and_mask(validity, start),
-        hover=_shift_and_mask(hover, start),
-        confidence=_shift_and_mask(contact.confidence, start),
-        x=(*_shift_and_mask(contact.x, start), *_limits(contact.x, surface.x)),
-        y=(*_shift_and_mask(contact.y, start), *_limits(contact.y, surface.y)),
-    )
-
-
-def _bits(field: Field) -> Bits:
-    start = field.bit // 8
-    return Bits(start, (field.bit + field.size_bits + 7) // 8, *_shift_and_mask(field, start))
-
-
-def _shift_and_mask(field: Field | None, start: int) -> tuple[int, int]:
-    return (0, 0) if field is None else (field.bit - 8 * start, (1 << field.size_bits) - 1)
-
-
-def _limits(field: Field, axis: Field) -> tuple[int, int, int]:
-    """Sign bit of a field and the range of its axis."""
-    sign = 1 << field.size_bits - 1 if field.is_signed else 0
-    return sign, axis.logical_minimum, axis.logical_maximum
-
-
-def _read(bits: Bits, report: bytes) -> int:
-    if bits.stop - bits.start == 1:  # every contact count: 4 times as fast
-        return report[bits.start] >> bits.shift & bits.mask
-    return _from_bytes(report[bits.start : bits.stop], "little") >> bits.shift & bits.mask
 
 
 def _maximum_contacts(surface: Surface, quirks: QuirkClass) -> int:

@@ -13,8 +13,8 @@ from engine.loop.fast.library import FastPathError
 from engine.loop.fast.table import FastTable
 from engine.loop.pipeline import Pipeline
 from engine.touch import Digitizer
-from engine.touch.digitizer import NumberBits, ReportPlan, SlotPlan
 from engine.touch.quirks import Key
+from engine.touch.report_plan import NumberBits, ReportPlan, SlotPlan
 from firmware_link.protocol.messages import Play, Set, seed_of
 
 _NEVER_NS = (1 << 63) - 1

@@ -1,0 +1,106 @@
+"""Report layouts prepared for decoding: where each field of a contact slot is, as shifts and masks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from engine.touch.descriptor import ContactLayout, Field, ReportLayout, Surface
+from engine.touch.quirks import QuirkClass, Validity
+
+
+@dataclass(frozen=True, slots=True)
+class Bits:
+    """A field in the bytes start..stop of a report."""
+
+    start: int
+    stop: int
+    shift: int
+    mask: int
+
+
+# Shift and mask of a flag or number; shift, mask, sign bit and range of a position. `(value ^ sign) - sign` reads
+# `value` as two's complement.
+NumberBits = tuple[int, int]
+PositionBits = tuple[int, int, int, int, int]
+
+
+class SlotPlan(NamedTuple):
+    """Where the fields of one contact slot are in a report; a mask of 0 stands for a field that the device lacks."""
+
+    memory: list[Any]
+    """The bits that the slot held last, and the contact that they were decoded to."""
+    place: slice
+    tip: NumberBits
+    contact_id: NumberBits
+    valid: NumberBits
+    hover: NumberBits
+    confidence: NumberBits
+    x: PositionBits
+    y: PositionBits
+
+
+@dataclass(frozen=True, slots=True)
+class ReportPlan:
+    """Where everything is in one report, prepared for decoding."""
+
+    needed_bytes: int
+    slots: tuple[SlotPlan, ...]
+    count: Bits | None
+    scan_time: Bits | None
+
+
+def build_plan(report: ReportLayout, surface: Surface, quirks: QuirkClass) -> ReportPlan:
+    """Prepare a report layout for decoding."""
+    slots = tuple(_build_slot(contact, surface, quirks) for contact in report.contacts)
+    count = None if report.contact_count is None else _bits(report.contact_count)
+    scan_time = None if report.scan_time is None else _bits(report.scan_time)
+    stops = [*(slot.place.stop for slot in slots), *(part.stop for part in (count, scan_time) if part is not None)]
+    return ReportPlan(max(stops), slots, count, scan_time)
+
+
+def _build_slot(contact: ContactLayout, surface: Surface, quirks: QuirkClass) -> SlotPlan:
+    validity = {
+        Validity.ALWAYS: None,
+        Validity.IN_RANGE: contact.in_range,
+        Validity.TIP: contact.tip,
+        Validity.CONFIDENCE: contact.confidence,
+    }[quirks.validity]
+    hover = contact.in_range if quirks.hovers else None
+    used = (contact.tip, contact.contact_id, validity, hover, contact.confidence, contact.x, contact.y)
+    fields = [field for field in used if field is not None]
+    start = min(field.bit for field in fields) // 8
+    stop = max(field.bit + field.size_bits + 7 for field in fields) // 8
+    return SlotPlan(
+        memory=[None, None],
+        place=slice(start, stop),
+        tip=_shift_and_mask(contact.tip, start),
+        contact_id=_shift_and_mask(contact.contact_id, start),
+        valid=_shift_and_mask(validity, start),
+        hover=_shift_and_mask(hover, start),
+        confidence=_shift_and_mask(contact.confidence, start),
+        x=(*_shift_and_mask(contact.x, start), *_limits(contact.x, surface.x)),
+        y=(*_shift_and_mask(contact.y, start), *_limits(contact.y, surface.y)),
+    )
+
+
+def _bits(field: Field) -> Bits:
+    start = field.bit // 8
+    return Bits(start, (field.bit + field.size_bits + 7) // 8, *_shift_and_mask(field, start))
+
+
+def _shift_and_mask(field: Field | None, start: int) -> tuple[int, int]:
+    return (0, 0) if field is None else (field.bit - 8 * start, (1 << field.size_bits) - 1)
+
+
+def _limits(field: Field, axis: Field) -> tuple[int, int, int]:
+    """Sign bit of a field and the range of its axis."""
+    sign = 1 << field.size_bits - 1 if field.is_signed else 0
+    return sign, axis.logical_minimum, axis.logical_maximum
+
+
+def read(bits: Bits, report: bytes) -> int:
+    """The unsigned value of a field."""
+    if bits.stop - bits.start == 1:  # every contact count: 4 times as fast
+        return report[bits.start] >> bits.shift & bits.mask
+    return int.from_bytes(report[bits.start : bits.stop], "little") >> bits.shift & bits.mask
