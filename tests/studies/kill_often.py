@@ -141,7 +141,7 @@ class Swap:
 from pathlib import Path
 from engine.table.history import roll_back
 if __name__ == "__main__":
-    {_BEGIN}    for _ in range(300):
+    {_BEGIN}    for _ in range(60):
         roll_back(Path("bar.nc"))
 """
 
