@@ -178,12 +178,11 @@ class Fleet:
         self.script = f"""
 from pathlib import Path
 from precompute.fleet.plan import plan_fleet
-from precompute.fleet.run import run_here, run_on_processes
-from precompute.fleet.run import run_fleet
-from precompute.fleet.units import BuildOptions
+from precompute.fleet.run import run_fleet, run_here, run_on_processes
+from precompute.fleet.units import FleetOptions
 if __name__ == "__main__":
     {_BEGIN}    pool = run_on_processes({workers}) if {workers} else run_here
-    run_fleet(plan_fleet(Path("bars")), BuildOptions(clicks_up_to=0), Path("out"), pool, created="2024-01-01")
+    run_fleet(plan_fleet(Path("bars")), FleetOptions(clicks_up_to=0), Path("out"), pool, created="2024-01-01")
 """
 
     def prepare(self, folder: Path) -> None:
