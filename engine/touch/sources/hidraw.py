@@ -63,23 +63,17 @@ class HidrawSource:
     """
 
     def __init__(self, system: HidSystem, device: HidDigitizer, *, reconnect: bool = True) -> None:
-        self.device = device
-        self.name, self.vendor_id, self.product_id = device.name, device.vendor_id, device.product_id
         self.counters = HidrawCounters()
         self.problem: DigitizerError | None = None
         """Why the device is not there; None while it is."""
         self.report_index = -1
         self.report_time_ns = 0
-        self._system = system
+        self._finder = _Finder(system, device)
         self._reconnects = reconnect
-        # Of a serial-less pair the other one must not stand in for the one that is gone.
-        self._others = {found.stable_id for found in find_digitizers(system)} - {device.stable_id}
         self._poll = select.epoll() if system.has_nodes else None
         self._channel: _Channel | None = None
-        self._ring_size = system.ring_size
         self._burst = 0  # reports read since there was none
         self._skipped_ns = 0
-        self._retry_ns = self._pause_ns = 0
         self._read_ns: int | None = None
         try:
             self._attach(_open_channel(system, device, self.counters))
@@ -88,6 +82,26 @@ class HidrawSource:
             raise
         assert self._channel is not None
         self.descriptor: bytes = self._channel.descriptor
+
+    @property
+    def device(self) -> HidDigitizer:
+        """The device, with the path that it had when it was opened last."""
+        return self._finder.device
+
+    @property
+    def name(self) -> str:
+        """The device's name for itself."""
+        return self.device.name
+
+    @property
+    def vendor_id(self) -> int:
+        """Vendor number."""
+        return self.device.vendor_id
+
+    @property
+    def product_id(self) -> int:
+        """Product number."""
+        return self.device.product_id
 
     @property
     def state(self) -> Connection:
@@ -108,7 +122,7 @@ class HidrawSource:
     def next_time_ns(self) -> int | None:
         """When to look for a lost device, or to ask hidapi."""
         if self.state is Connection.LOST:
-            return self._retry_ns
+            return self._finder.retry_ns
         if self._poll is not None or self.ended:
             return None
         return 0 if self._read_ns is None else self._read_ns + _POLL_NS
@@ -167,7 +181,7 @@ class HidrawSource:
             self._poll = None
 
     def _end_burst(self) -> None:
-        if self._burst >= self._ring_size:
+        if self._burst >= self._finder.system.ring_size:
             self.counters.overflows += 1
             self._skipped_ns += RELEASE_AFTER_NS
         self._burst = 0
@@ -185,46 +199,55 @@ class HidrawSource:
         self._channel = None
         self._burst = 0
         self.counters.losses += 1
-        self.problem = refusal(self._system, self.device, error)
-        self._pause_ns = _FIRST_RETRY_NS
-        self._retry_ns = now_ns + self._pause_ns
+        self.problem = refusal(self._finder.system, self.device, error)
+        self._finder.wait(now_ns, _FIRST_RETRY_NS)
 
     def _look_for_device(self, now_ns: int) -> _Channel | None:
-        """The device under whatever path it has now; each attempt waits twice as long as the one before."""
-        if not self._reconnects or now_ns < self._retry_ns:
+        """Open the device under its present path; each attempt waits twice as long as the one before."""
+        if not self._reconnects or now_ns < self._finder.retry_ns:
             return None
         try:
-            channel = self._reopen()
+            channel = self._finder.reopen(self.descriptor, self.counters)
         except DigitizerError as error:
             self.problem = error
-            self._pause_ns = min(2 * self._pause_ns, _LAST_RETRY_NS)
-            self._retry_ns = now_ns + self._pause_ns
+            self._finder.wait(now_ns, min(2 * self._finder.pause_ns, _LAST_RETRY_NS))
             return None
         self._attach(channel)
         self.counters.reconnects += 1
         return channel
 
-    def _reopen(self) -> _Channel:
+
+class _Finder:
+    """Finds a device again that was unplugged, and says when to look for it."""
+
+    def __init__(self, system: HidSystem, device: HidDigitizer) -> None:
+        self.system, self.device = system, device
+        self.retry_ns = self.pause_ns = 0
+        # Of two equal devices without serial numbers, the other one must not replace the lost one.
+        self._others = {found.stable_id for found in find_digitizers(system)} - {device.stable_id}
+
+    def wait(self, now_ns: int, pause_ns: int) -> None:
+        """Look again after a pause."""
+        self.pause_ns, self.retry_ns = pause_ns, now_ns + pause_ns
+
+    def reopen(self, descriptor: bytes, counters: HidrawCounters) -> _Channel:
+        """Open the device again. Raises DigitizerError while it is away, or where its descriptor is another one."""
         mine = self.device
-        same = [
-            found
-            for found in find_digitizers(self._system)
-            if (found.number, found.serial_number) == (mine.number, mine.serial_number)
-            and found.stable_id not in self._others
-        ]
-        if not same:
+
+        def matches(found: HidDigitizer) -> bool:
+            is_same = (found.number, found.serial_number) == (mine.number, mine.serial_number)
+            return is_same and found.stable_id not in self._others
+
+        def difference(found: HidDigitizer) -> tuple[bool, bool, bool]:
+            # Of a composite device the same interface; of equal devices the same port, then the same path.
+            is_other = found.interface_number != mine.interface_number
+            return is_other, found.port != mine.port, found.path != mine.path
+
+        nearest = min(filter(matches, find_digitizers(self.system)), key=difference, default=None)
+        if nearest is None:
             raise DigitizerError(f"{mine.name or mine.number} is unplugged: plug it in again")
-        # Of a composite device the interface it was; of equals the port, then the path.
-        nearest = min(
-            same,
-            key=lambda found: (
-                found.interface_number != mine.interface_number,
-                found.port != mine.port,
-                found.path != mine.path,
-            ),
-        )
-        channel = _open_channel(self._system, nearest, self.counters)
-        if channel.descriptor != self.descriptor:
+        channel = _open_channel(self.system, nearest, counters)
+        if channel.descriptor != descriptor:
             channel.close()
             raise DigitizerError(f"{nearest.path} is another device than {mine.path} was: start the run again")
         self.device = nearest
