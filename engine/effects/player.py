@@ -15,7 +15,6 @@ so the loop can wait for a report or that time, whichever comes first. Time is a
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from engine.effects.rules import Effects, Rule, Trigger
 from engine.touch import Touch
@@ -45,16 +44,19 @@ class EffectPlayer:
         """When `advance` is due; None: time alone changes nothing."""
         self._touch_rules, self._hold_rules = effects.of(Trigger.TOUCH), effects.of(Trigger.HOLD)
         self._lift_rules, self._drag_rules = effects.of(Trigger.LIFT), effects.of(Trigger.DRAG)
-        self._follows_moves = bool(self._hold_rules or self._drag_rules)
-        self._fingers: dict[int, _Finger] = {}  # by contact id
-        self._lifted: list[_Finger] = []  # gone, their last effect still under way
+        self.follows_moves = bool(self._hold_rules or self._drag_rules)
+        """Whether a finger that moves within its zone may change what is felt."""
+        self.fingers: dict[int, Finger] = {}
+        """The fingers that touch, by contact id."""
+        self.lifted: list[Finger] = []
+        """Fingers that are gone, their last effect still under way."""
         self._powers = _sums_of_powers(number_of_zones)
         self.click_length_ns = click_length_ns
         """Length of the clicks that begin from now on."""
 
     def take(self, touches: Sequence[Touch], time_ns: int) -> bool:
         """Set the fingers that touch from now on; False where the state certainly did not change."""
-        fingers, has_changed = self._fingers, self._follows_moves
+        fingers, has_changed = self.fingers, self.follows_moves
         for touch in touches:
             finger = fingers.get(touch[0])
             if finger is None:
@@ -64,7 +66,7 @@ class EffectPlayer:
                 # Without rules on moves, only another zone changes the state.
                 has_changed = has_changed or finger.touch[2] != touch[2]
                 finger.touch = touch
-                if self._follows_moves:
+                if self.follows_moves:
                     self._move(finger, time_ns)
         if len(fingers) != len(touches):
             self._lift_all_but({touch.contact_id for touch in touches}, time_ns)
@@ -75,36 +77,27 @@ class EffectPlayer:
 
     def advance(self, time_ns: int) -> None:
         """Begin and end what is due by `time_ns`."""
-        for finger in (*self._fingers.values(), *self._lifted):
+        for finger in (*self.fingers.values(), *self.lifted):
             if finger.hold_rule is not None and finger.hold_ns <= time_ns:
                 finger.play = self._begin(finger.hold_rule, finger.hold_ns, None)
                 finger.hold_rule = None
             if finger.play is not None:
                 finger.play.advance(time_ns)
-        self._lifted = [finger for finger in self._lifted if finger.play and finger.play.change_ns is not None]
+        self.lifted = [finger for finger in self.lifted if finger.play and finger.play.change_ns is not None]
         self._settle()
-
-    @property
-    def follows_moves(self) -> bool:
-        """Whether a finger that moves within its zone may change what is felt."""
-        return self._follows_moves
-
-    def fingers(self) -> tuple[list["Feeling"], list["Feeling"]]:
-        """Those that touch, and those lifted whose effect goes on."""
-        return [_feeling(finger) for finger in self._fingers.values()], [_feeling(each) for each in self._lifted]
 
     def _begin(self, rule: Rule, start_ns: int, condition_end_ns: int | None) -> "_Play":
         return _Play(rule, start_ns, condition_end_ns, self.click_length_ns)
 
     def _put_down(self, touch: Touch, time_ns: int) -> None:
-        finger = self._fingers[touch.contact_id] = _Finger(touch)
+        finger = self.fingers[touch.contact_id] = Finger(touch)
         rule = _first(self._touch_rules, touch)
         if rule is not None:
             finger.play = self._begin(rule, time_ns, None)
         if self._hold_rules:
             self._rest(finger, time_ns)
 
-    def _move(self, finger: "_Finger", time_ns: int) -> None:
+    def _move(self, finger: "Finger", time_ns: int) -> None:
         if self._drag_rules:
             self._drag(finger, time_ns)
         if abs(finger.touch.position_m - finger.rest_m) > STILL_M:
@@ -112,7 +105,7 @@ class EffectPlayer:
             if finger.play is not None and finger.play.trigger is Trigger.HOLD:
                 finger.play.end_condition(time_ns)
 
-    def _drag(self, finger: "_Finger", time_ns: int) -> None:
+    def _drag(self, finger: "Finger", time_ns: int) -> None:
         position_m = finger.touch.position_m
         rule = _first(self._drag_rules, finger.touch)
         if rule is None:
@@ -124,7 +117,7 @@ class EffectPlayer:
             finger.mark_m += steps * rule.every_m
             finger.play = self._begin(rule, time_ns, time_ns + DRAG_REST_NS)
 
-    def _rest(self, finger: "_Finger", time_ns: int) -> None:
+    def _rest(self, finger: "Finger", time_ns: int) -> None:
         """Start the time of a hold here; it runs until the finger moves on."""
         finger.rest_m = finger.touch.position_m
         finger.hold_rule = _first(self._hold_rules, finger.touch)
@@ -132,18 +125,18 @@ class EffectPlayer:
             finger.hold_ns = time_ns + finger.hold_rule.after_ns
 
     def _lift_all_but(self, here: set[int], time_ns: int) -> None:
-        for contact_id in self._fingers.keys() - here:
-            finger = self._fingers.pop(contact_id)
+        for contact_id in self.fingers.keys() - here:
+            finger = self.fingers.pop(contact_id)
             rule = _first(self._lift_rules, finger.touch)
             if rule is not None:
                 finger.hold_rule, finger.play = None, self._begin(rule, time_ns, None)
-                self._lifted.append(finger)
+                self.lifted.append(finger)
 
     def _settle(self) -> None:
         """Combine the effects of all fingers by the precedence above; sets of zones are bits."""
         touched = felt = 0
         level_db = next_ns = click_ns = None
-        for fingers in (self._fingers.values(), self._lifted):
+        for fingers in (self.fingers.values(), self.lifted):
             for finger in fingers:
                 play, zone = finger.play, finger.touch.zone
                 if zone is not None:
@@ -163,19 +156,6 @@ class EffectPlayer:
         # ZoneState: quiet is 1 and felt 2, so a felt zone counts once as touched and once as felt.
         self.state = self._powers[touched] + self._powers[felt]
         self.level_db, self.click_ns, self.next_change_ns = level_db, click_ns, next_ns
-
-
-class Feeling(NamedTuple):
-    """A finger and what its effect gives it now."""
-
-    touch: Touch
-    level_db: float | None
-    click_ns: int | None
-
-
-def _feeling(finger: "_Finger") -> Feeling:
-    play = finger.play
-    return Feeling(finger.touch, None, None) if play is None else Feeling(finger.touch, play.level_db, play.click_ns)
 
 
 class _Play:
@@ -228,7 +208,7 @@ class _Play:
             self.level_db, self.change_ns = segment.level_db, self._condition_end_ns
 
 
-class _Finger:
+class Finger:
     """One finger, its effect under way, and the hold that it waits for."""
 
     __slots__ = ("hold_ns", "hold_rule", "mark_m", "play", "rest_m", "touch")

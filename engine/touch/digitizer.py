@@ -4,7 +4,7 @@ A report holds a few contact slots; a frame is every contact at one moment and m
 says how many contacts a frame has (Contact Count) in the first report of the frame, and 0 in the others ("hybrid"
 mode). Devices depart from this in known ways, which `quirks` lists by vendor and product, from the kernel's own table.
 
-State (`_Frame`): the contacts in range by their key, `received` of `expected` slots of the frame under way, and the
+State (`Frame`): the contacts in range by their key, `received` of `expected` slots of the frame under way, and the
 keys that the frame has mentioned. Invariants: a contact stays active until a report says that it lifted, until a frame
 leaves it out (where the quirk says that this means "up"), or until the watchdog `expire` releases it. A frame is given
 out only when it is complete, so a finger never flickers between the reports of one frame. Where the count is accurate,
@@ -17,7 +17,6 @@ decoded by shifts and masks that are prepared once for each report (`ReportPlan`
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -89,7 +88,7 @@ class DigitizerCounters:
 
 
 @dataclass(slots=True)
-class _Frame:
+class Frame:
     """The frame that is being assembled, and the contacts in range."""
 
     active: dict[int, Contact] = field(default_factory=dict)
@@ -155,8 +154,10 @@ class Digitizer:
         self.uses_report_ids = surface.uses_report_ids
         self.count_is_accurate = self.quirks.count_is_accurate and has_count
         self.count_is_apart = has_count and not any(plan.slots and plan.count for plan in self.plans.values())
-        self._frame, self._scan_clock, self._waiting = _Frame(), _ScanClock(), _Waiting()
-        self._report_ns = 0
+        self.frame = Frame()
+        """The frame that is being assembled."""
+        self._scan_clock, self._waiting = _ScanClock(), _Waiting()
+        self.report_ns = 0  # when the last report came
         self._frame_ns = 0
         self._is_shown = False  # the last frame listed a contact
 
@@ -173,11 +174,11 @@ class Digitizer:
         if len(report) < plan.needed_bytes:
             self.counters.short_reports += 1
             return None
-        is_late = now_ns - self._report_ns > FRAME_SILENCE_NS
-        self._report_ns = now_ns
+        is_late = now_ns - self.report_ns > FRAME_SILENCE_NS
+        self.report_ns = now_ns
         if self.count_is_apart:
             return self._decode_apart(plan, report, now_ns, is_late)
-        frame, scan_time, count = self._frame, plan.scan_time, plan.count
+        frame, scan_time, count = self.frame, plan.scan_time, plan.count
         ticks = frame.ticks
         if scan_time is not None:
             ticks = _from_bytes(report[scan_time.start : scan_time.stop], "little") >> scan_time.shift & scan_time.mask
@@ -199,23 +200,14 @@ class Digitizer:
         if not self._is_shown or now_ns - self._frame_ns < RELEASE_AFTER_NS:
             return None
         self.counters.expired_frames += 1
-        self._frame.active.clear()
-        self._frame.start()
+        self.frame.active.clear()
+        self.frame.start()
         self._is_shown = False
         return TouchFrame(now_ns, ())
 
-    def moment(self) -> tuple[int, int, int, int, int]:
-        """Contacts received, expected, ticks, contacts counted and the last report's time: how far the frame is."""
-        frame = self._frame
-        return frame.received, frame.expected, frame.ticks, frame.taken, self._report_ns
-
-    def active(self) -> tuple[Iterable[Contact], Container[int]]:
-        """Contacts in range so far, and the identifiers that this frame mentioned."""
-        return self._frame.active.values(), self._frame.seen
-
     def _decode_apart(self, plan: ReportPlan, report: bytes, now_ns: int, is_late: bool) -> TouchFrame | None:
         """Take a report of a device that sends contacts and their count in different reports, in either order."""
-        frame, waiting = self._frame, self._waiting
+        frame, waiting = self.frame, self._waiting
         if is_late:
             waiting.reports.clear()
             waiting.count = None
@@ -241,7 +233,7 @@ class Digitizer:
 
         Positions outside the logical range are clamped: a finger on the rim reads a few units outside.
         """
-        frame, quirks = self._frame, self.quirks
+        frame, quirks = self.frame, self.quirks
         active, seen, received = frame.active, frame.seen, frame.received
         wanted = frame.expected if self.count_is_accurate else received + len(plan.slots)
         is_numbered, ignores_duplicates = quirks.key is _CONTACT_NUMBER, quirks.ignores_duplicates
@@ -294,14 +286,14 @@ class Digitizer:
     def _admit(self, contact_id: int) -> bool:
         """Whether there is room for a new contact; a contact that lifts keeps its room until the frame is complete."""
         if self.quirks.key is Key.CONTACT_ID:
-            self._frame.taken += 1
-            return self._frame.taken <= self.maximum_contacts
+            self.frame.taken += 1
+            return self.frame.taken <= self.maximum_contacts
         if self.quirks.key is Key.SLOT_IS_CONTACT_ID_MINUS_ONE:
             return 1 <= contact_id <= self.maximum_contacts
         return contact_id < self.maximum_contacts
 
     def _complete_frame(self, plan: ReportPlan, ticks: int, now_ns: int) -> TouchFrame:
-        frame = self._frame
+        frame = self.frame
         active = frame.active
         if self.quirks.unseen_means_up:
             for contact_id in active.keys() - frame.seen:

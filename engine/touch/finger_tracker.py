@@ -96,11 +96,12 @@ class FingerTracker:
     def __init__(self, device: Device, surface: Surface) -> None:
         self.position = TouchPosition(device, surface)
         self.edges = ZoneEdges(device)
-        self._touches: dict[int, tuple[Contact, Touch]] = {}  # by contact id
+        self.touches: dict[int, tuple[Contact, Touch]] = {}
+        """The touching contacts of the last frame and their fingers, by contact id."""
 
     def track(self, frame: TouchFrame) -> list[Touch]:
         """The touching fingers of a frame, in its order; fingers in gaps between zones are included."""
-        previous, zones = self._touches, {}
+        previous, zones = self.touches, {}
         position_of, zone_at = self.position.position_m, self.edges.zone_at
         touches = []
         for contact in frame.contacts:
@@ -115,9 +116,5 @@ class FingerTracker:
                     touch = _new(Touch, (contact_id, position_m, zone))
                 zones[contact_id] = (contact, touch)
                 touches.append(touch)
-        self._touches = zones
+        self.touches = zones
         return touches
-
-    def zones(self) -> list[tuple[int, int | None]]:
-        """Contact and zone of each finger of the last frame."""
-        return [(contact_id, touch[2]) for contact_id, (_, touch) in self._touches.items()]

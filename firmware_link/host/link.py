@@ -43,7 +43,6 @@ from firmware_link.host.clock import NS_PER_S, DeviceClock, Exchange
 from firmware_link.host.handshake import Handshake, check_bank
 from firmware_link.host.line import Line
 from firmware_link.host.link_values import (
-    Ahead,
     Armed,
     BankReplaced,
     Capabilities,
@@ -261,15 +260,6 @@ class Link:
             return None
         deadline_ns = free_ns if self._reports.acknowledgements else max(send_ns, free_ns)
         return deadline_ns if self._patience_end_ns is None else min(deadline_ns, self._patience_end_ns)
-
-    def ahead(self, now_ns: int) -> Ahead | None:
-        """What the next command would be sent with, if nothing else happens before; None where something waits."""
-        free_from_ns = self._outbox.free_from_ns(now_ns)
-        if self.state is not _READY or self._reports.acknowledgements or free_from_ns is None:
-            return None
-        lease_ms, drive_size = self._outbox.lease.duration_ms, len(self._outbox.silent_drive)
-        free = (self._line.free_ns, *free_from_ns)
-        return Ahead(lease_ms, drive_size, *free, self._encoder.sequence, *self.clock.line())
 
     def _request_frame(self, period_ns: int, now_ns: int) -> bytes:
         """The request that READY or STOPPING repeats, where it is due."""

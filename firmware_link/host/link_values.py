@@ -3,7 +3,6 @@
 import math
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
 
 from firmware_link.protocol.bank import Bank
 from firmware_link.protocol.errors import LinkError
@@ -83,24 +82,6 @@ class LinkConfiguration:
             f"{self.transport.value}{speed} with a lease of {self.lease_ms} ms: ask for at most "
             f"{math.floor(carried_hz)}, or take a faster line"
         )
-
-
-class Ahead(NamedTuple):
-    """What a command would be sent with; times are those of the host, ns."""
-
-    lease_ms: int
-    drive_size: int
-    line_free_ns: int
-    """No earlier: the line is occupied."""
-    drive_from_ns: int
-    """No earlier than that a drive."""
-    waveform_from_ns: int
-    sequence: int
-    """Of the frame before."""
-    clock_at_ns: int
-    clock_middle_ns: float
-    clock_drift: float
-    """As `DeviceClock.line`."""
 
 
 @dataclass(frozen=True)

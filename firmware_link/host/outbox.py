@@ -85,6 +85,11 @@ class Outbox:
         self.holds_waveforms = False
 
     @property
+    def is_waiting(self) -> bool:
+        """Whether a command waits."""
+        return self._slot is not None
+
+    @property
     def is_silent(self) -> bool:
         """Whether nothing waits and what sounds is silence."""
         return self._slot is None and isinstance(self._sounding, bytes) and not any(self._sounding)
@@ -111,7 +116,7 @@ class Outbox:
         renewal_due_ns = self.lease.renewal_due_ns
         if self._slot is None:
             return renewal_due_ns
-        drive_from_ns, waveform_from_ns = self._free_from_ns(now_ns)
+        drive_from_ns, waveform_from_ns = self.free_from_ns(now_ns)
         return min(renewal_due_ns, drive_from_ns if isinstance(self._slot, bytes) else waveform_from_ns)
 
     def next_frame(self, now_ns: int) -> bytes:
@@ -126,11 +131,8 @@ class Outbox:
             body = encode_play_body(self._clock_reference(now_ns), command.waveform, command.amplitude, sequence)
         return encode_frame(body)
 
-    def free_from_ns(self, now_ns: int) -> tuple[int, int] | None:
-        """From when on a drive, and a waveform, would be sent at once; None while a command waits."""
-        return None if self._slot is not None else self._free_from_ns(now_ns)
-
-    def _free_from_ns(self, now_ns: int) -> tuple[int, int]:
+    def free_from_ns(self, now_ns: int) -> tuple[int, int]:
+        """From when on a drive, and a waveform, may go out."""
         free_ns = self.lease.free_ns
         if self.holds_waveforms:
             return free_ns, _NEVER_NS

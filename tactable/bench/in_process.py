@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from engine.loop import Trace
 from engine.loop.fast.fast_path import FastPath
 from engine.loop.fast.layout import NONE
-from engine.render.renderer import WhenNotAchieved
+from engine.render import WhenNotAchieved
 from engine.table import Table
 from engine.touch import open_digitizer
 from tactable.bench.inputs import HELD, Stream

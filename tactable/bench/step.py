@@ -18,9 +18,7 @@ from rich.table import Table as Grid
 
 from engine.device import Device
 from engine.effects import DEFAULT_EFFECTS, EffectPlayer, Effects
-from engine.render.limits import link_configuration
-from engine.render.prepared import render_table
-from engine.render.renderer import PlayCommand, WhenNotAchieved
+from engine.render import PlayCommand, WhenNotAchieved, link_configuration, render_table
 from engine.table import Table
 from engine.touch import FingerTracker, open_digitizer
 from engine.touch.sources.recording import Recording

@@ -14,7 +14,7 @@ from engine.effects import DEFAULT_EFFECTS, read_effects
 from engine.loop import Clock, Stage, StopRequest, SystemClock, Updates
 from engine.loop.fast.library import FastPathError, compile_fast_path
 from engine.loop.realtime import ALL_STEPS, Step, parse_steps
-from engine.render.renderer import WhenNotAchieved
+from engine.render import WhenNotAchieved
 from engine.table import Table
 from engine.touch.sources import Source
 from engine.touch.sources.playback import Playback

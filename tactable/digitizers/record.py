@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
-from engine.loop.loop import Clock, StopRequest, SystemClock
+from engine.loop import Clock, StopRequest, SystemClock
 from engine.touch import Digitizer, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.sources import Source
 from engine.touch.sources.evdev import open_evdev

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.device import Device, DeviceError
-from engine.loop.ring import RingError, RingReader
+from engine.loop import RingError, RingReader
 from engine.plain import to_plain
 from engine.table import Table
 from engine.touch.sources.pointer import PointerEvent, PointerFeed

@@ -2,8 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 
-from engine.loop.latency import Stage
-from engine.loop.ring import Record
+from engine.loop import Record, Stage
 from engine.table import Table
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, PlayedWaveform
 from firmware_link.protocol.bank import Bank

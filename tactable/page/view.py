@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.loop.latency import Stage
+from engine.loop import Stage
 from engine.loop.ring import Record, RingCounters
 from engine.table import Table
 from engine.touch import Touch, ZoneState

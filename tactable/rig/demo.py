@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from engine.device import Device
 from engine.effects import DEFAULT_EFFECTS, Effects
-from engine.loop.latency import Stage
+from engine.loop import Stage
 from engine.plain import to_plain
 from engine.table import Table, TableError
 from engine.touch import ZoneState

@@ -6,7 +6,7 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table as Grid
 
-from engine.loop.latency import Stage
+from engine.loop import Stage
 from engine.touch import ZoneState
 from tactable.rig.demo import DemoReport
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, StateReport

@@ -19,8 +19,9 @@ from engine.loop import (
     connect,
     open_pipeline,
 )
-from engine.loop.fast.fast_path import FastPath, FastSession, PacketSource
+from engine.loop.fast.fast_path import FastPath, PacketSource
 from engine.loop.fast.library import FastPathError, compile_fast_path
+from engine.loop.fast.session import FastLink, FastSession
 from engine.loop.fast.table import with_fast_table
 from engine.loop.realtime import Outcome, Step, real_time
 from engine.render import WhenNotAchieved, link_configuration, render_table
@@ -85,7 +86,7 @@ class Live:
         self.capabilities = connect(Session(greeting, port, clock.now_ns), clock)
         rendering = render_table(table, effects, self.capabilities, options.when_not_achieved, options.bit_rate_hz)
         self.bank, self.renderer = rendering.bank, rendering.renderer
-        self.link = Link(rendering.configuration)
+        self.link = FastLink(rendering.configuration)
         self.no_fast_path = ""
         """Why there is none, where one was asked for."""
         self.outcomes: tuple[Outcome, ...] = ()

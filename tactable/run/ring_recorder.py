@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from engine.loop.ring import RingReader, RingWriter
+from engine.loop import RingReader, RingWriter
 from engine.touch.sources import Source
 from engine.touch.sources.recording import Recording, Report, write_recording
 from firmware_link.child import START_TIMEOUT_S, Child, Parent

@@ -17,9 +17,7 @@ from typing import Any
 from engine.device import DeviceError
 from engine.effects import Effects
 from engine.loop.fast.table import with_fast_table
-from engine.render.limits import LimitError
-from engine.render.prepared import Rendering, render_table
-from engine.render.renderer import RendererError, WhenNotAchieved
+from engine.render import LimitError, RendererError, Rendering, WhenNotAchieved, render_table
 from engine.table import Table, TableError
 from firmware_link.child import Child, Parent
 from firmware_link.host.link_values import Capabilities

@@ -20,8 +20,7 @@ from engine.effects import Effects, Rule, Trigger
 from engine.effects.rules import burst
 from engine.loop import Dispatcher, Loop, Timing, connect, open_pipeline
 from engine.loop.realtime import Step, real_time
-from engine.render.limits import link_configuration
-from engine.render.renderer import Renderer
+from engine.render import Renderer, link_configuration
 from engine.touch import DigitizerError, open_digitizer
 from engine.touch.sources.recording import Recording, Report, read_recording
 from firmware_link.emulator import Cause, DeviceConfiguration, DeviceCounters, EmulatedFirmware

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from engine.loop.latency import Stage
-from engine.loop.ring import Record, RingError, RingReader
+from engine.loop import Record, RingError, RingReader, Stage
 from engine.touch.sources.recording import Recording, Report, write_recording
 from firmware_link.emulator.process import run_emulator
 from firmware_link.protocol.errors import LinkError

@@ -18,8 +18,7 @@ from engine.loop import (
     connect,
     open_pipeline,
 )
-from engine.render.limits import link_configuration
-from engine.render.renderer import Renderer
+from engine.render import Renderer, link_configuration
 from engine.table import Entry
 from engine.touch.digitizer import DigitizerCounters
 from engine.touch.sources import Source

@@ -23,23 +23,21 @@ The loop knows nothing of this. The fast path stands at its four edges and passe
 import ctypes
 import os
 import weakref
-from collections.abc import Callable, Container, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple, Protocol, runtime_checkable
+from collections.abc import Container, Sequence
+from typing import Protocol, runtime_checkable
 
 from engine.effects import Effects
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.fast.layout import NONE, Fast
 from engine.loop.fast.library import FastPathError
 from engine.loop.fast.moment import Moment
+from engine.loop.fast.session import Answer, FastSession
 from engine.loop.fast.table import FastRendering
-from engine.loop.latency import Stage
+from engine.loop.latency import Stage, Stamps
 from engine.loop.loop import Clock
 from engine.loop.observer import CommandRecord, LoopCounters, Observer
 from engine.loop.pipeline import Pipeline
 from engine.touch.sources import Source
-from firmware_link.host.link import Link
-from firmware_link.host.session import Port, Session
 
 
 @runtime_checkable
@@ -58,54 +56,6 @@ class PacketSource(Source, Protocol):
 
         `is_last` says that there was no other behind it.
         """
-
-
-class Answer(NamedTuple):
-    """A packet that was read during a wait, and the frame that was written for it, where there is one."""
-
-    packet: bytes
-    frame: bytes
-    """Empty: the step declined."""
-    written: int
-    """Bytes of the frame that the port took."""
-    read_ns: int
-    frame_ns: int
-    state_ns: int
-    asked_ns: int
-    """The time that the frame was encoded for."""
-    command_ns: int
-    written_ns: int
-
-
-@dataclass
-class FastCounters:
-    """Commands that the compiled step wrote: confirmed by the loop, or not the loop's, which ends the fast path."""
-
-    answered: int = 0
-    mispredicted: int = 0
-
-
-class FastSession(Session):
-    """A session that may find its next frame written already."""
-
-    answer: Answer | None = None
-    """An answer whose frame was written; the next `send` confirms it."""
-
-    def __init__(self, link: Link, port: Port, monotonic_ns: Callable[[], int]) -> None:
-        super().__init__(link, port, monotonic_ns)
-        self.fast_counters = FastCounters()
-
-    def send(self) -> None:
-        """Write what is due, or confirm that it was written; a frame that is not the link's begins a new session."""
-        answer, self.answer = self.answer, None
-        if answer is None:
-            super().send()
-        elif self.link.outgoing(answer.asked_ns) == answer.frame:
-            self.fast_counters.answered += 1
-            self._unsent = answer.frame[answer.written :]
-        else:
-            self.fast_counters.mispredicted += 1
-            self.connect()
 
 
 class FastSource:
@@ -195,7 +145,8 @@ class FastPath:
         descriptors = (packets, *(descriptor for descriptor in readable if descriptor != touch))
         now_ns = self.now_ns()
         axis_ns = self._packets.source_time_ns(now_ns) - now_ns
-        self._moment.write(pipeline, self._dispatcher, now_ns, axis_ns, descriptors)
+        ahead = None if self._dispatcher.is_pending else self._session.fast_link.ahead(now_ns)
+        self._moment.write(pipeline, self._dispatcher, ahead, axis_ns, descriptors)
         self._run(NONE if until_ns is None else until_ns)
         fast = self._moment.fast
         if fast.packet_size:
@@ -224,7 +175,7 @@ class FastPath:
         self._observer.tell(record, counters)
 
 
-def _stamps_of(answer: Answer, stamps_ns: tuple[int, int, int, int, int, int]) -> tuple[int, int, int, int, int, int]:
+def _stamps_of(answer: Answer, stamps_ns: Stamps) -> Stamps:
     available_ns, _, *others_ns = stamps_ns
     if answer.frame:
         written_ns = answer.written_ns if stamps_ns[Stage.WRITTEN] else 0

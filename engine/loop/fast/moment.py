@@ -10,6 +10,7 @@ from engine.effects import Effects, Rule, Trigger
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.fast.layout import CONSTANTS, NONE, Fast
 from engine.loop.fast.library import FastPathError
+from engine.loop.fast.session import Ahead
 from engine.loop.fast.table import FastTable
 from engine.loop.pipeline import Pipeline
 from engine.touch import Digitizer
@@ -37,6 +38,8 @@ class Moment:
 
     def __init__(self, digitizer: Digitizer, effects: Effects, packet_head: int, timer: int) -> None:
         self.fast: Any = Fast(timer=timer, armed_ns=NONE)
+        # Each look at a place of an array makes an object: they are kept.
+        self._active, self._tracked, self._finger = [*self.fast.active], [*self.fast.tracked], [*self.fast.finger]
         self._rules = [rule for rule in effects.rules if rule.on in _TRIGGERS]
         self._table: FastTable | None = None
         self._levels: dict[float | None, int] = {}
@@ -68,21 +71,30 @@ class Moment:
         place.start_m, place.stop_m = (1.0, 0.0) if rule.zones is not None or rule.region_m is None else rule.region_m
 
     def write(
-        self, pipeline: Pipeline, dispatcher: Dispatcher, now_ns: int, axis_ns: int, descriptors: Sequence[int]
+        self,
+        pipeline: Pipeline,
+        dispatcher: Dispatcher,
+        ahead: Ahead | None,
+        axis_ns: int,
+        descriptors: Sequence[int],
     ) -> None:
-        """Write the moment before a wait; `axis_ns` is the source's time axis less the clock."""
-        fast, table, link = self.fast, self._table, dispatcher.session.link
-        fast.touch, fast.waited = descriptors[0], len(descriptors)
+        """Write the moment before a wait for the descriptors, the first of which is that of the packets.
+
+        `ahead` is what a command would be encoded with; None: the step may not answer. `axis_ns` is the source's time
+        axis less the clock.
+        """
+        fast, table = self.fast, self._table
+        fast.touch, fast.waited, fast.can_answer = descriptors[0], len(descriptors), 0
         fast.descriptor[: len(descriptors)] = descriptors
-        fast.can_answer = 0
-        ahead = None if table is None or dispatcher.is_pending else link.ahead(now_ns)
         if table is None or ahead is None or (ahead.lease_ms, ahead.drive_size) != (table.lease_ms, table.drive_size):
             return
         if not self._write_contacts(pipeline):
             return
         wanted, digitizer = pipeline.wanted, pipeline.digitizer
-        fast.axis_ns, fast.due_ns = axis_ns, _NEVER_NS if pipeline.is_at_rest else pipeline.due_ns
-        fast.received, fast.expected, fast.ticks, fast.taken, fast.report_ns = digitizer.moment()
+        frame = digitizer.frame
+        fast.received, fast.expected, fast.ticks, fast.taken = frame.received, frame.expected, frame.ticks, frame.taken
+        fast.report_ns, fast.axis_ns = digitizer.report_ns, axis_ns
+        fast.due_ns = _NEVER_NS if pipeline.is_at_rest else pipeline.due_ns
         fast.state, fast.level = wanted.state, self._levels[wanted.level_db]
         fast.click_ns = NONE if wanted.click_ns is None else wanted.click_ns
         fast.held = table.numbers.get(dispatcher.held, NONE)
@@ -93,28 +105,26 @@ class Moment:
         fast.link, fast.can_answer = dispatcher.session.port.fileno(), 1
 
     def _write_contacts(self, pipeline: Pipeline) -> bool:
-        """Contacts and fingers; False where there are too many."""
-        fast, levels = self.fast, self._levels
-        active, seen = pipeline.digitizer.active()
-        fingers, lifted = pipeline.player.fingers()
-        contacts, most = list(active), CONSTANTS["MOST_CONTACTS"]
-        if len(contacts) > most or len(lifted) > most:
+        """Write contacts and fingers; False where there are too many."""
+        fast, levels, most = self.fast, self._levels, CONSTANTS["MOST_CONTACTS"]
+        frame, player, tracker = pipeline.digitizer.frame, pipeline.player, pipeline.tracker
+        if len(frame.active) > most or len(player.lifted) > most:
             return False
-        column = pipeline.tracker.position.column
-        for place, contact in zip(fast.active, contacts, strict=False):
-            place.contact_id, place.place = contact.contact_id, contact[column]
-            place.tip, place.seen = contact.tip, contact.contact_id in seen
-        tracked = pipeline.tracker.zones()
-        for place, (contact_id, zone) in zip(fast.tracked, tracked, strict=False):
-            place.contact_id, place.zone = contact_id, NONE if zone is None else zone
-        for place, ((contact_id, position_m, zone), level_db, click_ns) in zip(
-            fast.finger, (*fingers, *lifted), strict=False
-        ):
-            place.contact_id, place.position_m, place.level = contact_id, position_m, levels[level_db]
-            place.zone = NONE if zone is None else zone
+        column = tracker.position.column
+        for active, contact in zip(self._active, frame.active.values(), strict=False):
+            active.contact_id, active.place = contact.contact_id, contact[column]
+            active.tip, active.seen = contact.tip, contact.contact_id in frame.seen
+        for tracked, (contact_id, (_, touch)) in zip(self._tracked, tracker.touches.items(), strict=False):
+            tracked.contact_id, tracked.zone = contact_id, NONE if touch.zone is None else touch.zone
+        fingers = (*player.fingers.values(), *player.lifted)
+        for place, finger in zip(self._finger, fingers, strict=False):
+            touch, play = finger.touch, finger.play
+            level_db, click_ns = (None, None) if play is None else (play.level_db, play.click_ns)
+            place.contact_id, place.position_m, place.level = touch.contact_id, touch.position_m, levels[level_db]
+            place.zone = NONE if touch.zone is None else touch.zone
             place.click_ns = NONE if click_ns is None else click_ns
-        fast.actives, fast.tracked_count = len(contacts), len(tracked)
-        fast.fingers, fast.lifted = len(fingers), len(lifted)
+        fast.actives, fast.tracked_count = len(frame.active), len(tracker.touches)
+        fast.fingers, fast.lifted = len(player.fingers), len(player.lifted)
         return True
 
 

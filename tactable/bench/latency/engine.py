@@ -15,7 +15,7 @@ import numpy as np
 from engine.loop import Stage, SystemClock, Trace
 from engine.loop.realtime import Step
 from engine.plain import to_plain
-from engine.render.renderer import WhenNotAchieved
+from engine.render import WhenNotAchieved
 from engine.table import Table
 from engine.table.entry import DEFAULT_LEVEL_DB
 from firmware_link.child import Parent

@@ -3,7 +3,7 @@
 import numpy as np
 
 from engine.device import Device
-from engine.render.limits import clamp
+from engine.render import clamp
 from engine.table import Entry
 from engine.touch import ZoneState
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, synthesise

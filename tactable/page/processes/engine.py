@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.loop import RingWriter, SystemClock
-from engine.render.renderer import WhenNotAchieved
+from engine.render import WhenNotAchieved
 from engine.table import Table
 from engine.touch.sources.pointer import PointerSource
 from firmware_link.child import Parent

@@ -7,7 +7,7 @@ from typing import Any
 
 import uvicorn
 
-from engine.loop.ring import RingReader
+from engine.loop import RingReader
 from firmware_link.child import Parent
 from tactable.page.live_backend import LiveBackend
 from tactable.page.opening import announcement, token_for

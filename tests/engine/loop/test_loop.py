@@ -29,7 +29,7 @@ from engine.loop import (
     connect,
     open_pipeline,
 )
-from engine.loop.fast.fast_path import FastSession
+from engine.loop.fast.session import FastLink, FastSession
 from engine.loop.fast.table import with_fast_table
 from engine.render import Renderer, Rendering, link_configuration
 from engine.table import ClickEntry, Entry
@@ -234,12 +234,12 @@ class Rig:
         self.trace, timing = Trace(), Timing()
         self.latency = timing.latency
         configuration = link_configuration(DEVICE, self.bit_rate_hz)
-        session = FastSession(Link(configuration), self.line, self.line.now_ns)
+        session = FastSession(FastLink(configuration), self.line, self.line.now_ns)
         capabilities = connect(session, self.line)
         bank, waveforms = choose_bank(self.clicks, capabilities)
         if bank is not None:
             configuration = replace(configuration, bank=bank)
-            session = FastSession(Link(configuration), self.line, self.line.now_ns)
+            session = FastSession(FastLink(configuration), self.line, self.line.now_ns)
             connect(session, self.line)
         self.session = session
         self.start_ns = self.line.time_ns

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from engine.effects import Effects, Rule, Trigger
 from engine.effects.rules import burst
-from engine.loop.ring import Record, RingReader, RingWriter
+from engine.loop import Record, RingReader, RingWriter
 from tests.engine.loop.test_loop import BIT_RATE_HZ, HELD, Rig, held, recording_of, report
 from tests.engine.made_entries import LEVEL_DB
 

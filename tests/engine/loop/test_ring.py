@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from engine.loop.observer import CommandRecord, Fate, LoopCounters
+from engine.loop import CommandRecord, Fate, LoopCounters
 from engine.loop.ring import MOST_TOUCHES, Record, RingCounters, RingError, RingReader, RingWriter
 from engine.touch import Touch
 

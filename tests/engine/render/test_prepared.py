@@ -7,8 +7,7 @@ import pytest
 
 from engine.device import Device
 from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
-from engine.render.prepared import render_table
-from engine.render.renderer import SILENCE, PlayCommand, WhenNotAchieved
+from engine.render import SILENCE, PlayCommand, WhenNotAchieved, render_table
 from engine.table import Table
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import Features

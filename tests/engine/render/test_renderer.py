@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from engine.device import Device
-from engine.render.limits import LimitError
-from engine.render.renderer import SILENCE, DriveCommand, PlayCommand, Renderer, RendererError, WhenNotAchieved
+from engine.render import SILENCE, DriveCommand, LimitError, PlayCommand, Renderer, RendererError, WhenNotAchieved
 from engine.table.click import played_at
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import decode_drive

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from engine.loop.ring import Record, RingReader
+from engine.loop import Record, RingReader
 from engine.table import TableError
 from engine.table.columns import write_entries
 from engine.table.file import TableWriter

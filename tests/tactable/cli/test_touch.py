@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner, Result
 
 from engine.device import Device
-from engine.loop.loop import SystemClock
+from engine.loop import SystemClock
 from engine.touch import DigitizerError, open_digitizer
 from engine.touch.descriptor import Surface
 from engine.touch.sources.hid_discovery import HidSystem, find_digitizers

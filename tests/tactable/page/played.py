@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from engine.loop.ring import Record, RingCounters
-from engine.render.limits import clamp
+from engine.render import clamp
 from engine.table import Table
 from engine.table.entry import DEFAULT_LEVEL_DB
 from engine.touch import Touch, ZoneState, state_index
