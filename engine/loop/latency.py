@@ -1,4 +1,4 @@
-"""Times of each command on its way from report to wire, to percentiles."""
+"""Latency of commands: the stamps of each stage from report to wire, kept for a run, and their percentiles."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -7,30 +7,30 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Stamps = tuple[int, int, int, int, int, int]
-"""Time of each stage in ns, in the order of `Stage`, all of one clock."""
+"""Clock time of each stage in ns, in the order of `Stage`."""
 
 
 class Stage(IntEnum):
-    """What had just been done."""
+    """The stages from a report to its written command; a stamp is taken at the end of each."""
 
     AVAILABLE = 0
-    """The report could be read: when it was due from a playback; when the loop woke for it from a live device."""
+    """The report could be read. A playback knows when; for a live device it is when the loop read it."""
     READ = 1
     FRAME = 2
-    """The frame was complete."""
+    """The touch frame was complete."""
     STATE = 3
-    """The state of the zones was known."""
+    """What the fingers are to feel was known."""
     COMMAND = 4
-    """The encoded drive was looked up and handed to the link."""
+    """The command was looked up and handed to the link."""
     WRITTEN = 5
     """The port had taken the whole command."""
 
 
 @dataclass(frozen=True)
 class Percentiles:
-    """Percentiles of `count` durations, ns. Each is one of the samples: the least that this share stays within.
+    """Percentiles of `count` durations, ns: for each the smallest sample that this share does not exceed.
 
-    Interpolation between samples would show tails better than any sample.
+    Not interpolated, because interpolation between the last samples would understate the tail.
     """
 
     count: int
@@ -44,7 +44,7 @@ class Percentiles:
 
     @classmethod
     def of(cls, durations_ns: ArrayLike) -> "Percentiles | None":
-        """Of those durations that are numbers, ns, of any shape; None without one."""
+        """The percentiles of the finite ones of some durations, ns, of any shape; None where none is finite."""
         known_ns = np.asarray(durations_ns, np.float64)
         known_ns = known_ns[np.isfinite(known_ns)]
         if not len(known_ns):
@@ -54,7 +54,7 @@ class Percentiles:
 
 
 class LatencyRecorder:
-    """The stamps of the last `capacity` commands; recording allocates nothing that stays."""
+    """The stamps of the last `capacity` commands, in memory that is allocated once."""
 
     def __init__(self, capacity: int = 65_536) -> None:
         if capacity < 1:
@@ -64,18 +64,18 @@ class LatencyRecorder:
         self._stamps_ns = np.zeros((capacity, len(Stage)), np.int64)
 
     def record(self, stamps: Stamps) -> None:
-        """Keep one command's stamps, in place of the oldest where all are taken."""
+        """Keep the stamps of a command, in place of the oldest when the memory is full."""
         self._stamps_ns[self.count % len(self._stamps_ns)] = stamps
         self.count += 1
 
     def stamps_ns(self) -> NDArray[np.int64]:
-        """A copy of what is kept, shape (command, stage), oldest first."""
+        """A copy of the kept stamps, shape (command, stage), ns, oldest first."""
         capacity = len(self._stamps_ns)
         if self.count <= capacity:
             return self._stamps_ns[: self.count].copy()
         return np.roll(self._stamps_ns, -(self.count % capacity), axis=0)
 
     def summarise(self, first: Stage = Stage.AVAILABLE, last: Stage = Stage.WRITTEN) -> Percentiles | None:
-        """Durations from one stage to a later one; None without a sample."""
+        """Percentiles of the durations from one stage to a later one; None without a command."""
         stamps_ns = self.stamps_ns()
         return Percentiles.of(stamps_ns[:, last] - stamps_ns[:, first])

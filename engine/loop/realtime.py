@@ -1,4 +1,4 @@
-"""What a machine allows to what a loop gets of it: each step is optional, reported, and undone at the end."""
+"""Real-time settings of the machine for a loop: each step is optional, reported, and undone at the end."""
 
 import ctypes
 import gc
@@ -12,14 +12,14 @@ from pathlib import Path
 
 DMA_LATENCY_PATH = Path("/dev/cpu_dma_latency")
 PRIORITY = 70
-"""Above what else is usually SCHED_FIFO, below the threads of interrupts where those have been raised."""
+"""Above the usual SCHED_FIFO threads, below threads of interrupts that have been raised."""
 SWITCH_INTERVAL_S = 1e-4
-"""How long another Python thread keeps the interpreter when the loop wants it; 5 ms by default."""
+"""Longest time that another Python thread keeps the interpreter from the loop; Python's default is 5 ms."""
 GROUP = "realtime"
 DMA_LATENCY_RULE = f'KERNEL=="cpu_dma_latency", GROUP="{GROUP}", MODE="0660"'
-"""For udev: members of the group may keep processors awake."""
+"""udev rule by which members of the group may keep processors awake."""
 LIMITS_TEXT = f"@{GROUP} - rtprio 80\n@{GROUP} - memlock unlimited\n"
-"""For /etc/security/limits.d: members of the group may be SCHED_FIFO and lock memory."""
+"""Lines of /etc/security/limits.d by which members of the group may use SCHED_FIFO and lock memory."""
 _LIMITS_FILE = "/etc/security/limits.d/tactable.conf"
 _RULE_FILE = "/etc/udev/rules.d/70-tactable-latency.rules"
 _JOIN = f"`sudo groupadd -f {GROUP} && sudo usermod -aG {GROUP} $USER`, log in again"
@@ -30,20 +30,20 @@ _MCL_CURRENT, _MCL_FUTURE = 1, 2
 
 
 class Step(StrEnum):
-    """One thing to ask of the machine."""
+    """One setting."""
 
     DMA_LATENCY = "dma-latency"
-    """No processor sleeps deeply: waking up costs a fifth (78 to 14 us on the reference machine)."""
+    """Keep processors out of deep sleep: a wake-up takes 14 us instead of 78 on the reference machine."""
     PRIORITY = "priority"
-    """SCHED_FIFO: whatever else wants to run waits. Never for a loop that does not wait itself."""
+    """Run as SCHED_FIFO, before all ordinary threads. Dangerous for a loop that never waits."""
     MEMORY = "memory"
-    """Every page stays in memory."""
+    """Lock every page in memory."""
     AFFINITY = "affinity"
-    """One processor, whose caches stay warm."""
+    """Stay on one processor, whose caches stay warm."""
     SWITCH_INTERVAL = "switch-interval"
-    """Another Python thread of this process gives way soon."""
+    """Make other Python threads of this process give way soon."""
     COLLECTOR = "collector"
-    """Garbage is collected once, what lives is set aside, and no collection comes (16 ms with numpy loaded)."""
+    """Collect garbage once, freeze what lives, and collect no more: a collection takes 16 ms with numpy loaded."""
 
 
 ALL_STEPS = tuple(Step)
@@ -51,7 +51,7 @@ ALL_STEPS = tuple(Step)
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one step; `remedy` is "" where it is in force."""
+    """The result of one step; `remedy` is "" where the setting is in force."""
 
     step: Step
     finding: str
@@ -59,15 +59,15 @@ class Outcome:
 
     @property
     def in_force(self) -> bool:
-        """Whether the loop has it."""
+        """Whether the setting is in force."""
         return not self.remedy
 
 
 class System:
-    """The calls that need a privilege; each raises OSError where it is refused."""
+    """The system calls that need a privilege; each raises OSError where it is refused."""
 
     def hold_dma_latency(self) -> int:
-        """A descriptor; as long as it is open, no processor sleeps deeply."""
+        """Keep processors out of deep sleep while the returned descriptor is open."""
         descriptor = os.open(DMA_LATENCY_PATH, os.O_WRONLY | os.O_CLOEXEC)
         try:
             os.write(descriptor, bytes(4))  # 0 us as an int32
@@ -77,27 +77,27 @@ class System:
         return descriptor
 
     def scheduler(self) -> tuple[int, int]:
-        """Policy and priority of this thread."""
+        """Scheduling policy and priority of this thread."""
         return os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
 
     def set_scheduler(self, policy: int, priority: int) -> None:
-        """Change both; what this process starts has the usual ones."""
+        """Change both; child processes keep the usual ones."""
         os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
 
     def processors(self) -> set[int]:
-        """Those that this thread may run on."""
+        """The processors that this thread may run on."""
         return set(os.sched_getaffinity(0))
 
     def set_processors(self, processors: Collection[int]) -> None:
-        """Run on these only."""
+        """Run on these processors only."""
         os.sched_setaffinity(0, processors)
 
     def lock_memory(self) -> None:
-        """Keep every page, and those to come."""
+        """Lock all present and future pages in memory."""
         self._call("mlockall", _MCL_CURRENT | _MCL_FUTURE)
 
     def unlock_memory(self) -> None:
-        """Let pages go again."""
+        """Undo `lock_memory`."""
         self._call("munlockall")
 
     def _call(self, name: str, *arguments: int) -> None:
@@ -111,10 +111,10 @@ class System:
 def real_time(
     steps: Collection[Step] = ALL_STEPS, *, processor: int | None = None, system: System | None = None
 ) -> Iterator[tuple[Outcome, ...]]:
-    """Take these steps for the calling thread and its process, and undo them at the end; what each came to.
+    """Apply these steps to the calling thread and its process, yield their outcomes, and undo them at the end.
 
-    A step that is refused is an outcome, no error. `processor` is for the affinity, by default the last that this
-    process may use: interrupts mostly go to the first.
+    A refused step is an outcome, not an error. `processor` is for the affinity, by default the last one that this
+    process may use, because interrupts mostly go to the first.
     """
     asked = system or System()
     with ExitStack() as stack:
@@ -182,9 +182,9 @@ _REMEDIES = {
 
 
 def parse_steps(text: str) -> tuple[Step, ...]:
-    """Steps of a text: `all`, `none`, or names such as `dma-latency,priority`; `all,-priority` leaves one out.
+    """The steps of a text: `all`, `none`, or names such as `dma-latency,priority`; `all,-priority` leaves one out.
 
-    Raises ValueError naming the word that is none and those there are.
+    Raises ValueError with the unknown word and the known ones.
     """
     chosen: dict[Step, None] = {}
     for word in filter(None, (part.strip() for part in text.split(","))):

@@ -1,8 +1,8 @@
-"""What the loop did to other processes: records in shared memory that one process writes and any number read.
+"""A ring buffer in shared memory: one process writes the loop's records, any number of processes read them.
 
-The writer never waits and never looks at a reader: a reader that is too slow loses the oldest records, and knows how
-many. Each record has the checksum of its bytes, so that one that is being overwritten is never believed, whatever order
-the processor's stores become visible in.
+The writer never waits for a reader and does not know the readers. A reader that is too slow loses the oldest records
+and counts them. Each record carries a checksum of its bytes and its own number, so a reader rejects a record that is
+being overwritten, in whatever order the processor's stores become visible.
 """
 
 import mmap
@@ -22,7 +22,7 @@ MAGIC = b"tactring"
 REVISION = 1
 MOST_TOUCHES = 16
 SLOTS = 4096
-"""Half a second of the fastest digitizer there is; 4 MiB."""
+"""Half a second of the fastest digitizer, 8000 reports a second; 4 MiB."""
 
 # magic, revision, bytes of a slot, slots, process, records written
 _HEAD = struct.Struct("<8sIIIIQ")
@@ -40,11 +40,11 @@ _SLOT_SIZE = 1024
 
 
 class RingError(TactableError):
-    """A ring that cannot be read or made: which, why, and the remedy."""
+    """A ring that cannot be made or read; the message has the remedy."""
 
 
 class RingCounters(NamedTuple):
-    """What had been counted since the run began."""
+    """The counts of the loop at the end of the record's pass."""
 
     reports: int
     frames: int
@@ -57,10 +57,10 @@ class RingCounters(NamedTuple):
 
 
 class Record(NamedTuple):
-    """One report and what came of it, or a change that time alone brought.
+    """A `CommandRecord` as the ring holds it, with the counts of its pass.
 
-    `stamps_ns` are those of `engine.loop.latency.Stage`; 0 stands for a stage that there was not, such as that of a
-    command where the state stayed the same.
+    `stamps_ns` are in the order of `engine.loop.Stage`; 0 stands for a stage that was not reached, such as COMMAND
+    where nothing else is wanted.
     """
 
     stamps_ns: Stamps
@@ -70,18 +70,18 @@ class Record(NamedTuple):
     level_db: float | None
     is_click: bool
     drive_sequence: int | None
-    """Of the command that was written."""
+    """Sequence of the SET or PLAY that was written; None without one."""
     counters: RingCounters
     touches: tuple[Touch, ...]
-    """At most 16; the rest are not told."""
+    """At most 16 fingers; others are left out."""
     drive: bytes
-    """What is held from now on, as on the wire; empty for silence."""
+    """The drive that the device holds from then on, as on the wire; empty for silence."""
     report: bytes
-    """As the device sent it; cut where it does not fit."""
+    """As the device sent it, cut where it does not fit."""
 
     @property
     def time_ns(self) -> int:
-        """When the report was read, or the change was known."""
+        """When the report was read, or the change that time brought was known."""
         return self.stamps_ns[1]
 
 

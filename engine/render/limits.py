@@ -1,4 +1,4 @@
-"""Entry to the drive that the device can bear; nothing passes unclamped."""
+"""Limits of a device: clamps table entries to drives, and gives the firmware the limits that it enforces itself."""
 
 import math
 from dataclasses import dataclass
@@ -14,22 +14,22 @@ _ROUNDING = 1e-9
 
 
 class LimitError(TactableError, ValueError):
-    """An entry asks for what no limit can mend: the table is of another device, or broken."""
+    """An entry that clamping cannot correct: the table belongs to another device, or is broken."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """One channel an actuator, within the limits of its device. Only `clamp` makes it."""
+    """The steady output of all actuators, in the device's order, within its limits. Only `clamp` makes one."""
 
     channels: tuple[ChannelDrive, ...]
 
 
 def clamp(entry: Entry, device: Device) -> Drive:
-    """The entry's drive with amplitudes of at most `limits.amplitude`.
+    """The drive of an entry, with amplitudes of at most `limits.amplitude` (fractions of full scale).
 
-    All channels are scaled together: their ratio, and with it the localized factor, stays. A silent actuator gets the
-    frequency in its band that is nearest to the entry's. Raises LimitError for a number of actuators that is not the
-    device's, a value that is not finite, an amplitude below 0, and a frequency outside the band of its actuator.
+    All channels are scaled by one factor, which keeps their ratio and with it the localized factor. A silent actuator
+    gets the frequency in its band that is nearest to the entry's. Raises LimitError for another number of actuators, a
+    value that is not finite, an amplitude below 0, and a sounding actuator with a frequency outside its band.
     """
     requested = _channels(entry, device)
     greatest = max(channel.amplitude for channel in requested)
@@ -44,9 +44,9 @@ def clamp(entry: Entry, device: Device) -> Drive:
 
 
 def link_configuration(device: Device, bit_rate_hz: int = 115_200) -> LinkConfiguration:
-    """The limits of the device as the link hands them to the firmware, which keeps to them by itself.
+    """The limits of the device as the link gives them to the firmware, which enforces them by itself.
 
-    Raises LimitError for a slew that the firmware cannot count, less than 1 full scale a second.
+    Raises LimitError for a slew of less than 1 full scale a second, the least that the wire can express.
     """
     limits = device.limits
     number_of_actuators = len(device.actuators)

@@ -1,4 +1,7 @@
-"""A table to all that a loop plays of it: commands, bank, zones, limits; made before it is needed."""
+"""Everything that a loop plays of one table, for one connected device: commands, bank of clicks, zones and limits.
+
+It takes longer than a loop may wait, so it is made before the run, and in another process during one.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -17,19 +20,19 @@ NS_PER_S = 1_000_000_000
 
 @dataclass(frozen=True)
 class Rendering:
-    """One table for one connected device."""
+    """One table, rendered for one connected device."""
 
     device: Device
     renderer: Renderer
     configuration: LinkConfiguration
-    """Limits of the device, the bank of clicks."""
+    """The limits of the device and the bank of clicks."""
     bank_data: bytes
-    """The bank as the device takes it; empty without one."""
+    """The bank as the bytes that the device takes; empty without a bank."""
     click_length_ns: int
 
     @property
     def bank(self) -> Bank | None:
-        """Clicks that the device holds."""
+        """The clicks that the device is to hold; None: the table has none, or the device plays none."""
         return self.configuration.bank
 
 
@@ -40,7 +43,7 @@ def render_table(
     when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN,
     bit_rate_hz: int = 115_200,
 ) -> Rendering:
-    """Everything encoded. Raises RendererError and LimitError for what does not fit the device."""
+    """Encode a table for the rules and a device; raises RendererError and LimitError where they do not fit together."""
     device, levels_db = table.device, effects.levels_db
     entries = {level_db: table.entries_at(level_db) for level_db in levels_db}
     clicks = {level_db: table.clicks_at(level_db) for level_db in levels_db if effects.have_clicks}

@@ -1,4 +1,8 @@
-"""Zone state and level to the command of the link, encoded once when the table is opened."""
+"""Look-up of the command for a state of the zones, a level and a kind: encoded once, when the table is opened.
+
+A steady drive becomes the bytes of a SET, after `clamp`; a click becomes the index of its waveform in the device's
+bank and an amplitude. Nothing is computed at run time, so a command costs two dictionary look-ups.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
 from enum import StrEnum
@@ -18,38 +22,38 @@ _NO_WAVEFORMS: Mapping[int, int] = MappingProxyType({})
 
 
 class RendererError(TactableError, ValueError):
-    """The table, the device description and the connected device do not belong together: which, and the remedy."""
+    """The table, the device description and the connected device do not belong together; the message has the remedy."""
 
 
 class WhenNotAchieved(StrEnum):
-    """What becomes of a state whose entry cannot give every felt finger the wanted level."""
+    """What is played for a state whose entry does not reach the wanted level under every felt finger."""
 
     REFUSE = "refuse"
-    """It is silent."""
+    """Silence."""
     WARN = "warn"
-    """It is played as strong as it gets, and whoever runs it says so."""
+    """The strongest drive there is, and a note to the user."""
     GO_ON = "go-on"
-    """It is played as strong as it gets."""
+    """The strongest drive there is."""
 
 
 class DriveCommand(NamedTuple):
-    """Drive these bytes until something else is commanded; no bytes are silence."""
+    """Hold this drive until the next command; no bytes are silence."""
 
     drive: bytes
 
     def hand_to(self, link: Link) -> None:
-        """In place of what is not sent yet."""
+        """Send this next, in place of a command that waits."""
         link.set_drive(self.drive)
 
 
 class PlayCommand(NamedTuple):
-    """Play a waveform of the bank; silence follows."""
+    """Play a waveform of the bank once, then silence."""
 
     waveform: int
     amplitude: float
 
     def hand_to(self, link: Link) -> None:
-        """In place of what is not sent yet."""
+        """Send this next, in place of a command that waits."""
         link.set_play(self.waveform, self.amplitude)
 
 
@@ -63,10 +67,11 @@ class _Rendered(NamedTuple):
 
 
 class Renderer:
-    """The command for every state that has an entry, at every level that is going to be asked for.
+    """The commands of all states that have an entry, at each level that the rules use.
 
-    `entries` and `clicks` are given by wanted level; `waveforms` says where the bank has the click of a state. Raises
-    RendererError when table, device and capabilities do not fit, LimitError for an entry that is broken.
+    `entries` and `clicks` are keyed by wanted level, dB above the detection threshold; `waveforms` gives the index in
+    the bank of the click of a state. Raises RendererError when table, device and capabilities do not fit, LimitError
+    for a broken entry.
     """
 
     def __init__(
@@ -79,9 +84,9 @@ class Renderer:
         waveforms: Mapping[int, int] = _NO_WAVEFORMS,
     ) -> None:
         self.unknown_states = 0
-        """How often a felt state was asked for that has no entry."""
+        """Number of requests for a felt state without an entry."""
         self.not_achieved_states = 0
-        """How often a state was asked for whose entry does not reach the level: silent where that is refused."""
+        """Number of requests for a state whose entry or click does not reach the level."""
         self._wire = _wire_of(capabilities)
         self._refuses = when_not_achieved is WhenNotAchieved.REFUSE
         _check_actuators(device, capabilities)
@@ -113,10 +118,10 @@ class Renderer:
         return _Rendered(DriveCommand(drive_bytes), entry.achieved)
 
     def render(self, state: int, level_db: float | None, is_click: bool = False) -> Command:
-        """What to command; SILENCE: nothing is felt, or there is no entry, or it is refused.
+        """The command for a state; SILENCE where no zone is felt, there is no entry, or the entry is refused.
 
-        A click is the waveform in the bank, else the steady drive, for the effect to end. Raises
-        KeyError for a level that no entries were given for.
+        A click without a waveform in the bank is played as the steady drive; the effect player ends it. Raises KeyError
+        for a level without entries.
         """
         if level_db is None:
             return SILENCE
@@ -130,11 +135,11 @@ class Renderer:
 
     @property
     def levels_db(self) -> tuple[float, ...]:
-        """What may be asked for."""
+        """The levels that have entries."""
         return tuple(self._rendered)
 
     def commands(self) -> Iterator[tuple[float, bool, int, Command]]:
-        """Level, whether a click is asked for, state and command: all that `render` returns beside silence."""
+        """Every command that `render` may return, beside SILENCE, as (level, is click, state, command)."""
         for level_db, steady in self._rendered.items():
             clicks = self._clicks.get(level_db, {})
             for state, rendered in steady.items():
@@ -144,20 +149,20 @@ class Renderer:
 
     @property
     def shortfalls(self) -> dict[float, int]:
-        """By level: how many of its states have an entry that does not reach it."""
+        """By level: the number of states whose entry does not reach it."""
         return _shortfalls(self._rendered)
 
     @property
     def click_shortfalls(self) -> dict[float, int]:
-        """By level: how many clicks do not reach it, or not without being felt by quiet fingers."""
+        """By level: the number of clicks that do not reach it with quiet fingers kept quiet."""
         return _shortfalls(self._clicks)
 
     def suits_device_of(self, other: "Renderer") -> bool:
-        """Whether both were encoded for devices that read drives alike."""
+        """Whether both were encoded for devices with the same number format on the wire."""
         return self._wire == other._wire
 
     def fits(self, capabilities: Capabilities) -> bool:
-        """Whether the drives mean the same to this device as to the one that they were encoded for."""
+        """Whether a device has the number format that the drives were encoded for."""
         return _wire_of(capabilities) == self._wire
 
 

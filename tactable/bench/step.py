@@ -17,10 +17,11 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS, EffectPlayer, Effects
+from engine.effects import DEFAULT_EFFECTS, Effects
+from engine.loop import open_pipeline
 from engine.render import PlayCommand, WhenNotAchieved, link_configuration, render_table
 from engine.table import Table
-from engine.touch import FingerTracker, open_digitizer
+from engine.touch import FingerTracker, Touch, TouchFrame
 from engine.touch.sources.recording import Recording
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
@@ -122,34 +123,26 @@ class Step:
     def run(self) -> Stamps:
         """One round, with fingers and effects at their start; time goes on from the round before."""
         recording, clock = self._recording, time.perf_counter_ns
-        digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
-        tracker = FingerTracker(self._device, digitizer.surface)
-        player = EffectPlayer(self._effects, len(self._device.zones), self._click_ns)
+        pipeline = open_pipeline(recording, self._device, self._effects, self._renderer, clock, self._click_ns)
+        tracker = pipeline.tracker = _StampedTracker(self._device, pipeline.digitizer.surface)
         rows = []
         start_ns = self._now_ns + _PAUSE_NS
         for report in recording.reports:
             report_ns = round(1e9 * report.time_s)
             now_ns = self._now_ns = start_ns + report_ns
             self._exchange(now_ns - _EARLIER_NS)
+            for _ in pipeline.advance(report_ns):  # what is due by now comes first, as in the loop
+                pass
             marks = [clock()]
             rows.append(marks)
-            frame = digitizer.decode_report(report.data, report_ns)
-            marks.append(clock())
-            if frame is None:
+            command = pipeline.step(report.data, report_ns)
+            if pipeline.frame is None:
+                marks.append(clock())
                 continue
-            fingers = tracker.track(frame)
-            marks.append(clock())
-            before = player.state, player.level_db, player.click_ns
-            # What is due by now comes first, as in the loop.
-            while player.next_change_ns is not None and player.next_change_ns <= report_ns:
-                player.advance(player.next_change_ns)
-            player.take(fingers, report_ns)
-            is_same = (player.state, player.level_db, player.click_ns) == before
-            marks.append(clock())
-            if is_same:
+            marks += [pipeline.frame_ns, tracker.tracked_ns]
+            if command is None:
                 continue
-            command = self._renderer.render(player.state, player.level_db, player.click_ns is not None)
-            marks.append(clock())
+            marks += [pipeline.state_ns, clock()]
             command.hand_to(self._link)
             data = self._link.outgoing(now_ns)
             marks.append(clock())
@@ -163,6 +156,17 @@ class Step:
     def _exchange(self, now_ns: int) -> None:
         link, device = self._link, self._far_end
         link.receive(device.receive(link.outgoing(now_ns), now_ns) + device.advance(now_ns), now_ns)
+
+
+class _StampedTracker(FingerTracker):
+    """A tracker that notes when the fingers of a frame are known, between the stamps of the pipeline."""
+
+    tracked_ns = 0
+
+    def track(self, frame: TouchFrame) -> list[Touch]:
+        touches = super().track(frame)
+        self.tracked_ns = time.perf_counter_ns()
+        return touches
 
 
 def _ready_link(configuration: LinkConfiguration, device: Device) -> tuple[Link, LightDevice, int]:

@@ -8,7 +8,7 @@ import pytest
 @pytest.fixture
 def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """How the rigs of a test go."""
-    from tests.engine.loop.test_loop import Rig
+    from tests.engine.loop.rig import Rig
 
     if request.param == "fast path":
         monkeypatch.setattr(Rig, "library", request.getfixturevalue("fast_library"))

@@ -1,9 +1,10 @@
-/* From a report to its command in one compiled step, while everything else waits.
+/* The compiled step: waits, and answers a report with its command, for engine/loop/fast/fast_path.py.
  *
- * `fast_wait` sleeps until a descriptor can be read or a time has come. It takes a report that is there and, where that
- * completes a frame which brings another command, writes the command at once. What it knows was told by engine/loop/fast/step.py
- * before the wait, and it decides nothing for good: the loop takes the same report afterwards and finds the same bytes.
- * What is rare is left to the loop: DECLINED. All numbers are 64 bits wide, so that both sides lay them out alike.
+ * `fast_wait` sleeps until a descriptor can be read or a time has come. It reads a report that is there and, where the
+ * report completes a frame that brings another command, writes the command at once. Python fills the structure `Fast`
+ * before each wait. The step changes none of that state: the Python loop takes the same report afterwards and must find
+ * the same bytes. Each part below repeats a part of the Python pipeline, by the same arithmetic. What is rare is left to
+ * the loop: DECLINED.
  */
 #define _GNU_SOURCE
 #include <errno.h>
@@ -20,7 +21,7 @@ enum { DECLINED, ANSWERED };
 
 static int64_t virtual_ns = NONE;
 
-/* All times from now on, for tests; NONE: the clock's. */
+/* For tests: the time from now on; NONE: that of the clock. */
 void fast_set_time(int64_t time_ns) { virtual_ns = time_ns; }
 
 static int64_t now_ns(void) {
@@ -33,7 +34,7 @@ static int64_t now_ns(void) {
 /* ---- report to contacts, as engine/touch/digitizer.py ---- */
 
 static int64_t get(const uint8_t *report, const Bits *bits) {
-    uint64_t value; /* the packet is longer than its longest report by this */
+    uint64_t value; /* may read behind the report: the packet has ROOM_BEHIND */
     memcpy(&value, report + bits->byte, sizeof value);
     return (int64_t)(value >> bits->shift & (uint64_t)bits->mask);
 }
@@ -44,28 +45,33 @@ static int find_active(const Active *active, int64_t count, int64_t contact_id) 
     return NONE;
 }
 
+/* Whether there is room for a new contact, as Digitizer._admit. */
 static int admits(const Fast *fast, int64_t contact_id, int64_t *taken) {
     if (fast->key == KEY_ID) return ++*taken <= fast->maximum_contacts;
     if (fast->key == KEY_SLOT_FROM_ONE) return contact_id >= 1 && contact_id <= fast->maximum_contacts;
     return contact_id < fast->maximum_contacts;
 }
 
-/* Contacts of the frame that the report completes; NONE: it completes none, or is none for here. */
+/* Number of contacts of the frame that the report completes; NONE: it completes none, or the case is left to Python. */
 static int decode(const Fast *fast, const uint8_t *report, int64_t size, int64_t time_ns, Active *active) {
+    /* Which of the device's reports it is. */
     const int64_t report_id = fast->uses_report_ids ? report[0] : 0;
     const Plan *plan = NULL;
     for (int i = 0; i < fast->plans; i++)
         if (fast->plan[i].report_id == report_id) plan = &fast->plan[i];
     if (plan == NULL || size < plan->needed_bytes) return NONE;
+    /* A gap or another scan time inside a frame means a lost report: Python counts it. */
     const int64_t ticks = plan->scan_time.mask ? get(report, &plan->scan_time) : fast->ticks;
     const int is_late = time_ns - fast->report_ns > FRAME_SILENCE_NS;
     if (fast->received && fast->count_is_accurate && (is_late || ticks != fast->ticks)) return NONE;
+    /* The first report of a frame carries the contact count, the others 0. */
     int64_t expected = fast->expected, received = fast->received, taken = fast->taken;
     if (plan->count.mask) {
         const int64_t announced = get(report, &plan->count);
         if (announced || (received == 0 && ticks != fast->ticks && fast->frame_may_be_empty)) expected = announced;
     }
-    int64_t gone[MOST_CONTACTS], gone_count = 0; /* mentioned and not there: a second mention in the frame */
+    /* Contacts in range so far, changed by each slot of the report in order. */
+    int64_t gone[MOST_CONTACTS], gone_count = 0; /* contacts that this report lifted */
     int count = (int)fast->actives;
     memcpy(active, fast->active, (size_t)count * sizeof *active);
     const int64_t wanted = fast->count_is_accurate ? expected : received + plan->slots;
@@ -88,17 +94,18 @@ static int decode(const Fast *fast, const uint8_t *report, int64_t size, int64_t
         }
         if (at == NONE) {
             for (int k = 0; k < gone_count; k++)
-                if (gone[k] == contact_id) return NONE; /* left and came in one frame: too odd for here */
+                if (gone[k] == contact_id) return NONE; /* lifted and came back in one report: left to Python */
             if (count == MOST_CONTACTS) return NONE;
             at = count++;
             active[at].contact_id = contact_id;
         }
+        /* Only the coordinate along the bar, clamped to its logical range. */
         int64_t place = (get(report, &slot->place) ^ slot->sign) - slot->sign;
         if (place < slot->minimum) place = slot->minimum;
         if (place > slot->maximum) place = slot->maximum;
         active[at].place = place, active[at].tip = tip, active[at].seen = 1;
     }
-    if (received < expected) return NONE;
+    if (received < expected) return NONE; /* the frame goes on in another report */
     if (fast->unseen_means_up) {
         int kept = 0;
         for (int i = 0; i < count; i++)
@@ -129,6 +136,7 @@ static int64_t zone_at(const Fast *fast, double position_m, int64_t previous) {
 
 typedef struct { int64_t touched, felt, level, click_ns; } Felt;
 
+/* The click that began last is all that is felt; of equal ones, and of steady levels, the greatest level. */
 static void feel(Felt *felt, int64_t zone, int64_t level, int64_t click_ns) {
     if (zone == NONE || level == NONE) return;
     if (click_ns == felt->click_ns) {
@@ -143,15 +151,17 @@ static const Rule *rule_for(const Fast *fast, int64_t trigger, int64_t zone, dou
     for (int i = 0; i < fast->rules; i++) {
         const Rule *rule = &fast->rule[i];
         if (rule->trigger != trigger) continue;
-        const int covers = rule->start_m <= rule->stop_m ? rule->start_m <= position_m && position_m <= rule->stop_m
-                                                         : rule->zones == NONE || (zone != NONE && rule->zones >> zone & 1);
-        if (covers) return rule;
+        const int is_by_place = rule->start_m <= rule->stop_m;
+        const int has_place = rule->start_m <= position_m && position_m <= rule->stop_m;
+        const int has_zone = rule->zones == NONE || (zone != NONE && rule->zones >> zone & 1);
+        if (is_by_place ? has_place : has_zone) return rule;
     }
     return NULL;
 }
 
-/* Whether the contacts change what is felt. */
+/* Whether the contacts change what is felt; `felt` is what they bring. */
 static int follow(const Fast *fast, const Active *active, int count, int64_t time_ns, Felt *felt) {
+    /* Fingers that touch: their zones, and the effect that they have or that a touch rule gives them. */
     int changed = 0, touching = 0;
     int64_t here[MOST_CONTACTS];
     for (int i = 0; i < count; i++) {
@@ -167,7 +177,7 @@ static int follow(const Fast *fast, const Active *active, int count, int64_t tim
         here[touching++] = active[i].contact_id;
         if (zone != NONE) felt->touched |= (int64_t)1 << zone;
         if (finger != NULL) {
-            if (fast->follows_moves && position_m != finger->position_m) return 0;
+            if (fast->follows_moves && position_m != finger->position_m) return 0; /* a drag, or the end of a hold */
             changed |= zone != finger->zone;
             feel(felt, zone, finger->level, finger->click_ns);
         } else {
@@ -176,6 +186,7 @@ static int follow(const Fast *fast, const Active *active, int count, int64_t tim
             if (rule != NULL) feel(felt, zone, rule->level, rule->is_click ? time_ns : NONE);
         }
     }
+    /* Fingers that have just lifted, by their lift rule; then those lifted before, whose effect goes on. */
     for (int k = 0; k < fast->fingers + fast->lifted; k++) {
         const Finger *finger = &fast->finger[k];
         if (k < fast->fingers) {
@@ -195,6 +206,7 @@ static int follow(const Fast *fast, const Active *active, int count, int64_t tim
     return changed;
 }
 
+/* The state of all zones in base 3: 0 free, 1 quiet, 2 felt. */
 static int64_t state_of(const Fast *fast, const Felt *felt) {
     int64_t state = 0, power = 1;
     for (int zone = 0; zone < fast->zones; zone++, power *= 3)
@@ -214,6 +226,7 @@ void fast_start(void) {
     }
 }
 
+/* Fill in sequence and clock reference, append the checksum, and stuff by COBS; the length of the frame. */
 static int64_t encode(const Fast *fast, const Command *command, int64_t reference, uint8_t *frame) {
     uint8_t body[LONGEST_BODY + 4];
     int64_t size = command->size;
@@ -224,7 +237,8 @@ static int64_t encode(const Fast *fast, const Command *command, int64_t referenc
     for (int i = 0; i < size; i++) checksum = checksum_table[(checksum ^ body[i]) & 0xFF] ^ checksum >> 8;
     checksum = ~checksum;
     for (int i = 0; i < 4; i++) body[size++] = (uint8_t)(checksum >> 8 * i);
-    int64_t block = 0, at = 1; /* where the length of the running block goes, and the next byte: none is too long */
+    /* COBS: `block` is where the length of the running block goes, `at` the next byte. No block exceeds 254 bytes. */
+    int64_t block = 0, at = 1;
     for (int i = 0; i < size; i++) {
         if (body[i]) {
             frame[at++] = body[i];
@@ -238,6 +252,7 @@ static int64_t encode(const Fast *fast, const Command *command, int64_t referenc
     return at;
 }
 
+/* The device's clock at a host time in steps of 100 us, as DeviceClock.device_time_us; NONE before its zero. */
 static int64_t reference_at(const Fast *fast, int64_t time_ns) {
     const double drifted_ns = (double)(time_ns - fast->clock_at_ns) * fast->clock_drift;
     const double device_ns = (double)time_ns + fast->clock_middle_ns + drifted_ns;
@@ -247,31 +262,34 @@ static int64_t reference_at(const Fast *fast, int64_t time_ns) {
     return (int64_t)time_us / 100 % 65536;
 }
 
-/* ---- all of it ---- */
+/* ---- the step and the wait ---- */
 
 static int is_readable(int64_t descriptor) {
     struct pollfd asked = {.fd = (int)descriptor, .events = POLLIN};
     return poll(&asked, 1, 0) > 0;
 }
 
-/* The frame that the packet brings; DECLINED where that is the loop's to find out, or there is none. */
+/* Encode the frame that the packet brings; DECLINED where it brings none, or the case is left to Python. */
 int64_t fast_answer(Fast *fast) {
     Active active[MOST_CONTACTS];
     Felt felt = {0, 0, NONE, NONE};
     const uint8_t *report = fast->packet + fast->packet_head;
     int64_t time_ns = fast->read_ns + fast->axis_ns;
-    if (fast->packet_head) memcpy(&time_ns, fast->packet, sizeof time_ns); /* a bench says when it was due */
+    if (fast->packet_head) memcpy(&time_ns, fast->packet, sizeof time_ns); /* a benchmark says when it was due */
     if (fast->packet_size <= fast->packet_head || fast->due_ns <= time_ns) return DECLINED;
+    /* Decode, then track and play. */
     const int count = decode(fast, report, fast->packet_size - fast->packet_head, time_ns, active);
     fast->frame_ns = now_ns();
     if (count == NONE || !follow(fast, active, count, time_ns, &felt)) return DECLINED;
     const int64_t state = state_of(fast, &felt);
     fast->state_ns = now_ns();
     if (state == fast->state && felt.level == fast->level && felt.click_ns == fast->click_ns) return DECLINED;
+    /* Look the command up. */
     const int64_t row = 2 * felt.level + (felt.click_ns != NONE);
     const int64_t number = felt.level == NONE ? 0 : fast->command_of[row * fast->states + state];
     const Command *command = &fast->command[number];
-    if (number == fast->held) return DECLINED;
+    if (number == fast->held) return DECLINED; /* the device holds it already */
+    /* Encode it, if the link would send it now. */
     const int64_t asked_ns = fast->asked_ns = now_ns();
     if (asked_ns < fast->line_free_ns) return DECLINED;
     if (asked_ns < (command->kind == PLAY ? fast->play_from_ns : fast->set_from_ns)) return DECLINED;
@@ -284,16 +302,18 @@ int64_t fast_answer(Fast *fast) {
 
 int fast_open_timer(void) { return timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC); }
 
-/* A timer of its own: the timeout of a poll is taken back when a report comes, and to set the clock anew on the way from a report to its command is dear in a virtual machine. */
+/* A timer of its own in place of a timeout: the kernel cancels the timeout of a poll when a report comes, and to set the
+ * clock on the way from a report to its command is expensive in a virtual machine. */
 static void arm(Fast *fast, int64_t until_ns) {
-    const int64_t at_ns = until_ns == NONE ? 0 : until_ns > 0 ? until_ns : 1; /* 0 takes it back */
+    const int64_t at_ns = until_ns == NONE ? 0 : until_ns > 0 ? until_ns : 1; /* 0 disarms it */
     const struct itimerspec at = {.it_value = {at_ns / 1000000000, at_ns % 1000000000}};
     timerfd_settime((int)fast->timer, TFD_TIMER_ABSTIME, &at, NULL);
     fast->armed_ns = until_ns;
 }
 
-/* Until a descriptor can be read, a signal has come, or `until_ns` (NONE: for ever); a report that is there is taken. */
+/* Wait until a descriptor can be read, a signal comes, or `until_ns` (NONE: for ever), and answer a report. */
 int64_t fast_wait(Fast *fast, int64_t until_ns) {
+    /* Wait for the descriptors and the timer. */
     struct pollfd waited[MOST_WAITED + 1];
     fast->packet_size = fast->frame_size = fast->written = 0;
     for (int i = 0; i < fast->waited; i++) {
@@ -308,13 +328,14 @@ int64_t fast_wait(Fast *fast, int64_t until_ns) {
         fast->armed_ns = read((int)fast->timer, &expired, sizeof expired) == sizeof expired ? NONE : fast->armed_ns;
     }
     for (int i = 0; i < fast->waited; i++) fast->readable[i] = waited[i].revents != 0;
-    if (!fast->readable[0]) return DECLINED; /* the first is that of the touches */
+    /* Read the report; the first descriptor is that of the touches. */
+    if (!fast->readable[0]) return DECLINED;
     const ssize_t size = read((int)fast->touch, fast->packet, PACKET_SIZE);
     fast->read_ns = now_ns();
-    if (size <= 0) return DECLINED; /* the loop reads again, and finds out why */
+    if (size <= 0) return DECLINED; /* the loop reads again and handles the error */
     fast->packet_size = size;
     if (!fast->can_answer || fast_answer(fast) != ANSWERED) return DECLINED;
-    /* After a stall there are more: nothing stale is sent. */
+    /* After a stall there are more reports: nothing stale is sent. */
     if (is_readable(fast->touch)) {
         fast->frame_size = 0;
         return DECLINED;

@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import ctypes
-import struct
 import threading
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import ClassVar
 
 import pytest
 
-from engine.device import Device
 from engine.effects import Effect, Effects, Rule, Segment, Trigger
 from engine.effects.rules import burst
 from engine.loop import (
-    Clock,
     Dispatcher,
     Loop,
-    Observer,
     Observers,
-    RingWriter,
     Stage,
     SystemClock,
     Timing,
@@ -29,252 +21,35 @@ from engine.loop import (
     connect,
     open_pipeline,
 )
-from engine.loop.fast.session import FastLink, FastSession
-from engine.loop.fast.table import with_fast_table
-from engine.render import Renderer, Rendering, link_configuration
-from engine.table import ClickEntry, Entry
-from engine.table.click import choose_bank, played_at
-from engine.touch import state_index
+from engine.render import Renderer, link_configuration
 from engine.touch.digitizer import RELEASE_AFTER_NS
-from engine.touch.sources import Source
 from engine.touch.sources.playback import Playback
-from engine.touch.sources.recording import Recording, Report, read_recording
-from firmware_link.emulator import Cause, DeviceConfiguration, DriveEvent, EmulatedFirmware
+from engine.touch.sources.recording import read_recording
+from firmware_link.emulator import Cause
 from firmware_link.emulator.process import run_emulator
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkState
-from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Session
-from firmware_link.protocol.errors import LinkError, LinkLostError
 from firmware_link.protocol.messages import DeviceState
-from tests.engine.loop.fast.virtual_fast_path import Packets, VirtualFastPath
-from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
+from tests.engine.loop.rig import (
+    BURSTS,
+    DEVICE,
+    ENTRIES,
+    HELD,
+    MS,
+    PATIENCE_S,
+    Rig,
+    entry_for,
+    held,
+    index_of,
+    recording_of,
+    report,
+)
+from tests.engine.made_entries import LEVEL_DB
 from tests.engine.shared_recordings import recording_params
-from tests.engine.touch.descriptors import CONTACT_COUNT, application, finger
 
 RUNS_BOTH_WAYS = True
-MS = 1_000_000
-DEVICE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
-DESCRIPTOR = application(finger(), finger(), CONTACT_COUNT)
-BIT_RATE_HZ = 1_000_000
-# Only against an endless handshake: the machine may be slow.
-PATIENCE_S = 60.0
-
-Touch = tuple[int, float]
-"""Contact id and place, as a fraction of the bar."""
-
-
-def entry_for(*zones: int, quiet: Sequence[int] = (), level_db: float = LEVEL_DB) -> Entry:
-    """An entry whose frequency tells its felt zones apart: 100 Hz, and 1, 2, 4, 8, 16 Hz for zones I to V.
-
-    0.25 Hz more where something is quiet, 0.5 Hz more at another level.
-    """
-    frequency_hz = 100.0 + sum(2**zone for zone in zones) + 0.25 * bool(quiet) + 0.5 * (level_db != LEVEL_DB)
-    states = states_of(DEVICE, zones, quiet)
-    return entry_of(DEVICE, states, frequencies_hz=(frequency_hz,) * 2, wanted_level_db=level_db)
-
-
-ENTRIES = [entry_for(*zones) for zones in ((0,), (1,), (2,), (3,), (4,), (0, 2), (1, 3))]
-BURSTS = Effects((Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),))
-HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),))
-
-
-def index_of(*zones: int, quiet: Sequence[int] = ()) -> int:
-    return state_index(states_of(DEVICE, zones, quiet))
-
-
-def report(*touches: Touch, lifted: Sequence[int] = ()) -> bytes:
-    """One frame of up to two contacts in one report, of those that touch and those that have just lifted."""
-    slots = [struct.pack("<BBHH", 3, contact_id, round(1000 * place), 500) for contact_id, place in touches]
-    slots += [struct.pack("<BBHH", 0, contact_id, 0, 500) for contact_id in lifted]
-    return b"\x01" + b"".join(slots).ljust(12, b"\0") + bytes([len(slots)])
-
-
-def recording_of(*frames: tuple[float, bytes]) -> Recording:
-    """Reports with their times in seconds."""
-    reports = tuple(Report(index, time_s, data) for index, (time_s, data) in enumerate(frames))
-    return Recording("virtual digitizer", 3, 0, 0, DESCRIPTOR, reports)
-
-
-def held(start_s: float, stop_s: float, *touches: Touch) -> list[tuple[float, bytes]]:
-    """A frame each 8 ms while fingers rest."""
-    return [(start_s + 0.008 * i, report(*touches)) for i in range(round((stop_s - start_s) / 0.008))]
-
-
-@dataclass
-class VirtualLine:
-    """A port, the clock, and an emulated firmware behind them; time passes only in `wait`."""
-
-    delay_ns: int = 300_000
-    takes_bytes: bool = True
-    loses_power: bool = False
-    """With the cable."""
-    is_mute: bool = False
-    firmware: EmulatedFirmware = field(default_factory=lambda: EmulatedFirmware(DeviceConfiguration(0x5EED)))
-    time_ns: int = 5_000 * MS
-
-    def __post_init__(self) -> None:
-        self._to_device: list[tuple[int, bytes]] = []
-        self._to_host: list[tuple[int, bytes]] = []
-        self.stall_at_ns: int | None = None
-        self.stall_ns = 400 * MS
-        self.waits = 0
-        self.cable_pulled_ns: int | None = None
-        self.cable_back_ns = 0
-        self.is_open = True
-        self.booted_ns = 0
-        self.earlier_logs: list[DriveEvent] = []
-        self.openings_ns: list[int] = []
-
-    def now_ns(self) -> int:
-        return self.time_ns
-
-    def fileno(self) -> int:
-        return -1
-
-    @property
-    def is_plugged(self) -> bool:
-        return self.cable_pulled_ns is None or self.time_ns < self.cable_pulled_ns
-
-    def open(self) -> VirtualLine:
-        self.openings_ns.append(self.time_ns)
-        if not self.is_plugged and self.time_ns < self.cable_back_ns:
-            raise LinkError("no serial port 'bar'")
-        self.cable_pulled_ns, self.is_open = None, True
-        return self
-
-    def close(self) -> None:
-        self.is_open = False
-
-    def write(self, data: bytes) -> int:
-        self._check_cable()
-        if not self.takes_bytes:
-            return 0
-        self._to_device.append((self.time_ns + self.delay_ns, data))
-        return len(data)
-
-    def _check_cable(self) -> None:
-        assert self.is_open
-        if not self.is_plugged:
-            raise LinkLostError("bar is gone")
-
-    def read(self) -> bytes:
-        self._check_cable()
-        data = b"".join(data for time_ns, data in self._to_host if time_ns <= self.time_ns)
-        self._to_host = [item for item in self._to_host if item[0] > self.time_ns]
-        return data
-
-    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> None:
-        assert (readable, writable) in ([((-1,), ()), ((-1,), (-1,))] if self.is_open else [((), ())])
-        self.waits += 1
-        assert until_ns is not None or self._to_host or self._to_device, "the loop would wait for ever"
-        end_ns = until_ns if until_ns is not None else self.time_ns + 1_000 * MS
-        if self.stall_at_ns is not None and self.time_ns >= self.stall_at_ns:
-            self.stall_at_ns, end_ns = None, self.time_ns + self.stall_ns
-            while self.time_ns < end_ns:
-                self._run_to(min(end_ns, self._next_ns()))
-        while self.time_ns < end_ns and not self._is_readable():
-            self._run_to(min([end_ns, self._next_ns(), *(time_ns for time_ns, _ in self._to_host)]))
-
-    def _is_readable(self) -> bool:
-        return self.is_open and (not self.is_plugged or any(time_ns <= self.time_ns for time_ns, _ in self._to_host))
-
-    def _next_ns(self) -> int:
-        deadline_us = self.firmware.next_deadline_us()
-        times_ns = [time_ns for time_ns, _ in self._to_device]
-        if self.cable_pulled_ns is not None and self.is_plugged:
-            times_ns.append(self.cable_pulled_ns)
-        if deadline_us is not None:
-            times_ns.append(self.booted_ns + 1000 * deadline_us)
-        return max(self.time_ns + 1, min(times_ns, default=self.time_ns + 1_000 * MS))
-
-    def _run_to(self, end_ns: int) -> None:
-        while self._to_device and self._to_device[0][0] <= end_ns:
-            time_ns, data = self._to_device.pop(0)
-            self._answer(self.firmware.receive(data, self._device_us(time_ns)), time_ns)
-        self._answer(self.firmware.advance(self._device_us(end_ns)), end_ns)
-        was_plugged, self.time_ns = self.is_plugged, end_ns
-        if was_plugged and not self.is_plugged:
-            self._pull_cable()
-
-    def _pull_cable(self) -> None:
-        self.firmware.hang_up(self._device_us(self.time_ns))
-        self._to_device, self._to_host = [], []
-        if self.loses_power:
-            self.earlier_logs += self.firmware.drive_log
-            self.firmware, self.booted_ns = EmulatedFirmware(DeviceConfiguration(0xB007)), self.time_ns
-
-    def _device_us(self, time_ns: int) -> int:
-        return (time_ns - self.booted_ns) // 1000
-
-    def _answer(self, data: bytes, time_ns: int) -> None:
-        if data and not self.is_mute and self.is_plugged:
-            self._to_host.append((time_ns + self.delay_ns, data))
-
-
-@dataclass
-class Rig:
-    """A run over a virtual line."""
-
-    recording: Recording
-    line: VirtualLine = field(default_factory=VirtualLine)
-    speed: float | None = 1.0
-    reconnect: bool = False
-    reopening: ReopeningPort[VirtualLine] | None = None
-    bit_rate_hz: int = BIT_RATE_HZ
-    effects: Effects = HELD
-    ring: RingWriter | None = None
-    entries: Sequence[Entry] = tuple(ENTRIES)
-    clicks: Sequence[ClickEntry] = ()
-    library: ClassVar[ctypes.CDLL | None] = None
-    """Of the fast path: the loop's tests hold with it and without."""
-
-    def __post_init__(self) -> None:
-        self.trace, timing = Trace(), Timing()
-        self.latency = timing.latency
-        configuration = link_configuration(DEVICE, self.bit_rate_hz)
-        session = FastSession(FastLink(configuration), self.line, self.line.now_ns)
-        capabilities = connect(session, self.line)
-        bank, waveforms = choose_bank(self.clicks, capabilities)
-        if bank is not None:
-            configuration = replace(configuration, bank=bank)
-            session = FastSession(FastLink(configuration), self.line, self.line.now_ns)
-            connect(session, self.line)
-        self.session = session
-        self.start_ns = self.line.time_ns
-        source = Packets(self.recording, self.speed)
-        levels_db = self.effects.levels_db
-        by_level = {level: [e for e in self.entries if e.wanted_level_db == level] for level in levels_db}
-        clicks = {level: [played_at(click, level) for click in self.clicks] for level in levels_db}
-        self.renderer = Renderer(by_level, DEVICE, capabilities, clicks=clicks, waveforms=waveforms)
-        pipeline = open_pipeline(source, DEVICE, self.effects, self.renderer, self.line.now_ns)
-        dispatcher = Dispatcher(session, self.line.now_ns)
-        self.observers = Observers(self.trace, timing, self.ring)
-        edges: tuple[Source, Clock, Observer] = (source, self.line, self.observers)
-        self.rendering = with_fast_table(Rendering(DEVICE, self.renderer, configuration, b"", 0), capabilities)
-        if self.library is not None:
-            fast = VirtualFastPath(
-                self.library, source, pipeline, dispatcher, self.line, self.effects, self.rendering, self.observers
-            )
-            edges = (fast.source, fast, fast)
-        self.loop = Loop(pipeline, dispatcher, *edges, reconnect=self.reconnect, reopening=self.reopening)
-
-    def run(self) -> Rig:
-        self.loop.run()
-        assert self.session.fast_counters.mispredicted == 0
-        return self
-
-    @property
-    def log(self) -> list[DriveEvent]:
-        return self.line.firmware.drive_log
-
-    def states(self) -> list[int]:
-        return [change.state for change in self.trace]
-
-    def played(self) -> list[float]:
-        """Frequency of the first actuator at each change of the drive, 0 for silence."""
-        return [round(event.channels[0].frequency_hz * bool(event.channels[0].amplitude), 2) for event in self.log]
 
 
 def test_a_touch_is_felt_and_a_lift_is_silence() -> None:
@@ -473,154 +248,6 @@ def test_a_stop_request_silences_a_finger_that_still_touches() -> None:
     assert rig.trace[-1].finger_positions_m != ()
     assert rig.log[-1].channels[0].amplitude == 0
     assert rig.line.firmware.state is DeviceState.LATCHED
-
-
-def stalled(*, reconnect: bool) -> Rig:
-    """The host stops for 400 ms under a finger: the device falls silent by itself, then latches."""
-    rig = Rig(recording_of(*held(0.0, 1.0, (1, 0.1)), (1.0, report(lifted=[1]))), reconnect=reconnect)
-    rig.line.stall_at_ns = rig.start_ns + 300 * MS
-    return rig
-
-
-def test_a_device_that_latched_ends_the_run_with_final_counters() -> None:
-    rig = stalled(reconnect=False)
-    with pytest.raises(LinkError, match="start the run again"):
-        rig.run()
-    assert [event.cause for event in rig.log] == [Cause.SET, Cause.LEASE_EXPIRED]
-    assert rig.line.firmware.state is DeviceState.LATCHED
-    assert rig.session.link.state is LinkState.DISCONNECTED
-    assert rig.loop.counters.commands >= 1
-    assert len(rig.trace) == rig.loop.counters.state_changes
-
-
-def test_with_reconnect_the_state_of_the_moment_is_sent_anew() -> None:
-    rig = stalled(reconnect=True).run()
-    assert rig.loop.counters.reconnects == 1
-    assert rig.played() == [101.0, 0.0, 101.0, 0.0]
-    assert rig.line.firmware.counters.trips == 1
-
-
-def test_a_silence_that_was_due_during_a_reconnect_is_sent_after_it() -> None:
-    back = [(0.507, report((1, 0.1))), (0.51, report(lifted=[1])), (0.6, report(lifted=[1]))]
-    rig = Rig(recording_of(*held(0.0, 0.3, (1, 0.1)), *back), reconnect=True)
-    rig.line.stall_at_ns = rig.start_ns + 100 * MS
-    rig.run()
-    assert rig.loop.counters.reconnects == 1
-    assert rig.states()[-1] == 0
-    assert rig.trace[-1].drive_sequence is not None
-    assert rig.line.firmware.state is DeviceState.LATCHED
-
-
-def unplugged(*frames: tuple[float, bytes], back_s: float = 0.75, loses_power: bool = False) -> Rig:
-    """The cable is pulled 0.3 s after the start of a run that waits for it."""
-    line = VirtualLine(loses_power=loses_power)
-    rig = Rig(recording_of(*frames), line, reconnect=True, reopening=ReopeningPort(line.open, line))
-    line.cable_pulled_ns = rig.start_ns + 300 * MS
-    line.cable_back_ns = rig.start_ns + round(1e9 * back_s)
-    return rig
-
-
-@pytest.mark.parametrize("loses_power", [False, True])
-def test_a_device_that_was_unplugged_plays_on_with_the_state_of_the_moment(loses_power: bool) -> None:
-    """Touches are read all the while: in I before, in II and III while the cable is out, still in III after."""
-    moves = [*held(0.0, 0.4, (1, 0.1)), *held(0.4, 0.6, (1, 0.3)), *held(0.6, 1.5, (1, 0.5))]
-    rig = unplugged(*moves, (1.5, report(lifted=[1])), loses_power=loses_power).run()
-    line, counters = rig.line, rig.loop.counters
-    assert (counters.losses, counters.reconnects) == (1, 1)
-    assert rig.states() == [index_of(0), index_of(1), index_of(2), 0]
-    assert [change.drive_sequence is None for change in rig.trace] == [False, True, False, False]
-    log = [*line.earlier_logs, *rig.log]
-    frequencies_hz = [event.channels[0].frequency_hz for event in log if event.cause is Cause.SET]
-    assert frequencies_hz[:2] == pytest.approx([101.0, 104.0])
-    assert [event.cause for event in log] == [Cause.SET, Cause.HUNG_UP, Cause.SET, Cause.SET]
-    assert line.firmware.state is DeviceState.LATCHED
-    assert line.firmware.counters.stale == 0
-
-
-def test_a_lost_port_is_looked_for_with_growing_pauses() -> None:
-    rig = unplugged(*held(0.0, 6.0, (1, 0.1)), back_s=5.0).run()
-    since_ms = [(time_ns - rig.start_ns - 300 * MS) // MS for time_ns in rig.line.openings_ns]
-    assert since_ms == [100, 200, 400, 800, 1600, 3200, 5200]
-    assert rig.played() == [101.0, 0.0, 101.0, 0.0]
-
-
-def test_nothing_is_played_after_the_return_that_ended_before_it() -> None:
-    frames = [*held(0.0, 0.4, (1, 0.1)), (0.4, report(lifted=[1])), (1.5, report(lifted=[1]))]
-    rig = unplugged(*frames).run()
-    assert rig.loop.counters.reconnects == 1
-    assert rig.states() == [index_of(0), 0]
-    assert rig.played() == [101.0, 0.0]
-
-
-def test_a_device_that_answers_no_more_is_greeted_again_on_its_port_opened_anew() -> None:
-    rig = unplugged(*held(0.0, 4.0, (1, 0.1)), (4.0, report(lifted=[1])))
-    rig.line.cable_pulled_ns = None
-    mute_ns, line = rig.start_ns + 300 * MS, rig.line
-
-    class Mute:
-        """Takes the voice of the device away for 1.5 s; the port stays."""
-
-        def is_set(self) -> bool:
-            line.is_mute = mute_ns <= line.time_ns < mute_ns + 1_500 * MS
-            return False
-
-    rig.loop.run(Mute())
-    assert rig.loop.counters.losses == 1
-    assert rig.states() == [index_of(0), 0]
-    assert rig.played()[-2:] == [101.0, 0.0]
-
-
-def test_without_a_way_to_open_it_again_a_lost_port_ends_the_run() -> None:
-    rig = unplugged(*held(0.0, 1.0, (1, 0.1)))
-    rig = replace(rig, line=VirtualLine(), reopening=None)
-    rig.line.cable_pulled_ns = rig.start_ns + 300 * MS
-    with pytest.raises(LinkLostError, match="is gone"):
-        rig.run()
-    assert rig.line.openings_ns == []
-    assert rig.session.link.state is LinkState.DISCONNECTED
-    assert len(rig.trace) == rig.loop.counters.state_changes
-
-
-def test_another_device_on_the_port_ends_the_run() -> None:
-    rig = unplugged(*held(0.0, 2.0, (1, 0.1)), loses_power=True)
-    stranger = EmulatedFirmware(DeviceConfiguration(1, number_of_actuators=3))
-
-    class Exchange:
-        """Puts another device there while the cable is out."""
-
-        def is_set(self) -> bool:
-            if not rig.line.is_open:
-                rig.line.firmware = stranger
-            return False
-
-    with pytest.raises(LinkError, match="another device answered"):
-        rig.loop.run(Exchange())
-    assert stranger.drive_log == []
-    assert stranger.state is DeviceState.IDLE
-
-
-def test_a_request_to_stop_is_seen_while_the_port_is_away() -> None:
-    rig = unplugged(*held(0.0, 10.0, (1, 0.1)), back_s=9.0)
-    stop_ns = rig.start_ns + 4_000 * MS
-
-    class Watch:
-        def is_set(self) -> bool:
-            return rig.line.time_ns >= stop_ns
-
-    rig.loop.run(Watch())
-    assert rig.line.time_ns <= stop_ns + 100 * MS
-    assert rig.states() == [index_of(0), 0]
-
-
-@pytest.mark.parametrize(("is_mute", "remedy"), [(False, "disarmed itself"), (True, "no answer")])
-def test_a_line_that_takes_nothing_ends_in_a_link_error_without_spinning(is_mute: bool, remedy: str) -> None:
-    rig = Rig(recording_of(*held(0.0, 10.0, (1, 0.1))))
-    rig.line.takes_bytes, rig.line.is_mute, rig.line.waits = False, is_mute, 0
-    with pytest.raises(LinkError, match=remedy):
-        rig.run()
-    assert rig.line.time_ns - rig.start_ns < 1_500 * MS
-    assert rig.line.waits < 600
-    assert rig.log == []
 
 
 def test_latency_counts_from_when_the_report_was_due() -> None:

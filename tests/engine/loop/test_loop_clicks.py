@@ -3,7 +3,7 @@
 from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
 from engine.effects.rules import click
 from firmware_link.emulator import Cause, DeviceConfiguration, DriveEvent, EmulatedFirmware
-from tests.engine.loop.test_loop import DEVICE, MS, Rig, VirtualLine, entry_for, held, index_of, recording_of, report
+from tests.engine.loop.rig import DEVICE, MS, Rig, VirtualLine, entry_for, held, index_of, recording_of, report
 from tests.engine.made_clicks import click_of
 from tests.engine.made_entries import LEVEL_DB, states_of
 

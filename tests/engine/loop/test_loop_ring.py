@@ -8,7 +8,7 @@ from pathlib import Path
 from engine.effects import Effects, Rule, Trigger
 from engine.effects.rules import burst
 from engine.loop import Record, RingReader, RingWriter
-from tests.engine.loop.test_loop import BIT_RATE_HZ, HELD, Rig, held, recording_of, report
+from tests.engine.loop.rig import BIT_RATE_HZ, HELD, Rig, held, recording_of, report
 from tests.engine.made_entries import LEVEL_DB
 
 RUNS_BOTH_WAYS = True

@@ -24,7 +24,7 @@ from engine.touch.descriptor import read_surfaces
 from engine.touch.sources.recording import read_recording
 from tactable.bench.latency.sockets import SocketPort
 from tests.engine.loop.fast.virtual_fast_path import Packets
-from tests.engine.loop.test_loop import DEVICE, HELD, Rig, entry_for, held, index_of, recording_of, report
+from tests.engine.loop.rig import DEVICE, HELD, Rig, entry_for, held, index_of, recording_of, report
 from tests.engine.made_clicks import click_of
 from tests.engine.made_entries import LEVEL_DB, states_of
 from tests.engine.shared_recordings import recording_params

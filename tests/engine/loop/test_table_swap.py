@@ -17,7 +17,7 @@ from firmware_link.host.link import Link
 from firmware_link.host.link_values import Capabilities
 from firmware_link.host.session import Session
 from firmware_link.protocol.bank import encode_bank
-from tests.engine.loop.test_loop import DEVICE, HELD, MS, VirtualLine, held, recording_of, report
+from tests.engine.loop.rig import DEVICE, HELD, MS, VirtualLine, held, recording_of, report
 from tests.engine.made_clicks import click_of
 from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
 

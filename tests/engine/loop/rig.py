@@ -1,0 +1,262 @@
+"""The loop on a virtual line: a port, a clock and an emulated firmware, in virtual time."""
+
+from __future__ import annotations
+
+import ctypes
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import ClassVar
+
+from engine.device import Device
+from engine.effects import Effect, Effects, Rule, Segment, Trigger
+from engine.effects.rules import burst
+from engine.loop import (
+    Clock,
+    Dispatcher,
+    Loop,
+    Observer,
+    Observers,
+    RingWriter,
+    Timing,
+    Trace,
+    connect,
+    open_pipeline,
+)
+from engine.loop.fast.session import FastLink, FastSession
+from engine.loop.fast.table import with_fast_table
+from engine.render import Renderer, Rendering, link_configuration
+from engine.table import ClickEntry, Entry
+from engine.table.click import choose_bank, played_at
+from engine.touch import state_index
+from engine.touch.sources import Source
+from engine.touch.sources.recording import Recording, Report
+from firmware_link.emulator import DeviceConfiguration, DriveEvent, EmulatedFirmware
+from firmware_link.host.reopening import ReopeningPort
+from firmware_link.protocol.errors import LinkError, LinkLostError
+from tests.engine.loop.fast.virtual_fast_path import Packets, VirtualFastPath
+from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
+from tests.engine.touch.descriptors import CONTACT_COUNT, application, finger
+
+MS = 1_000_000
+DEVICE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
+DESCRIPTOR = application(finger(), finger(), CONTACT_COUNT)
+BIT_RATE_HZ = 1_000_000
+# Only against an endless handshake: the machine may be slow.
+PATIENCE_S = 60.0
+
+Touch = tuple[int, float]
+"""Contact id and place, as a fraction of the bar."""
+
+
+def entry_for(*zones: int, quiet: Sequence[int] = (), level_db: float = LEVEL_DB) -> Entry:
+    """An entry whose frequency tells its felt zones apart: 100 Hz, and 1, 2, 4, 8, 16 Hz for zones I to V.
+
+    0.25 Hz more where something is quiet, 0.5 Hz more at another level.
+    """
+    frequency_hz = 100.0 + sum(2**zone for zone in zones) + 0.25 * bool(quiet) + 0.5 * (level_db != LEVEL_DB)
+    states = states_of(DEVICE, zones, quiet)
+    return entry_of(DEVICE, states, frequencies_hz=(frequency_hz,) * 2, wanted_level_db=level_db)
+
+
+ENTRIES = [entry_for(*zones) for zones in ((0,), (1,), (2,), (3,), (4,), (0, 2), (1, 3))]
+BURSTS = Effects((Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),))
+HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),))
+
+
+def index_of(*zones: int, quiet: Sequence[int] = ()) -> int:
+    return state_index(states_of(DEVICE, zones, quiet))
+
+
+def report(*touches: Touch, lifted: Sequence[int] = ()) -> bytes:
+    """One frame of up to two contacts in one report, of those that touch and those that have just lifted."""
+    slots = [struct.pack("<BBHH", 3, contact_id, round(1000 * place), 500) for contact_id, place in touches]
+    slots += [struct.pack("<BBHH", 0, contact_id, 0, 500) for contact_id in lifted]
+    return b"\x01" + b"".join(slots).ljust(12, b"\0") + bytes([len(slots)])
+
+
+def recording_of(*frames: tuple[float, bytes]) -> Recording:
+    """Reports with their times in seconds."""
+    reports = tuple(Report(index, time_s, data) for index, (time_s, data) in enumerate(frames))
+    return Recording("virtual digitizer", 3, 0, 0, DESCRIPTOR, reports)
+
+
+def held(start_s: float, stop_s: float, *touches: Touch) -> list[tuple[float, bytes]]:
+    """A frame each 8 ms while fingers rest."""
+    return [(start_s + 0.008 * i, report(*touches)) for i in range(round((stop_s - start_s) / 0.008))]
+
+
+@dataclass
+class VirtualLine:
+    """A port, the clock, and an emulated firmware behind them; time passes only in `wait`."""
+
+    delay_ns: int = 300_000
+    takes_bytes: bool = True
+    loses_power: bool = False
+    """With the cable."""
+    is_mute: bool = False
+    firmware: EmulatedFirmware = field(default_factory=lambda: EmulatedFirmware(DeviceConfiguration(0x5EED)))
+    time_ns: int = 5_000 * MS
+
+    def __post_init__(self) -> None:
+        self._to_device: list[tuple[int, bytes]] = []
+        self._to_host: list[tuple[int, bytes]] = []
+        self.stall_at_ns: int | None = None
+        self.stall_ns = 400 * MS
+        self.waits = 0
+        self.cable_pulled_ns: int | None = None
+        self.cable_back_ns = 0
+        self.is_open = True
+        self.booted_ns = 0
+        self.earlier_logs: list[DriveEvent] = []
+        self.openings_ns: list[int] = []
+
+    def now_ns(self) -> int:
+        return self.time_ns
+
+    def fileno(self) -> int:
+        return -1
+
+    @property
+    def is_plugged(self) -> bool:
+        return self.cable_pulled_ns is None or self.time_ns < self.cable_pulled_ns
+
+    def open(self) -> VirtualLine:
+        self.openings_ns.append(self.time_ns)
+        if not self.is_plugged and self.time_ns < self.cable_back_ns:
+            raise LinkError("no serial port 'bar'")
+        self.cable_pulled_ns, self.is_open = None, True
+        return self
+
+    def close(self) -> None:
+        self.is_open = False
+
+    def write(self, data: bytes) -> int:
+        self._check_cable()
+        if not self.takes_bytes:
+            return 0
+        self._to_device.append((self.time_ns + self.delay_ns, data))
+        return len(data)
+
+    def _check_cable(self) -> None:
+        assert self.is_open
+        if not self.is_plugged:
+            raise LinkLostError("bar is gone")
+
+    def read(self) -> bytes:
+        self._check_cable()
+        data = b"".join(data for time_ns, data in self._to_host if time_ns <= self.time_ns)
+        self._to_host = [item for item in self._to_host if item[0] > self.time_ns]
+        return data
+
+    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> None:
+        assert (readable, writable) in ([((-1,), ()), ((-1,), (-1,))] if self.is_open else [((), ())])
+        self.waits += 1
+        assert until_ns is not None or self._to_host or self._to_device, "the loop would wait for ever"
+        end_ns = until_ns if until_ns is not None else self.time_ns + 1_000 * MS
+        if self.stall_at_ns is not None and self.time_ns >= self.stall_at_ns:
+            self.stall_at_ns, end_ns = None, self.time_ns + self.stall_ns
+            while self.time_ns < end_ns:
+                self._run_to(min(end_ns, self._next_ns()))
+        while self.time_ns < end_ns and not self._is_readable():
+            self._run_to(min([end_ns, self._next_ns(), *(time_ns for time_ns, _ in self._to_host)]))
+
+    def _is_readable(self) -> bool:
+        return self.is_open and (not self.is_plugged or any(time_ns <= self.time_ns for time_ns, _ in self._to_host))
+
+    def _next_ns(self) -> int:
+        deadline_us = self.firmware.next_deadline_us()
+        times_ns = [time_ns for time_ns, _ in self._to_device]
+        if self.cable_pulled_ns is not None and self.is_plugged:
+            times_ns.append(self.cable_pulled_ns)
+        if deadline_us is not None:
+            times_ns.append(self.booted_ns + 1000 * deadline_us)
+        return max(self.time_ns + 1, min(times_ns, default=self.time_ns + 1_000 * MS))
+
+    def _run_to(self, end_ns: int) -> None:
+        while self._to_device and self._to_device[0][0] <= end_ns:
+            time_ns, data = self._to_device.pop(0)
+            self._answer(self.firmware.receive(data, self._device_us(time_ns)), time_ns)
+        self._answer(self.firmware.advance(self._device_us(end_ns)), end_ns)
+        was_plugged, self.time_ns = self.is_plugged, end_ns
+        if was_plugged and not self.is_plugged:
+            self._pull_cable()
+
+    def _pull_cable(self) -> None:
+        self.firmware.hang_up(self._device_us(self.time_ns))
+        self._to_device, self._to_host = [], []
+        if self.loses_power:
+            self.earlier_logs += self.firmware.drive_log
+            self.firmware, self.booted_ns = EmulatedFirmware(DeviceConfiguration(0xB007)), self.time_ns
+
+    def _device_us(self, time_ns: int) -> int:
+        return (time_ns - self.booted_ns) // 1000
+
+    def _answer(self, data: bytes, time_ns: int) -> None:
+        if data and not self.is_mute and self.is_plugged:
+            self._to_host.append((time_ns + self.delay_ns, data))
+
+
+@dataclass
+class Rig:
+    """A run over a virtual line."""
+
+    recording: Recording
+    line: VirtualLine = field(default_factory=VirtualLine)
+    speed: float | None = 1.0
+    reconnect: bool = False
+    reopening: ReopeningPort[VirtualLine] | None = None
+    bit_rate_hz: int = BIT_RATE_HZ
+    effects: Effects = HELD
+    ring: RingWriter | None = None
+    entries: Sequence[Entry] = tuple(ENTRIES)
+    clicks: Sequence[ClickEntry] = ()
+    library: ClassVar[ctypes.CDLL | None] = None
+    """Of the fast path: the loop's tests hold with it and without."""
+
+    def __post_init__(self) -> None:
+        self.trace, timing = Trace(), Timing()
+        self.latency = timing.latency
+        configuration = link_configuration(DEVICE, self.bit_rate_hz)
+        session = FastSession(FastLink(configuration), self.line, self.line.now_ns)
+        capabilities = connect(session, self.line)
+        bank, waveforms = choose_bank(self.clicks, capabilities)
+        if bank is not None:
+            configuration = replace(configuration, bank=bank)
+            session = FastSession(FastLink(configuration), self.line, self.line.now_ns)
+            connect(session, self.line)
+        self.session = session
+        self.start_ns = self.line.time_ns
+        source = Packets(self.recording, self.speed)
+        levels_db = self.effects.levels_db
+        by_level = {level: [e for e in self.entries if e.wanted_level_db == level] for level in levels_db}
+        clicks = {level: [played_at(click, level) for click in self.clicks] for level in levels_db}
+        self.renderer = Renderer(by_level, DEVICE, capabilities, clicks=clicks, waveforms=waveforms)
+        pipeline = open_pipeline(source, DEVICE, self.effects, self.renderer, self.line.now_ns)
+        dispatcher = Dispatcher(session, self.line.now_ns)
+        self.observers = Observers(self.trace, timing, self.ring)
+        edges: tuple[Source, Clock, Observer] = (source, self.line, self.observers)
+        self.rendering = with_fast_table(Rendering(DEVICE, self.renderer, configuration, b"", 0), capabilities)
+        if self.library is not None:
+            fast = VirtualFastPath(
+                self.library, source, pipeline, dispatcher, self.line, self.effects, self.rendering, self.observers
+            )
+            edges = (fast.source, fast, fast)
+        self.loop = Loop(pipeline, dispatcher, *edges, reconnect=self.reconnect, reopening=self.reopening)
+
+    def run(self) -> Rig:
+        self.loop.run()
+        assert self.session.fast_counters.mispredicted == 0
+        return self
+
+    @property
+    def log(self) -> list[DriveEvent]:
+        return self.line.firmware.drive_log
+
+    def states(self) -> list[int]:
+        return [change.state for change in self.trace]
+
+    def played(self) -> list[float]:
+        """Frequency of the first actuator at each change of the drive, 0 for silence."""
+        return [round(event.channels[0].frequency_hz * bool(event.channels[0].amplitude), 2) for event in self.log]

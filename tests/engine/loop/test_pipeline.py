@@ -1,0 +1,100 @@
+"""Laws of the one pure step: what a report and what time bring, and that the loop runs just this."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+
+import pytest
+
+from engine.effects import Effect, Effects, Rule, Segment, Trigger
+from engine.effects.rules import burst
+from engine.loop import Pipeline, open_pipeline
+from engine.render import SILENCE, Command
+from engine.touch.digitizer import RELEASE_AFTER_NS
+from engine.touch.sources.recording import Recording, read_recording
+from tests.engine.loop.rig import BURSTS, DEVICE, HELD, MS, Rig, held, index_of, recording_of, report
+from tests.engine.made_entries import LEVEL_DB
+from tests.engine.shared_recordings import recording_params
+
+EVERY_TRIGGER = Effects(
+    (
+        Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),
+        Rule(Trigger.DRAG, Effect("texture", (Segment(20 * MS, 30.0), Segment(None, LEVEL_DB))), every_m=5e-3),
+        Rule(Trigger.HOLD, Effect("purr", (Segment(None, LEVEL_DB),)), after_ns=200 * MS),
+        Rule(Trigger.LIFT, burst(30.0, 20)),
+    )
+)
+
+
+def pipeline_of(rig: Rig, stamps: itertools.count[int] | None = None) -> Pipeline:
+    """A pipeline like that of the rig's loop, with its fingers and effects at their start."""
+    arguments = (rig.recording, DEVICE, rig.effects, rig.renderer)
+    return open_pipeline(*arguments) if stamps is None else open_pipeline(*arguments, lambda: next(stamps))
+
+
+def played(pipeline: Pipeline, recording: Recording) -> list[tuple[int, int, float | None, Command]]:
+    """(time, state, level, command) of each change that the reports and time bring."""
+    found = list[tuple[int, int, float | None, Command]]()
+    for entry in recording.reports:
+        time_ns = round(1e9 * entry.time_s)
+        found += ((time_ns, *pipeline.wanted[:2], command) for command in pipeline.advance(time_ns))
+        brought = pipeline.step(entry.data, time_ns)
+        if brought is not None:
+            found.append((time_ns, *pipeline.wanted[:2], brought))
+    found += ((10**18, *pipeline.wanted[:2], command) for command in pipeline.advance(10**18))
+    return found
+
+
+def test_a_touch_brings_one_command_and_rest_brings_none() -> None:
+    rig = Rig(recording_of(*held(0.0, 0.1, (1, 0.1)), (0.1, report(lifted=[1]))))
+    changes = played(pipeline_of(rig), rig.recording)
+    assert [(time_ns, state) for time_ns, state, _, _ in changes] == [(0, index_of(0)), (100 * MS, 0)]
+    assert [command == SILENCE for *_, command in changes] == [False, True]
+
+
+def test_time_ends_an_effect_and_releases_a_finger_that_went_silent() -> None:
+    rig = Rig(recording_of((0.0, report((1, 0.1)))), effects=BURSTS)
+    pipeline = pipeline_of(rig)
+    assert pipeline.due_ns == math.inf and pipeline.is_at_rest
+    assert pipeline.step(rig.recording.reports[0].data, 0) is not None
+    assert pipeline.due_ns == 50 * MS
+    assert list(pipeline.advance(50 * MS - 1)) == []
+    assert list(pipeline.advance(50 * MS)) == [SILENCE]
+    assert (pipeline.wanted.state, pipeline.wanted.level_db) == (index_of(quiet=[0]), None)
+    assert pipeline.due_ns == RELEASE_AFTER_NS
+    assert list(pipeline.advance(RELEASE_AFTER_NS)) == [SILENCE]
+    assert pipeline.is_at_rest and pipeline.wanted.state == 0
+
+
+def test_each_command_of_a_long_pause_comes_with_what_was_wanted_then() -> None:
+    rig = Rig(recording_of((0.0, report((1, 0.1)))), effects=BURSTS)
+    pipeline = pipeline_of(rig)
+    pipeline.step(rig.recording.reports[0].data, 0)
+    states = [pipeline.wanted.state for _ in pipeline.advance(1_000 * MS)]
+    assert states == [index_of(quiet=[0]), 0]
+
+
+def test_silence_is_a_command_only_where_something_is_wanted() -> None:
+    rig = Rig(recording_of((0.0, report((1, 0.1)))))
+    pipeline = pipeline_of(rig)
+    assert pipeline.silence() is None
+    pipeline.step(rig.recording.reports[0].data, 0)
+    assert pipeline.silence() == SILENCE
+    assert pipeline.silence() is None
+
+
+def test_stamps_are_taken_in_order_and_change_nothing() -> None:
+    rig = Rig(recording_of(*held(0.0, 0.1, (1, 0.1)), *held(0.1, 0.2, (1, 0.5)), (0.2, report(lifted=[1]))))
+    stamped = pipeline_of(rig, itertools.count(1))
+    assert played(stamped, rig.recording) == played(pipeline_of(rig), rig.recording)
+    assert 0 < stamped.frame_ns < stamped.state_ns
+
+
+@pytest.mark.parametrize("effects", [HELD, EVERY_TRIGGER])
+@pytest.mark.parametrize("path", recording_params("touch", "*.hid"))
+def test_the_loop_runs_what_the_pipeline_gives(path: Path, effects: Effects) -> None:
+    rig = Rig(read_recording(path), effects=effects)
+    expected = [(state, level_db) for _, state, level_db, _ in played(pipeline_of(rig), rig.recording)]
+    assert [(change.state, change.level_db) for change in rig.run().trace] == expected

@@ -1,0 +1,164 @@
+"""A loop whose device stops, or whose port is lost: what comes back, and what ends the run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware
+from firmware_link.host.link_values import LinkState
+from firmware_link.host.reopening import ReopeningPort
+from firmware_link.protocol.errors import LinkError, LinkLostError
+from firmware_link.protocol.messages import DeviceState
+from tests.engine.loop.rig import MS, Rig, VirtualLine, held, index_of, recording_of, report
+
+RUNS_BOTH_WAYS = True
+
+
+def stalled(*, reconnect: bool) -> Rig:
+    """The host stops for 400 ms under a finger: the device falls silent by itself, then latches."""
+    rig = Rig(recording_of(*held(0.0, 1.0, (1, 0.1)), (1.0, report(lifted=[1]))), reconnect=reconnect)
+    rig.line.stall_at_ns = rig.start_ns + 300 * MS
+    return rig
+
+
+def test_a_device_that_latched_ends_the_run_with_final_counters() -> None:
+    rig = stalled(reconnect=False)
+    with pytest.raises(LinkError, match="start the run again"):
+        rig.run()
+    assert [event.cause for event in rig.log] == [Cause.SET, Cause.LEASE_EXPIRED]
+    assert rig.line.firmware.state is DeviceState.LATCHED
+    assert rig.session.link.state is LinkState.DISCONNECTED
+    assert rig.loop.counters.commands >= 1
+    assert len(rig.trace) == rig.loop.counters.state_changes
+
+
+def test_with_reconnect_the_state_of_the_moment_is_sent_anew() -> None:
+    rig = stalled(reconnect=True).run()
+    assert rig.loop.counters.reconnects == 1
+    assert rig.played() == [101.0, 0.0, 101.0, 0.0]
+    assert rig.line.firmware.counters.trips == 1
+
+
+def test_a_silence_that_was_due_during_a_reconnect_is_sent_after_it() -> None:
+    back = [(0.507, report((1, 0.1))), (0.51, report(lifted=[1])), (0.6, report(lifted=[1]))]
+    rig = Rig(recording_of(*held(0.0, 0.3, (1, 0.1)), *back), reconnect=True)
+    rig.line.stall_at_ns = rig.start_ns + 100 * MS
+    rig.run()
+    assert rig.loop.counters.reconnects == 1
+    assert rig.states()[-1] == 0
+    assert rig.trace[-1].drive_sequence is not None
+    assert rig.line.firmware.state is DeviceState.LATCHED
+
+
+def unplugged(*frames: tuple[float, bytes], back_s: float = 0.75, loses_power: bool = False) -> Rig:
+    """The cable is pulled 0.3 s after the start of a run that waits for it."""
+    line = VirtualLine(loses_power=loses_power)
+    rig = Rig(recording_of(*frames), line, reconnect=True, reopening=ReopeningPort(line.open, line))
+    line.cable_pulled_ns = rig.start_ns + 300 * MS
+    line.cable_back_ns = rig.start_ns + round(1e9 * back_s)
+    return rig
+
+
+@pytest.mark.parametrize("loses_power", [False, True])
+def test_a_device_that_was_unplugged_plays_on_with_the_state_of_the_moment(loses_power: bool) -> None:
+    """Touches are read all the while: in I before, in II and III while the cable is out, still in III after."""
+    moves = [*held(0.0, 0.4, (1, 0.1)), *held(0.4, 0.6, (1, 0.3)), *held(0.6, 1.5, (1, 0.5))]
+    rig = unplugged(*moves, (1.5, report(lifted=[1])), loses_power=loses_power).run()
+    line, counters = rig.line, rig.loop.counters
+    assert (counters.losses, counters.reconnects) == (1, 1)
+    assert rig.states() == [index_of(0), index_of(1), index_of(2), 0]
+    assert [change.drive_sequence is None for change in rig.trace] == [False, True, False, False]
+    log = [*line.earlier_logs, *rig.log]
+    frequencies_hz = [event.channels[0].frequency_hz for event in log if event.cause is Cause.SET]
+    assert frequencies_hz[:2] == pytest.approx([101.0, 104.0])
+    assert [event.cause for event in log] == [Cause.SET, Cause.HUNG_UP, Cause.SET, Cause.SET]
+    assert line.firmware.state is DeviceState.LATCHED
+    assert line.firmware.counters.stale == 0
+
+
+def test_a_lost_port_is_looked_for_with_growing_pauses() -> None:
+    rig = unplugged(*held(0.0, 6.0, (1, 0.1)), back_s=5.0).run()
+    since_ms = [(time_ns - rig.start_ns - 300 * MS) // MS for time_ns in rig.line.openings_ns]
+    assert since_ms == [100, 200, 400, 800, 1600, 3200, 5200]
+    assert rig.played() == [101.0, 0.0, 101.0, 0.0]
+
+
+def test_nothing_is_played_after_the_return_that_ended_before_it() -> None:
+    frames = [*held(0.0, 0.4, (1, 0.1)), (0.4, report(lifted=[1])), (1.5, report(lifted=[1]))]
+    rig = unplugged(*frames).run()
+    assert rig.loop.counters.reconnects == 1
+    assert rig.states() == [index_of(0), 0]
+    assert rig.played() == [101.0, 0.0]
+
+
+def test_a_device_that_answers_no_more_is_greeted_again_on_its_port_opened_anew() -> None:
+    rig = unplugged(*held(0.0, 4.0, (1, 0.1)), (4.0, report(lifted=[1])))
+    rig.line.cable_pulled_ns = None
+    mute_ns, line = rig.start_ns + 300 * MS, rig.line
+
+    class Mute:
+        """Takes the voice of the device away for 1.5 s; the port stays."""
+
+        def is_set(self) -> bool:
+            line.is_mute = mute_ns <= line.time_ns < mute_ns + 1_500 * MS
+            return False
+
+    rig.loop.run(Mute())
+    assert rig.loop.counters.losses == 1
+    assert rig.states() == [index_of(0), 0]
+    assert rig.played()[-2:] == [101.0, 0.0]
+
+
+def test_without_a_way_to_open_it_again_a_lost_port_ends_the_run() -> None:
+    rig = unplugged(*held(0.0, 1.0, (1, 0.1)))
+    rig = replace(rig, line=VirtualLine(), reopening=None)
+    rig.line.cable_pulled_ns = rig.start_ns + 300 * MS
+    with pytest.raises(LinkLostError, match="is gone"):
+        rig.run()
+    assert rig.line.openings_ns == []
+    assert rig.session.link.state is LinkState.DISCONNECTED
+    assert len(rig.trace) == rig.loop.counters.state_changes
+
+
+def test_another_device_on_the_port_ends_the_run() -> None:
+    rig = unplugged(*held(0.0, 2.0, (1, 0.1)), loses_power=True)
+    stranger = EmulatedFirmware(DeviceConfiguration(1, number_of_actuators=3))
+
+    class Exchange:
+        """Puts another device there while the cable is out."""
+
+        def is_set(self) -> bool:
+            if not rig.line.is_open:
+                rig.line.firmware = stranger
+            return False
+
+    with pytest.raises(LinkError, match="another device answered"):
+        rig.loop.run(Exchange())
+    assert stranger.drive_log == []
+    assert stranger.state is DeviceState.IDLE
+
+
+def test_a_request_to_stop_is_seen_while_the_port_is_away() -> None:
+    rig = unplugged(*held(0.0, 10.0, (1, 0.1)), back_s=9.0)
+    stop_ns = rig.start_ns + 4_000 * MS
+
+    class Watch:
+        def is_set(self) -> bool:
+            return rig.line.time_ns >= stop_ns
+
+    rig.loop.run(Watch())
+    assert rig.line.time_ns <= stop_ns + 100 * MS
+    assert rig.states() == [index_of(0), 0]
+
+
+@pytest.mark.parametrize(("is_mute", "remedy"), [(False, "disarmed itself"), (True, "no answer")])
+def test_a_line_that_takes_nothing_ends_in_a_link_error_without_spinning(is_mute: bool, remedy: str) -> None:
+    rig = Rig(recording_of(*held(0.0, 10.0, (1, 0.1))))
+    rig.line.takes_bytes, rig.line.is_mute, rig.line.waits = False, is_mute, 0
+    with pytest.raises(LinkError, match=remedy):
+        rig.run()
+    assert rig.line.time_ns - rig.start_ns < 1_500 * MS
+    assert rig.line.waits < 600
+    assert rig.log == []
