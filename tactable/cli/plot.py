@@ -8,7 +8,7 @@ import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -236,7 +236,7 @@ def click_map(table_path: TableArgument, progress: Progress) -> Picture:
         from tactable.explain.click_source import ClickSource
         from tactable.figures.click_map import plot_click_map
 
-        return plot_click_map(ClickSource(table), lambda done: progress("states", done))
+        return plot_click_map(ClickSource(table), partial(progress, "states"))
 
 
 # ---- pictures of a device ----------------------------------------------------------------------------------------
@@ -334,8 +334,8 @@ def click_study(
     counts = read_counts("--scenarios", scenarios, 1, 1000)
     device = find_device(device_name)
     states = states_of(device, read_zones("--felt", felt), names_in(quiet))
-    study = run_study(device, states, lengths_s=lengths_s, scenarios=counts, told=lambda done: progress("clicks", done))
-    return plot_click_study(study)
+    on_progress = partial(progress, "clicks")
+    return plot_click_study(run_study(device, states, lengths_s=lengths_s, scenarios=counts, on_progress=on_progress))
 
 
 def _changed(device_name: str, change: list[str] | None) -> Device:

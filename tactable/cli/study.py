@@ -90,7 +90,7 @@ def resolution(
         own = own_places(device)
         at_m = sorted([own, *(even_places(device, n) for n in (1, 3, 4) if n != len(own))], key=len)
     with WorkerPool(_helpers(workers)) as pool:
-        found = study_resolution(device, at_m, counts, level_db, lambda done: progress("zones", done), pool)
+        found = study_resolution(device, at_m, counts, level_db, partial(progress, "zones"), pool)
     return plot_resolution(device, found, level_db)
 
 

@@ -1,4 +1,4 @@
-"""A click to a page for people or values for machines: promise, bound, softer levels, and the clicks that lost."""
+"""Explanation of a click, as a page or as JSON: prediction, bound, softer levels, and the clicks that lost."""
 
 import math
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from rich.table import Table as Grid
 from engine.device import Spread
 from engine.plain import to_plain
 from engine.table import ClickEntry, Table
-from engine.table.click import ClickZone, LevelSpread, played_at
+from engine.table.click import LevelSpread, played_at
 from engine.touch import ZoneState
 from precompute.clicks import ClickOptions
 from precompute.clicks.evaluation import Levels
@@ -24,7 +24,7 @@ _PERCENTILES = {"5 %": "low_db", "50 %": "middle_db", "95 %": "high_db"}
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """A click as it is played, as strong as it is, and at levels below; and what lost, as loud as it may be."""
+    """A click as it is played, at full strength and at softer levels, with the alternatives that lost."""
 
     click: ClickEntry
     strongest: ClickEntry
@@ -35,7 +35,7 @@ class Explained:
 
 
 def explain_click(source: ClickSource, states: tuple[ZoneState, ...], level_db: float, *, rivals: bool) -> Explained:
-    """The click of a state at a level; raises TableError where no finger is felt. Rivals take seconds."""
+    """Explain the click of a state at a level; rivals take seconds. Raises TableError where no finger is felt."""
     strongest = source.solve_click(states)
     click = played_at(strongest, level_db)
     levels_db = [below_db for below_db in source.table.device.levels_db if below_db < click.level_db]
@@ -49,34 +49,36 @@ def explain_click(source: ClickSource, states: tuple[ZoneState, ...], level_db: 
     )
 
 
+_OWN = (
+    *("wanted_level_db", "achieved", "amplitude", "length_s", "sample_rate_hz", "level_db", "peak_s", "objective"),
+    *("residual_from_s", "residual_db"),
+)
+
+
 def click_json(table: Table, explained: Explained) -> dict[str, Any]:
     """The click as plain values for JSON; infinite levels are None."""
-    click = explained.click
-    return to_plain(
+    click, device = explained.click, table.device
+    values: dict[str, Any] = to_plain(
         {
-            "device": table.device.name,
+            "device": device.name,
             "fingerprint": table.fingerprint,
             "state": click.index,
-            "felt_zones": zone_names(table.device, click.states, ZoneState.FELT),
-            "quiet_zones": zone_names(table.device, click.states, ZoneState.QUIET),
+            "felt_zones": zone_names(device, click.states, ZoneState.FELT),
+            "quiet_zones": zone_names(device, click.states, ZoneState.QUIET),
             "is_tabulated": explained.is_tabulated,
-            "wanted_level_db": click.wanted_level_db,
-            "achieved": click.achieved,
-            "amplitude": click.amplitude,
-            "length_s": click.length_s,
-            "sample_rate_hz": click.sample_rate_hz,
-            "level_db": click.level_db,
+            **{key: getattr(click, key) for key in _OWN},
             "felt_db": _spread_json(click.felt),
             "quiet_db": _spread_json(click.quiet),
             "zones": [
-                _zone_json(zone.name, state, promise)
-                for zone, state, promise in zip(table.device.zones, click.states, click.zones, strict=True)
+                {
+                    "name": zone.name,
+                    "state": state.name.lower(),
+                    "acceleration_at_finger_m_per_s2": predicted and predicted.acceleration_at_finger_m_per_s2,
+                    "level_db": predicted and predicted.level_db,
+                }
+                for zone, state, predicted in zip(device.zones, click.states, click.zones, strict=True)
             ],
             "exceeds_s": click.exceeds_at_s(),
-            "peak_s": click.peak_s,
-            "residual_from_s": click.residual_from_s,
-            "residual_db": click.residual_db,
-            "objective": click.objective,
             "upper_bound_db": click.bound_db,
             "optimality_gap_db": click.gap_db,
             "softer": [
@@ -90,18 +92,19 @@ def click_json(table: Table, explained: Explained) -> dict[str, Any]:
             ],
             "options": explained.options,
             "alternatives": [_rival_json(rival) for rival in explained.rivals],
-            "estimated": [*table.device.inferred, "detection threshold", "spreads of the sampled plants"],
+            "estimated": [*device.inferred, "detection threshold", "spreads of the sampled plants"],
         }
     )
+    return values
 
 
 def print_click(out: Console, table: Table, explained: Explained) -> None:
-    """The same as a page."""
+    """Print the click, its prediction over the sampled plants, softer levels, and the alternatives."""
     click, options, device = explained.click, explained.options, table.device
     where = "" if explained.is_tabulated else " - NOT IN THE TABLE, solved now by its options"
     head = f"{device.name}, {state_text(device, click.states)}: a click of {1e3 * click.length_s:g} ms"
     out.print(f"{head}, {_wanted_words(click)}{where}", markup=False, highlight=False, soft_wrap=True)
-    for line in _promise_lines(explained):
+    for line in _prediction_lines(explained):
         out.print(line, markup=False, highlight=False, soft_wrap=True)
     out.print(_spread_grid(click, options.judged))
     out.print(_zone_grid(table, click))
@@ -120,35 +123,35 @@ def _wanted_words(click: ClickEntry) -> str:
     return f"{level_text(click.wanted_level_db)} wanted"
 
 
-def _promise_lines(explained: Explained) -> list[str]:
+def _prediction_lines(explained: Explained) -> list[str]:
     click = explained.click
-    loud = f"weakest felt finger {click.level_db:z.1f} dB above threshold in 95 % of fresh plants"
+    loud = f"weakest felt finger {click.level_db:z.1f} dB above threshold in 95 % of the sampled plants"
     if click.quiet is not None:
         loud += f", strongest quiet finger {click.quiet.high_db:z.1f} dB at most"
     if not click.achieved:
         loud += " - NOT ACHIEVED, the best possible"
     bound = "no bound is known"
     if math.isfinite(click.bound_db):
-        bound = f"no click of its tones passes {click.bound_db:z.2f} dB ({click.gap_db:.2f} dB are open)"
+        bound = f"upper bound for its tones {click.bound_db:z.2f} dB (gap {click.gap_db:.2f} dB)"
     return [
         loud,
         f"threshold passed: {_passed_words(click)}; last peak at {1e3 * click.peak_s:.1f} ms; "
-        f"from {1e3 * click.residual_from_s:g} ms on felt fingers keep to {click.residual_db:z.1f} dB (nominal plant)",
+        f"from {1e3 * click.residual_from_s:g} ms felt fingers stay below {click.residual_db:z.1f} dB (nominal plant)",
         f"maximised: {click.objective}; in the mean of the plants it is optimised over, {bound}",
         f"played at {100 * click.amplitude:.1f} % of its waveform",
     ]
 
 
 def _passed_words(click: ClickEntry) -> str:
-    """When every felt finger has passed its threshold."""
+    """Time after which every felt finger has passed its threshold, in words."""
     if click.wanted_level_db < min(click.exceeds_s):
         return f"not known below {min(click.exceeds_s):g} dB"
     passed_s = click.exceeds_at_s()
     return "never by a felt finger" if passed_s is None else f"after {1e3 * passed_s:.1f} ms"
 
 
-def _spread_grid(click: ClickEntry, judged: int) -> Grid:
-    grid = Grid("dB above threshold", "nominal", *_PERCENTILES, caption=f"so many of {judged} fresh plants are below")
+def _spread_grid(click: ClickEntry, evaluated: int) -> Grid:
+    grid = Grid("dB above threshold", "nominal", *_PERCENTILES, caption=f"percentiles over {evaluated} sampled plants")
     sides = {"weakest felt finger": click.felt, "strongest quiet finger": click.quiet}
     for name, spread in sides.items():
         if spread is not None:
@@ -159,17 +162,21 @@ def _spread_grid(click: ClickEntry, judged: int) -> Grid:
 
 def _zone_grid(table: Table, click: ClickEntry) -> Grid:
     grid = Grid("zone", "state", "peak m/s²", "level dB", caption="nominal plant")
-    for zone, state, promise in zip(table.device.zones, click.states, click.zones, strict=True):
+    for zone, state, predicted in zip(table.device.zones, click.states, click.zones, strict=True):
         shown = ("", "")
-        if promise is not None:
-            shown = f"{promise.acceleration_at_finger_m_per_s2:.2f}", f"{promise.level_db:z.1f}"
+        if predicted is not None:
+            shown = f"{predicted.acceleration_at_finger_m_per_s2:.2f}", f"{predicted.level_db:z.1f}"
         grid.add_row(zone.name, state.name.lower(), *shown)
     return grid
 
 
 def _softer_grid(softer: Sequence[ClickEntry]) -> Grid:
     grid = Grid(
-        "played softer", "amplitude", "quiet 95 % dB", "threshold passed", caption="a dB softer is a dB quieter"
+        "played softer",
+        "amplitude",
+        "quiet 95 % dB",
+        "threshold passed",
+        caption="quiet fingers get softer by as much",
     )
     for each in softer:
         quiet = "" if each.quiet is None else f"{each.quiet.high_db:z.1f}"
@@ -209,8 +216,8 @@ def _option_words(options: ClickOptions, spread: Spread) -> str:
     return (
         f"{lengths} ms, {wanted}, quiet fingers at {options.quiet_db:g} dB at most in 95 % of the plants, {brake}, "
         f"{slew}, tones {1 / options.crowding:g}/length apart; optimised over {options.scenarios} plants, "
-        f"trimmed on {options.trimmed}, judged by {options.judged} others (seed {options.seed}); standard deviations "
-        f"of stiffness {100 * spread.stiffness:g} % and mass {100 * spread.mass:g} %, finger within "
+        f"trimmed on {options.trimmed}, evaluated on {options.judged} others (seed {options.seed}); standard "
+        f"deviations of stiffness {100 * spread.stiffness:g} % and mass {100 * spread.mass:g} %, finger within "
         f"{100 * spread.finger:g} % and {1e3 * spread.finger_position_m:g} mm"
     )
 
@@ -219,15 +226,6 @@ def _spread_json(spread: LevelSpread | Levels | None) -> dict[str, float] | None
     if spread is None:
         return None
     return {"nominal": spread.nominal_db, **{name: getattr(spread, key) for name, key in _PERCENTILES.items()}}
-
-
-def _zone_json(name: str, state: ZoneState, promise: ClickZone | None) -> dict[str, Any]:
-    return {
-        "name": name,
-        "state": state.name.lower(),
-        "acceleration_at_finger_m_per_s2": None if promise is None else promise.acceleration_at_finger_m_per_s2,
-        "level_db": None if promise is None else promise.level_db,
-    }
 
 
 def _rival_json(rival: Rival) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A click and the plants that it may meet to what every finger feels of it, over time."""
+"""Time course of a click: the weighted acceleration of every finger, in the nominal and in the sampled plants."""
 
 from dataclasses import dataclass
 
@@ -20,9 +20,9 @@ Array = NDArray[np.float64]
 class Course:
     """A click over time, as it is played.
 
-    time_s (time,); displacement (actuator, time): fractions of full scale; weighted (plant, finger, time):
-    acceleration over the detection threshold, in the nominal plant, then in those that the table's figures are of,
-    which nothing was optimised over. Fingers in the order of their zones (indices).
+    time_s has the shape (time,); displacement (actuator, time) is in fractions of full scale; weighted (plant, finger,
+    time) is acceleration over the detection threshold. The nominal plant is first; the sampled plants follow, on which
+    the table's figures were evaluated and nothing was optimised. Fingers are in the order of their zones (indices).
     """
 
     click: ClickEntry
@@ -32,23 +32,23 @@ class Course:
     weighted: Array
 
     def fingers(self, kind: ZoneState) -> list[int]:
-        """Which fingers are felt, or quiet."""
+        """Indices of the felt, or of the quiet fingers."""
         return [finger for finger, zone in enumerate(self.zones) if self.click.states[zone] is kind]
 
     def peaks_db(self, finger: int) -> tuple[float, float, float, float]:
-        """Peak under one finger, dB above threshold: nominal, and what 5, 50 and 95 % of the sampled plants keep to."""
+        """Peak under one finger, dB above threshold: nominal, then 5th, 50th and 95th percentile over plants."""
         peak_db = decibels(abs(self.weighted[:, finger]).max(axis=1))
         low, middle, high = np.percentile(peak_db[1:], (5, 50, 95)).tolist()
         return float(peak_db[0]), low, middle, high
 
     def fan(self, finger: int) -> Array:
-        """Shape (3, time): 5, 50 and 95 % of the sampled plants lie below, at each instant."""
+        """5th, 50th and 95th percentile over the sampled plants at each instant, shape (3, time)."""
         percentiles: Array = np.percentile(self.weighted[1:, finger], (5, 50, 95), axis=0)
         return percentiles
 
 
 def compute_course(source: ClickSource, click: ClickEntry) -> Course:
-    """The course of a click of the source's device."""
+    """Compute the time course of a click of the source's device."""
     zones = touched_zones(click.states)
     wave = played_displacement(click).T
     responses = source.solver.plants_of(zones).evaluated

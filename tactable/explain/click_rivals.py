@@ -1,4 +1,4 @@
-"""A click to the waveforms that other objectives give for its state and length, judged on the same plants."""
+"""Rivals of a click: the waveforms of other objectives for its state and length, evaluated on the same plants."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ _TIE_DB = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """A waveform as loud as limits and quiet level allow; `lost_by` says what it is short of."""
+    """A waveform as loud as limits and quiet level allow; `lost_by` says by how much it is worse."""
 
     name: str
     click: Click
@@ -20,13 +20,13 @@ class Rival:
 
 
 def solve_rivals(source: ClickSource, click: ClickEntry) -> list[Rival]:
-    """Every baseline against a click, as strong as it is."""
-    judged = {name: judge_rival(source, click, name) for name in BASELINES}
-    return [Rival(name, rival, _lost_by(click, rival)) for name, rival in judged.items()]
+    """Evaluate every baseline against a click at full strength."""
+    rivals = {name: evaluate_rival(source, click, name) for name in BASELINES}
+    return [Rival(name, rival, _lost_by(click, rival)) for name, rival in rivals.items()]
 
 
-def judge_rival(source: ClickSource, click: ClickEntry, name: str) -> Click:
-    """The baseline of that name, of the click's state and length."""
+def evaluate_rival(source: ClickSource, click: ClickEntry, name: str) -> Click:
+    """Solve and evaluate the baseline of that name for the click's state and length."""
     waveform = BASELINES[name](source.solver, click.states, click.length_s)
     return source.solver.evaluate(click.states, click.length_s, waveform, name)
 

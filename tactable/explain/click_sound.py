@@ -1,4 +1,4 @@
-"""A click to a listening file: what every finger feels of it in the nominal plant, as sound."""
+"""Sound of a click: the acceleration of every finger in the nominal plant, as a .wav file."""
 
 import wave
 from dataclasses import dataclass
@@ -23,9 +23,9 @@ Array = NDArray[np.float64]
 
 SOUND_RATE_HZ = 48_000
 PAUSE_S = 0.5
-"""Between one finger and the next."""
+"""Pause between one finger and the next."""
 LOUDEST = 0.9 * 32_767
-"""Of a sample: converters overshoot between samples."""
+"""Greatest sample: converters overshoot between samples."""
 _CHANNEL_NAMES = {1: "one after another", 2: "felt left, quiet right"}
 
 
@@ -35,9 +35,9 @@ class SoundError(TactableError):
 
 @dataclass(frozen=True, eq=False)
 class Sound:
-    """samples (time, channel) at SOUND_RATE_HZ, all scaled alike: LOUDEST is `loudest_value`.
+    """Samples (time, channel) at SOUND_RATE_HZ with one scale: LOUDEST stands for `loudest_value`.
 
-    order: names of the zones as they are heard, those of the channels side by side.
+    `order` names the zones in the order of hearing, or of the channels.
     """
 
     samples: NDArray[np.int16]
@@ -47,7 +47,7 @@ class Sound:
 
     @property
     def words(self) -> str:
-        """What is heard, in a line."""
+        """Description in one line."""
         if self.is_weighted:
             heard = f"acceleration weighted by the detection threshold, greatest {self.loudest_value:.3g} times it"
         else:
@@ -64,7 +64,7 @@ def check_sound_path(path: Path) -> None:
 
 
 def make_sound(device: Device, click: ClickEntry, *, is_weighted: bool, is_stereo: bool) -> Sound:
-    """Felt fingers, then quiet ones, a pause between; or the felt one left and the quiet one right.
+    """Make the sound of felt fingers, then of quiet ones, a pause between; in stereo felt is left and quiet right.
 
     Raises SoundError for stereo of other than one felt and one quiet finger.
     """
@@ -83,9 +83,9 @@ def make_sound(device: Device, click: ClickEntry, *, is_weighted: bool, is_stere
 
 
 def compute_felt(device: Device, click: ClickEntry, *, is_weighted: bool) -> Array:
-    """Acceleration (time, finger) at SOUND_RATE_HZ in m/s^2, or over threshold, in the nominal plant and ringing out.
+    """Simulate the acceleration (time, finger) at SOUND_RATE_HZ, in m/s^2 or over threshold, until it has died down.
 
-    Fingers in the order of their zones, each in the middle of its own.
+    The plant is the nominal one; fingers are in the order of their zones, each in the middle of its own.
     """
     zones = [device.zones[zone] for zone in touched_zones(click.states)]
     places_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in zones])
@@ -102,7 +102,7 @@ def compute_felt(device: Device, click: ClickEntry, *, is_weighted: bool) -> Arr
 
 
 def sound_json(sound: Sound) -> dict[str, object]:
-    """What is heard, for machines; `loudest_value` over threshold or in m/s^2."""
+    """Description as plain values; `loudest_value` is over threshold or in m/s^2."""
     return {
         "zones": list(sound.order),
         "channels": sound.samples.shape[1],
@@ -114,7 +114,7 @@ def sound_json(sound: Sound) -> dict[str, object]:
 
 
 def write_sound(sound: Sound, path: Path) -> None:
-    """Write it as PCM of 16 bits."""
+    """Write a .wav file of 16-bit PCM."""
     with wave.open(str(path), "wb") as file:
         file.setnchannels(sound.samples.shape[1])
         file.setsampwidth(sound.samples.dtype.itemsize)

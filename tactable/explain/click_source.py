@@ -1,4 +1,4 @@
-"""A table and a state to its click: the table's own, or solved when it is asked for, by the table's options."""
+"""Source of clicks: the table's own click of a state, or one that is solved now with the table's options."""
 
 import json
 from dataclasses import fields
@@ -15,24 +15,24 @@ from precompute.entries.prediction import States
 
 
 class ClickSource:
-    """The clicks of a table's device, and the solver that judges them as the table's were judged."""
+    """Clicks of a table's device, and the solver that evaluates them as the table's were evaluated."""
 
     def __init__(self, table: Table) -> None:
         self.table = table
         self.options = read_click_options(table)
-        """What the table's clicks were made with; the defaults where it has none."""
+        """Options of the table's clicks; the defaults where it has no clicks."""
 
     @cached_property
     def solver(self) -> ClickSolver:
-        """Of the table's device and options; its plants take a second."""
+        """Solver for the table's device and options; its plants take a second."""
         return ClickSolver(self.table.device, self.options)
 
     def holds(self, states: States) -> bool:
-        """Whether the table has the click of a state; else `solve_click` takes seconds."""
+        """Whether the table has the click of a state; otherwise `solve_click` takes seconds."""
         return self.table.click_at(state_index(states), inf) is not None
 
     def solve_click(self, states: States) -> ClickEntry:
-        """The click of any state, as strong as it is; raises TableError where no finger is felt."""
+        """The click of any state at full strength. Raises TableError where no finger is felt."""
         if ZoneState.FELT not in states:
             raise TableError(f"{self.table.path}: a click is for felt fingers: name at least one, such as --felt I")
         own = self.table.click_at(state_index(states), inf)
@@ -43,7 +43,7 @@ class ClickSource:
 
 
 def read_click_options(table: Table) -> ClickOptions:
-    """The attribute `click_options`; raises TableError for options that this program does not know."""
+    """Read the attribute `click_options`. Raises TableError for options that this program does not know."""
     text = table.attributes.get("click_options")
     if text is None:
         return DEFAULT_OPTIONS

@@ -1,4 +1,4 @@
-"""A state to its clicks of several lengths, and optimised over several numbers of plants."""
+"""Study of one state: clicks of several lengths, and clicks that are optimised over several numbers of plants."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +11,7 @@ from precompute.entries.prediction import States
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Clicks of one state: `by_length` with the scenarios of the options, `by_scenarios` with their first length."""
+    """Clicks of one state: `by_length` has the scenarios of the options, `by_scenarios` their first length."""
 
     device: Device
     states: States
@@ -21,7 +21,7 @@ class Study:
 
     @cached_property
     def clicks(self) -> tuple[tuple[str, float, int, Click], ...]:
-        """Every click with the name of what was varied, its length and its scenarios."""
+        """Every click with the name of the varied option, its length and its scenarios."""
         lengths = [("length", length_s, self.options.scenarios, c) for length_s, c in self.by_length.items()]
         counts = [("scenarios", self.options.lengths_s[0], count, c) for count, c in self.by_scenarios.items()]
         return (*lengths, *counts)
@@ -34,11 +34,11 @@ def run_study(
     lengths_s: Sequence[float],
     scenarios: Sequence[int],
     options: ClickOptions = DEFAULT_OPTIONS,
-    told: Callable[[float], None],
+    on_progress: Callable[[float], None],
 ) -> Study:
-    """Solve a state at every length and with every number of scenarios, judged on the same fresh plants.
+    """Solve a state at every length and with every number of scenarios, evaluated on the same sampled plants.
 
-    `told` the fraction done.
+    `on_progress` gets the fraction done.
     """
     usual = (options.lengths_s[0], options.scenarios)
     wanted = dict.fromkeys([(length_s, usual[1]) for length_s in lengths_s] + [(usual[0], n) for n in scenarios])
@@ -46,7 +46,7 @@ def run_study(
     for length_s, count in wanted:
         asked = replace(options, lengths_s=(length_s,), scenarios=count)
         solved[length_s, count] = ClickSolver(device, asked).solve(states)
-        told(len(solved) / len(wanted))
+        on_progress(len(solved) / len(wanted))
     return Study(
         device=device,
         states=states,

@@ -1,6 +1,5 @@
-"""A difference of two tables as a page for people or values for machines."""
+"""Comparison of two tables, as a page or as JSON."""
 
-import math
 from dataclasses import asdict
 from typing import Any
 
@@ -9,6 +8,7 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from engine.device.values import Change, Value, number_of
+from engine.plain import to_plain
 from engine.table.diff import FigureChange, PartDiff, StateChange, TableDiff, describe
 
 _SHOWN, _FIGURES, _NAMED, _LONGEST = 8, 3, 3, 40
@@ -17,38 +17,32 @@ _UNIT_OF = {"db": "dB", "hz": "Hz", "rad": "rad", "s": "s"}
 
 
 def diff_json(found: TableDiff) -> dict[str, Any]:
-    """Everything as plain values; what is infinite is None."""
+    """The comparison as plain values for JSON; infinite values are None."""
     tolerance = found.tolerance
-    return {
-        "differs": found.differs,
-        "limit": {"level_db": tolerance.level_db, "percent": 100 * tolerance.ratio},
-        "notes": found.notes,
-        "device": [_change_json(change) for change in found.device],
-        "options": [_change_json(change) for change in found.options],
-        "provenance": [_change_json(change) for change in found.provenance],
-        "response_percent": found.response_percent,
-        "arrays": found.arrays,
-        "entries": _part_json(found.entries),
-        "clicks": _part_json(found.clicks),
-    }
+    changes = {key: getattr(found, key) for key in ("device", "options", "provenance")}
+    values: dict[str, Any] = to_plain(
+        {
+            **{key: getattr(found, key) for key in ("differs", "notes", "response_percent", "arrays")},
+            **{key: [{**asdict(each), "percent": each.percent} for each in part] for key, part in changes.items()},
+            "limit": {"level_db": tolerance.level_db, "percent": 100 * tolerance.ratio},
+            "entries": _part_json(found.entries),
+            "clicks": _part_json(found.clicks),
+        }
+    )
+    return values
 
 
 def short_diff_json(found: TableDiff) -> dict[str, Any]:
-    """The same without the states one by one: how many changed."""
+    """The comparison with the number of changed states in place of the states."""
     whole = diff_json(found)
     return whole | {part: whole[part] | {"changed": len(whole[part]["changed"])} for part in ("entries", "clicks")}
-
-
-def _change_json(change: Change) -> dict[str, Any]:
-    return {**asdict(change), "percent": change.percent}
 
 
 def _part_json(part: PartDiff) -> dict[str, Any]:
     return {
         "compared": part.compared,
         "largest": [
-            {"figure": figure.figure, "count": count, **_state_json(state), **_figure_json(figure)}
-            for count, state, figure in part.largest()
+            {"count": count, **_state_json(state), **_figure_json(figure)} for count, state, figure in part.largest()
         ],
         "changed": [
             {**_state_json(state), "figures": [_figure_json(figure) for figure in state.figures]}
@@ -60,21 +54,15 @@ def _part_json(part: PartDiff) -> dict[str, Any]:
 
 
 def _state_json(state: StateChange) -> dict[str, Any]:
-    level_db = None if state.level_db is None else _finite(state.level_db)
-    return {"felt": state.felt, "quiet": state.quiet, "level_db": level_db}
+    return {"felt": state.felt, "quiet": state.quiet, "level_db": state.level_db}
 
 
 def _figure_json(figure: FigureChange) -> dict[str, Any]:
-    values = {"figure": figure.figure, "before": _finite(figure.before), "after": _finite(figure.after)}
-    return {**values, "size": _finite(figure.size), "unit": figure.unit}
-
-
-def _finite(value: Value) -> Value:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return {**asdict(figure), "unit": figure.unit}
 
 
 def print_diff(out: Console, found: TableDiff) -> None:
-    """The verdict first, then what the tables are of, then the figures, the worst of each part."""
+    """Print whether the tables differ, then device and provenance, then the figures that changed most."""
     tolerance = found.tolerance
     limit = f"beyond {tolerance.level_db:g} dB, {100 * tolerance.ratio:.2g} % and a step of frequency"
     _line(out, f"the tables {'differ' if found.differs else f'are the same: nothing changed {limit}'}")
@@ -92,7 +80,7 @@ def print_diff(out: Console, found: TableDiff) -> None:
 
 
 def print_short_diff(out: Console, found: TableDiff) -> None:
-    """What changed in the device, how many entries and clicks did, and where each of their figures did most."""
+    """Print what changed in the device, and for each figure of entries and clicks where it changed most."""
     for change in found.device:
         if not change.key.startswith(_UNCERTAINTY):
             _line(out, f"device: {_change_text(change)}")

@@ -1,6 +1,5 @@
-"""An entry to a page for people or values for machines: drive, promise, worst case, and the alternatives that lost."""
+"""Explanation of an entry, as a page or as JSON: drive, prediction, worst case, and the alternatives that lost."""
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,55 +13,45 @@ from engine.table.entry import EntrySpread
 from precompute.entries.alternatives import Alternative
 from precompute.entries.prediction import SHARES, objective_value
 from precompute.sampling.fingers import SAMPLES
+from tactable.explain.words import level_text, state_text
+
+_DRIVE = ("frequencies_hz", "amplitudes", "phases_rad")
+_OWN = ("wanted_level_db", "achieved", "objective", "upper_bound", "optimality_gap_db", "limited_by", "worst_case")
+_COMPARED = ("family", "level_db", "localized_factor", "contrast_db", "expected_contrast_db", "t90_s")
 
 
 def entry_json(table: Table, entry: Entry, alternatives: Sequence[Alternative]) -> dict[str, Any]:
     """The entry as plain values for JSON; infinite levels are None."""
-    return to_plain(
+    values: dict[str, Any] = to_plain(
         {
             "device": table.device.name,
             "fingerprint": table.fingerprint,
             "state": entry.index,
-            "wanted_level_db": entry.wanted_level_db,
-            "drive": _drive_json(entry),
-            "family": entry.family,
-            "achieved": entry.achieved,
-            "level_db": entry.level_db,
-            "localized_factor": entry.localized_factor,
-            "objective": entry.objective,
             "objective_value": objective_value(entry),
-            "upper_bound": entry.upper_bound,
-            "optimality_gap_db": entry.optimality_gap_db,
-            "contrast_db": entry.contrast_db,
-            "expected_contrast_db": entry.expected_contrast_db,
-            "t90_s": entry.t90_s,
-            "limited_by": entry.limited_by,
-            "worst_case": {**to_plain(entry.worst_case), "fingers": SAMPLES},
+            **{key: getattr(entry, key) for key in _OWN},
+            **_compared(entry),
             "spread": entry.spread and {**to_plain(entry.spread), "over": str(table.attributes["spread_over"])},
             "zones": [{**to_plain(zone), "state": zone.state.name.lower()} for zone in entry.zones],
             "alternatives": [
-                {
-                    "name": rival.name,
-                    "lost_by": rival.lost_by,
-                    "drive": _drive_json(rival.entry),
-                    "family": rival.entry.family,
-                    "level_db": rival.entry.level_db,
-                    "localized_factor": rival.entry.localized_factor,
-                    "contrast_db": rival.entry.contrast_db,
-                    "expected_contrast_db": rival.entry.expected_contrast_db,
-                    "t90_s": rival.entry.t90_s,
-                }
-                for rival in alternatives
+                {"name": rival.name, "lost_by": rival.lost_by, **_compared(rival.entry)} for rival in alternatives
             ],
             "estimated": [*table.device.inferred, "detection threshold"],
         }
     )
+    values["worst_case"]["fingers"] = SAMPLES
+    return values
+
+
+def _compared(entry: Entry) -> dict[str, Any]:
+    """The drive of an entry and the figures by which entries are compared."""
+    return {"drive": {key: getattr(entry, key) for key in _DRIVE}, **{key: getattr(entry, key) for key in _COMPARED}}
 
 
 def print_entry(out: Console, table: Table, entry: Entry, alternatives: Sequence[Alternative]) -> None:
-    """The same as a page."""
+    """Print the drive, its prediction for every finger, the worst case, and the alternatives."""
     device, worst = table.device, entry.worst_case
-    out.print(f"{device.name}, {_state_words(entry)}: {entry.family}, {_wanted_words(entry)}", markup=False)
+    state = state_text(device, [zone.state for zone in entry.zones])
+    out.print(f"{device.name}, {state}: {entry.family}, {level_text(entry.wanted_level_db)} wanted", markup=False)
     for line in _drive_lines(device, entry):
         out.print(f"  {line}", markup=False, highlight=False)
     level = f"weakest felt finger {entry.level_db:.1f} dB above threshold"
@@ -96,24 +85,7 @@ def print_entry(out: Console, table: Table, entry: Entry, alternatives: Sequence
 def _spread_words(table: Table, spread: EntrySpread) -> str:
     parts = (("felt", spread.felt), ("quiet", spread.quiet), ("contrast", spread.contrast))
     words = [f"{name} {p.low_db:.1f}, {p.middle_db:.1f}, {p.high_db:.1f} dB" for name, p in parts if p is not None]
-    return f"5, 50 and 95 % of cases lie below: {'; '.join(words)} ({table.attributes['spread_over']})"
-
-
-def _drive_json(entry: Entry) -> dict[str, Any]:
-    return {key: getattr(entry, key) for key in ("frequencies_hz", "amplitudes", "phases_rad")}
-
-
-def _state_words(entry: Entry) -> str:
-    words = []
-    for kind in ("felt", "quiet"):
-        names = [zone.name for zone in entry.zones if zone.state.name.lower() == kind]
-        if names:
-            words.append(f"{kind} {', '.join(names)}")
-    return ", ".join(words)
-
-
-def _wanted_words(entry: Entry) -> str:
-    return "full scale" if math.isinf(entry.wanted_level_db) else f"{entry.wanted_level_db:g} dB wanted"
+    return f"5th, 50th and 95th percentile of the sampled cases: {'; '.join(words)} ({table.attributes['spread_over']})"
 
 
 def _bound_words(entry: Entry) -> str:
@@ -122,7 +94,7 @@ def _bound_words(entry: Entry) -> str:
         return "for all but the worst 5 % of the sampled cases: no bound is claimed"
     digits, unit = (4, "") if entry.objective in SHARES else (2, " dB")
     reached, bound = f"{value:.{digits}f}{unit}", f"{entry.upper_bound:.{digits}f}{unit}"
-    return f"{reached} reached, no drive passes {bound} ({entry.optimality_gap_db:.2f} dB are open)"
+    return f"{reached} reached, upper bound {bound} (gap {entry.optimality_gap_db:.2f} dB)"
 
 
 def _drive_lines(device: Device, entry: Entry) -> list[str]:
@@ -139,11 +111,7 @@ def _drive_lines(device: Device, entry: Entry) -> list[str]:
 def _zone_grid(entry: Entry) -> Grid:
     grid = Grid("zone", "state", "share", "peak m/s²", "at mm", "finger m/s²", "level dB", "range dB")
     for zone in entry.zones:
-        at_finger, level, ends = (
-            zone.acceleration_at_finger_m_per_s2,
-            zone.sensation_level_db,
-            zone.sensation_level_range_db,
-        )
+        at_finger, ends = zone.acceleration_at_finger_m_per_s2, zone.sensation_level_range_db
         grid.add_row(
             zone.name,
             zone.state.name.lower(),
@@ -151,7 +119,7 @@ def _zone_grid(entry: Entry) -> Grid:
             f"{zone.peak_acceleration_m_per_s2:.2f}",
             f"{1e3 * zone.peak_position_m:.1f}",
             "" if at_finger is None else f"{at_finger:.3f}",
-            "" if level is None else f"{level:.1f}",
+            "" if zone.sensation_level_db is None else f"{zone.sensation_level_db:.1f}",
             "" if ends is None else f"{ends[0]:.1f} to {ends[1]:.1f}",
         )
     return grid

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from engine.table import ClickEntry
 from precompute.clicks import Click
-from tactable.explain.click_rivals import judge_rival
+from tactable.explain.click_rivals import evaluate_rival
 from tactable.explain.click_source import ClickSource
 from tactable.figures.click import SPREAD_NOTE
 from tactable.figures.file import Picture
@@ -95,7 +95,7 @@ def _solve_cells(source: ClickSource, names: Sequence[str], on_progress: Callabl
     for felt, quiet in pairs:
         states = source.table.states_of([names[felt]], [names[quiet]] if quiet != felt else [])
         click = source.solve_click(states)
-        solved[felt, quiet] = Cell(click, judge_rival(source, click, GATED), source.holds(states))
+        solved[felt, quiet] = Cell(click, evaluate_rival(source, click, GATED), source.holds(states))
         on_progress(len(solved) / len(pairs))
     return [[solved[felt, quiet] for quiet in range(len(names))] for felt in range(len(names))]
 

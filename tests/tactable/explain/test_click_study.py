@@ -26,7 +26,7 @@ def study(source: ClickSource, told: list[float]) -> Study:
         lengths_s=(0.01, 0.02),
         scenarios=(2, 4),
         options=CHEAP,
-        told=told.append,
+        on_progress=told.append,
     )
 
 
@@ -69,7 +69,7 @@ def test_a_finger_alone_has_no_quiet_side(source: ClickSource) -> None:
         lengths_s=(0.02,),
         scenarios=(2,),
         options=CHEAP,
-        told=list[float]().append,
+        on_progress=list[float]().append,
     )
     picture = plot_click_study(alone)
     assert picture.columns["quiet level, 95 % (dB above threshold)"] == [None, None]
