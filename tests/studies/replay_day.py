@@ -26,6 +26,7 @@ from engine.touch.sources.recording import Recording, Report, read_recording
 from firmware_link.emulator import Cause, DeviceConfiguration, DeviceCounters, EmulatedFirmware
 from firmware_link.host.link import Link
 from firmware_link.host.session import Session
+from tactable.shipped import DEMO_RECORDING
 from tests.engine.made_entries import LEVEL_DB, entry_of, felt_states
 from tests.engine.shared_recordings import RECORDINGS
 
@@ -228,7 +229,7 @@ def main() -> None:
     parser.add_argument("--hours", type=float, default=24.0)
     parser.add_argument("--figure", type=Path)
     arguments = parser.parse_args()
-    paths = sorted((RECORDINGS / "touch").glob("*.hid")) or [ROOT / "tactable" / "demo.hid"]
+    paths = sorted((RECORDINGS / "touch").glob("*.hid")) or [DEMO_RECORDING]
     recordings = usable(paths)
     day = replay(recordings, 3600 * arguments.hours, max(24, 2 * len(recordings)))
     found: dict[str, Any] = asdict(day)

@@ -1,17 +1,14 @@
 """Minutes of the day that `replay_day` plays: memory stays, no lease runs out, nothing is collected."""
 
-from pathlib import Path
-
 import pytest
 
 from engine.touch.sources.recording import read_recording
+from tactable.shipped import DEMO_RECORDING
 from tests.studies.replay_day import replay
-
-DEMO = Path(__file__).parents[2] / "tactable" / "demo.hid"
 
 
 def test_memory_stays_no_lease_runs_out_and_nothing_is_collected() -> None:
-    day = replay([read_recording(DEMO)], 120.0, pieces=6)
+    day = replay([read_recording(DEMO_RECORDING)], 120.0, pieces=6)
     assert day.reports > 9_000
     assert day.commands > 200
     assert day.renewals > 1_000

@@ -24,10 +24,8 @@ def test_every_ordered_pair_is_compared_as_the_solvers_say() -> None:
     evaluation = ClickSolver(COARSE, CHEAP).solve(states("F-q")).evaluation
     row = pairs["I", "III"]
     assert evaluation.quiet is not None
-    assert (row["click"]["felt_db"]["low_db"], row["click"]["quiet_db"]["high_db"]) == (
-        evaluation.felt.low_db,
-        evaluation.quiet.high_db,
-    )
+    found = (row["click"]["felt_db"]["low_db"], row["click"]["quiet_db"]["high_db"])
+    assert found == pytest.approx((evaluation.felt.low_db, evaluation.quiet.high_db), abs=1e-3)  # single precision
     for way in ("gated", "paper"):
         assert all(row[way]["felt_db"]["low_db"] < row["click"]["felt_db"]["low_db"] + 0.5 for row in pairs.values())
         assert result["summary"][way]["least_felt_db"] == min(r[way]["felt_db"]["low_db"] for r in pairs.values())
