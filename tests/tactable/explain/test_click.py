@@ -86,7 +86,7 @@ def test_the_page_says_everything(source: ClickSource) -> None:
         f"after {1e3 * passed_s:.1f} ms",
         f"last peak at {1e3 * click.peak_s:.1f} ms",
         f"upper bound for its tones {click.bound_db:z.2f} dB",
-        "optimised over 4 plants, trimmed on 10, judged by 20 others",
+        "optimised over 4 plants, trimmed on 10, evaluated on 20 others",
         "ESTIMATES",
     ):
         assert part in page
