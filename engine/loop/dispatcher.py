@@ -26,7 +26,7 @@ class Dispatcher:
         self._now_ns = now_ns
         self._records: list[CommandRecord] = []
         self._pending: CommandRecord | None = None
-        self._pending_at: int | None = None  # where the pending record is in the list; None: it was told as WAITING
+        self._pending_at: int | None = None  # its place in the list; None: observers have it as WAITING
         self._sent_before = 0
 
     @property
@@ -38,11 +38,6 @@ class Dispatcher:
     def is_sent(self) -> bool:
         """Whether the link has encoded the pending command for the port."""
         return self._pending is not None and self.session.link.counters.sent != self._sent_before
-
-    @property
-    def click_is_pending(self) -> bool:
-        """Whether the pending command is a click's."""
-        return self._pending is not None and self._pending.is_click
 
     def hand_over(self, command: Command) -> Fate:
         """Hand a command to the link in place of one not sent yet; SAME where the device holds it already.
@@ -69,7 +64,7 @@ class Dispatcher:
 
     def resume(self) -> None:
         """Hand what is to play by now to a device that was armed again; a click that was not sent is over."""
-        if self.click_is_pending:
+        if self._pending is not None and self._pending.is_click:
             self.settle()
         if self.held != SILENCE or self._pending is not None:
             self.held.hand_to(self.session.link)

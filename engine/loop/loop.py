@@ -1,13 +1,13 @@
 """The loop: one thread that waits once for touches, the link and time, and runs the pipeline for each report.
 
 One pass is: wait; read every report that is there and run the pipeline on it; let time act; write the newest command;
-take in what the device says; look for a new table; tell the observer. The order carries the guarantees:
+take in what the device says; look for a new table; notify the observer. The order carries the guarantees:
 
 - *Latest wins.* After a stall the ring of hidraw holds up to 63 reports. All are taken before anything is written, so a
   device gets one fresh command and no stale ones.
 - *Write before read.* A fresh command does not wait for the parsing of what the device says.
 - *Time after reports.* What is due before a report is taken before it; what is due now is taken after the last one.
-- *Nothing is told before the write.* Records go to the observer at the end of the pass.
+- *Observe after the write.* Records go to the observer at the end of the pass.
 
 The loop allocates little, logs nothing and catches no broad error: it counts. One thread, because another Python thread
 in this process would hold the interpreter for up to 10 ms.
@@ -86,7 +86,7 @@ def connect(session: Session, clock: Clock) -> Capabilities:
 class Loop:
     """Runs the touches of one source through one pipeline to one link that `connect` made ready.
 
-    `observer` is told a record for each report and each change that time brought. With `reconnect` a device that
+    `observer` gets a record for each report and each change that time brought. With `reconnect` a device that
     stopped itself is greeted and armed again; with `reopening` a lost port is waited for while touches are read
     (`engine.loop.reconnect`). With `updates` the loop changes to each table that comes; `bank_data` are the bytes of
     the bank that the link is configured with (`engine.loop.table_swap`).
@@ -128,7 +128,7 @@ class Loop:
                 self._keep_link(readable)
                 if self._swap is not None:
                     self._swap.look(readable)
-                self._tell()
+                self._notify()
             self._silence()
             self._stop()
         except LinkError:
@@ -136,7 +136,7 @@ class Loop:
             raise
         finally:
             self._dispatcher.settle()
-            self._tell()
+            self._notify()
 
     def _is_over(self, stop: StopRequest | None) -> bool:
         return (stop is not None and stop.is_set()) or (self._source.ended and self._pipeline.is_at_rest)
@@ -204,8 +204,8 @@ class Loop:
         values = (stamps_ns, report_index, report, frame, state, level_db, is_click, touches, drive, fate, None)
         dispatcher.note(_new(CommandRecord, values))
 
-    def _tell(self) -> None:
-        """The records of the pass, after its command was written."""
+    def _notify(self) -> None:
+        """Give the records of the pass to the observer, after its command was written."""
         counters, pipeline, observer = self.counters, self._pipeline, self._observer
         records = self._dispatcher.take_records()
         counters.replaced = self._session.link.counters.coalesced
@@ -213,7 +213,7 @@ class Loop:
         counters.frames, counters.lost_frames = digitizer.frames, digitizer.lost_frames
         if observer is not None:
             for record in records:
-                observer.tell(record, counters)
+                observer.observe(record, counters)
 
     # ---- writing ----
 

@@ -1,9 +1,9 @@
-"""The record of each report and its command, and the observers that a loop tells it to.
+"""The record of each report and its command, and the observers that get it: trace, latency, scan times, ring.
 
-The loop tells its observer at the end of each pass, after the command of the pass is written: observing never delays a
+The loop calls its observer at the end of each pass, after the command of the pass is written: observing never delays a
 command. Each report gives one record, and so does each change that time alone brings. Where the command of a record is
-still waiting at the end of the pass (the line was busy), the record is told as WAITING, and once more, without report
-and frame, when the command is written or replaced.
+still waiting at the end of the pass (the line was busy), the record comes as WAITING, and once more, without
+report and frame, when the command is written or replaced.
 """
 
 from collections.abc import Sequence
@@ -86,9 +86,9 @@ class LoopCounters:
 
 
 class Observer(Protocol):
-    """What a loop tells its records to."""
+    """The receiver of a loop's records."""
 
-    def tell(self, record: CommandRecord, counters: LoopCounters) -> None:
+    def observe(self, record: CommandRecord, counters: LoopCounters) -> None:
         """Take one record; it is a value and may be kept. `counters` are the loop's own and go on counting."""
 
 
@@ -96,18 +96,18 @@ class Observers:
     """Several observers as one."""
 
     def __init__(self, *observers: Observer | None) -> None:
-        self._tells = [observer.tell for observer in observers if observer is not None]
+        self._calls = [observer.observe for observer in observers if observer is not None]
 
-    def tell(self, record: CommandRecord, counters: LoopCounters) -> None:
-        """Tell each of them, in order."""
-        for tell in self._tells:
-            tell(record, counters)
+    def observe(self, record: CommandRecord, counters: LoopCounters) -> None:
+        """Call each of them, in order."""
+        for observe in self._calls:
+            observe(record, counters)
 
 
 class Trace(list[CommandRecord]):
     """Every change of what is wanted, in order, once the fate of its command is known."""
 
-    def tell(self, record: CommandRecord, counters: LoopCounters) -> None:  # noqa: ARG002  # an Observer
+    def observe(self, record: CommandRecord, counters: LoopCounters) -> None:  # noqa: ARG002  # an Observer
         """Keep a change."""
         if record.fate is not Fate.NONE and record.fate is not Fate.WAITING:
             self.append(record)
@@ -119,7 +119,7 @@ class Timing:
     def __init__(self) -> None:
         self.latency, self.scan_times = LatencyRecorder(), ScanTimes()
 
-    def tell(self, record: CommandRecord, counters: LoopCounters) -> None:  # noqa: ARG002  # an Observer
+    def observe(self, record: CommandRecord, counters: LoopCounters) -> None:  # noqa: ARG002  # an Observer
         """Record the stamps of a command that was written whole, and the frame's times where it has both."""
         stamps_ns, frame = record.stamps_ns, record.frame
         if stamps_ns[Stage.WRITTEN] and record.report_index is not None:

@@ -41,11 +41,6 @@ class Wanted(NamedTuple):
     click_ns: int | None
     """When the click began, on the source's time axis; None: what is felt is steady."""
 
-    @property
-    def is_click(self) -> bool:
-        """Whether a click is wanted, not a steady drive."""
-        return self.click_ns is not None
-
 
 NOTHING = Wanted(0, None, None)
 

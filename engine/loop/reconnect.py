@@ -51,7 +51,7 @@ class Reconnection:
         return latest_ns if attempt_ns is None else min(attempt_ns, latest_ns)
 
     def lose_port(self, error: LinkError, now_ns: int) -> None:
-        """Go on without the port; raises the error where nobody finds it again."""
+        """Go on without the port; raises the error where the port is not looked for."""
         if self._reopening is None:
             raise error
         self._counters.losses += 1

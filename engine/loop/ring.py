@@ -105,7 +105,7 @@ class RingWriter:
             os.close(descriptor)
         _HEAD.pack_into(self._memory, 0, MAGIC, REVISION, _SLOT_SIZE, slots, os.getpid(), 0)
 
-    def tell(self, record: CommandRecord, counters: LoopCounters) -> None:
+    def observe(self, record: CommandRecord, counters: LoopCounters) -> None:
         """Write a record, in place of the oldest where all slots are taken."""
         touches, drive, report = record.touches, record.drive, record.report
         count = min(len(touches), MOST_TOUCHES)

@@ -35,7 +35,7 @@ from tactable.shipped import cache_folder
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """How a run goes, beside what it runs."""
+    """Options of a run: rules, what the loop does about losses, real-time settings, the compiled step."""
 
     effects: Effects = DEFAULT_EFFECTS
     when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN
@@ -43,15 +43,15 @@ class LiveOptions:
     """A device that stopped itself is greeted and armed again; otherwise that ends the run."""
     bit_rate_hz: int = 115_200
     steps: tuple[Step, ...] = (Step.COLLECTOR,)
-    """What to ask of the machine while it runs: the loop makes no cycles, and to collect all that lives takes 0.1 s."""
+    """Real-time settings. The collector is off by default: the loop makes no cycles, and a collection takes 0.1 s."""
     processor: int | None = None
-    """For the affinity; None: the last."""
+    """The processor of the affinity; None: the last."""
     fast: ctypes.CDLL | None = None
-    """The compiled step from a report to its command, where the source has packets; None: the loop does all."""
+    """The compiled step, used where the source has packets; None: the Python loop answers all reports."""
 
 
 def fast_library() -> ctypes.CDLL | None:
-    """The compiled step, made when it is first asked for; None where it cannot be made here."""
+    """The compiled step, compiled at the first call; None where it cannot be compiled here."""
     try:
         return compile_fast_path(cache_folder())
     except FastPathError:
@@ -59,11 +59,11 @@ def fast_library() -> ctypes.CDLL | None:
 
 
 class Live:
-    """The engine between a source and a port: greeted and encoded when it is made, then `run`.
+    """The engine between a source and a port. Making one greets the device and encodes the table; `run` starts it.
 
     With `reopening` a run outlasts the loss of its port: the device is greeted and armed again once it is back. With
-    `watch`, which is told the device's capabilities, it changes to new tables. `observer` is told what happens beside
-    the run's own `timing`. The parts hold the counters, during the run and after it. Raises what they raise:
+    `watch`, called with the device's capabilities, it changes to new tables. `observer` gets the records of the run
+    beside its own `timing`. The parts hold the counters, during the run and after it. Raises what they raise:
     DigitizerError, DescriptorError, LinkError, LimitError, RendererError.
     """
 
@@ -88,9 +88,9 @@ class Live:
         self.bank, self.renderer = rendering.bank, rendering.renderer
         self.link = FastLink(rendering.configuration)
         self.no_fast_path = ""
-        """Why there is none, where one was asked for."""
+        """Why a fast path that was asked for cannot be had; "" otherwise."""
         self.outcomes: tuple[Outcome, ...] = ()
-        """What became of each real-time step, once it runs."""
+        """The outcome of each real-time step, once it runs."""
         self._options, self._clock = options, clock
         self._session = FastSession(self.link, port, clock.now_ns)
         self.fast_counters = self._session.fast_counters
@@ -120,7 +120,7 @@ class Live:
 
     @property
     def clicks(self) -> int:
-        """How many clicks the device holds."""
+        """Number of clicks that the device holds."""
         return 0 if self.bank is None else len(self.bank.waveforms)
 
     @property

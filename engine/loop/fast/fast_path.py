@@ -42,7 +42,7 @@ from engine.touch.sources import Source
 
 @runtime_checkable
 class PacketSource(Source, Protocol):
-    """A source whose reports somebody else may read: each read of a descriptor gives one packet, which holds one."""
+    """A source whose reports the compiled step may read: each read of a descriptor gives one packet with one report."""
 
     @property
     def packet_head(self) -> int:
@@ -166,13 +166,13 @@ class FastPath:
         if frame:
             self._session.answer = answer
 
-    def tell(self, record: CommandRecord, counters: LoopCounters) -> None:
+    def observe(self, record: CommandRecord, counters: LoopCounters) -> None:
         """Pass a record on with the times at which the compiled step worked."""
         if self._observer is None:
             return
         if self._answered is not None and self._answered[0] == record.report_index:
             record = record._replace(stamps_ns=_stamps_of(self._answered[1], record.stamps_ns))
-        self._observer.tell(record, counters)
+        self._observer.observe(record, counters)
 
 
 def _stamps_of(answer: Answer, stamps_ns: Stamps) -> Stamps:

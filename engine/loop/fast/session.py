@@ -54,7 +54,7 @@ class FastCounters:
 
 
 class FastLink(Link):
-    """A link that tells what its next command would be encoded with."""
+    """A link that can say what its next command would be encoded with."""
 
     def ahead(self, now_ns: int) -> Ahead | None:
         """That of a command which comes next; None where something else is sent before it."""

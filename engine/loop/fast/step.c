@@ -311,7 +311,7 @@ static void arm(Fast *fast, int64_t until_ns) {
     fast->armed_ns = until_ns;
 }
 
-/* Wait until a descriptor can be read, a signal comes, or `until_ns` (NONE: for ever), and answer a report. */
+/* Wait until a descriptor can be read, a signal comes, or `until_ns` (NONE: without end), and answer a report. */
 int64_t fast_wait(Fast *fast, int64_t until_ns) {
     /* Wait for the descriptors and the timer. */
     struct pollfd waited[MOST_WAITED + 1];

@@ -64,7 +64,7 @@ def test_a_command_that_waits_is_told_again_without_its_report_when_it_has_left(
     assert (waiting.fate, waiting.report) == (Fate.WAITING, b"report")
     assert (written.fate, written.report, written.report_index) == (Fate.WRITTEN, b"", 0)
     for record in (waiting, written):
-        observers.tell(record, LoopCounters())
+        observers.observe(record, LoopCounters())
     assert list(trace) == [written]
     assert timing.latency.count == 1
 

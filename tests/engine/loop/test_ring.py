@@ -38,11 +38,11 @@ records = st.builds(
 PLAIN = Record((1, 2, 3, 4, 5, 6), 0, 0, None, False, None, RingCounters(0, 0, 0, 0, 0, 0), (), b"", b"")
 
 
-def tell(writer: RingWriter, record: Record) -> None:
+def observe(writer: RingWriter, record: Record) -> None:
     """As a loop does."""
     values = record._asdict() | {"frame": None, "fate": Fate.NONE}
-    told = {name: values[name] for name in CommandRecord._fields}
-    writer.tell(CommandRecord(**told), LoopCounters(**record.counters._asdict()))
+    record_values = {name: values[name] for name in CommandRecord._fields}
+    writer.observe(CommandRecord(**record_values), LoopCounters(**record.counters._asdict()))
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def test_the_latest_records_come_back_as_they_were_and_the_others_are_counted(
 ) -> None:
     with RingWriter(path, slots) as writer, RingReader(path) as reader:
         for record in written:
-            tell(writer, record)
+            observe(writer, record)
         assert list(reader.read()) == written[-slots:]
         assert reader.lost == max(0, len(written) - slots)
         assert list(reader.read()) == []
@@ -65,16 +65,16 @@ def test_the_latest_records_come_back_as_they_were_and_the_others_are_counted(
 
 def test_each_reader_has_its_own_place(path: Path) -> None:
     with RingWriter(path, 4) as writer, RingReader(path) as early:
-        tell(writer, PLAIN)
+        observe(writer, PLAIN)
         with RingReader(path) as late, RingReader(path, from_start=True) as whole:
-            tell(writer, PLAIN)
+            observe(writer, PLAIN)
             assert [len(list(reader.read())) for reader in (early, late, whole)] == [2, 1, 2]
 
 
 def test_more_touches_than_fit_and_a_longer_report_are_cut(path: Path) -> None:
     many = tuple(Touch(number, 0.1, 1) for number in range(MOST_TOUCHES + 3))
     with RingWriter(path) as writer, RingReader(path) as reader:
-        tell(writer, PLAIN._replace(touches=many, report=bytes(range(256)) * 8))
+        observe(writer, PLAIN._replace(touches=many, report=bytes(range(256)) * 8))
         (record,) = reader.read()
     assert record.touches == many[:MOST_TOUCHES]
     assert (bytes(range(256)) * 8).startswith(record.report)
@@ -82,7 +82,7 @@ def test_more_touches_than_fit_and_a_longer_report_are_cut(path: Path) -> None:
 
 def test_a_record_that_is_being_overwritten_is_not_believed(path: Path) -> None:
     with RingWriter(path) as writer, RingReader(path) as reader:
-        tell(writer, PLAIN)
+        observe(writer, PLAIN)
         with path.open("r+b") as file:
             file.seek(100)  # in the first record's stamps
             file.write(b"\xff")
@@ -122,7 +122,7 @@ def test_a_reader_in_another_process_sees_whole_records_in_order(path: Path) -> 
         number = 0
         while found.empty():
             number += 1
-            tell(writer, PLAIN._replace(stamps_ns=(number,) * 6, state=number, report=bytes(100)))
+            observe(writer, PLAIN._replace(stamps_ns=(number,) * 6, state=number, report=bytes(100)))
             os.sched_yield()
         states, lost = found.get()
         process.join()

@@ -16,7 +16,7 @@ _HEAD = struct.Struct("<qq")
 
 
 class Packets(Playback):
-    """A playback whose reports somebody else may read, each behind its time."""
+    """A playback whose reports the compiled step may read, each behind its time."""
 
     packet_head = _HEAD.size
 
