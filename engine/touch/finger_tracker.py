@@ -9,11 +9,13 @@ finger that comes down again starts without hysteresis. Hovering contacts are no
 from bisect import bisect_right
 from collections.abc import Sequence
 from enum import IntEnum
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from engine.device import Device
 from engine.touch.descriptor import Surface
 from engine.touch.digitizer import Contact, TouchFrame
+
+if TYPE_CHECKING:  # `tactable list` decodes touches and needs no device description
+    from engine.device import Device
 
 # For the hot path: half the time of calling a named tuple's class.
 _new = tuple.__new__
@@ -49,7 +51,7 @@ class TouchPosition:
     The touch area may reach beyond the bar: a touch there counts as one at the end of the bar.
     """
 
-    def __init__(self, device: Device, surface: Surface) -> None:
+    def __init__(self, device: "Device", surface: Surface) -> None:
         axis, self.length_m = device.touch_axis, device.bar.length_m
         field = surface.x if axis.axis == "x" else surface.y
         active_m = axis.active_length_m
@@ -72,7 +74,7 @@ class TouchPosition:
 class ZoneEdges:
     """The zone of a position, with hysteresis; zones are in order and may leave gaps."""
 
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device: "Device") -> None:
         self.starts_m = [zone.start_m for zone in device.zones]
         self.stops_m = [zone.stop_m for zone in device.zones]
         self.hysteresis_m = device.zone_hysteresis_m
@@ -93,7 +95,7 @@ class ZoneEdges:
 class FingerTracker:
     """Follows every touching contact over the zones of one bar."""
 
-    def __init__(self, device: Device, surface: Surface) -> None:
+    def __init__(self, device: "Device", surface: Surface) -> None:
         self.position = TouchPosition(device, surface)
         self.edges = ZoneEdges(device)
         self.touches: dict[int, tuple[Contact, Touch]] = {}
