@@ -439,7 +439,7 @@ def resident_bytes() -> int:
 
 def test_an_engine_that_dies_is_started_again_and_the_page_says_so(demo: Demo, browser: Browser) -> None:
     with opened(demo, browser) as visit:
-        (engine,) = demo.children("engine_process")
+        (engine,) = demo.children("processes.engine")
         os.kill(engine, signal.SIGKILL)
         visit.wait("tactable.scene.restarts === 1")
         visit.wait("tactable.scene.status === 'running'")
