@@ -88,7 +88,10 @@ class Demo:
         """Its processes of a module."""
         assert self.process is not None
         found = subprocess.run(
-            ["ps", "--ppid", str(self.process.pid), "-o", "pid=,args="], capture_output=True, text=True, check=True
+            ["ps", "-ww", "--ppid", str(self.process.pid), "-o", "pid=,args="],
+            capture_output=True,
+            text=True,
+            check=True,
         )
         return [int(line.split()[0]) for line in found.stdout.splitlines() if name in line]
 
