@@ -7,14 +7,14 @@ choices is a search of its own over the continuous values: a Latin hypercube fir
 its best points, the most promising combinations for longer. A set of values is better when it keeps more statements
 (tests.studies.paper_statements), then when its worst margin is wider.
 
-python -m tests.studies.paper_search [--seed S] [--hours H] [--json FILE] takes H hours of processor time, 0.75 unless
-told, in one thread.
+python -m tests.studies.paper_search [--seed S] [--sets N] [--json FILE] evaluates N sets of values, 300 000 by default,
+which takes about 40 minutes of one processor. The same seed and number give the same result on every machine; a budget
+of time would not.
 """
 
 import argparse
 import itertools
 import json
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -51,8 +51,11 @@ BOUNDS = {
 """Searched evenly in the logarithm. The bar is at least long enough to have a place at 6 in."""
 WIDEST_ZONE = 2.5
 """Where zones are not equal, relative widths lie between 1 and this."""
-_GRID_HZ, _FINE_HZ = np.linspace(60, 300, 121), np.linspace(60, 300, 961)
-_SAMPLES, _POPULATION = 1500, 36
+_GRID_HZ, _LAST_HZ, _FINE_HZ = (np.linspace(60, 300, count) for count in (241, 481, 961))
+"""Where optimum and reach are sought: at first, in the last round, and for the report."""
+_SAMPLES, _POPULATION = 2000, 36
+_ROUNDS = (32, 10, 4, 3)
+"""Choices that are searched on in each round; rounds have equal shares. The last round has the finer grid."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +105,7 @@ def score(margin: Array) -> float:
     failed = margin[margin < 0]
     if len(failed) == 0:
         return len(margin) + float(margin.min()) / 100
-    return len(margin) - len(failed) + 0.5 * float(np.mean(np.exp(failed / 3)))
+    return len(margin) - len(failed) + 0.9 * float(np.mean(1 / (1 - failed / 3)))
 
 
 @dataclass
@@ -128,44 +131,49 @@ class Archive:
 
 
 class Search:
-    """Searches that share an archive and a budget of processor time."""
+    """Searches that share an archive and a budget of evaluations."""
 
-    def __init__(self, seed: int, seconds: float) -> None:
+    def __init__(self, seed: int, sets: int) -> None:
         self.archive = Archive()
         self._nominal = find_device("reference-a")
         self._random = np.random.default_rng(seed)
-        self._end_s = time.process_time() + seconds
-        self._seconds = seconds
+        self._sets = sets
+        self._grid_hz = _GRID_HZ
         self._starts: dict[Choice, list[tuple[float, Array]]] = {choice: [] for choice in CHOICES}
 
     @property
-    def left_s(self) -> float:
-        """Processor time that is left."""
-        return self._end_s - time.process_time()
+    def left(self) -> int:
+        """Evaluations that are left."""
+        return self._sets - self.archive.evaluations
 
     def _margins(self, x: Array, damping_of: DampingOf) -> Array:
         self.archive.evaluations += 1
-        return margins(solve(with_damping_of(device_of(x, self._nominal), damping_of), _GRID_HZ))
+        return margins(solve(with_damping_of(device_of(x, self._nominal), damping_of), self._grid_hz))
 
     def sample(self) -> None:
         """A Latin hypercube for each kind of damping and zones, scored for all readings at once."""
         for damping_of, equal_zones in itertools.product(DAMPING_OF, (True, False)):
             cube = qmc.LatinHypercube(len(BOUNDS) + (0 if equal_zones else 5), seed=self._random)
-            for x in cube.random(_SAMPLES):
+            for x in cube.random(min(_SAMPLES, self._sets // 40)):
                 for reading, margin in enumerate(self._margins(x, damping_of)):
                     choice = Choice(damping_of, equal_zones, reading)
                     self._starts[choice].append((self.archive.note(choice, x, margin), x))
         for starts in self._starts.values():
             starts.sort(key=lambda start: -start[0])
 
-    def evolve(self, choice: Choice, seconds: float, pair: tuple[int, int] | None = None) -> float:
+    def evolve(self, choice: Choice, sets: int, pair: tuple[int, int] | None = None) -> float:
         """Differential evolution of one choice; the best score, or the best worse margin of a pair of statements."""
-        end_s = time.process_time() + min(seconds, self.left_s)
+        end = self.archive.evaluations + min(sets, self.left)
         size = len(BOUNDS) + (0 if choice.equal_zones else 5)
         best = -np.inf
 
+        def is_over() -> bool:
+            return self.archive.evaluations >= end or (pair is not None and best >= 0)
+
         def cost(x: Array) -> float:
             nonlocal best
+            if is_over():
+                return np.inf
             margin = self._margins(x, choice.damping_of)[choice.reading]
             value = self.archive.note(choice, x, margin)
             if pair is not None:
@@ -174,10 +182,10 @@ class Search:
             return -value
 
         def stop(intermediate_result: OptimizeResult) -> None:  # noqa: ARG001  # scipy looks at the name
-            if time.process_time() > end_s or (pair is not None and best >= 0):
+            if is_over():
                 raise StopIteration
 
-        while time.process_time() < end_s and (pair is None or best < 0):
+        while not is_over():
             known = [x for _, x in self._starts[choice][: _POPULATION // 3]]
             if choice in self.archive.best:
                 known.append(self.archive.best[choice][1])
@@ -197,32 +205,34 @@ class Search:
         return best
 
     def run(self) -> None:
-        """Sample, then give the choices that look best more time in each round."""
+        """Sample, then give the choices that look best a larger share in each round."""
         self.sample()
-        said(f"{self.archive.evaluations} sampled, {self.left_s:.0f} s left")
-        share = 0.8 * self.left_s / 3
+        share = self.left // len(_ROUNDS)
         chosen: Iterable[Choice] = CHOICES
-        for count in (len(CHOICES), 8, 2):
+        for count in _ROUNDS:
             chosen = sorted(chosen, key=lambda choice: -self.archive.best[choice][0])[:count]
+            if count == _ROUNDS[-1]:
+                self._look_closer(chosen)
             for choice in chosen:
-                found = self.evolve(choice, share / count)
-                said(f"{found:7.3f}  {choice}  {self.left_s:.0f} s left")
+                found = self.evolve(choice, share // count)
+                said(f"{found:7.3f}  {choice}; {self.left} sets left")
+
+    def _look_closer(self, choices: Iterable[Choice]) -> None:
+        """Go on with the finer grid: what these choices had found counts by it."""
+        self._grid_hz = _LAST_HZ
+        for choice in choices:
+            _, x = self.archive.best.pop(choice)
+            self.archive.note(choice, x, self._margins(x, choice.damping_of)[choice.reading])
 
     def exclude(self) -> list[tuple[int, int]]:
-        """Pairs of statements that no set kept together, though each was searched for; then search on as before."""
-        apart = [
-            (i, j) for i, j in itertools.combinations(range(len(STATEMENTS)), 2) if not self.archive.together[i, j]
-        ]
-        for rank, (i, j) in enumerate(apart):
-            seconds = self.left_s / (len(apart) - rank) / len(CHOICES)
-            for choice in CHOICES:
-                if not self.archive.together[i, j]:
-                    self.evolve(choice, max(seconds, 0.5), pair=(i, j))
-        while self.left_s > 0:
-            best = sorted(CHOICES, key=lambda choice: -self.archive.best[choice][0])
-            for choice in best[:4]:
-                self.evolve(choice, self.left_s / 4)
-        return [(i, j) for i, j in apart if not self.archive.together[i, j]]
+        """Pairs of statements that no set kept together, though each pair was then searched for by itself."""
+        together = self.archive.together
+        apart = [(i, j) for i, j in itertools.combinations(range(len(STATEMENTS)), 2) if not together[i, j]]
+        for (i, j), choice in itertools.product(apart, CHOICES):
+            if not together[i, j]:
+                self._sets = self.archive.evaluations + _POPULATION * 20
+                self.evolve(choice, _POPULATION * 20, pair=(i, j))
+        return [(i, j) for i, j in apart if not together[i, j]]
 
     def finish(self, choice: Choice) -> tuple[Device, Array, list[tuple[str, float]]]:
         """The best device of a choice on the fine grid: device, margins, and every statement with its value."""
@@ -254,10 +264,10 @@ def main() -> None:
     """Search, and say what was found."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--hours", type=float, default=0.75)
+    parser.add_argument("--sets", type=int, default=300_000)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    search = Search(options.seed, 3600 * options.hours)
+    search = Search(options.seed, options.sets)
     search.run()
     excluded = [(STATEMENTS[i][0], STATEMENTS[j][0]) for i, j in search.exclude()]
     archive, count = search.archive, len(STATEMENTS)
@@ -268,8 +278,7 @@ def main() -> None:
         "never_together": excluded,
         "most_with": most_with,
     }
-    spent_s = 3600 * options.hours - search.left_s
-    said(f"{archive.evaluations} sets, {spent_s:.0f} s of processor time, seed {options.seed}")
+    said(f"{archive.evaluations} sets, seed {options.seed}")
     said(f"pairs that no set kept together: {excluded or 'none'}")
     said("most kept by a set that keeps: " + ", ".join(f"{name} {most}" for name, most in most_with.items()))
     for choice in best:

@@ -40,7 +40,7 @@ PLACES = 129
 SINGLE_HZ, PARTNER_HZ = (140.0, 200.0, 230.0), (130.0, 200.0, 230.0)
 FIRST_HZ, DEMO_HZ = 150.0, (60.0, 90.0)
 _TONES = np.array([130.0, 140.0, 150.0, 200.0, 230.0])
-_CAP_DB = 20.0
+_BEST_DB, _WORST_DB = 20.0, -40.0
 """Margins are cut here: an exact zero would be infinitely good."""
 
 
@@ -175,7 +175,7 @@ def figures_of(solved: Solved, reading: Reading) -> Figures:
 
 
 def _decibels(ratio: float) -> float:
-    return float(np.clip(20 * np.log10(max(ratio, 1e-9)), -_CAP_DB, _CAP_DB))
+    return float(np.clip(20 * np.log10(max(ratio, 1e-9)), _WORST_DB, _BEST_DB))
 
 
 def _beats(values: Array, best: int) -> float:
