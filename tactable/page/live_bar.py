@@ -31,8 +31,8 @@ KEPT_S = 1.0
 """Length of the past that can be seen slowed, and heard."""
 POWER_S = 0.1
 """Averaging time of the level of a steady drive."""
-LONGEST_STEP_S = 2.0
-"""After a longer stall the missed time is left out, and the bar starts from rest this long ago."""
+LONGEST_STEP_S = KEPT_S
+"""After a longer stall the missed time is left out: the past that is kept must hold a whole step."""
 STILL_M = 2e-4
 """A smaller move of a finger leaves the plant unchanged; a change costs as much as 20 ms of simulation."""
 _COLUMNS = POINTS + MOST_TOUCHES

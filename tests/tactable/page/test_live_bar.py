@@ -124,6 +124,15 @@ def test_a_click_rings_down_to_rest(table: Table) -> None:
     assert bar.advance(bar.now_us + FRAME_US) is None
 
 
+@pytest.mark.parametrize("seconds", [0.3, 0.7, 0.99, 1.0, 1.01, 1.3, 1.7, 2.0, 2.5, 10.0])
+def test_a_step_of_any_length_gives_every_finger_a_level(table: Table, seconds: float) -> None:
+    bar = bar_of(table, [record_of(table, (FELT, FREE, FREE), START_NS)])
+    bar.touch(fingers_of(table, (FELT, FREE, FREE)), is_loaded=True)
+    bar.advance(FRAME_US)
+    moved = bar.advance(bar.now_us + 1e6 * seconds)
+    assert moved is not None and len(moved.peak_db) == 1
+
+
 def test_a_stall_leaves_out_what_was_missed_and_hurts_no_level(table: Table) -> None:
     record = record_of(table, (FELT, FREE, FREE), START_NS)
     bar = bar_of(table, [record])
