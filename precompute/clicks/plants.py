@@ -249,7 +249,7 @@ def _fill_transfer(
                     out[i, f, n, k] = complex(real_part, x * h[n, actuators + f, k] + y * g[n, actuators + f, k])
 
 
-@njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
+@njit(fastmath=True, error_model="numpy", inline="always")
 def _sum_modes(pole: Single, shape: Single, g: Single, h: Single) -> None:
     """Receptances g + j h (place, place, line), upper triangle: sums over modes of the bar with springs and masses."""
     for p in range(len(shape)):
@@ -262,7 +262,7 @@ def _sum_modes(pole: Single, shape: Single, g: Single, h: Single) -> None:
                     h[p, q, k] += weight * pole[m, 1, k]
 
 
-@njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
+@njit(fastmath=True, error_model="numpy", inline="always")
 def _add_impedance(
     g: Single,
     h: Single,

@@ -54,7 +54,7 @@ def fold_amplitudes(steps: int) -> AmplitudeRatios:
     return AmplitudeRatios(smallest[:, 0].copy(), smallest[:, 1].copy(), ratio, multiple)
 
 
-@njit(types.void(_F1, _F2, types.float32, _OUT1, _OUT1), cache=True, fastmath=_FAST)
+@njit(fastmath=_FAST, inline="always")
 def _widen(level_a, level_b, v, high, low):  # type: ignore[no-untyped-def]  # numba
     """Widen high, low (frequency_2) by level_a + v level_b at eight points: level_a (8,), level_b (8, frequency_2).
 
@@ -117,7 +117,7 @@ def fill_pair_sweep(  # type: ignore[no-untyped-def]  # numba
                 factor[f1, k] = np.nan
 
 
-@njit(types.void(_F2, _F2, _F2, _F2, _OUT1), cache=True, fastmath=_FAST)
+@njit(fastmath=_FAST, inline="always")
 def _quadratic_form(gram_real, gram_imag, drive_real, drive_imag, out):  # type: ignore[no-untyped-def]  # numba
     """Fill out (direction,) with a^H R a for the Hermitian R (actuator, actuator) and the columns a of drive."""
     actuators, directions = drive_real.shape

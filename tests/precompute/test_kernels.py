@@ -1,0 +1,32 @@
+"""Compiled kernels give the same digits whether they were compiled in this process or loaded from the cache."""
+
+import ast
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_reordering_kernels_that_others_call_are_inlined() -> None:
+    """Of a fast-math function that is called, a first process may run another copy than the one that goes to the cache.
+
+    The two are optimised apart, and where operations may be fused or reordered their last digits differ.
+    """
+    kernels, called = dict[str, set[str]](), set[str]()
+    for path in (ROOT / "precompute").rglob("*.py"):
+        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            options = _options_of(function) if isinstance(function, ast.FunctionDef) else None
+            if isinstance(function, ast.FunctionDef) and options is not None:
+                kernels[function.name] = options
+                calls = [call.func for call in ast.walk(function) if isinstance(call, ast.Call)]
+                called |= {name.id for name in calls if isinstance(name, ast.Name)}
+    reordering = {name for name, options in kernels.items() if "fastmath" in options}
+    assert len(reordering) > 5 and reordering & called
+    assert {name for name in reordering & called if "inline" not in kernels[name]} == set()
+
+
+def _options_of(function: ast.FunctionDef) -> set[str] | None:
+    """Names of the options of a function's `njit`; None where it is not compiled."""
+    for decorator in function.decorator_list:
+        if isinstance(decorator, ast.Call) and ast.unparse(decorator.func) == "njit":
+            return {str(keyword.arg) for keyword in decorator.keywords}
+    return None
