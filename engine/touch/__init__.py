@@ -3,6 +3,7 @@
 from engine.touch.descriptor import DescriptorError
 from engine.touch.digitizer import Contact, Digitizer, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.finger_tracker import FingerTracker, Touch, TouchPosition, ZoneState, state_index
+from engine.touch.placement import Placement, PlacementError
 
 __all__ = [
     "Contact",
@@ -10,6 +11,8 @@ __all__ = [
     "Digitizer",
     "DigitizerError",
     "FingerTracker",
+    "Placement",
+    "PlacementError",
     "Touch",
     "TouchFrame",
     "TouchPosition",

@@ -20,7 +20,7 @@ from engine.device import Device
 from engine.table import Table, TableError
 from engine.table.columns import write_clicks, write_entries
 from engine.table.file import TableWriter
-from engine.touch import state_index
+from engine.touch import Placement, state_index
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import DEFERRABLE, OUTDATED, BuildOptions, Part, input_fingerprint, is_compatible
 from precompute.builder.measured_responses import source_attributes, write_measured
@@ -235,8 +235,9 @@ class _Builder:
             states = self._states(self.options.clicks_up_to)
             left = [state for state in states if state_index(state) not in store.clicks]
             tabulator = ClickTabulator(device, click_options.wanted_db)
-            for click in solve_clicks(device, click_options, left, self.workers):
-                store.add(tabulator.tabulate(click))
+            state_of = {Placement.in_zones(device, state): state for state in left}
+            for click in solve_clicks(device, click_options, list(state_of), self.workers):
+                store.add(tabulator.tabulate(state_of[click.placement], click))
                 self.progress("clicks", 0.35 + 0.6 * len(store.clicks) / len(states))
         return store
 

@@ -1,19 +1,15 @@
 """Baselines for clicks: acoustic contrast control in a time window, and the steady drive switched on and off."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from engine.table import Entry
-from engine.touch import ZoneState
+from engine.touch import Placement
 from precompute.clicks.basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, make_tones
-from precompute.clicks.design import fingers_of
 from precompute.clicks.solver import Click, ClickSolver
-from precompute.entries.prediction import States, touched_zones
-from precompute.entries.solver import EntrySolver
-from precompute.model.assembly import assemble
 
 Array = NDArray[np.float64]
 
@@ -21,7 +17,7 @@ _REGULAR = 1e-6
 """Regularisation, relative to the mean quiet energy; without it the quotient is decided by rounding."""
 
 
-def energy_contrast(solver: ClickSolver, states: States, length_s: float) -> Array:
+def energy_contrast(solver: ClickSolver, placement: Placement, length_s: float) -> Array:
     """Waveform of the greatest ratio of felt energy during the click to quiet energy at all times.
 
     Acoustic contrast control in the time domain: the leading generalised eigenvector over the weights of the tones,
@@ -30,8 +26,8 @@ def energy_contrast(solver: ClickSolver, states: States, length_s: float) -> Arr
     """
     options = solver.options
     tones = make_tones(solver.device, length_s, options.crowding)
-    played = solver.plants_of(touched_zones(states)).optimised.play_each(tones)
-    felt, quiet = (fingers_of(states, kind) for kind in (ZoneState.FELT, ZoneState.QUIET))
+    played = solver.plants_of(placement.position_m).optimised.play_each(tones)
+    felt, quiet = placement.felt, placement.quiet
     numerator = _energy(played[:, felt, : round(length_s * EVALUATION_RATE_HZ)])
     denominator = _energy(played[:, quiet]) if quiet else _drive_energy(tones.wave, tones.actuator)
     mean = np.trace(denominator) / len(denominator)
@@ -39,11 +35,10 @@ def energy_contrast(solver: ClickSolver, states: States, length_s: float) -> Arr
     return tones.waveform(np.asarray(vectors[:, -1], dtype=np.float64))
 
 
-def gated_drive(solver: ClickSolver, states: States, length_s: float) -> Array:
+def gated_drive(solver: ClickSolver, placement: Placement, entries: Sequence[Entry], length_s: float) -> Array:
     """The steady drive switched on for that long within the slew of the device's limits; of all levels the best."""
-    entries = EntrySolver(assemble(solver.device)).solve(states)
     gated = [gate(entry, length_s, solver.device.limits.slew_per_s) for entry in entries]
-    return max(gated, key=lambda drive: solver.evaluate(states, length_s, drive, "").evaluation.felt.low_db)
+    return max(gated, key=lambda drive: solver.evaluate(placement, length_s, drive, "").evaluation.felt.low_db)
 
 
 def gate(entry: Entry, length_s: float, slew_per_s: float) -> Array:
@@ -55,17 +50,23 @@ def gate(entry: Entry, length_s: float, slew_per_s: float) -> Array:
     return displacement
 
 
-BASELINES: dict[str, Callable[[ClickSolver, States, float], Array]] = {
-    "energy contrast": energy_contrast,
-    "gated steady drive": gated_drive,
-}
-"""Baselines by name: functions of solver, states and length that return a waveform."""
+ENERGY_CONTRAST, GATED_DRIVE = "energy contrast", "gated steady drive"
+BASELINES = (ENERGY_CONTRAST, GATED_DRIVE)
+"""Names of the baselines."""
 
 
-def solve_baseline(solver: ClickSolver, states: States, name: str) -> Click:
-    """The baseline of the first length, scaled to the limits and the quiet level, evaluated as any click."""
-    length_s = solver.options.lengths_s[0]
-    return solver.evaluate(states, length_s, BASELINES[name](solver, states, length_s), name)
+def solve_baseline(
+    solver: ClickSolver, placement: Placement, entries: Sequence[Entry], name: str, length_s: float
+) -> Click:
+    """A baseline scaled to the limits and the quiet level, and evaluated as any click.
+
+    entries: the steady drives of the placement, one for each level.
+    """
+    if name == ENERGY_CONTRAST:
+        waveform = energy_contrast(solver, placement, length_s)
+    else:
+        waveform = gated_drive(solver, placement, entries, length_s)
+    return solver.evaluate(placement, length_s, waveform, name)
 
 
 def _energy(course: Array) -> Array:

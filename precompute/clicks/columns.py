@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.table import ClickEntry
 from engine.table.click import ClickZone, LevelSpread
-from engine.touch import ZoneState
 from precompute.clicks.basis import EVALUATION_RATE_HZ, EVALUATIONS_PER_SAMPLE, RINGDOWN_S, SAMPLE_RATE_HZ
 from precompute.clicks.solver import FULL_SCALE, Click
-from precompute.entries.prediction import touched_zones
+from precompute.entries.prediction import States, touched_zones
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter
@@ -32,21 +31,20 @@ class ClickTabulator:
         self._wanted_level_db = np.inf if wanted_db is None else wanted_db
         self._levels_db = (*device.levels_db, np.inf)
         self._basis = compute_basis(assemble(device))
-        self._middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
         self._filter = threshold_filter(EVALUATION_RATE_HZ)
 
-    def tabulate(self, click: Click) -> ClickEntry:
-        """The row of one click."""
-        evaluation, touched = click.evaluation, touched_zones(click.states)
+    def tabulate(self, states: States, click: Click) -> ClickEntry:
+        """The row of a state: the click for fingers in the middles of its zones."""
+        evaluation, touched = click.evaluation, touched_zones(states)
         samples = np.rint(FULL_SCALE * click.waveform.T).astype(np.int16)
-        acceleration, weighted = self._nominal(samples / FULL_SCALE, touched)
-        felt = weighted[:, [click.states[zone] is ZoneState.FELT for zone in touched]]
+        acceleration, weighted = self._nominal(samples / FULL_SCALE, click.placement.position_m)
+        felt = weighted[:, click.placement.felt]
         zones: dict[int, ClickZone] = {
             zone: ClickZone(float(acceleration[:, i].max()), _decibels(weighted[:, i].max()))
             for i, zone in enumerate(touched)
         }
         return ClickEntry(
-            states=click.states,
+            states=states,
             sample_rate_hz=round(click.rate_hz),
             samples=samples,
             amplitude=1.0,
@@ -54,7 +52,7 @@ class ClickTabulator:
             achieved=click.achieved,
             felt=LevelSpread(*astuple(evaluation.felt)),
             quiet=None if evaluation.quiet is None else LevelSpread(*astuple(evaluation.quiet)),
-            zones=tuple(zones.get(zone) for zone in range(len(click.states))),
+            zones=tuple(zones.get(zone) for zone in range(len(states))),
             exceeds_s={
                 level_db: self._exceeds_s(felt, level_db, evaluation.felt.low_db) for level_db in self._levels_db
             },
@@ -66,11 +64,11 @@ class ClickTabulator:
             gap_db=click.gap_db,
         )
 
-    def _nominal(self, waveform: Array, touched: tuple[int, ...]) -> tuple[Array, Array]:
+    def _nominal(self, waveform: Array, position_m: tuple[float, ...]) -> tuple[Array, Array]:
         """Magnitudes (time, finger) under samples (sample, actuator): acceleration, and weighted by the threshold."""
-        places_m, rate_hz = self._middle_m[list(touched)], _STEPS * SAMPLE_RATE_HZ
-        plant = TransientPlant(self._basis, places_m, rate_hz)
-        plant.touch([(place_m, self._device.finger) for place_m in places_m.tolist()])
+        rate_hz = _STEPS * SAMPLE_RATE_HZ
+        plant = TransientPlant(self._basis, np.array(position_m), rate_hz)
+        plant.touch([(at_m, self._device.finger) for at_m in position_m])
         at = np.arange((len(waveform) - 1) * _STEPS + 1) / _STEPS
         moved = np.column_stack([np.interp(at, np.arange(len(waveform)), column) for column in waveform.T])
         rest = np.zeros((round(RINGDOWN_S * rate_hz), moved.shape[1]))

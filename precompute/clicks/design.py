@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.touch import ZoneState
+from engine.touch import Placement
 from precompute.clicks.basis import SAMPLE_RATE_HZ, Tones, make_tones, orthogonalised
 from precompute.clicks.evaluation import decibels
 from precompute.clicks.options import ClickOptions
@@ -23,7 +23,6 @@ from precompute.clicks.program import Optimum, Program
 from precompute.clicks.responses import Responses
 from precompute.clicks.search import Aim, Found, Search
 from precompute.clicks.watched import WatchedCourses
-from precompute.entries.prediction import States, touched_zones
 
 Array = NDArray[np.float64]
 
@@ -75,11 +74,13 @@ class Trimmed:
 
 
 class Designer:
-    """Designs the click of one state and length."""
+    """Designs the click of one placement and length."""
 
-    def __init__(self, device: Device, options: ClickOptions, plants: Plants, states: States, length_s: float) -> None:
+    def __init__(
+        self, device: Device, options: ClickOptions, plants: Plants, placement: Placement, length_s: float
+    ) -> None:
         self._options, self._length_s, self._plants = options, length_s, plants
-        self.felt, self.quiet = fingers_of(states, ZoneState.FELT), fingers_of(states, ZoneState.QUIET)
+        self.felt, self.quiet = placement.felt, placement.quiet
         self._tones = orthogonalised(make_tones(device, length_s, options.crowding))
         self._amplitude = device.limits.amplitude
 
@@ -202,11 +203,6 @@ class Designer:
         """95th percentile of the strongest quiet finger over the plants, dB."""
         peak = plants.peaks(waveform, self.quiet)[1:]
         return _percentile(decibels(peak.max(axis=1)), 95)
-
-
-def fingers_of(states: States, kind: ZoneState) -> list[int]:
-    """Indices of the fingers, in the order of their zones, whose zones have that state."""
-    return [finger for finger, zone in enumerate(touched_zones(states)) if states[zone] is kind]
 
 
 def _first_rows(watched: WatchedCourses) -> NDArray[np.int64]:

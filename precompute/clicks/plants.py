@@ -18,9 +18,6 @@ Everything is evaluated on the damped lines of `precompute.model.damped_lines`, 
 the courses with those of the time-domain plant.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 import scipy.linalg
 from numba import njit
@@ -31,7 +28,7 @@ from precompute.model.assembly import assemble
 from precompute.model.damped_lines import DampedLines
 from precompute.model.modal import Basis, compute_basis
 from precompute.model.threshold_filter import threshold_filter
-from precompute.sampling.plants import Scenarios, sample_scenarios
+from precompute.sampling.plants import Fingers, Scenarios, sample_scenarios
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -46,16 +43,6 @@ _MOST_MODES = 64
 _STEP_OF_MODES = 4
 _FILTER_OVERSAMPLING = 2
 """The threshold filter is designed at this multiple of the course's rate; its magnitude is right up to its Nyquist."""
-
-
-@dataclass(frozen=True)
-class Fingers:
-    """Fingers of a placement in every scenario: position, stiffness, damping and mass, each (scenario, finger)."""
-
-    position_m: Array
-    stiffness_n_per_m: Array
-    damping_n_s_per_m: Array
-    mass_kg: Array
 
 
 class SampledPlants:
@@ -84,16 +71,6 @@ class SampledPlants:
         self._damper = damping - in_modes * np.array([[bar.damping_of == "bar"] for bar in bars])
         self._force = np.stack([stiffness * full_scale_m, damping * full_scale_m], axis=2).astype(np.float32)
         self._factor = output_factor(lines)
-
-    def fingers_in(self, zones: Sequence[int]) -> Fingers:
-        """The sampled finger of each of some zones (indices)."""
-        scenarios, finger, which = self.scenarios, self.scenarios.device.finger, list(zones)
-        return Fingers(
-            scenarios.position_m[:, which],
-            finger.stiffness_n_per_m * scenarios.finger_stiffness[:, which],
-            finger.damping_n_s_per_m * scenarios.finger_damping[:, which],
-            finger.mass_kg * scenarios.finger_mass[:, which],
-        )
 
     def transfer(self, fingers: Fingers) -> Complex32:
         """Transfer functions (scenario, finger, actuator, line) with these fingers on the bar.
@@ -134,7 +111,7 @@ def count_modes(device: Device, lines: DampedLines) -> int:
     nominal = sample_scenarios(device, 0, 0)
     most = min(_MOST_MODES, assemble(device).size - _SPARE_MODES)
     plants = SampledPlants(nominal, lines, most)
-    everywhere = plants.fingers_in(range(len(device.zones)))
+    everywhere = nominal.place([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
     converged = plants.transfer(everywhere)
     greatest = np.abs(converged).max(axis=(0, 2, 3), keepdims=True)
     for modes in range(_STEP_OF_MODES, most, _STEP_OF_MODES):

@@ -1,4 +1,4 @@
-"""What a click is, and how the click of one state of the fingers is solved.
+"""What a click is, and how the click of one placement of the fingers is solved.
 
 A click is a short waveform (30 ms) for each actuator, 0 at both ends, after which some fingers have felt a tick and the
 others have not. It differs from a steady drive in that the bar never reaches a steady vibration: what a finger feels is
@@ -10,8 +10,8 @@ click. Bar and fingers are never known exactly, so a level is a percentile over 
 masses, fingers and their places within the device's [spread] or its calibration: 95 % of the plants reach the felt
 level, and 95 % stay below the quiet level.
 
-The click of a state is the waveform with the greatest felt level under which every quiet finger stays below the quiet
-level, within amplitude and slew of the actuators. It is a weighted sum of tones in the actuators' bands under a
+The click of a placement is the waveform with the greatest felt level under which every quiet finger stays below the
+quiet level, within amplitude and slew of the actuators. It is a weighted sum of tones in the actuators' bands under a
 half-sine window (basis.py), so the acceleration at every instant is linear in the weights (plants.py, responses.py).
 For given instants of the felt peaks the strongest click is therefore a linear program (program.py, solved by
 simplex.py); a search chooses the instants (search.py). The program limits the quiet fingers of some tens of plants; its
@@ -31,13 +31,13 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from engine.device import Device
+from engine.touch import Placement
 from precompute.clicks.basis import SAMPLE_RATE_HZ, lines_for
 from precompute.clicks.design import Design, Designer, Plants
 from precompute.clicks.evaluation import Evaluation, evaluate_waveform
 from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.plants import SampledPlants, count_modes
 from precompute.clicks.responses import Responses
-from precompute.entries.prediction import States, touched_zones
 from precompute.parallel.pool import solve_in_processes
 from precompute.sampling.plants import sample_scenarios
 
@@ -50,7 +50,7 @@ PEAK = "peak"
 RESIDUAL_S = 0.03
 """Time after the end of a click from which its residual is evaluated, unless a brake states the time."""
 _MOST_TOGETHER = 16
-"""Most states that a process solves in one piece: they share responses, but large pieces keep processes waiting."""
+"""Most clicks that a process solves in one piece: they share responses, but large pieces keep processes waiting."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Click:
     same tones and quiet level; gap_db: distance to it before the click is scaled down to a wanted level.
     """
 
-    states: States
+    placement: Placement
     objective: str
     rate_hz: float
     length_s: float
@@ -74,37 +74,39 @@ class Click:
     gap_db: float
 
 
-def solve_clicks(device: Device, options: ClickOptions, states: Sequence[States], workers: int = 1) -> Iterator[Click]:
-    """Clicks of some states of a device, in any order, solved by `workers` processes (1: this one).
+def solve_clicks(
+    device: Device, options: ClickOptions, placements: Sequence[Placement], workers: int = 1
+) -> Iterator[Click]:
+    """Clicks of some placements on a device, in any order, solved by `workers` processes (1: this one).
 
     The result does not depend on the number of processes. Raises WorkerError if a process was killed, ProgramError if
     a linear program failed.
     """
-    chunks = chunks_of(states)
+    chunks = chunks_of(placements)
     if not chunks:
         return
     if workers == 1:
         solver = ClickSolver(device, options)
-        yield from (solver.solve(state) for chunk in chunks for state in chunk)
+        yield from (solver.solve(placement) for chunk in chunks for placement in chunk)
     else:
         yield from solve_in_processes(partial(_begin, device, options), chunks, workers)
 
 
-def _begin(device: Device, options: ClickOptions) -> Callable[[States], Click]:
+def _begin(device: Device, options: ClickOptions) -> Callable[[Placement], Click]:
     return ClickSolver(device, options).solve
 
 
-def chunks_of(states: Sequence[States]) -> list[list[States]]:
-    """States in pieces with the same fingers, which share their responses; the longest piece first."""
-    alike = [list(group) for _, group in groupby(sorted(states, key=touched_zones), key=touched_zones)]
+def chunks_of(placements: Sequence[Placement]) -> list[list[Placement]]:
+    """Placements in pieces with fingers at the same places, which share their responses; the longest piece first."""
+    alike = [list(group) for _, group in groupby(sorted(placements), key=lambda placement: placement.position_m)]
     chunks = [
         group[start : start + _MOST_TOGETHER] for group in alike for start in range(0, len(group), _MOST_TOGETHER)
     ]
-    return sorted(chunks, key=lambda chunk: -len(chunk) * len(touched_zones(chunk[0])))
+    return sorted(chunks, key=lambda chunk: -len(chunk) * len(chunk[0].position_m))
 
 
 class ClickSolver:
-    """Solves clicks of one device; states with the same fingers share the responses of the sampled plants."""
+    """Solves clicks of one device; fingers at the same places share the responses of the sampled plants."""
 
     def __init__(self, device: Device, options: ClickOptions = DEFAULT_OPTIONS) -> None:
         self.device, self.options = device, options
@@ -118,42 +120,45 @@ class ClickSolver:
             self.modes = count_modes(device, lines)
             self._sampled = [SampledPlants(scenarios, lines, self.modes) for scenarios in self.scenarios]
         self.plants_of = lru_cache(maxsize=1)(self._compute_plants)
-        """Responses of all plants with a finger in each zone of a tuple of indices."""
+        """Responses of all plants with fingers at a tuple of positions, which rise."""
 
-    def solve(self, states: States) -> Click:
-        """The click of one state, of the first length that achieves what is wanted, else of the last length."""
+    def solve(self, placement: Placement) -> Click:
+        """The click of one placement, of the first length that achieves what is wanted, else of the last length."""
         with self._one_thread():
-            return self._solve(states)
+            return self._solve(placement)
 
-    def evaluate(self, states: States, length_s: float, waveform: Array, objective: str) -> Click:
+    def evaluate(self, placement: Placement, length_s: float, waveform: Array, objective: str) -> Click:
         """Any base displacements (actuator, time), scaled to the limits and the quiet level; the bound is infinite."""
         with self._one_thread():
-            designer = Designer(self.device, self.options, self.plants_of(touched_zones(states)), states, length_s)
-            return self._evaluated(states, length_s, objective, designer, designer.fit(waveform))
+            plants = self.plants_of(placement.position_m)
+            designer = Designer(self.device, self.options, plants, placement, length_s)
+            return self._evaluated(placement, length_s, objective, designer, designer.fit(waveform))
 
     def _one_thread(self) -> AbstractContextManager[object]:
         """Limit BLAS to one thread: the programs are small, and another order of summation gives another click."""
         limited: AbstractContextManager[object] = self._threads.limit(limits=1, user_api="blas")
         return limited
 
-    def _solve(self, states: States) -> Click:
-        plants = self.plants_of(touched_zones(states))
+    def _solve(self, placement: Placement) -> Click:
+        plants = self.plants_of(placement.position_m)
         for length_s in self.options.lengths_s:
-            designer = Designer(self.device, self.options, plants, states, length_s)
+            designer = Designer(self.device, self.options, plants, placement, length_s)
             design = designer.design()
             if design.achieved:
                 break
         else:
             design = (designer.least_violation() if designer.quiet else None) or design
-        return self._evaluated(states, length_s, PEAK, designer, design)
+        return self._evaluated(placement, length_s, PEAK, designer, design)
 
-    def _evaluated(self, states: States, length_s: float, objective: str, designer: Designer, design: Design) -> Click:
+    def _evaluated(
+        self, placement: Placement, length_s: float, objective: str, designer: Designer, design: Design
+    ) -> Click:
         waveform = np.fix(design.waveform * FULL_SCALE) / FULL_SCALE
         brake_s = self.options.brake_s
-        plants = self.plants_of(touched_zones(states)).evaluated
+        plants = self.plants_of(placement.position_m).evaluated
         residual_from_s = length_s + RESIDUAL_S if brake_s is None else brake_s
         return Click(
-            states=states,
+            placement=placement,
             objective=objective,
             rate_hz=SAMPLE_RATE_HZ,
             length_s=length_s,
@@ -164,8 +169,9 @@ class ClickSolver:
             gap_db=design.gap_db,
         )
 
-    def _compute_plants(self, touched: tuple[int, ...]) -> Plants:
+    def _compute_plants(self, position_m: tuple[float, ...]) -> Plants:
         optimised, trimmed, evaluated = (
-            Responses(sampled.transfer(sampled.fingers_in(touched)), sampled.lines) for sampled in self._sampled
+            Responses(sampled.transfer(sampled.scenarios.place(position_m, self.options.tolerance_m)), sampled.lines)
+            for sampled in self._sampled
         )
         return Plants(optimised, trimmed, evaluated)

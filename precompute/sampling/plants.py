@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,24 +16,38 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class Fingers:
+    """Fingers of a placement in every scenario: position, stiffness, damping and mass, each (scenario, finger)."""
+
+    position_m: Array
+    stiffness_n_per_m: Array
+    damping_n_s_per_m: Array
+    mass_kg: Array
+
+    def of(self, scenario: int) -> list[tuple[float, Finger]]:
+        """Position in metres and finger of one scenario, for each finger."""
+        columns = (self.position_m, self.stiffness_n_per_m, self.damping_n_s_per_m, self.mass_kg)
+        return [
+            (at_m, Finger(mass_kg=mass, damping_n_s_per_m=damping, stiffness_n_per_m=stiffness, spread=1.0))
+            for at_m, stiffness, damping, mass in zip(*(column[scenario].tolist() for column in columns), strict=True)
+        ]
+
+
+@dataclass(frozen=True)
 class Scenarios:
-    """Sampled plants of one device, the nominal one first; factors unless the name has a unit.
+    """Sampled bars and actuators of one device, the nominal ones first; `place` puts fingers on them.
 
     calibrated (scenario,): devices that the measurements of a calibration do not tell apart, the same one where there
-    was none. Beside it bar_stiffness, bar_mass (scenario,); stiffness, mass (scenario, actuator): of the actuators;
-    finger_mass, finger_damping, finger_stiffness, position_m (scenario, zone): of the finger that may lie in each zone.
+    was none. Factors beside it: bar_stiffness, bar_mass (scenario,); stiffness, mass (scenario, actuator).
     """
 
     device: Device
+    seed: int
     calibrated: tuple[Device, ...]
     bar_stiffness: Array
     bar_mass: Array
     stiffness: Array
     mass: Array
-    finger_mass: Array
-    finger_damping: Array
-    finger_stiffness: Array
-    position_m: Array
 
     def __len__(self) -> int:
         """Number of scenarios, the nominal one included."""
@@ -54,21 +69,21 @@ class Scenarios:
         )
         return replace(base, bar=bar, actuators=actuators)
 
-    def fingers_of(self, scenario: int, zones: Sequence[int]) -> list[tuple[float, Finger]]:
-        """Position in metres and finger of one scenario, in each of `zones` (indices)."""
-        finger = self.device.finger
-        return [
-            (
-                float(self.position_m[scenario, zone]),
-                Finger(
-                    mass_kg=finger.mass_kg * float(self.finger_mass[scenario, zone]),
-                    damping_n_s_per_m=finger.damping_n_s_per_m * float(self.finger_damping[scenario, zone]),
-                    stiffness_n_per_m=finger.stiffness_n_per_m * float(self.finger_stiffness[scenario, zone]),
-                    spread=1.0,
-                ),
-            )
-            for zone in zones
-        ]
+    def place(self, position_m: Sequence[float], tolerance_m: float | None = None) -> Fingers:
+        """Sampled fingers about these positions, which rise along the bar; the nominal ones are exactly there.
+
+        Each lies within `tolerance_m` of its position (None: as the device's spread says), and on the bar.
+        """
+        finger, spread, length_m = self.device.finger, self.device.spread, self.device.bar.length_m
+        reach_m = spread.finger_position_m if tolerance_m is None else tolerance_m
+        place, *parts = _sample_touches((len(self) - 1) // 2, len(position_m), self.seed)
+        mass, damping, stiffness = (1 + spread.finger * part for part in parts)
+        return Fingers(
+            position_m=np.clip(np.array(position_m) + reach_m * place, 0.0, length_m),
+            stiffness_n_per_m=finger.stiffness_n_per_m * stiffness,
+            damping_n_s_per_m=finger.damping_n_s_per_m * damping,
+            mass_kg=finger.mass_kg * mass,
+        )
 
 
 def sample_scenarios(device: Device, count: int, seed: int) -> Scenarios:
@@ -77,32 +92,36 @@ def sample_scenarios(device: Device, count: int, seed: int) -> Scenarios:
     They lie within the spread of the device; what a calibration has fitted varies as that has left it. Every other
     sample is the mirror image of the one before, so that a mirrored bar gets mirrored clicks.
     """
-    spread = device.spread
-    zones, actuators = len(device.zones), len(device.actuators)
-    half = (count + 1) // 2
-    points = qmc.LatinHypercube(2 + 2 * actuators + 4 * zones, seed=seed).random(half)
-    solid, touch = points[:, : 2 + 2 * actuators], points[:, 2 + 2 * actuators :].reshape(half, 4, zones)
-    image = touch[:, :, ::-1].copy()
-    image[:, 0] = 1 - image[:, 0]
-    normal = np.concatenate([np.zeros((1, solid.shape[1])), _alternating(ndtri(solid), ndtri(solid))])
-    even = 2 * np.concatenate([np.full((1, 4, zones), 0.5), _alternating(touch, image)]) - 1
-    middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
-    reach_m = np.array([min(spread.finger_position_m, zone.length_m / 2) for zone in device.zones])
+    spread, actuators, pairs = device.spread, len(device.actuators), (count + 1) // 2
+    drawn = ndtri(qmc.LatinHypercube(2 + 2 * actuators, seed=seed).random(pairs))
+    normal = np.concatenate([np.zeros((1, drawn.shape[1])), _alternating(drawn, drawn)])
     guessed = ~_fitted(device)
     stiff = 1 + spread.stiffness * guessed[0] * normal[:, ::2]
     heavy = 1 + spread.mass * guessed[1] * normal[:, 1::2]
     return Scenarios(
         device=device,
-        calibrated=(device, *_calibrated(device, half, seed)),
+        seed=seed,
+        calibrated=(device, *_calibrated(device, pairs, seed)),
         bar_stiffness=stiff[:, 0],
         bar_mass=heavy[:, 0],
         stiffness=stiff[:, 1:],
         mass=heavy[:, 1:],
-        finger_mass=1 + spread.finger * even[:, 1],
-        finger_damping=1 + spread.finger * even[:, 2],
-        finger_stiffness=1 + spread.finger * even[:, 3],
-        position_m=middle_m + reach_m * even[:, 0],
     )
+
+
+@lru_cache(maxsize=64)
+def _sample_touches(pairs: int, fingers: int, seed: int) -> Array:
+    """Deviations (parameter, scenario, finger) from -1 to 1 of place, mass, damping and stiffness, the nominal first.
+
+    A mirror image has the fingers in the opposite order, and their places on the other side.
+    """
+    hypercube = qmc.LatinHypercube(4 * fingers, seed=np.random.default_rng([seed, fingers]))
+    touch = 2 * hypercube.random(pairs).reshape(pairs, 4, fingers) - 1
+    image = touch[:, :, ::-1].copy()
+    image[:, 0] *= -1
+    deviation: Array = np.concatenate([np.zeros((1, 4, fingers)), _alternating(touch, image)]).transpose(1, 0, 2)
+    deviation.flags.writeable = False
+    return deviation
 
 
 def _calibrated(device: Device, pairs: int, seed: int) -> Iterator[Device]:

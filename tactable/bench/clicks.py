@@ -13,7 +13,7 @@ from rich.table import Table as Grid
 from engine.device import Device
 from engine.plain import to_plain
 from engine.table import Entry
-from engine.touch import ZoneState
+from engine.touch import Placement, ZoneState
 from precompute.clicks import Click, ClickOptions, ClickSolver
 from precompute.clicks.baselines import gate
 from precompute.entries.alternatives import paper_drive
@@ -74,16 +74,17 @@ def _compare(clicks: ClickSolver, entries: EntrySolver, pair: tuple[int, int]) -
         "gated": entries.solve(states),
         "paper": [entries.evaluate(states, np.inf, paper_drive(entries, states), "paper")],
     }
-    judged = {way: _best_gated(clicks, states, drives, _WAYS[way]) for way, drives in steady.items()}
-    click = clicks.solve(states)
+    placement = Placement.in_zones(device, states)
+    judged = {way: _best_gated(clicks, placement, drives, _WAYS[way]) for way, drives in steady.items()}
+    click = clicks.solve(placement)
     figures = {"click": _figures(click) | {"gap_db": click.gap_db}, **{way: _figures(it) for way, it in judged.items()}}
     return {"felt": device.zones[felt].name, "quiet": device.zones[quiet].name, **figures}
 
 
-def _best_gated(clicks: ClickSolver, states: States, entries: Sequence[Entry], name: str) -> Click:
+def _best_gated(clicks: ClickSolver, placement: Placement, entries: Sequence[Entry], name: str) -> Click:
     """Of the entries of all levels the one that is felt most when it is gated."""
     length_s, slew_per_s = clicks.options.lengths_s[0], clicks.device.limits.slew_per_s
-    judged = [clicks.evaluate(states, length_s, gate(entry, length_s, slew_per_s), name) for entry in entries]
+    judged = [clicks.evaluate(placement, length_s, gate(entry, length_s, slew_per_s), name) for entry in entries]
     return max(judged, key=lambda click: click.evaluation.felt.low_db)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.table import ClickEntry
-from engine.touch import ZoneState
+from engine.touch import Placement, ZoneState
 from firmware_link.protocol.bank import SAMPLE_FULL_SCALE
 from precompute.clicks.basis import EVALUATION_RATE_HZ, interpolated
 from precompute.clicks.evaluation import decibels
@@ -51,7 +51,7 @@ def compute_course(source: ClickSource, click: ClickEntry) -> Course:
     """Compute the time course of a click of the source's device."""
     zones = touched_zones(click.states)
     wave = played_displacement(click).T
-    responses = source.solver.plants_of(zones).evaluated
+    responses = source.solver.plants_of(Placement.in_zones(source.table.device, click.states).position_m).evaluated
     drawn = interpolated(wave)
     displacement = np.zeros((len(drawn), responses.steps))
     displacement[:, : drawn.shape[1]] = drawn

@@ -21,14 +21,8 @@ class Rival:
 
 def solve_rivals(source: ClickSource, click: ClickEntry) -> list[Rival]:
     """Evaluate every baseline against a click at full strength."""
-    rivals = {name: evaluate_rival(source, click, name) for name in BASELINES}
+    rivals = {name: source.solve_baseline(click.states, name, click.length_s) for name in BASELINES}
     return [Rival(name, rival, _lost_by(click, rival)) for name, rival in rivals.items()]
-
-
-def evaluate_rival(source: ClickSource, click: ClickEntry, name: str) -> Click:
-    """Solve and evaluate the baseline of that name for the click's state and length."""
-    waveform = BASELINES[name](source.solver, click.states, click.length_s)
-    return source.solver.evaluate(click.states, click.length_s, waveform, name)
 
 
 def _lost_by(click: ClickEntry, rival: Click) -> str:

@@ -6,12 +6,15 @@ from functools import cached_property
 from math import inf
 from typing import Any
 
-from engine.table import ClickEntry, Table, TableError
+from engine.table import ClickEntry, Entry, Table, TableError
 from engine.table.click import played_at
-from engine.touch import ZoneState, state_index
-from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
+from engine.touch import Placement, ZoneState, state_index
+from precompute.clicks import DEFAULT_OPTIONS, Click, ClickOptions, ClickSolver
+from precompute.clicks.baselines import GATED_DRIVE, solve_baseline
 from precompute.clicks.columns import ClickTabulator
 from precompute.entries.prediction import States
+from precompute.entries.solver import EntrySolver
+from precompute.model.assembly import assemble
 
 
 class ClickSource:
@@ -38,8 +41,15 @@ class ClickSource:
         own = self.table.click_at(state_index(states), inf)
         if own is not None:
             return own
-        solved = ClickTabulator(self.table.device, self.options.wanted_db).tabulate(self.solver.solve(states))
-        return played_at(solved, inf)
+        solved = self.solver.solve(Placement.in_zones(self.table.device, states))
+        return played_at(ClickTabulator(self.table.device, self.options.wanted_db).tabulate(states, solved), inf)
+
+    def solve_baseline(self, states: States, name: str, length_s: float) -> Click:
+        """A baseline of that length for a state, evaluated as the table's clicks."""
+        device, entries = self.table.device, list[Entry]()
+        if name == GATED_DRIVE:
+            entries = EntrySolver(assemble(device)).solve(states)
+        return solve_baseline(self.solver, Placement.in_zones(device, states), entries, name, length_s)
 
 
 def read_click_options(table: Table) -> ClickOptions:

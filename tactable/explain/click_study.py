@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from engine.device import Device
+from engine.touch import Placement
 from precompute.clicks import DEFAULT_OPTIONS, Click, ClickOptions, ClickSolver
 from precompute.entries.prediction import States
 
@@ -45,7 +46,7 @@ def run_study(
     solved = dict[tuple[float, int], Click]()
     for length_s, count in wanted:
         asked = replace(options, lengths_s=(length_s,), scenarios=count)
-        solved[length_s, count] = ClickSolver(device, asked).solve(states)
+        solved[length_s, count] = ClickSolver(device, asked).solve(Placement.in_zones(device, states))
         on_progress(len(solved) / len(wanted))
     return Study(
         device=device,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from engine.table import ClickEntry
 from precompute.clicks import Click
-from tactable.explain.click_rivals import evaluate_rival
+from precompute.clicks.baselines import GATED_DRIVE
 from tactable.explain.click_source import ClickSource
 from tactable.figures.click import SPREAD_NOTE
 from tactable.figures.file import Picture
@@ -26,7 +26,6 @@ from tactable.figures.zone_map import (
     two_zone_names,
 )
 
-GATED = "gated steady drive"
 _CELL_INCHES = 0.9
 _MARGINS_INCHES = (2.6, 2.0)
 _HATCH = "//"
@@ -95,7 +94,9 @@ def _solve_cells(source: ClickSource, names: Sequence[str], on_progress: Callabl
     for felt, quiet in pairs:
         states = source.table.states_of([names[felt]], [names[quiet]] if quiet != felt else [])
         click = source.solve_click(states)
-        solved[felt, quiet] = Cell(click, evaluate_rival(source, click, GATED), source.holds(states))
+        solved[felt, quiet] = Cell(
+            click, source.solve_baseline(click.states, GATED_DRIVE, click.length_s), source.holds(states)
+        )
         on_progress(len(solved) / len(pairs))
     return [[solved[felt, quiet] for quiet in range(len(names))] for felt in range(len(names))]
 
@@ -114,7 +115,7 @@ def _draw(figure: Figure, names: Sequence[str], cells: Cells) -> None:
     levels = np.array([[[shown.felt_db for shown in cell.shown] for cell in row] for row in cells])
     levels[np.eye(len(names), dtype=bool)] = np.nan
     ends = float(np.nanmin(levels)), float(np.nanmax(levels))
-    for k, (axes, title) in enumerate(((left, "click"), (right, f"{GATED}, as long"))):
+    for k, (axes, title) in enumerate(((left, "click"), (right, f"{GATED_DRIVE}, as long"))):
         image = axes.imshow(levels[..., k], cmap=COLOUR_MAP, vmin=ends[0], vmax=ends[1])
         axes.set_facecolor(SINGLE_CELL)
         for felt, quiet in pairs_of(names):
@@ -143,7 +144,7 @@ def _draw_shown(axes: Axes, pair: tuple[int, int], shown: Shown, paint: tuple[st
 
 def _columns(names: Sequence[str], cells: Cells) -> dict[str, Sequence[object]]:
     columns, flat = pair_columns(names), [cell for row in cells for cell in row]
-    for k, name in enumerate(("click", GATED)):
+    for k, name in enumerate(("click", GATED_DRIVE)):
         columns[f"felt level of the {name}, 5 % (dB above threshold)"] = [cell.shown[k].felt_db for cell in flat]
         columns[f"quiet level of the {name}, 95 % (dB above threshold)"] = [cell.shown[k].quiet_db for cell in flat]
     columns["upper bound of the click (dB above threshold)"] = [cell.click.bound_db for cell in flat]

@@ -23,6 +23,7 @@ from threadpoolctl import threadpool_limits
 
 from engine.device import Device, Zone
 from engine.device.file import ROMAN
+from engine.touch import Placement
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
 from precompute.entries.prediction import States, touched_zones
 from precompute.entries.solver import tabulated_states
@@ -82,9 +83,10 @@ def _time_clicks(device: Device, options: ClickOptions, case: Case) -> dict[str,
     plants_s, solving_s = dict[tuple[int, ...], float](), list[float]()
     for state in chosen:
         start_s = time.process_time()
-        solver.plants_of(touched_zones(state))
+        placement = Placement.in_zones(device, state)
+        solver.plants_of(placement.position_m)
         middle_s = time.process_time()
-        solver.solve(state)
+        solver.solve(placement)
         plants_s.setdefault(touched_zones(state), middle_s - start_s)
         solving_s.append(time.process_time() - middle_s)
     # States with the same fingers share their plants, which the few chosen ones seldom do.

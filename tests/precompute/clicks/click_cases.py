@@ -1,6 +1,7 @@
 """States and cheap options that the laws of clicks are checked with."""
 
-from engine.touch import ZoneState
+from engine.device import Device
+from engine.touch import Placement, ZoneState
 from precompute.clicks.options import ClickOptions
 from precompute.entries.prediction import States
 
@@ -13,3 +14,8 @@ _KINDS = {"-": ZoneState.FREE, "q": ZoneState.QUIET, "F": ZoneState.FELT}
 def states(letters: str) -> States:
     """One letter a zone: F felt, q quiet, - free."""
     return tuple(_KINDS[letter] for letter in letters)
+
+
+def placed(device: Device, letters: str) -> Placement:
+    """Fingers in the middles of the zones."""
+    return Placement.in_zones(device, states(letters))

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from engine.touch import ZoneState
 from precompute.clicks.baselines import BASELINES, energy_contrast, gate, gated_drive, solve_baseline
 from precompute.clicks.basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, make_tones
 from precompute.clicks.solver import PEAK, ClickSolver
-from precompute.entries.prediction import touched_zones
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
-from tests.precompute.clicks.click_cases import CHEAP, states
+from tests.precompute.clicks.click_cases import CHEAP, placed, states
 from tests.precompute.devices import shipped
 
 any_baseline = pytest.mark.parametrize("name", BASELINES)
@@ -28,21 +26,22 @@ def solver() -> ClickSolver:
 @any_baseline
 @pytest.mark.parametrize("letters", ["F--q-", "-q--F"])
 def test_a_baseline_keeps_to_the_limits_and_loses_to_the_program(solver: ClickSolver, name: str, letters: str) -> None:
-    click, own = solve_baseline(solver, states(letters), name), solver.solve(states(letters))
+    placement = placed(solver.device, letters)
+    entries = EntrySolver(assemble(solver.device)).solve(states(letters))
+    click, own = solve_baseline(solver, placement, entries, name, 0.02), solver.solve(placement)
     assert click.objective == name and own.objective == PEAK
     assert abs(click.waveform).max() <= 1 and not click.waveform[:, [0, -1]].any()
     assert click.evaluation.quiet is not None and own.evaluation.quiet is not None
-    trimmed = abs(solver.plants_of(touched_zones(click.states)).trimmed.play(click.waveform))[1:].max(axis=2)
-    quiet = [zone for zone in touched_zones(click.states) if click.states[zone] is ZoneState.QUIET]
-    finger = touched_zones(click.states).index(quiet[0])
+    trimmed = abs(solver.plants_of(placement.position_m).trimmed.play(click.waveform))[1:].max(axis=2)
+    finger = placement.quiet[0]
     assert np.percentile(20 * np.log10(trimmed[:, finger]), 95) <= CHEAP.quiet_db + 0.01
     assert click.evaluation.felt.low_db < own.evaluation.felt.low_db
 
 
 def test_energy_contrast_is_that_of_no_other_weights(solver: ClickSolver) -> None:
-    state = states("F--q-")
-    waveform, tones = energy_contrast(solver, state, 0.02), make_tones(solver.device, 0.02)
-    optimised = solver.plants_of((0, 3)).optimised
+    placement = placed(solver.device, "F--q-")
+    waveform, tones = energy_contrast(solver, placement, 0.02), make_tones(solver.device, 0.02)
+    optimised = solver.plants_of(placement.position_m).optimised
 
     def contrast(drive: np.ndarray) -> float:
         course = optimised.play(drive) ** 2
@@ -66,13 +65,14 @@ def test_a_gate_opens_and_closes_by_the_slew(solver: ClickSolver) -> None:
 
 
 def test_the_gated_drive_is_the_entry_that_is_felt_most_so(solver: ClickSolver) -> None:
-    state, limited = states("F--q-"), replace_limits(solver)
+    placement, limited = placed(solver.device, "F--q-"), replace_limits(solver)
+    entries = EntrySolver(assemble(solver.device)).solve(states("F--q-"))
 
     def felt_db(drive: np.ndarray) -> float:
-        return limited.evaluate(state, 0.02, drive, "").evaluation.felt.low_db
+        return limited.evaluate(placement, 0.02, drive, "").evaluation.felt.low_db
 
-    own = gated_drive(limited, state, 0.02)
-    gated = [gate(entry, 0.02, slew_per_s=200.0) for entry in EntrySolver(assemble(solver.device)).solve(state)]
+    own = gated_drive(limited, placement, entries, 0.02)
+    gated = [gate(entry, 0.02, slew_per_s=200.0) for entry in entries]
     assert any(np.allclose(own, drive) for drive in gated)
     assert felt_db(own) == pytest.approx(max(map(felt_db, gated)))
 
@@ -85,11 +85,14 @@ def replace_limits(solver: ClickSolver) -> ClickSolver:
 
 def test_without_a_quiet_finger_contrast_is_against_the_drive(solver: ClickSolver) -> None:
     """The most energy under the finger for that of the displacement: a singular vector of what the tones do."""
-    waveform, tones = energy_contrast(solver, states("F----"), 0.02), make_tones(solver.device, 0.02)
-    played = solver.plants_of((0,)).optimised.play_each(tones)[:, 0, : round(0.02 * EVALUATION_RATE_HZ)]
+    placement = placed(solver.device, "F----")
+    waveform, tones = energy_contrast(solver, placement, 0.02), make_tones(solver.device, 0.02)
+    played = solver.plants_of(placement.position_m).optimised.play_each(tones)[:, 0, : round(0.02 * EVALUATION_RATE_HZ)]
     rows = played.reshape(-1, len(tones.wave))
     best = scipy.linalg.eigvalsh(
         rows.T @ rows, (tones.wave @ tones.wave.T) * (tones.actuator[:, None] == tones.actuator)
     )
-    energy = (solver.plants_of((0,)).optimised.play(waveform)[:, 0, : round(0.02 * EVALUATION_RATE_HZ)] ** 2).sum()
+    energy = (
+        solver.plants_of(placement.position_m).optimised.play(waveform)[:, 0, : round(0.02 * EVALUATION_RATE_HZ)] ** 2
+    ).sum()
     assert energy / (waveform**2).sum() == pytest.approx(best[-1], rel=1e-3)

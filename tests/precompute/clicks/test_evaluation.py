@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 def responses() -> Responses:
     scenarios = sample_scenarios(shipped("reference-a"), 40, seed=8)
     plants = SampledPlants(scenarios, lines_for(scenarios.device, (0.02,)))
-    return Responses(plants.transfer(plants.fingers_in((0, 1, 3))), plants.lines)
+    return Responses(plants.transfer(scenarios.place((30e-3, 80e-3, 190e-3))), plants.lines)
 
 
 @pytest.fixture(scope="module")

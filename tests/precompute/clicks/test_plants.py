@@ -30,7 +30,8 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 DEVICES = every_device()
 any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
-TOUCHED = (0, 2)
+POSITION_M = (31e-3, 118e-3)
+"""Of the fingers: in no middle, and on every bar."""
 LENGTH_S = 0.02
 FINE = 24
 """Steps of the time-domain plant for each sample of the waveform."""
@@ -44,7 +45,7 @@ def drive_of(device: Device) -> Array:
 def responses_of(scenarios: Scenarios) -> Responses:
     lines = lines_for(scenarios.device, (LENGTH_S,))
     plants = SampledPlants(scenarios, lines)
-    return Responses(plants.transfer(plants.fingers_in(TOUCHED)), lines)
+    return Responses(plants.transfer(plants.scenarios.place(POSITION_M)), lines)
 
 
 def transient_lines(scenarios: Scenarios, scenario: int, waveform: Array, lines: DampedLines) -> Complex:
@@ -53,7 +54,7 @@ def transient_lines(scenarios: Scenarios, scenario: int, waveform: Array, lines:
     Without the triangle of a sample, which the plant draws itself.
     """
     device = scenarios.device_of(scenario)
-    fingers = scenarios.fingers_of(scenario, TOUCHED)
+    fingers = scenarios.place(POSITION_M).of(scenario)
     rate_hz = FINE * SAMPLE_RATE_HZ
     places_m = np.array([position_m for position_m, _ in fingers])
     plant = TransientPlant(compute_basis(assemble(device), 60), places_m, rate_hz)
@@ -100,7 +101,7 @@ def test_a_course_does_not_come_round(device: Device) -> None:
     short = responses_of(scenarios)
     lines = replace(short.lines, steps=4 * short.lines.steps)
     plants = SampledPlants(scenarios, lines)
-    long = Responses(plants.transfer(plants.fingers_in(TOUCHED)), lines)
+    long = Responses(plants.transfer(plants.scenarios.place(POSITION_M)), lines)
     found, expected = short.play(waveform), long.play(waveform)[..., : short.steps]
     assert abs(found - expected).max() <= 2e-3 * abs(expected).max()
 
@@ -112,7 +113,7 @@ def test_the_modes_and_lines_left_out_are_not_felt(device: Device) -> None:
     responses = responses_of(scenarios)
     lines = replace(responses.lines, top_hz=0.49 * SAMPLE_RATE_HZ)
     plants = SampledPlants(scenarios, lines, 40)
-    all_of_it = Responses(plants.transfer(plants.fingers_in(TOUCHED)), lines)
+    all_of_it = Responses(plants.transfer(plants.scenarios.place(POSITION_M)), lines)
     found, expected = (abs(each.play(waveform)).max(axis=2) for each in (responses, all_of_it))
     assert 20 * np.log10(found / expected) == pytest.approx(0.0, abs=0.02)
 

@@ -9,13 +9,11 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from engine.device import Device
-from engine.touch import ZoneState
 from precompute.clicks.basis import EVALUATION_RATE_HZ, EVALUATIONS_PER_SAMPLE, RINGDOWN_S, SAMPLE_RATE_HZ, make_tones
-from precompute.clicks.design import Designer, fingers_of
+from precompute.clicks.design import Designer
 from precompute.clicks.options import ClickOptions
 from precompute.clicks.solver import FULL_SCALE, Click, ClickSolver, solve_clicks
-from precompute.entries.prediction import touched_zones
-from tests.precompute.clicks.click_cases import CHEAP, states
+from tests.precompute.clicks.click_cases import CHEAP, placed
 from tests.precompute.devices import mirrored, random_device, shipped
 
 Array = NDArray[np.float64]
@@ -30,13 +28,13 @@ def solver_of(device: Device, options: ClickOptions = CHEAP) -> ClickSolver:
 
 @cache
 def click_of(letters: str, options: ClickOptions = CHEAP, device: str = "reference-a") -> Click:
-    return solver_of(shipped(device), options).solve(states(letters))
+    return solver_of(shipped(device), options).solve(placed(shipped(device), letters))
 
 
-def courses(click: Click, kind: ZoneState, options: ClickOptions = CHEAP, part: str = "optimised") -> Array:
-    """Shape (scenario, finger, time): of the plants that it was optimised over, or of `part`."""
-    plants = solver_of(shipped("reference-a"), options).plants_of(touched_zones(click.states))
-    found: Array = getattr(plants, part).play(click.waveform)[:, fingers_of(click.states, kind)]
+def courses(click: Click, kind: str, options: ClickOptions = CHEAP, part: str = "optimised") -> Array:
+    """Shape (scenario, finger, time) of the felt or the quiet ones, in the plants of the program or of `part`."""
+    plants = solver_of(shipped("reference-a"), options).plants_of(click.placement.position_m)
+    found: Array = getattr(plants, part).play(click.waveform)[:, getattr(click.placement, kind)]
     return found
 
 
@@ -58,8 +56,8 @@ def test_displacements_are_within_full_scale_on_the_grid_of_the_wire(letters: st
 def test_quiet_fingers_keep_to_their_level_at_all_times(letters: str) -> None:
     """In 95 % of the plants that it was trimmed on; also long after the time that was looked at."""
     click = click_of(letters)
-    if ZoneState.QUIET in click.states:
-        course = courses(click, ZoneState.QUIET, part="trimmed")
+    if click.placement.quiet:
+        course = courses(click, "quiet", part="trimmed")
         assert percentile_db(course, True, 95) <= CHEAP.quiet_db + 0.01
         assert course.shape[2] == round((0.02 + RINGDOWN_S) * EVALUATION_RATE_HZ)
 
@@ -75,7 +73,7 @@ def test_felt_fingers_feel_what_quiet_ones_do_not(letters: str) -> None:
 @any_case
 def test_no_click_exceeds_its_bound(letters: str) -> None:
     click = click_of(letters)
-    course = courses(click, ZoneState.FELT).mean(axis=0)
+    course = courses(click, "felt").mean(axis=0)
     assert 20 * np.log10(abs(course).max(axis=1).min()) <= click.bound_db + 1e-3
     assert -1e-3 <= click.gap_db < 1.5
 
@@ -84,13 +82,14 @@ class Rivals:
     """Any weights of the tones as loud as the limits in the optimised plants allow: peak and its gradient."""
 
     def __init__(self, letters: str, limit: float) -> None:
-        device, state = shipped("reference-a"), states(letters)
+        device = shipped("reference-a")
+        placement = placed(device, letters)
         tones = make_tones(device, 0.02)
-        played = solver_of(device).plants_of(touched_zones(state)).optimised.play_each(tones)
-        quiet = played[:, fingers_of(state, ZoneState.QUIET)].reshape(-1, len(tones.wave)) / limit
+        played = solver_of(device).plants_of(placement.position_m).optimised.play_each(tones)
+        quiet = played[:, placement.quiet].reshape(-1, len(tones.wave)) / limit
         drive = np.concatenate([(tones.wave * (tones.actuator == i)[:, None]).T for i in range(2)])
         self.limits = np.concatenate([quiet, drive])
-        self.course = played[:, fingers_of(state, ZoneState.FELT)].mean(axis=0)
+        self.course = played[:, placement.felt].mean(axis=0)
 
     def value(self, weight: Array) -> float:
         """Peak of the weakest felt finger in the mean of the plants."""
@@ -132,7 +131,7 @@ def _peak(rows: Array, weight: Array, sharpness: float) -> tuple[float, Array]:
 @pytest.mark.parametrize("letters", ["F--q-", "q--F-", "qF-Fq"])
 def test_no_random_or_climbing_search_beats_it(letters: str) -> None:
     click = click_of(letters)
-    limit = abs(courses(click, ZoneState.QUIET)).max()
+    limit = abs(courses(click, "quiet")).max()
     rivals, own = Rivals(letters, limit), 10 ** ((click.bound_db - click.gap_db) / 20)
     starts = np.random.default_rng(3).normal(size=(400, rivals.limits.shape[1]))
     found = [rivals.value(weight) for weight in starts] + [rivals.climbed(weight) for weight in starts[:3]]
@@ -141,12 +140,12 @@ def test_no_random_or_climbing_search_beats_it(letters: str) -> None:
 
 @any_case
 def test_the_program_violates_none_of_its_own_limits(letters: str) -> None:
-    device, state = shipped("reference-a"), states(letters)
-    solver = solver_of(device)
-    designer = Designer(device, CHEAP, solver.plants_of(touched_zones(state)), state, 0.02)
+    device = shipped("reference-a")
+    placement, solver = placed(device, letters), solver_of(device)
+    designer = Designer(device, CHEAP, solver.plants_of(placement.position_m), placement, 0.02)
     waveform = designer.waveform(designer.search.strongest(0.8).optimum.weight)  # a design is scaled after it
     assert abs(waveform).max() <= 1 + 1e-6
-    course = abs(solver.plants_of(touched_zones(state)).optimised.play(waveform)[:, designer.quiet])
+    course = abs(solver.plants_of(placement.position_m).optimised.play(waveform)[:, designer.quiet])
     assert course[..., ::EVALUATIONS_PER_SAMPLE].max(initial=0.0) <= 0.8 + 1e-6
     assert course.max(initial=0.0) <= 0.8 * 10 ** (0.3 / 20)  # between the samples of the waveform
 
@@ -155,7 +154,8 @@ def test_the_program_violates_none_of_its_own_limits(letters: str) -> None:
 def test_a_mirrored_bar_gets_mirrored_clicks(letters: str) -> None:
     """The same waveforms, up to the sign that nobody feels and to what the program leaves open."""
     here = click_of(letters)
-    there = solver_of(mirrored(shipped("reference-a"))).solve(states(letters[::-1]))
+    turned = mirrored(shipped("reference-a"))
+    there = solver_of(turned).solve(placed(turned, letters[::-1]))
     assert there.bound_db == pytest.approx(here.bound_db, abs=2e-2)
     assert there.evaluation.felt.nominal_db == pytest.approx(here.evaluation.felt.nominal_db, abs=0.1)
     sign = np.sign((there.waveform * here.waveform).sum())
@@ -163,7 +163,7 @@ def test_a_mirrored_bar_gets_mirrored_clicks(letters: str) -> None:
 
 
 def test_a_click_is_the_same_every_time() -> None:
-    again = ClickSolver(shipped("reference-a"), CHEAP).solve(states("F--q-"))
+    again = ClickSolver(shipped("reference-a"), CHEAP).solve(placed(shipped("reference-a"), "F--q-"))
     assert (again.waveform == click_of("F--q-").waveform).all()
 
 
@@ -184,11 +184,9 @@ def test_a_slew_that_is_asked_for_is_kept() -> None:
 def test_a_brake_leaves_no_residual() -> None:
     options, late = replace(CHEAP, brake_s=0.023), round(0.023 * EVALUATION_RATE_HZ)
     braked = click_of("F--q-", options)
-    left, without = (
-        abs(courses(click, ZoneState.FELT, CHEAP)[..., late:]).max() for click in (braked, click_of("F--q-"))
-    )
+    left, without = (abs(courses(click, "felt", CHEAP)[..., late:]).max() for click in (braked, click_of("F--q-")))
     assert left <= 1.5 < without
-    assert left == pytest.approx(abs(courses(braked, ZoneState.FELT, options)[..., late:]).max())
+    assert left == pytest.approx(abs(courses(braked, "felt", options)[..., late:]).max())
     assert braked.evaluation.residual_from_s == 0.023
 
 
@@ -196,11 +194,11 @@ def test_a_wanted_level_is_reached_and_not_exceeded() -> None:
     options = replace(CHEAP, wanted_db=8.0)
     click = click_of("F--q-", options)
     assert click.achieved
-    assert percentile_db(courses(click, ZoneState.FELT, options, "trimmed"), False, 5) == pytest.approx(8.0, abs=0.01)
+    assert percentile_db(courses(click, "felt", options, "trimmed"), False, 5) == pytest.approx(8.0, abs=0.01)
 
 
 def test_the_shortest_length_that_reaches_the_level_is_taken() -> None:
-    reach_db = percentile_db(courses(click_of("F--q-"), ZoneState.FELT, part="trimmed"), False, 5)
+    reach_db = percentile_db(courses(click_of("F--q-"), "felt", part="trimmed"), False, 5)
     options = replace(CHEAP, lengths_s=(0.01, 0.02, 0.03), wanted_db=reach_db - 0.5)
     assert click_of("F--q-", options).length_s == 0.02
 
@@ -209,7 +207,7 @@ def test_what_is_out_of_reach_violates_the_quiet_level_by_the_least_and_says_so(
     options = replace(CHEAP, wanted_db=20.0)
     click = click_of("F--q-", options)
     assert not click.achieved and click.evaluation.quiet is not None
-    assert percentile_db(courses(click, ZoneState.FELT, options, "trimmed"), False, 5) == pytest.approx(20.0, abs=0.1)
+    assert percentile_db(courses(click, "felt", options, "trimmed"), False, 5) == pytest.approx(20.0, abs=0.1)
     assert click.evaluation.quiet.high_db > CHEAP.quiet_db + 1
 
 
@@ -219,18 +217,19 @@ def test_what_full_scale_does_not_reach_keeps_to_the_quiet_level() -> None:
     assert (click.waveform == click_of("F--q-").waveform).all()
 
 
-def test_every_state_that_is_asked_for_gets_its_click() -> None:
+def test_every_placement_that_is_asked_for_gets_its_click() -> None:
     device = random_device(seed=4, actuators=3)
-    wanted = [states(letters) for letters in ("F---", "qF--", "F-q-", "-qF-")]
+    wanted = [placed(device, letters) for letters in ("F---", "qF--", "F-q-", "-qF-")]
     clicks = list(solve_clicks(device, CHEAP, wanted))
-    assert {click.states for click in clicks} == set(wanted) and len(clicks) == len(wanted)
+    assert {click.placement for click in clicks} == set(wanted) and len(clicks) == len(wanted)
     assert all(click.waveform.shape[0] == 3 for click in clicks)
 
 
 def test_clicks_are_the_same_by_however_many_processes() -> None:
     device = shipped("reference-a")
-    wanted = [states(letters) for letters in ("F--q-", "q--F-", "-F---", "--F-q")]
-    one, two = ({click.states: click for click in solve_clicks(device, CHEAP, wanted, n)} for n in (1, 2))
+    wanted = [placed(device, letters) for letters in ("F--q-", "q--F-", "-F---", "--F-q")]
+    one, two = ({click.placement: click for click in solve_clicks(device, CHEAP, wanted, n)} for n in (1, 2))
     assert set(one) == set(two) == set(wanted)
-    for state in wanted:
-        assert (one[state].waveform == two[state].waveform).all() and one[state].evaluation == two[state].evaluation
+    for placement in wanted:
+        assert (one[placement].waveform == two[placement].waveform).all()
+        assert one[placement].evaluation == two[placement].evaluation

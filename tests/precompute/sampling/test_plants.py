@@ -12,6 +12,7 @@ from tests.precompute.devices import every_device, mirrored, shipped
 
 Array = NDArray[np.float64]
 DEVICES = every_device()
+POSITION_M = (20e-3, 90e-3, 120e-3)
 any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
 
 
@@ -21,17 +22,24 @@ def solid(scenarios: Scenarios) -> Array:
     return np.column_stack(columns)
 
 
-def soft(scenarios: Scenarios) -> Array:
-    """Shape (parameter, scenario, zone): of the fingers."""
-    return np.stack([scenarios.finger_mass, scenarios.finger_damping, scenarios.finger_stiffness])
+def soft(scenarios: Scenarios, position_m: tuple[float, ...] = POSITION_M) -> Array:
+    """Shape (parameter, scenario, finger): factors on the finger of the device."""
+    finger, placed = scenarios.device.finger, scenarios.place(position_m)
+    return np.stack(
+        [
+            placed.mass_kg / finger.mass_kg,
+            placed.damping_n_s_per_m / finger.damping_n_s_per_m,
+            placed.stiffness_n_per_m / finger.stiffness_n_per_m,
+        ]
+    )
 
 
 @any_device
 def test_the_first_plant_is_the_nominal_one(device: Device) -> None:
     scenarios = sample_scenarios(device, 8, seed=1)
     assert scenarios.device_of(0) == device
-    for (position_m, finger), zone in zip(scenarios.fingers_of(0, range(len(device.zones))), device.zones, strict=True):
-        assert position_m == pytest.approx((zone.start_m + zone.stop_m) / 2)
+    for (at_m, finger), position_m in zip(scenarios.place(POSITION_M).of(0), POSITION_M, strict=True):
+        assert at_m == position_m
         assert replace(finger, spread=device.finger.spread) == device.finger
 
 
@@ -46,9 +54,17 @@ def test_the_samples_have_the_spreads_asked_for(device: Device) -> None:
     assert abs(soft(scenarios) - 1).max() <= 0.3 and soft(scenarios)[:, 1:].std() == pytest.approx(
         0.3 / np.sqrt(3), rel=0.01
     )
-    off_m = scenarios.position_m - scenarios.position_m[0]
-    reach_m = [min(0.004, zone.length_m / 2) for zone in device.zones]
-    assert abs(off_m).max(axis=0) == pytest.approx(reach_m, rel=1e-2) and (abs(off_m) <= reach_m).all()
+    for tolerance_m, reach_m in ((None, 0.004), (0.001, 0.001)):
+        off_m = abs(scenarios.place(POSITION_M, tolerance_m).position_m - POSITION_M)
+        assert off_m.max(axis=0) == pytest.approx([reach_m] * 3, rel=1e-2) and (off_m <= reach_m + 1e-12).all()
+
+
+def test_no_finger_lies_beside_the_bar() -> None:
+    device = shipped("reference-a")
+    length_m = device.bar.length_m
+    fingers = sample_scenarios(device, 200, seed=1).place((0.0, length_m), 0.004)
+    assert (fingers.position_m >= 0).all() and (fingers.position_m <= length_m).all()
+    assert np.ptp(fingers.position_m, axis=0) == pytest.approx([0.004, 0.004], rel=0.02)
 
 
 @any_device
@@ -56,8 +72,11 @@ def test_a_mirrored_bar_gets_the_mirrored_plants(device: Device) -> None:
     here, there = (sample_scenarios(each, 12, seed=3) for each in (device, mirrored(device)))
     order = np.r_[0, np.arange(1, 13).reshape(6, 2)[:, ::-1].ravel()]
     assert solid(there)[order] == pytest.approx(solid(here))
-    assert soft(there)[:, order, ::-1] == pytest.approx(soft(here))
-    assert device.bar.length_m - there.position_m[order, ::-1] == pytest.approx(here.position_m)
+    length_m = device.bar.length_m
+    turned_m = tuple(length_m - at_m for at_m in POSITION_M[::-1])
+    assert soft(there, turned_m)[:, order, ::-1] == pytest.approx(soft(here))
+    here_m, there_m = here.place(POSITION_M).position_m, there.place(turned_m).position_m
+    assert length_m - there_m[order, ::-1] == pytest.approx(here_m)
 
 
 def test_a_seed_says_everything_and_another_says_otherwise() -> None:
@@ -74,7 +93,7 @@ def test_without_spreads_every_plant_is_the_nominal_one() -> None:
     device = replace(shipped("reference-d"), spread=Spread(0.0, 0.0, 0.0, 0.0))
     scenarios = sample_scenarios(device, 4, 1)
     assert all(scenarios.device_of(s) == device for s in range(5))
-    assert np.ptp(scenarios.position_m, axis=0) == pytest.approx(np.zeros(5))
+    assert np.ptp(scenarios.place(POSITION_M).position_m, axis=0) == pytest.approx(np.zeros(3))
 
 
 def test_what_a_calibration_has_fitted_varies_as_that_has_left_it_and_only_so() -> None:

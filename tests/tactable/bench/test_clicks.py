@@ -8,7 +8,7 @@ from rich.console import Console
 
 from precompute.clicks import ClickSolver
 from tactable.bench.clicks import print_clicks_bench, run_clicks_bench
-from tests.precompute.clicks.click_cases import CHEAP, states
+from tests.precompute.clicks.click_cases import CHEAP, placed
 from tests.precompute.devices import shipped, with_zones
 
 DEVICE = with_zones(shipped("reference-a"), 3)
@@ -21,7 +21,7 @@ def test_every_ordered_pair_is_compared_as_the_solvers_say() -> None:
     pairs = {(row["felt"], row["quiet"]): row for row in result["pairs"]}
     assert set(pairs) == {(a, b) for a in ("I", "II", "III") for b in ("I", "II", "III") if a != b}
     assert told == pytest.approx([i / 6 for i in range(1, 7)])
-    evaluation = ClickSolver(COARSE, CHEAP).solve(states("F-q")).evaluation
+    evaluation = ClickSolver(COARSE, CHEAP).solve(placed(COARSE, "F-q")).evaluation
     row = pairs["I", "III"]
     assert evaluation.quiet is not None
     found = (row["click"]["felt_db"]["low_db"], row["click"]["quiet_db"]["high_db"])

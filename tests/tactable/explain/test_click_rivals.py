@@ -7,6 +7,7 @@ import pytest
 
 from engine.table import ClickEntry
 from engine.table.entry import shifted
+from engine.touch import Placement
 from precompute.clicks.baselines import BASELINES
 from tactable.explain.click_rivals import solve_rivals
 from tactable.explain.click_source import ClickSource
@@ -41,7 +42,8 @@ def test_what_does_not_lose_says_so(source: ClickSource, click: ClickEntry) -> N
 
 
 def test_rivals_keep_to_the_quiet_level(source: ClickSource, click: ClickEntry) -> None:
-    plants = source.solver.plants_of((0, 2)).trimmed
+    placement = Placement.in_zones(source.table.device, click.states)
+    plants = source.solver.plants_of(placement.position_m).trimmed
     for rival in solve_rivals(source, click):
         peak = abs(plants.play(rival.click.waveform))[1:, 1].max(axis=1)
         assert np.percentile(20 * np.log10(peak), 95) <= source.options.quiet_db + 0.01

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from engine.table.table import states_of
+from engine.touch import Placement
 from precompute.clicks import ClickSolver
 from tactable.explain.click_source import ClickSource
 from tactable.explain.click_study import Study, run_study
@@ -39,7 +40,7 @@ def test_each_point_is_the_click_of_its_options(study: Study, told: list[float])
     ]
     assert told == pytest.approx([1 / 3, 2 / 3, 1])  # one point is on both curves
     assert study.by_length[0.02] is study.by_scenarios[4]
-    alone = ClickSolver(study.device, replace(CHEAP, scenarios=2)).solve(study.states)
+    alone = ClickSolver(study.device, replace(CHEAP, scenarios=2)).solve(Placement.in_zones(study.device, study.states))
     assert (alone.waveform == study.by_scenarios[2].waveform).all()
 
 
