@@ -1,6 +1,6 @@
 """Exact discrete-time model of the bar with fingers: base displacements over time to accelerations."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -46,7 +46,12 @@ class TransientPlant:
         self._model = compute_modal_model(self.basis, fingers)
         # Poles come in conjugate pairs: one of each is enough, counted twice.
         self._kept = np.flatnonzero(self._model.pole.imag >= 0)
-        self._weight = np.where(self._model.pole[self._kept].imag > 0, 2.0, 1.0)
+        weight = np.where(self._model.pole[self._kept].imag > 0, 2.0, 1.0)
+        self._vector = self._model.vector[:, self._kept] * weight
+
+    def rest(self) -> None:
+        """Put the bar at rest, with its fingers where they are."""
+        self._state, self._last = np.zeros_like(self._state), np.zeros_like(self._last)
 
     def run(self, displacement: Array) -> tuple[Array, Array]:
         """Acceleration (time, point) in m/s^2 and zone energy (zone,) summed over the stretch.
@@ -55,16 +60,21 @@ class TransientPlant:
         integral of the velocity squared over each zone, m^3/s: their ratios are localized factors, paper eq. (10).
         """
         modes = len(self.basis.square_omega)
-        acceleration = np.empty((len(displacement), len(self.position_m)))
-        product = np.zeros((modes, modes))
-        for start in range(0, len(displacement), _CHUNK):
-            velocity, mode_acceleration = self._advance(displacement[start : start + _CHUNK])
-            acceleration[start : start + _CHUNK] = (self._shape @ mode_acceleration).T
+        acceleration, product = [np.empty((0, len(self.position_m)))], np.zeros((modes, modes))
+        for chunk in _chunks(displacement):
+            z, acceleration_of_chunk = self._advance(chunk)
+            acceleration.append(acceleration_of_chunk)
+            velocity = _real_product(self._vector[modes:], z)
             product += velocity @ velocity.T
-        return acceleration, _zone_energy(self.basis, product) / self.sample_rate_hz
+        return np.concatenate(acceleration), _zone_energy(self.basis, product) / self.sample_rate_hz
 
-    def _advance(self, displacement: Array) -> tuple[Array, Array]:
-        """Mode velocities and accelerations, each (mode, time), over one chunk."""
+    def accelerate(self, displacement: Array) -> Array:
+        """The acceleration of `run` alone; the energies take most of the time of a run."""
+        none = np.empty((0, len(self.position_m)))
+        return np.concatenate([none, *(self._advance(chunk)[1] for chunk in _chunks(displacement))])
+
+    def _advance(self, displacement: Array) -> tuple[Complex, Array]:
+        """Kept states (state, time) and accelerations (time, point) over one chunk."""
         model, kept, step_s = self._model, self._kept, 1 / self.sample_rate_hz
         modes = len(self.basis.square_omega)
         before = np.vstack([self._last, displacement[:-1]])
@@ -78,12 +88,14 @@ class TransientPlant:
         z = np.empty_like(forced)
         for k in range(len(kept)):
             z[k] = scipy.signal.lfilter([1.0], [1.0, -grow[k]], forced[k], zi=np.array([grow[k] * state[k]]))[0]
-        vector = model.vector[:, kept] * self._weight
-        self._state, self._last = (vector @ z[:, -1]).real, displacement[-1]
-        velocity = _real_product(vector[modes:], z)
-        mode_acceleration = _real_product(vector[modes:] * pole, z)
-        mode_acceleration += model.push[:, 0] @ displacement.T + model.push[:, 1] @ rate.T
-        return velocity, mode_acceleration
+        self._state, self._last = (self._vector @ z[:, -1]).real, displacement[-1]
+        acceleration = _real_product(self._shape @ (self._vector[modes:] * pole), z)
+        acceleration += (self._shape @ model.push[:, 0]) @ displacement.T + (self._shape @ model.push[:, 1]) @ rate.T
+        return z, acceleration.T
+
+
+def _chunks(displacement: Array) -> Iterator[Array]:
+    return (displacement[start : start + _CHUNK] for start in range(0, len(displacement), _CHUNK))
 
 
 def step_integrals(pole: Complex, step_s: float) -> tuple[Complex, Complex]:

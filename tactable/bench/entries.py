@@ -157,7 +157,7 @@ class TimeDomain:
         plant.touch([(position_m, self._device.finger) for position_m in at_m.tolist()])
         time_s = np.arange(round((_SETTLING_S + _WINDOW_S) * rate_hz)) / rate_hz
         turn = 2 * np.pi * time_s[:, None] * np.array(entry.frequencies_hz) + np.array(entry.phases_rad)
-        acceleration, _ = plant.run(np.array(entry.amplitudes) * np.cos(turn))
+        acceleration = plant.accelerate(np.array(entry.amplitudes) * np.cos(turn))
         peak: Array = abs(acceleration[time_s >= _SETTLING_S]).max(axis=0)
         return peak
 

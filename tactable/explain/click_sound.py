@@ -94,7 +94,7 @@ def compute_felt(device: Device, click: ClickEntry, *, is_weighted: bool) -> Arr
     drive = played_displacement(click)
     sample_s = np.arange(len(drive)) / click.sample_rate_hz
     time_s = np.arange(round((click.length_s + RINGDOWN_S) * SOUND_RATE_HZ)) / SOUND_RATE_HZ
-    acceleration, _ = plant.run(np.column_stack([np.interp(time_s, sample_s, column) for column in drive.T]))
+    acceleration = plant.accelerate(np.column_stack([np.interp(time_s, sample_s, column) for column in drive.T]))
     if not is_weighted:
         return acceleration
     taps = threshold_filter(SOUND_RATE_HZ)

@@ -140,7 +140,7 @@ class LiveBar:
             return None
         acceleration = np.zeros((len(displacement), _COLUMNS))
         columns = [self._columns[finger.number] for finger in self._fingers]
-        acceleration[:, [*range(POINTS), *columns]] = self._plant.run(displacement)[0]
+        acceleration[:, [*range(POINTS), *columns]] = self._plant.accelerate(displacement)
         self._motion.push(acceleration[:, :POINTS])
         self._weighted.push(self._weigh(acceleration))
         newest = abs(self._weighted.last(len(displacement))).max(axis=0)

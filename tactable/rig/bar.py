@@ -122,7 +122,7 @@ class SimulatedBar:
         plant.touch([(position_m, self.device.finger) for position_m in middle_m.tolist()])
         log = [replace(event, device_time_us=0)]
         drive = synthesise(log, 0.0, _RING_DOWN_US, self.sample_rate_hz, banks)
-        acceleration, _ = plant.run(drive)
+        acceleration = plant.accelerate(drive)
         return SimulatedClick(np.arange(len(drive)) / self.sample_rate_hz, drive, acceleration)
 
     def feel(self, run: LiveRun, longest_s: float) -> Felt:
@@ -139,7 +139,7 @@ class SimulatedBar:
             fingers_m = np.array(stretch.finger_positions_m)
             plant.look_at(fingers_m)
             plant.touch([(position_m, self.device.finger) for position_m in fingers_m])
-            under, feels = abs(plant.run(displacement)[0]), self._feels(stretch)
+            under, feels = abs(plant.accelerate(displacement)), self._feels(stretch)
             drive.append(abs(displacement))
             felt.append(under[:, feels].max(axis=1, initial=0.0))
             quiet.append(under[:, ~feels].max(axis=1, initial=0.0))

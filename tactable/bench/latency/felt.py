@@ -40,7 +40,7 @@ class FeltStart:
         rate_hz = _STEPS * _LOOK_RATE_HZ
         plant = TransientPlant(self._basis, places_m, rate_hz)
         plant.touch([(place_m, self._device.finger) for place_m in places_m.tolist()])
-        acceleration, _ = plant.run(synthesise([event], 0.0, 1e6 * _LONGEST_S, rate_hz))
+        acceleration = plant.accelerate(synthesise([event], 0.0, 1e6 * _LONGEST_S, rate_hz))
         courses = acceleration[::_STEPS, felt].T
         above = np.stack([abs(np.convolve(course, self._filter)[: len(course)]) > 1 for course in courses], axis=1)
         if not above.any(axis=0).all():

@@ -119,6 +119,21 @@ def test_stretches_do_not_matter(pieces: list[int]) -> None:
     assert sum(part for _, part in parts) == pytest.approx(energy, rel=1e-9)
 
 
+def test_a_bar_at_rest_again_repeats_itself_at_any_rate_of_steps() -> None:
+    """`accelerate` is `run` without energies; after `rest`, steps three times as fine give the same courses."""
+    device = shipped("reference-a")
+    plant, waves = plant_of(device), np.random.default_rng(2).normal(size=(400, 2))
+    waves[0] = 0.0
+    first = plant.run(waves)[0]
+    plant.rest()
+    assert plant.accelerate(waves).tobytes() == first.tobytes()
+    plant.rest()
+    plant.sample_rate_hz *= 3
+    at = np.arange(3 * len(waves) - 2) / 3
+    finer = plant.accelerate(np.column_stack([np.interp(at, np.arange(len(waves)), wave) for wave in waves.T]))
+    assert finer[::3] == pytest.approx(first, rel=1e-6, abs=1e-6 * abs(first).max())
+
+
 def test_the_motion_is_linear_in_the_displacements() -> None:
     device = shipped("reference-d")
     one, other = np.random.default_rng(1).normal(size=(2, 3000, 2))
