@@ -20,6 +20,7 @@ from precompute.entries.alternatives import paper_drive
 from precompute.entries.prediction import States
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
+from precompute.model.threshold import THRESHOLD_NAME
 from precompute.parallel.pool import solve_in_processes
 
 AIM_FELT_DB, AIM_QUIET_DB = 14.0, 1.0
@@ -138,6 +139,4 @@ def print_clicks_bench(out: Console, result: dict[str, Any]) -> None:
         f"{1e3 * spread['finger_position_m']:g} mm; {result['time_s']:.0f} s by {result['workers']} processes",
         highlight=False,
     )
-    out.print(
-        f"ESTIMATES: {', '.join([*result['estimates'], 'detection threshold (8 dB)'])}", style="dim", markup=False
-    )
+    out.print(f"ESTIMATES: {', '.join([*result['estimates'], THRESHOLD_NAME])}", style="dim", markup=False)

@@ -14,9 +14,11 @@ from tactable.cli.options import (
     DeviceOption,
     Level,
     OptionalTable,
+    PositionTolerance,
     TableArgument,
     Workers,
     read_level,
+    read_option,
 )
 from tactable.shipped import DEMO_RECORDING, find_device
 
@@ -83,6 +85,43 @@ def clicks(
             find_device(device_name), options, workers or available_cores(), partial(progress, "pairs")
         )
     show(result, as_json, print_clicks_bench)
+
+
+def anywhere(
+    device_name: DeviceArgument = "reference-a",
+    placements: Annotated[int, typer.Option(min=1, max=100_000, help="Random placements.")] = 300,
+    fingers: Annotated[int, typer.Option(min=1, max=10, help="Fingers of each placement.")] = 2,
+    feeling: Annotated[int, typer.Option("--felt", min=1, max=10, help="How many of them feel.")] = 1,
+    apart: Annotated[str, typer.Option(help="Least distance between two fingers.")] = "25 mm",
+    exactly: Annotated[bool, typer.Option("--exactly", help="Fingers lie exactly that far apart.")] = False,
+    tolerance: PositionTolerance = "1 mm",
+    plants: Annotated[int, typer.Option(min=20, max=100_000, help="Fresh plants for each placement.")] = 300,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the placements.")] = 1,
+    workers: Workers = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compute clicks for fingers anywhere on the bar, SIMULATED.
+
+    Clicks made for their positions and clicks made for the middles of their zones are evaluated on the same plants.
+    """
+    from precompute.parallel.pool import available_cores
+    from tactable.bench.anywhere import Anywhere, print_anywhere_bench, run_anywhere_bench
+
+    wanted = Anywhere(
+        placements=placements,
+        fingers=fingers,
+        feeling=feeling,
+        apart_m=read_option("--apart", apart, "m"),
+        is_exact=exactly,
+        tolerance_m=read_option("--tolerance", tolerance, "m"),
+        plants=plants,
+        seed=seed,
+    )
+    with shown_progress(as_json) as progress:
+        result = run_anywhere_bench(
+            find_device(device_name), wanted, workers or available_cores(), partial(progress, "placements")
+        )
+    show(result, as_json, print_anywhere_bench)
 
 
 def step(

@@ -89,6 +89,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "states": Entry("bench:states", "Time the entries of every state, beside a general-purpose solver."),
             "contrast": Entry("bench:contrast", "Compare the paper's objective with ours, SIMULATED."),
             "clicks": Entry("bench:clicks", "Compute the clicks of every pair of zones."),
+            "anywhere": Entry("bench:anywhere", "Compute clicks for fingers anywhere on the bar, SIMULATED."),
             "step": Entry("bench:step", "Time the stages from a report to command bytes."),
             "latency": Entry("latency:latency", "Measure the latency from report to command."),
         },

@@ -12,6 +12,7 @@ from firmware_link.protocol.errors import TactableError
 
 if TYPE_CHECKING:
     from engine.device import Device
+    from engine.touch import Placement
     from precompute.measurements.parameters import Bounds
 
 DEVICE_HELP = "A device file, or the name of a shipped device."
@@ -24,6 +25,11 @@ OptionalTable = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
 Felt = Annotated[str, typer.Option(help="Zones with a finger that shall feel, such as I,III.")]
 Quiet = Annotated[str, typer.Option(help="Zones with a finger that must not feel, such as IV.")]
+FeltFingers = Annotated[str, typer.Option("--felt", help="Fingers that shall feel: zones or positions, as I,35mm.")]
+QuietFingers = Annotated[str, typer.Option("--quiet", help="Fingers that must not feel: zones or positions.")]
+PositionTolerance = Annotated[
+    str, typer.Option("--tolerance", help="How far from its position a finger may lie, where positions are given.")
+]
 Level = Annotated[str, typer.Option("--level", help="Wanted level, dB above the detection threshold, or full.")]
 Output = Annotated[Path, typer.Option("-o", "--output", help="The picture; ends in .png, .svg or .pdf.")]
 CsvPath = Annotated[Path | None, typer.Option("--csv", help="The data as CSV, units in the header.")]
@@ -80,6 +86,28 @@ def read_zones(option: str, text: str) -> list[str]:
     if not names:
         raise OptionError(f"{option} names no zone; give at least one, such as {option} I,III")
     return names
+
+
+def read_placement(device: "Device", felt: str, quiet: str) -> "Placement | None":
+    """Fingers at positions such as "35 mm,IV"; a zone means its middle. None where nothing begins as a number does.
+
+    Raises OptionError for what is neither a zone nor a length, and PlacementError.
+    """
+    from engine.device.quantity import QuantityError, read_quantity
+    from engine.touch import Placement
+
+    middle_m = {zone.name: (zone.start_m + zone.stop_m) / 2 for zone in device.zones}
+    others = set(names_in(felt) + names_in(quiet)) - set(middle_m)
+    if not any(part[0] in "+-.0123456789" for part in others):
+        return None
+    found_m = list[list[float]]()
+    for option, text in (("--felt", felt), ("--quiet", quiet)):
+        try:
+            found_m.append([middle_m.get(part) or read_quantity(part, "m") for part in names_in(text)])
+        except QuantityError as error:
+            zones = ", ".join(middle_m)
+            raise OptionError(f"{option}: {error}; or one of the zones {zones}") from None
+    return Placement.on(device, *found_m)
 
 
 def read_level(text: str) -> float:

@@ -15,6 +15,8 @@ from engine.table.click import LevelSpread, played_at
 from engine.touch import ZoneState
 from precompute.clicks import ClickOptions
 from precompute.clicks.evaluation import Levels
+from precompute.model.threshold import THRESHOLD_NAME
+from tactable.explain.click_course import played_displacement
 from tactable.explain.click_rivals import Rival, solve_rivals
 from tactable.explain.click_source import ClickSource
 from tactable.explain.words import level_text, state_text, zone_names
@@ -67,8 +69,10 @@ def click_json(table: Table, explained: Explained) -> dict[str, Any]:
             "quiet_zones": zone_names(device, click.states, ZoneState.QUIET),
             "is_tabulated": explained.is_tabulated,
             **{key: getattr(click, key) for key in _OWN},
-            "felt_db": _spread_json(click.felt),
-            "quiet_db": _spread_json(click.quiet),
+            "waveform": played_displacement(click).T,
+            "threshold": THRESHOLD_NAME,
+            "felt_db": spread_json(click.felt),
+            "quiet_db": spread_json(click.quiet),
             "zones": [
                 {
                     "name": zone.name,
@@ -85,7 +89,7 @@ def click_json(table: Table, explained: Explained) -> dict[str, Any]:
                 {
                     "level_db": softer.level_db,
                     "amplitude": softer.amplitude,
-                    "quiet_db": _spread_json(softer.quiet),
+                    "quiet_db": spread_json(softer.quiet),
                     "exceeds_s": softer.exceeds_at_s(),
                 }
                 for softer in explained.softer
@@ -112,8 +116,8 @@ def print_click(out: Console, table: Table, explained: Explained) -> None:
         out.print(_softer_grid(explained.softer))
     if explained.rivals:
         out.print(_rival_grid(explained))
-    out.print(f"made with: {_option_words(options, device.spread)}", markup=False, highlight=False, soft_wrap=True)
-    estimates = ", ".join([*device.inferred, "detection threshold (8 dB)"])
+    out.print(f"made with: {option_words(options, device.spread)}", markup=False, highlight=False, soft_wrap=True)
+    estimates = ", ".join([*device.inferred, THRESHOLD_NAME])
     out.print(f"ESTIMATES: {estimates}", style="dim", markup=False, highlight=False, soft_wrap=True)
 
 
@@ -208,21 +212,24 @@ def _rival_figures(
     )
 
 
-def _option_words(options: ClickOptions, spread: Spread) -> str:
+def option_words(options: ClickOptions, spread: Spread) -> str:
+    """What clicks were made with, in words: limits, plants and their spreads."""
     lengths = ", ".join(f"{1e3 * length_s:g}" for length_s in options.lengths_s)
     wanted = "as strong as can be" if options.wanted_db is None else f"no stronger than {options.wanted_db:g} dB"
     brake = "no brake" if options.brake_s is None else f"braked by {1e3 * options.brake_s:g} ms"
     slew = "no slew limit" if options.slew_per_s is None else f"slew up to {options.slew_per_s:g} full scales a second"
+    within_m = spread.finger_position_m if options.tolerance_m is None else options.tolerance_m
     return (
         f"{lengths} ms, {wanted}, quiet fingers at {options.quiet_db:g} dB at most in 95 % of the plants, {brake}, "
         f"{slew}, tones {1 / options.crowding:g}/length apart; optimised over {options.scenarios} plants, "
         f"trimmed on {options.trimmed}, evaluated on {options.judged} others (seed {options.seed}); standard "
         f"deviations of stiffness {100 * spread.stiffness:g} % and mass {100 * spread.mass:g} %, finger within "
-        f"{100 * spread.finger:g} % and {1e3 * spread.finger_position_m:g} mm"
+        f"{100 * spread.finger:g} % and {1e3 * within_m:g} mm"
     )
 
 
-def _spread_json(spread: LevelSpread | Levels | None) -> dict[str, float] | None:
+def spread_json(spread: LevelSpread | Levels | None) -> dict[str, float] | None:
+    """Levels in dB by name: nominal, and percentiles over the sampled plants."""
     if spread is None:
         return None
     return {"nominal": spread.nominal_db, **{name: getattr(spread, key) for name, key in _PERCENTILES.items()}}
@@ -233,8 +240,8 @@ def _rival_json(rival: Rival) -> dict[str, Any]:
     return {
         "name": rival.name,
         "lost_by": rival.lost_by,
-        "felt_db": _spread_json(evaluation.felt),
-        "quiet_db": _spread_json(evaluation.quiet),
+        "felt_db": spread_json(evaluation.felt),
+        "quiet_db": spread_json(evaluation.quiet),
         "exceeds_s": evaluation.exceeds_s,
         "residual_db": evaluation.residual_db,
     }

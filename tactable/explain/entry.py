@@ -12,6 +12,7 @@ from engine.table import Entry, Table
 from engine.table.entry import EntrySpread
 from precompute.entries.alternatives import Alternative
 from precompute.entries.prediction import SHARES, objective_value
+from precompute.model.threshold import THRESHOLD_NAME
 from precompute.sampling.fingers import SAMPLES
 from tactable.explain.words import level_text, state_text
 
@@ -78,7 +79,7 @@ def print_entry(out: Console, table: Table, entry: Entry, alternatives: Sequence
         out.print(_spread_words(table, entry.spread), highlight=False, soft_wrap=True)
     if alternatives:
         out.print(_alternative_grid(alternatives))
-    estimates = ", ".join([*device.inferred, "detection threshold (8 dB)"])
+    estimates = ", ".join([*device.inferred, THRESHOLD_NAME])
     out.print(f"ESTIMATES: {estimates}", style="dim")
 
 

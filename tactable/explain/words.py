@@ -7,6 +7,11 @@ from engine.device import Device
 from engine.touch import ZoneState
 
 
+def finger_text(position_m: float, is_felt: bool) -> str:
+    """A finger in words, such as "35 mm felt"."""
+    return f"{1e3 * position_m:.4g} mm {'felt' if is_felt else 'quiet'}"
+
+
 def level_text(level_db: float) -> str:
     """A level in words, such as "20 dB"; an infinite one is full scale."""
     return "full scale" if math.isinf(level_db) else f"{level_db:g} dB"

@@ -1,0 +1,71 @@
+"""Laws of the benchmark of fingers anywhere: even placements, the solver's own figures, and positions beat zones."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from engine.touch import PlacementError
+from precompute.clicks import ClickSolver
+from tactable.bench.anywhere import Anywhere, print_anywhere_bench, random_placements, run_anywhere_bench
+from tests.precompute.clicks.click_cases import CHEAP
+from tests.precompute.devices import shipped
+
+DEVICE = shipped("reference-a")
+
+
+@pytest.mark.parametrize("wanted", [Anywhere(), Anywhere(fingers=3, feeling=2), Anywhere(apart_m=0.04, is_exact=True)])
+def test_placements_are_even_over_the_bar_and_keep_their_distance(wanted: Anywhere) -> None:
+    wanted = replace(wanted, placements=2000)
+    placements = random_placements(DEVICE, wanted)
+    assert placements == random_placements(DEVICE, wanted) != random_placements(DEVICE, replace(wanted, seed=2))
+    at_m = np.array([placement.position_m for placement in placements])
+    gaps_m = np.diff(at_m, axis=1)
+    assert (gaps_m == pytest.approx(wanted.apart_m)) if wanted.is_exact else (gaps_m >= wanted.apart_m - 1e-12).all()
+    assert all(len(placement.felt) == wanted.feeling for placement in placements)
+    assert at_m.min() < 0.01 and at_m.max() > DEVICE.bar.length_m - 0.01
+    # Which finger feels, and at which end the fingers are, is a matter of chance.
+    assert np.mean([placement.is_felt[0] for placement in placements]) == pytest.approx(
+        wanted.feeling / wanted.fingers, abs=0.05
+    )
+    assert at_m.mean() == pytest.approx(DEVICE.bar.length_m / 2, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "wanted, message",
+    [(Anywhere(fingers=3, apart_m=0.15), "do not fit on 279.4 mm"), (Anywhere(feeling=3), "3 of 2 fingers feel")],
+)
+def test_what_no_bar_holds_is_refused(wanted: Anywhere, message: str) -> None:
+    with pytest.raises(PlacementError, match=message):
+        random_placements(DEVICE, wanted)
+
+
+def test_clicks_for_positions_are_the_solver_s_and_keep_quiet_where_those_for_zones_do_not() -> None:
+    wanted, told = Anywhere(placements=6, plants=20), list[float]()
+    result = run_anywhere_bench(DEVICE, wanted, 1, told.append, CHEAP)
+    assert told == pytest.approx([i / 6 for i in range(1, 7)])
+    placements = random_placements(DEVICE, wanted)
+    assert [tuple(row["position_m"]) for row in result["placements"]] == [each.position_m for each in placements]
+    own = ClickSolver(DEVICE, replace(CHEAP, tolerance_m=1e-3, judged=20)).solve(placements[3]).evaluation
+    row = result["placements"][3]["by_position"]
+    assert own.quiet is not None
+    assert (row["felt_db"]["low_db"], row["quiet_db"]["high_db"]) == (own.felt.low_db, own.quiet.high_db)
+    here, zones = result["summary"]["by_position"], result["summary"]["by_zone"]
+    assert here["placements"] == zones["placements"] == 6
+    assert here["quiet_db"][2] < 3 < zones["quiet_db"][1]
+    assert here["felt_db"] == pytest.approx(
+        np.percentile([each["by_position"]["felt_db"]["low_db"] for each in result["placements"]], [5, 50, 95])
+    )
+    shown = io.StringIO()
+    print_anywhere_bench(Console(file=shown, width=200), result)
+    text = shown.getvalue()
+    assert "Oh and Choi 2019" in text and "position within 1 mm" in text and "SIMULATED" in text and "ESTIMATES" in text
+
+
+def test_processes_do_not_change_a_figure() -> None:
+    wanted = Anywhere(placements=3, plants=20)
+    one, two = (run_anywhere_bench(DEVICE, wanted, workers, lambda _: None, CHEAP) for workers in (1, 2))
+    for here, there in zip(one["placements"], two["placements"], strict=True):
+        assert here["by_position"] == there["by_position"] and here["by_zone"] == there["by_zone"]
