@@ -74,6 +74,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "zones": Entry("plot:zones", "Draw localized factor and acceleration by zone of up to four drives."),
             "optimum": Entry("plot:optimum", "Draw the drives of greatest localized factor of some zones."),
             "reach": Entry("plot:reach", "Draw the greatest acceleration and level of each place of the bar."),
+            "distance": Entry("plot:distance", "Draw clicks of two fingers anywhere against their distance."),
             "click-study": Entry("plot:click_study", "Draw what one click gains from its length and its scenarios."),
         },
     },

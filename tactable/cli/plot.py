@@ -31,9 +31,11 @@ from tactable.cli.options import (
     Level,
     OptionError,
     Output,
+    PositionTolerance,
     Quiet,
     SensorMass,
     TableArgument,
+    Workers,
     names_in,
     read_changes,
     read_counts,
@@ -336,6 +338,31 @@ def click_study(
     states = states_of(device, read_zones("--felt", felt), names_in(quiet))
     on_progress = partial(progress, "clicks")
     return plot_click_study(run_study(device, states, lengths_s=lengths_s, scenarios=counts, on_progress=on_progress))
+
+
+@picture_command
+def distance(
+    device_name: DeviceArgument,
+    progress: Progress,
+    distances: Annotated[str, typer.Option(help="Distances between the fingers, mm.")] = "10,15,20,25,30,40",
+    placements: Annotated[int, typer.Option(min=1, max=100_000, help="Random placements for each distance.")] = 60,
+    tolerance: PositionTolerance = "1 mm",
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the placements.")] = 1,
+    workers: Workers = None,
+) -> Picture:
+    """Draw clicks of two fingers anywhere against their distance.
+
+    Clicks made for their positions and clicks made for the middles of their zones are evaluated on the same plants.
+    """
+    from precompute.parallel.pool import available_cores
+    from tactable.bench.anywhere import Anywhere
+    from tactable.figures.distance import plot_distance
+
+    wanted = Anywhere(placements=placements, tolerance_m=read_option("--tolerance", tolerance, "m"), seed=seed)
+    distances_m = [distance_mm / 1e3 for distance_mm in read_counts("--distances", distances, 8, 10_000)]
+    return plot_distance(
+        find_device(device_name), distances_m, wanted, workers or available_cores(), partial(progress, "clicks")
+    )
 
 
 def _changed(device_name: str, change: list[str] | None) -> Device:

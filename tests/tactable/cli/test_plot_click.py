@@ -15,6 +15,7 @@ WORDS = {
     "click": ("plot", "click", "bar.nc", "--felt", "I", "--quiet", "III"),
     "click-map": ("plot", "click-map", "bar.nc"),
     "click-study": ("plot", "click-study", "bar.toml", "--felt", "I", "--lengths", "10", "--scenarios", "2,5"),
+    "distance": ("plot", "distance", "bar.toml", "--distances", "20,40,60", "--placements", "2", "--workers", "1"),
 }
 
 

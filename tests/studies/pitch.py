@@ -1,0 +1,62 @@
+"""What a click loses that was made for the nearest place of a grid, by the pitch of the grid.
+
+    python -m tests.studies.pitch reference-a
+
+For random placements of one felt and one quiet finger, the click made for their own positions (± 1 mm) is compared with
+the one made for the nearest places of a grid, for fingers within half a pitch and 1 mm of them. Both are evaluated on
+the same fresh plants at the real positions. SIMULATED.
+"""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precompute.clicks import DEFAULT_OPTIONS, ClickSolver
+from precompute.clicks.evaluation import evaluate_waveform
+from tactable.bench.anywhere import Anywhere, random_placements
+from tactable.shipped import find_device
+
+PITCHES_MM = (2.0, 3.0, 4.0, 5.0, 7.5, 10.0)
+_PERCENTS = (50, 95, 100)
+
+
+def measure(name: str, placements: int) -> dict[float, NDArray[np.float64]]:
+    """By pitch in mm: loss of the felt level (5 %) and gain of the quiet level (95 %) in dB, (2, placement)."""
+    device, wanted = find_device(name), Anywhere(placements=placements, seed=7)
+    options = replace(DEFAULT_OPTIONS, tolerance_m=wanted.tolerance_m, judged=wanted.plants)
+    own, drawn = ClickSolver(device, options), random_placements(device, wanted)
+    best = [own.solve(placement).evaluation for placement in drawn]
+    found = dict[float, NDArray[np.float64]]()
+    for pitch_mm in PITCHES_MM:
+        cells = round(np.ceil(1e3 * device.bar.length_m / pitch_mm))
+        pitch_m = device.bar.length_m / cells
+        solver = ClickSolver(device, replace(options, tolerance_m=pitch_m / 2 + wanted.tolerance_m))
+        changes = list[tuple[float, float]]()
+        for placement, exact in zip(drawn, best, strict=True):
+            near_m = tuple(round(at_m / pitch_m) * pitch_m for at_m in placement.position_m)
+            click = solver.solve(replace(placement, position_m=near_m))
+            fresh = own.plants_of(placement.position_m).evaluated
+            near = evaluate_waveform(click.waveform, fresh, placement.felt, placement.quiet, 0.06)
+            assert near.quiet is not None and exact.quiet is not None  # there is a quiet finger in each
+            changes.append((exact.felt.low_db - near.felt.low_db, near.quiet.high_db - exact.quiet.high_db))
+        found[pitch_mm] = np.array(changes).T
+    return found
+
+
+def main() -> None:
+    """Print a row for each pitch."""
+    name, placements = sys.argv[1] if len(sys.argv) > 1 else "reference-a", 100
+    print(f"{name}, {placements} random placements, SIMULATED: mean, then 50, 95 and 100 % of the placements, dB")
+    for pitch_mm, (loss_db, gain_db) in measure(name, placements).items():
+        rows = (("felt less", loss_db), ("quiet more", gain_db))
+        shown = (
+            f"{kind} {each.mean():.2f} ({', '.join(f'{p:.2f}' for p in np.percentile(each, _PERCENTS))})"
+            for kind, each in rows
+        )
+        print(f"pitch {pitch_mm:g} mm: {'; '.join(shown)}")
+
+
+if __name__ == "__main__":
+    main()
