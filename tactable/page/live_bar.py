@@ -52,11 +52,12 @@ class BarFinger:
 class Moved:
     """The levels of one stretch of time, dB above the detection threshold, at least LOWEST_DB.
 
-    levels_db (point,): the greatest at points evenly along the bar. peak_db, power_db: by finger, the greatest, and the
-    mean power with all tones.
+    levels_db, power_levels_db (point,): at points evenly along the bar; the greatest, and the mean power of all tones.
+    peak_db, power_db: the same two by finger.
     """
 
     levels_db: Array
+    power_levels_db: Array
     peak_db: Mapping[int, float]
     power_db: Mapping[int, float]
 
@@ -146,12 +147,13 @@ class LiveBar:
         newest = abs(self._weighted.last(len(displacement))).max(axis=0)
         if newest.max() > _SILENT:
             self._loud_us = self.now_us
-        power = np.sqrt(2 * np.square(self._weighted.last(round(POWER_S * RATE_HZ))[:, columns]).mean(axis=0))
+        power = np.sqrt(2 * np.square(self._weighted.last(round(POWER_S * RATE_HZ))).mean(axis=0))
         numbers = [finger.number for finger in self._fingers]
         return Moved(
             levels_db=decibels(newest[:POINTS]),
+            power_levels_db=decibels(power[:POINTS]),
             peak_db=dict(zip(numbers, decibels(newest[columns]).tolist(), strict=True)),
-            power_db=dict(zip(numbers, decibels(power).tolist(), strict=True)),
+            power_db=dict(zip(numbers, decibels(power[columns]).tolist(), strict=True)),
         )
 
     def _weigh(self, acceleration: Array) -> Array:
@@ -174,6 +176,12 @@ class LiveBar:
         ]
         if settled:
             del self._log[: settled[-1]]
+
+    def greatest_since(self, since_us: float) -> tuple[Array, dict[int, float]]:
+        """The greatest levels since a past moment, dB above threshold: (point,) along the bar, and by finger."""
+        passed = min(max(_sample_at(self.now_us) - _sample_at(since_us), 0), self._weighted.kept)
+        levels_db = decibels(abs(self._weighted.last(passed)).max(axis=0, initial=0.0))
+        return levels_db[:POINTS], {number: float(levels_db[column]) for number, column in self._columns.items()}
 
     def motion(self, since_us: float, duration_s: float, every: int) -> Array | None:
         """Acceleration (step, point) of a moment, each `every`-th sample; None where it is not over, or too old."""

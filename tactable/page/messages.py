@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from engine.touch.sources.pointer import Phase, PointerEvent
 
-VERSION = 1
+VERSION = 2
 MOST_TOUCHES = 64
 MOST_CHOICE_BYTES = 2048
 MOST_BYTES = 2 + MOST_CHOICE_BYTES
@@ -126,14 +126,14 @@ class ChannelPicture:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """The present state. On the wire: the fixed part, then fingers, zones, channels, levels, in this order.
+    """The present state. On the wire: the fixed part, then fingers, zones, channels, levels, counted levels.
 
     fixed: f64 time_s, 6 u32 counters, u32 command, u32 state, f32 age_s, f32 wanted_db, 5 u32 last_ns,
     5 u32 median_ns, u32 latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing), then u8 of fingers, zones, channels
     and levels.
     finger: u32 number, u8 zone (255: none), u8 state, f32 position_m, f32 level_db, f32 felt_db.
     zones: a u8 state each, then an i16 promised and an i16 simulated each, of 0.01 dB (-32768: none).
-    channel: f32 hz, f32 amplitude, f32 rad. level: i16 of 0.01 dB.
+    channel: f32 hz, f32 amplitude, f32 rad. level, counted level: i16 of 0.01 dB.
     """
 
     time_s: float
@@ -161,7 +161,12 @@ class Picture:
     zones: tuple[ZonePicture, ...]
     channels: tuple[ChannelPicture, ...]
     levels_db: Array
-    """Shape (point,), evenly from end to end: the level that a finger would feel there, dB above threshold."""
+    """Shape (point,), evenly from end to end: the present level there, dB above threshold."""
+    counted_db: Array
+    """The same of the last command: the greatest since a click began, the mean power of a steady drive.
+
+    The curve of the page is drawn from it. A browser that missed pictures would miss the peak of a click otherwise.
+    """
 
 
 def encode_scene(scene: dict[str, Any]) -> bytes:
@@ -191,7 +196,8 @@ def encode_picture(picture: Picture) -> bytes:
     pairs = [(zone.promised_db, zone.simulated_db) for zone in picture.zones]
     zone_levels = np.array([_centibels(level_db) for pair in pairs for level_db in pair], dtype="<i2").tobytes()
     channels = [_CHANNEL.pack(c.frequency_hz, c.amplitude, c.phase_rad) for c in picture.channels]
-    levels = np.rint(_PER_DB * np.clip(picture.levels_db, LOWEST_DB, -LOWEST_DB)).astype("<i2").tobytes()
+    both = np.concatenate([picture.levels_db, picture.counted_db])
+    levels = np.rint(_PER_DB * np.clip(both, LOWEST_DB, -LOWEST_DB)).astype("<i2").tobytes()
     return b"".join((_HEAD.pack(VERSION, Kind.PICTURE), fixed, *fingers, states, zone_levels, *channels, levels))
 
 

@@ -78,6 +78,7 @@ class View:
         self._commands = 0
         self._felt_db: dict[int, float] = {}
         self._levels_db: NDArray[np.float64] = np.full(POINTS, LOWEST_DB)
+        self._counted_db: NDArray[np.float64] = np.full(POINTS, LOWEST_DB)
         self._level_db: dict[int, float] = {}
         self.is_moving = False
         """Whether something moves now."""
@@ -129,7 +130,7 @@ class View:
             {},
             at_us + length_s * 1e6,
         )
-        self._felt_db = {}
+        self._counted_db, self._felt_db = np.full(POINTS, LOWEST_DB), {}
         if self._captured is None:
             self._captured, self._capture_us = self._command, at_us + CAPTURE_AFTER_S * US_PER_S
 
@@ -137,26 +138,31 @@ class View:
         """Advance the bar; returns MOTION messages of moments to be shown slowed."""
         self._is_loaded = is_loaded
         self.bar.touch([BarFinger(touch.contact_id, touch.position_m) for touch in self._touches], is_loaded=is_loaded)
-        self._take(self.bar.advance(until_us))
+        start_us = self.bar.now_us
+        self._take(self.bar.advance(until_us), start_us)
         return self._capture()
 
-    def _take(self, moved: Moved | None) -> None:
+    def _take(self, moved: Moved | None, start_us: float) -> None:
         command = self._command
         self.is_moving = moved is not None
+        is_steady = command is not None and command.drive is Drive.STEADY
         if moved is None or command is None:
             self._levels_db, self._level_db = np.full(POINTS, LOWEST_DB), {}
+            self._counted_db = self._levels_db if is_steady else self._counted_db
             return
-        is_steady = command.drive is Drive.STEADY
         self._levels_db = moved.levels_db
+        # A click counts by its greatest level, a steady drive by its present one, under fingers and between them. After
+        # a stall one step may hold several commands: what was before the last one is not that one's.
+        counted_db, felt_db = self.bar.greatest_since(max(command.at_us, start_us))
+        self._counted_db = moved.power_levels_db if is_steady else np.maximum(self._counted_db, counted_db)
         self._level_db = dict(moved.power_db if is_steady else moved.peak_db)
         is_over = is_steady and self.bar.now_us > command.ended_us
         for touch in self._touches:
             level_db = self._level_db.get(touch.contact_id, LOWEST_DB)
-            felt_db = max(level_db, self._felt_db.get(touch.contact_id, LOWEST_DB))
-            self._felt_db[touch.contact_id] = felt_db
+            now_db = level_db if is_steady else felt_db.get(touch.contact_id, LOWEST_DB)
+            self._felt_db[touch.contact_id] = max(now_db, self._felt_db.get(touch.contact_id, LOWEST_DB))
             if touch.zone is not None and not is_over:
-                # A click counts by its greatest level, a steady drive by its present one.
-                command.simulated_db[touch.zone] = level_db if is_steady else felt_db
+                command.simulated_db[touch.zone] = level_db if is_steady else self._felt_db[touch.contact_id]
 
     def _capture(self) -> list[bytes]:
         command = self._captured
@@ -211,6 +217,7 @@ class View:
             zones=tuple(self._zone(zone) for zone in range(len(self.table.device.zones))),
             channels=() if command is None else command.channels,
             levels_db=self._levels_db,
+            counted_db=self._counted_db,
         )
 
     def _finger(self, touch: Touch) -> FingerPicture:

@@ -4,6 +4,8 @@ import { NOTHING } from "./wire.js";
 
 export const State = { FREE: 0, QUIET: 1, FELT: 2 };
 export const SLOWED = 50;
+// What a command asks of a finger, by state.
+export const ORDERS = { [State.QUIET]: "to rest", [State.FELT]: "to feel" };
 const LOWEST_DB = -20, HIGHEST_DB = 40;
 const FALL_DB_PER_S = 30; // A click of 30 ms stays in sight.
 const FRESH_S = 3;
@@ -24,6 +26,9 @@ export function commandState(picture, zone) {
 
 export function levelText(db) { return db <= -59.9 ? "nothing" : `${db < 0 ? "−" : ""}${Math.abs(db).toFixed(1)} dB`; }
 
+// What a finger perceives, whatever was asked for: 0 dB is the detection threshold.
+function outcomeText(db) { return db >= 0 ? "felt" : "not felt"; }
+
 function line(c, x0, y0, x1, y1) { c.beginPath(); c.moveTo(x0, y0); c.lineTo(x1, y1); c.stroke(); }
 
 function disc(c, x, y, radius) { c.beginPath(); c.arc(x, y, radius, 0, 2 * Math.PI); c.fill(); }
@@ -37,8 +42,8 @@ export class Bar {
     this._context = canvas.getContext("2d");
     this._device = null;
     this._shown = new Float32Array(256).fill(LOWEST_DB);
-    this._most = new Float32Array(256).fill(LOWEST_DB);
-    this._mostOf = 0;
+    this._counted = new Float32Array(256).fill(LOWEST_DB);
+    this._countedOf = 0;
     this._bend = new Float32Array(256);
     this._motion = null;
     this._motionStart_ms = 0;
@@ -117,16 +122,18 @@ export class Bar {
   }
 
   _fall(passed_s) {
-    const { levels, levelCount, command } = this.picture;
+    const { levels, counted, levelCount, command } = this.picture;
     let falls = false;
-    if (command !== this._mostOf) {
-      this._mostOf = command;
-      this._most.fill(LOWEST_DB);
+    if (command !== this._countedOf) {
+      this._countedOf = command;
+      this._counted.fill(LOWEST_DB);
     }
     for (let i = 0; i < levelCount; i++) {
       const before = this._shown[i], fallen = Math.max(before - FALL_DB_PER_S * passed_s, LOWEST_DB);
-      this._shown[i] = Math.max(levels[i], fallen);
-      this._most[i] = Math.max(levels[i], this._most[i]);
+      // What counts has risen since the last picture: it was so loud in between, in pictures that never came here.
+      const risen = counted[i] > this._counted[i] ? counted[i] : LOWEST_DB;
+      this._counted[i] = counted[i];
+      this._shown[i] = Math.max(levels[i], risen, fallen);
       falls ||= this._shown[i] > LOWEST_DB || before > LOWEST_DB;
     }
     return falls;
@@ -198,7 +205,7 @@ export class Bar {
       c.fillText(zones[zone].name, middle, this._height - 17);
       c.font = `12px ${colour.font}`;
       c.fillStyle = state === State.FELT ? colour.felt : state === State.QUIET ? colour.quiet : colour.muted;
-      const text = state === State.FELT ? "felt" : state === State.QUIET ? "quiet" : touched ? "touched" : "free";
+      const text = ORDERS[state] ?? (touched ? "touched" : "free");
       c.fillText(text, middle, this._height - 2);
     }
   }
@@ -252,11 +259,11 @@ export class Bar {
       c.fill();
       c.restore();
     }
-    // The present level is an area, the greatest since the command a line.
+    // The present level is an area; what counts for the command is a line, as the server gives it.
     c.strokeStyle = colour.level;
     c.lineWidth = 2;
     c.lineJoin = "round";
-    this._levelPath(c, this._most);
+    this._levelPath(c, this.picture.counted);
     c.stroke();
   }
 
@@ -341,7 +348,7 @@ export class Bar {
     c.fillStyle = tone;
     disc(c, x, level_y, 5);
     c.font = `600 13px ${colour.font}`;
-    const word = slot.state === State.FELT ? "felt" : "quiet", box = Math.max(c.measureText(text).width, 34) + 12;
+    const word = outcomeText(slot.level_db), box = Math.max(c.measureText(text).width, 46) + 12;
     const label_x = Math.min(Math.max(x, this._left + box / 2), this._right - box / 2);
     let label_y = Math.max(level_y - 42, 2);
     for (let i = 0; i < labels; i++) {

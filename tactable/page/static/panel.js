@@ -1,7 +1,7 @@
 // The panel below the bar: switches, promised and simulated levels, the command, latencies, counters.
 
 import { NOTHING } from "./wire.js";
-import { State, stateAt } from "./bar.js";
+import { ORDERS, State, stateAt } from "./bar.js";
 
 const SOURCES = { click: "Our click", steady: "Our steady drive", paper: "The paper's drive" };
 const RULES = {
@@ -10,7 +10,7 @@ const RULES = {
 };
 const STAGES = ["read", "frame", "state", "command", "written"];
 const COUNTERS = ["reports", "frames", "state changes", "commands", "replaced", "lost frames"];
-const WORDS = { [State.FREE]: "none", [State.QUIET]: "quiet", [State.FELT]: "felt" };
+const CLASSES = { [State.FREE]: "none", [State.QUIET]: "quiet", [State.FELT]: "felt" };
 
 export function byId(id) { return document.getElementById(id); }
 
@@ -166,8 +166,8 @@ export class Panel {
       const cells = found[zone].cells, isPromised = zone < picture.zoneCount && picture.promised[zone] !== NOTHING;
       const state = isPromised ? stateAt(picture.state, zone) : State.FREE;
       say(cells[0], zones[zone].name);
-      say(cells[1], WORDS[state]);
-      cells[1].className = WORDS[state];
+      say(cells[1], ORDERS[state] ?? "none");
+      cells[1].className = CLASSES[state];
       say(cells[2], isPromised ? decibels(picture.promised[zone]) : "–");
       say(cells[3], isPromised ? decibels(picture.simulated[zone]) : "–");
     }

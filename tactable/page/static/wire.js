@@ -1,6 +1,6 @@
 // The browser's side of tactable/page/messages.py: decodes pictures, encodes touches and switches, and reconnects.
 
-export const VERSION = 1;
+export const VERSION = 2;
 export const Kind = { SCENE: 1, PICTURE: 2, MOTION: 3, SOUND: 4, TOUCHES: 0x81, CHOICE: 0x82, LISTEN: 0x83 };
 export const Phase = { DOWN: 0, MOVE: 1, UP: 2, CANCEL: 3 };
 export const NOTHING = -32768;
@@ -21,7 +21,7 @@ export function makePicture() {
       ({ number: 0, zone: 255, state: 0, position_m: 0, level_db: -60, felt_db: -60 })),
     zoneCount: 0, states: new Uint8Array(64), promised: new Int16Array(64), simulated: new Int16Array(64),
     channelCount: 0, frequency_hz: new Float32Array(64), amplitude: new Float32Array(64), phase_rad: new Float32Array(64),
-    levelCount: 0, levels: new Float32Array(256),
+    levelCount: 0, levels: new Float32Array(256), counted: new Float32Array(256),
   };
 }
 
@@ -64,6 +64,7 @@ export function decodePicture(view, picture) {
     picture.phase_rad[i] = view.getFloat32(at + 8, true);
   }
   for (let i = 0; i < picture.levelCount; i++, at += 2) picture.levels[i] = view.getInt16(at, true) / 100;
+  for (let i = 0; i < picture.levelCount; i++, at += 2) picture.counted[i] = view.getInt16(at, true) / 100;
 }
 
 export function decodeMotion(view) {

@@ -52,6 +52,7 @@ PICTURE = Picture(
     zones=(ZonePicture(2, 20.0, None), ZonePicture(0, None, None)),
     channels=(ChannelPicture(183.25, 0.5, -1.0),),
     levels_db=np.array([-99.0, 0.123, 99.0]),
+    counted_db=np.array([-20.0, 16.5, 61.0]),
 )
 
 
@@ -133,7 +134,8 @@ def test_a_picture_lies_as_its_definition_says() -> None:
     assert struct.unpack_from("<4h", data, at + 38) == (2000, -32768, -32768, -32768)
     assert struct.unpack_from("<fff", data, at + 46) == (183.25, 0.5, -1.0)
     assert struct.unpack_from("<3h", data, at + 58) == (-6000, 12, 6000)
-    assert len(data) == at + 64
+    assert struct.unpack_from("<3h", data, at + 64) == (-2000, 1650, 6000)
+    assert len(data) == at + 70
 
 
 def test_a_motion_is_told_to_its_greatest_acceleration() -> None:

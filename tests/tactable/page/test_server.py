@@ -181,8 +181,8 @@ def test_a_socket_with_a_wrong_token_is_refused() -> None:
     ("message", "code"),
     [
         (b"", CloseCode.MALFORMED),
-        (b"\x01\x82{", CloseCode.MALFORMED),
-        (b"\x02\x83\0\0\0\0", CloseCode.OTHER_VERSION),
+        (bytes([VERSION, Kind.CHOICE]) + b"{", CloseCode.MALFORMED),
+        (bytes([VERSION + 1, Kind.LISTEN, 0, 0, 0, 0]), CloseCode.OTHER_VERSION),
         ("text", CloseCode.NOT_BINARY),
         (bytes(MOST_BYTES + 1), CloseCode.TOO_BIG),
         (bytes(1 << 20), CloseCode.TOO_BIG),

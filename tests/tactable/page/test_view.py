@@ -105,6 +105,40 @@ def test_what_a_steady_drive_came_to_stays_when_it_has_ended(rig: Rig) -> None:
     assert after.zones[0].simulated_db == pytest.approx(before, abs=0.1)
 
 
+@pytest.mark.parametrize("is_click", [True, False])
+def test_the_counted_curve_passes_through_the_levels_of_the_fingers(rig: Rig, is_click: bool) -> None:
+    """A browser that gets only the last picture draws a curve that agrees with the printed levels."""
+    rig.play(1.0, is_click=is_click)
+    picture = rig.view.picture()
+    for finger in picture.fingers:
+        printed_db = finger.felt_db if is_click else finger.level_db
+        drawn_db = np.interp(finger.position_m, rig.view.bar.grid_m, picture.counted_db)
+        assert drawn_db == pytest.approx(printed_db, abs=1.0)
+    if is_click:
+        assert picture.levels_db.max() < picture.counted_db.max() - 20  # the click is over
+
+
+def test_a_stall_over_two_clicks_gives_the_second_no_level_of_the_first(table: Table) -> None:
+    found = []
+    for step_us in (FRAME_US, 0.9e6):
+        rig = Rig(table)
+        rig.go_on(0.05)
+        first_ns = round(1000 * rig.view.bar.now_us) + 1000
+        records = [
+            record_of(table, PAIR, first_ns, is_click=True),
+            record_of(table, (QUIET, FREE, FELT), first_ns + 400_000_000, is_click=True),
+        ]
+        rig.view.bar.take(rig._drive.events(records), rig._drive.banks)
+        rig.view.read(records)
+        end_us = rig.view.bar.now_us + 0.8e6
+        while rig.view.bar.now_us < end_us:
+            rig.view.move(min(rig.view.bar.now_us + step_us, end_us), is_loaded=True)
+        picture = rig.view.picture()
+        found.append([*(finger.felt_db for finger in picture.fingers), *picture.counted_db])
+    assert found[0] == pytest.approx(found[1], abs=0.05)
+    assert found[1][1] > found[1][0] + 10  # the second finger felt the second click, the first one rested
+
+
 def test_latencies_are_those_of_commands_that_a_report_caused(rig: Rig) -> None:
     for _ in range(LATENCIES + 3):
         rig.tell(PAIR, is_click=True)
