@@ -19,7 +19,7 @@ from engine.touch import Placement
 from precompute.clicks.basis import SAMPLE_RATE_HZ, Tones, make_tones, orthogonalised
 from precompute.clicks.evaluation import decibels
 from precompute.clicks.options import ClickOptions
-from precompute.clicks.program import Optimum, Program
+from precompute.clicks.program import Effort, Optimum, Program
 from precompute.clicks.responses import Responses
 from precompute.clicks.search import Aim, Found, Search
 from precompute.clicks.watched import WatchedCourses
@@ -83,12 +83,19 @@ class Designer:
         self.felt, self.quiet = placement.felt, placement.quiet
         self._tones = orthogonalised(make_tones(device, length_s, options.crowding))
         self._amplitude = device.limits.amplitude
+        self._program: Program | None = None
+
+    @property
+    def effort(self) -> Effort:
+        """What the programs of this design have taken so far."""
+        return Effort() if self._program is None else self._program.effort
 
     @cached_property
     def search(self) -> Search:
         """The search over the optimised plants, made on first use: `fit` needs none."""
         watched = self._watched()
-        program = Program(drive_rows(self._tones, self._amplitude, self._options.slew_per_s), watched, len(self.felt))
+        drive = drive_rows(self._tones, self._amplitude, self._options.slew_per_s)
+        program = self._program = Program(drive, watched, len(self.felt))
         course = self._plants.optimised.under(self.felt).mean().play_each(self._tones)[0]
         search = Search(program, course, self._length_s)
         if watched.shape[0]:

@@ -19,7 +19,7 @@ many operations as there are rows in the pool. The dual simplex (`simplex.py`) s
 which is rounding, HiGHS solves the pool, and `fallbacks` counts it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Protocol
 
 import highspy
@@ -95,6 +95,22 @@ class Optimum:
     bound: Bound
 
 
+@dataclass(frozen=True)
+class Effort:
+    """What solving took: responses of sampled plants, programs, pivots of the simplex, and runs of HiGHS in its place.
+
+    programs: aims for which weights were sought, each with several rounds of rows.
+    """
+
+    plants: int = 0
+    programs: int = 0
+    pivots: int = 0
+    fallbacks: int = 0
+
+    def __add__(self, other: "Effort") -> "Effort":
+        return Effort(*(one + more for one, more in zip(astuple(self), astuple(other), strict=True)))
+
+
 class Program:
     """Maximise the smallest of aims @ x subject to |drive x| <= 1 and |watched x| <= limit.
 
@@ -119,12 +135,17 @@ class Program:
         independent = scipy.linalg.qr(drive.T, mode="r", pivoting=True)[1][: self._tones] + self._extra
         self._first_basis = np.concatenate([independent, np.zeros(self._unknowns - self._tones, np.int64)])
         self._pool.start_from(self._first_basis)
-        self.pivots, self.fallbacks = 0, 0
+        self._programs, self._fallbacks = 0, 0
 
     @property
     def rows(self) -> int:
         """Number of watched rows in the pool."""
         return len(self._order)
+
+    @property
+    def effort(self) -> Effort:
+        """What all programs solved so far have taken."""
+        return Effort(0, self._programs, self._pool.pivots, self._fallbacks)
 
     def set_limit(self, limit: float) -> None:
         """Change the limit of the watched courses."""
@@ -140,6 +161,7 @@ class Program:
     def maximise(self, aims: Array, floor: float = 0.0, tolerance: float = TOLERANCE) -> Optimum:
         """The best weights for aims (aim, tone), to `tolerance` relative; given up once the bound is below `floor`."""
         self._purge()
+        self._programs += 1
         cost = self._aim_at(aims)
         best = Optimum(np.zeros(self._tones), 0.0, UNBOUNDED)
         for _ in range(_ROUNDS):
@@ -172,9 +194,8 @@ class Program:
         if outcome is Outcome.FAILED:
             self._pool.start_from(self._first_basis)
             outcome = self._pool.maximise(cost, floor)
-        self.pivots = self._pool.pivots
         if outcome is Outcome.FAILED:
-            self.fallbacks += 1
+            self._fallbacks += 1
             x, price = _solve_with_highs(self._pool, cost)
             self._pool.start_from(self._first_basis)
         else:

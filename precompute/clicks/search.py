@@ -17,12 +17,13 @@ limit only aims that still promise more are solved again.
 
 import itertools
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from precompute.clicks.basis import EVALUATION_RATE_HZ
-from precompute.clicks.program import TOLERANCE, UNBOUNDED, Optimum, Program
+from precompute.clicks.program import TOLERANCE, UNBOUNDED, Optimum
 
 Array = NDArray[np.float64]
 
@@ -42,6 +43,16 @@ _LIKELY = 0.75
 _ASCENTS = 6
 _ASCENT_STARTS = 4
 """Number of the best common aims from which the search ascends."""
+
+
+class LinearProgram(Protocol):
+    """Solves aims one after another; `clicks.program.Program` is one."""
+
+    def set_limit(self, limit: float) -> None:
+        """Change the limit of the watched courses."""
+
+    def maximise(self, aims: Array, floor: float = ..., tolerance: float = ...) -> Optimum:
+        """The best weights for aims (aim, tone), to `tolerance` relative; given up once the bound is below `floor`."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +79,7 @@ class Found:
 class Search:
     """Maximises the peak of the weakest felt finger; course (finger, time, tone) is the mean over the scenarios."""
 
-    def __init__(self, program: Program, course: Array, length_s: float) -> None:
+    def __init__(self, program: LinearProgram, course: Array, length_s: float) -> None:
         self._program, self._course = program, course
         self._aims = _aims(len(course), length_s)
         self._bounds = [UNBOUNDED] * len(self._aims)

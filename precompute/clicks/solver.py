@@ -22,7 +22,7 @@ wire, the click is evaluated on a third sample of plants (evaluation.py), and on
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import groupby
 
@@ -37,6 +37,7 @@ from precompute.clicks.design import Design, Designer, Plants
 from precompute.clicks.evaluation import Evaluation, evaluate_waveform
 from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.plants import SampledPlants, count_modes
+from precompute.clicks.program import Effort
 from precompute.clicks.responses import Responses
 from precompute.parallel.pool import solve_in_processes
 from precompute.sampling.plants import sample_scenarios
@@ -72,6 +73,7 @@ class Click:
     achieved: bool
     bound_db: float
     gap_db: float
+    effort: Effort
 
 
 def solve_clicks(
@@ -140,15 +142,19 @@ class ClickSolver:
         return limited
 
     def _solve(self, placement: Placement) -> Click:
-        plants = self.plants_of(placement.position_m)
+        known = self.plants_of.cache_info().misses
+        plants, tried = self.plants_of(placement.position_m), list[Designer]()
         for length_s in self.options.lengths_s:
             designer = Designer(self.device, self.options, plants, placement, length_s)
             design = designer.design()
+            tried.append(designer)
             if design.achieved:
                 break
         else:
             design = (designer.least_violation() if designer.quiet else None) or design
-        return self._evaluated(placement, length_s, PEAK, designer, design)
+        click = self._evaluated(placement, length_s, PEAK, designer, design)
+        computed = (self.plants_of.cache_info().misses - known) * sum(map(len, self.scenarios))
+        return replace(click, effort=sum((each.effort for each in tried), Effort(plants=computed)))
 
     def _evaluated(
         self, placement: Placement, length_s: float, objective: str, designer: Designer, design: Design
@@ -167,6 +173,7 @@ class ClickSolver:
             achieved=design.achieved,
             bound_db=design.bound_db,
             gap_db=design.gap_db,
+            effort=Effort(),
         )
 
     def _compute_plants(self, position_m: tuple[float, ...]) -> Plants:

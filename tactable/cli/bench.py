@@ -61,25 +61,53 @@ def contrast(
 
 
 def clicks(
-    device_name: DeviceArgument = "reference-a",
+    device_names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[DEVICE]...", help="A shipped name or a file; with --solver several."),
+    ] = None,
+    solver: Annotated[
+        bool, typer.Option("--solver", help="Time the solver beside HiGHS on state-space plants instead.")
+    ] = False,
+    states: Annotated[int, typer.Option(min=2, help="With --solver: states of each device that both solve.")] = 45,
+    placements: Annotated[
+        int, typer.Option(min=1, help="With --solver: random placements of two fingers; of five a fifth of that.")
+    ] = 200,
     scenarios: Annotated[
         int | None, typer.Option(min=1, max=1000, help="Plants that clicks are optimised over; default as for build.")
     ] = None,
     judged: Annotated[
-        int, typer.Option(min=20, max=100_000, help="Sampled plants that clicks are evaluated on.")
-    ] = 1000,
+        int | None,
+        typer.Option(
+            min=20, max=100_000, help="Sampled plants that clicks are evaluated on; default 1000, 200 with --solver."
+        ),
+    ] = None,
     workers: Workers = None,
     as_json: AsJson = False,
 ) -> None:
     """Compute the clicks of every pair of zones.
 
-    Steady drives that are switched on and off are evaluated beside them, on the same plants.
+    Steady drives that are switched on and off are evaluated beside them, on the same plants. With --solver: processor
+    time of the solver and of the one before it, interleaved on the same states of all shipped devices or of some.
     """
     from precompute.clicks import DEFAULT_OPTIONS
     from precompute.parallel.pool import available_cores
+    from tactable.bench.click_solver import print_solver_bench, run_solver_bench
     from tactable.bench.clicks import print_clicks_bench, run_clicks_bench
 
-    options = replace(DEFAULT_OPTIONS, scenarios=scenarios or DEFAULT_OPTIONS.scenarios, judged=judged)
+    options = replace(
+        DEFAULT_OPTIONS,
+        scenarios=scenarios or DEFAULT_OPTIONS.scenarios,
+        judged=judged or (DEFAULT_OPTIONS.judged if solver else 1000),
+    )
+    if solver:
+        devices = [find_device(name) for name in device_names or ("reference-a", "reference-d", "reference-t")]
+        with shown_progress(as_json) as progress:
+            solved = run_solver_bench(devices, options, states, placements, progress)
+        show(solved, as_json, print_solver_bench)
+        return
+    device_name, *others = device_names or ["reference-a"]
+    if others:
+        raise typer.BadParameter("several devices are compared with --solver only; give one", param_hint="DEVICE")
     with shown_progress(as_json) as progress:
         result = run_clicks_bench(
             find_device(device_name), options, workers or available_cores(), partial(progress, "pairs")

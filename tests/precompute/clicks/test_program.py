@@ -125,6 +125,6 @@ def test_where_the_simplex_fails_highs_finds_the_same(seed: int, aims: int, monk
     monkeypatch.setattr(program_module, "maximise", lambda *_: (Outcome.FAILED, 0))
     program = program_of(kept, watched, aims)
     found = program.maximise(goals)
-    assert program.fallbacks > 0
+    assert program.effort.fallbacks > 0
     assert found.value == pytest.approx(expected.value, rel=2 * TOLERANCE)
     assert found.bound.at(1.0) == pytest.approx(expected.bound.at(1.0), rel=2 * TOLERANCE)
