@@ -21,7 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from precompute.entries.bfgs import SHARPEST, climb, climb_each, refine
+from engine.steady.ascent import SHARPEST, climb
+from precompute.entries.bfgs import climb_each, refine
 from precompute.entries.dual_bound import Columns, Tone, block_directions, compute_bound, peaks
 from precompute.entries.found_drive import FoundDrive, evaluate_drive, forms_at
 from precompute.entries.objective import Problem

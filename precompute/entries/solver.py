@@ -98,7 +98,9 @@ class EntrySolver:
         self._basis = compute_basis(plant)
         self._few_modes = self._basis.lowest(_SAMPLED_MODES)
         self._rise_of = lru_cache(maxsize=2)(self._compute_rise)
-        self._receptance = solve_receptance(plant, self.sampled, self._search_frequencies())
+        self.frequency_hz = self._search_frequencies()
+        """Frequencies of the search (frequency,)."""
+        self._receptance = solve_receptance(plant, self.sampled, self.frequency_hz)
 
     def solve(self, states: States) -> list[Entry]:
         """The entry of one state for each level of the device, then for full scale."""

@@ -1,0 +1,8 @@
+"""Steady drives for fingers at any positions, solved when fingers come.
+
+`engine.steady.solver` needs Numba, so it is imported only by who solves; the receptances themselves need no compiler.
+"""
+
+from engine.steady.receptances import Receptances
+
+__all__ = ["Receptances"]

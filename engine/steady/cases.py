@@ -1,0 +1,70 @@
+"""Sampled cases of the fingers of a placement: their stiffness, damping, mass, and exact position."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device import Finger
+
+Array = NDArray[np.float64]
+
+TOLERANCE_M = 1e-3
+"""How far a finger may lie from where the digitizer says, evenly distributed to both sides."""
+_SEED = 20230247606
+_TRIES = 64
+
+
+@dataclass(frozen=True)
+class FingerCases:
+    """The standard case first, then sampled ones: position_m (case, finger), impedance (case, finger, 3).
+
+    impedance: stiffness in N/m, damping in N s/m, mass in kg.
+    """
+
+    position_m: Array
+    impedance: Array
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """Deviations of fingers in sampled cases, the standard case first, by rank of the fingers along the bar.
+
+    offset (case, finger): within -1 and 1 of the position's tolerance; exponent (case, finger, 3): within -1 and 1,
+    of the spread's factor on stiffness, damping and mass.
+    """
+
+    offset: Array
+    exponent: Array
+
+
+def sample_deviations(fingers: int, cases: int) -> Deviations:
+    """A seeded Latin hypercube of `cases` (even) cases, the least correlated of some.
+
+    Half of the cases are the mirror images of the others, so that a mirrored placement on a mirrored bar gets a
+    mirrored drive.
+    """
+    random, half = np.random.default_rng(_SEED), cases // 2
+    best, least = np.zeros((half, 4 * fingers)), np.inf
+    for _ in range(_TRIES):
+        rank = np.stack([random.permutation(half) for _ in range(4 * fingers)], axis=1)
+        points = (2 * rank + 1) / half - 1
+        product = points.T @ points / half
+        worst = abs(product - np.diag(np.diag(product))).sum()
+        if worst < least:
+            best, least = points, worst
+    points = best.reshape(half, fingers, 4)
+    image = points[:, ::-1].copy()
+    image[:, :, 0] *= -1
+    every = np.concatenate([np.zeros((1, fingers, 4)), points, image])
+    return Deviations(offset=every[:, :, 0], exponent=every[:, :, 1:])
+
+
+def cases_at(position_m: Array, deviations: Deviations, finger: Finger, length_m: float) -> FingerCases:
+    """The cases of fingers at positions (finger,), kept on the bar."""
+    rank = np.argsort(np.argsort(position_m, kind="stable"), kind="stable")
+    standard = np.array([finger.stiffness_n_per_m, finger.damping_n_s_per_m, finger.mass_kg])
+    return FingerCases(
+        position_m=np.ascontiguousarray(np.clip(position_m + TOLERANCE_M * deviations.offset[:, rank], 0.0, length_m)),
+        impedance=standard * finger.spread ** deviations.exponent[:, rank],
+    )

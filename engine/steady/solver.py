@@ -1,0 +1,234 @@
+"""Steady drives for fingers at any positions, solved from the receptances of the untouched bar when fingers come.
+
+Theory of operation
+-------------------
+Each solve puts the fingers on the bar (engine.steady.loading): the standard finger, by which levels are stated, and
+a few sampled cases of every finger's stiffness, damping, mass and exact position. It then maximises the expected
+contrast, the weakest felt over the strongest quiet finger, each power averaged over the sampled cases, above the
+wanted level of the standard felt fingers and within the amplitude limit (engine.steady.search). With nothing quiet it
+maximises the share of kinetic energy in the zones that hold the felt fingers. These are the objective and the rules of
+the tabulated search (precompute.entries); here all actuators play one frequency, and no bound is proved.
+
+Where no drive reaches the level, the loudest one is answered and `achieved` is False. An infinite level asks for it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device import Device
+from engine.steady.cases import Deviations, FingerCases, cases_at, sample_deviations
+from engine.steady.loading import fill_energies, fill_loaded, fill_powers
+from engine.steady.receptances import Receptances
+from engine.steady.search import find_drive
+from firmware_link.protocol.errors import TactableError
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+Complex32 = NDArray[np.complex64]
+
+MOST_FINGERS = 10
+LEVEL_TOLERANCE_DB = 1e-3
+_CASES, _FEW_CASES, _FEW_FINGERS = 8, 4, 4
+
+
+class SteadyError(TactableError, ValueError):
+    """A placement that no drive can be solved for; the message names the finger and the value."""
+
+
+@dataclass(frozen=True)
+class SteadyDrive:
+    """One frequency for all actuators, amplitudes (fraction of full scale) and phases, and what the fingers feel.
+
+    level_db (finger,): under the standard fingers; sampled_level_db (case, finger): under the sampled ones.
+    """
+
+    frequency_hz: float
+    amplitudes: tuple[float, ...]
+    phases_rad: tuple[float, ...]
+    felt: tuple[bool, ...]
+    wanted_level_db: float
+    level_db: Array
+    sampled_level_db: Array
+    objective: str
+    """"contrast", "localized factor", or "level" where the loudest drive was asked for or is the nearest."""
+    value: float
+    """What was maximised: expected contrast or level in dB, or a share."""
+    achieved: bool
+    """Whether the weakest felt standard finger is at the wanted level; an infinite one is always reached."""
+
+    @property
+    def complex_amplitudes(self) -> NDArray[np.complex128]:
+        """Complex amplitudes (actuator,), fractions of full scale."""
+        amplitudes: NDArray[np.complex128] = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases_rad))
+        return amplitudes
+
+    @property
+    def weakest_felt_db(self) -> float:
+        """Level of the weakest felt standard finger."""
+        return float(self.level_db[list(self.felt)].min())
+
+    @property
+    def expected_contrast_db(self) -> float | None:
+        """Weakest felt over strongest quiet power, averaged over the sampled cases; None: nothing is quiet."""
+        if all(self.felt):
+            return None
+        expected, felt = (10 ** (self.sampled_level_db / 10)).mean(axis=0), np.array(self.felt)
+        return float(10 * np.log10(expected[felt].min() / expected[~felt].max()))
+
+
+class SteadySolver:
+    """Solves placements on one device. The first solve of a process loads the compiled kernels, or compiles them.
+
+    `cases`: sampled cases of each solve; by default 8, and 4 for more than four fingers.
+    """
+
+    def __init__(self, device: Device, receptances: Receptances, cases: int | None = None) -> None:
+        self.device, self.receptances = device, receptances
+        self._cases = cases
+        hz = receptances.frequency_hz
+        omega = 2 * np.pi * hz
+        self._omega: Single = omega.astype(np.float32)
+        weight = omega**2 / receptances.threshold_m_per_s2
+        self._drive = _split(receptances.drive * weight.astype(np.float32))
+        self._point = _split(receptances.point)
+        low_hz, high_hz = np.array([actuator.band_hz for actuator in device.actuators]).T
+        slack_hz = 1e-9 * hz[:, None]
+        self._usable = np.ascontiguousarray((hz[:, None] >= low_hz - slack_hz) & (hz[:, None] <= high_hz + slack_hz))
+        self._middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
+        self._half_m = np.array([zone.length_m / 2 for zone in device.zones])
+        self._of_zone = np.stack([self._integral(zone.start_m, zone.stop_m) for zone in device.zones])
+        self._of_bar = self._integral(0.0, device.bar.length_m)
+        self._deviations = lru_cache(maxsize=MOST_FINGERS)(self._sample)
+
+    def solve(self, positions_m: Sequence[float], felt: Sequence[bool], level_db: float) -> SteadyDrive:
+        """The best drive for fingers at these positions, `felt` or else quiet, at a level in dB over threshold.
+
+        An infinite level asks for the loudest drive. Raises SteadyError for positions that are not on the bar, no felt
+        finger, or more than MOST_FINGERS.
+        """
+        self._check(positions_m, felt, level_db)
+        device = self.device
+        deviations = self._deviations(len(positions_m))
+        position_m = np.array(positions_m, dtype=np.float64)
+        return self.solve_cases(
+            cases_at(position_m, deviations, device.finger, device.bar.length_m), tuple(felt), level_db
+        )
+
+    def solve_cases(self, cases: FingerCases, felt: tuple[bool, ...], level_db: float) -> SteadyDrive:
+        """As `solve`, for given cases of the fingers."""
+        limit, pitch_m = self.device.limits.amplitude, self.receptances.pitch_m
+        impedance = np.ascontiguousarray(cases.impedance, dtype=np.float32)
+        count, fingers = cases.position_m.shape
+        loaded = np.empty((count, fingers, *self._drive.shape[1:]), dtype=np.float32)
+        fill_loaded(self._drive, self._point, self._omega, pitch_m, cases.position_m, impedance, loaded)
+        is_felt = np.array(felt)
+        felt_at, quiet_at = np.flatnonzero(is_felt), np.flatnonzero(~is_felt)
+        actuators, lines = self._drive.shape[1], self._drive.shape[3]
+        is_share = not len(quiet_at)
+        if is_share:
+            share = self._stretches(cases.position_m[0])
+            is_flat = bool(np.allclose(share[0], share[1], rtol=1e-9, atol=0.0))
+            forms = np.empty((2, actuators**2, lines))
+            fill_energies(
+                self._drive,
+                self._point,
+                self._omega,
+                pitch_m,
+                cases.position_m[0],
+                impedance[:1],
+                loaded[0],
+                share,
+                forms,
+            )
+            numerator, denominator = forms[:1], forms[1:]
+        else:
+            is_flat = False
+            forms = np.empty((fingers, actuators**2, lines))
+            fill_powers(loaded[1:], forms)
+            numerator, denominator = forms[felt_at], forms[quiet_at]
+        wanted = 10 ** (level_db / 10) / limit**2
+        hz, amplitude = self.receptances.frequency_hz, np.empty(actuators, dtype=np.complex128)
+        power = np.empty((count, fingers))
+        tail = self._usable, loaded, felt_at, quiet_at, numerator, denominator, is_share
+        objective, found = "localized factor" if is_share else "contrast", np.array([0.0, -1.0])
+        if not (is_flat or np.isinf(level_db)):
+            find_drive(hz, *tail, wanted, found, amplitude, power)
+        if found[1] < 0:
+            objective = "level"
+            find_drive(hz, *tail, np.inf, found, amplitude, power)
+        found_hz, value = found.tolist()
+        full_level_db = 10 * np.log10(power[0, felt_at].min() * limit**2)
+        change_db = min(0.0, level_db - full_level_db)
+        scale = limit * 10 ** (change_db / 20)
+        sensed_db = 10 * np.log10(np.maximum(power, 1e-30)) + 20 * np.log10(scale)
+        return SteadyDrive(
+            frequency_hz=found_hz,
+            amplitudes=tuple(np.minimum(abs(amplitude) * scale, limit).tolist()),
+            phases_rad=tuple(np.angle(amplitude).tolist()),
+            felt=tuple(felt),
+            wanted_level_db=level_db,
+            level_db=sensed_db[0],
+            sampled_level_db=sensed_db[1:],
+            objective=objective,
+            value=_value_of(objective, value, limit),
+            achieved=bool(np.isinf(level_db) or full_level_db >= level_db - LEVEL_TOLERANCE_DB),
+        )
+
+    def _sample(self, fingers: int) -> Deviations:
+        cases = self._cases or (_CASES if fingers <= _FEW_FINGERS else _FEW_CASES)
+        return sample_deviations(fingers, cases)
+
+    def _stretches(self, position_m: Array) -> Array:
+        """Weights (2, place) of power in the energy of the zones that hold the fingers, and of the bar."""
+        held = sorted({int(k) for k in (abs(position_m[:, None] - self._middle_m) - self._half_m).argmin(axis=1)})
+        return np.stack([self._of_zone[held].sum(axis=0), self._of_bar])
+
+    def _integral(self, start_m: float, stop_m: float) -> Array:
+        """Weights (place,) that integrate a function from its values at the places, cubic through four of them."""
+        places, pitch_m = len(self.receptances.place_m), self.receptances.pitch_m
+        weight = np.zeros(places)
+        for piece in range(places - 1):
+            low, high = max(start_m / pitch_m, piece), min(stop_m / pitch_m, piece + 1)
+            if high > low:
+                first = min(max(piece - 1, 0), places - 4)
+                weight[first : first + 4] += _cubic_integral(low - first, high - first)
+        return weight * pitch_m
+
+    def _check(self, positions_m: Sequence[float], felt: Sequence[bool], level_db: float) -> None:
+        length_m = self.device.bar.length_m
+        if len(positions_m) != len(felt):
+            raise SteadyError(f"{len(positions_m)} positions and {len(felt)} roles: give one role for each position")
+        if not 0 < len(positions_m) <= MOST_FINGERS:
+            raise SteadyError(f"{len(positions_m)} fingers: a drive is solved for one to {MOST_FINGERS}")
+        if not any(felt):
+            raise SteadyError("no finger is felt: a drive needs at least one that is")
+        for number, at_m in enumerate(positions_m, 1):
+            if not 0 <= at_m <= length_m:
+                raise SteadyError(f"finger {number} at {1e3 * at_m:g} mm: the bar ends at {1e3 * length_m:g} mm")
+        if np.isnan(level_db):
+            raise SteadyError("the level is not a number; give dB above threshold, or inf for full scale")
+
+
+def _value_of(objective: str, value: float, limit: float) -> float:
+    """What was maximised: a share, or dB of contrast, or of the level at the amplitude limit."""
+    if objective == "localized factor":
+        return value
+    return float(10 * np.log10(value)) + (20 * float(np.log10(limit)) if objective == "level" else 0.0)
+
+
+def _split(values: Complex32) -> Single:
+    """Real and imaginary parts (..., 2, frequency) of values (..., frequency)."""
+    return np.ascontiguousarray(np.stack([values.real, values.imag], axis=-2), dtype=np.float32)
+
+
+def _cubic_integral(low: float, high: float) -> Array:
+    """Integrals (4,) from low to high of the cubics that are 1 at one of 0, 1, 2, 3 and 0 at the others."""
+    node, half = np.arange(4.0), 0.5 * (high - low)
+    # Gauss's rule of two points is exact for cubics.
+    at = 0.5 * (low + high) + half / np.sqrt(3.0) * np.array([-1.0, 1.0])
+    values = [np.prod([(at - o) / (k - o) for o in node if o != k], axis=0).sum() for k in node]
+    return half * np.array(values)

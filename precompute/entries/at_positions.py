@@ -1,0 +1,124 @@
+"""Steady drives for fingers at any positions, with the spread of what the fingers feel and the rise time.
+
+The drive is the one that the live engine solves (engine.steady.solver), from the same receptances. Its figures are
+computed apart from it, on the plant solved at the drive's own frequency with every sampled finger where it lies.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device import Device
+from engine.steady.cases import FingerCases, cases_at, sample_deviations
+from engine.steady.solver import SteadyDrive, SteadySolver
+from engine.table.entry import EntrySpread, Percentiles
+from precompute.entries.performance import compute_figures
+from precompute.entries.prediction import PERCENTS
+from precompute.entries.rise_time import compute_rise_model, compute_rise_time
+from precompute.model.assembly import Plant, assemble
+from precompute.model.frequencies import add_resonances
+from precompute.model.modal import Basis, compute_basis, compute_modal_model
+from precompute.sampling.bars import sample_bars
+from precompute.sampling.fingers import SAMPLES, SampledFingers
+from precompute.sampling.places import solve_place_receptances
+
+Array = NDArray[np.float64]
+
+_SAMPLED_MODES = 12  # whose resonances get frequencies of their own: those up to 2 kHz on the published bar
+
+
+@dataclass(frozen=True)
+class PlacementFigures:
+    """What fingers at positions_m (finger,) feel of a drive that was solved for them.
+
+    level_db (finger,) and contrast_db: standard fingers; sampled_level_db (case, finger): sampled fingers, each on a
+    bar of its own where a calibration left some. contrasts are None where nothing is quiet.
+    """
+
+    positions_m: tuple[float, ...]
+    drive: SteadyDrive
+    level_db: Array
+    sampled_level_db: Array
+    contrast_db: float | None
+    expected_contrast_db: float | None
+    spread: EntrySpread
+    t90_s: float
+    """Time from rest after which the envelope under every felt standard finger stays within 10 % of its final value."""
+
+    def finger_percentiles(self, finger: int) -> Percentiles:
+        """Level under one finger (index) over the sampled cases."""
+        return _percentiles(self.sampled_level_db[:, finger])
+
+
+class SteadyDesigner:
+    """Solves drives for placements on one device, and computes their figures. Making one takes about a second."""
+
+    def __init__(self, device: Device, plant: Plant | None = None) -> None:
+        self.plant = plant or assemble(device)
+        self.basis = compute_basis(self.plant)
+        self.receptances = solve_place_receptances(self.plant, search_frequencies(self.plant, self.basis))
+        self.solver = SteadySolver(device, self.receptances)
+
+    def solve(self, positions_m: Sequence[float], felt: Sequence[bool], level_db: float) -> PlacementFigures:
+        """The drive for fingers at these positions, `felt` or else quiet, at a level in dB, and its figures.
+
+        Raises engine.steady.solver.SteadyError as SteadySolver.solve does.
+        """
+        drive = self.solver.solve(positions_m, felt, level_db)
+        device, positions = self.plant.device, np.array(positions_m, dtype=np.float64)
+        deviations = sample_deviations(len(positions), SAMPLES)
+        sampled = _sampled_fingers(cases_at(positions, deviations, device.finger, device.bar.length_m))
+        touched = range(len(positions))
+        hz, amplitude = np.full(len(drive.amplitudes), drive.frequency_hz), drive.complex_amplitudes
+        power = compute_figures(self.plant, sampled, touched, hz, amplitude).power
+        bars = None if self.plant.is_measured else sample_bars(device, sampled)
+        cases = power[1:] if bars is None else bars.powers(touched, hz, amplitude)
+        level_db_of, sampled_db = (10 * np.log10(np.maximum(each, 1e-30)) for each in (power[0], cases))
+        is_felt = np.array(felt, dtype=np.bool_)
+        weakest = sampled_db[:, is_felt].min(axis=1)
+        strongest = sampled_db[:, ~is_felt].max(axis=1, initial=-np.inf)
+        is_quiet, mean = bool((~is_felt).any()), power[1:].mean(axis=0)
+        model = compute_rise_model(self.basis, [sampled.fingers(0, touched)], positions[None])
+        return PlacementFigures(
+            positions_m=tuple(positions.tolist()),
+            drive=drive,
+            level_db=level_db_of,
+            sampled_level_db=sampled_db,
+            contrast_db=float(level_db_of[is_felt].min() - level_db_of[~is_felt].max()) if is_quiet else None,
+            expected_contrast_db=(
+                float(10 * np.log10(mean[is_felt].min() / mean[~is_felt].max())) if is_quiet else None
+            ),
+            spread=EntrySpread(
+                felt=_percentiles(weakest),
+                quiet=_percentiles(strongest) if is_quiet else None,
+                contrast=_percentiles(weakest - strongest) if is_quiet else None,
+            ),
+            t90_s=float(compute_rise_time(model, hz, amplitude)[0, is_felt].max()),
+        )
+
+
+def search_frequencies(plant: Plant, basis: Basis) -> Array:
+    """The grid of the device, with the resonances of the bar untouched and under fingers in its zones."""
+    device = plant.device
+    middles_m = [(zone.start_m + zone.stop_m) / 2 for zone in device.zones]
+    loads = [[], [(at_m, device.finger) for at_m in middles_m], *([(at_m, device.finger)] for at_m in middles_m)]
+    pole = np.concatenate([compute_modal_model(basis.lowest(_SAMPLED_MODES), load).pole for load in loads])
+    return add_resonances(device, device.sweep.frequency_hz, pole)
+
+
+def _sampled_fingers(cases: FingerCases) -> SampledFingers:
+    """The cases as sampled fingers: each finger stands for a zone, which has a place for each case."""
+    count, fingers = cases.position_m.shape
+    return SampledFingers(
+        position_m=np.ascontiguousarray(cases.position_m.T),
+        place=np.repeat(np.arange(count)[:, None], fingers, axis=1),
+        mass_kg=cases.impedance[:, :, 2],
+        damping_n_s_per_m=cases.impedance[:, :, 1],
+        stiffness_n_per_m=cases.impedance[:, :, 0],
+    )
+
+
+def _percentiles(level_db: Array) -> Percentiles:
+    return Percentiles(*np.percentile(level_db, PERCENTS).tolist())

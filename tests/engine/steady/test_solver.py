@@ -1,0 +1,213 @@
+"""Laws of drives at positions: as good as the tabulated search, true in a dense model, within limits."""
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from engine.device import Device, Finger
+from engine.steady.cases import FingerCases, cases_at, sample_deviations
+from engine.steady.solver import MOST_FINGERS, SteadyDrive, SteadyError
+from engine.touch import ZoneState
+from precompute.entries.prediction import objective_value, touched_zones
+from precompute.entries.solver import tabulated_states
+from tests.engine.steady.solvers import DEVICES, cases_in_zones, designer_of, tabulated
+from tests.precompute.dense_model import DenseModel
+from tests.precompute.devices import SHIPPED, mirrored, shipped
+from tests.precompute.entries.dense_state import threshold
+
+Array = NDArray[np.float64]
+
+STATES = int(os.environ.get("TACTABLE_STEADY_STATES", "6"))
+"""States of each device that are compared with the tabulated search: 40 in the long run, 2 minutes."""
+TOLERANCE_DB = 0.05
+KNOWN_DB = 0.03
+"""A tabulated drive this near to its bound is the optimum."""
+any_device = pytest.mark.parametrize("name", DEVICES)
+
+
+@any_device
+def test_a_drive_is_as_good_as_the_tabulated_one_where_that_is_the_optimum(name: str) -> None:
+    device = DEVICES[name]
+    search, solver = tabulated(device)
+    states, known = tabulated_states(device), 0
+    for number in np.random.default_rng(7).choice(len(states), min(STATES, len(states)), replace=False):
+        state = states[number]
+        zones = touched_zones(state)
+        felt = tuple(state[zone] is ZoneState.FELT for zone in zones)
+        for entry in search.solve(state):
+            drive = solver.solve_cases(cases_in_zones(search, zones), felt, entry.wanted_level_db)
+            value, optimum = drive.value, objective_value(entry)
+            assert optimum is not None
+            if drive.objective == "localized factor":
+                value, optimum = (float(10 * np.log10(share)) for share in (value, optimum))
+            bound = optimum + entry.optimality_gap_db
+            assert drive.objective != entry.objective or value <= bound + TOLERANCE_DB
+            if entry.optimality_gap_db <= KNOWN_DB and entry.family in ("coherent", "single tone"):
+                known += 1
+                assert drive.objective == entry.objective and drive.achieved == entry.achieved
+                assert value >= optimum - TOLERANCE_DB
+    assert known > STATES // 2
+
+
+@any_device
+@pytest.mark.parametrize("fingers", [1, 2, 3, 5, 10])
+def test_fingers_feel_what_a_dense_model_says(name: str, fingers: int) -> None:
+    device, random = DEVICES[name], np.random.default_rng(fingers)
+    solver = designer_of(device).solver
+    for level_db in (12.0, np.inf):
+        positions_m = random.uniform(0, device.bar.length_m, fingers).tolist()
+        felt = [True, *(random.random(fingers - 1) < 0.3).tolist()]
+        drive = solver.solve(positions_m, felt, level_db)
+        count = len(drive.sampled_level_db)
+        cases = cases_at(np.array(positions_m), sample_deviations(fingers, count), device.finger, device.bar.length_m)
+        told_db = np.concatenate([drive.level_db[None], drive.sampled_level_db])
+        dense_db = dense_levels(device, cases, drive)
+        # What is 50 dB below the strongest finger has no influence on any figure.
+        heard = dense_db > dense_db.max() - 50
+        assert abs(told_db - dense_db)[heard].max() < 0.25
+        assert abs(told_db - dense_db)[dense_db > dense_db.max() - 20].max() < 0.05
+
+
+def dense_levels(device: Device, cases: FingerCases, drive: SteadyDrive) -> Array:
+    """Levels in dB (case, finger) under the drive, each case's fingers assembled into dense matrices."""
+    bare, rows = DenseModel(device), []
+    for position_m, impedance in zip(cases.position_m, cases.impedance, strict=True):
+        fingers = [
+            (at, Finger(mass_kg=m, damping_n_s_per_m=c, stiffness_n_per_m=k, spread=1.0))
+            for at, (k, c, m) in zip(position_m.tolist(), impedance.tolist(), strict=True)
+        ]
+        field = bare.touched(fingers).unit_acceleration(np.array([drive.frequency_hz]), position_m)[0]
+        rows.append(abs(field @ drive.complex_amplitudes) / threshold(drive.frequency_hz))
+    decibels: Array = 20 * np.log10(np.array(rows))
+    return decibels
+
+
+@any_device
+@pytest.mark.parametrize("fingers", [1, 2, 4, 10])
+@pytest.mark.parametrize("level_db", [5.0, 20.0, 45.0, np.inf])
+def test_no_drive_exceeds_its_amplitude_its_level_or_its_band(name: str, fingers: int, level_db: float) -> None:
+    device, random = DEVICES[name], np.random.default_rng(fingers)
+    positions_m = random.uniform(0, device.bar.length_m, fingers).tolist()
+    felt = [True, *(random.random(fingers - 1) < 0.5).tolist()]
+    drive = designer_of(device).solver.solve(positions_m, felt, level_db)
+    assert max(drive.amplitudes) <= device.limits.amplitude
+    assert drive.weakest_felt_db <= level_db + 1e-9
+    assert drive.achieved == (np.isinf(level_db) or drive.weakest_felt_db >= level_db - 1e-3)
+    assert drive.achieved or max(drive.amplitudes) == pytest.approx(device.limits.amplitude)
+    for amplitude, actuator in zip(drive.amplitudes, device.actuators, strict=True):
+        assert amplitude < 1e-9 or actuator.band_hz[0] <= drive.frequency_hz <= actuator.band_hz[1]
+
+
+def test_a_level_within_reach_only_scales_the_drive() -> None:
+    solver = designer_of(shipped("reference-a")).solver
+    soft, loud = (solver.solve([0.06, 0.17], [True, False], level_db) for level_db in (3.0, 9.0))
+    assert soft.frequency_hz == loud.frequency_hz
+    assert np.array(loud.amplitudes) == pytest.approx(np.array(soft.amplitudes) * 10 ** (6 / 20))
+    assert loud.sampled_level_db == pytest.approx(soft.sampled_level_db + 6)
+
+
+def test_a_louder_level_never_has_more_contrast() -> None:
+    solver = designer_of(shipped("reference-d")).solver
+    drives = [solver.solve([0.03, 0.14], [True, False], level_db) for level_db in np.arange(5.0, 45.0, 2.5)]
+    values = [drive.value for drive in drives if drive.objective == "contrast"]
+    assert len(values) > 5 and values[-1] < values[0] - 1
+    assert (np.diff(values) < 0.02).all()
+
+
+def test_a_mirrored_bar_gets_the_mirrored_drive() -> None:
+    device = shipped("reference-a")
+    length_m = device.bar.length_m
+    for positions_m, felt in (([0.05, 0.12], [True, False]), ([0.02, 0.1, 0.2], [False, True, True])):
+        drive = designer_of(device).solver.solve(positions_m, felt, 15.0)
+        image = designer_of(mirrored(device)).solver.solve([length_m - at for at in positions_m], felt, 15.0)
+        assert image.frequency_hz == pytest.approx(drive.frequency_hz, abs=0.02)
+        assert image.value == pytest.approx(drive.value, abs=0.01)
+        assert image.amplitudes == pytest.approx(drive.amplitudes, abs=2e-3)
+
+
+def test_the_order_of_fingers_does_not_matter() -> None:
+    solver = designer_of(shipped("reference-t")).solver
+    one = solver.solve([0.05, 0.12, 0.2], [True, False, False], 15.0)
+    other = solver.solve([0.2, 0.05, 0.12], [False, True, False], 15.0)
+    assert one.value == pytest.approx(other.value, abs=0.01)
+    assert one.level_db == pytest.approx(other.level_db[[1, 2, 0]], abs=0.1)
+
+
+@pytest.mark.parametrize("at", ["actuator", "start", "end"])
+def test_fingers_at_an_actuator_and_at_the_ends_are_answered(at: str) -> None:
+    device = shipped("reference-a")
+    place_m = {"actuator": device.actuators[0].position_m, "start": 0.0, "end": device.bar.length_m}[at]
+    for positions_m, felt in (([place_m, 0.15], [True, False]), ([0.15, place_m], [True, False])):
+        figures = designer_of(device).solve(positions_m, felt, 10.0)
+        assert figures.drive.achieved
+        assert figures.drive.value > 5
+        assert figures.expected_contrast_db == pytest.approx(figures.drive.value, abs=3)
+
+
+def test_one_actuator_has_its_frequency_to_choose() -> None:
+    device = shipped("reference-a")
+    alone = replace(device, actuators=device.actuators[:1])
+    drive = designer_of(alone).solver.solve([0.06, 0.2], [True, False], 10.0)
+    both = designer_of(device).solver.solve([0.06, 0.2], [True, False], 10.0)
+    assert drive.achieved and len(drive.amplitudes) == 1
+    assert 0 < drive.value < both.value
+
+
+def test_two_fingers_in_one_place_are_one_to_the_bar() -> None:
+    drive = designer_of(shipped("reference-a")).solver.solve([0.1, 0.1], [True, False], 10.0)
+    assert drive.achieved and abs(drive.value) < 1
+
+
+def test_with_nothing_quiet_the_share_of_the_felt_zone_is_maximised() -> None:
+    device = shipped("reference-a")
+    drive = designer_of(device).solver.solve([0.03], [True], 10.0)
+    assert drive.objective == "localized factor" and 0 < drive.value < 1
+    everywhere = [(zone.start_m + zone.stop_m) / 2 for zone in device.zones]
+    assert designer_of(device).solver.solve(everywhere, [True] * 5, 10.0).objective == "level"
+
+
+@pytest.mark.parametrize(
+    ("positions_m", "felt", "level_db", "words"),
+    [
+        ([0.3], [True], 20.0, "finger 1 at 300 mm: the bar ends at 279.4 mm"),
+        ([0.1, -0.001], [True, False], 20.0, "finger 2 at -1 mm"),
+        ([float("nan")], [True], 20.0, "finger 1 at nan mm"),
+        ([0.1], [False], 20.0, "no finger is felt"),
+        ([], [], 20.0, "0 fingers"),
+        ([0.01 * k for k in range(MOST_FINGERS + 1)], [True] * 11, 20.0, "11 fingers: a drive is solved for one to 10"),
+        ([0.1, 0.2], [True], 20.0, "2 positions and 1 roles"),
+        ([0.1], [True], float("nan"), "the level is not a number"),
+    ],
+)
+def test_a_wrong_placement_is_refused_by_name(
+    positions_m: list[float], felt: list[bool], level_db: float, words: str
+) -> None:
+    with pytest.raises(SteadyError, match=words):
+        designer_of(shipped("reference-a")).solver.solve(positions_m, felt, level_db)
+
+
+def test_the_solver_needs_no_scipy_and_the_receptances_no_compiler() -> None:
+    program = """
+import sys
+sys.modules["scipy"] = None
+import numpy as np
+from engine.device import Device
+from engine.steady import Receptances
+assert "numba" not in sys.modules
+from engine.steady.solver import SteadySolver
+hz, places = np.arange(60.0, 300.0), np.linspace(0.0, 0.2794, 57)
+random = np.random.default_rng(1)
+def fields(*shape):
+    return ((random.normal(size=shape) + 1j * random.normal(size=shape)) * 1e-6).astype(np.complex64)
+table = Receptances(hz, np.full(len(hz), 0.2), places, fields(57, 2, len(hz)), fields(57 * 58 // 2, len(hz)))
+solver = SteadySolver(Device.read(sys.argv[1]), table)
+solver.solve([0.05, 0.1], [True, False], 10.0)
+solver.solve([0.05, 0.1, 0.2], [True, False, False], 10.0)
+assert "precompute" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", program, str(SHIPPED / "reference-a.toml")], check=True)

@@ -1,0 +1,74 @@
+"""Laws of figures at positions: those of a dense model and of the sampled cases, and rise times of an envelope."""
+
+import numpy as np
+import pytest
+
+from engine.device import Device
+from precompute.entries.at_positions import PlacementFigures, SteadyDesigner
+from precompute.entries.rise_time import STEP_S, WITHIN
+from precompute.sampling.fingers import SAMPLES
+from tests.engine.steady.solvers import DEVICES, designer_of
+from tests.precompute.dense_model import DenseModel
+from tests.precompute.devices import shipped
+from tests.precompute.entries.dense_state import threshold
+
+POSITIONS_M, ROLES = (0.035, 0.12, 0.15), (True, False, False)
+
+
+def figures_of(device: Device) -> PlacementFigures:
+    return designer_of(device).solve(POSITIONS_M, ROLES, 10.0)
+
+
+def touched_model(device: Device, positions_m: tuple[float, ...]) -> DenseModel:
+    return DenseModel(device, [(at_m, device.finger) for at_m in positions_m])
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_levels_are_those_of_a_dense_model(name: str) -> None:
+    device = DEVICES[name]
+    figures = figures_of(device)
+    drive = figures.drive
+    field = touched_model(device, POSITIONS_M).unit_acceleration(np.array([drive.frequency_hz]), np.array(POSITIONS_M))
+    level_db = 20 * np.log10(abs(field[0] @ drive.complex_amplitudes) / threshold(drive.frequency_hz))
+    assert figures.level_db == pytest.approx(level_db, abs=1e-3)
+    assert figures.contrast_db == pytest.approx(level_db[0] - level_db[1:].max(), abs=1e-3)
+    assert figures.level_db[0] == pytest.approx(drive.level_db[0], abs=0.05)
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_the_spread_is_that_of_the_sampled_cases(name: str) -> None:
+    figures = figures_of(DEVICES[name])
+    sampled_db, spread = figures.sampled_level_db, figures.spread
+    assert sampled_db.shape == (SAMPLES, len(POSITIONS_M))
+    assert spread.felt.low_db < spread.felt.middle_db < spread.felt.high_db
+    assert spread.quiet is not None and spread.contrast is not None
+    contrast_db = sampled_db[:, 0] - sampled_db[:, 1:].max(axis=1)
+    assert spread.contrast.low_db == pytest.approx(np.percentile(contrast_db, 5))
+    assert figures.finger_percentiles(0) == spread.felt
+    mean = (10 ** (sampled_db / 10)).mean(axis=0)
+    assert figures.expected_contrast_db == pytest.approx(10 * np.log10(mean[0] / mean[1:].max()))
+
+
+def test_t90_is_when_the_envelope_stays_near_its_final_value() -> None:
+    device = shipped("reference-a")
+    figures = figures_of(device)
+    time_s = np.arange(0, figures.t90_s + 0.05, STEP_S)
+    hz = np.full(2, figures.drive.frequency_hz)
+    model = touched_model(device, POSITIONS_M)
+    course, final = model.envelope(hz, figures.drive.complex_amplitudes, np.array(POSITIONS_M[:1]), time_s)
+    off = np.flatnonzero(abs(course[:, 0] / final[0] - 1) > WITHIN)
+    assert time_s[off[-1]] == pytest.approx(figures.t90_s, abs=2 * STEP_S)
+
+
+def test_with_nothing_quiet_there_is_no_contrast() -> None:
+    figures = designer_of(shipped("reference-a")).solve([0.1], [True], 10.0)
+    assert figures.contrast_db is None and figures.expected_contrast_db is None
+    assert figures.spread.quiet is None and figures.spread.contrast is None
+
+
+def test_a_designer_takes_a_plant_that_is_at_hand() -> None:
+    device = shipped("reference-d")
+    own = designer_of(device)
+    again = SteadyDesigner(device, own.plant)
+    assert again.plant is own.plant
+    assert again.solve(POSITIONS_M, ROLES, 10.0).drive.value == own.solve(POSITIONS_M, ROLES, 10.0).drive.value
