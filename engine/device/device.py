@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -23,6 +24,9 @@ from engine.device.file import (
 from engine.device.parts import Actuator, Bar, DeviceError, Finger, Limits, Spread, Sweep, TouchAxis, Uncertainty, Zone
 from engine.device.toml_table import read_text
 from engine.device.uncertainty import read_uncertainty
+
+_PHYSICAL = re.compile(r"(bar|actuator(\[\d+\])?|finger)\.\w+")
+_CHOSEN = ("bar.largest_element", "bar.damping_of", "finger.spread")
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,14 @@ class Device:
         )
         top.close()
         return device
+
+    @property
+    def estimated_values(self) -> tuple[str, ...]:
+        """Those keys of `inferred` that are physical values of bar, actuators and finger.
+
+        The others are choices, such as the grid of the sweep, which nobody could measure.
+        """
+        return tuple(key for key in self.inferred if _PHYSICAL.fullmatch(key) and key not in _CHOSEN)
 
     @property
     def fingerprint(self) -> str:

@@ -65,8 +65,7 @@ class Table:
                 raise TableError(f"{path}: is corrupted: it was changed after it was built; build it again")
             table = cls(path, file)
             if table.device.fingerprint != table.fingerprint or (device and device.fingerprint != table.fingerprint):
-                name = device.name if device else table.device.name
-                raise TableError(f"{path}: is stale: it was built for another state of {name!r}; build it again")
+                raise TableError(f"{path}: {_stale_text(table.device, device)}")
             if code_fingerprint and table.attributes["code_fingerprint"] != code_fingerprint:
                 raise TableError(f"{path}: is stale: it was built by another version of the code; build it again")
         except BaseException as error:
@@ -206,6 +205,13 @@ def _listed(zones: Sequence[str]) -> Sequence[str]:
     if isinstance(zones, str):
         raise TableError(f"zones {zones!r}: is one text; give a list of names, such as [{zones!r}]")
     return zones
+
+
+def _stale_text(own: Device, wanted: Device | None) -> str:
+    """Why the table of `own` does not do for `wanted`; without one, the table contradicts itself."""
+    if wanted is not None and wanted.name != own.name:
+        return f"is a table of {own.name!r}, not of {wanted.name!r}; name the table of {wanted.name!r}, or build it"
+    return f"is stale: it was built for another state of {own.name!r}; build it again"
 
 
 def _check_format(path: Path, file: h5netcdf.File) -> None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.device.quantity import QuantityError
 from precompute.measurements.columns import SIMULATED, assemble_measurements, column_names, may_be_empty, unit_scale
+from precompute.measurements.csv_form import wrong_form
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 
 _HEADER = re.compile(r"(.+?) ?\(([^()]*)\)")
@@ -20,11 +21,16 @@ _HEADER = re.compile(r"(.+?) ?\(([^()]*)\)")
 def parse_csv(text: str, device: Device, sensor_mass_kg: float, source: str) -> Measurements:
     """Read CSV text: lines that begin with # are comments, the first other line is the header.
 
-    Raises MeasurementError, which names the row and the column.
+    A byte order mark at the beginning is passed over. Raises MeasurementError, which names the row and the column, or
+    the form of a file that is not one reading a row.
     """
+    text = text.removeprefix("\ufeff")
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if not lines:
         raise MeasurementError(f"{source}: is empty; expected a header such as position (mm),peak acceleration (m/s^2)")
+    form = wrong_form([line for _, line in lines], device)
+    if form is not None:
+        raise MeasurementError(f"{source}: {form}")
     header, *cells = csv.reader([line for _, line in lines])
     numbers = [number for number, _ in lines[1:]]
     columns: dict[str, NDArray[np.float64]] = {}

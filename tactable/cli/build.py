@@ -131,7 +131,7 @@ def _print_built(path: Path, device: Device, responses: Path | None, as_json: bo
         return
     counts = f"{summary['entries']} entries, {summary['clicks']} clicks"
     say(f"{path}: {counts}, {summary['bytes'] / 1e6:.0f} MB, for {device.name}")
-    say(f"fingerprint {device.fingerprint[:16]}; {len(device.inferred)} values of the device are estimates")
+    say(f"fingerprint {device.fingerprint[:16]}; {len(device.estimated_values)} values of the device are estimates")
     if responses is not None:
         say(f"built from {summary['source']} in {responses}; {_doubts_text(summary)}")
 

@@ -50,6 +50,18 @@ def show(result: _Result, as_json: bool, print_page: Callable[[Console, _Result]
 
 
 @contextmanager
+def shown_work(what: str, is_hidden: bool) -> Iterator[None]:
+    """Show what is being done, and for how long, where there is a terminal and no fraction to tell."""
+    from rich.progress import Progress as Line
+    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Line(*columns, console=ERRORS, transient=True, disable=is_hidden or not ERRORS.is_terminal) as line:
+        line.add_task(what, total=None)
+        yield
+
+
+@contextmanager
 def shown_progress(is_hidden: bool) -> Iterator[Progress]:
     """A function that takes the present step and the fraction done, and shows a bar where there is a terminal."""
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn

@@ -11,7 +11,7 @@ from engine.table.diff import DEFAULT_LIMIT_DB, Tolerance, compare_tables
 from engine.table.entry import DEFAULT_LEVEL_DB, played_at
 from engine.touch import ZoneState
 from firmware_link.protocol.errors import TactableError
-from tactable.cli.console import OUT, print_error, print_json
+from tactable.cli.console import OUT, print_error, print_json, shown_work
 from tactable.cli.options import AsJson, Felt, Level, Quiet, TableArgument, names_in, read_level, read_zones
 from tactable.explain.diff import diff_json, print_diff
 from tactable.shipped import cache_folder
@@ -62,7 +62,8 @@ def _explain_click(
     from tactable.explain.click import click_json, explain_click, print_click
     from tactable.explain.click_source import ClickSource
 
-    explained = explain_click(ClickSource(table), states, level_db, rivals=alternatives)
+    with shown_work("computing the click again, over sampled bars and fingers", as_json):
+        explained = explain_click(ClickSource(table), states, level_db, rivals=alternatives)
     if as_json:
         print_json(click_json(table, explained))
     else:

@@ -45,7 +45,7 @@ from tactable.cli.options import (
     read_option,
     read_zones,
 )
-from tactable.figures.file import Picture, check_paths, write_columns, write_picture
+from tactable.figures.file import Picture, check_paths, write_columns, write_picture, write_texts
 from tactable.shipped import find_device
 
 _DEFAULT_LEVEL = f"{DEFAULT_LEVEL_DB:g}"
@@ -85,11 +85,13 @@ def _deliver(picture: Picture, output: Path, csv_path: Path | None, as_json: boo
     write_picture(picture, output)
     if csv_path is not None:
         write_columns(picture, csv_path)
+    texts = write_texts(picture, output.parent)
     if as_json:
-        print_json({"figure": str(output), "csv": None if csv_path is None else str(csv_path), **picture.summary})
+        files = {"figure": str(output), "csv": None if csv_path is None else str(csv_path)}
+        print_json(files | {"written": [str(path) for path in texts]} | dict(picture.summary))
         return
     say(picture.caption)
-    for path in (output, csv_path):
+    for path in (output, csv_path, *texts):
         if path is not None:
             say(f"written: {path}")
 

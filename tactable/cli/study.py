@@ -1,6 +1,7 @@
 """Commands `study ...`: bars that are not built yet, searched and compared; each a picture with its data."""
 
 import time
+from dataclasses import replace
 from functools import partial
 from typing import Annotated
 
@@ -34,9 +35,11 @@ def placement(
 ) -> Picture:
     """Search where actuators give the best worst contrast.
 
-    The worst contrast is that of one felt and one quiet finger in the least favourable zones. A search, not a proof.
+    Beside the picture it writes the device file of the best placement of each number of actuators. The worst
+    contrast is that of one felt and one quiet finger in the least favourable zones. A search, not a proof.
     """
     from precompute.parallel.pool import WorkerPool
+    from precompute.studies.placed_device import placed_text
     from precompute.studies.placement import search_placement
     from tactable.figures.placement import plot_placement
 
@@ -55,7 +58,11 @@ def placement(
             f"looked at {looked} placements in {time.monotonic() - start_s:.0f} s, evaluated {evaluated} as a table "
             "would; not at states of more fingers, at clicks, or at anything but places"
         )
-    return plot_placement(device, found, level_db)
+    texts = {}
+    for search in found:
+        name = f"{device.name}-{search.count}-placed"
+        texts[f"{name}.toml"] = placed_text(device, name, search.evaluated[0].position_m)
+    return replace(plot_placement(device, found, level_db), texts=texts)
 
 
 @picture_command

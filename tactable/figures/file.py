@@ -3,7 +3,7 @@
 import csv
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,13 +28,14 @@ class FigureError(TactableError, ValueError):
 class Picture:
     """A figure with its data: columns of one length by their header, which carries the unit.
 
-    `summary` is for machines, `caption` one line for people.
+    `summary` is for machines, `caption` one line for people. `texts` are files by name that go beside the picture.
     """
 
     figure: "Figure"
     columns: Mapping[str, Sequence[Any] | NDArray[Any]]
     summary: Mapping[str, Any]
     caption: str
+    texts: Mapping[str, str] = field(default_factory=dict)
 
 
 def check_paths(picture: Path, data: Path | None) -> None:
@@ -56,6 +57,15 @@ def write_picture(picture: Picture, path: Path) -> None:
     with matplotlib.rc_context({"svg.hashsalt": "tactable", "pdf.fonttype": 42}), replace_file(path) as made:
         ending = path.suffix.lower()
         picture.figure.savefig(made, format=ending[1:], dpi=_DOTS_PER_INCH, metadata=dict(_METADATA[ending]))
+
+
+def write_texts(picture: Picture, folder: Path) -> list[Path]:
+    """Write the texts that go beside the picture; their paths."""
+    paths = [folder / name for name in picture.texts]
+    for path, text in zip(paths, picture.texts.values(), strict=True):
+        with replace_file(path) as made:
+            made.write_text(text, encoding="utf-8")
+    return paths
 
 
 def write_columns(picture: Picture, path: Path) -> None:

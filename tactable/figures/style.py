@@ -100,7 +100,9 @@ def draw_scaled(secondary: Callable[..., Any], side: str, factor: float) -> Any:
 
 def draw_note(figure: "Figure", device: Device, *estimates: str, origin: str = COMPUTED) -> None:
     """Write below everything that the picture is computed, and what in it rests on estimates."""
-    listed = [f"{len(device.inferred)} values of the device that its file names"] if device.inferred else []
+    listed = (
+        [f"{len(device.estimated_values)} values of the device that its file names"] if device.estimated_values else []
+    )
     known = [*estimates, *listed]
     note = f"{origin} ESTIMATES: {', '.join(known)}." if known else origin
     wrapped = textwrap.fill(note, round(_NOTE_LETTERS_PER_INCH * figure.get_figwidth()))

@@ -14,5 +14,5 @@ def device_json(device: Device) -> dict[str, Any]:
         "length_m": device.bar.length_m,
         "zones": to_plain(device.zones),
         "actuators": [{"name": each.name, "position_m": each.position_m} for each in device.actuators],
-        "estimates": len(device.inferred),
+        "estimates": len(device.estimated_values),
     }

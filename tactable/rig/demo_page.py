@@ -35,7 +35,10 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
         out.print(_clicks(report))
     if not report.states and not report.clicks:
         out.print("No finger touched a zone: nothing to render.")
-    out.print(f"estimates {len(report.device.inferred)} values of the device are ESTIMATES (see its file)", style="dim")
+    out.print(
+        f"estimates {len(report.device.estimated_values)} values of the device are ESTIMATES (see its file)",
+        style="dim",
+    )
     out.print(f"picture   {figure}", highlight=False, soft_wrap=True)
     if report.missed:
         missed = ", ".join(map(_name, report.missed))

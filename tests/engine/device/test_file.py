@@ -637,6 +637,15 @@ def test_what_the_paper_publishes_is_not_marked_in_reference_a() -> None:
     assert not published & set(Device.read(SHIPPED / "reference-a.toml").inferred)
 
 
+def test_only_physical_values_count_as_estimates_of_a_device() -> None:
+    """The sweep, the limits and the spreads of samples are choices; they are marked all the same."""
+    device = Device.read(SHIPPED / "reference-a.toml")
+    masses = [f"actuator[{i}].{key}" for i in (1, 2) for key in ("mass", "band")]
+    fingers = ["finger.mass", "finger.damping", "finger.stiffness"]
+    assert list(device.estimated_values) == ["bar.length", "bar.width", "bar.thickness", *masses, *fingers]
+    assert set(device.estimated_values) < set(device.inferred)
+
+
 @pytest.mark.parametrize("name", ["reference-d", "reference-t"])
 def test_every_physical_value_of_a_made_up_device_is_inferred(name: str) -> None:
     device = Device.read(SHIPPED / f"{name}.toml")

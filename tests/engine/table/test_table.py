@@ -323,7 +323,13 @@ def test_a_missing_part_is_refused(whole: Path, tmp_path: Path, name: str) -> No
     assert "corrupted" in refusal(path)
 
 
-def test_the_table_of_another_device_is_stale(whole: Path) -> None:
+def test_the_table_of_another_device_names_both(whole: Path) -> None:
+    other = Device.parse(TEXT.replace('name = "reference-a"', 'name = "mine"'), "mine.toml")
+    found = refusal(whole, other)
+    assert "is a table of 'reference-a', not of 'mine'" in found and "stale" not in found
+
+
+def test_the_table_of_another_state_of_the_device_is_stale(whole: Path) -> None:
     other = Device.parse(TEXT.replace('stiffness = "18.9 kN/m"', 'stiffness = "19 kN/m"'), "other.toml")
     assert "is stale: it was built for another state of 'reference-a'" in refusal(whole, other)
 

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from precompute.measurements.csv import parse_csv, write_csv
+from precompute.measurements.csv_form import example_csv
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 from tests.precompute.devices import shipped
 
@@ -95,12 +96,30 @@ def test_a_comment_that_says_simulated_is_believed() -> None:
         (HEADER + ",acceleration real (m/s^2)\n1,1,1,2,3\n", "expected either a column 'peak acceleration' or"),
         (HEADER + ",amplitude right (%)\n1,150,130,2,\n", "row 2: amplitude right: is empty beside a frequency"),
         (HEADER + ",phase left (Hz)\n1,1,1,2,3\n", "'Hz' is not an angle"),
+        (HEADER.replace(",", ";") + "\n1,5;150;130;2,1\n", "by semicolons; write commas and decimal points: 'position"),
+        (HEADER.replace(",", "\t") + "\n1\t150\t130\t2\n", "separates its cells by tabs; write commas: 'position"),
+        ("position (mm),150 Hz,200 Hz\n1,2,3\n", "is a wide table: '150 Hz' and '200 Hz' are columns of readings"),
+        ("frequency (Hz),10 mm,20 mm\n150,2,3\n", "is a wide table: '10 mm' and '20 mm' are columns of readings"),
+        ("time (s),a (m/s^2)\n0,0.1\n1e-4,0.2\n", "is a time series: its first column is 'time (s)'"),
+        ("t,x\n0,0.1\n", "is a time series: its first column is 't'"),
+        ("1,150,130,2\n2,150,130,2\n", "has no header: its first line is '1,150,130,2'"),
     ],
 )
 def test_what_is_wrong_is_named_by_row_and_column(text: str, message: str) -> None:
     with pytest.raises(MeasurementError) as caught:
         parse_csv(text, DEVICE, 0.0, "x.csv")
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["reference-a", "reference-t"])
+def test_the_example_of_the_right_form_can_be_read(name: str) -> None:
+    device = shipped(name)
+    header, row = (part.strip("'") for part in example_csv(device).split(", then rows such as "))
+    assert len(parse_csv(f"{header}\n{row}\n", device, 0.0, "x.csv")) == 1
+
+
+def test_a_byte_order_mark_is_passed_over() -> None:
+    assert len(parse_csv(f"\ufeff{HEADER}\n1,150,130,2\n", DEVICE, 0.0, "x.csv")) == 1
 
 
 def test_simulated_readings_stay_marked_when_written() -> None:

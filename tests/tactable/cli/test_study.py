@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from engine.device import Device
 from tactable.cli.main import main
 from tactable.shipped import find_device
 
@@ -49,6 +50,11 @@ def test_a_placement_comes_with_its_data_and_a_summary(
     assert own["position_percent"] == pytest.approx([16.0, 97.7])
     assert own["worst_contrast_db"] == pytest.approx(min(own["contrast_db"][0][1], own["contrast_db"][1][0]))
     assert (tmp_path / "p.svg").stat().st_size > 10_000
+    assert summary["written"] == ["reference-a-2-placed.toml"]
+    written = Device.read(tmp_path / "reference-a-2-placed.toml")
+    length_m = written.bar.length_m
+    best_percent = search["judged"][0]["position_percent"]
+    assert [100 * a.position_m / length_m for a in written.actuators] == pytest.approx(best_percent, abs=1e-3)
     assert len((tmp_path / "p.csv").read_text(encoding="utf-8").splitlines()) == 1 + 3 + search["screened"]
 
 

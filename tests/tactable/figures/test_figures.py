@@ -315,7 +315,7 @@ def test_every_picture_says_what_is_estimated(table: Table, pictures: dict[str, 
     note = " ".join(pictures[name].figure.get_supxlabel().split())
     assert "Computed, not measured. ESTIMATES" in note
     assert "finger" in note
-    assert f"{len(table.device.inferred)} values of the device" in note
+    assert f"{len(table.device.estimated_values)} values of the device" in note
     assert set(table.device.inferred) <= set(pictures[name].summary["estimated"])
 
 
