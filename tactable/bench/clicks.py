@@ -22,8 +22,8 @@ from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
 from precompute.model.threshold import THRESHOLD_NAME
 from precompute.parallel.pool import solve_in_processes
+from precompute.studies.anywhere import AIM_FELT_DB, AIM_QUIET_DB
 
-AIM_FELT_DB, AIM_QUIET_DB = 14.0, 1.0
 _WAYS = {"click": "click", "gated": "steady drive gated", "paper": "paper's objective gated"}
 _ENDS = (("felt_db", "low_db"), ("quiet_db", "high_db"))
 

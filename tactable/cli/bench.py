@@ -133,7 +133,8 @@ def anywhere(
     Clicks made for their positions and clicks made for the middles of their zones are evaluated on the same plants.
     """
     from precompute.parallel.pool import available_cores
-    from tactable.bench.anywhere import Anywhere, print_anywhere_bench, run_anywhere_bench
+    from precompute.studies.anywhere import Anywhere, compare_anywhere
+    from tactable.bench.anywhere import print_anywhere_bench
 
     wanted = Anywhere(
         placements=placements,
@@ -146,7 +147,7 @@ def anywhere(
         seed=seed,
     )
     with shown_progress(as_json) as progress:
-        result = run_anywhere_bench(
+        result = compare_anywhere(
             find_device(device_name), wanted, workers or available_cores(), partial(progress, "placements")
         )
     show(result, as_json, print_anywhere_bench)

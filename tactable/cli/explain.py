@@ -9,10 +9,23 @@ from threadpoolctl import threadpool_limits
 from engine.table import Table
 from engine.table.diff import DEFAULT_LIMIT_DB, Tolerance, compare_tables
 from engine.table.entry import DEFAULT_LEVEL_DB, played_at
-from engine.touch import ZoneState
+from engine.touch import Placement, ZoneState
 from firmware_link.protocol.errors import TactableError
 from tactable.cli.console import OUT, print_error, print_json, shown_work
-from tactable.cli.options import AsJson, Felt, Level, Quiet, TableArgument, names_in, read_level, read_zones
+from tactable.cli.options import (
+    AsJson,
+    FeltFingers,
+    Level,
+    OptionError,
+    PositionTolerance,
+    QuietFingers,
+    TableArgument,
+    names_in,
+    read_level,
+    read_option,
+    read_placement,
+    read_zones,
+)
 from tactable.explain.diff import diff_json, print_diff
 from tactable.shipped import cache_folder
 
@@ -22,9 +35,10 @@ EXIT_TROUBLE = 2
 
 def explain(
     table_path: TableArgument,
-    felt: Felt,
-    quiet: Quiet = "",
+    felt: FeltFingers,
+    quiet: QuietFingers = "",
     level: Level = f"{DEFAULT_LEVEL_DB:g}",
+    tolerance: PositionTolerance = "1 mm",
     alternatives: Annotated[bool, typer.Option(help="Also compute the alternatives that lost, and why.")] = True,
     click: Annotated[bool, typer.Option("--click", help="Explain the state's click, not its steady drive.")] = False,
     as_json: AsJson = False,
@@ -34,9 +48,15 @@ def explain(
     It says what is played, what the table predicts for every finger, and the worst case over sampled fingers.
     """
     felt_zones, level_db = read_zones("--felt", felt), read_level(level)
-    explain_it = _explain_click if click else _explain_entry
+    tolerance_m = read_option("--tolerance", tolerance, "m")
     with Table.open(table_path) as table, threadpool_limits(1, "blas"):
-        explain_it(table, table.states_of(felt_zones, names_in(quiet)), level_db, alternatives, as_json)
+        placement = read_placement(table.device, felt, quiet)
+        if placement is not None:
+            explain_it = _explain_placed_click if click else _explain_placed_drive
+            explain_it(table, placement, level_db, tolerance_m, as_json)
+        else:
+            explain_state = _explain_click if click else _explain_entry
+            explain_state(table, table.states_of(felt_zones, names_in(quiet)), level_db, alternatives, as_json)
 
 
 def _explain_entry(
@@ -68,6 +88,38 @@ def _explain_click(
         print_json(click_json(table, explained))
     else:
         print_click(OUT, table, explained)
+
+
+def _explain_placed_drive(
+    table: Table, placement: Placement, level_db: float, tolerance_m: float, as_json: bool
+) -> None:
+    from engine.steady.cases import TOLERANCE_M
+    from precompute.builder.measured_responses import plant_of
+    from precompute.entries.at_positions import SteadyDesigner
+    from tactable.explain.placed_drive import placed_drive_json, print_placed_drive
+
+    if tolerance_m != TOLERANCE_M:
+        raise OptionError(f"--tolerance: a steady drive is solved for {1e3 * TOLERANCE_M:g} mm; leave the option out")
+    with shown_work("solving the drive for these positions", as_json):
+        designer = SteadyDesigner(table.device, plant_of(table))
+        figures = designer.solve(placement.position_m, placement.is_felt, level_db)
+    if as_json:
+        print_json(placed_drive_json(table, figures))
+    else:
+        print_placed_drive(OUT, table, figures)
+
+
+def _explain_placed_click(
+    table: Table, placement: Placement, level_db: float, tolerance_m: float, as_json: bool
+) -> None:
+    from tactable.explain.placed_click import explain_placed_click, placed_click_json, print_placed_click
+
+    with shown_work("solving the click for these positions", as_json):
+        explained = explain_placed_click(table, placement, level_db, tolerance_m)
+    if as_json:
+        print_json(placed_click_json(table, explained))
+    else:
+        print_placed_click(OUT, table, explained)
 
 
 def diff(

@@ -357,7 +357,7 @@ def distance(
     Clicks made for their positions and clicks made for the middles of their zones are evaluated on the same plants.
     """
     from precompute.parallel.pool import available_cores
-    from tactable.bench.anywhere import Anywhere
+    from precompute.studies.anywhere import Anywhere
     from tactable.figures.distance import plot_distance
 
     wanted = Anywhere(placements=placements, tolerance_m=read_option("--tolerance", tolerance, "m"), seed=seed)

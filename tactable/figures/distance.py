@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from engine.device import Device
 from engine.touch import ZoneState
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions
-from tactable.bench.anywhere import Anywhere, run_anywhere_bench
-from tactable.bench.clicks import AIM_FELT_DB, AIM_QUIET_DB
+from precompute.studies.anywhere import AIM_FELT_DB, AIM_QUIET_DB, Anywhere, compare_anywhere
 from tactable.figures.click import SPREAD_NOTE
 from tactable.figures.file import Picture
 from tactable.figures.style import BLACK, BLUE, FINGER_NOTE, GREY, STATE_COLOUR, THRESHOLD_NOTE, finish_picture
@@ -36,7 +35,7 @@ def plot_distance(
         def tell(fraction: float, done: int = done) -> None:
             on_progress((done + fraction) / len(distances_m))
 
-        found.append(run_anywhere_bench(device, asked, workers, tell, options)["summary"])
+        found.append(compare_anywhere(device, asked, workers, tell, options)["summary"])
     distance_mm = 1e3 * np.array(distances_m)
     figure = Figure(figsize=(9, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2)

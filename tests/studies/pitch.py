@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from precompute.clicks import DEFAULT_OPTIONS, ClickSolver
 from precompute.clicks.evaluation import evaluate_waveform
-from tactable.bench.anywhere import Anywhere, random_placements
+from precompute.studies.anywhere import Anywhere, random_placements
 from tactable.shipped import find_device
 
 PITCHES_MM = (2.0, 3.0, 4.0, 5.0, 7.5, 10.0)

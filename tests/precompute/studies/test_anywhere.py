@@ -9,7 +9,8 @@ from rich.console import Console
 
 from engine.touch import PlacementError
 from precompute.clicks import ClickSolver
-from tactable.bench.anywhere import Anywhere, print_anywhere_bench, random_placements, run_anywhere_bench
+from precompute.studies.anywhere import Anywhere, compare_anywhere, random_placements
+from tactable.bench.anywhere import print_anywhere_bench
 from tests.precompute.clicks.click_cases import CHEAP
 from tests.precompute.devices import shipped
 
@@ -44,7 +45,7 @@ def test_what_no_bar_holds_is_refused(wanted: Anywhere, message: str) -> None:
 
 def test_clicks_for_positions_are_the_solver_s_and_keep_quiet_where_those_for_zones_do_not() -> None:
     wanted, told = Anywhere(placements=6, plants=20), list[float]()
-    result = run_anywhere_bench(DEVICE, wanted, 1, told.append, CHEAP)
+    result = compare_anywhere(DEVICE, wanted, 1, told.append, CHEAP)
     assert told == pytest.approx([i / 6 for i in range(1, 7)])
     placements = random_placements(DEVICE, wanted)
     assert [tuple(row["position_m"]) for row in result["placements"]] == [each.position_m for each in placements]
@@ -66,6 +67,6 @@ def test_clicks_for_positions_are_the_solver_s_and_keep_quiet_where_those_for_zo
 
 def test_processes_do_not_change_a_figure() -> None:
     wanted = Anywhere(placements=3, plants=20)
-    one, two = (run_anywhere_bench(DEVICE, wanted, workers, lambda _: None, CHEAP) for workers in (1, 2))
+    one, two = (compare_anywhere(DEVICE, wanted, workers, lambda _: None, CHEAP) for workers in (1, 2))
     for here, there in zip(one["placements"], two["placements"], strict=True):
         assert here["by_position"] == there["by_position"] and here["by_zone"] == there["by_zone"]

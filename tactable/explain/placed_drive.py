@@ -1,0 +1,91 @@
+"""Explanation of the steady drive for fingers at positions: solved now, with what each finger feels."""
+
+from dataclasses import astuple
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table as Grid
+
+from engine.plain import to_plain
+from engine.steady.cases import TOLERANCE_M
+from engine.table import Table
+from precompute.entries.at_positions import PlacementFigures
+from precompute.model.threshold import THRESHOLD_NAME
+from precompute.sampling.fingers import SAMPLES
+from tactable.explain.words import finger_text, level_text
+
+_PERCENTILES = ("5 %", "50 %", "95 %")
+
+
+def placed_drive_json(table: Table, figures: PlacementFigures) -> dict[str, Any]:
+    """The drive as plain values for JSON; an infinite level is None."""
+    drive, device, spread = figures.drive, table.device, figures.spread
+    spreads = {"felt_db": spread.felt, "quiet_db": spread.quiet, "contrast_spread_db": spread.contrast}
+    values: dict[str, Any] = to_plain(
+        {
+            "device": device.name,
+            "fingerprint": table.fingerprint,
+            "wanted_level_db": drive.wanted_level_db,
+            "achieved": drive.achieved,
+            "objective": drive.objective,
+            "drive": {
+                "frequencies_hz": [drive.frequency_hz] * len(drive.amplitudes),
+                "amplitudes": drive.amplitudes,
+                "phases_rad": drive.phases_rad,
+            },
+            "fingers": [
+                {
+                    "position_m": at_m,
+                    "role": "felt" if is_felt else "quiet",
+                    "level_db": {"nominal": level_db, **_by_percentile(figures.finger_percentiles(finger))},
+                }
+                for finger, (at_m, is_felt, level_db) in enumerate(
+                    zip(figures.positions_m, drive.felt, figures.level_db.tolist(), strict=True)
+                )
+            ],
+            "level_db": drive.weakest_felt_db,
+            "contrast_db": figures.contrast_db,
+            "expected_contrast_db": figures.expected_contrast_db,
+            "t90_s": figures.t90_s,
+            **{name: levels and _by_percentile(levels) for name, levels in spreads.items()},
+            "sampled_cases": SAMPLES,
+            "threshold": THRESHOLD_NAME,
+            "estimated": [*device.inferred, "detection threshold"],
+        }
+    )
+    return values
+
+
+def print_placed_drive(out: Console, table: Table, figures: PlacementFigures) -> None:
+    """Print the drive, and what each finger feels: standard fingers and percentiles over sampled ones."""
+    drive, device = figures.drive, table.device
+    fingers = ", ".join(map(finger_text, figures.positions_m, drive.felt))
+    lines = [f"{device.name}, {fingers}: {level_text(drive.wanted_level_db)} wanted, solved for these positions"]
+    for actuator, amplitude, phase in zip(device.actuators, drive.amplitudes, drive.phases_rad, strict=True):
+        how = f"{drive.frequency_hz:.2f} Hz at {100 * amplitude:.1f} %, {phase:+.3f} rad" if amplitude else "still"
+        lines.append(f"  {actuator.name}: {how}")
+    reached = f"weakest felt finger {drive.weakest_felt_db:z.1f} dB above threshold"
+    if figures.contrast_db is not None and figures.expected_contrast_db is not None:
+        reached += f", contrast {figures.contrast_db:z.1f} dB, expected {figures.expected_contrast_db:z.1f} dB"
+    if not drive.achieved:
+        reached += " - NOT ACHIEVED, the loudest drive"
+    lines += [reached, f"t90 {1e3 * figures.t90_s:.0f} ms; maximised: {drive.objective}; no bound is computed"]
+    for line in lines:
+        out.print(line, markup=False, highlight=False, soft_wrap=True)
+    caption = (
+        f"dB above threshold; percentiles over {SAMPLES} sampled fingers, {device.finger.spread:g}-fold spread, "
+        f"each within {1e3 * TOLERANCE_M:g} mm of its position"
+    )
+    grid = Grid("finger", "role", "standard", *_PERCENTILES, caption=caption)
+    for finger, (at_m, is_felt, level_db) in enumerate(
+        zip(figures.positions_m, drive.felt, figures.level_db.tolist(), strict=True)
+    ):
+        shown = [f"{value:z.1f}" for value in (level_db, *astuple(figures.finger_percentiles(finger)))]
+        grid.add_row(f"{1e3 * at_m:.1f} mm", "felt" if is_felt else "quiet", *shown)
+    out.print(grid)
+    estimates = ", ".join([*device.inferred, THRESHOLD_NAME])
+    out.print(f"ESTIMATES: {estimates}", style="dim", markup=False, highlight=False, soft_wrap=True)
+
+
+def _by_percentile(levels: Any) -> dict[str, float]:
+    return dict(zip(_PERCENTILES, astuple(levels), strict=True))

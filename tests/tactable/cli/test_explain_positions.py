@@ -1,0 +1,114 @@
+"""`explain` for fingers at positions: the contract of its JSON, its page, and how it refuses."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from engine.table import Table
+from engine.touch import Placement
+from precompute.clicks import ClickSolver
+from precompute.clicks.evaluation import decibels
+from tactable.cli.main import main
+from tactable.explain.click_source import read_click_options
+
+WORDS = ("explain", "bar.nc", "--felt", "35 mm", "--quiet", "120 mm")
+
+
+@pytest.fixture
+def run(click_table: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Any:
+    """Run `tactable` with these words in the folder of the table; its exit status, output and errors."""
+
+    def run(*words: str) -> tuple[int, str, str]:
+        monkeypatch.chdir(click_table.parent)
+        monkeypatch.setattr(sys, "argv", ["tactable", *words])
+        with pytest.raises(SystemExit) as end:
+            main()
+        said = capsys.readouterr()
+        return int(end.value.code or 0), said.out, said.err
+
+    return run
+
+
+def test_a_click_for_positions_is_told_as_it_would_be_played(click_table: Path, run: Any) -> None:
+    status, out, _ = run(*WORDS, "--click", "--level", "full", "--json")
+    said = json.loads(out)
+    assert status == 0
+    assert [(each["position_m"], each["role"]) for each in said["fingers"]] == [(0.035, "felt"), (0.12, "quiet")]
+    for kind in ("felt_db", "quiet_db"):
+        assert said[kind].keys() == {"nominal", "5 %", "50 %", "95 %"}
+    with Table.open(click_table) as table:
+        solver = ClickSolver(table.device, read_click_options(table))
+        placement = Placement.on(table.device, [0.035], [0.12])
+        waveform = np.array(said["waveform"])
+        assert waveform.shape == (len(table.device.actuators), round(said["length_s"] * said["sample_rate_hz"]) + 1)
+        assert abs(waveform).max() <= table.device.limits.amplitude
+        # What is told of the nominal plant is what the waveform does there.
+        nominal = solver.plants_of(placement.position_m).evaluated.first(1)
+        assert decibels(nominal.peaks(waveform, [0, 1]))[0] == pytest.approx(
+            [said["felt_db"]["nominal"], said["quiet_db"]["nominal"]], abs=1e-3
+        )
+    assert "Oh and Choi" in said["threshold"] and said["options"]["tolerance_m"] == 1e-3
+
+
+def test_a_softer_click_is_softer_under_every_finger(run: Any) -> None:
+    full, soft = (json.loads(run(*WORDS, "--click", "--level", level, "--json")[1]) for level in ("full", "0"))
+    change_db = soft["felt_db"]["5 %"] - full["felt_db"]["5 %"]
+    assert soft["felt_db"]["5 %"] == pytest.approx(0.0, abs=1e-6) and change_db < 0
+    assert np.array(soft["waveform"]) == pytest.approx(np.array(full["waveform"]) * 10 ** (change_db / 20))
+    assert soft["quiet_db"]["95 %"] - full["quiet_db"]["95 %"] == pytest.approx(change_db)
+
+
+def test_a_drive_for_positions_names_every_finger(run: Any) -> None:
+    status, out, _ = run(*WORDS, "--level", "6", "--json")
+    said = json.loads(out)
+    assert status == 0 and said["drive"].keys() == {"frequencies_hz", "amplitudes", "phases_rad"}
+    felt, quiet = said["fingers"]
+    assert (felt["position_m"], felt["role"], quiet["position_m"], quiet["role"]) == (0.035, "felt", 0.12, "quiet")
+    assert felt["level_db"].keys() == {"nominal", "5 %", "50 %", "95 %"}
+    assert said["contrast_db"] == pytest.approx(felt["level_db"]["nominal"] - quiet["level_db"]["nominal"])
+    assert said["level_db"] == pytest.approx(felt["level_db"]["nominal"], abs=0.05)
+
+
+@pytest.mark.parametrize("kind", [(), ("--click",)])
+def test_the_page_names_positions_roles_and_the_threshold_curve(run: Any, kind: tuple[str, ...]) -> None:
+    status, out, _ = run(*WORDS, *kind)
+    assert status == 0
+    for part in ("35 mm felt, 120 mm quiet", "solved for these positions", "Oh and Choi 2019", "ESTIMATES", "1 mm"):
+        assert part in out
+
+
+def test_a_zone_means_its_middle_beside_a_position(run: Any, click_table: Path) -> None:
+    said = json.loads(run("explain", "bar.nc", "--felt", "I", "--quiet", "120 mm", "--click", "--json")[1])
+    with Table.open(click_table) as table:
+        zone = table.device.zones[0]
+    assert said["fingers"][0]["position_m"] == pytest.approx((zone.start_m + zone.stop_m) / 2)
+
+
+@pytest.mark.parametrize(
+    "felt, quiet, message",
+    [
+        ("35 mm", "900 mm", "a finger at 900 mm: reference-a reaches from 0 to"),
+        ("35 mm", "40 mm", "closer than 8 mm they are one finger"),
+        ("35 mm", "40 kg", "--quiet: '40 kg' is a mass"),
+        ("35 mm", "IX", "or one of the zones I, II, III"),
+        ("35", "", "has no unit"),
+        ("-5 mm", "", "a finger at -5 mm"),
+    ],
+)
+@pytest.mark.parametrize("kind", [(), ("--click",)])
+def test_what_is_no_place_on_the_bar_is_refused(
+    run: Any, felt: str, quiet: str, message: str, kind: tuple[str, ...]
+) -> None:
+    status, _, error = run("explain", "bar.nc", f"--felt={felt}", f"--quiet={quiet}", *kind)
+    assert status == 1 and message in " ".join(error.split())
+
+
+def test_a_click_of_a_zone_tells_its_waveform_too(run: Any) -> None:
+    said = json.loads(
+        run("explain", "bar.nc", "--felt", "I", "--quiet", "III", "--click", "--no-alternatives", "--json")[1]
+    )
+    assert len(said["waveform"]) == 2 and said["sample_rate_hz"] == 4000 and "Oh and Choi" in said["threshold"]
