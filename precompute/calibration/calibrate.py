@@ -102,7 +102,7 @@ def calibrate(
     starts: int = STARTS,
     seed: int = 0,
 ) -> Calibration:
-    """Fit `parameters` (names as in the device file; default: the paper's six) of `device` to `measurements`.
+    """Fit `parameters` (names as in the device file; default: `default_names`) of `device` to `measurements`.
 
     `bounds` are SI. Raises ParameterError for names and bounds, MeasurementError where the rows determine nothing.
 
@@ -113,7 +113,7 @@ def calibrate(
     ('actuator[1].stiffness', True, 'known')
     """
     names = default_names(device) if parameters is None else tuple(parameters)
-    chosen = find_parameters(device, names, bounds or {}, _sensor_mass_kg(measurements))
+    chosen = find_parameters(device, names, bounds or {}, sensor_mass_of(measurements))
     with threadpool_limits(1, "blas"):  # unlimited BLAS is 100 times slower on a busy machine
         found = fit(pose_fit(device, measurements, chosen), loss, starts, seed)
         confidence = compute_confidence(found)
@@ -137,7 +137,7 @@ def pose_fit(device: Device, measurements: Measurements, parameters: tuple[Param
     return problem
 
 
-def _sensor_mass_kg(measurements: Measurements) -> float:
+def sensor_mass_of(measurements: Measurements) -> float:
     """Mean mass of the sensors whose mass is not 0; 0 without such a sensor."""
     heavy = measurements.sensor_mass_kg[measurements.sensor_mass_kg > 0]
     return float(heavy.mean()) if len(heavy) else 0.0

@@ -20,6 +20,7 @@ from engine.table import Table
 from firmware_link.protocol.errors import TactableError
 from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
+from precompute.calibration.adequacy import adequacy_report
 from precompute.calibration.calibrate import Calibration, calibrate
 from precompute.calibration.device_text import calibrated_text, text_with_values
 from precompute.calibration.misfit import Loss
@@ -161,6 +162,7 @@ def _calibrate(job: Job, device: Device, path: Path) -> tuple[Device, tuple[str,
     report = json.loads((folder / _REPORT).read_text(encoding="utf-8"))
     misfit = report["median_misfit"]
     doubts = [f"typical misfit {100 * misfit:.3g} %"] if misfit > LARGEST_MISFIT else []
+    doubts += [doubt] if (doubt := report.get("adequacy", {}).get("doubt")) else []
     doubts += [f"{p['name']}: {p['known']}" for p in report["parameters"] if p["known"] != "known"]
     return calibrated, tuple(doubts)
 
@@ -172,6 +174,7 @@ def _calibration_files(job: Job, device: Device, path: Path) -> dict[str, bytes]
     with threadpool_limits(1, "blas"):
         found = calibrate(device, measurements, names, Loss(options.loss))
         report = calibration_report(found, fit_pairwise(device, found))
+        report["adequacy"] = adequacy_report(device, found, {})
     return {
         f"{device.name}.toml": _calibrated_text(found, job, path, raw).encode(),
         f"measurements{path.suffix.lower()}": raw,

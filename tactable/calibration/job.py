@@ -53,6 +53,7 @@ class CalibrationJob:
         """Read the measurements and fit. Raises CalibrationError, FolderError where the folder is there already."""
         from threadpoolctl import threadpool_limits
 
+        from precompute.calibration.adequacy import adequacy_report
         from precompute.calibration.calibrate import calibrate
         from precompute.calibration.pairwise import fit_pairwise
         from precompute.calibration.report import calibration_report
@@ -73,6 +74,7 @@ class CalibrationJob:
                 seed=self.seed,
             )
             report = calibration_report(found, fit_pairwise(self.device, found) if self.compares else None)
+            report["adequacy"] = adequacy_report(self.device, found, self.bounds)
         now = datetime.now(UTC).isoformat(timespec="seconds")
         return Fitted(found, report | {"asked": self._asked(raw)}, raw, self.measurements.suffix.lower(), now)
 
@@ -85,6 +87,8 @@ class CalibrationJob:
         doubts, misfit = [], report["median_misfit"]
         if misfit > self.accepted_misfit:
             doubts.append(f"the typical misfit, {100 * misfit:.3g} %, is above {100 * self.accepted_misfit:g} %")
+        if doubt := report.get("adequacy", {}).get("doubt"):
+            doubts.append(doubt)
         if self.is_strict:
             unsure = [p["name"] for p in report["parameters"] if p["known"] != "known"]
             doubts += [f"{name} is not known within a factor of 2" for name in unsure]

@@ -23,7 +23,7 @@ from engine.device import Device
 from precompute.calibration.calibrate import Known, calibrate
 from precompute.calibration.misfit import Loss
 from precompute.measurements import lay_out
-from precompute.measurements.parameters import default_names, find_parameters, with_changes
+from precompute.measurements.parameters import find_parameters, paper_names, with_changes
 from precompute.measurements.simulate import SENSOR_MASS_KG, Flaws, even_places, simulate_measurements
 from tactable.shipped import find_device
 
@@ -112,13 +112,13 @@ class Draw:
 
 def _run_draw(case: Case, seed: int) -> Draw:
     device = find_device(case.device)
-    names = default_names(device)
+    names = paper_names(device)
     truth = draw_truth(device, names, seed, published=case.published)
     layout = lay_out(np.array(PAIRS_HZ[: case.pairs]), even_places(device), SENSOR_MASS_KG)
     bar = with_changes(device, dict(zip(names, truth.tolist(), strict=True)))
     measured = simulate_measurements(bar, layout, Flaws(case.noise, case.wrong), seed)
     start = time.perf_counter()
-    found = calibrate(device, measured, loss=Loss(case.loss))
+    found = calibrate(device, measured, paper_names(device), Loss(case.loss))
     seconds = time.perf_counter() - start
     value, low, high = np.array([(e.value, e.low, e.high) for e in found.estimates]).T
     return Draw(

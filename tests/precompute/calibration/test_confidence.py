@@ -9,7 +9,7 @@ from precompute.calibration.confidence import Confidence, compute_confidence, co
 from precompute.calibration.fit import Fit, fit, pose
 from precompute.calibration.misfit import Loss, MisfitModel
 from precompute.measurements.model import MeasurementModel
-from precompute.measurements.parameters import default_names, find_parameters
+from precompute.measurements.parameters import find_parameters, paper_names
 from precompute.measurements.simulate import Flaws
 from tests.precompute.devices import shipped
 from tests.precompute.measured import TRUTH, read_bar
@@ -20,7 +20,7 @@ DEVICE = shipped("reference-a")
 @cache
 def fitted(loss: Loss, noise: float = 0.02, wrong: float = 0.0) -> tuple[Fit, Confidence]:
     read = read_bar(DEVICE, TRUTH, flaws=Flaws(noise, wrong))
-    parameters = find_parameters(DEVICE, default_names(DEVICE), {}, 0.0)
+    parameters = find_parameters(DEVICE, paper_names(DEVICE), {}, 0.0)
     found = fit(pose(MisfitModel(MeasurementModel(DEVICE, read, parameters), read, parameters)), loss, 1, seed=0)
     return found, compute_confidence(found)
 

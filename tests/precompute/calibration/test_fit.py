@@ -8,7 +8,7 @@ import pytest
 from precompute.calibration.fit import Problem, fit, pose, refit_held
 from precompute.calibration.misfit import Loss, MisfitModel
 from precompute.measurements.model import MeasurementModel
-from precompute.measurements.parameters import default_names, find_parameters
+from precompute.measurements.parameters import find_parameters, paper_names
 from precompute.measurements.simulate import Flaws
 from tests.precompute.devices import shipped
 from tests.precompute.measured import TRUTH, read_bar
@@ -26,12 +26,12 @@ def problem_of(
 
 @cache
 def noisy() -> Problem:
-    return problem_of(default_names(DEVICE), TRUTH, Flaws(noise=0.02), {})
+    return problem_of(paper_names(DEVICE), TRUTH, Flaws(noise=0.02), {})
 
 
 def test_other_starts_leave_a_basin_that_is_not_the_least() -> None:
     far = {**TRUTH, "actuator[1].stiffness": 11e3, "actuator[2].stiffness": 37e3}
-    problem = problem_of(default_names(DEVICE), far, Flaws(), {})
+    problem = problem_of(paper_names(DEVICE), far, Flaws(), {})
     alone, several = (fit(problem, Loss.ROBUST, starts, seed=0) for starts in (1, 6))
     assert alone.noise > 0.01
     assert several.noise < 1e-6
@@ -41,7 +41,7 @@ def test_other_starts_leave_a_basin_that_is_not_the_least() -> None:
 def test_a_doubtful_basin_earns_more_starts_than_were_asked() -> None:
     """Neither of the first two starts leads to this bar."""
     stiffness = {"actuator[1].stiffness": 44.01e3, "actuator[2].stiffness": 9.41e3}
-    found = fit(problem_of(default_names(DEVICE), {**TRUTH, **stiffness}, Flaws(), {}), Loss.ROBUST, 2, seed=0)
+    found = fit(problem_of(paper_names(DEVICE), {**TRUTH, **stiffness}, Flaws(), {}), Loss.ROBUST, 2, seed=0)
     assert np.exp(found.coordinate[:2]) == pytest.approx(list(stiffness.values()), rel=1e-6)
 
 

@@ -5,13 +5,13 @@ import pytest
 
 from precompute.calibration.misfit import MisfitModel
 from precompute.measurements.model import MeasurementModel
-from precompute.measurements.parameters import default_names, find_parameters, with_changes
+from precompute.measurements.parameters import find_parameters, paper_names, with_changes
 from precompute.measurements.types import Kind
 from tests.precompute.devices import shipped
 from tests.precompute.measured import NAN, TRUTH, read_bar
 
 DEVICE = shipped("reference-a")
-PARAMETERS = find_parameters(with_changes(DEVICE, TRUTH), default_names(DEVICE), {}, 0.0)
+PARAMETERS = find_parameters(with_changes(DEVICE, TRUTH), paper_names(DEVICE), {}, 0.0)
 AT_TRUTH = np.array([parameter.coordinate(TRUTH[parameter.name]) for parameter in PARAMETERS])
 
 

@@ -17,13 +17,13 @@ from precompute.calibration.plan import (
     propose_candidates,
 )
 from precompute.measurements.model import MeasurementModel
-from precompute.measurements.parameters import default_names, find_parameters
+from precompute.measurements.parameters import find_parameters, paper_names
 from precompute.measurements.types import lay_out
 from tests.precompute.calibration.calibrations import noisy_calibration
 from tests.precompute.devices import random_device, shipped
 
 DEVICE = shipped("reference-a")
-PARAMETERS = find_parameters(DEVICE, default_names(DEVICE), {}, 0.0)
+PARAMETERS = find_parameters(DEVICE, paper_names(DEVICE), {}, 0.0)
 START = np.array([parameter.coordinate(parameter.start) for parameter in PARAMETERS])
 CANDIDATES = propose_candidates(DEVICE, PARAMETERS, START, 2e-3, Accuracy())
 PRIOR = prior_information(PARAMETERS)

@@ -14,6 +14,7 @@ from precompute.measurements.parameters import (
     default_names,
     find_parameters,
     known_names,
+    paper_names,
     parameter_unit,
     with_changes,
     with_values,
@@ -32,13 +33,17 @@ PAPERS_SIX = (
 
 
 def test_the_usual_ones_are_the_papers_six() -> None:
-    assert default_names(DEVICE) == PAPERS_SIX
+    assert paper_names(DEVICE) == PAPERS_SIX
     symbols = [parameter.symbol for parameter in find_parameters(DEVICE, PAPERS_SIX, {}, 0.0)]
     assert symbols == ["k_1", "k_2", "c", "alpha", "sigma", "eta"]
 
 
+def test_the_first_fit_has_the_modulus_besides() -> None:
+    assert default_names(DEVICE) == (*PAPERS_SIX, "bar.youngs_modulus")
+
+
 def test_actuators_that_differ_by_design_are_fitted_each() -> None:
-    names = default_names(random_device(seed=3))
+    names = paper_names(random_device(seed=3))
     assert {"actuator[3].stiffness", "actuator[2].damping", "actuator[1].full_scale"} <= set(names)
 
 

@@ -11,8 +11,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from engine.device import Device
+from precompute.measurements.parameters import paper_names
 from tactable.cli.console import EXIT_DOUBTFUL
 from tactable.cli.main import app, main
+from tactable.shipped import find_device
 
 ROOT = Path(__file__).parents[3]
 DRIVES = "150,130;150,200;140,-"
@@ -77,6 +79,21 @@ def test_a_misfit_beyond_what_is_accepted_is_written_and_doubted(measured: Path,
     assert done.exit_code == EXIT_DOUBTFUL
     assert "DOUBTFUL: the typical misfit" in done.stdout
     assert (tmp_path / "new" / "reference-a.toml").is_file()
+
+
+def test_a_wrong_modulus_is_fitted_or_doubted_with_the_option_that_mends_it(tmp_path: Path) -> None:
+    changes = ("--change", "bar.youngs_modulus=74.2 GPa", "--noise", "2 %", "--wrong", "5 %")
+    path = simulated(tmp_path / "m.csv", *changes)
+    fit = [word for name in paper_names(find_device("reference-a")) for word in ("--fit", name)]
+    done = run("calibrate", "reference-a", str(path), "-o", str(tmp_path / "six"), *fit, "--starts", "2")
+    assert done.exit_code == EXIT_DOUBTFUL
+    assert "Try --also bar.youngs_modulus: the typical misfit, " in done.stdout
+    done = run("calibrate", "reference-a", str(path), "-o", str(tmp_path / "new"), "--starts", "2", "--json")
+    assert done.exit_code == 0, done.output
+    report = json.loads(done.stdout)
+    (modulus,) = [p for p in report["parameters"] if p["name"] == "bar.youngs_modulus"]
+    assert modulus["interval"][0] <= 74.2e9 <= modulus["interval"][1]
+    assert report["adequacy"]["doubt"] == ""
 
 
 def test_people_are_told_what_was_found_and_where_it_is(measured: Path, tmp_path: Path) -> None:

@@ -1,0 +1,173 @@
+"""Test of adequacy of a fit (lack of fit): whether its residuals are noise, or say that the model misses something.
+
+Intervals are honest only if what is left over is noise. A bar whose Young's modulus is 6 % off is fitted with other
+values that are wrong, and all of them look known. Three tests tell:
+
+- *Sign changes.* Noise has no memory: along the bar, at one drive, the next residual has the other sign as often as
+  not. A missed stiffness leaves residuals of one sign over long stretches, because modes are smooth. The number of sign
+  changes is binomial with probability 1/2. Only signs count, so wrong readings and uneven noise do no harm.
+- *Repeats.* Readings of one drive at one place scatter by the noise alone. If the fit misses their means by more than
+  that scatter allows (F test of lack of fit), the model is wrong whatever the signs.
+- *One more parameter.* Each parameter that was not fitted is added in turn. In noise twice the fall of the cost is
+  chi-squared with one degree of freedom (likelihood ratio). Where it is far beyond that, and the typical misfit falls
+  by a tenth or more, that parameter was wrong. The one that helps most is named as the remedy.
+
+A fit is doubted where one of these would happen by chance less than about once in 200 adequate fits. None of them says
+anything where the typical misfit is below 0.5 %, which accelerometers and their places are not better than.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binom
+from scipy.stats import f as fisher
+
+from engine.device import Device
+from precompute.calibration.calibrate import Calibration, pose_fit, sensor_mass_of
+from precompute.calibration.fit import fit, minimise, settle
+from precompute.calibration.misfit import Loss
+from precompute.measurements.parameters import Bounds, find_parameters, known_names
+from precompute.measurements.types import CalibrationError, Measurements
+
+Array = NDArray[np.float64]
+
+UNLIKELY = 0.005
+"""Probability below which a finding is not taken for chance."""
+SMALLEST_MISFIT = 0.005
+_LEAST_REPEATS = 5
+"""Degrees of freedom of repeated readings below which they say too little."""
+_WORTH = 0.9
+"""Share of the misfit that one more parameter leaves at most, to be proposed."""
+_GAIN = 12.0
+"""Twice the fall of the cost beyond which it is not chance: probability 5e-4 in chi-squared, for a few candidates."""
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """What the residuals say. misfit: median of their sizes. neighbours: pairs along the bar; changes of sign in them.
+
+    chance: probability of so few changes in noise. repeat_noise: relative standard deviation of repeated readings, and
+    repeat_chance the probability of such a misfit beside it; None without repeats.
+    """
+
+    misfit: float
+    neighbours: int
+    changes: int
+    chance: float
+    repeat_noise: float | None
+    repeat_chance: float | None
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether the residuals can be noise, or are too small to matter."""
+        chances = [self.chance, *([] if self.repeat_chance is None else [self.repeat_chance])]
+        return self.misfit < SMALLEST_MISFIT or min(chances) >= UNLIKELY
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """A parameter that was not fitted, and the typical misfit of the fit with it."""
+
+    name: str
+    misfit: float
+
+
+def assess(calibration: Calibration) -> Adequacy:
+    """Test the residuals of a calibration; readings that were taken for wrong are left out."""
+    kept = np.flatnonzero(~calibration.is_wrong)
+    residual, place = calibration.log_residual[kept], _places(calibration.measurements, kept)
+    groups, group_of_row = np.unique(place, axis=0, return_inverse=True)
+    group_of_row = group_of_row.reshape(-1)
+    count = np.bincount(group_of_row)
+    mean = np.bincount(group_of_row, residual) / count
+    neighbours = (groups[1:, :-1] == groups[:-1, :-1]).all(axis=1)  # one drive, one finger, the next position
+    changes = int(((mean[1:] >= 0) != (mean[:-1] >= 0))[neighbours].sum())
+    number = int(neighbours.sum())
+    noise, chance = _repeat_test(residual, mean[group_of_row], len(groups), len(calibration.parameters))
+    return Adequacy(
+        misfit=float(np.median(np.abs(calibration.log_residual))),
+        neighbours=number,
+        changes=changes,
+        chance=float(binom.cdf(changes, number, 0.5)) if number else 1.0,
+        repeat_noise=noise,
+        repeat_chance=chance,
+    )
+
+
+def _places(measurements: Measurements, rows: NDArray[np.intp]) -> Array:
+    """Drive, sensor mass, finger and position (row, 4) of readings; the position last, so that it sorts last."""
+    finger_m = np.nan_to_num(measurements.finger_m, nan=-1.0)
+    columns = (measurements.drive_of_row, measurements.sensor_mass_kg, finger_m, measurements.position_m)
+    return np.stack(columns, axis=1)[rows].astype(float)
+
+
+def _repeat_test(residual: Array, mean: Array, groups: int, parameters: int) -> tuple[float | None, float | None]:
+    """Scatter of repeats about their mean (row,), and the probability that the means miss the fit by chance."""
+    repeats, freedom = len(residual) - groups, groups - parameters
+    if repeats < _LEAST_REPEATS or freedom < 1:
+        return None, None
+    pure = float(((residual - mean) ** 2).sum()) / repeats
+    lack = float((mean**2).sum()) / freedom
+    return float(np.sqrt(pure)), float(fisher.sf(lack / pure, freedom, repeats)) if pure > 0 else 0.0
+
+
+def find_remedy(device: Device, calibration: Calibration, bounds: Mapping[str, Bounds]) -> Remedy | None:
+    """The parameter whose addition lowers the cost most; None where none lowers it beyond chance and by enough.
+
+    `device` is that before the fit. Each fit starts from its values, and from what was fitted without the parameter.
+    """
+    before = float(np.median(np.abs(calibration.log_residual)))
+    measurements, names = calibration.measurements, tuple(p.name for p in calibration.parameters)
+    fitted = find_parameters(device, names, bounds, sensor_mass_of(measurements))
+    without, gains = pose_fit(device, measurements, fitted), dict[float, Remedy]()
+    for name in known_names(device):
+        if name in names or "[" in name:
+            continue
+        try:
+            chosen = find_parameters(device, (*names, name), bounds, sensor_mass_of(measurements))
+            problem = pose_fit(device, measurements, chosen)
+        except CalibrationError:  # it is fitted under another name, is 0, or changes none of these readings
+            continue
+        started = np.append(calibration.coordinate, problem.start[-1])
+        both = (fit(problem, Loss.ROBUST, 1, 0), settle(problem, Loss.ROBUST, started))
+        better = min(both, key=lambda found: found.noise)
+        _, cost = minimise(without, Loss.ROBUST, better.noise, calibration.coordinate)
+        misfit = float(np.median(np.abs(better.misfit.log_residual[: len(measurements)])))
+        if misfit <= _WORTH * before:
+            gains[2 * (cost - better.cost)] = Remedy(name, misfit)
+    return gains[max(gains)] if gains and max(gains) >= _GAIN else None
+
+
+def adequacy_report(device: Device, calibration: Calibration, bounds: Mapping[str, Bounds]) -> dict[str, Any]:
+    """The tests for JSON; "doubt" is a sentence with the remedy, empty where the fit is adequate."""
+    found = assess(calibration)
+    remedy = None if found.misfit < SMALLEST_MISFIT else find_remedy(device, calibration, bounds)
+    return {
+        "neighbours": found.neighbours,
+        "sign_changes": found.changes,
+        "chance": found.chance,
+        "repeat_noise": found.repeat_noise,
+        "repeat_chance": found.repeat_chance,
+        "remedy": None if remedy is None else {"name": remedy.name, "misfit": remedy.misfit},
+        "doubt": "" if found.is_noise and remedy is None else _doubt_text(found, remedy),
+    }
+
+
+def _doubt_text(found: Adequacy, remedy: Remedy | None) -> str:
+    parts = []
+    if found.chance < UNLIKELY:
+        parts.append(
+            f"the residuals change sign {found.changes} times between {found.neighbours} neighbours along the bar, "
+            f"where noise does {found.neighbours / 2:.0f} times"
+        )
+    if found.repeat_noise is not None and found.repeat_chance is not None and found.repeat_chance < UNLIKELY:
+        parts.append(f"repeated readings scatter by only {100 * found.repeat_noise:.2g} %")
+    found_text = ", and ".join(parts) or "one more parameter explains much of the misfit"
+    why = f"{found_text}: something that was not fitted is wrong, and the intervals are too narrow"
+    if remedy is None:
+        return f"{why}. No single further parameter explains it; check positions, drives and the sensor's mass"
+    fall = f"the typical misfit, {100 * found.misfit:.2g} %, would fall to {100 * remedy.misfit:.2g} %"
+    return f"{why}. Try --also {remedy.name}: {fall}"

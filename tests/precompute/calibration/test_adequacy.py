@@ -1,0 +1,104 @@
+"""Laws of adequacy: a fit that misses something is told from noise, with the parameter that mends it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from precompute.calibration.adequacy import Adequacy, adequacy_report, assess
+from precompute.calibration.calibrate import Calibration, calibrate
+from precompute.measurements.parameters import default_names, paper_names
+from precompute.measurements.simulate import Flaws
+from tests.precompute.devices import shipped
+from tests.precompute.measured import TRUTH, read_bar
+
+DEVICE = shipped("reference-a")
+FLAWS = Flaws(noise=0.02, wrong=0.05)
+STIFFER = {**TRUTH, "bar.youngs_modulus": 1.06 * DEVICE.bar.youngs_modulus_pa}
+THICKER = {
+    **TRUTH,
+    "bar.youngs_modulus": 1.03**3 * DEVICE.bar.youngs_modulus_pa,
+    "bar.density": 1.03 * DEVICE.bar.density_kg_per_m3,
+}
+"""A bar that is 3 % thicker bends and weighs as one of this modulus and density."""
+
+
+def fitted(truth: dict[str, float], names: tuple[str, ...], flaws: Flaws = FLAWS, seed: int = 1) -> Calibration:
+    return calibrate(DEVICE, read_bar(DEVICE, truth, flaws=flaws, seed=seed), names, starts=2)
+
+
+def outside(calibration: Calibration, truth: dict[str, float]) -> list[str]:
+    """Parameters whose printed interval excludes the truth."""
+    return [
+        e.parameter.name
+        for e in calibration.estimates
+        if not e.low <= truth.get(e.parameter.name, e.parameter.start) <= e.high
+    ]
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_a_wrong_modulus_that_is_not_fitted_is_doubted_and_named(seed: int) -> None:
+    found = fitted(STIFFER, paper_names(DEVICE), seed=seed)
+    assert outside(found, STIFFER)
+    report = adequacy_report(DEVICE, found, {})
+    assert report["remedy"]["name"] == "bar.youngs_modulus"
+    assert report["remedy"]["misfit"] < 0.02
+    assert "Try --also bar.youngs_modulus: the typical misfit, " in report["doubt"]
+
+
+@pytest.mark.parametrize("share", [0.94, 1.06])
+def test_the_first_fit_takes_a_wrong_modulus_in_and_its_intervals_hold_the_truth(share: float) -> None:
+    truth = {**TRUTH, "bar.youngs_modulus": share * DEVICE.bar.youngs_modulus_pa}
+    found = fitted(truth, default_names(DEVICE))
+    assert outside(found, truth) == []
+    assert assess(found).is_noise
+    assert adequacy_report(DEVICE, found, {})["doubt"] == ""
+
+
+def test_a_wrong_thickness_is_doubted_and_the_mass_is_named() -> None:
+    """What the first fit cannot take in; with the density besides, stiffness and mass are both free."""
+    report = adequacy_report(DEVICE, fitted(THICKER, default_names(DEVICE)), {})
+    assert "Try --also " in report["doubt"] and report["remedy"]["name"] in ("bar.density", "actuator.mass")
+    mended = fitted(THICKER, (*default_names(DEVICE), "bar.density"))
+    assert adequacy_report(DEVICE, mended, {})["doubt"] == "" and outside(mended, THICKER) == []
+
+
+def test_a_misfit_that_sensors_are_not_better_than_is_no_doubt() -> None:
+    found = fitted(TRUTH, paper_names(DEVICE), Flaws())
+    wavy = replace(found, log_residual=np.full(len(found.log_residual), 1e-3))
+    assert assess(wavy).chance < 1e-6 and assess(wavy).is_noise
+    assert not assess(replace(found, log_residual=np.full(len(found.log_residual), 2e-2))).is_noise
+
+
+def test_residuals_without_memory_are_adequate_as_often_as_the_limit_says() -> None:
+    found, random = fitted(TRUTH, paper_names(DEVICE), Flaws()), np.random.default_rng(1)
+    noise: list[NDArray[np.float64]] = list(random.normal(0, 0.02, (1000, len(found.log_residual))))
+    doubted = sum(not assess(replace(found, log_residual=row)).is_noise for row in noise)
+    assert doubted <= 15  # of 1000 at a probability of 0.005
+
+
+def test_repeats_tell_a_misfit_that_changes_its_sign_from_place_to_place() -> None:
+    """The measurements twice over: the second reading of a place differs by 0.2 %, the fit misses both by 2 %."""
+    found = fitted(TRUTH, paper_names(DEVICE), Flaws())
+    rows = np.tile(np.arange(len(found.measurements)), 2)
+    twice = replace(
+        found,
+        measurements=found.measurements.part(rows),
+        is_wrong=np.zeros(len(rows), bool),
+        log_residual=np.zeros(len(rows)),
+    )
+    random = np.random.default_rng(2)
+    misses, repeats = random.normal(0, 0.02, len(rows) // 2), random.normal(0, 0.002, len(rows))
+    told = assess(replace(twice, log_residual=np.tile(misses, 2) + repeats))
+    assert told.chance > 0.005 and told.repeat_chance is not None and told.repeat_chance < 1e-6
+    assert told.repeat_noise == pytest.approx(0.002, rel=0.3)
+    noise = assess(replace(twice, log_residual=random.normal(0, 0.02, len(rows))))
+    assert noise.is_noise and noise.repeat_chance is not None
+
+
+def test_the_wrong_readings_are_left_out() -> None:
+    found = fitted(TRUTH, paper_names(DEVICE))
+    assert isinstance(assess(found), Adequacy)
+    kept = int((~found.is_wrong).sum())
+    assert assess(found).neighbours == kept - 3  # three drives
