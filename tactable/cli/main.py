@@ -5,19 +5,19 @@ The help is printed from the table, and a command's module is imported only when
 options. All errors that a user can mend derive from `TactableError`; `main` prints them as one line.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from firmware_link.protocol.errors import TactableError
 
 EXIT_INTERRUPTED = 130
 """By convention 128 plus the number of SIGINT."""
-_LONGEST_LINE = 120
+_SETTINGS = {"max_content_width": 120, "help_option_names": ["-h", "--help"]}
 
 
 class Entry(NamedTuple):
@@ -35,6 +35,10 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "map": Entry("touch:map_axis", "Learn how the digitizer lies on the bar from one finger drawn along it."),
             "record": Entry("touch:record", "Record what a digitizer reports."),
             "replay": Entry("touch:replay", "Decode a recording as the engine does, all at once."),
+        },
+        "Describe": {
+            "check": Entry("device:check", "Validate a device file, and say what follows from it."),
+            "modes": Entry("device:modes", "List the modes of a bar, untouched and under a finger."),
         },
         "Build": {
             "build": Entry("build:build", "Build the table of a device; an interrupted build continues."),
@@ -108,10 +112,21 @@ class CommandGroup(TyperGroup):
         self.entries = {name: entry for section in sections for name, entry in section.items()}
         names: Any = dict.fromkeys(self.entries)
         self.commands = names  # typer suggests one of these where a name is misspelt
+        self._is_listing = False
 
     def get_command(self, _ctx: Any, cmd_name: str) -> Any:
         """The command, its module imported; None where the table has no such name."""
+        if self._is_listing:
+            return TyperCommand(cmd_name, help=self.entries[cmd_name].help)
         return load_command(cmd_name, self.entries[cmd_name]) if cmd_name in self.entries else None
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> Any:
+        """Names for a shell to complete; no module is imported for their help."""
+        self._is_listing = True
+        try:
+            return super().shell_complete(ctx, incomplete)
+        finally:
+            self._is_listing = False
 
     def format_commands(self, _ctx: Any, formatter: Any) -> None:
         """Write the table's sections; nothing is imported for them."""
@@ -120,18 +135,38 @@ class CommandGroup(TyperGroup):
                 formatter.write_dl([(name, entry.help) for name, entry in section.items()])
 
 
-def _group(name: str, help_text: str) -> typer.Typer:
+def _nothing() -> None:
+    """What a group of commands does by itself."""
+
+
+def _print_version(is_asked: bool) -> None:
+    if is_asked:
+        from importlib.metadata import version
+
+        print(f"tactable {version('tactable')}")  # noqa: T201
+        raise typer.Exit
+
+
+def _top(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end.")
+    ] = False,
+) -> None:
+    """What comes before every command."""
+
+
+def _group(name: str, help_text: str, callback: Callable[..., None] = _nothing, completes: bool = False) -> typer.Typer:
     """A group of commands; the callback makes typer keep it a group although it knows none of its commands."""
     return typer.Typer(
         name=name,
         cls=CommandGroup,
-        callback=lambda: None,
+        callback=callback,
         help=help_text,
         no_args_is_help=True,
-        add_completion=False,
+        add_completion=completes,
         pretty_exceptions_enable=False,
         rich_markup_mode=None,  # rich takes longer to start than all the rest of the help
-        context_settings={"max_content_width": _LONGEST_LINE},
+        context_settings=dict(_SETTINGS),
     )
 
 
@@ -140,20 +175,18 @@ def load_command(name: str, entry: Entry) -> Any:
     if not entry.target:
         return get_command(_group(name, entry.help))
     module, _, function = entry.target.partition(":")
-    single = typer.Typer(
-        add_completion=False, rich_markup_mode=None, context_settings={"max_content_width": _LONGEST_LINE}
-    )
+    single = typer.Typer(add_completion=False, rich_markup_mode=None, context_settings=dict(_SETTINGS))
     single.command(name)(getattr(import_module(f"tactable.cli.{module}"), function))
     return get_command(single)
 
 
-app = _group("", "Localized touch feedback on touch bars, rendered from tables.")
+app = _group("", "Localized touch feedback on touch bars, rendered from tables.", _top, completes=True)
 
 
 def main() -> None:
     """Run the command. An error that a user can mend is one line and exit status 1, Ctrl-C is exit status 130."""
     try:
-        app()
+        app(prog_name="tactable")
     except KeyboardInterrupt:
         raise SystemExit(EXIT_INTERRUPTED) from None
     except (TactableError, OSError) as error:

@@ -1,13 +1,16 @@
 """How the command line starts: from its table of commands, importing little; the table and the functions agree."""
 
+import os
 import subprocess
 import sys
 from importlib import import_module
+from importlib.metadata import version
 from inspect import getdoc
 
 import pytest
+from typer.testing import CliRunner
 
-from tactable.cli.main import COMMANDS, Entry
+from tactable.cli.main import COMMANDS, Entry, app
 
 HEAVY = {"h5netcdf", "matplotlib", "numba", "numpy", "pint", "precompute", "scipy", "xarray"}
 TARGETS = [
@@ -33,11 +36,57 @@ finally:
     return set(done.stderr.splitlines()[-1].split())
 
 
-@pytest.mark.parametrize("words", [("--help",), ("list",), ("list", "--json"), ("plot", "--help"), ("list", "--help")])
+@pytest.mark.parametrize(
+    "words", [("--help",), ("--version",), ("list",), ("list", "--json"), ("plot", "-h"), ("list", "--help")]
+)
 def test_help_and_list_load_neither_arrays_nor_compiler_nor_solver_nor_plot(words: tuple[str, ...]) -> None:
     loaded = modules_after(*words)
     assert "tactable" in loaded
     assert loaded.isdisjoint(HEAVY)
+
+
+def completed(words: str) -> list[str]:
+    """What a shell would offer for the last of these words."""
+    asked = {"_TACTABLE_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    program = "from tactable.cli.main import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=os.environ | asked, capture_output=True, text=True, check=False
+    )
+    return done.stdout.split()
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("tactable pl", {"plot", "plan-measurements"}),
+        ("tactable study ", {"placement", "resolution"}),
+        ("tactable calibrate --al", {"--also"}),
+        ("tactable --ver", {"--version"}),
+    ],
+)
+def test_a_shell_is_offered_commands_groups_and_options(words: str, offered: set[str]) -> None:
+    assert offered <= set(completed(words))
+    assert all(word.startswith(words.split(" ")[-1]) for word in completed(words))
+
+
+def test_the_version_is_that_of_the_package() -> None:
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "import sys; sys.argv = ['tactable', '--version']; import tactable.cli.main as m; m.main()",
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == f"tactable {version('tactable')}\n"
+
+
+@pytest.mark.parametrize("words", [(), ("plot",), ("plot", "state"), ("list",)])
+def test_h_is_help_everywhere(words: tuple[str, ...]) -> None:
+    short, long = (CliRunner().invoke(app, [*words, option]) for option in ("-h", "--help"))
+    assert short.exit_code == 0 and short.stdout == long.stdout
 
 
 def test_the_help_of_the_commands_needs_not_even_the_engine() -> None:

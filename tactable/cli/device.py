@@ -1,0 +1,162 @@
+"""Commands `modes` and `check`: what a device file says of its bar, before a table is built."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table as Grid
+
+from engine.plain import to_plain
+from tactable.cli.console import print_json, say, show
+from tactable.cli.options import AsJson, DeviceArgument, names_in, read_option, read_placement
+from tactable.shipped import find_device, find_device_file
+
+if TYPE_CHECKING:
+    from engine.device import Device
+    from precompute.model.modes import Mode
+
+_POINTS = 201
+_CHECKED_MODES = 6
+
+
+def modes(
+    device_name: DeviceArgument,
+    fingers: Annotated[
+        str, typer.Option("--finger", help="Where fingers lie: zones or positions, as III,35mm. Default: mid-bar.")
+    ] = "",
+    up_to: Annotated[str, typer.Option(help="Highest frequency.")] = "1 kHz",
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="A picture of the shapes; ends in .png, .svg or .pdf.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the modes of a bar, untouched and under a finger.
+
+    Each has its frequency, its damping ratio, and the time in which its amplitude falls to 1/e.
+    """
+    from precompute.model.modes import compute_modes
+    from tactable.figures.file import check_paths, write_picture
+
+    if output is not None:
+        check_paths(output, None)
+    device = find_device(device_name)
+    at_m, limit_hz = _finger_places(device, fingers), read_option("--up-to", up_to, "Hz")
+    position_m = np.linspace(0.0, device.bar.length_m, _POINTS)
+    untouched, touched = (compute_modes(device, position_m, limit_hz, at) for at in ((), at_m))
+    found = {
+        "device": device.name,
+        "estimated": list(device.estimated_values),
+        "finger_m": at_m,
+        "untouched": [_mode_json(mode) for mode in untouched],
+        "with_finger": [_mode_json(mode) for mode in touched],
+    }
+    if output is not None:
+        from tactable.figures.modes import plot_modes
+
+        write_picture(plot_modes(device, position_m, at_m, untouched, touched), output)
+    show(found, as_json, _print_modes)
+    if output is not None and not as_json:
+        say(f"written: {output}")
+
+
+def _finger_places(device: "Device", text: str) -> list[float]:
+    if not text:
+        return [device.bar.length_m / 2]
+    placement = read_placement(device, text, "")
+    if placement is not None:
+        return list(placement.position_m)
+    zones = [device.zones[device.zone_index(name)] for name in names_in(text)]
+    return [(zone.start_m + zone.stop_m) / 2 for zone in zones]
+
+
+def _mode_json(mode: "Mode") -> dict[str, float | None]:
+    plain: dict[str, float | None] = to_plain(
+        {"frequency_hz": mode.frequency_hz, "damping_ratio": mode.damping_ratio, "decay_s": mode.decay_s}
+    )
+    return plain
+
+
+def _print_modes(out: Console, found: dict[str, Any]) -> None:
+    places = ", ".join(f"{1e3 * at_m:.4g} mm" for at_m in found["finger_m"])
+    grid = Grid("mode", "untouched", "damping", "decay", f"finger at {places}", "damping", "decay")
+    empty = ("", "", "")
+    for k in range(max(len(found["untouched"]), len(found["with_finger"]))):
+        cells = [_cells(found[name][k]) if k < len(found[name]) else empty for name in ("untouched", "with_finger")]
+        grid.add_row(f"{k + 1}", *cells[0], *cells[1])
+    out.print(grid)
+    say("Computed, not measured. Decay is the time to 1/e; modes of both sets are numbered by frequency.")
+    _say_estimates(found["estimated"])
+
+
+def _cells(mode: dict[str, Any]) -> tuple[str, str, str]:
+    decay = "no damping" if mode["decay_s"] is None else f"{1e3 * mode['decay_s']:.3g} ms"
+    return f"{mode['frequency_hz']:.2f} Hz", f"{100 * mode['damping_ratio']:.3g} %", decay
+
+
+def _say_estimates(names: Sequence[str]) -> None:
+    text = f"{len(names)} values are ESTIMATES: {', '.join(names)}" if names else "No value is marked as an estimate."
+    say(text)
+
+
+def check(device_name: DeviceArgument, as_json: AsJson = False) -> None:
+    """Validate a device file, and say what follows from it.
+
+    It says what is estimated, the first modes, the bands of the actuators, and the greatest level in each zone.
+    """
+    from precompute.model.assembly import assemble
+    from precompute.model.modes import compute_modes
+    from precompute.studies.reach import compute_reach
+
+    path = find_device_file(device_name)
+    device = find_device(device_name)
+    middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
+    reach = compute_reach(assemble(device), middle_m, device.finger)
+    first = compute_modes(device, middle_m, 2 * device.sweep.stop_hz)[:_CHECKED_MODES]
+    levels = dict(zip((zone.name for zone in device.zones), reach.level_db.tolist(), strict=True))
+    found = {
+        "file": str(path),
+        "device": device.name,
+        "fingerprint": device.fingerprint,
+        "estimated": list(device.estimated_values),
+        "marked": list(device.inferred),
+        "modes": [_mode_json(mode) for mode in first],
+        "bands_hz": {actuator.name: list(actuator.band_hz) for actuator in device.actuators},
+        "sweep_hz": [device.sweep.start_hz, device.sweep.stop_hz, device.sweep.step_hz],
+        "greatest_level_db": levels,
+        "levels_out_of_reach": [
+            {"level_db": level_db, "zones": [name for name, most_db in levels.items() if most_db < level_db]}
+            for level_db in device.levels_db
+            if min(levels.values()) < level_db
+        ],
+    }
+    if as_json:
+        print_json(found)
+    else:
+        _say_check(found)
+
+
+def _say_check(found: dict[str, Any]) -> None:
+    say(f"{found['file']}: valid; {found['device']}, fingerprint {found['fingerprint'][:16]}")
+    _say_estimates(found["estimated"])
+    listed = ", ".join(f"{m['frequency_hz']:.1f} Hz ({100 * m['damping_ratio']:.2g} %)" for m in found["modes"])
+    say(f"first modes, untouched, with damping ratios: {listed}")
+    for name, (low_hz, high_hz) in found["bands_hz"].items():
+        say(f"band of {name}: {low_hz:g} to {high_hz:g} Hz")
+    start_hz, stop_hz, step_hz = found["sweep_hz"]
+    narrow = [m for m in found["modes"] if start_hz <= m["frequency_hz"] <= stop_hz and _width_hz(m) < step_hz]
+    say(f"sweep: {start_hz:g} to {stop_hz:g} Hz in steps of {step_hz:g} Hz")
+    for mode in narrow:
+        say(f"note: the mode at {mode['frequency_hz']:.1f} Hz is {_width_hz(mode):.2g} Hz wide, narrower than a step")
+    levels = ", ".join(f"{name} {level_db:.1f} dB" for name, level_db in found["greatest_level_db"].items())
+    say(f"greatest level under a finger in the middle of each zone, dB above the detection threshold: {levels}")
+    for short in found["levels_out_of_reach"]:
+        say(f"note: {short['level_db']:g} dB is out of reach in {', '.join(short['zones'])}")
+    say("Computed, not measured.")
+
+
+def _width_hz(mode: dict[str, Any]) -> float:
+    """Half-power width."""
+    return 2 * float(mode["damping_ratio"]) * float(mode["frequency_hz"])

@@ -1,0 +1,76 @@
+"""The commands `modes` and `check`: what they say of a device file, for people and machines, and what they refuse."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from tactable.cli.main import app
+from tactable.shipped import find_device
+
+
+def run(*words: str) -> Result:
+    return CliRunner().invoke(app, list(words))
+
+
+def json_of(*words: str) -> Any:
+    done = run(*words, "--json")
+    assert done.exit_code == 0, done.output
+    return json.loads(done.stdout, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+
+
+def test_modes_come_untouched_and_under_fingers_with_a_picture(tmp_path: Path) -> None:
+    picture = tmp_path / "modes.svg"
+    found = json_of("modes", "reference-a", "--finger", "I,120 mm", "--up-to", "400 Hz", "-o", str(picture))
+    assert found["finger_m"] == pytest.approx([0.02794, 0.12])
+    frequencies = [mode["frequency_hz"] for mode in found["untouched"]]
+    assert frequencies == sorted(frequencies) and frequencies[-1] <= 400 and len(frequencies) == 6
+    assert found["with_finger"][1]["damping_ratio"] > found["untouched"][1]["damping_ratio"]
+    assert picture.stat().st_size > 10_000
+    done = run("modes", "reference-a", "--finger", "III")
+    assert done.exit_code == 0 and f"{frequencies[0]:.2f} Hz" in done.stdout
+    assert "Computed, not measured" in done.stdout
+
+
+def test_a_check_says_what_is_estimated_and_what_follows() -> None:
+    found = json_of("check", "reference-a")
+    device = find_device("reference-a")
+    assert found["estimated"] == list(device.estimated_values) and len(found["estimated"]) == 10
+    assert list(found["greatest_level_db"]) == ["I", "II", "III", "IV", "V"]
+    assert found["levels_out_of_reach"] == []
+    done = run("check", "reference-a")
+    for part in (
+        "valid; reference-a",
+        "10 values are ESTIMATES: bar.length",
+        "band of left: 60 to 300 Hz",
+        "first modes",
+    ):
+        assert part in done.stdout
+
+
+def test_a_level_that_no_drive_reaches_is_named_with_its_zones(tmp_path: Path) -> None:
+    text = find_device("reference-a").text.replace(
+        'levels = ["10 dB", "20 dB", "30 dB"]', 'levels = ["20 dB", "43 dB"]'
+    )
+    (tmp_path / "loud.toml").write_text(text, encoding="utf-8")
+    found = json_of("check", str(tmp_path / "loud.toml"))
+    weak = [name for name, most_db in found["greatest_level_db"].items() if most_db < 43]
+    assert weak and found["levels_out_of_reach"] == [{"level_db": 43.0, "zones": weak}]
+    assert f"43 dB is out of reach in {', '.join(weak)}" in run("check", str(tmp_path / "loud.toml")).stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("check", "no-such-bar"), "is neither a file nor a shipped device"),
+        (("modes", "reference-a", "--finger", "VI"), "there is no zone 'VI'"),
+        (("modes", "reference-a", "--finger", "400 mm"), "reaches from 0 to 279.4 mm"),
+        (("modes", "reference-a", "--up-to", "1 kg"), "'1 kg' is a mass"),
+        (("modes", "reference-a", "-o", "modes.txt"), "a picture ends in"),
+    ],
+)
+def test_a_refusal_names_the_thing(words: tuple[str, ...], message: str) -> None:
+    done = run(*words)
+    assert done.exit_code == 1 and message in str(done.exception)
