@@ -39,11 +39,16 @@ def _pair(one, other, places):  # type: ignore[no-untyped-def]  # numba
 
 @njit(fastmath=True, inline="always")
 def _subtract_product(x, y, u, v, factor, out):  # type: ignore[no-untyped-def]  # numba
-    """Subtract (x + j y) (u + j v) factor from out (2, frequency), elementwise."""
+    """Subtract (x + j y) (u + j v) factor from out (2, frequency), elementwise.
+
+    Two loops: where one writes both parts, the compiler would have more arrays to tell apart than it vectorises for.
+    """
     real, imag, out_real, out_imag = factor[0], factor[1], out[0], out[1]
     for k in range(len(x)):
         a, b = x[k] * u[k] - y[k] * v[k], x[k] * v[k] + y[k] * u[k]
         out_real[k] -= a * real[k] - b * imag[k]
+    for k in range(len(x)):
+        a, b = x[k] * u[k] - y[k] * v[k], x[k] * v[k] + y[k] * u[k]
         out_imag[k] -= a * imag[k] + b * real[k]
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 
 _TINY = 1e-300
-_POWER_STEPS = 30
+POWER_STEPS = 30
 _CONVERGED = 1e-7
 _LOUD_STEPS = 8
 _LINE_STEPS = 12
@@ -101,11 +101,11 @@ def _solve(lower, x):  # type: ignore[no-untyped-def]  # numba
 
 
 @njit(cache=True)
-def _step(N, lower, a):  # type: ignore[no-untyped-def]  # numba
-    """One step of the power iteration: a becomes D^-1 N a, at length 1. False where N a is 0."""
+def _step(N, lower, a, moved):  # type: ignore[no-untyped-def]  # numba
+    """One step of the power iteration: a becomes D^-1 N a, at length 1. False where N a is 0; moved: space for it."""
     m = len(a)
-    moved = np.zeros(m, dtype=np.complex128)
     for i in range(m):
+        moved[i] = 0j
         for j in range(m):
             moved[i] += N[i, j] * a[j]
     _solve(lower, moved)
@@ -121,8 +121,11 @@ def _step(N, lower, a):  # type: ignore[no-untyped-def]  # numba
 
 
 @njit(cache=True)
-def solve_dominant(N, D, a):  # type: ignore[no-untyped-def]  # numba
-    """The greatest lambda of N a = lambda D a and its a in place; `a` is where the power iteration starts."""
+def solve_dominant(N, D, a, steps, work):  # type: ignore[no-untyped-def]  # numba
+    """The greatest lambda of N a = lambda D a and its a in place; `a` is where at most `steps` power iterations start.
+
+    work (3, actuator + 1, actuator): space for factors.
+    """
     m = len(a)
     if m == 1:
         a[0] = 1.0
@@ -142,11 +145,11 @@ def solve_dominant(N, D, a):  # type: ignore[no-untyped-def]  # numba
         else:
             a[0], a[1] = z, -np.conj(y)
         return value
-    lower = np.zeros((m, m), dtype=np.complex128)
+    lower, moved = work[0, :m], work[0, m]
     _factor(D, lower)
     last = 0.0
-    for _ in range(_POWER_STEPS):
-        if not _step(N, lower, a):
+    for _ in range(steps):
+        if not _step(N, lower, a, moved):
             break
         value = power_of(N, a) / max(power_of(D, a), _TINY)
         if value - last <= _CONVERGED * value:
@@ -156,7 +159,7 @@ def solve_dominant(N, D, a):  # type: ignore[no-untyped-def]  # numba
 
 
 @njit(cache=True)
-def weigh(N, D, a, felt, quiet, amplitude, nu, steps):  # type: ignore[no-untyped-def]  # numba
+def weigh(N, D, a, felt, quiet, amplitude, nu, steps, work):  # type: ignore[no-untyped-def]  # numba
     """Steps of Lawson's weights and of the drive `a`, both in place: one step of the power iteration for each.
 
     felt (numerator,), quiet (denominator,), amplitude (actuator,): weights that add up to 1. The denominators are added
@@ -164,18 +167,19 @@ def weigh(N, D, a, felt, quiet, amplitude, nu, steps):  # type: ignore[no-untype
     memory, which leads to the least fourth power instead of the least greatest one and needs few steps.
     """
     m = len(a)
-    A, B = np.zeros((m, m), dtype=np.complex128), np.zeros((m, m), dtype=np.complex128)
-    lower = np.zeros((m, m), dtype=np.complex128)
+    lower, moved, A, B = work[0, :m], work[0, m], work[1, :m], work[2, :m]
     for _ in range(steps):
-        A[:], B[:] = 0.0, 0.0
-        for i in range(len(N)):
-            A += felt[i] * N[i]
-        for j in range(len(D)):
-            B += quiet[j] * D[j]
+        for r in range(m):
+            for c in range(m):
+                A[r, c], B[r, c] = 0j, 0j
+                for i in range(len(N)):
+                    A[r, c] += felt[i] * N[i, r, c]
+                for j in range(len(D)):
+                    B[r, c] += quiet[j] * D[j, r, c]
         for i in range(m):
             B[i, i] += nu * amplitude[i]
         _factor(B, lower)
-        if not _step(A, lower, a):
+        if not _step(A, lower, a, moved):
             return
         for i in range(len(N)):
             felt[i] /= max(power_of(N[i], a), _TINY)
@@ -199,7 +203,7 @@ def _normalise(weight):  # type: ignore[no-untyped-def]  # numba
 
 
 @njit(cache=True)
-def approach_level(N, D, p, wanted, a, felt, quiet, amplitude, nu):  # type: ignore[no-untyped-def]  # numba
+def approach_level(N, D, p, wanted, a, felt, quiet, amplitude, nu, work):  # type: ignore[no-untyped-def]  # numba
     """Bring `a` near the wanted loudness by raising the weight `nu` of the amplitudes; returns it, for a neighbour.
 
     Bisection on log nu about the given one, the other weights following. The last drive loud enough is kept.
@@ -211,7 +215,7 @@ def approach_level(N, D, p, wanted, a, felt, quiet, amplitude, nu):  # type: ign
     low, high = 0.0, np.inf
     trial, kept = a.copy(), nu
     for _ in range(_LEVEL_STEPS):
-        weigh(N, D, trial, felt, quiet, amplitude, nu, 2)
+        weigh(N, D, trial, felt, quiet, amplitude, nu, 2, work)
         if loudness_of(p, trial) < wanted:
             low = nu
         else:

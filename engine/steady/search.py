@@ -11,6 +11,7 @@ from numba import njit, types
 
 from engine.steady.ascent import SHARPEST, climb
 from engine.steady.optimum import (
+    POWER_STEPS,
     approach_level,
     find_loudest,
     keep_level,
@@ -26,10 +27,13 @@ _LEVEL_MARGIN = 1 + 1e-4
 _STEPS, _FIRST_STEPS = 2, 12
 _NEAR, _NEAR_SEVERAL = 0.9, 0.5
 """Peaks whose ratio is above this fraction of the best one's are refined."""
+_NEAR_FIRST = 0.25
+"""Where the level binds, no drive is searched between two frequencies whose ratios are below this fraction."""
 _PEAKS = 6
 _CLOSE = 0.95
 """Of those, peaks whose drive at the grid's frequency is above this fraction of the best are refined further."""
-_STRIDE = 8
+_STRIDE = 4
+_SCAN_STEPS = 4
 _GOLDEN = 0.6180339887498949
 _SECTIONS, _FEW_SECTIONS = 9, 5
 _FIRST_SHARPNESS, _NEXT_SHARPNESS = 30.0, 1000.0
@@ -136,7 +140,7 @@ def _solve_exactly(N, D, p, usable, wanted, sharpness, a):  # type: ignore[no-un
     m = len(a)
     is_simple = len(N) == 1 and len(D) == 1
     if is_simple:
-        value = solve_dominant(N[0], D[0], a)
+        value = solve_dominant(N[0], D[0], a, POWER_STEPS, np.empty((3, m + 1, m), dtype=np.complex128))
         if loudness_of(p, a) >= wanted or wanted <= 0.0:
             return value
         if m <= 2 and len(p) == 1:
@@ -204,6 +208,7 @@ def _scan(hz, usable, loaded, felt, numerator, denominator, wanted, value, drive
     a = np.ones(m, dtype=np.complex128)
     weight_n, weight_d, weight_a = np.full(n, 1.0 / n), np.full(d, 1.0 / d), np.full(m, 1.0 / m)
     best, steps, nu = 0.0, _FIRST_STEPS, 0.0
+    work = np.zeros((3, m + 1, m), dtype=np.complex128)
     is_simple = n == 1 and d == 1
     value[:] = -1.0
     for visit in range(2 * len(hz)):
@@ -221,9 +226,9 @@ def _scan(hz, usable, loaded, felt, numerator, denominator, wanted, value, drive
         if is_simple:
             for i in range(m):
                 a[i] = np.conj(p[0, i])
-            ratio = solve_dominant(N[0], D[0], a)
+            ratio = solve_dominant(N[0], D[0], a, _SCAN_STEPS, work)
         else:
-            weigh(N, D, a, weight_n, weight_d, weight_a, 0.0, steps)
+            weigh(N, D, a, weight_n, weight_d, weight_a, 0.0, steps, work)
             steps = _STEPS
             ratio = ratio_of(N, D, a)
         drive[k] = a
@@ -231,10 +236,17 @@ def _scan(hz, usable, loaded, felt, numerator, denominator, wanted, value, drive
             # With one ratio the unlimited optimum bounds what the level leaves; else it is not quite the optimum.
             if ratio <= best * (_NEAR if is_simple else _NEAR_SEVERAL):
                 continue
+            # Between two frequencies that reached little, little is expected.
+            before, after = k - k % _STRIDE, min(k - k % _STRIDE + _STRIDE, len(hz) - 1)
+            if min(value[before], value[after]) >= 0.0 and max(value[before], value[after]) < _NEAR_FIRST * best:
+                continue
             if is_simple and m <= 2 and len(felt) == 1:
                 ratio = _on_limit(N, D, p, usable[k], wanted, drive[k])
+            elif find_loudest(p, usable[k], drive[k]) < wanted:
+                continue
             else:
-                nu = approach_level(N, D, p, wanted, drive[k], weight_n, weight_d, weight_a, nu)
+                drive[k] = a
+                nu = approach_level(N, D, p, wanted, drive[k], weight_n, weight_d, weight_a, nu, work)
                 ratio = ratio_of(N, D, drive[k])
                 if loudness_of(p, drive[k]) < wanted:
                     ratio = keep_level(N, D, p, usable[k], wanted, drive[k])

@@ -99,6 +99,14 @@ class SteadyDesigner:
         )
 
 
+def cases_in_zones(sampled: SampledFingers, zones: Sequence[int]) -> FingerCases:
+    """The cases that entries are averaged over, of a finger in each of some zones (indices)."""
+    which = list(zones)
+    parts = [each[:, which] for each in (sampled.stiffness_n_per_m, sampled.damping_n_s_per_m, sampled.mass_kg)]
+    position_m = np.take_along_axis(sampled.position_m[which].T, sampled.place[:, which], axis=0)
+    return FingerCases(np.ascontiguousarray(position_m), np.stack(parts, axis=2))
+
+
 def search_frequencies(plant: Plant, basis: Basis) -> Array:
     """The grid of the device, with the resonances of the bar untouched and under fingers in its zones."""
     device = plant.device

@@ -60,6 +60,22 @@ def contrast(
         show(run_contrast_bench(table, level_db), as_json, print_contrast_bench)
 
 
+def steady(
+    device_name: DeviceArgument = "reference-a",
+    states: Annotated[int, typer.Option(min=1, help="States that the tabulated search solves too.")] = 40,
+    placements: Annotated[int, typer.Option(min=1, help="Random placements for each number of fingers.")] = 100,
+    seed: Annotated[int, typer.Option(help="Of states and placements.")] = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Time steady drives for fingers at any positions.
+
+    They are compared with the tabulated search on the same states, in time and in what either reaches.
+    """
+    from tactable.bench.steady import print_steady_bench, run_steady_bench
+
+    show(run_steady_bench(find_device(device_name), states, placements, seed), as_json, print_steady_bench)
+
+
 def clicks(
     device_names: Annotated[
         list[str] | None,

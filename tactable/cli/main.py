@@ -95,6 +95,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "contrast": Entry("bench:contrast", "Compare the paper's objective with ours, SIMULATED."),
             "clicks": Entry("bench:clicks", "Compute the clicks of every pair of zones."),
             "anywhere": Entry("bench:anywhere", "Compute clicks for fingers anywhere on the bar, SIMULATED."),
+            "steady": Entry("bench:steady", "Time steady drives for fingers at any positions."),
             "step": Entry("bench:step", "Time the stages from a report to command bytes."),
             "latency": Entry("latency:latency", "Measure the latency from report to command."),
         },

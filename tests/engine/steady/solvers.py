@@ -3,10 +3,7 @@
 from dataclasses import replace
 from functools import cache
 
-import numpy as np
-
 from engine.device import Device
-from engine.steady.cases import FingerCases
 from engine.steady.solver import SteadySolver
 from precompute.entries.at_positions import SteadyDesigner
 from precompute.entries.solver import EntrySolver
@@ -44,13 +41,4 @@ def designer_of(device: Device) -> SteadyDesigner:
 def tabulated(device: Device) -> tuple[EntrySolver, SteadySolver]:
     """The tabulated search of a device, and the solver from receptances at the same frequencies."""
     solver = EntrySolver(assemble(device))
-    hz = solver.frequency_hz
-    return solver, SteadySolver(device, solve_place_receptances(solver.plant, hz))
-
-
-def cases_in_zones(solver: EntrySolver, zones: tuple[int, ...]) -> FingerCases:
-    """The cases of fingers that the tabulated search averages over: one in each of some zones (indices)."""
-    sampled, which = solver.sampled, list(zones)
-    parts = [each[:, which] for each in (sampled.stiffness_n_per_m, sampled.damping_n_s_per_m, sampled.mass_kg)]
-    position_m = np.take_along_axis(sampled.position_m[which].T, sampled.place[:, which], axis=0)
-    return FingerCases(np.ascontiguousarray(position_m), np.stack(parts, axis=2))
+    return solver, SteadySolver(device, solve_place_receptances(solver.plant, solver.frequency_hz))

@@ -13,9 +13,10 @@ from engine.device import Device, Finger
 from engine.steady.cases import FingerCases, cases_at, sample_deviations
 from engine.steady.solver import MOST_FINGERS, SteadyDrive, SteadyError
 from engine.touch import ZoneState
+from precompute.entries.at_positions import cases_in_zones
 from precompute.entries.prediction import objective_value, touched_zones
 from precompute.entries.solver import tabulated_states
-from tests.engine.steady.solvers import DEVICES, cases_in_zones, designer_of, tabulated
+from tests.engine.steady.solvers import DEVICES, designer_of, tabulated
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import SHIPPED, mirrored, shipped
 from tests.precompute.entries.dense_state import threshold
@@ -40,7 +41,7 @@ def test_a_drive_is_as_good_as_the_tabulated_one_where_that_is_the_optimum(name:
         zones = touched_zones(state)
         felt = tuple(state[zone] is ZoneState.FELT for zone in zones)
         for entry in search.solve(state):
-            drive = solver.solve_cases(cases_in_zones(search, zones), felt, entry.wanted_level_db)
+            drive = solver.solve_cases(cases_in_zones(search.sampled, zones), felt, entry.wanted_level_db)
             value, optimum = drive.value, objective_value(entry)
             assert optimum is not None
             if drive.objective == "localized factor":
