@@ -92,11 +92,15 @@ def _compare(device: Device, count: int, random: np.random.Generator) -> dict[st
     return {
         "entries": len(rows),
         "sampled_cases": len(search.sampled.place) - 1,
-        "unreached": sum(d == -np.inf for d, _, _ in rows),
+        "unreached": int(sum(d == -np.inf for d, _, _ in rows)),
         "ratio": float(spent_s[0] / spent_s[1]),
         "ms_per_entry": (1e3 * spent_s / max(len(rows), 1)).tolist(),
         "difference_db": {
-            name: {"entries": len(each), "worst": float(min(each, default=0.0)), "median": float(np.median(each or [0.0]))}
+            name: {
+                "entries": len(each),
+                "worst": float(min(each, default=0.0)),
+                "median": float(np.median(each or [0.0])),
+            }
             for name, each in lacking.items()
         },
     }
@@ -114,7 +118,7 @@ def _row(entry: Entry, drive: SteadyDrive) -> tuple[float, bool, bool]:
         return -np.inf, is_one_tone, is_known
     if drive.objective == "localized factor":
         return float(10 * np.log10(drive.value / value)), is_one_tone, is_known
-    return drive.value - value, is_one_tone, is_known
+    return float(drive.value - value), is_one_tone, is_known
 
 
 def print_steady_bench(out: Console, result: dict[str, Any]) -> None:
