@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 MOST_FINGERS = 10
 CLOSEST_M = 8e-3
 """Distance below which two fingers are one to the bar: a fingertip is wider, and their motions are nearly the same."""
+_ROUNDING_M = 1e-9
 
 
 class PlacementError(TactableError, ValueError):
@@ -45,7 +46,7 @@ class Placement:
                     f"a finger at {1e3 * at_m:g} mm: {device.name} reaches from 0 to {1e3 * length_m:g} mm"
                 )
         for (one_m, _), (next_m, _) in pairwise(fingers):
-            if next_m - one_m < CLOSEST_M:
+            if next_m - one_m < CLOSEST_M - _ROUNDING_M:
                 raise PlacementError(
                     f"fingers at {1e3 * one_m:g} and {1e3 * next_m:g} mm: closer than {1e3 * CLOSEST_M:g} mm they are "
                     "one finger to the bar: give one of them"

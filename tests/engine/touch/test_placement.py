@@ -34,7 +34,7 @@ def test_both_ends_belong_to_the_bar() -> None:
 
 
 def test_fingers_that_are_one_to_the_bar_are_refused() -> None:
-    assert len(Placement.on(DEVICE, [0.1], [0.1 + 1.001 * CLOSEST_M]).position_m) == 2
+    assert len(Placement.on(DEVICE, [0.1], [0.1 + CLOSEST_M]).position_m) == 2
     for other_m in (0.1, 0.1 + 0.999 * CLOSEST_M):
         with pytest.raises(PlacementError, match="closer than 8 mm they are one"):
             Placement.on(DEVICE, [0.1], [other_m])
