@@ -9,7 +9,7 @@ that an engine never opens half a table. Clicks take longest: each is kept in a 
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -22,6 +22,7 @@ from engine.table.columns import write_clicks, write_entries
 from engine.table.file import TableWriter
 from engine.touch import Placement, state_index
 from precompute.builder.code_fingerprint import code_fingerprint
+from precompute.builder.cost import BuildCost
 from precompute.builder.incremental import DEFERRABLE, OUTDATED, BuildOptions, Part, input_fingerprint, is_compatible
 from precompute.builder.measured_responses import source_attributes, write_measured
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, solve_clicks
@@ -69,7 +70,7 @@ def build_table(
     responses: MeasuredResponses | None = None,
     memory_budget_bytes: int = MEMORY_BUDGET_BYTES,
     progress: Progress = _no_progress,
-) -> None:
+) -> BuildCost:
     """Compute, write and verify the table of `device`; only then it takes the place of what was at `path`.
 
     `created` is the date to note, by default now; `objective` a name of precompute.entries.objective.OBJECTIVES.
@@ -81,7 +82,8 @@ def build_table(
     changed. With `clicks_later` its clicks are taken over whatever has changed, marked as outdated
     (builder.incremental); a build without it makes them. The table that was at `path` is kept as the previous one; a
     build that `completes` it keeps the one before. With `responses` the bar moves as it was measured, while the effect
-    of fingers, rise times and clicks remain the model's.
+    of fingers, rise times and clicks remain the model's. Returns what it took; processes of a given `pool` go on, and
+    so are not counted.
 
     Raises TableError if the table cannot be written, for an unknown objective, and for a device whose values are not
     those of its text, since a table holds the text. Raises WorkerError where a worker process was killed.
@@ -104,6 +106,7 @@ def build_table(
         with _earlier(path, reuse) as earlier:
             builder.build(created or datetime.now(UTC).isoformat(timespec="seconds"), earlier)
     progress("done", 1.0)
+    return builder.cost
 
 
 def _checked(progress: Progress, check: Callable[[], None]) -> Progress:
@@ -146,6 +149,7 @@ class _Builder:
     responses: MeasuredResponses | None
     memory_budget_bytes: int
     progress: Progress
+    cost: BuildCost = field(default_factory=BuildCost)
 
     def build(self, created: str, earlier: Table | None) -> None:
         device, options, progress = self.device, self.options, self.progress
@@ -154,7 +158,8 @@ class _Builder:
         wanted = self._wanted()
         later = {part for part in DEFERRABLE if self.clicks_later and part in wanted - known}
         progress("responses", 0.0)
-        plant = assemble(device) if self.responses is None else measured_plant(device, self.responses)
+        with self.cost.measured("responses"):
+            plant = assemble(device) if self.responses is None else measured_plant(device, self.responses)
         with TableWriter(self.path, self._check, completes=self.completes) as writer:
             writer.describe(
                 {
@@ -180,14 +185,16 @@ class _Builder:
                 for part in sorted(known | {part for part in later if is_compatible(earlier.device, device)}):
                     if earlier.copy_groups(writer, part.groups):
                         progress(f"{part} as before", 0.05)
-            with self._pool(known) as pool:
+            with self.cost.with_workers("entries"), self._pool(known) as pool:
                 if Part.RESPONSES not in known:
                     self._write_responses(writer, plant)
                 if Part.ENTRIES not in known:
-                    self._write_entries(writer, plant, pool)
-            store = self._solve_clicks() if Part.CLICKS in wanted - known - later else None
-            if store and store.clicks:
-                write_clicks(writer, [click for _, click in sorted(store.clicks.items())], device)
+                    with self.cost.measured("entries"):
+                        self._write_entries(writer, plant, pool)
+            with self.cost.with_workers("clicks"), self.cost.measured("clicks"):
+                store = self._solve_clicks() if Part.CLICKS in wanted - known - later else None
+                if store and store.clicks:
+                    write_clicks(writer, [click for _, click in sorted(store.clicks.items())], device)
             progress("verify", 0.96)
         if store:
             store.path.unlink(missing_ok=True)  # nothing is left to resume
@@ -210,19 +217,22 @@ class _Builder:
             yield pool
 
     def _write_responses(self, writer: TableWriter, plant: Plant) -> None:
-        grid = compute_grid_response(plant, self.device.sweep.frequency_hz, zone_points(self.device))
-        write_responses(writer, plant, grid)
-        for fraction in write_pair_sweep(writer, grid, self.memory_budget_bytes):
-            self.progress("sweep", 0.05 + 0.15 * fraction)
-        self.progress("coherent sweep", 0.2)
-        write_coherent_sweep(writer, grid)
-        if self.responses is not None:
-            write_measured(writer, self.device, self.responses)
+        with self.cost.measured("responses"):
+            grid = compute_grid_response(plant, self.device.sweep.frequency_hz, zone_points(self.device))
+            write_responses(writer, plant, grid)
+            if self.responses is not None:
+                write_measured(writer, self.device, self.responses)
+        with self.cost.measured("sweep"):
+            for fraction in write_pair_sweep(writer, grid, self.memory_budget_bytes):
+                self.progress("sweep", 0.05 + 0.15 * fraction)
+            self.progress("coherent sweep", 0.2)
+            write_coherent_sweep(writer, grid)
 
     def _write_entries(self, writer: TableWriter, plant: Plant, pool: WorkerPool) -> None:
         solved, share = [], 0.1 if self.options.clicks_up_to else 0.7
         for entries, fraction in solve_entries(plant, self.options.objective, pool, self.options.made_for):
             solved.append(entries)
+            self.cost.states += 1
             self.progress("entries", 0.25 + share * fraction)
         solved.sort(key=lambda entries: entries[0].index)
         # Written level by level.
@@ -238,6 +248,8 @@ class _Builder:
             state_of = {Placement.in_zones(device, state): state for state in left}
             for click in solve_clicks(device, click_options, list(state_of), self.workers):
                 store.add(tabulator.tabulate(state_of[click.placement], click))
+                self.cost.clicks += 1
+                self.cost.effort += click.effort
                 self.progress("clicks", 0.35 + 0.6 * len(store.clicks) / len(states))
         return store
 

@@ -1,7 +1,7 @@
 """Kernels of the search: the ascent (engine.steady.ascent) with the frequencies free, from many starts at once."""
 
 import numpy as np
-from numba import njit, prange, types
+from numba import njit, types
 
 from engine.steady.ascent import SHARPEST, climb
 
@@ -133,7 +133,6 @@ def _refine_one(  # type: ignore[no-untyped-def]  # numba
         _HZS,
     ),
     cache=True,
-    parallel=True,
 )
 def refine(  # type: ignore[no-untyped-def]  # numba
     drives, usable, numerator, denominator, level, grid_hz, hz, tone, low, high, log_wanted, tolerance, multipliers
@@ -144,7 +143,7 @@ def refine(  # type: ignore[no-untyped-def]  # numba
     within `tolerance`; an infinite one keeps them and climbs only the last steps. multipliers (start, form): as
     `evaluate` leaves them at the end.
     """
-    for i in prange(len(drives)):
+    for i in range(len(drives)):
         _refine_one(
             drives[i],
             usable[i],
@@ -165,11 +164,10 @@ def refine(  # type: ignore[no-untyped-def]  # numba
 @njit(
     types.void(_DRIVES, _USABLES, _STACK, _STACK, _STACK, types.float64, types.float64, types.float64, _HZ),
     cache=True,
-    parallel=True,
 )
 def climb_each(drives, usable, numerator, denominator, level, log_wanted, start, stop, value):  # type: ignore[no-untyped-def]  # numba
     """Climb one drive (frequency, actuator) at each frequency of the stacks; in place, value (frequency,)."""
-    for f in prange(len(drives)):
+    for f in range(len(drives)):
         multipliers = np.empty(numerator.shape[0] + denominator.shape[0] + level.shape[0] + drives.shape[1])
         value[f] = climb(
             drives[f],

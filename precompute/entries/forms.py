@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange, types
+from numba import njit, types
 from numpy.typing import NDArray
 
 from precompute.model.frequencies import in_band
@@ -129,12 +129,12 @@ def _eliminate(left, right):  # type: ignore[no-untyped-def]  # numba
                 right[i, a] -= left[i, j] * right[j, a]
 
 
-@njit(types.void(_FIELD, _FIELD, _PLACE, _FIELD, _OUT), cache=True, parallel=True)
+@njit(types.void(_FIELD, _FIELD, _PLACE, _FIELD, _OUT), cache=True)
 def _fill_loaded(drive, point, place, stiffness, out):  # type: ignore[no-untyped-def]  # numba
     """Fill out (frequency, case, finger, actuator) with (1 + Y Z)^-1 y_0, by elimination; Y Z is small."""
     cases, fingers = place.shape
     actuators = drive.shape[2]
-    for f in prange(drive.shape[0]):
+    for f in range(drive.shape[0]):
         left = np.empty((fingers, fingers), dtype=np.complex128)
         for k in range(cases):
             right = out[f, k]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange, types
+from numba import njit, types
 from numpy.typing import NDArray
 
 from precompute.model.assembly import Plant
@@ -112,11 +112,11 @@ _ELEMENT = types.Array(types.int64, 2, "C", readonly=True)
 _OUT = types.Array(types.float64, 2, "C")
 
 
-@njit(types.void(_FIELD, _OMEGA, _BLOCK, _ZONE, _ELEMENT, _BLOCK, _OUT, _OUT), cache=True, parallel=True)
+@njit(types.void(_FIELD, _OMEGA, _BLOCK, _ZONE, _ELEMENT, _BLOCK, _OUT, _OUT), cache=True)
 def _fill_figures(field, omega, integral, zone_of, element, weight, energy, peak):  # type: ignore[no-untyped-def]  # numba
     """Add up kinetic energies (case, zone; the last what lies in none), find peaks (case, zone) over places."""
     tones, cases, _ = field.shape
-    for k in prange(cases):
+    for k in range(cases):
         for t in range(tones):
             # Kinetic energy: the exact integral over each element, added to its zone.
             for e in range(integral.shape[0]):

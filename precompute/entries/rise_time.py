@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange, types
+from numba import njit, types
 from numpy.typing import NDArray
 
 from engine.device import Finger
@@ -118,12 +118,12 @@ def _scan_back(omega, steady, decaying, pole, final, steps, step_s):  # type: ig
     return steps
 
 
-@njit(types.void(_REAL, _TWO, _TWO, _THREE, _THREE, _THREE, types.float64, _OUT), cache=True, parallel=True)
+@njit(types.void(_REAL, _TWO, _TWO, _THREE, _THREE, _THREE, types.float64, _OUT), cache=True)
 def _fill_rise(omega, weight, pole, shape, spring, damper, step_s, out):  # type: ignore[no-untyped-def]  # numba
     """Fill out (case, place): scan back from the time after which the transients cannot matter any more."""
     tones, actuators = weight.shape
     states = pole.shape[1]
-    for k in prange(pole.shape[0]):
+    for k in range(pole.shape[0]):
         steady = np.empty(tones, dtype=np.complex128)
         decaying = np.empty((tones, states), dtype=np.complex128)
         for p in range(shape.shape[1]):

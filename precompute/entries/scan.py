@@ -1,7 +1,7 @@
 """Kernels that scan: the best direction at every frequency, and the best second tone to every first one."""
 
 import numpy as np
-from numba import njit, prange, types
+from numba import njit, types
 
 _PACKED = types.Array(types.float32, 3, "C", readonly=True)
 _DIRECTIONS = types.Array(types.float32, 2, "C", readonly=True)
@@ -25,7 +25,7 @@ def _fill_powers(form, directions, out):  # type: ignore[no-untyped-def]  # numb
             out[d] += form[c] * directions[c, d]
 
 
-@njit(types.void(_PACKED, _PACKED, _PACKED, _DIRECTIONS, _LEVELS, _SCORE, _ARG), cache=True, parallel=True)
+@njit(types.void(_PACKED, _PACKED, _PACKED, _DIRECTIONS, _LEVELS, _SCORE, _ARG), cache=True)
 def scan(numerator, denominator, level, directions, wanted, score, arg):  # type: ignore[no-untyped-def]  # numba
     """Best of many directions at every frequency: ratio above each level, and the loudest.
 
@@ -34,7 +34,7 @@ def scan(numerator, denominator, level, directions, wanted, score, arg):  # type
     no direction is loud enough.
     """
     count = directions.shape[1]
-    for f in prange(numerator.shape[1]):
+    for f in range(numerator.shape[1]):
         least = np.empty(count, dtype=np.float32)
         greatest = np.empty(count, dtype=np.float32)
         loud = np.empty(count, dtype=np.float32)
@@ -70,7 +70,6 @@ def scan(numerator, denominator, level, directions, wanted, score, arg):  # type
         _POWERS, _POWERS, _REAL, _REAL, types.int64[::1], types.float64, types.float64, _HZ, types.int64[::1], _HZ
     ),
     cache=True,
-    parallel=True,
 )
 def scan_pairs(first, second, hz, ratios, ends, wanted, apart_hz, best, partner, ratio):  # type: ignore[no-untyped-def]  # numba
     """Best second tone and power ratio for each first one: best, partner, ratio (frequency,); -1: none is loud enough.
@@ -80,7 +79,7 @@ def scan_pairs(first, second, hz, ratios, ends, wanted, apart_hz, best, partner,
     """
     n, d, p = ends
     forms = first.shape[1]
-    for f in prange(len(hz)):
+    for f in range(len(hz)):
         best[f], partner[f], ratio[f] = -1.0, 0, 0.0
         for g in range(len(hz)):
             if abs(hz[f] - hz[g]) < apart_hz:

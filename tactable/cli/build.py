@@ -5,11 +5,12 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from engine.device import Device
+from engine.plain import to_plain
 from engine.table import Table
 from engine.table.history import previous_of, roll_back
 from firmware_link.protocol.errors import TactableError
@@ -26,6 +27,9 @@ from tactable.cli.options import (
     read_option,
 )
 from tactable.shipped import find_device, find_device_file
+
+if TYPE_CHECKING:
+    from precompute.builder.cost import BuildCost
 
 LOOK_S = 0.5
 """Time between two looks at a watched description."""
@@ -72,7 +76,7 @@ def build(
         path = output or Path(f"{device.name}.nc")
         measured = None if responses is None else read_responses(responses, device, mass_kg)
         with shown_progress(as_json) as progress:
-            build_table(
+            cost = build_table(
                 device,
                 path,
                 created=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -86,7 +90,7 @@ def build(
                 memory_budget_bytes=memory_mib << 20,
                 progress=progress,
             )
-        _print_built(path, device, responses, as_json)
+        _print_built(path, device, responses, cost, as_json)
 
     if not watch:
         build_device(find_device(device_name))
@@ -112,7 +116,7 @@ def rollback(table_path: TableArgument, as_json: AsJson = False) -> None:
         say(f"{table_path}: back to the table of {summary['created']}, for {summary['device']}")
 
 
-def _print_built(path: Path, device: Device, responses: Path | None, as_json: bool) -> None:
+def _print_built(path: Path, device: Device, responses: Path | None, cost: "BuildCost", as_json: bool) -> None:
     from precompute.builder.measured_responses import interpolation_errors_of
 
     with Table.open(path, verify=False) as table:
@@ -124,6 +128,8 @@ def _print_built(path: Path, device: Device, responses: Path | None, as_json: bo
             "clicks": len(table.clicks),
             "bytes": path.stat().st_size,
             "source": str(table.attributes["source"]),
+            "processor_s": cost.processor_s,
+            "solved": {"states": cost.states, "clicks": cost.clicks, **to_plain(cost.effort)},
             **({} if responses is None else interpolation_errors_of(table)),
         }
     if as_json:
@@ -131,9 +137,17 @@ def _print_built(path: Path, device: Device, responses: Path | None, as_json: bo
         return
     counts = f"{summary['entries']} entries, {summary['clicks']} clicks"
     say(f"{path}: {counts}, {summary['bytes'] / 1e6:.0f} MB, for {device.name}")
+    say(_cost_text(cost))
     say(f"fingerprint {device.fingerprint[:16]}; {len(device.estimated_values)} values of the device are estimates")
     if responses is not None:
         say(f"built from {summary['source']} in {responses}; {_doubts_text(summary)}")
+
+
+def _cost_text(cost: "BuildCost") -> str:
+    times = ", ".join(f"{step} {taken_s:.1f} s" for step, taken_s in cost.processor_s.items())
+    effort = cost.effort
+    solved = f"{cost.states} states; {cost.clicks} clicks from {effort.plants} plants, {effort.programs} programs"
+    return f"processor time: {times}; solved {solved}, {effort.pivots} pivots, {effort.fallbacks} fallbacks"
 
 
 def _doubts_text(summary: Mapping[str, Any]) -> str:

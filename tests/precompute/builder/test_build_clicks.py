@@ -114,6 +114,24 @@ def test_an_interrupted_build_goes_on_where_its_clicks_were(tmp_path: Path, tabl
         assert all(same(one, other) for one, other in zip(resumed.clicks, table.clicks, strict=True))
 
 
+def test_the_cost_is_of_what_was_solved_now(tmp_path: Path) -> None:
+    """Counts do not depend on the number of workers; processor time of workers counts; what is taken over is free."""
+    path = tmp_path / "bar.nc"
+    with_workers = build_table(DEVICE, path, click_options=CHEAP, workers=2)
+    alone = build_table(DEVICE, path, click_options=CHEAP, reuse=False)
+    assert with_workers.states == with_workers.clicks == alone.clicks == STATES
+    assert with_workers.effort == alone.effort
+    plants = sum(1 + count for count in (CHEAP.scenarios, CHEAP.trimmed, CHEAP.judged))
+    assert alone.effort.plants == plants * 7  # sets of fingers
+    assert alone.effort.programs > STATES and alone.effort.pivots > 0 and alone.effort.fallbacks == 0
+    assert all(taken_s > 0 for taken_s in alone.processor_s.values())
+    # The processes of two workers each take a start of their own, which is longer than these clicks.
+    assert with_workers.processor_s["clicks"] > 0.5
+    again = build_table(DEVICE, path, click_options=CHEAP)
+    assert (again.states, again.clicks, again.effort.programs) == (0, 0, 0)
+    assert again.processor_s["entries"] == again.processor_s["sweep"] == 0
+
+
 def test_a_store_that_was_cut_anywhere_gives_what_was_whole(tmp_path: Path) -> None:
     clicks = [click_of(DEVICE, states) for states in tabulated_states(DEVICE)[:4]]
     with ClickStore(tmp_path / "bar.nc", "it") as store:
