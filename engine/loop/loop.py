@@ -88,8 +88,8 @@ class Loop:
 
     `observer` gets a record for each report and each change that time brought. With `reconnect` a device that
     stopped itself is greeted and armed again; with `reopening` a lost port is waited for while touches are read
-    (`engine.loop.reconnect`). With `updates` the loop changes to each table that comes; `bank_data` are the bytes of
-    the bank that the link is configured with (`engine.loop.table_swap`).
+    (`engine.loop.reconnect`). With `updates` the loop changes to each table that comes
+    (`engine.loop.table_swap`).
     """
 
     def __init__(
@@ -103,7 +103,6 @@ class Loop:
         reconnect: bool = False,
         reopening: Reopening | None = None,
         updates: Updates | None = None,
-        bank_data: bytes = b"",
     ) -> None:
         session = dispatcher.session
         self.counters = dispatcher.counters
@@ -111,7 +110,7 @@ class Loop:
         self._source, self._clock, self._observer = source, clock, observer
         self._now_ns = clock.now_ns
         self._reconnection = Reconnection(session, self.counters, reconnect, reopening)
-        swap = None if updates is None else TableSwap(updates, pipeline, session, bank_data, self._table_changed)
+        swap = None if updates is None else TableSwap(updates, pipeline, session, self._table_changed)
         self._swap = swap
         others = (source.fileno(), None if swap is None else swap.descriptor)  # which may be read beside the port
         self._others = tuple(descriptor for descriptor in others if descriptor is not None)

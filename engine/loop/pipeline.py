@@ -7,8 +7,8 @@ The journey of one touch:
 2. `FingerTracker.track` gives the fingers of the frame: where each one is on the bar, in metres, and in which zone.
 3. `EffectPlayer.take` follows the rules: which zones are felt, which are quiet because a finger rests there, at which
    level, and whether that is a click. These three are what is `wanted`.
-4. `Renderer.render` looks the command up: the drive's bytes for a SET, or the number of a waveform for a PLAY. Both
-   were computed from the table before the run, so nothing is solved or encoded here.
+4. `Renderer.render` looks the command up: the drive's bytes for a SET, or a click's for a PLAY. Both were computed from
+   the table before the run, so nothing is solved or encoded here.
 
 Time alone changes what is wanted, too: an effect ends, a hold begins, or a digitizer falls silent with a finger down
 and the watchdog releases it. `due_ns` says when, and `advance` does it.

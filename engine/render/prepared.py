@@ -1,4 +1,4 @@
-"""Everything that a loop plays of one table, for one connected device: commands, bank of clicks, zones and limits.
+"""Everything that a loop plays of one table, for one connected device: commands, basis of clicks, zones and limits.
 
 It takes longer than a loop may wait, so it is made before the run, and in another process during one.
 """
@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from engine.device import Device
 from engine.effects import Effects
 from engine.effects.player import DEFAULT_CLICK_NS
+from engine.render.chosen_basis import choose_basis
 from engine.render.limits import link_configuration
 from engine.render.renderer import Renderer, WhenNotAchieved
 from engine.table import Table
-from engine.table.click import choose_bank
 from firmware_link.host.link_values import Capabilities, LinkConfiguration
-from firmware_link.protocol.bank import Bank, encode_bank
+from firmware_link.protocol.basis import Basis
 
 NS_PER_S = 1_000_000_000
 
@@ -25,15 +25,13 @@ class Rendering:
     device: Device
     renderer: Renderer
     configuration: LinkConfiguration
-    """The limits of the device and the bank of clicks."""
-    bank_data: bytes
-    """The bank as the bytes that the device takes; empty without a bank."""
+    """The limits of the device and the basis of clicks."""
     click_length_ns: int
 
     @property
-    def bank(self) -> Bank | None:
-        """The clicks that the device is to hold; None: the table has none, or the device plays none."""
-        return self.configuration.bank
+    def basis(self) -> Basis | None:
+        """The basis that the device is to hold; None: the table has no clicks, or the device or its line carry none."""
+        return self.configuration.basis
 
 
 def render_table(
@@ -47,13 +45,13 @@ def render_table(
     device, levels_db = table.device, effects.levels_db
     entries = {level_db: table.entries_at(level_db) for level_db in levels_db}
     clicks = {level_db: table.clicks_at(level_db) for level_db in levels_db if effects.have_clicks}
-    bank, waveforms = choose_bank(table.clicks if effects.have_clicks else (), capabilities)
-    renderer = Renderer(entries, device, capabilities, when_not_achieved, clicks, waveforms)
-    configuration = replace(link_configuration(device, bit_rate_hz), bank=bank)
+    configuration = link_configuration(device, bit_rate_hz)
+    lease_ms = min(configuration.lease_ms, capabilities.longest_lease_ms)
+    basis = choose_basis(table.clicks if effects.have_clicks else (), capabilities, bit_rate_hz, lease_ms)
+    renderer = Renderer(entries, device, capabilities, when_not_achieved, clicks, basis)
     return Rendering(
         device,
         renderer,
-        configuration,
-        b"" if bank is None else encode_bank(bank, capabilities.number_of_actuators),
+        replace(configuration, basis=basis.basis),
         max((round(NS_PER_S * click.length_s) for click in table.clicks), default=DEFAULT_CLICK_NS),
     )

@@ -1,7 +1,7 @@
 """Look-up of the command for a state of the zones, a level and a kind: encoded once, when the table is opened.
 
-A steady drive becomes the bytes of a SET, after `clamp`; a click becomes the index of its waveform in the device's
-bank and an amplitude. Nothing is computed at run time, so a command costs two dictionary look-ups.
+A steady drive becomes the bytes of a SET, after `clamp`; a click becomes the bytes of a PLAY, with its weights of the
+basis that the device holds. Nothing is computed at run time, so a command costs two dictionary look-ups.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -10,15 +10,16 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from engine.device import Device
+from engine.render.chosen_basis import NO_BASIS, ChosenBasis
 from engine.render.limits import Drive, clamp
 from engine.table import ClickEntry, Entry
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Capabilities
+from firmware_link.protocol.basis import EncodedClick, encode_click
 from firmware_link.protocol.errors import TactableError
 from firmware_link.protocol.messages import encode_drive
 
 _NO_CLICKS: Mapping[float, Iterable[ClickEntry]] = MappingProxyType({})
-_NO_WAVEFORMS: Mapping[int, int] = MappingProxyType({})
 
 
 class RendererError(TactableError, ValueError):
@@ -47,14 +48,13 @@ class DriveCommand(NamedTuple):
 
 
 class PlayCommand(NamedTuple):
-    """Play a waveform of the bank once, then silence."""
+    """Play a click once, then silence."""
 
-    waveform: int
-    amplitude: float
+    click: EncodedClick
 
     def hand_to(self, link: Link) -> None:
         """Send this next, in place of a command that waits."""
-        link.set_play(self.waveform, self.amplitude)
+        link.set_play(self.click)
 
 
 Command = DriveCommand | PlayCommand
@@ -69,9 +69,9 @@ class _Rendered(NamedTuple):
 class Renderer:
     """The commands of all states that have an entry, at each level that the rules use.
 
-    `entries` and `clicks` are keyed by wanted level, dB above the detection threshold; `waveforms` gives the index in
-    the bank of the click of a state. Raises RendererError when table, device and capabilities do not fit, LimitError
-    for a broken entry.
+    `entries` and `clicks` are keyed by wanted level, dB above the detection threshold. `basis` is the one that the
+    device holds; a click of another set is played as the steady drive. Raises RendererError when table, device and
+    capabilities do not fit, LimitError for a broken entry.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Renderer:
         capabilities: Capabilities,
         when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN,
         clicks: Mapping[float, Iterable[ClickEntry]] = _NO_CLICKS,
-        waveforms: Mapping[int, int] = _NO_WAVEFORMS,
+        basis: ChosenBasis = NO_BASIS,
     ) -> None:
         self.unknown_states = 0
         """Number of requests for a felt state without an entry."""
@@ -100,13 +100,16 @@ class Renderer:
         self._clicks: dict[float, dict[int, _Rendered]] = {level_db: {} for level_db in clicks}
         for level_db, clicks_of_level in clicks.items():
             for click in clicks_of_level:
-                if click.index in waveforms:
-                    self._clicks[level_db][click.index] = self._render_click(click, waveforms[click.index])
+                if click.basis_set in basis.sets:
+                    self._clicks[level_db][click.index] = self._render_click(click, basis)
 
-    def _render_click(self, click: ClickEntry, waveform: int) -> _Rendered:
+    def _render_click(self, click: ClickEntry, basis: ChosenBasis) -> _Rendered:
         if self._refuses and not click.achieved:
             return _Rendered(SILENCE, is_achieved=False)
-        return _Rendered(PlayCommand(waveform, click.amplitude), click.achieved)
+        assert basis.basis is not None  # it has the click's set
+        number, weights = basis.sets[click.basis_set], click.weights.tolist()
+        encoded = encode_click(basis.basis, number, weights, click.fraction_bits, click.amplitude)
+        return _Rendered(PlayCommand(encoded), click.achieved)
 
     def _render_entry(self, entry: Entry, device: Device, capabilities: Capabilities) -> _Rendered:
         _check_zones(entry, device)
@@ -120,7 +123,7 @@ class Renderer:
     def render(self, state: int, level_db: float | None, is_click: bool = False) -> Command:
         """The command for a state; SILENCE where no zone is felt, there is no entry, or the entry is refused.
 
-        A click without a waveform in the bank is played as the steady drive; the effect player ends it. Raises KeyError
+        A click that the device cannot play is played as the steady drive; the effect player ends it. Raises KeyError
         for a level without entries.
         """
         if level_db is None:
@@ -137,6 +140,11 @@ class Renderer:
     def levels_db(self) -> tuple[float, ...]:
         """The levels that have entries."""
         return tuple(self._rendered)
+
+    @property
+    def playable_clicks(self) -> int:
+        """Number of states whose click the device can play."""
+        return max((len(clicks) for clicks in self._clicks.values()), default=0)
 
     def commands(self) -> Iterator[tuple[float, bool, int, Command]]:
         """Every command that `render` may return, beside SILENCE, as (level, is click, state, command)."""

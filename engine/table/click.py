@@ -1,17 +1,16 @@
-"""A click of a table: the short waveform for one state of the zones, and what the table promises of it."""
+"""A click of a table: the weights of its short waveform for one state of the zones, and what the table promises."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from engine.table.entry import LEVEL_TOLERANCE_DB, shifted
 from engine.touch import ZoneState, state_index
-from firmware_link.host.link_values import Capabilities
-from firmware_link.protocol.bank import Bank, bank_size
-from firmware_link.protocol.messages import Features
+from firmware_link.protocol.basis import Basis, Samples, weighted_sum
 
 
 @dataclass(frozen=True)
@@ -35,16 +34,18 @@ class ClickZone:
 
 @dataclass(frozen=True, eq=False)
 class ClickEntry:
-    """A waveform played at `amplitude` (fraction of full scale), and its figures.
+    """Weights (function,) of a set of a basis, played at `amplitude` (fraction of full scale), and their figures.
 
-    samples (sample, actuator): the base displacement, SAMPLE_FULL_SCALE is full scale, linear between samples.
+    A weight is in steps of 2^-fraction_bits.
     exceeds_s: for each level, rising, the time at which every felt finger has passed its threshold when the click is
     played at that level; None: one of them never does.
     """
 
     states: tuple[ZoneState, ...]
-    sample_rate_hz: int
-    samples: NDArray[np.int16]
+    basis: Basis
+    basis_set: int
+    weights: NDArray[np.int16]
+    fraction_bits: int
     amplitude: float
     wanted_level_db: float
     """The level that is asked for; infinite: as strong as tabulated."""
@@ -78,10 +79,24 @@ class ClickEntry:
         """The level that 95 % of the sampled plants reach under every felt finger."""
         return self.felt.low_db
 
+    @cached_property
+    def samples(self) -> Samples:
+        """Base displacement (sample, actuator) as the device plays it at full amplitude, linear between samples.
+
+        SAMPLE_FULL_SCALE is full scale.
+        """
+        number = self.basis.number_of_actuators
+        return weighted_sum(self.basis.sets[self.basis_set], self.weights, self.fraction_bits, number).astype(np.int16)
+
+    @property
+    def sample_rate_hz(self) -> int:
+        """Rate of the samples."""
+        return self.basis.sample_rate_hz
+
     @property
     def length_s(self) -> float:
         """Length of the waveform."""
-        return (len(self.samples) - 1) / self.sample_rate_hz
+        return (self.basis.sets[self.basis_set].samples - 1) / self.sample_rate_hz
 
     @property
     def fingers(self) -> int:
@@ -116,23 +131,3 @@ def played_at(click: ClickEntry, level_db: float) -> ClickEntry:
 
 def _changed_zone(zone: ClickZone, scale: float, change_db: float) -> ClickZone:
     return ClickZone(zone.acceleration_at_finger_m_per_s2 * scale, zone.level_db + change_db)
-
-
-def choose_bank(clicks: Sequence[ClickEntry], capabilities: Capabilities) -> tuple[Bank | None, dict[int, int]]:
-    """The clicks that fit into the device's memory, clicks of few fingers first; and the index in the bank by state.
-
-    A device that plays no waveforms gets no bank.
-    """
-    if Features.WAVEFORMS not in capabilities.features or not clicks:
-        return None, {}
-    actuators, chosen = capabilities.number_of_actuators, list[ClickEntry]()
-    room = capabilities.bank_capacity_bytes - bank_size(actuators, [])
-    for click in sorted(clicks, key=lambda click: (click.fingers, click.index)):
-        size = bank_size(actuators, [len(click.samples)]) - bank_size(actuators, [])
-        if size <= room and 1e3 * click.length_s <= capabilities.longest_waveform_ms:
-            room -= size
-            chosen.append(click)
-    if not chosen:
-        return None, {}
-    bank = Bank(chosen[0].sample_rate_hz, tuple(click.samples for click in chosen))
-    return bank, {click.index: position for position, click in enumerate(chosen)}

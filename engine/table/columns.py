@@ -18,7 +18,8 @@ from engine.table.click import ClickEntry, ClickZone, LevelSpread
 from engine.table.entry import Entry, EntrySpread, Percentiles, WorstCase, ZonePrediction
 from engine.table.file import TableWriter, Values, Variable, is_text
 from engine.touch import ZoneState
-from firmware_link.protocol.bank import SAMPLE_FULL_SCALE
+from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet
+from firmware_link.protocol.errors import MessageError
 
 _STATE = Variable("state", ("state",), "1", "sum of zone state times 3**zone")
 _ENTRY = ("level", "state")
@@ -79,14 +80,21 @@ _ZONE_VARIABLES = {
 }
 
 _CLICK = ("state",)
-_WAVEFORM = Variable(
-    "waveform",
-    (*_CLICK, "actuator", "sample"),
+_FUNCTIONS = Variable(
+    "basis_function",
+    ("function", "sample"),
     "1",
-    "base displacement as a fraction of full scale, straight lines between samples, 0 beyond its samples",
+    "base displacement as a fraction of full scale, straight lines between samples, 0 beyond the samples of its set",
     scale=1 / SAMPLE_FULL_SCALE,
 )
-_SAMPLES = Variable("samples", _CLICK, "1", "how many of the waveform's samples are the click's")
+_FUNCTION_ACTUATOR = Variable("function_actuator", ("function",), "1", "index of the actuator that the function moves")
+_FUNCTION_SET = Variable("function_set", ("function",), "1", "index of the set that the function belongs to")
+_SET_SAMPLES = Variable("set_samples", ("set",), "1", "how many samples the functions of the set have")
+_WEIGHTS = Variable(
+    "weight", (*_CLICK, "weight_of_set"), "1", "of each function of the click's set, in order, in steps; 0 beyond"
+)
+_FRACTION_BITS = Variable("fraction_bits", _CLICK, "1", "a step of the weights is 2**-fraction_bits")
+_BASIS_SET = Variable("basis_set", _CLICK, "1", "index of the set whose functions are weighted")
 _ZONE_STATE = Variable("zone_state", ("state", "zone"), "1", "0 free, 1 quiet, 2 felt")
 _FELT = Variable("felt_level", ("state", "spread"), "dB", "peak of the weakest felt finger above its threshold")
 _QUIET = Variable("quiet_level", ("state", "spread"), "dB", "peak of the strongest quiet finger; NaN: none is quiet")
@@ -141,21 +149,22 @@ def write_entries(writer: TableWriter, entries: Sequence[Entry], device: Device)
 
 
 def write_clicks(writer: TableWriter, clicks: Sequence[ClickEntry], device: Device) -> None:
-    """Write the group `clicks` as tabulated: every click at one rate and at full amplitude."""
+    """Write the group `clicks` as tabulated: the basis, which all share, and every click at full amplitude."""
+    assert all(click.basis.hash == clicks[0].basis.hash for click in clicks)
     write, rows, zones = partial(writer.write, "clicks"), (len(clicks),), [click.zones for click in clicks]
-    waveform = np.zeros((*rows, len(device.actuators), max(len(click.samples) for click in clicks)), dtype=np.int16)
-    for row, click in zip(waveform, clicks, strict=True):
-        row[:, : len(click.samples)] = click.samples.T
+    weights = np.zeros((*rows, max(len(click.weights) for click in clicks)), dtype=np.int16)
+    for row, click in zip(weights, clicks, strict=True):
+        row[: len(click.weights)] = click.weights
     _write_names(write, device)
     spread = Variable("spread", ("spread",), "1", "nominal plant, and how many sampled plants lie below")
     write(spread, ["nominal", "5 %", "50 %", "95 %"])
-    sample = Variable("sample", ("sample",), "s", "time from the click's start")
-    write(sample, np.arange(waveform.shape[2]) / clicks[0].sample_rate_hz)
+    _write_basis(write, clicks[0].basis)
     level = Variable("level", ("level",), "dB", "that the click is played at; infinite: as it is")
     write(level, np.array(list(clicks[0].exceeds_s), dtype=np.float64))
     write(_STATE, np.array([click.index for click in clicks], dtype=np.int64))
-    write(_WAVEFORM, waveform)
-    write(_SAMPLES, np.array([len(click.samples) for click in clicks], dtype=np.int64))
+    write(_WEIGHTS, weights)
+    write(_FRACTION_BITS, np.array([click.fraction_bits for click in clicks], dtype=np.int64))
+    write(_BASIS_SET, np.array([click.basis_set for click in clicks], dtype=np.int64))
     write(_ZONE_STATE, np.array([click.states for click in clicks], dtype=np.int64))
     write(_FELT, _array([_numbers(click.felt, 4) for click in clicks], rows))
     write(_QUIET, _array([_numbers(click.quiet, 4) for click in clicks], rows))
@@ -164,6 +173,18 @@ def write_clicks(writer: TableWriter, clicks: Sequence[ClickEntry], device: Devi
     write(_ZONE_LEVEL, _array([[None if z is None else z.level_db for z in row] for row in zones], rows))
     for key, variable in _CLICK_VARIABLES.items():
         write(variable, _array([getattr(click, key) for click in clicks], rows))
+
+
+def _write_basis(write: Callable[[Variable, Values], None], basis: Basis) -> None:
+    longest = max(each.samples for each in basis.sets)
+    padded = [np.pad(each.functions, ((0, 0), (0, longest - each.samples))) for each in basis.sets]
+    sample = Variable("sample", ("sample",), "s", "time from the click's start")
+    write(sample, np.arange(longest) / basis.sample_rate_hz)
+    write(_FUNCTIONS, np.concatenate(padded))
+    write(_FUNCTION_ACTUATOR, np.concatenate([each.actuators.astype(np.int64) for each in basis.sets]))
+    sizes = [len(each.actuators) for each in basis.sets]
+    write(_FUNCTION_SET, np.repeat(np.arange(len(sizes)), sizes))
+    write(_SET_SAMPLES, np.array([each.samples for each in basis.sets], dtype=np.int64))
 
 
 def _write_names(write: Callable[[Variable, Sequence[str]], None], device: Device) -> None:
@@ -190,7 +211,7 @@ def read_entries(group: Any, device: Device) -> Iterator[Entry]:
     """Entries of an open group, in its order."""
 
     def columns(variables: Mapping[str, Variable]) -> dict[str, list[Any]]:
-        # Tables of revision 3 have neither reached_level nor spreads.
+        # Only entries that were solved for spreads have them.
         there = {key: variable for key, variable in variables.items() if variable.name in group.variables}
         return {key: _column(group, variable, axes=2) for key, variable in there.items()}
 
@@ -211,27 +232,50 @@ def read_entries(group: Any, device: Device) -> Iterator[Entry]:
         )
 
 
-def read_clicks(group: Any, device: Device) -> Iterator[ClickEntry]:
-    """Clicks of an open group, in its order."""
-    first_s, second_s = np.asarray(group.variables["sample"][:2]).tolist()
-    levels_db, waveform = group.variables["level"][...].tolist(), np.asarray(group.variables[_WAVEFORM.name][...])
-    parts = (_SAMPLES, _ZONE_STATE, _FELT, _QUIET, _EXCEEDS, _ZONE_ACCELERATION, _ZONE_LEVEL)
+def read_clicks(group: Any) -> Iterator[ClickEntry]:
+    """Clicks of an open group, in its order; raises ValueError for weights that are not those of a set."""
+    basis = _read_basis(group)
+    sizes = [len(each.actuators) for each in basis.sets]
+    levels_db, weights = group.variables["level"][...].tolist(), np.asarray(group.variables[_WEIGHTS.name][...])
+    parts = (_FRACTION_BITS, _BASIS_SET, _ZONE_STATE, _FELT, _QUIET, _EXCEEDS, _ZONE_ACCELERATION, _ZONE_LEVEL)
     columns = [_column(group, variable, axes=1) for variable in parts]
     figures = {key: _column(group, variable, axes=1) for key, variable in _CLICK_VARIABLES.items()}
-    for row, (count, states, felt, quiet, exceeds_s, at_finger, level_db) in enumerate(zip(*columns, strict=True)):
+    for row, (bits, number, states, felt, quiet, exceeds_s, at_finger, level_db) in enumerate(
+        zip(*columns, strict=True)
+    ):
+        if not 0 <= number < len(sizes):
+            raise ValueError(f"a click is of set {number} of a basis with {len(sizes)}")
         values = {key: column[row] for key, column in figures.items()}
         fingers = zip(at_finger, level_db, strict=True)
         yield ClickEntry(
             **values | {"achieved": bool(values["achieved"])},
             states=tuple(ZoneState(state) for state in states),
-            sample_rate_hz=round(1 / (second_s - first_s)),
-            samples=np.ascontiguousarray(waveform[row, : len(device.actuators), :count].T),
+            basis=basis,
+            basis_set=number,
+            weights=weights[row, : sizes[number]],
+            fraction_bits=bits,
             amplitude=1.0,
             felt=LevelSpread(*felt),
             quiet=None if None in quiet else LevelSpread(*quiet),
             zones=tuple(None if None in finger else ClickZone(*finger) for finger in fingers),
             exceeds_s=dict(zip(levels_db, exceeds_s, strict=True)),
         )
+
+
+def _read_basis(group: Any) -> Basis:
+    first_s, second_s = np.asarray(group.variables["sample"][:2]).tolist()
+    functions, actuator, set_of, samples = (
+        np.asarray(group.variables[variable.name][...])
+        for variable in (_FUNCTIONS, _FUNCTION_ACTUATOR, _FUNCTION_SET, _SET_SAMPLES)
+    )
+    sets = [
+        BasisSet(functions[set_of == number, :count], actuator[set_of == number].astype(np.uint8))
+        for number, count in enumerate(samples.tolist())
+    ]
+    try:
+        return Basis(round(1 / (second_s - first_s)), tuple(sets))
+    except MessageError as error:
+        raise ValueError(str(error)) from error
 
 
 def _column(group: Any, variable: Variable, *, axes: int) -> list[Any]:

@@ -13,7 +13,7 @@ from engine.table.click import ClickEntry
 from engine.table.entry import Entry
 from engine.table.table import Table
 from engine.touch import ZoneState
-from firmware_link.protocol.bank import SAMPLE_FULL_SCALE
+from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 
 _PROVENANCE = ("created", "code_fingerprint", "code_version")
 _DEVICE = ("title", "device_name", "device_description", "device_fingerprint")

@@ -39,7 +39,7 @@ class Table:
         for entry in self.entries:
             self._by_state.setdefault(entry.index, []).append(entry)
         clicks = file.groups.get("clicks")
-        self.clicks: tuple[ClickEntry, ...] = () if clicks is None else tuple(read_clicks(clicks, self.device))
+        self.clicks: tuple[ClickEntry, ...] = () if clicks is None else tuple(read_clicks(clicks))
         """The tabulated clicks, one for each state; a table may have none."""
         self._click_of = {click.index: click for click in self.clicks}
 
@@ -220,5 +220,10 @@ def _check_format(path: Path, file: h5netcdf.File) -> None:
     revision = int(file.attrs["format_revision"])
     if revision > FORMAT_REVISION:
         raise TableError(
-            f"{path}: has format revision {revision}, this program reads up to {FORMAT_REVISION}; update tactable"
+            f"{path}: has format revision {revision}, this program reads {FORMAT_REVISION}; update tactable"
+        )
+    if revision < FORMAT_REVISION:
+        raise TableError(
+            f"{path}: has format revision {revision} of an earlier version of tactable, this program reads "
+            f"{FORMAT_REVISION}; build it again"
         )

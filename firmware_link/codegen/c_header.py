@@ -25,7 +25,9 @@ _CONSTANTS = {
     "FULL_SCALE_WORD": messages.FULL_SCALE_WORD,
     "CLOCK_REFERENCE_US": messages.CLOCK_REFERENCE_US,
     "CLOCK_REFERENCE_SPAN": messages.CLOCK_REFERENCE_SPAN,
-    "BANK_CHUNK_SIZE": messages.BANK_CHUNK_SIZE,
+    "BASIS_CHUNK_SIZE": messages.BASIS_CHUNK_SIZE,
+    "MAXIMUM_WEIGHTS": messages.MAXIMUM_WEIGHTS,
+    "MAXIMUM_FRACTION_BITS": messages.MAXIMUM_FRACTION_BITS,
     "EMERGENCY_STOP_RUN": framing.EMERGENCY_STOP_RUN,
 }
 _BEGINNING = """\
@@ -63,17 +65,30 @@ def _enum_text(kind: type[Enum]) -> str:
 
 def _layouts_text(layouts: list[Layout]) -> str:
     rows = ", \\\n".join(
-        f"    {{{layout.seed:#010x}u, {layout.length(0)}u, {_each(layout)}u, {layout.message.type_byte:#04x}u}}"
+        f"    {{{layout.seed:#010x}u, {layout.length(0)}u, {_each(layout)}u, {layout.most or 0}u, "
+        f"{layout.message.type_byte:#04x}u}}"
         for layout in layouts
     )
-    fixed, each = max(layout.length(0) for layout in layouts), max(map(_each, layouts))
+    by_actuator = [layout for layout in layouts if layout.most is None]
+    bound = _bound_text(by_actuator)
+    counted = max(layout.longest(0) for layout in layouts)
+    sent = [layout for layout in layouts if layout.message.sender is not Sender.HOST]
     return (
-        "/* How frames of one type are checked: the seed of their CRC, and the length of their bodies. */\n"
-        "struct tactable_layout {\n    uint32_t seed;\n    uint16_t length;\n    uint8_t length_per_actuator;\n"
-        f"    uint8_t type;\n}};\n\n#define TACTABLE_LAYOUTS \\\n{rows}\n\n"
+        "/* How frames of one type are checked: the seed of their CRC and the length of their bodies. `length_each`\n"
+        " * comes once for each actuator or, where `most` is not 0, as often as the byte before says, at most so. */\n"
+        "struct tactable_layout {\n    uint32_t seed;\n    uint16_t length;\n    uint8_t length_each;\n"
+        f"    uint8_t most;\n    uint8_t type;\n}};\n\n#define TACTABLE_LAYOUTS \\\n{rows}\n\n"
+        "/* No body that a device sends is longer. */\n"
+        f"#define TACTABLE_SENT_BODY_BOUND(number_of_actuators) ({_bound_text(sent)})\n\n"
         "/* No body is longer. */\n"
-        f"#define TACTABLE_BODY_BOUND(number_of_actuators) ({fixed}u + {each}u * (number_of_actuators))\n"
+        "#define TACTABLE_BODY_BOUND(number_of_actuators) \\\n"
+        f"    ({bound} > {counted}u ? {bound} : {counted}u)\n"
     )
+
+
+def _bound_text(layouts: list[Layout]) -> str:
+    fixed, each = max(layout.length(0) for layout in layouts), max(map(_each, layouts))
+    return f"{fixed}u + {each}u * (number_of_actuators)"
 
 
 def _message_text(layout: Layout) -> str:
@@ -83,11 +98,11 @@ def _message_text(layout: Layout) -> str:
     if layout.words:
         lines += ["", f"struct tactable_{name} {{", *_members(layout.words), "};"]
     if layout.repeated:
-        lines += ["", f"struct tactable_{name}_channel {{", *_members(list(layout.repeated[1].words)), "};"]
+        lines += ["", f"struct {_item(layout)} {{", *_members(list(layout.repeated[1].words)), "};"]
     if layout.message.sender is not Sender.DEVICE:
-        lines += _reader(layout) + _channel_reader(layout)
+        lines += _reader(layout) + _item_reader(layout)
     if layout.message.sender is not Sender.HOST:
-        lines += _writer(layout) + _channel_writer(layout)
+        lines += _writer(layout) + _item_writer(layout)
     return "\n".join(lines) + "\n"
 
 
@@ -119,22 +134,21 @@ def _is_known(value: str, kind: type[Enum]) -> str:
     return f"{value} <= {max(known)}u"
 
 
-def _channel_reader(layout: Layout) -> list[str]:
+def _item_reader(layout: Layout) -> list[str]:
     if not layout.repeated:
         return []
-    name, offset = _name(layout), 0
+    item, offset = _item(layout), 0
     lines = [
         "",
-        f"static inline struct tactable_{name}_channel "
-        f"tactable_read_{name}_channel(const uint8_t *body, size_t actuator)",
+        f"static inline struct {item} {item.replace('tactable_', 'tactable_read_')}(const uint8_t *body, size_t index)",
         "{",
-        f"    const uint8_t *at = body + {layout.length(0)} + {_each(layout)} * actuator;",
-        f"    struct tactable_{name}_channel channel;",
+        f"    const uint8_t *at = body + {layout.length(0)} + {_each(layout)} * index;",
+        f"    struct {item} item;",
     ]
     for field, word in layout.repeated[1].words:
-        lines.append(f"    channel.{field} = get_{word.kind}(at + {offset});")
+        lines.append(f"    item.{field} = {_get(word, f'at + {offset}')};")
         offset += _size(word)
-    return [*lines, "    return channel;", "}"]
+    return [*lines, "    return item;", "}"]
 
 
 def _writer(layout: Layout) -> list[str]:
@@ -152,19 +166,24 @@ def _writer(layout: Layout) -> list[str]:
     ]
 
 
-def _channel_writer(layout: Layout) -> list[str]:
+def _item_writer(layout: Layout) -> list[str]:
     if not layout.repeated:
         return []
-    name = _name(layout)
+    item = _item(layout)
     return [
         "",
-        f"static inline uint8_t *tactable_write_{name}_channel(uint8_t *at, "
-        f"const struct tactable_{name}_channel *channel)",
+        f"static inline uint8_t *{item.replace('tactable_', 'tactable_write_')}("
+        f"uint8_t *at, const struct {item} *item)",
         "{",
-        *(f"    at = put_{word.kind}(at, channel->{field});" for field, word in layout.repeated[1].words),
+        *(f"    at = put_{word.kind}(at, item->{field});" for field, word in layout.repeated[1].words),
         "    return at;",
         "}",
     ]
+
+
+def _item(layout: Layout) -> str:
+    """The structure of what a message repeats."""
+    return f"tactable_{_name(layout)}_{'channel' if layout.most is None else 'item'}"
 
 
 def _name(layout: Layout) -> str:
@@ -184,11 +203,16 @@ def _each(layout: Layout) -> int:
 
 
 def _c_type(word: Word) -> str:
-    return f"uint{word.kind[1:]}_t " if word.block_size is None else "const uint8_t *"
+    if word.block_size is not None:
+        return "const uint8_t *"
+    return f"{'int' if word.kind[0] == 'i' else 'uint'}{word.kind[1:]}_t "
 
 
 def _get(word: Word, at: str) -> str:
-    return f"get_{word.kind}({at})" if word.block_size is None else at
+    if word.block_size is not None:
+        return at
+    read = f"get_u{word.kind[1:]}({at})"
+    return read if word.kind[0] == "u" else f"({_c_type(word).strip()}){read}"
 
 
 def _size(word: Word) -> int:

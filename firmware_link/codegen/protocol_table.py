@@ -17,7 +17,8 @@ def protocol_table() -> str:
     ]
     for layout in map(Layout, MESSAGES):
         message, each = layout.message, layout.length(1) - layout.length(0)
-        size = f"{layout.length(0)} + {each} N" if each else f"{layout.length(0)}"
+        count = "N" if layout.most is None else layout.words[-1][0]
+        size = f"{layout.length(0)} + {each} {count}" if each else f"{layout.length(0)}"
         names = "<br>".join(f"`{text}`" for text in layout.field_texts())
         row = (f"0x{message.type_byte:02x}", message.wire_name, message.sender, size, names, message.purpose())
         rows.append(f"| {' | '.join(row)} |")

@@ -29,7 +29,7 @@ _OPTIONS = (
     "amplitude_limit",
     "slew_limit_per_s",
     "synthesis_rate_hz",
-    "bank_capacity_bytes",
+    "basis_capacity_bytes",
     "longest_waveform_ms",
     "longest_drive_s",
 )

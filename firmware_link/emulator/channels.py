@@ -50,11 +50,16 @@ class Channels:
         """Set the limits that hold from the next SET or PLAY on; amplitudes are words."""
         self._armed_limits = (amplitude_limits, slew_per_s)
 
+    def take_limits(self) -> tuple[int, ...]:
+        """Put the limits of the last ARM into force; the amplitude limits."""
+        self._amplitude_limits, self.slew_per_s = self._armed_limits
+        return self._amplitude_limits
+
     def apply(
         self, drive: bytes, writes_phase: bool, now_us: int, sequence: int, *, takes_over: bool = False
     ) -> DriveEvent | None:
         """Take the drive of a SET; None where nothing changes, unless it takes over from a waveform."""
-        self._amplitude_limits, self.slew_per_s = self._armed_limits
+        self.take_limits()
         wanted = self._clamped(drive)
         writes_now = writes_phase and not self._runs_already(wanted)
         before = [(channel.frequency, channel.amplitude) for channel in self._channels]
@@ -74,8 +79,7 @@ class Channels:
         return self._event(now_us, Cause.SET, sequence, writes_phase=writes_now)
 
     def play(self, waveform: PlayedWaveform, now_us: int, sequence: int) -> DriveEvent:
-        """Set every amplitude to zero and start a waveform."""
-        self._amplitude_limits, self.slew_per_s = self._armed_limits
+        """Set every amplitude to zero and start a waveform, after `take_limits`."""
         self._mute()
         return self._event(now_us, Cause.PLAY, sequence, waveform=waveform)
 

@@ -6,8 +6,10 @@ from firmware_link.emulator.lease import Lease
 from firmware_link.emulator.memory import Memory
 from firmware_link.emulator.reports import Reports
 from firmware_link.emulator.state import Device
+from firmware_link.protocol.basis import Basis, clamp_samples, sample_limits, weighted_sum
 from firmware_link.protocol.messages import (
     FULL_SCALE_WORD,
+    MAXIMUM_FRACTION_BITS,
     DeviceState,
     KeepAlive,
     LogCode,
@@ -59,20 +61,18 @@ class Drive:
         return outcome
 
     def play(self, message: Play, sequence: int) -> Outcome:
-        """Start the waveform of a PLAY, if it is fresh, held and has room."""
+        """Start the click of a PLAY, if it is fresh, fits the basis that is held, and has room."""
         outcome = self._check(message.clock_reference, sequence)
         if outcome is not Outcome.ACCEPTED:
             return outcome
-        now_us, store = self._device.now_us, self._memory.store
-        bank = store.bank
-        if bank is None or message.waveform >= len(bank.waveforms) or not self.player.has_room(now_us):
-            self._reports.send_log(LogLevel.WARNING, LogCode.PLAY_REFUSED, message.waveform)
+        now_us, basis = self._device.now_us, self._memory.store.basis
+        if basis is None or not _fits(message, basis) or not self.player.has_room(now_us):
+            self._reports.send_log(LogLevel.WARNING, LogCode.PLAY_REFUSED, message.basis_set)
             return Outcome.REFUSED
         self._lease.refresh(sequence, now_us)
-        waveform = PlayedWaveform(store.held_hash, message.waveform, message.amplitude / FULL_SCALE_WORD)
-        self.log.append(self.channels.play(waveform, now_us, sequence))
+        self.log.append(self.channels.play(self._waveform(message, basis), now_us, sequence))
         self._take_over()
-        self.player.start(now_us, bank.length_us(message.waveform), message.amplitude)
+        self.player.start(now_us, basis.length_us(message.basis_set), message.amplitude)
         self._applied(sequence, DeviceState.DRIVING)
         return outcome
 
@@ -90,6 +90,15 @@ class Drive:
         if self.channels.is_driving or self.player.end_us is not None:
             self.log.append(self.channels.silence(self._device.now_us, cause))
             self._take_over()
+
+    def _waveform(self, message: Play, basis: Basis) -> PlayedWaveform:
+        configuration = self._device.configuration
+        sums = weighted_sum(
+            basis.sets[message.basis_set], message.weights, message.fraction_bits, configuration.number_of_actuators
+        )
+        highest_uhz = configuration.frequency_maximum * configuration.frequency_resolution_uhz
+        samples = clamp_samples(sums, sample_limits(self.channels.take_limits(), highest_uhz, basis.sample_rate_hz))
+        return PlayedWaveform.of(basis.sample_rate_hz, samples, message.amplitude / FULL_SCALE_WORD)
 
     def _check(self, clock_reference: int, sequence: int) -> Outcome:
         """REFUSED where the device is not armed, STALE for an old frame or a copy."""
@@ -109,3 +118,10 @@ class Drive:
         reports.applied_sequence, reports.applied_time_us = sequence, device.now_us
         device.want_status(max(device.now_us, reports.status_allowed_us))
         device.enter(state)
+
+
+def _fits(message: Play, basis: Basis) -> bool:
+    """Whether the basis has the set of a PLAY, with as many functions as there are weights."""
+    if message.basis_set >= len(basis.sets) or not 1 <= message.fraction_bits <= MAXIMUM_FRACTION_BITS:
+        return False
+    return len(message.weights) == len(basis.sets[message.basis_set].actuators)

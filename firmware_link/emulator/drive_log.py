@@ -5,6 +5,10 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
+import numpy as np
+
+from firmware_link.protocol.basis import Samples
+
 
 class Cause(StrEnum):
     """Why the drive changed."""
@@ -43,11 +47,25 @@ class ChannelTarget:
 
 @dataclass(frozen=True)
 class PlayedWaveform:
-    """A waveform that an event starts; the next event takes over from it."""
+    """A waveform that an event starts, as the device plays it; the next event takes over from it.
 
-    bank_hash: int
-    index: int
+    `data` are its samples (sample, actuator) as little-endian int16: a log holds many of them.
+    """
+
+    sample_rate_hz: int
+    number_of_actuators: int
+    data: bytes
     amplitude: float
+
+    @classmethod
+    def of(cls, sample_rate_hz: int, samples: Samples, amplitude: float) -> "PlayedWaveform":
+        """The waveform of samples (sample, actuator)."""
+        return cls(sample_rate_hz, samples.shape[1], samples.astype("<i2").tobytes(), amplitude)
+
+    @property
+    def samples(self) -> Samples:
+        """Samples (sample, actuator); SAMPLE_FULL_SCALE is full scale, straight lines between them."""
+        return np.frombuffer(self.data, "<i2").astype(np.int16).reshape(-1, self.number_of_actuators)
 
 
 @dataclass(frozen=True)
@@ -74,18 +92,23 @@ class ReceivedFrame:
 
 def encode_events(events: Sequence[DriveEvent | ReceivedFrame]) -> list[dict[str, Any]]:
     """Events as JSON objects."""
-    return [asdict(event) for event in events]
+    items = [asdict(event) for event in events]
+    for item in items:
+        if item.get("waveform"):
+            item["waveform"]["data"] = item["waveform"]["data"].hex()
+    return items
 
 
 def decode_drive_event(item: Mapping[str, Any]) -> DriveEvent:
     """The event of a JSON object; raises KeyError, TypeError or ValueError for anything else."""
+    waveform = item["waveform"]
     return DriveEvent(
         device_time_us=item["device_time_us"],
         cause=Cause(item["cause"]),
         sequence=item["sequence"],
         slew_per_s=item["slew_per_s"],
         channels=tuple(ChannelTarget(**channel) for channel in item["channels"]),
-        waveform=None if item["waveform"] is None else PlayedWaveform(**item["waveform"]),
+        waveform=None if waveform is None else PlayedWaveform(**waveform | {"data": bytes.fromhex(waveform["data"])}),
     )
 
 

@@ -17,7 +17,6 @@ from firmware_link.emulator.memory import Memory
 from firmware_link.emulator.reports import Reports
 from firmware_link.emulator.session import Session
 from firmware_link.emulator.state import Device, DeviceConfiguration, DeviceCounters
-from firmware_link.protocol.bank import Bank
 from firmware_link.protocol.framing import FrameDecoder, FramingCounters, Signal
 from firmware_link.protocol.messages import DeviceState, FaultCode, LogCode, LogLevel
 
@@ -59,11 +58,6 @@ class EmulatedFirmware:
     def received(self) -> list[ReceivedFrame]:
         """Every frame with a valid checksum; it grows."""
         return self._session.received
-
-    @property
-    def banks(self) -> dict[int, Bank]:
-        """Every bank that was held, by its hash; it grows."""
-        return self._memory.banks
 
     def receive(self, data: bytes, now_us: int) -> bytes:
         """Take bytes that came at `now_us`; returns what the device sends until then."""

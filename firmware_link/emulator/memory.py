@@ -1,15 +1,15 @@
-"""Waveforms that an emulated device remembers: the steps that transfer a bank, and the memory that holds it."""
+"""Basis of clicks that an emulated device remembers: the steps that transfer it, and the memory that holds it."""
 
 from firmware_link.emulator.drive_log import Outcome
 from firmware_link.emulator.reports import Reports
 from firmware_link.emulator.state import Device
-from firmware_link.protocol.bank import Bank, decode_bank, hash_of_bank
+from firmware_link.protocol.basis import Basis, decode_basis, hash_of_basis
 from firmware_link.protocol.errors import MessageError
 from firmware_link.protocol.messages import (
-    BANK_CHUNK_SIZE,
-    BankBegin,
-    BankChunk,
-    BankCommit,
+    BASIS_CHUNK_SIZE,
+    BasisBegin,
+    BasisChunk,
+    BasisCommit,
     DeviceState,
     LogCode,
     LogLevel,
@@ -20,57 +20,55 @@ US_PER_MS = 1_000
 
 
 class Memory:
-    """BANK_* of the wire to the store; `banks` are all that were ever held, by their hash."""
+    """BASIS_* of the wire to the store."""
 
     def __init__(self, device: Device, reports: Reports) -> None:
         configuration = device.configuration
-        self.store = BankStore(
-            configuration.bank_capacity_bytes, configuration.longest_waveform_ms, configuration.number_of_actuators
+        self.store = BasisStore(
+            configuration.basis_capacity_bytes, configuration.longest_waveform_ms, configuration.number_of_actuators
         )
-        self.banks: dict[int, Bank] = {}
         self._device, self._reports = device, reports
 
-    def keep(self, message: BankBegin | BankChunk | BankCommit, sequence: int) -> Outcome:
-        """Take one step of a transfer and acknowledge it; a new bank is told by LOG."""
+    def keep(self, message: BasisBegin | BasisChunk | BasisCommit, sequence: int) -> Outcome:
+        """Take one step of a transfer and acknowledge it; a new basis is told by LOG."""
         store, held_hash = self.store, self.store.held_hash
         result = Result.WRONG_STATE if self._device.state is DeviceState.LATCHED else self._take(message)
         self._reports.send_ack(message.type_byte, sequence, result)
-        if store.bank is not None and store.held_hash != held_hash:
-            self.banks[store.held_hash] = store.bank
-            self._reports.send_log(LogLevel.INFORMATION, LogCode.BANK_TAKEN, store.held_hash)
+        if store.basis is not None and store.held_hash != held_hash:
+            self._reports.send_log(LogLevel.INFORMATION, LogCode.BASIS_TAKEN, store.held_hash)
         return Outcome.ACCEPTED if result is Result.OK else Outcome.REFUSED
 
-    def _take(self, message: BankBegin | BankChunk | BankCommit) -> Result:
+    def _take(self, message: BasisBegin | BasisChunk | BasisCommit) -> Result:
         match message:
-            case BankBegin():
+            case BasisBegin():
                 return self.store.begin(message, may_forget=self._device.state is DeviceState.IDLE)
-            case BankChunk():
+            case BasisChunk():
                 return self.store.take(message)
-            case BankCommit():
+            case BasisCommit():
                 return self.store.commit(message)
 
 
-class BankStore:
-    """Memory for the bank that is held and, where there is room, the next one in transfer: firmware/core/bank.c.
+class BasisStore:
+    """Memory for the basis that is held and, where there is room, the next one in transfer: firmware/core/basis.c.
 
     A copy of a step changes nothing.
     """
 
     def __init__(self, capacity_bytes: int, longest_waveform_ms: int, number_of_actuators: int) -> None:
-        self.bank: Bank | None = None
+        self.basis: Basis | None = None
         self.held_hash = 0
         self._held_at = self._held_size = self._transfer_at = 0
         self._capacity_bytes = capacity_bytes
         self._longest_waveform_us = longest_waveform_ms * US_PER_MS
         self._number_of_actuators = number_of_actuators
-        self._transfer: BankBegin | None = None
+        self._transfer: BasisBegin | None = None
         self._taken = bytearray()
 
-    def begin(self, begin: BankBegin, may_forget: bool) -> Result:
-        """Wait for another bank; without room for both, forget the one that is held if that may be."""
+    def begin(self, begin: BasisBegin, may_forget: bool) -> Result:
+        """Wait for another basis; without room for both, forget the one that is held if that may be."""
         if begin == self._transfer:
             return Result.OK
-        if not begin.bank_hash:
+        if not begin.basis_hash:
             return Result.OUT_OF_RANGE
         if begin.size_bytes > self._capacity_bytes:
             return Result.NO_ROOM
@@ -78,48 +76,48 @@ class BankStore:
         if room_at is None:
             if not may_forget:
                 return Result.NO_ROOM
-            self.bank, self.held_hash, room_at = None, 0, 0
+            self.basis, self.held_hash, room_at = None, 0, 0
         self._transfer, self._transfer_at = begin, room_at
         self._taken.clear()
         return Result.OK
 
-    def take(self, chunk: BankChunk) -> Result:
+    def take(self, chunk: BasisChunk) -> Result:
         """Append a chunk."""
         if self._transfer is None:
             return Result.WRONG_STATE
-        if chunk.offset_bytes < len(self._taken) and chunk.offset_bytes % BANK_CHUNK_SIZE == 0:
+        if chunk.offset_bytes < len(self._taken) and chunk.offset_bytes % BASIS_CHUNK_SIZE == 0:
             return Result.OK
         if chunk.offset_bytes != len(self._taken) or chunk.offset_bytes >= self._transfer.size_bytes:
             return Result.OUT_OF_RANGE
         self._taken += chunk.data[: self._transfer.size_bytes - chunk.offset_bytes]
         return Result.OK
 
-    def commit(self, commit: BankCommit) -> Result:
+    def commit(self, commit: BasisCommit) -> Result:
         """Hold what was transferred, if it is what was announced."""
         transfer = self._transfer
         if transfer is None:
-            return Result.OK if commit.bank_hash == self.held_hash != 0 else Result.WRONG_STATE
+            return Result.OK if commit.basis_hash == self.held_hash != 0 else Result.WRONG_STATE
         self.end_transfer()
         data = bytes(self._taken)
-        if len(data) != transfer.size_bytes or not commit.bank_hash == transfer.bank_hash == hash_of_bank(data):
+        if len(data) != transfer.size_bytes or not commit.basis_hash == transfer.basis_hash == hash_of_basis(data):
             return Result.WRONG_HASH
         try:
-            bank = decode_bank(data, self._number_of_actuators)
+            basis = decode_basis(data, self._number_of_actuators)
         except MessageError:
             return Result.OUT_OF_RANGE
-        if max(map(bank.length_us, range(len(bank.waveforms)))) > self._longest_waveform_us:
+        if max(map(basis.length_us, range(len(basis.sets)))) > self._longest_waveform_us:
             return Result.OUT_OF_RANGE
-        self.bank, self.held_hash = bank, commit.bank_hash
+        self.basis, self.held_hash = basis, commit.basis_hash
         self._held_at, self._held_size = self._transfer_at, transfer.size_bytes
         return Result.OK
 
     def _room_at(self, size_bytes: int) -> int | None:
-        """Where a bank goes in the memory, beside the one that is held: before it or else behind."""
+        """Where a basis goes in the memory, beside the one that is held: before it or else behind."""
         if not self.held_hash or size_bytes <= self._held_at:
             return 0
         behind = self._held_at + self._held_size
         return behind if size_bytes <= self._capacity_bytes - behind else None
 
     def end_transfer(self) -> None:
-        """Forget an unfinished transfer; the bank that is held stays."""
+        """Forget an unfinished transfer; the basis that is held stays."""
         self._transfer = None

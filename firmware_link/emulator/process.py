@@ -22,7 +22,6 @@ from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.emulator.pty import PseudoTerminalServer
 from firmware_link.emulator.state import LONGEST_LEASE_MS, DeviceConfiguration
 from firmware_link.host.emulator_registry import Announcement
-from firmware_link.protocol.bank import Bank, decode_bank, hash_of_bank
 
 _STOP_TIMEOUT_S = 10.0
 _LOG_WORD = "log"
@@ -43,7 +42,6 @@ class EmulatorLog:
     events: tuple[DriveEvent, ...]
     received: tuple[ReceivedFrame, ...]
     counters: dict[str, int]
-    banks: dict[int, Bank] = field(default_factory=dict)
     earlier: "tuple[EmulatorLog, ...]" = ()
     faults: dict[str, int] = field(default_factory=dict)
 
@@ -119,9 +117,6 @@ def _decode_boot(number_of_actuators: int, boot: dict[str, Any]) -> EmulatorLog:
         events=tuple(decode_drive_event(item) for item in boot["events"]),
         received=tuple(decode_received_frame(item) for item in boot["received"]),
         counters=boot["counters"],
-        banks={
-            hash_of_bank(data): decode_bank(data, number_of_actuators) for data in map(bytes.fromhex, boot["banks"])
-        },
     )
 
 

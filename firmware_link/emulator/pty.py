@@ -11,7 +11,6 @@ from typing import Any, Generic
 from firmware_link.emulator.drive_log import encode_events
 from firmware_link.emulator.faulty_device import Boot, C, FaultyDevice
 from firmware_link.emulator.firmware import EmulatedFirmware
-from firmware_link.protocol.bank import encode_bank
 
 NS_PER_US = 1_000
 US_PER_MS = 1_000
@@ -83,13 +82,11 @@ class PseudoTerminalServer(Generic[C]):
 
     def _boot_log(self, boot: Boot[EmulatedFirmware]) -> dict[str, Any]:
         firmware = boot.core
-        number_of_actuators = firmware.configuration.number_of_actuators
         return {
             "host_ns_at_device_zero": self.host_ns_at_zero + boot.booted_us * NS_PER_US,
             "events": encode_events(firmware.drive_log),
             "received": encode_events(firmware.received),
             "counters": asdict(firmware.counters) | asdict(firmware.framing_counters),
-            "banks": [encode_bank(bank, number_of_actuators).hex() for bank in firmware.banks.values()],
         }
 
     def _watched(self) -> int | None:

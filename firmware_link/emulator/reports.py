@@ -47,7 +47,7 @@ class Reports:
         outgoing, self._outgoing = b"".join(self._outgoing), []
         return outgoing
 
-    def send_hello(self, nonce: int, held_bank_hash: int) -> None:
+    def send_hello(self, nonce: int, held_basis_hash: int) -> None:
         """Say what the device is and can do."""
         configuration = self._device.configuration
         self._send(
@@ -57,7 +57,7 @@ class Reports:
                 nonce=nonce,
                 boot_id=configuration.boot_id,
                 schema_hash=SCHEMA_HASH,
-                features=Features.WAVEFORMS if configuration.bank_capacity_bytes else Features(0),
+                features=Features.WAVEFORMS if configuration.basis_capacity_bytes else Features(0),
                 firmware_major=0,
                 firmware_minor=1,
                 firmware_patch=0,
@@ -68,8 +68,8 @@ class Reports:
                 frequency_maximum=configuration.frequency_maximum,
                 longest_lease_ms=configuration.longest_lease_ms,
                 longest_waveform_ms=configuration.longest_waveform_ms,
-                bank_capacity_bytes=configuration.bank_capacity_bytes,
-                held_bank_hash=held_bank_hash,
+                basis_capacity_bytes=configuration.basis_capacity_bytes,
+                held_basis_hash=held_basis_hash,
                 number_of_actuators=configuration.number_of_actuators,
                 full_scales_pm=configuration.full_scales_pm or (FULL_SCALE_PM,) * configuration.number_of_actuators,
             )

@@ -12,9 +12,9 @@ from firmware_link.protocol.messages import (
     MAGIC,
     Ack,
     Arm,
-    BankBegin,
-    BankChunk,
-    BankCommit,
+    BasisBegin,
+    BasisChunk,
+    BasisCommit,
     DeviceState,
     FaultCode,
     HelloRequest,
@@ -81,7 +81,7 @@ class Session:
             case TimeRequest():
                 self._reports.send_time(message.host_sent_ns)
                 return Outcome.ACCEPTED
-            case BankBegin() | BankChunk() | BankCommit():
+            case BasisBegin() | BasisChunk() | BasisCommit():
                 return self._memory.keep(message, sequence)
             case Ack() if self._reports.settle_fault(message):
                 return Outcome.ACCEPTED

@@ -6,7 +6,7 @@ from firmware_link.protocol.messages import FULL_SCALE_WORD, DeviceState
 
 LONGEST_LEASE_MS = 100
 FULL_SCALE_PM = 520_000
-BANK_CAPACITY_BYTES = 1 << 18
+BASIS_CAPACITY_BYTES = 1 << 18
 LONGEST_WAVEFORM_MS = 1_000
 BOARD_EMULATED = 0
 
@@ -15,7 +15,7 @@ BOARD_EMULATED = 0
 class DeviceConfiguration:
     """What the emulated board is; frequencies in steps of the resolution, slew in full scale a second.
 
-    Without `full_scales_pm` each is FULL_SCALE_PM. A `bank_capacity_bytes` of 0 is a device without waveforms, a
+    Without `full_scales_pm` each is FULL_SCALE_PM. A `basis_capacity_bytes` of 0 is a device without waveforms, a
     `longest_drive_s` of 0 one without its own limit.
     """
 
@@ -29,7 +29,7 @@ class DeviceConfiguration:
     slew_limit_per_s: int = 1_000
     full_scales_pm: tuple[int, ...] = ()
     synthesis_rate_hz: int = 48_000
-    bank_capacity_bytes: int = BANK_CAPACITY_BYTES
+    basis_capacity_bytes: int = BASIS_CAPACITY_BYTES
     longest_waveform_ms: int = LONGEST_WAVEFORM_MS
     longest_drive_s: int = 0
 

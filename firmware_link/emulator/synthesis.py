@@ -1,29 +1,21 @@
 """Synthesis: the log of drives to the base displacement of each actuator, as the firmware makes it."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_link.emulator.drive_log import ChannelTarget, DriveEvent, PlayedWaveform
-from firmware_link.protocol.bank import SAMPLE_FULL_SCALE, Bank
+from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 
 S_PER_US = 1e-6
 US_PER_S = 1e6
 
 
-_NO_BANKS: Mapping[int, Bank] = MappingProxyType({})
-
-
 def synthesise(
-    log: Sequence[DriveEvent],
-    start_us: float,
-    stop_us: float,
-    sample_rate_hz: float,
-    banks: Mapping[int, Bank] = _NO_BANKS,
+    log: Sequence[DriveEvent], start_us: float, stop_us: float, sample_rate_hz: float
 ) -> NDArray[np.float64]:
     """Base displacements (time, actuator), as fractions of full scale, from device time `start_us` up to `stop_us`.
 
@@ -36,7 +28,7 @@ def synthesise(
     sin(2π f (t - t_event) + phase), whenever each of them has faded. A new target during that fade applies after it.
 
     A waveform is added from its event on, interpolated linearly between its samples; from the next event on its
-    amplitude falls at the slew of that one. The sum is clamped. Raises KeyError for a waveform of none of `banks`.
+    amplitude falls at the slew of that one. The sum is clamped.
     """
     first, stop = (math.ceil(time_us * sample_rate_hz / US_PER_S) for time_us in (start_us, stop_us))
     times_us = np.arange(first, stop, dtype=np.float64) * (US_PER_S / sample_rate_hz)
@@ -46,7 +38,7 @@ def synthesise(
         displacements[:, actuator] = _evaluate(_segments(log, actuator), times_us)
     for event, following in zip(log, [*log[1:], None], strict=False):
         if event.waveform is not None:
-            _add_waveform(displacements, times_us, event.waveform, event.device_time_us, following, banks)
+            _add_waveform(displacements, times_us, event.waveform, event.device_time_us, following)
     return _clamp(displacements, times_us, log)
 
 
@@ -56,11 +48,10 @@ def _add_waveform(
     played: PlayedWaveform,
     start_us: int,
     following: DriveEvent | None,
-    banks: Mapping[int, Bank],
 ) -> None:
-    bank = banks[played.bank_hash]
-    samples = bank.waveforms[played.index] / SAMPLE_FULL_SCALE
-    first, stop = np.searchsorted(times_us, [start_us, start_us + bank.length_us(played.index)])
+    samples = played.samples / SAMPLE_FULL_SCALE
+    length_us = (len(samples) - 1) * US_PER_S / played.sample_rate_hz
+    first, stop = np.searchsorted(times_us, [start_us, start_us + length_us])
     played_us = times_us[first:stop] - start_us
     amplitude = np.full(played_us.size, played.amplitude)
     if following is not None:
@@ -68,7 +59,7 @@ def _add_waveform(
         amplitude = np.maximum(amplitude - following.slew_per_s * faded_us / US_PER_S, 0.0)
     index = np.arange(len(samples))
     for actuator in range(displacements.shape[1]):
-        moved = np.interp(played_us * S_PER_US * bank.sample_rate_hz, index, samples[:, actuator])
+        moved = np.interp(played_us * S_PER_US * played.sample_rate_hz, index, samples[:, actuator])
         displacements[first:stop, actuator] += amplitude * moved
 
 

@@ -1,10 +1,10 @@
-"""Handshake from an open port to an armed device: greet, hand the bank over, compare the clocks, arm."""
+"""Handshake from an open port to an armed device: greet, hand the basis over, compare the clocks, arm."""
 
 from firmware_link.host.clock import DeviceClock
 from firmware_link.host.line import Line
 from firmware_link.host.link_values import Capabilities, Greeted, LinkConfiguration, LinkState
-from firmware_link.host.memory import RETRY_NS, BankTransfer
-from firmware_link.protocol.bank import Bank, encode_bank, hash_of_bank
+from firmware_link.host.memory import RETRY_NS, BasisTransfer
+from firmware_link.protocol.basis import Basis, check_actuators
 from firmware_link.protocol.errors import LinkError, LinkLostError
 from firmware_link.protocol.framing import DELIMITER, FrameEncoder
 from firmware_link.protocol.messages import (
@@ -48,7 +48,7 @@ class Handshake:
         self._connected_ns = self._request_due_ns = now_ns
         self._greeting = HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, now_ns % 2**32)
         self._arm: Arm | None = None
-        self._transfer: BankTransfer | None = None
+        self._transfer: BasisTransfer | None = None
 
     def due_ns(self) -> int:
         """When `next_frame` has one, perhaps in the past."""
@@ -75,22 +75,20 @@ class Handshake:
         return hello.nonce == self._greeting.nonce
 
     def greeted(self, hello: Hello, now_ns: int) -> Greeted:
-        """Take the answer to the greeting: hand the bank over next, unless there is none or the device holds it."""
+        """Take the answer to the greeting: hand the basis over next, unless there is none or the device holds it."""
         configuration, number_of_actuators = self._configuration, hello.number_of_actuators
         _check_fit(hello, configuration)
-        capabilities, bank = Capabilities.from_hello(hello), configuration.bank
-        data = b""
-        if bank is not None:
-            data = encode_bank(bank, number_of_actuators)
-            check_bank(capabilities, bank, data)
+        capabilities, basis = Capabilities.from_hello(hello), configuration.basis
+        if basis is not None:
+            check_basis(capabilities, basis)
         self.capabilities = capabilities
         self.lease_ms = min(configuration.lease_ms, hello.longest_lease_ms)
         self._arm = configuration.arm_for(hello.boot_id, number_of_actuators, self.lease_ms)
-        if bank is None or hello.held_bank_hash == hash_of_bank(data):
+        if basis is None or hello.held_basis_hash == basis.hash:
             self._synchronise(now_ns)
         else:
             self.state = LinkState.PREPARING
-            self._transfer = BankTransfer(bank, data, self._encoder, self._line)
+            self._transfer = BasisTransfer(basis, self._encoder, self._line)
         return Greeted(capabilities)
 
     def is_timed_by(self, time: Time, now_ns: int) -> bool:
@@ -105,9 +103,9 @@ class Handshake:
             self.arming_device_us = clock.device_time_us(now_ns)
 
     def acknowledged(self, ack: Ack, now_ns: int) -> bool:
-        """Take the answer to a step of the bank or to ARM; False for any other."""
+        """Take the answer to a step of the basis or to ARM; False for any other."""
         if self._transfer is not None and self._transfer.is_answered_by(ack):
-            _check_accepted(ack, "take the bank", "it")
+            _check_accepted(ack, "take the basis", "it")
             if self._transfer.advance(now_ns):
                 self._transfer = None
                 self._synchronise(now_ns)
@@ -123,19 +121,20 @@ class Handshake:
         self._request_due_ns = now_ns
 
 
-def check_bank(capabilities: Capabilities, bank: Bank, data: bytes) -> None:
-    """Raises LinkError for a bank, with its bytes for the device, that the device cannot hold or play."""
+def check_basis(capabilities: Capabilities, basis: Basis) -> None:
+    """Raises LinkError for a basis that the device cannot hold or play, MessageError for one of more actuators."""
     if Features.WAVEFORMS not in capabilities.features:
-        raise LinkError("the device plays no waveforms: connect another device or configure no bank")
-    if len(data) > capabilities.bank_capacity_bytes:
+        raise LinkError("the device plays no clicks: connect another device or configure no basis")
+    check_actuators(basis, capabilities.number_of_actuators)
+    if len(basis.data) > capabilities.basis_capacity_bytes:
         raise LinkError(
-            f"the bank has {len(data)} bytes, the device holds {capabilities.bank_capacity_bytes}: "
-            "take fewer or shorter waveforms, or a lower sample rate"
+            f"the basis has {len(basis.data)} bytes, the device holds {capabilities.basis_capacity_bytes}: "
+            "take fewer or shorter sets of functions, or a lower sample rate"
         )
-    longest_us = max(map(bank.length_us, range(len(bank.waveforms))))
+    longest_us = max(map(basis.length_us, range(len(basis.sets))))
     if longest_us > capabilities.longest_waveform_ms * US_PER_MS:
         raise LinkError(
-            f"a waveform of the bank lasts {longest_us / US_PER_MS:g} ms, the device plays at most "
+            f"a click of the basis lasts {longest_us / US_PER_MS:g} ms, the device plays at most "
             f"{capabilities.longest_waveform_ms}: shorten it"
         )
 

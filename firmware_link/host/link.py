@@ -6,11 +6,11 @@ A `Link` is one session after another with one device. It reads no clock and tou
 times in and writes what comes out, so that every law of it is tested in virtual time.
 
     DISCONNECTED → GREETING → PREPARING → SYNCHRONISING → ARMING → READY → STOPPING → STOPPED
-         connect    HELLO      bank held    16 round trips    ACK     stop()    ACK, or a fault
+         connect    HELLO      basis held    16 round trips    ACK     stop()    ACK, or a fault
 
-- GREETING repeats HELLO_REQ, since opening a port resets many boards. PREPARING transfers the bank, unless the device
+- GREETING repeats HELLO_REQ, since opening a port resets many boards. PREPARING transfers the basis, unless the device
   holds it already. SYNCHRONISING compares the clocks, since the device accepts a command only with its own time in it.
-- READY sends the first that is due of: the command that waits, the renewal of what sounds, a step of a running bank
+- READY sends the first that is due of: the command that waits, the renewal of what sounds, a step of a running basis
   transfer, a time request; and nothing while the write before still occupies the line (`Line`).
 - Any fault, a STATUS of a device that is not armed, or an ACK of STOP ends the session: STOPPED. Silence for longer
   than patience, a refused ARM or a device that does not fit raise LinkError: DISCONNECTED. Only `connect` leaves
@@ -21,7 +21,7 @@ Invariants:
 - Nothing is sent but by `outgoing`. A loop that hangs renews nothing, and the device falls silent by itself; a
   heartbeat from another thread would keep a bar moving whose loop is dead.
 - A command is dropped, and counted, in every state but READY. None waits across a session.
-- What must arrive (HELLO_REQ, the bank, ARM, STOP) is repeated until it is answered; what is soon outdated (SET, PLAY,
+- What must arrive (HELLO_REQ, the basis, ARM, STOP) is repeated until it is answered; what is soon outdated (SET, PLAY,
   KEEPALIVE) is never repeated for its own sake: the latest wins.
 
 The same concerns lie side by side on the host, in the emulated firmware and in the firmware:
@@ -32,19 +32,20 @@ The same concerns lie side by side on the host, in the emulated firmware and in 
 | who may drive | handshake, link | session | session |
 | what sounds | outbox | drive, channels | drive, channels |
 | how long it may sound | lease | lease | lease |
-| the bank | memory | memory | memory, bank |
+| the basis | memory | memory | memory, basis |
 | what the device says | reports | reports | reports |
-| waveforms that play and fade | protocol/player | protocol/player | player |
+| clicks that play and fade | protocol/player | protocol/player | player |
+| weights to samples | | protocol/basis | click, voice |
 """
 
 from dataclasses import replace
 
 from firmware_link.host.clock import NS_PER_S, DeviceClock, Exchange
-from firmware_link.host.handshake import Handshake, check_bank
+from firmware_link.host.handshake import Handshake, check_basis
 from firmware_link.host.line import Line
 from firmware_link.host.link_values import (
     Armed,
-    BankReplaced,
+    BasisReplaced,
     Capabilities,
     Event,
     LinkConfiguration,
@@ -55,7 +56,7 @@ from firmware_link.host.link_values import (
 from firmware_link.host.memory import Memory
 from firmware_link.host.outbox import Outbox
 from firmware_link.host.reports import Reports
-from firmware_link.protocol.bank import Bank
+from firmware_link.protocol.basis import Basis, EncodedClick
 from firmware_link.protocol.errors import LinkError, LinkLostError, MessageError
 from firmware_link.protocol.framing import FrameDecoder, FrameEncoder, FramingCounters, Signal
 from firmware_link.protocol.layout import Message
@@ -123,16 +124,16 @@ class Link:
         return self._decoder.counters
 
     def reconfigure(self, configuration: LinkConfiguration) -> None:
-        """Take limits and bank from another configuration; `connect` must follow."""
+        """Take limits and basis from another configuration; `connect` must follow."""
         self.configuration = configuration
         self._line = Line(configuration.transport, configuration.bit_rate_hz)
         self._handshake = Handshake(configuration, self._encoder, self._line, 0)
         self._outbox = Outbox(self.counters, configuration.slew_limit_per_s, self._encoder)
-        self._memory = Memory(configuration.bank, self._encoder, self._line, self._outbox)
+        self._memory = Memory(configuration.basis, self._encoder, self._line, self._outbox)
         self._reports = Reports(self.counters, self._encoder)
 
     def connect(self, now_ns: int) -> None:
-        """Start a new session, whatever was before: greet, hand the bank over, compare clocks, arm."""
+        """Start a new session, whatever was before: greet, hand the basis over, compare clocks, arm."""
         self.state = LinkState.GREETING
         self.clock = DeviceClock()
         self._line.free_ns = now_ns
@@ -152,13 +153,14 @@ class Link:
         else:
             self.counters.dropped += 1
 
-    def set_play(self, waveform: int, amplitude: float = 1.0) -> None:
-        """Play a waveform of the bank next, in place of what sounds; silence follows. Otherwise as `set_drive`.
+    def set_play(self, click: EncodedClick) -> None:
+        """Play a click next, in place of what sounds; silence follows. Otherwise as `set_drive`.
 
-        Raises LinkError for a waveform that is not in the bank, MessageError for an amplitude outside 0 … 1.
+        Raises LinkError for a click that is not made of the basis of this link.
         """
         if self.state is _READY:
-            self._outbox.put(self._memory.command(waveform, amplitude))
+            self._memory.check(click)
+            self._outbox.put(click)
         else:
             self.counters.dropped += 1
 
@@ -167,17 +169,17 @@ class Link:
         if not self._outbox.is_silent:
             self.set_drive(self._outbox.silent_drive)
 
-    def replace_bank(self, bank: Bank, data: bytes) -> None:
-        """Hand another bank over while the device plays the one it has; `data` are its bytes for the device.
+    def replace_basis(self, basis: Basis) -> None:
+        """Hand another basis over while the device plays clicks of the one it has.
 
-        The event BankReplaced or BankRefused ends the transfer, and so does the end of the session, without an event.
-        Waveforms wait while the device changes over; a waveform that waits then means the new bank. Raises LinkError
-        unless READY, and for a bank that the device has no room for at all.
+        The event BasisReplaced or BasisRefused ends the transfer, and so does the end of the session, without an event.
+        Clicks wait while the device changes over; a click of the old basis that still waits then is dropped. Raises
+        LinkError unless READY, and for a basis that the device has no room for at all.
         """
         if self.state is not _READY or self.capabilities is None:
-            raise LinkError("no bank is handed over before the device is armed: configure it, or wait")
-        check_bank(self.capabilities, bank, data)
-        self._memory.replace(bank, data)
+            raise LinkError("no basis is handed over before the device is armed: configure it, or wait")
+        check_basis(self.capabilities, basis)
+        self._memory.replace(basis)
 
     def stop(self, now_ns: int) -> None:
         """Ramp to zero and latch: STOP goes out before anything else, until it is acknowledged."""
@@ -297,8 +299,8 @@ class Link:
         self.counters.refused += not is_accepted
         if self._memory.is_answered_by(ack):
             event = self._memory.acknowledged(ack.result, now_ns)
-            if isinstance(event, BankReplaced):
-                self.configuration = replace(self.configuration, bank=self._memory.bank)
+            if isinstance(event, BasisReplaced):
+                self.configuration = replace(self.configuration, basis=self._memory.basis)
             return event
         if self.state in _HANDSHAKING and self._handshake.acknowledged(ack, now_ns):
             self.state = self._handshake.state
@@ -307,7 +309,7 @@ class Link:
                 self._outbox.lease.renewal_due_ns = now_ns
                 self._patience_end_ns = now_ns + SILENCE_NS
                 return Armed()
-            # A long bank on a slow line takes longer than the patience; each answer shows that it goes on.
+            # A long basis on a slow line takes longer than the patience; each answer shows that it goes on.
             self._extend_patience(now_ns)
         elif is_accepted and (self.state, ack.acknowledged_type) == (LinkState.STOPPING, Stop.type_byte):
             self._end_session(LinkState.STOPPED)

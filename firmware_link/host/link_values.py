@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
-from firmware_link.protocol.bank import Bank
+from firmware_link.protocol.basis import Basis
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.line_rate import Transport, command_rate_hz
 from firmware_link.protocol.messages import (
@@ -40,8 +40,8 @@ class LinkConfiguration:
     """What the host wants of the device.
 
     Amplitude limits are fractions of full scale, one an actuator, None for no limit; slew is full scale a second. A
-    drive without a pause ends after `longest_drive_s`, 0 is no limit. `bank` holds the waveforms of `set_play`, its
-    columns the first actuators of the device.
+    drive without a pause ends after `longest_drive_s`, 0 is no limit. `basis` is that of the clicks of `set_play`; its
+    functions move the first actuators of the device.
 
     Transport and bit rate pace what is sent, and refuse a `command_rate_hz` that they cannot carry: LinkError. Opening
     a port resets many boards, and some wait seconds in their boot loader: hence the patience of the handshake.
@@ -56,7 +56,7 @@ class LinkConfiguration:
     transport: Transport = Transport.UART
     command_rate_hz: float = 0.0
     longest_drive_s: int = 0
-    bank: Bank | None = None
+    basis: Basis | None = None
 
     def __post_init__(self) -> None:
         if self.amplitude_limits is not None and len(self.amplitude_limits) != self.number_of_actuators:
@@ -100,8 +100,8 @@ class Capabilities:
     firmware_version: tuple[int, int, int]
     features: Features = _NO_FEATURES
     longest_waveform_ms: int = 0
-    bank_capacity_bytes: int = 0
-    held_bank_hash: int = 0
+    basis_capacity_bytes: int = 0
+    held_basis_hash: int = 0
 
     @classmethod
     def from_hello(cls, hello: Hello) -> "Capabilities":
@@ -120,8 +120,8 @@ class Capabilities:
             firmware_version=(hello.firmware_major, hello.firmware_minor, hello.firmware_patch),
             features=hello.features,
             longest_waveform_ms=hello.longest_waveform_ms,
-            bank_capacity_bytes=hello.bank_capacity_bytes,
-            held_bank_hash=hello.held_bank_hash,
+            basis_capacity_bytes=hello.basis_capacity_bytes,
+            held_basis_hash=hello.held_basis_hash,
         )
 
 
@@ -165,13 +165,13 @@ class LogReceived:
 
 
 @dataclass(frozen=True)
-class BankReplaced:
-    """The device plays the bank of `Link.replace_bank` from now on."""
+class BasisReplaced:
+    """The device plays the basis of `Link.replace_basis` from now on."""
 
 
 @dataclass(frozen=True)
-class BankRefused:
-    """The device keeps the bank that it had."""
+class BasisRefused:
+    """The device keeps the basis that it had."""
 
     result: Result
 
@@ -181,7 +181,7 @@ class Stopped:
     """The device acknowledged STOP."""
 
 
-Event = Greeted | Armed | StatusReceived | FaultReceived | LogReceived | BankReplaced | BankRefused | Stopped
+Event = Greeted | Armed | StatusReceived | FaultReceived | LogReceived | BasisReplaced | BasisRefused | Stopped
 
 
 @dataclass

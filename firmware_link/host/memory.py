@@ -1,14 +1,14 @@
-"""The device's memory for waveforms as the host sees it: the bank that it holds, and the transfer of another one."""
+"""The device's memory for clicks as the host sees it: the basis that it holds, and the transfer of another one."""
 
 from collections.abc import Iterator
 
 from firmware_link.host.line import Line
-from firmware_link.host.link_values import BankRefused, BankReplaced
-from firmware_link.host.outbox import Outbox, WantedWaveform
-from firmware_link.protocol.bank import Bank, transfer_messages
+from firmware_link.host.link_values import BasisRefused, BasisReplaced
+from firmware_link.host.outbox import Outbox
+from firmware_link.protocol.basis import Basis, EncodedClick, transfer_messages
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FrameEncoder
-from firmware_link.protocol.messages import Ack, BankBegin, BankChunk, BankCommit, Result, encode_amplitude
+from firmware_link.protocol.messages import Ack, BasisBegin, BasisChunk, BasisCommit, Result
 
 RETRY_NS = 100_000_000
 # Each step takes a sequence number. While the device is armed, too many steps within a lease would make a command that
@@ -16,26 +16,26 @@ RETRY_NS = 100_000_000
 ARMED_SPACING_NS = 2_000_000
 
 
-class BankTransfer:
-    """The steps BANK_BEGIN, BANK_CHUNK … and BANK_COMMIT of one bank, `spacing_ns` apart.
+class BasisTransfer:
+    """The steps BASIS_BEGIN, BASIS_CHUNK … and BASIS_COMMIT of one basis, `spacing_ns` apart.
 
     A repeated step is the same frame under the same sequence, so that an answer names the step that it answers, and
-    the device recognises a copy. `data` are the bytes of `bank` for the device.
+    the device recognises a copy.
     """
 
-    def __init__(self, bank: Bank, data: bytes, encoder: FrameEncoder, line: Line, spacing_ns: int = 0) -> None:
-        self.bank = bank
+    def __init__(self, basis: Basis, encoder: FrameEncoder, line: Line, spacing_ns: int = 0) -> None:
+        self.basis = basis
         self.due_ns = 0
         """The next frame is due at this time."""
         self._encoder, self._line, self._spacing_ns = encoder, line, spacing_ns
-        self._steps: Iterator[BankBegin | BankChunk | BankCommit] = transfer_messages(data)
-        self._step: BankBegin | BankChunk | BankCommit | None = next(self._steps)
+        self._steps: Iterator[BasisBegin | BasisChunk | BasisCommit] = transfer_messages(basis.data)
+        self._step: BasisBegin | BasisChunk | BasisCommit | None = next(self._steps)
         self._frame, self._sequence = b"", -1
 
     @property
     def is_committing(self) -> bool:
-        """Whether BANK_COMMIT was sent and not yet answered: which of the two banks the device plays is unknown."""
-        return isinstance(self._step, BankCommit) and bool(self._frame)
+        """Whether BASIS_COMMIT was sent and not yet answered: which of the two bases the device holds is unknown."""
+        return isinstance(self._step, BasisCommit) and bool(self._frame)
 
     def next_frame(self, now_ns: int) -> bytes:
         """Frame of the current step, where it is due; empty otherwise."""
@@ -60,35 +60,29 @@ class BankTransfer:
 
 
 class Memory:
-    """The bank that an armed device holds, and the bank that is on its way to take its place.
+    """The basis that an armed device holds, and the basis that is on its way to take its place.
 
-    While the device may have changed over and has not said so, the outbox holds waveforms back.
+    While the device may have changed over and has not said so, the outbox holds clicks back. One that waits when it has
+    changed over is dropped: its weights are those of the basis before.
     """
 
-    def __init__(self, bank: Bank | None, encoder: FrameEncoder, line: Line, outbox: Outbox) -> None:
-        self.bank = bank
+    def __init__(self, basis: Basis | None, encoder: FrameEncoder, line: Line, outbox: Outbox) -> None:
+        self.basis = basis
         self._encoder, self._line, self._outbox = encoder, line, outbox
-        self._transfer: BankTransfer | None = None
-        self._commands: dict[tuple[int, float], WantedWaveform] = {}
-        """Commands that were asked for, by their arguments: touches ask for the same few again and again."""
+        self._transfer: BasisTransfer | None = None
 
-    def command(self, waveform: int, amplitude: float) -> WantedWaveform:
-        """Command for a waveform; raises LinkError for an index beyond the bank, or an amplitude outside 0 … 1."""
-        command = self._commands.get((waveform, amplitude))
-        if command is None:
-            if self.bank is None or not 0 <= waveform < len(self.bank.waveforms):
-                raise LinkError(f"waveform {waveform} is not in the bank of this link: configure a bank that has it")
-            command = WantedWaveform(waveform, encode_amplitude(amplitude), self.bank.length_us(waveform))
-            self._commands[waveform, amplitude] = command
-        return command
+    def check(self, click: EncodedClick) -> None:
+        """Raises LinkError for a click that is not made of the basis which the device holds."""
+        if self.basis is None or click.basis_hash != self.basis.hash:
+            raise LinkError("a click is made of another basis than this link's: configure the basis of its table")
 
-    def replace(self, bank: Bank, data: bytes) -> None:
-        """Start to hand another bank over; `data` are its bytes for the device."""
-        self._transfer = BankTransfer(bank, data, self._encoder, self._line, ARMED_SPACING_NS)
+    def replace(self, basis: Basis) -> None:
+        """Start to hand another basis over."""
+        self._transfer = BasisTransfer(basis, self._encoder, self._line, ARMED_SPACING_NS)
 
     def end_transfer(self) -> None:
-        """Give an unfinished transfer up; the bank that is held stays."""
-        self._transfer, self._outbox.holds_waveforms = None, False
+        """Give an unfinished transfer up; the basis that is held stays."""
+        self._transfer, self._outbox.holds_clicks = None, False
 
     @property
     def due_ns(self) -> int | None:
@@ -100,20 +94,21 @@ class Memory:
         if self._transfer is None:
             return b""
         frame = self._transfer.next_frame(now_ns)
-        self._outbox.holds_waveforms = self._transfer.is_committing
+        self._outbox.holds_clicks = self._transfer.is_committing
         return frame
 
     def is_answered_by(self, ack: Ack) -> bool:
         """Whether an ACK answers the current step of the transfer."""
         return self._transfer is not None and self._transfer.is_answered_by(ack)
 
-    def acknowledged(self, result: Result, now_ns: int) -> BankReplaced | BankRefused | None:
+    def acknowledged(self, result: Result, now_ns: int) -> BasisReplaced | BasisRefused | None:
         """Take the answer to the current step: start the next, or end the transfer."""
         transfer = self._transfer
         if transfer is None or (result is Result.OK and not transfer.advance(now_ns)):
             return None
         self.end_transfer()
         if result is not Result.OK:
-            return BankRefused(result)
-        self.bank, self._commands = transfer.bank, {}
-        return BankReplaced()
+            return BasisRefused(result)
+        self.basis = transfer.basis
+        self._outbox.drop_click()
+        return BasisReplaced()

@@ -8,25 +8,24 @@ Its state is a pair:
 - the *slot*: the command that waits, at most one. A newer command replaces it, and the replaced one is counted and
   never sent: a finger that moves ten times while the line is busy deserves the tenth answer, and a queue of the ten
   would deliver nine wrong ones late.
-- what *sounds*: the last drive or waveform that was sent. It is held by renewals until another command replaces it:
-  a drive by its SET again (each SET carries all there is, so a lost frame needs no repair), a waveform by KEEPALIVE,
-  since a second PLAY would start it again. When a waveform has ended, silence sounds, and is renewed by SET too: had
+- what *sounds*: the last drive or click that was sent. It is held by renewals until another command replaces it:
+  a drive by its SET again (each SET carries all there is, so a lost frame needs no repair), a click by KEEPALIVE,
+  since a second PLAY would start it again. When a click has ended, silence sounds, and is renewed by SET too: had
   the SET that silenced an earlier drive been lost, a KEEPALIVE would hold that drive.
 
 Invariants:
 
 - No more commands go out within a lease than a sequence number tells apart (`Lease.free_ns`).
-- The device never gets a PLAY that it would refuse because two waveforms sound already: a mirror of the device's own
-  `Player`, with a margin for the jitter of the line, says when there is room, and the waveform waits in the slot.
-- While the device changes over to another bank (`holds_waveforms`), no waveform goes out: its index could mean either.
+- The device never gets a PLAY that it would refuse because two clicks sound already: a mirror of the device's own
+  `Player`, with a margin for the jitter of the line, says when there is room, and the click waits in the slot.
+- While the device changes over to another basis (`holds_clicks`), no click goes out: its weights are of one of them.
 - What `next_frame` returns is taken as sent; the caller must send it.
 """
-
-from typing import NamedTuple
 
 from firmware_link.host.clock import DeviceClock
 from firmware_link.host.lease import NS_PER_MS, SILENT_RENEWAL_NS, Lease
 from firmware_link.host.link_values import LinkCounters
+from firmware_link.protocol.basis import EncodedClick
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FrameEncoder, encode_frame
 from firmware_link.protocol.messages import (
@@ -44,14 +43,6 @@ JITTER_US = 2 * NS_PER_MS // NS_PER_US
 _NEVER_NS = (1 << 63) - 1
 
 
-class WantedWaveform(NamedTuple):
-    """A waveform of the bank by its index; its amplitude is a word."""
-
-    waveform: int
-    amplitude: int
-    length_us: int
-
-
 class Outbox:
     """The slot, what sounds, and the lease that holds it; drives are bytes from `encode_drive`."""
 
@@ -61,15 +52,15 @@ class Outbox:
         self.lease = Lease(0)
         self.drive_sequence: int | None = None
         """Sequence of the last SET or PLAY that brought a new command: STATUS names it once it is applied."""
-        self.holds_waveforms = False
-        """Waveforms wait, since the device is changing its bank."""
+        self.holds_clicks = False
+        """Clicks wait, since the device is changing its basis."""
         self._counters = counters
         self._slew_limit_per_s = slew_limit_per_s
         self._encoder = encoder
         self._clock = DeviceClock()
-        self._slot: bytes | WantedWaveform | None = None
-        self._sounding: bytes | WantedWaveform = b""
-        self._waveform_end_ns = 0
+        self._slot: bytes | EncodedClick | None = None
+        self._sounding: bytes | EncodedClick = b""
+        self._click_end_ns = 0
         self._player = Player()
 
     def start(self, silent_drive: bytes, lease_ms: int, clock: DeviceClock) -> None:
@@ -82,7 +73,7 @@ class Outbox:
         """Nothing waits and nothing sounds."""
         self._slot, self._sounding = None, self.silent_drive
         self._player = Player()
-        self.holds_waveforms = False
+        self.holds_clicks = False
 
     @property
     def is_waiting(self) -> bool:
@@ -106,18 +97,24 @@ class Outbox:
             drive = drive.ljust(size, b"\0")
         self.put(drive)
 
-    def put(self, wanted: bytes | WantedWaveform) -> None:
+    def put(self, wanted: bytes | EncodedClick) -> None:
         """Send this next, in place of the command that waits; a drive has as many bytes as `silent_drive`."""
         self._counters.coalesced += self._slot is not None
         self._slot = wanted
+
+    def drop_click(self) -> None:
+        """Forget a click that waits."""
+        if self._slot is not None and not isinstance(self._slot, bytes):
+            self._counters.coalesced += 1
+            self._slot = None
 
     def due_ns(self, now_ns: int) -> int:
         """When `next_frame` has one, perhaps in the past."""
         renewal_due_ns = self.lease.renewal_due_ns
         if self._slot is None:
             return renewal_due_ns
-        drive_from_ns, waveform_from_ns = self.free_from_ns(now_ns)
-        return min(renewal_due_ns, drive_from_ns if isinstance(self._slot, bytes) else waveform_from_ns)
+        drive_from_ns, click_from_ns = self.free_from_ns(now_ns)
+        return min(renewal_due_ns, drive_from_ns if isinstance(self._slot, bytes) else click_from_ns)
 
     def next_frame(self, now_ns: int) -> bytes:
         """Frame of the command that waits, or else of the renewal of what sounds, where one is due; empty otherwise."""
@@ -128,27 +125,27 @@ class Outbox:
         if isinstance(command, bytes):
             body = encode_set_body(self._clock_reference(now_ns), self.lease.duration_ms, command, sequence)
         else:
-            body = encode_play_body(self._clock_reference(now_ns), command.waveform, command.amplitude, sequence)
+            body = encode_play_body(self._clock_reference(now_ns), command.play, sequence)
         return encode_frame(body)
 
     def free_from_ns(self, now_ns: int) -> tuple[int, int]:
-        """From when on a drive, and a waveform, may go out."""
+        """From when on a drive, and a click, may go out."""
         free_ns = self.lease.free_ns
-        if self.holds_waveforms:
+        if self.holds_clicks:
             return free_ns, _NEVER_NS
         return free_ns, max(free_ns, self._player.room_us(now_ns // NS_PER_US) * NS_PER_US)
 
     def _clock_reference(self, now_ns: int) -> int:
         return self._clock.device_time_us(now_ns) // CLOCK_REFERENCE_US % CLOCK_REFERENCE_SPAN
 
-    def _next_command(self, now_ns: int) -> bytes | WantedWaveform | None:
+    def _next_command(self, now_ns: int) -> bytes | EncodedClick | None:
         """Take the command that waits, if it may go out now, and let it sound."""
         wanted, lease = self._slot, self.lease
         if wanted is None or now_ns < lease.free_ns:
             return None
         if isinstance(wanted, bytes):
             self._start_drive(wanted, now_ns)
-        elif not self._start_waveform(wanted, now_ns):
+        elif not self._start_click(wanted, now_ns):
             return None
         self._slot = None
         self._counters.sent += 1
@@ -156,15 +153,15 @@ class Outbox:
         return wanted
 
     def _renewal(self, now_ns: int) -> bytes:
-        """Frame that holds what sounds, if it is due: another SET for a drive, KEEPALIVE for a waveform."""
+        """Frame that holds what sounds, if it is due: another SET for a drive, KEEPALIVE for a click."""
         if now_ns < self.lease.renewal_due_ns:
             return b""
         reference, sounding = self._clock_reference(now_ns), self._sounding
         if not isinstance(sounding, bytes):
-            if now_ns < self._waveform_end_ns:
+            if now_ns < self._click_end_ns:
                 self._counters.kept_alive += 1
-                self.lease.renewal_due_ns = min(now_ns + SILENT_RENEWAL_NS, self._waveform_end_ns)
-                assert self.drive_sequence is not None  # a waveform sounds only after its PLAY
+                self.lease.renewal_due_ns = min(now_ns + SILENT_RENEWAL_NS, self._click_end_ns)
+                assert self.drive_sequence is not None  # a click sounds only after its PLAY
                 return self._encoder.encode(KeepAlive(reference, self.drive_sequence))
             sounding = self.silent_drive
         self._counters.renewed += 1
@@ -179,10 +176,10 @@ class Outbox:
         self._sounding = drive
         lease.renewal_due_ns = now_ns + (lease.renewal_ns if drive != self.silent_drive else SILENT_RENEWAL_NS)
 
-    def _start_waveform(self, wanted: WantedWaveform, now_ns: int) -> bool:
-        """Let a waveform sound; False where it must wait."""
+    def _start_click(self, wanted: EncodedClick, now_ns: int) -> bool:
+        """Let a click sound; False where it must wait."""
         player, now_us = self._player, now_ns // NS_PER_US
-        if self.holds_waveforms:
+        if self.holds_clicks:
             return False
         if player.end_us is not None and player.end_us <= now_us:
             player.finish()
@@ -195,6 +192,6 @@ class Outbox:
         length_us = wanted.length_us + self.lease.duration_us
         player.start(now_us, length_us, wanted.amplitude)
         self._sounding = wanted
-        self._waveform_end_ns = now_ns + length_us * NS_PER_US
-        self.lease.renewal_due_ns = min(now_ns + SILENT_RENEWAL_NS, self._waveform_end_ns)
+        self._click_end_ns = now_ns + length_us * NS_PER_US
+        self.lease.renewal_due_ns = min(now_ns + SILENT_RENEWAL_NS, self._click_end_ns)
         return True

@@ -1,1 +1,1 @@
-"""Definition of the wire: messages, frames, banks of waveforms, and the rate that a line carries."""
+"""Definition of the wire: messages, frames, bases of waveforms, and the rate that a line carries."""

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple, get_args, get_type_hints
 
 from firmware_link.protocol.errors import MessageError
 
-_CODES = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q"}
+_CODES = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "i16": "h"}
 _BLOCK = re.compile(r"u8\[(\d+)\]")
 
 
@@ -26,7 +26,7 @@ class Sender(enum.StrEnum):
 class Word(NamedTuple):
     """One value on the wire: its kind, and the unit or scale that its name does not say.
 
-    A kind is u8, u16, u32 or u64, or u8[n]: exactly n bytes as they are.
+    A kind is u8, u16, u32, u64 or i16, or u8[n]: exactly n bytes as they are.
     """
 
     kind: str
@@ -45,9 +45,18 @@ class PerActuator(NamedTuple):
     words: tuple[tuple[str, Word], ...]
 
 
+class Counted(NamedTuple):
+    """The last field of a message, repeated as often as the word before it says, at most `most` times."""
+
+    words: tuple[tuple[str, Word], ...]
+    most: int
+
+
 @dataclass(frozen=True)
 class Message:
-    """A value that travels as one frame; its fields are annotated with `Word` and, the last one, `PerActuator`.
+    """A value that travels as one frame; its fields are annotated with `Word`, the last may be repeated.
+
+    `PerActuator` and `Counted` mark a field that is repeated.
 
     The first line of a message's docstring is its purpose in PROTOCOL.md and in the C header.
     """
@@ -78,11 +87,11 @@ class Layout:
         self._type_byte = message.type_byte
         self.words: list[tuple[str, Word]] = []
         self.converters: list[Callable[[Any], Any]] = []
-        self.repeated: tuple[str, PerActuator] | None = None
+        self.repeated: tuple[str, PerActuator | Counted] | None = None
         self.repeated_is_raw = False
         for field in fields(message):
             kind, mark = get_args(hints[field.name])
-            if isinstance(mark, PerActuator):
+            if isinstance(mark, PerActuator | Counted):
                 self.repeated, self.repeated_is_raw = (field.name, mark), kind is bytes
             else:
                 self.words.append((field.name, mark))
@@ -96,9 +105,19 @@ class Layout:
         self.definition = self._compute_definition()
         self.seed = 0 if message.has_fixed_seed else zlib.crc32(self.definition.encode("ascii"))
 
-    def length(self, number_of_actuators: int) -> int:
-        """Bytes of a body, type and sequence included."""
-        return self._fixed.size + self._repeated_size * number_of_actuators
+    @property
+    def most(self) -> int | None:
+        """How often a counted field is repeated at most; None where it is repeated for each actuator, or not at all."""
+        mark = self.repeated[1] if self.repeated else None
+        return mark.most if isinstance(mark, Counted) else None
+
+    def length(self, repetitions: int) -> int:
+        """Bytes of a body, type and sequence included, whose last field is repeated so often."""
+        return self._fixed.size + self._repeated_size * repetitions
+
+    def longest(self, number_of_actuators: int) -> int:
+        """Bytes of the longest body for this number of actuators."""
+        return self.length(number_of_actuators if self.most is None else self.most)
 
     def encode(self, message: Message, sequence: int) -> bytes:
         """Body of a message; raises MessageError for a value that does not fit its word."""

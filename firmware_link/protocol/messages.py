@@ -14,9 +14,9 @@ from enum import KEEP, STRICT, IntEnum, IntFlag
 from typing import Annotated
 
 from firmware_link.protocol.errors import MessageError
-from firmware_link.protocol.layout import Layout, Message, PerActuator, Sender, Word
+from firmware_link.protocol.layout import Counted, Layout, Message, PerActuator, Sender, Word
 
-VERSION_MAJOR = 2
+VERSION_MAJOR = 3
 VERSION_MINOR = 0
 MAGIC = int.from_bytes(b"tact", "little")
 MAXIMUM_ACTUATORS = 255
@@ -25,7 +25,10 @@ FULL_SCALE_WORD = 65_535
 WORDS_PER_TURN = 65_536
 CLOCK_REFERENCE_US = 100
 CLOCK_REFERENCE_SPAN = 65_536
-BANK_CHUNK_SIZE = 192
+BASIS_CHUNK_SIZE = 192
+# As many as the count of a PLAY can say: clicks of 30 ms for eleven actuators.
+MAXIMUM_WEIGHTS = 255
+MAXIMUM_FRACTION_BITS = 31
 
 
 class DeviceState(IntEnum):
@@ -78,14 +81,14 @@ class LogCode(IntEnum):
     BOOTED = 1
     LEASE_EXPIRED = 2
     PLAY_REFUSED = 3
-    BANK_TAKEN = 4
+    BASIS_TAKEN = 4
 
 
 LOG_TEXTS = {
     LogCode.BOOTED: "first greeting since the device booted (reset cause {value})",
     LogCode.LEASE_EXPIRED: "the lease of drive {value} ended without a fresh frame",
-    LogCode.PLAY_REFUSED: "waveform {value} is not in the bank, or two waveforms sound already",
-    LogCode.BANK_TAKEN: "the bank with hash {value:#010x} is held from now on",
+    LogCode.PLAY_REFUSED: "a click does not fit set {value} of the basis that is held, or two clicks sound already",
+    LogCode.BASIS_TAKEN: "the basis with hash {value:#010x} is held from now on",
 }
 
 
@@ -133,8 +136,8 @@ class Hello(Message, wire_name="HELLO", type_byte=0x02, sender=Sender.DEVICE, ha
     frequency_maximum: Annotated[int, Word("u16", "frequency resolution")]
     longest_lease_ms: Annotated[int, _U8]
     longest_waveform_ms: Annotated[int, _U16]
-    bank_capacity_bytes: Annotated[int, _U32]
-    held_bank_hash: Annotated[int, _U32]
+    basis_capacity_bytes: Annotated[int, _U32]
+    held_basis_hash: Annotated[int, _U32]
     number_of_actuators: Annotated[int, _U8]
     full_scales_pm: Annotated[tuple[int, ...], PerActuator((("full_scale_pm", _U32),))]
 
@@ -152,7 +155,7 @@ class Arm(Message, wire_name="ARM", type_byte=0x03, sender=Sender.HOST):
 
 @dataclass(frozen=True)
 class Ack(Message, wire_name="ACK", type_byte=0x04, sender=Sender.BOTH):
-    """Answer to ARM, STOP, BANK_* (device) or FAULT (host)."""
+    """Answer to ARM, STOP, BASIS_* (device) or FAULT (host)."""
 
     acknowledged_type: Annotated[int, _U8]
     acknowledged_sequence: Annotated[int, _U8]
@@ -261,35 +264,41 @@ class Log(Message, wire_name="LOG", type_byte=0x0C, sender=Sender.DEVICE):
 
 
 @dataclass(frozen=True)
-class BankBegin(Message, wire_name="BANK_BEGIN", type_byte=0x0E, sender=Sender.HOST):
-    """Begin to transfer a bank of waveforms."""
+class BasisBegin(Message, wire_name="BASIS_BEGIN", type_byte=0x0E, sender=Sender.HOST):
+    """Begin to transfer a basis of clicks."""
 
-    bank_hash: Annotated[int, _U32]
+    basis_hash: Annotated[int, _U32]
     size_bytes: Annotated[int, _U32]
 
 
 @dataclass(frozen=True)
-class BankChunk(Message, wire_name="BANK_CHUNK", type_byte=0x0F, sender=Sender.HOST):
-    """The next bytes of the bank; the last chunk is filled up with zeros."""
+class BasisChunk(Message, wire_name="BASIS_CHUNK", type_byte=0x0F, sender=Sender.HOST):
+    """The next bytes of the basis; the last chunk is filled up with zeros."""
 
     offset_bytes: Annotated[int, _U32]
-    data: Annotated[bytes, Word(f"u8[{BANK_CHUNK_SIZE}]")]
+    data: Annotated[bytes, Word(f"u8[{BASIS_CHUNK_SIZE}]")]
 
 
 @dataclass(frozen=True)
-class BankCommit(Message, wire_name="BANK_COMMIT", type_byte=0x10, sender=Sender.HOST):
-    """Check the bank against its hash and hold it until the next one, or a reboot."""
+class BasisCommit(Message, wire_name="BASIS_COMMIT", type_byte=0x10, sender=Sender.HOST):
+    """Check the basis against its hash and hold it until the next one, or a reboot."""
 
-    bank_hash: Annotated[int, _U32]
+    basis_hash: Annotated[int, _U32]
 
 
 @dataclass(frozen=True)
 class Play(Message, wire_name="PLAY", type_byte=0x11, sender=Sender.HOST):
-    """Play a waveform of the bank once; no answer, the latest SET or PLAY wins."""
+    """Play a click, given as weights of a set of the basis, once; no answer, the latest SET or PLAY wins.
+
+    `firmware_link.protocol.basis` says which waveform that is.
+    """
 
     clock_reference: Annotated[int, _CLOCK_REFERENCE]
-    waveform: Annotated[int, _U16]
+    basis_set: Annotated[int, _U8]
+    fraction_bits: Annotated[int, _U8]
     amplitude: Annotated[int, _AMPLITUDE]
+    number_of_weights: Annotated[int, _U8]
+    weights: Annotated[tuple[int, ...], Counted((("weight", Word("i16", "2^-fraction_bits")),), MAXIMUM_WEIGHTS)]
 
 
 MESSAGES: tuple[type[Message], ...] = tuple(Message.__subclasses__())  # in the order of this file
@@ -304,7 +313,8 @@ def encode_body(message: Message, sequence: int) -> bytes:
     return _LAYOUTS[message.type_byte].encode(message, sequence)
 
 
-_pack_set, _pack_play = _LAYOUTS[Set.type_byte].pack, _LAYOUTS[Play.type_byte].pack
+_pack_set = _LAYOUTS[Set.type_byte].pack
+_PLAY_HEAD = struct.Struct("<BBH")
 _WRITES_PHASE = int(SetFlag.WRITE_PHASE)
 
 
@@ -316,9 +326,14 @@ def encode_set_body(clock_reference: int, lease_ms: int, drive: bytes, sequence:
     return _pack_set(sequence, clock_reference, _WRITES_PHASE, lease_ms) + drive
 
 
-def encode_play_body(clock_reference: int, waveform: int, amplitude: int, sequence: int) -> bytes:
-    """Body of a PLAY, as `encode_set_body` otherwise."""
-    return _pack_play(sequence, clock_reference, waveform, amplitude)
+def encode_play(basis_set: int, fraction_bits: int, amplitude: int, weights: Sequence[int]) -> bytes:
+    """What of a PLAY is known ahead of time: all of its body behind the clock reference. Raises MessageError."""
+    return encode_body(Play(0, basis_set, fraction_bits, amplitude, len(weights), tuple(weights)), 0)[_PLAY_HEAD.size :]
+
+
+def encode_play_body(clock_reference: int, play: bytes, sequence: int) -> bytes:
+    """Body of a PLAY whose rest `encode_play` made, as `encode_set_body` otherwise."""
+    return _PLAY_HEAD.pack(Play.type_byte, sequence, clock_reference) + play
 
 
 def decode_body(body: bytes) -> tuple[int, Message]:
@@ -333,16 +348,20 @@ def seed_of(type_byte: int) -> int | None:
 
 
 def has_exact_length(body: bytes, number_of_actuators: int) -> bool:
-    """Whether a body of a known type is as long as that type demands; a HELLO says its own number of actuators."""
+    """Whether a body of a known type is as long as that type demands.
+
+    A HELLO says its own number of actuators and a PLAY its number of weights, in the byte before what is repeated.
+    """
     layout = _LAYOUTS[body[0]]
-    if layout.message is Hello and len(body) >= layout.length(0):
-        number_of_actuators = body[layout.length(0) - 1]
-    return len(body) == layout.length(number_of_actuators)
+    fixed, repetitions = layout.length(0), number_of_actuators
+    if len(body) >= fixed and (layout.most is not None or layout.message is Hello):
+        repetitions = body[fixed - 1]
+    return len(body) == layout.length(repetitions) and (layout.most is None or repetitions <= layout.most)
 
 
 def longest_body_length(number_of_actuators: int) -> int:
     """Bytes of the longest body of any type for this number of actuators."""
-    return max(layout.length(number_of_actuators) for layout in _LAYOUTS.values())
+    return max(layout.longest(number_of_actuators) for layout in _LAYOUTS.values())
 
 
 @dataclass(frozen=True)

@@ -241,10 +241,10 @@ class _Builder:
     def _solve_clicks(self) -> ClickStore:
         """Every click, in a store that may already hold some from an interrupted build."""
         device, click_options = self.device, self.options.click_options
-        with ClickStore(self.path, input_fingerprint(Part.CLICKS, device, self.options)) as store:
+        tabulator = ClickTabulator(device, click_options)
+        with ClickStore(self.path, input_fingerprint(Part.CLICKS, device, self.options), tabulator.basis) as store:
             states = self._states(self.options.clicks_up_to)
             left = [state for state in states if state_index(state) not in store.clicks]
-            tabulator = ClickTabulator(device, click_options.wanted_db)
             state_of = {Placement.in_zones(device, state): state for state in left}
             for click in solve_clicks(device, click_options, list(state_of), self.workers):
                 store.add(tabulator.tabulate(state_of[click.placement], click))

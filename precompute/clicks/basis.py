@@ -1,4 +1,8 @@
-"""Basis of clicks: tones under a half-sine window, of which every click is a weighted sum."""
+"""Basis of clicks: tones under a half-sine window, of which every click is a weighted sum.
+
+Clicks are solved in the very functions that the device holds, rounded to its samples, so nothing but the weights is
+rounded afterwards. The basis depends on the actuators' bands and on the options' lengths and crowding, not on the bar.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
+from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet
+from precompute.clicks.options import ClickOptions
 from precompute.model.damped_lines import DampedLines
 
 Array = NDArray[np.float64]
@@ -66,6 +72,27 @@ def orthogonalised(tones: Tones) -> Tones:
     wave = np.concatenate(waves)
     wave[:, [0, -1]] = 0  # rounding leaves them near 0
     return Tones(wave, np.concatenate(players))
+
+
+def click_basis(device: Device, options: ClickOptions) -> Basis:
+    """The basis of all clicks of a device: a set for each length of the options, in their order.
+
+    Raises MessageError for a length whose functions are more than a PLAY carries.
+    """
+    sets = tuple(click_set(device, length_s, options.crowding) for length_s in options.lengths_s)
+    return Basis(round(SAMPLE_RATE_HZ), sets)
+
+
+def click_set(device: Device, length_s: float, crowding: float) -> BasisSet:
+    """Functions of clicks of one length: orthogonal tones, each with its peak at full scale, rounded to samples."""
+    tones = orthogonalised(make_tones(device, length_s, crowding))
+    wave = tones.wave / np.abs(tones.wave).max(axis=1, keepdims=True)
+    return BasisSet(np.rint(SAMPLE_FULL_SCALE * wave).astype(np.int16), tones.actuator.astype(np.uint8))
+
+
+def tones_of(basis_set: BasisSet) -> Tones:
+    """The functions of a set as tones, in fractions of full scale."""
+    return Tones(basis_set.functions / SAMPLE_FULL_SCALE, basis_set.actuators.astype(np.int64))
 
 
 def interpolated(wave: Array) -> Array:

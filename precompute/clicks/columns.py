@@ -1,4 +1,4 @@
-"""Table rows of solved clicks: samples as integers, and accelerations of the nominal plant."""
+"""Table rows of solved clicks: weights of the device's basis, and accelerations of the nominal plant."""
 
 from dataclasses import astuple
 from functools import lru_cache
@@ -10,8 +10,15 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.table import ClickEntry
 from engine.table.click import ClickZone, LevelSpread
-from precompute.clicks.basis import EVALUATION_RATE_HZ, EVALUATIONS_PER_SAMPLE, RINGDOWN_S, SAMPLE_RATE_HZ
-from precompute.clicks.solver import FULL_SCALE, Click
+from precompute.clicks.basis import (
+    EVALUATION_RATE_HZ,
+    EVALUATIONS_PER_SAMPLE,
+    RINGDOWN_S,
+    SAMPLE_RATE_HZ,
+    click_basis,
+)
+from precompute.clicks.options import ClickOptions
+from precompute.clicks.solver import Click
 from precompute.entries.prediction import States, touched_zones
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
@@ -30,13 +37,14 @@ _SILENT = 1e-15
 
 
 class ClickTabulator:
-    """Makes the table rows of one device's clicks; `wanted_db` is the level of the options, None for the strongest."""
+    """Makes the table rows of one device's clicks, solved with these options."""
 
-    def __init__(self, device: Device, wanted_db: float | None) -> None:
-        self._device = device
-        self._wanted_level_db = np.inf if wanted_db is None else wanted_db
+    def __init__(self, device: Device, options: ClickOptions) -> None:
+        self.basis = click_basis(device, options)
+        self._device, self._lengths_s = device, options.lengths_s
+        self._wanted_level_db = np.inf if options.wanted_db is None else options.wanted_db
         self._levels_db = (*device.levels_db, np.inf)
-        self._basis = compute_basis(assemble(device))
+        self._modes = compute_basis(assemble(device))
         self._filter = threshold_filter(EVALUATION_RATE_HZ)
         self._plant_of = lru_cache(maxsize=4)(self._make_plant)
         """The nominal plant with fingers at a tuple of positions; clicks with the same fingers come together."""
@@ -44,8 +52,8 @@ class ClickTabulator:
     def tabulate(self, states: States, click: Click) -> ClickEntry:
         """The row of a state: the click for fingers in the middles of its zones."""
         evaluation, touched = click.evaluation, touched_zones(states)
-        samples = np.rint(FULL_SCALE * click.waveform.T).astype(np.int16)
-        acceleration, weighted = self._nominal(samples / FULL_SCALE, click.placement.position_m)
+        assert click.weights is not None  # only baselines have none, and no table holds them
+        acceleration, weighted = self._nominal(click.waveform.T, click.placement.position_m)
         felt = weighted[:, click.placement.felt]
         zones: dict[int, ClickZone] = {
             zone: ClickZone(float(acceleration[:, i].max()), _decibels(weighted[:, i].max()))
@@ -53,8 +61,10 @@ class ClickTabulator:
         }
         return ClickEntry(
             states=states,
-            sample_rate_hz=round(click.rate_hz),
-            samples=samples,
+            basis=self.basis,
+            basis_set=self._lengths_s.index(click.length_s),
+            weights=click.weights.words,
+            fraction_bits=click.weights.fraction_bits,
             amplitude=1.0,
             wanted_level_db=self._wanted_level_db,
             achieved=click.achieved,
@@ -94,7 +104,7 @@ class ClickTabulator:
         return abs(np.concatenate([driven, ringing])), abs(weighted)
 
     def _make_plant(self, position_m: tuple[float, ...]) -> TransientPlant:
-        plant = TransientPlant(self._basis, np.array(position_m), _STEPS * SAMPLE_RATE_HZ)
+        plant = TransientPlant(self._modes, np.array(position_m), _STEPS * SAMPLE_RATE_HZ)
         plant.touch([(at_m, self._device.finger) for at_m in position_m])
         return plant
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.touch import Placement
-from precompute.clicks.basis import SAMPLE_RATE_HZ, Tones, make_tones, orthogonalised
+from precompute.clicks.basis import SAMPLE_RATE_HZ, Tones, click_set, tones_of
 from precompute.clicks.evaluation import decibels
 from precompute.clicks.options import ClickOptions
 from precompute.clicks.program import Effort, Optimum, Program
@@ -52,13 +52,14 @@ class Plants:
 
 @dataclass(frozen=True)
 class Design:
-    """Base displacements (actuator, time) as fractions of full scale.
+    """Base displacements (actuator, time) as fractions of full scale, and the weights (tone,) that they are made of.
 
-    achieved: whether both levels hold in the trimmed plants. bound_db: upper bound over all aims tried; gap_db:
-    distance to it.
+    weight: None for a waveform that is of no weights. achieved: whether both levels hold in the trimmed plants.
+    bound_db: upper bound over all aims tried; gap_db: distance to it.
     """
 
     waveform: Array
+    weight: Array | None
     achieved: bool
     bound_db: float
     gap_db: float
@@ -81,7 +82,8 @@ class Designer:
     ) -> None:
         self._options, self._length_s, self._plants = options, length_s, plants
         self.felt, self.quiet = placement.felt, placement.quiet
-        self._tones = orthogonalised(make_tones(device, length_s, options.crowding))
+        self.basis_set = click_set(device, length_s, options.crowding)
+        self._tones = tones_of(self.basis_set)
         self._amplitude = device.limits.amplitude
         self._program: Program | None = None
 
@@ -132,14 +134,14 @@ class Designer:
         low_db, high_db = self._options.quiet_db, self._options.quiet_db + _MOST_EXCESS_DB
         for _ in range(_HALVINGS):
             middle_db = (low_db + high_db) / 2
-            reached = self._felt_db(self._best_for(aim, middle_db)) >= wanted_db
+            reached = self._felt_db(self.waveform(self._best_for(aim, middle_db))) >= wanted_db
             low_db, high_db = (low_db, middle_db) if reached else (middle_db, high_db)
-        waveform = self._best_for(aim, high_db)
-        spare_db = self._felt_db(waveform) - wanted_db
+        weight = self._best_for(aim, high_db)
+        spare_db = self._felt_db(self.waveform(weight)) - wanted_db
         if spare_db < 0:
             return None
-        waveform *= _factor(-spare_db)
-        return Design(waveform, achieved=False, bound_db=np.inf, gap_db=np.inf)
+        weight = weight * _factor(-spare_db)
+        return Design(self.waveform(weight), weight, achieved=False, bound_db=np.inf, gap_db=np.inf)
 
     def _watched(self) -> WatchedCourses:
         """Time courses that are limited: quiet fingers from the start, felt ones from the brake on if there is one."""
@@ -152,7 +154,7 @@ class Designer:
         return WatchedCourses(optimised.under(fingers), self._tones, starts)
 
     def _best_for(self, aim: Aim, limit_db: float) -> Array:
-        return self.waveform(self.search.improve(aim, _factor(limit_db)).weight)
+        return self.search.improve(aim, _factor(limit_db)).weight
 
     def _trim(self, found: Found, limit_db: float) -> Trimmed:
         """Move the limit until 95 % of the trimmed plants stay below the quiet level: first on few plants, then on all.
@@ -192,14 +194,17 @@ class Designer:
         change_db = min(0.0, self._options.quiet_db - trimmed.quiet_db)
         bound_db = float(decibels(max(self.search.bound(limit), optimum.bound.at(limit))))
         gap_db = bound_db - float(decibels(optimum.value)) - change_db
-        return self._as_wanted(self.waveform(optimum.weight) * _factor(change_db), bound_db, gap_db)
+        weight = optimum.weight * _factor(change_db)
+        return self._as_wanted(self.waveform(weight), bound_db, gap_db, weight)
 
-    def _as_wanted(self, waveform: Array, bound_db: float, gap_db: float) -> Design:
+    def _as_wanted(self, waveform: Array, bound_db: float, gap_db: float, weight: Array | None = None) -> Design:
         wanted_db = self._options.wanted_db
         if wanted_db is None:
-            return Design(waveform, True, bound_db, gap_db)
+            return Design(waveform, weight, True, bound_db, gap_db)
         felt_db = self._felt_db(waveform)
-        return Design(waveform * _factor(min(0.0, wanted_db - felt_db)), felt_db >= wanted_db, bound_db, gap_db)
+        softer = _factor(min(0.0, wanted_db - felt_db))
+        scaled = None if weight is None else weight * softer
+        return Design(waveform * softer, scaled, felt_db >= wanted_db, bound_db, gap_db)
 
     def _felt_db(self, waveform: Array) -> float:
         """5th percentile of the weakest felt finger over the trimmed plants, dB."""

@@ -15,8 +15,9 @@ quiet level, within amplitude and slew of the actuators. It is a weighted sum of
 half-sine window (basis.py), so the acceleration at every instant is linear in the weights (plants.py, responses.py).
 For given instants of the felt peaks the strongest click is therefore a linear program (program.py, solved by
 simplex.py); a search chooses the instants (search.py). The program limits the quiet fingers of some tens of plants; its
-limit is trimmed until 95 % of many other plants stay below the quiet level (design.py). Rounded to the samples of the
-wire, the click is evaluated on a third sample of plants (evaluation.py), and only these figures are reported.
+limit is trimmed until 95 % of many other plants stay below the quiet level (design.py). The weights are rounded to the
+words that travel (quantise.py), the waveform that the device makes of them is evaluated on a third sample of plants
+(evaluation.py), and only these figures are reported.
 `ClickSolver.solve` tries the asked lengths in turn and keeps the first that reaches the wanted level.
 """
 
@@ -38,6 +39,7 @@ from precompute.clicks.evaluation import Evaluation, evaluate_waveform
 from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.plants import SampledPlants, count_modes
 from precompute.clicks.program import Effort
+from precompute.clicks.quantise import QuantisedWeights, quantise
 from precompute.clicks.responses import Responses
 from precompute.parallel.pool import solve_in_processes
 from precompute.sampling.plants import sample_scenarios
@@ -45,7 +47,7 @@ from precompute.sampling.plants import sample_scenarios
 Array = NDArray[np.float64]
 
 FULL_SCALE = 32767
-"""Full scale of a sample on the wire; waveforms are rounded to it, towards 0, before they are evaluated."""
+"""Full scale of a sample on the wire; waveforms that are of no weights are rounded to it, towards 0."""
 PEAK = "peak"
 """Name of the objective of the linear program: the peak under the weakest felt finger."""
 RESIDUAL_S = 0.03
@@ -58,6 +60,7 @@ _MOST_TOGETHER = 16
 class Click:
     """One click: waveform (actuator, time) in fractions of full scale at rate_hz, linear between samples.
 
+    weights: the words of which the device makes this waveform; None for a baseline, which only is evaluated.
     achieved: whether the trimmed plants have the levels that were asked for. If not, the quiet level is exceeded by the
     least that the wanted level takes, or is kept where full scale does not reach the wanted level. bound_db: upper
     bound, over the instants tried, on the weakest felt finger in the mean of the optimised plants, for any click of the
@@ -69,6 +72,7 @@ class Click:
     rate_hz: float
     length_s: float
     waveform: Array
+    weights: QuantisedWeights | None
     evaluation: Evaluation
     achieved: bool
     bound_db: float
@@ -159,7 +163,10 @@ class ClickSolver:
     def _evaluated(
         self, placement: Placement, length_s: float, objective: str, designer: Designer, design: Design
     ) -> Click:
-        waveform = np.fix(design.waveform * FULL_SCALE) / FULL_SCALE
+        weights, limits = None, self.device.limits
+        if design.weight is not None:
+            weights = quantise(designer.basis_set, design.weight, limits.amplitude, self.options.slew_per_s)
+        waveform = np.fix(design.waveform * FULL_SCALE) / FULL_SCALE if weights is None else weights.waveform
         brake_s = self.options.brake_s
         plants = self.plants_of(placement.position_m).evaluated
         residual_from_s = length_s + RESIDUAL_S if brake_s is None else brake_s
@@ -169,6 +176,7 @@ class ClickSolver:
             rate_hz=SAMPLE_RATE_HZ,
             length_s=length_s,
             waveform=waveform,
+            weights=weights,
             evaluation=evaluate_waveform(waveform, plants, designer.felt, designer.quiet, residual_from_s),
             achieved=design.achieved,
             bound_db=design.bound_db,

@@ -1,10 +1,9 @@
 """Journal of solved clicks beside a table that is being built, so that a killed build does not solve them again."""
 
-import base64
 import json
 import zlib
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -14,19 +13,20 @@ import numpy as np
 from engine.table import ClickEntry
 from engine.table.click import ClickZone, LevelSpread
 from engine.touch import ZoneState
+from firmware_link.protocol.basis import Basis
 
 
 class ClickStore:
-    """An open journal with a line for each click; clicks of another device, code or options are dropped."""
+    """An open journal with a line for each click of a basis; clicks of another device, code or options are dropped."""
 
-    def __init__(self, table: Path, belongs_to: str) -> None:
+    def __init__(self, table: Path, belongs_to: str, basis: Basis) -> None:
         self.path = table.with_name(f".{table.name}.clicks")
         self.clicks: dict[int, ClickEntry] = {}
         """Clicks by state."""
         lines = list(_sound_lines(self.path))
         head = {"belongs_to": belongs_to}
         if lines and lines[0] == head:
-            self.clicks = {click.index: click for click in map(_decode, lines[1:])}
+            self.clicks = {click.index: click for click in (_decode(line, basis) for line in lines[1:])}
         self._file = self.path.open("w", encoding="utf-8")
         self._write(head)
         for click in self.clicks.values():
@@ -48,7 +48,7 @@ class ClickStore:
         self._write(_encode(click))
 
     def _write(self, value: Any) -> None:
-        text = json.dumps(value)
+        text = json.dumps(value, default=asdict)
         self._file.write(f"{zlib.crc32(text.encode()):08x} {text}\n")
         self._file.flush()
 
@@ -65,19 +65,15 @@ def _sound_lines(path: Path) -> Iterator[Any]:
 
 
 def _encode(click: ClickEntry) -> dict[str, Any]:
-    values = asdict(click)
-    return values | {
-        "samples": base64.b64encode(click.samples.astype("<i2").tobytes()).decode(),
-        "actuators": click.samples.shape[1],
-        "exceeds_s": list(click.exceeds_s.items()),
-    }
+    values = {field.name: getattr(click, field.name) for field in fields(click) if field.name != "basis"}
+    return values | {"weights": click.weights.tolist(), "exceeds_s": list(click.exceeds_s.items())}
 
 
-def _decode(values: dict[str, Any]) -> ClickEntry:
-    samples = np.frombuffer(base64.b64decode(values["samples"]), "<i2").astype(np.int16)
+def _decode(values: dict[str, Any], basis: Basis) -> ClickEntry:
     made = {
+        "basis": basis,
         "states": tuple(ZoneState(state) for state in values["states"]),
-        "samples": samples.reshape(-1, values.pop("actuators")),
+        "weights": np.array(values["weights"], dtype=np.int16),
         "felt": LevelSpread(**values["felt"]),
         "quiet": None if values["quiet"] is None else LevelSpread(**values["quiet"]),
         "zones": tuple(None if zone is None else ClickZone(**zone) for zone in values["zones"]),

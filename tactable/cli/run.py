@@ -202,7 +202,10 @@ def _announce(source: Source, port: SerialPort, live: Live, when_not_achieved: W
     if live.no_fast_path:
         note(live.no_fast_path)
     if live.wants_clicks and not live.clicks:
-        note("no clicks: the table has none, or the device plays no waveforms; steady drives take their place")
+        note(
+            "no clicks: the table has none, the device plays none, or the line is too slow for one in half a lease "
+            "(`tactable doctor` says how slow); steady drives take their place"
+        )
 
 
 def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
@@ -220,7 +223,7 @@ def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
         "commands_sent": counters.commands,
         "commands_by_fast_path": fast.answered,
         "commands_mispredicted": fast.mispredicted,
-        "clicks_in_the_bank": live.clicks,
+        "clicks": live.clicks,
         "set_frames_on_the_wire": live.frames_sent,
         "unknown_states": live.renderer.unknown_states,
         "not_achieved_states": live.renderer.not_achieved_states,

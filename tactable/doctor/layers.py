@@ -12,14 +12,17 @@ from engine.loop.latency import Percentiles
 from engine.touch import open_digitizer
 from engine.touch.sources.recording import read_recording
 from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.line_rate import Transport, occupied_ns
-from firmware_link.protocol.messages import DRIVE_SIZE, Set, SetFlag
+from firmware_link.protocol.line_rate import UART_BITS_PER_BYTE, Transport, occupied_ns
+from firmware_link.protocol.messages import DRIVE_SIZE, Play, Set, SetFlag
 from tactable.doctor.check import Check
 from tactable.shipped import DEMO_RECORDING
 
 _WAKES = 200
 _PERIOD_S = 0.002
 _ACTUATORS = 2
+_CLICK_WEIGHTS = 44
+"""Of a click of 30 ms for two actuators."""
+_HALF_LEASE_S = 0.02
 _US = 1e3
 _PULSES = """
 import os, sys, time
@@ -44,6 +47,8 @@ def measure_layers(bit_rate_hz: int) -> list[Layer]:
     """Wake-up, engine, terminal and line; takes about a second. The line is computed, not measured."""
     command = encode_message(Set(0, SetFlag.WRITE_PHASE, 0, bytes(_ACTUATORS * DRIVE_SIZE)), 0)
     line_us = occupied_ns(Transport.UART, bit_rate_hz, len(command)) / _US
+    click = encode_message(Play(0, 0, 1, 0, _CLICK_WEIGHTS, (0,) * _CLICK_WEIGHTS), 0)
+    slowest_hz = len(click) * UART_BITS_PER_BYTE / _HALF_LEASE_S
     return [
         Layer(
             "host",
@@ -60,6 +65,18 @@ def measure_layers(bit_rate_hz: int) -> list[Layer]:
             line_us,
             None,
             f"{len(command)} bytes of a command at {bit_rate_hz} bit/s (computed; USB ignores the rate)",
+            "a faster line: `tactable run --bit-rate 2000000`, where the board can",
+        ),
+        Layer(
+            "line for a click",
+            occupied_ns(Transport.UART, bit_rate_hz, len(click)) / _US,
+            None,
+            f"{len(click)} bytes of {_CLICK_WEIGHTS} weights, two actuators, at {bit_rate_hz} bit/s (computed); "
+            + (
+                f"more than half a lease of 40 ms: below {slowest_hz:.0f} bit/s steady drives take the place of clicks"
+                if bit_rate_hz < slowest_hz
+                else f"below {slowest_hz:.0f} bit/s steady drives would take the place of clicks"
+            ),
             "a faster line: `tactable run --bit-rate 2000000`, where the board can",
         ),
     ]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from engine.table import ClickEntry
 from engine.touch import Placement, ZoneState
-from firmware_link.protocol.bank import SAMPLE_FULL_SCALE
+from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from precompute.clicks.basis import EVALUATION_RATE_HZ, interpolated
 from precompute.clicks.evaluation import decibels
 from precompute.entries.prediction import touched_zones

@@ -42,7 +42,7 @@ class ClickSource:
         if own is not None:
             return own
         solved = self.solver.solve(Placement.in_zones(self.table.device, states))
-        return played_at(ClickTabulator(self.table.device, self.options.wanted_db).tabulate(states, solved), inf)
+        return played_at(ClickTabulator(self.table.device, self.options).tabulate(states, solved), inf)
 
     def solve_baseline(self, states: States, name: str, length_s: float) -> Click:
         """A baseline of that length for a state, evaluated as the table's clicks."""

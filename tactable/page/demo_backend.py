@@ -42,9 +42,8 @@ SHORTEST_BACK_OFF_S, LONGEST_BACK_OFF_S = 0.25, 5.0
 class _Firmware:
     """The process of the emulated firmware, asked once a tick."""
 
-    def __init__(self, child: AsyncChild, port: str, number_of_actuators: int) -> None:
+    def __init__(self, child: AsyncChild, port: str) -> None:
         self.child, self.port = child, port
-        self._actuators = number_of_actuators
         self._answers: list[Applied] = []
         self._is_asked = False
         self._reader = asyncio.create_task(self._read())
@@ -55,14 +54,14 @@ class _Firmware:
         configuration = configuration_of(device)
         module = "tactable.page.processes.firmware"
         child = await AsyncChild.start(module, to_plain(configuration), name="the emulated firmware")
-        return cls(child, (await child.read())["port"], configuration.number_of_actuators)
+        return cls(child, (await child.read())["port"])
 
     async def _read(self) -> None:
         with contextlib.suppress(ChildError):  # `_follow` sees that the child has ended
             while True:
                 answer = await self.child.read()
                 self._is_asked = False
-                self._answers.append(decode_applied(answer, self._actuators))
+                self._answers.append(decode_applied(answer))
 
     def ask(self) -> list[Applied]:
         """The answers since the last call; asks for the next one."""
@@ -196,7 +195,7 @@ class DemoBackend:
                 self._boot, view.zero_ns = boot, applied.host_ns_at_device_zero
                 view.bar.begin(applied.until_us)
             view.read(reader.read())
-            view.bar.take(applied.events, applied.banks)
+            view.bar.take(applied.events)
             messages += view.move(applied.until_us, is_loaded=self._choice.is_loaded)
         picture = view.picture()
         return [*messages, encode_picture(picture)], bool(picture.fingers) or view.is_moving

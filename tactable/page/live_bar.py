@@ -12,7 +12,6 @@ from engine.device import Device
 from engine.loop.ring import MOST_TOUCHES
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, synthesise
 from firmware_link.emulator.synthesis import US_PER_S
-from firmware_link.protocol.bank import Bank
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter
@@ -71,7 +70,6 @@ class LiveBar:
         self.grid_m = np.linspace(0.0, device.bar.length_m, POINTS)
         self._basis = compute_basis(assemble(device)).lowest(MODES)
         self._taps = threshold_filter(RATE_HZ)
-        self._banks: dict[int, Bank] = {}
         silent = tuple(ChannelTarget(0.0, 0.0, None) for _ in device.actuators)
         self._silence = DriveEvent(0, Cause.NEW_SESSION, None, device.limits.slew_per_s, silent)
         self._log = [self._silence]
@@ -96,9 +94,8 @@ class LiveBar:
         self._plant = TransientPlant(self._basis, self.grid_m, RATE_HZ)
         self._place()
 
-    def take(self, events: Sequence[DriveEvent], banks: Mapping[int, Bank]) -> None:
-        """Take drive events in the order of their times, and the banks of their waveforms."""
-        self._banks.update(banks)
+    def take(self, events: Sequence[DriveEvent]) -> None:
+        """Take drive events in the order of their times."""
         self._log.extend(events)
 
     def touch(self, fingers: Sequence[BarFinger], *, is_loaded: bool) -> None:
@@ -133,7 +130,7 @@ class LiveBar:
             self._rest()
         start_us, self.now_us = self.now_us, max(self.now_us, until_us)
         self._forget_log()
-        displacement = synthesise(self._log, start_us, self.now_us, RATE_HZ, self._banks)
+        displacement = synthesise(self._log, start_us, self.now_us, RATE_HZ)
         is_idle = not displacement.any() and start_us - self._loud_us > US_PER_S * len(self._taps) / RATE_HZ
         if is_idle or not len(displacement):
             self._motion.push(np.zeros((len(displacement), POINTS)))

@@ -1,19 +1,17 @@
 """Turns ring records into the drive events that their commands cause, for a device that does not report them."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 from engine.loop import Record, Stage
 from engine.table import Table
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, PlayedWaveform
-from firmware_link.protocol.bank import Bank
 from firmware_link.protocol.messages import decode_drive
 
-_BANK = 1
 _NS_PER_US = 1000
 
 
 class RingDrive:
-    """Follows the commands of one run of a table; `banks` has its clicks.
+    """Follows the commands of one run of a table.
 
     Every written command is taken as driven: lost and late frames are not known.
     """
@@ -21,9 +19,6 @@ class RingDrive:
     def __init__(self, table: Table, frequency_resolution_hz: float) -> None:
         self._table, self._resolution_hz = table, frequency_resolution_hz
         self._limits, self._actuators = table.device.limits, len(table.device.actuators)
-        self._index_of = {click.index: index for index, click in enumerate(table.clicks)}
-        rate_hz = table.clicks[0].sample_rate_hz if table.clicks else 1
-        self.banks: Mapping[int, Bank] = {_BANK: Bank(rate_hz, tuple(click.samples for click in table.clicks))}
         self._drive = b""
 
     def events(self, records: Iterable[Record]) -> list[DriveEvent]:
@@ -46,7 +41,7 @@ class RingDrive:
         if record.level_db is None or not record.is_click or record.drive:
             return None
         click = self._table.click_at(record.state, record.level_db)
-        return None if click is None else PlayedWaveform(_BANK, self._index_of[click.index], click.amplitude)
+        return None if click is None else PlayedWaveform.of(click.sample_rate_hz, click.samples, click.amplitude)
 
     def _channels(self, drive: bytes) -> tuple[ChannelTarget, ...]:
         limit = self._limits.amplitude

@@ -1,7 +1,7 @@
 """The bar and its fingers in the time domain, driven by what the emulated firmware was sent. SIMULATED."""
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,6 @@ from engine.table import Entry
 from engine.touch import ZoneState
 from engine.touch.finger_tracker import ZoneEdges
 from firmware_link.emulator import DriveEvent, synthesise
-from firmware_link.protocol.bank import Bank
 from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis
 from precompute.model.transient import TransientPlant
@@ -112,16 +111,14 @@ class SimulatedBar:
             acceleration=points,
         )
 
-    def simulate_click(
-        self, event: DriveEvent, states: Sequence[ZoneState], banks: Mapping[int, Bank]
-    ) -> SimulatedClick:
+    def simulate_click(self, event: DriveEvent, states: Sequence[ZoneState]) -> SimulatedClick:
         """Play the firmware's waveform of `event` from rest, with standard fingers in the middle of touched zones."""
         zones = [zone for zone, state in zip(self.device.zones, states, strict=True) if state is not ZoneState.FREE]
         middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in zones])
         plant = TransientPlant(self.basis, middle_m, self.sample_rate_hz)
         plant.touch([(position_m, self.device.finger) for position_m in middle_m.tolist()])
         log = [replace(event, device_time_us=0)]
-        drive = synthesise(log, 0.0, _RING_DOWN_US, self.sample_rate_hz, banks)
+        drive = synthesise(log, 0.0, _RING_DOWN_US, self.sample_rate_hz)
         acceleration = plant.accelerate(drive)
         return SimulatedClick(np.arange(len(drive)) / self.sample_rate_hz, drive, acceleration)
 
@@ -131,9 +128,7 @@ class SimulatedBar:
         drive, felt, quiet = list[Array](), list[Array](), list[Array]()
         plant = TransientPlant(self.basis, np.zeros(0), self.sample_rate_hz)
         for stretch in stretches:
-            displacement = synthesise(
-                run.log.events, stretch.start_us, stretch.stop_us, self.sample_rate_hz, run.log.banks
-            )
+            displacement = synthesise(run.log.events, stretch.start_us, stretch.stop_us, self.sample_rate_hz)
             if not len(displacement):
                 continue
             fingers_m = np.array(stretch.finger_positions_m)

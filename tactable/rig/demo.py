@@ -98,7 +98,7 @@ def _run_demo(table: Table, recording: Recording, effects: Effects) -> DemoRepor
         if event.waveform is None and (entry := table.entry_at(wanted.state, wanted.level_db)) is not None
     )
     clicks = tuple(
-        ClickReport(click, bar.simulate_click(event, click.states, run.log.banks), *greatest.get(wanted, (0.0, 0.0)))
+        ClickReport(click, bar.simulate_click(event, click.states), *greatest.get(wanted, (0.0, 0.0)))
         for wanted, event in applied.items()
         if event.waveform is not None and (click := table.click_at(wanted.state, wanted.level_db)) is not None
     )

@@ -85,7 +85,7 @@ class Live:
         greeting = Link(link_configuration(table.device, options.bit_rate_hz))
         self.capabilities = connect(Session(greeting, port, clock.now_ns), clock)
         rendering = render_table(table, effects, self.capabilities, options.when_not_achieved, options.bit_rate_hz)
-        self.bank, self.renderer = rendering.bank, rendering.renderer
+        self.renderer = rendering.renderer
         self.link = FastLink(rendering.configuration)
         self.no_fast_path = ""
         """Why a fast path that was asked for cannot be had; "" otherwise."""
@@ -115,13 +115,12 @@ class Live:
             reconnect=options.reconnect,
             reopening=reopening,
             updates=None if watch is None else watch(self.capabilities),
-            bank_data=rendering.bank_data,
         )
 
     @property
     def clicks(self) -> int:
-        """Number of clicks that the device holds."""
-        return 0 if self.bank is None else len(self.bank.waveforms)
+        """Number of clicks that the device can play."""
+        return self.renderer.playable_clicks
 
     @property
     def frames_sent(self) -> int:

@@ -1,6 +1,7 @@
 """Clicks made by hand: the waveform says which state it is for, the figures are all alike."""
 
 from collections.abc import Sequence
+from functools import cache
 from math import inf
 
 import numpy as np
@@ -9,19 +10,32 @@ from engine.device import Device
 from engine.table import ClickEntry
 from engine.table.click import ClickZone, LevelSpread
 from engine.touch import ZoneState, state_index
+from firmware_link.protocol.basis import Basis, BasisSet
+
+
+@cache
+def basis_of(actuators: int, *counts: int) -> Basis:
+    """A basis whose sums are the weight of the actuator at all samples but the ends; a set for each count of them."""
+    sets = []
+    for count in counts:
+        functions = np.full((actuators, count), 2, np.int16)
+        functions[:, [0, -1]] = 0
+        sets.append(BasisSet(functions, np.arange(actuators, dtype=np.uint8)))
+    return Basis(4000, tuple(sets))
 
 
 def click_of(
     device: Device, states: Sequence[ZoneState], *, level_db: float = 26.0, count: int = 121, achieved: bool = True
 ) -> ClickEntry:
     """A click of a device for these zone states: so many samples, the greatest is the number of the state."""
-    samples = np.zeros((count, len(device.actuators)), dtype=np.int16)
-    samples[1:-1] = state_index(states)
+    actuators = len(device.actuators)
     is_quiet = ZoneState.QUIET in states
     return ClickEntry(
         states=tuple(states),
-        sample_rate_hz=4000,
-        samples=samples,
+        basis=basis_of(actuators, count),
+        basis_set=0,
+        weights=np.full(actuators, state_index(states), np.int16),
+        fraction_bits=1,
         amplitude=1.0,
         wanted_level_db=inf,
         achieved=achieved,

@@ -7,25 +7,26 @@ time are given slack by the tier.
 import dataclasses
 import math
 from collections.abc import Callable, Iterator
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_link.protocol.bank import Bank, encode_bank, hash_of_bank, make_bank, transfer_messages
+from firmware_link.protocol.basis import Basis, BasisSet, encode_basis, transfer_messages
 from firmware_link.protocol.framing import EMERGENCY_STOP, FrameDecoder, encode_message
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import (
     CLOCK_REFERENCE_SPAN,
     CLOCK_REFERENCE_US,
     MAGIC,
+    MAXIMUM_WEIGHTS,
     VERSION_MAJOR,
     VERSION_MINOR,
     Ack,
     Arm,
-    BankBegin,
-    BankChunk,
-    BankCommit,
+    BasisBegin,
+    BasisChunk,
+    BasisCommit,
     ChannelDrive,
     DeviceState,
     Fault,
@@ -48,6 +49,7 @@ from firmware_link.protocol.messages import (
     encode_amplitude,
     encode_drive,
 )
+from tests.firmware_link.clicks import Clicks
 
 US_PER_MS = 1_000
 US_PER_S = 1_000_000
@@ -217,17 +219,16 @@ class Host:
         """Send it until it is applied; the status that says so."""
         return self._until_applied(lambda: self.set_message(drive))
 
-    def play(self, waveform: int, amplitude: float = 1.0) -> Status:
+    def play(self, index: int, amplitude: float = 1.0, clicks: "Clicks | None" = None) -> Status:
         """As `set`."""
-        return self._until_applied(lambda: Play(self.clock_reference(), waveform, encode_amplitude(amplitude)))
+        word = encode_amplitude(amplitude)
+        return self._until_applied(lambda: (clicks or CLICKS).play(index, self.clock_reference(), word))
 
-    def hand_over(self, bank: Bank) -> int:
-        """Transfer a bank; its hash."""
-        assert self.hello is not None
-        data = encode_bank(bank, self.hello.number_of_actuators)
-        for message in transfer_messages(data):
+    def hand_over(self, basis: Basis) -> int:
+        """Transfer a basis; its hash."""
+        for message in transfer_messages(basis.data):
             assert self.ask(message) is Result.OK
-        return hash_of_bank(data)
+        return basis.hash
 
     def pass_until(self, device_us: int) -> None:
         """Wait until a device time has passed."""
@@ -257,7 +258,7 @@ def hump(*amplitudes: float, duration_us: int = WAVEFORM_US) -> NDArray[np.float
     return np.outer(rise, amplitudes)
 
 
-BANK = make_bank(SAMPLE_RATE_HZ, [hump(1.0, -0.5), hump(0.5, 0.5)])
+CLICKS = Clicks(SAMPLE_RATE_HZ, [hump(1.0, -0.5), hump(0.5, 0.5)])
 
 
 # ---- arming ------------------------------------------------------------------------------------------------
@@ -267,7 +268,7 @@ def law_nothing_drives_before_it_is_armed(tier: Tier) -> None:
     host = Host(tier)
     host.greet()
     host.send(host.set_message(host.drive(*LOUD)))
-    host.send(Play(host.clock_reference(), 0, FULL))
+    host.send(CLICKS.play(0, host.clock_reference()))
     status = host.status(lambda status: status.refused == 2)
     assert (status.state, status.applied) == (DeviceState.IDLE, 0)
     host.pass_until(status.device_time_us + RAMP_US)
@@ -553,70 +554,71 @@ def law_amplitudes_are_clamped(tier: Tier) -> None:
 # ---- waveforms ---------------------------------------------------------------------------------------------
 
 
-def law_a_bank_is_kept_until_the_device_boots(tier: Tier) -> None:
+def law_a_basis_is_kept_until_the_device_boots(tier: Tier) -> None:
     host = Host(tier)
-    assert host.greet().held_bank_hash == 0
+    assert host.greet().held_basis_hash == 0
     tier.wait(LOG_SPACING_US)
-    bank_hash = host.hand_over(BANK)
-    assert host.expect(Log).value == bank_hash
-    assert host.ask(BankCommit(bank_hash)) is Result.OK
+    basis_hash = host.hand_over(CLICKS.basis)
+    assert host.expect(Log).value == basis_hash
+    assert host.ask(BasisCommit(basis_hash)) is Result.OK
     host.ready()
     host.play(0)
     assert host.ask(Stop()) is Result.OK
-    assert host.greet().held_bank_hash == bank_hash
+    assert host.greet().held_basis_hash == basis_hash
     tier.reboot()
-    assert Host(tier).greet().held_bank_hash == 0
+    assert Host(tier).greet().held_basis_hash == 0
 
 
 def law_copies_of_a_transfer_change_nothing(tier: Tier) -> None:
     host = Host(tier)
-    hello = host.greet()
-    data = encode_bank(BANK, hello.number_of_actuators)
-    for message in transfer_messages(data):
+    host.greet()
+    for message in transfer_messages(CLICKS.basis.data):
         for _ in range(2):
             assert host.ask(message) is Result.OK
-    assert host.greet().held_bank_hash == hash_of_bank(data)
+    assert host.greet().held_basis_hash == CLICKS.basis.hash
 
 
-def law_a_bank_that_is_not_whole_is_refused(tier: Tier) -> None:
+def law_a_basis_that_is_not_whole_is_refused(tier: Tier) -> None:
     host = Host(tier)
-    hello = host.greet()
-    data = encode_bank(BANK, hello.number_of_actuators)
+    host.greet()
+    data = CLICKS.basis.data
     begin, *chunks, commit = transfer_messages(data)
-    assert isinstance(chunks[0], BankChunk)
+    assert isinstance(chunks[0], BasisChunk)
     damaged = dataclasses.replace(chunks[0], data=bytes(chunks[0].data[:-1]) + b"\x5a")
     assert host.ask(chunks[0]) is Result.WRONG_STATE
-    for start, rest in ((begin, chunks[:-1]), (begin, [damaged, *chunks[1:]]), (BankBegin(5, len(data)), chunks)):
+    for start, rest in ((begin, chunks[:-1]), (begin, [damaged, *chunks[1:]]), (BasisBegin(5, len(data)), chunks)):
         for message in (start, *rest):
             assert host.ask(message) is Result.OK
         assert host.ask(commit) is Result.WRONG_HASH
         assert host.ask(commit) is Result.WRONG_STATE
     assert host.ask(begin) is Result.OK
     assert host.ask(chunks[1]) is Result.OUT_OF_RANGE
-    assert host.greet().held_bank_hash == 0
+    assert host.greet().held_basis_hash == 0
     assert host.ask(chunks[0]) is Result.WRONG_STATE
 
 
-def law_a_bank_that_makes_no_sense_is_refused(tier: Tier) -> None:
+def law_a_basis_that_makes_no_sense_is_refused(tier: Tier) -> None:
     host = Host(tier)
     hello = host.greet()
-    data = encode_bank(BANK, hello.number_of_actuators)
-    assert host.ask(BankBegin(0, len(data))) is Result.OUT_OF_RANGE
-    assert host.ask(BankBegin(1, hello.bank_capacity_bytes + 1)) is Result.NO_ROOM
+    data = CLICKS.basis.data
+    assert host.ask(BasisBegin(0, len(data))) is Result.OUT_OF_RANGE
+    assert host.ask(BasisBegin(1, hello.basis_capacity_bytes + 1)) is Result.NO_ROOM
     loud_at_the_end = data[:-2] + b"\x01\x00"
-    no_rate, no_waveform = b"\0\0" + data[2:], data[:2] + b"\0\0"
-    for nonsense in (loud_at_the_end, no_rate, no_waveform, data + b"\0\0", data[:-1]):
+    no_rate, no_set = b"\0\0" + data[2:], data[:2] + b"\0\0"
+    of_no_actuator = data[:12] + b"\xff" + data[13:]
+    no_function, too_many = (encode_basis(unchecked(functions)) for functions in (0, MAXIMUM_WEIGHTS + 1))
+    one_more = (data + b"\0\0", data[:-1])
+    for nonsense in (loud_at_the_end, no_rate, no_set, of_no_actuator, no_function, too_many, *one_more):
         *steps, commit = transfer_messages(nonsense)
         for message in steps:
             assert host.ask(message) is Result.OK
         assert host.ask(commit) is Result.OUT_OF_RANGE
 
 
-def law_an_armed_device_plays_its_bank_until_the_next_is_whole(tier: Tier) -> None:
-    host = with_bank(tier)
-    other = make_bank(SAMPLE_RATE_HZ, [hump(0.2, 0.8), hump(0.4, 0.4)])
-    assert host.hello is not None
-    *steps, commit = transfer_messages(encode_bank(other, host.hello.number_of_actuators))
+def law_an_armed_device_plays_its_basis_until_the_next_is_whole(tier: Tier) -> None:
+    host = with_basis(tier)
+    other = Clicks(SAMPLE_RATE_HZ, [hump(0.2, 0.8, duration_us=2 * WAVEFORM_US), hump(0.4, 0.4)])
+    *steps, commit = transfer_messages(other.basis.data)
     half = len(steps) // 2
     for message in steps[:half]:
         assert host.ask(message) is Result.OK
@@ -626,44 +628,44 @@ def law_an_armed_device_plays_its_bank_until_the_next_is_whole(tier: Tier) -> No
     assert abs(peaks[0] - 0.5) < 0.01
     for message in (*steps[half:], commit, commit):
         assert host.ask(message) is Result.OK
-    started = host.play(0)
+    started = host.play(0, clicks=other)
     ended = host.status(lambda status: status.state is DeviceState.ARMED)
     peaks = tier.peaks(started.applied_time_us, ended.device_time_us)
+    assert ended.device_time_us - started.applied_time_us >= 2 * WAVEFORM_US
     assert abs(peaks[0] - 0.2) < 0.01
     assert abs(peaks[1] - 0.8) < 0.01
 
 
-def law_a_latched_device_takes_no_bank(tier: Tier) -> None:
-    host = with_bank(tier)
-    assert host.hello is not None
+def law_a_latched_device_takes_no_basis(tier: Tier) -> None:
+    host = with_basis(tier)
     assert host.ask(Stop()) is Result.OK
-    begin, chunk, *_, commit = transfer_messages(encode_bank(BANK, host.hello.number_of_actuators))
+    begin, chunk, *_, commit = transfer_messages(CLICKS.basis.data)
     for message in (begin, chunk, commit):
         assert host.ask(message) is Result.WRONG_STATE
 
 
-def law_a_bank_that_fails_leaves_the_one_that_is_held(tier: Tier) -> None:
+def law_a_basis_that_fails_leaves_the_one_that_is_held(tier: Tier) -> None:
     host = Host(tier)
     host.greet()
-    bank_hash = host.hand_over(BANK)
-    assert host.ask(BankBegin(5, 100)) is Result.OK
-    assert host.ask(BankCommit(5)) is Result.WRONG_HASH
-    assert host.greet().held_bank_hash == bank_hash
+    basis_hash = host.hand_over(CLICKS.basis)
+    assert host.ask(BasisBegin(5, 100)) is Result.OK
+    assert host.ask(BasisCommit(5)) is Result.WRONG_HASH
+    assert host.greet().held_basis_hash == basis_hash
 
 
-def law_without_room_for_both_an_armed_device_keeps_its_bank_and_an_idle_one_forgets_it(tier: Tier) -> None:
+def law_without_room_for_both_an_armed_device_keeps_its_basis_and_an_idle_one_forgets_it(tier: Tier) -> None:
     host = Host(tier)
-    capacity = host.greet().bank_capacity_bytes
-    bank_hash = host.hand_over(BANK)
+    capacity = host.greet().basis_capacity_bytes
+    basis_hash = host.hand_over(CLICKS.basis)
     host.ready()
-    assert host.ask(BankBegin(7, capacity)) is Result.NO_ROOM
-    assert host.greet().held_bank_hash == bank_hash
-    assert host.ask(BankBegin(7, capacity)) is Result.OK
-    assert host.greet().held_bank_hash == 0
+    assert host.ask(BasisBegin(7, capacity)) is Result.NO_ROOM
+    assert host.greet().held_basis_hash == basis_hash
+    assert host.ask(BasisBegin(7, capacity)) is Result.OK
+    assert host.greet().held_basis_hash == 0
 
 
-def law_a_waveform_ends_by_itself(tier: Tier) -> None:
-    host = with_bank(tier)
+def law_a_click_ends_by_itself(tier: Tier) -> None:
+    host = with_basis(tier)
     started = host.play(0, 0.5)
     ended = host.status(lambda status: status.state is DeviceState.ARMED)
     assert 0 <= ended.device_time_us - started.applied_time_us - WAVEFORM_US <= tier.slack_us
@@ -676,11 +678,16 @@ def law_a_waveform_ends_by_itself(tier: Tier) -> None:
     assert max(tier.peaks(after_us, after_us + 20 * US_PER_MS)) == 0.0
 
 
-def law_a_waveform_that_is_not_there_is_refused(tier: Tier) -> None:
-    host = with_bank(tier)
+def law_a_click_that_the_basis_does_not_fit_is_refused(tier: Tier) -> None:
+    host = with_basis(tier)
     before = host.fresh_status()
-    missing = len(BANK.waveforms)
-    tier.write(b"".join(host.frame(Play(host.clock_reference(), missing, FULL)) for _ in range(5)))
+    missing = len(CLICKS.weights)
+    fitting = CLICKS.play(0, 0)
+    one_less = {"number_of_weights": 1, "weights": fitting.weights[:1]}
+    changes: list[dict[str, Any]] = [{"fraction_bits": 0}, {"fraction_bits": 32}, one_less, {"basis_set": 255}]
+    bad = [CLICKS.play(missing, 0), *(dataclasses.replace(fitting, **change) for change in changes)]
+    frames = [host.frame(dataclasses.replace(play, clock_reference=host.clock_reference())) for play in bad]
+    tier.write(b"".join(frames))
     refused = host.status(lambda status: status.refused == before.refused + 5)
     assert (refused.applied, refused.state) == (before.applied, DeviceState.ARMED)
     told = [m for m in host.heard if isinstance(m, Log) and m.code is LogCode.PLAY_REFUSED]
@@ -688,19 +695,19 @@ def law_a_waveform_that_is_not_there_is_refused(tier: Tier) -> None:
     assert [log.value for log in told] == [missing] or (tier.slack_us and told)
 
 
-def law_a_third_waveform_within_a_ramp_is_refused(tier: Tier) -> None:
-    host = with_bank(tier)
+def law_a_third_click_within_a_ramp_is_refused(tier: Tier) -> None:
+    host = with_basis(tier)
     before = host.fresh_status()
-    tier.write(b"".join(host.frame(Play(host.clock_reference(), 0, FULL)) for _ in range(3)))
+    tier.write(b"".join(host.frame(CLICKS.play(0, host.clock_reference())) for _ in range(3)))
     status = host.status(lambda status: status.applied + status.refused + status.stale >= before.applied + 3)
     assert (status.applied, status.refused) == (before.applied + 2, before.refused + 1) or tier.slack_us
 
 
-def law_a_long_waveform_needs_a_living_host(tier: Tier) -> None:
-    bank = make_bank(SAMPLE_RATE_HZ, [hump(1.0, 1.0, duration_us=400 * US_PER_MS)])
+def law_a_long_click_needs_a_living_host(tier: Tier) -> None:
+    clicks = Clicks(SAMPLE_RATE_HZ, [hump(1.0, 1.0, duration_us=400 * US_PER_MS)])
     for is_alive in (True, False):
-        host = with_bank(tier, bank)
-        started = host.play(0)
+        host = with_basis(tier, clicks.basis)
+        started = host.play(0, clicks=clicks)
         for _ in range(30 * is_alive):
             host.send(KeepAlive(host.clock_reference(), started.applied_sequence))
             tier.wait(20 * US_PER_MS)
@@ -715,11 +722,20 @@ def law_a_long_waveform_needs_a_living_host(tier: Tier) -> None:
             assert max(tier.peaks(silent_us, silent_us + 20 * US_PER_MS)) == 0.0
 
 
-def with_bank(tier: Tier, bank: Bank = BANK) -> Host:
-    """Ready, with a bank."""
+def unchecked(functions: int) -> Basis:
+    """A basis of one set of silent functions, however many."""
+    basis = object.__new__(Basis)
+    silence = BasisSet(np.zeros((functions, 2), np.int16), np.zeros(functions, np.uint8))
+    object.__setattr__(basis, "sample_rate_hz", SAMPLE_RATE_HZ)
+    object.__setattr__(basis, "sets", (silence,))
+    return basis
+
+
+def with_basis(tier: Tier, basis: Basis = CLICKS.basis) -> Host:
+    """Ready, with a basis."""
     host = Host(tier)
     assert Features.WAVEFORMS in host.greet().features
-    host.hand_over(bank)
+    host.hand_over(basis)
     assert host.arm() is Result.OK
     return host
 
@@ -728,7 +744,7 @@ def with_bank(tier: Tier, bank: Bank = BANK) -> Host:
 
 
 def wave_law_takeovers_make_no_step(tier: WaveTier) -> None:
-    host = with_bank(tier)
+    host = with_basis(tier)
     drive, other = host.drive(*LOUD), host.drive(ChannelDrive(150, 0.7), ChannelDrive(180, 1.0))
     noise = np.random.default_rng(2)
     begun_us = host.device_us()
@@ -741,7 +757,7 @@ def wave_law_takeovers_make_no_step(tier: WaveTier) -> None:
             case 2:
                 host.send(host.set_message(bytes(len(drive))))
             case _:
-                host.send(Play(host.clock_reference(), int(noise.integers(2)), FULL))
+                host.send(CLICKS.play(int(noise.integers(2)), host.clock_reference()))
         tier.wait(int(noise.integers(200, 20 * US_PER_MS)))
     host.pass_until(host.device_us() + 100 * US_PER_MS)
     rate_hz, displacements = tier.outputs(begun_us, host.device_us() - 50 * US_PER_MS)
@@ -751,10 +767,34 @@ def wave_law_takeovers_make_no_step(tier: WaveTier) -> None:
     assert np.abs(np.diff(displacements, axis=0)).max() <= fastest_per_s / rate_hz + ROUNDING
 
 
+def wave_law_no_weights_pass_amplitude_or_slew(tier: WaveTier) -> None:
+    noise = np.random.default_rng(3)
+    functions = noise.integers(-32_767, 32_767, (24, 61), np.int16, endpoint=True)
+    functions[:, [0, -1]] = 0
+    basis = Basis(SAMPLE_RATE_HZ, (BasisSet(functions, noise.integers(0, 2, 24).astype(np.uint8)),))
+    host = with_basis(tier, basis)
+    assert host.hello is not None
+    assert host.arm(limit=FULL // 2) is Result.OK
+    highest_hz = host.hello.frequency_maximum * host.hello.frequency_resolution_uhz * 1e-6
+    begun_us = host.device_us()
+    for fraction_bits in (1, 12, 16, 19, 22):
+        weights = tuple(noise.integers(-32_768, 32_767, 24, endpoint=True).tolist())
+        host.send(Play(host.clock_reference(), 0, fraction_bits, FULL, 24, weights))
+        host.status(lambda status: status.state is DeviceState.DRIVING)
+        host.status(lambda status: status.state is DeviceState.ARMED)
+    host.pass_until(host.device_us() + 100 * US_PER_MS)
+    rate_hz, displacements = tier.outputs(begun_us, host.device_us() - 50 * US_PER_MS)
+    assert 0.49 < np.abs(displacements).max() <= 0.5 + ROUNDING
+    # A change of one sample of the basis is a straight line, and rounded up to a step of it.
+    fastest_per_s = 0.5 * math.tau * highest_hz + SAMPLE_RATE_HZ / 32_767
+    assert np.abs(np.diff(displacements, axis=0)).max() <= fastest_per_s / rate_hz + ROUNDING
+    assert not displacements[-1].any()
+
+
 def wave_law_the_sum_stays_within_the_limit(tier: WaveTier) -> None:
     host = Host(tier)
     host.greet()
-    host.hand_over(BANK)
+    host.hand_over(CLICKS.basis)
     assert host.arm(limit=FULL // 2) is Result.OK
     begun_us = host.device_us()
     for _ in range(10):

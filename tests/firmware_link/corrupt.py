@@ -212,14 +212,15 @@ def _body(frame: bytes) -> bytes:
 
 def _random_body(layout: Layout, chance: Chance) -> bytes:
     """A body of valid length; what its words mean does not matter to a decoder of frames."""
-    body = bytearray(chance.randbytes(layout.length(ACTUATORS)))
+    repetitions = ACTUATORS if layout.most is None else chance.randint(0, layout.most)
+    body = bytearray(chance.randbytes(layout.length(repetitions)))
     body[0] = layout.message.type_byte
-    if layout.message is Hello:
-        body[layout.length(0) - 1] = ACTUATORS
     # Zeros are what COBS is about.
     for at in range(2, len(body)):
-        if chance.random() < 0.3 and not (layout.message is Hello and at == layout.length(0) - 1):
+        if chance.random() < 0.3:
             body[at] = 0
+    if layout.message is Hello or layout.most is not None:
+        body[layout.length(0) - 1] = repetitions
     assert seed_of(body[0]) is not None
     return bytes(body)
 

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent
-from firmware_link.protocol.bank import SAMPLE_FULL_SCALE, Bank
+from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet
 from firmware_link.protocol.layout import Layout, Message, Word
 from firmware_link.protocol.messages import MESSAGES, ChannelDrive, Hello
 
@@ -30,11 +30,12 @@ def messages(draw: st.DrawFn, number_of_actuators: int) -> Message:
         draw(_word(word) if kind in (int, bytes) else st.sampled_from(cast(type[Enum], kind)))
         for (_, word), kind in zip(layout.words, layout.converters, strict=True)
     ]
-    if layout.message is Hello:
-        values[-1] = number_of_actuators
+    repetitions = number_of_actuators if layout.most is None else draw(st.integers(0, layout.most))
+    if layout.message is Hello or layout.most is not None:
+        values[-1] = repetitions
     if layout.repeated:
-        size = layout.length(number_of_actuators) - layout.length(0)
-        values.append(draw(_repeated(layout, size, number_of_actuators)))
+        size = layout.length(repetitions) - layout.length(0)
+        values.append(draw(_repeated(layout, size, repetitions)))
     return layout.message(*values)
 
 
@@ -68,25 +69,27 @@ def _targets(draw: st.DrawFn, number_of_actuators: int) -> tuple[ChannelTarget, 
 def _word(word: Word) -> st.SearchStrategy[Any]:
     if word.block_size is not None:
         return st.binary(min_size=word.block_size, max_size=word.block_size)
+    if word.kind == "i16":
+        return st.integers(-(2**15), 2**15 - 1)
     return st.integers(0, 2 ** BITS[word.kind] - 1)
 
 
-def _repeated(layout: Layout, size: int, number_of_actuators: int) -> st.SearchStrategy[Any]:
+def _repeated(layout: Layout, size: int, repetitions: int) -> st.SearchStrategy[Any]:
     if layout.repeated_is_raw:
         return st.binary(min_size=size, max_size=size)
     assert layout.repeated is not None
     words = [_word(word) for _, word in layout.repeated[1].words]
-    return st.tuples(*words * number_of_actuators)
+    return st.tuples(*words * repetitions)
 
 
 @st.composite
-def banks(draw: st.DrawFn) -> Bank:
-    """Banks for 3 actuators."""
+def bases(draw: st.DrawFn) -> Basis:
+    """Bases for 3 actuators."""
     chance = np.random.default_rng(draw(st.integers(0, 2**32)))
-    lengths = draw(st.lists(st.integers(2, 60), min_size=1, max_size=5))
-    waveforms = []
-    for length in lengths:
-        waveform = chance.integers(-SAMPLE_FULL_SCALE, SAMPLE_FULL_SCALE, (length, 3), endpoint=True)
-        waveform[[0, -1]] = 0
-        waveforms.append(waveform.astype(np.int16))
-    return Bank(draw(st.integers(1, 65_535)), tuple(waveforms))
+    shapes = draw(st.lists(st.tuples(st.integers(1, 12), st.integers(2, 60)), min_size=1, max_size=5))
+    sets = []
+    for shape in shapes:
+        functions = chance.integers(-SAMPLE_FULL_SCALE, SAMPLE_FULL_SCALE, shape, endpoint=True)
+        functions[:, [0, -1]] = 0
+        sets.append(BasisSet(functions.astype(np.int16), chance.integers(0, 3, shape[0]).astype(np.uint8)))
+    return Basis(draw(st.integers(1, 65_535)), tuple(sets))

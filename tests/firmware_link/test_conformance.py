@@ -41,8 +41,7 @@ class VirtualTier:
         return tuple(np.abs(displacements).max(axis=0, initial=0.0)) or (0.0,)
 
     def outputs(self, start_us: int, stop_us: int) -> tuple[float, NDArray[np.float64]]:
-        log, banks = self._firmware.drive_log, self._firmware.banks
-        return SAMPLE_RATE_HZ, synthesise(log, start_us, stop_us, SAMPLE_RATE_HZ, banks)
+        return SAMPLE_RATE_HZ, synthesise(self._firmware.drive_log, start_us, stop_us, SAMPLE_RATE_HZ)
 
     def reboot(self) -> None:
         self._firmware, self._booted_us, self._said = self._boot(), self._host_us, b""

@@ -49,7 +49,7 @@ class PortTier:
 
     def outputs(self, start_us: int, stop_us: int) -> tuple[float, NDArray[np.float64]]:
         log = self._emulator.log()
-        return SAMPLE_RATE_HZ, synthesise(log.events, start_us, stop_us, SAMPLE_RATE_HZ, log.banks)
+        return SAMPLE_RATE_HZ, synthesise(log.events, start_us, stop_us, SAMPLE_RATE_HZ)
 
     def reboot(self) -> None:
         self._emulator.reboot()

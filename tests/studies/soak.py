@@ -1,7 +1,7 @@
 """A session of many minutes in virtual time, with faults: nothing stale is applied, and every counter reconciles.
 
-`python -m tests.studies.soak SECONDS [FAULTS] [SEED]` gives 1000 commands a second, a tenth of them waveforms of
-a bank, and prints the figures.
+`python -m tests.studies.soak SECONDS [FAULTS] [SEED]` gives 1000 commands a second, a tenth of them clicks of a
+basis, and prints the figures.
 """
 
 import argparse
@@ -21,9 +21,9 @@ from firmware_link.emulator.fault_plan import parse_fault_plan
 from firmware_link.emulator.faulty_device import FaultyDevice
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
-from firmware_link.protocol.bank import encode_bank, hash_of_bank, make_bank
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.messages import FULL_SCALE_WORD, WORDS_PER_TURN, DeviceState
+from tests.firmware_link.clicks import Clicks
 
 FAULTS = (
     "bit_errors=1e-5,drop=0.005,duplicate=0.005,insert=0.0005,lose=0.0005,burst=0.0005,delay=300us,jitter=1ms,"
@@ -43,27 +43,31 @@ HOST_START_US = 77_000_000_000
 # Commands are numbered by their words of frequency and phase.
 LOWEST_FREQUENCY, FREQUENCIES = 100, 1 << 15
 RESOLUTION_HZ = 0.01
-# Every tenth command is a waveform; after every 400th of them nothing comes, and it plays to its end.
+# Every tenth command is a click; after every 400th of them nothing comes, and it plays to its end.
 PLAY_EVERY, LONG_PLAY_EVERY = 10, 4_000
-BANK_RATE_HZ = 2_000
+BASIS_RATE_HZ = 2_000
 LENGTHS_US = (5_000, 20_000, 100_000, 200_000)
 LONG = 3
-BANK = make_bank(
-    BANK_RATE_HZ,
+CLICKS = Clicks(
+    BASIS_RATE_HZ,
     [
-        np.sin(np.pi * np.linspace(0.0, 1.0, length_us * BANK_RATE_HZ // 1_000_000 + 1)).round(9)[:, None] * [1.0, -1.0]
+        np.sin(np.pi * np.linspace(0.0, 1.0, length_us * BASIS_RATE_HZ // 1_000_000 + 1)).round(9)[:, None]
+        * [1.0, -1.0]
         for length_us in LENGTHS_US
     ],
 )
-BANK_HASH = hash_of_bank(encode_bank(BANK, 2))
 REFUSALS = ("crc", "framing", "length", "overrun")
+
+
+def _length_us(waveform: PlayedWaveform) -> int:
+    return (len(waveform.samples) - 1) * US_PER_S // waveform.sample_rate_hz
 
 
 @dataclass
 class Figures:
     """What happened; `commands` were given to the link while it was ready, the rest had no device.
 
-    `plays` are those of them that were waveforms, `ended_plays` those that played to their end.
+    `plays` are those of them that were clicks, `ended_plays` those that played to their end.
     """
 
     commands: int = 0
@@ -90,7 +94,9 @@ class Soak:
         plan = parse_fault_plan(faults)
         self.device = FaultyDevice(lambda boot_id: EmulatedFirmware(DeviceConfiguration(boot_id)), plan, seed)
         self.link = Link(
-            LinkConfiguration(2, lease_ms=LEASE_MS, bit_rate_hz=BIT_RATE_HZ, handshake_timeout_s=2.0, bank=BANK)
+            LinkConfiguration(
+                2, lease_ms=LEASE_MS, bit_rate_hz=BIT_RATE_HZ, handshake_timeout_s=2.0, basis=CLICKS.basis
+            )
         )
         self.figures = Figures()
         self._now_us = 0
@@ -149,12 +155,12 @@ class Soak:
             self.link.set_drive(struct.pack("<6H", *words, *words))
 
     def _play(self) -> None:
-        """Likewise, by waveform and amplitude; a long one is left alone until it has ended."""
+        """Likewise, by click and amplitude; a long one is left alone until it has ended."""
         number = len(self._plays_given_us)
         is_left_alone = number % (LONG_PLAY_EVERY // PLAY_EVERY) == 0
-        waveform = LONG if is_left_alone else number % LONG
+        index = LONG if is_left_alone else number % LONG
         self._plays_given_us.append(self._now_us)
-        self.link.set_play(waveform, (number + 1) / FULL_SCALE_WORD)
+        self.link.set_play(CLICKS.encoded(index, (number + 1) / FULL_SCALE_WORD))
         if is_left_alone and self._command_us is not None:
             self._command_us += LENGTHS_US[LONG] + 2 * LEASE_MS * 1_000
 
@@ -184,7 +190,7 @@ class Soak:
                 self._heard, self._play_end_us = firmware, None
             for event in firmware.drive_log:
                 waveform = event.waveform
-                self._play_end_us = None if waveform is None else self._now_us + LENGTHS_US[waveform.index]
+                self._play_end_us = None if waveform is None else self._now_us + _length_us(waveform)
                 if event.cause in (Cause.SET, Cause.PLAY):
                     self._check_age(waveform or event.channels[0])
                     assert firmware.configuration.boot_id in self._greeted_boots, "old traffic drives a new boot"
@@ -208,7 +214,6 @@ class Soak:
     def _given(self, command: ChannelTarget | PlayedWaveform) -> int:
         """When the command was given."""
         if isinstance(command, PlayedWaveform):
-            assert command.bank_hash == BANK_HASH
             return self._plays_given_us[round(command.amplitude * FULL_SCALE_WORD) - 1]
         assert command.phase_rad is not None
         phase = round(command.phase_rad / math.tau * WORDS_PER_TURN)

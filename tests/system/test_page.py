@@ -420,7 +420,7 @@ def test_an_hour_of_the_server_leaves_nothing_behind(tmp_path: Path) -> None:
             begun = record_of(table, states, at_ns, is_click=bool(number % 4))
             ended = record_of(table, (ZoneState.FREE,) * 3, at_ns + 100_000_000, level_db=None)
             for record in (begun, ended):
-                view.bar.take(drive.events([record]), drive.banks)
+                view.bar.take(drive.events([record]))
                 view.read([record])
                 for _ in range(2):
                     view.move(view.bar.now_us + 250_000, is_loaded=True)

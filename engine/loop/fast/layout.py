@@ -16,7 +16,7 @@ CONSTANTS = {
     "MOST_ZONES": 16,
     "MOST_RULES": 64,
     "MOST_WAITED": 4,
-    "LONGEST_BODY": 240,  # of a command; up to here COBS has one block without a zero
+    "LONGEST_BODY": 250,  # of a command; up to here COBS has one block without a zero
     "PACKET_SIZE": 4096,
     "ROOM_BEHIND": 16,  # a field is read as eight bytes from the one that it begins in
     "FRAME_SIZE": 256,

@@ -99,7 +99,7 @@ class Moment:
         fast.click_ns = NONE if wanted.click_ns is None else wanted.click_ns
         fast.held = table.numbers.get(dispatcher.held, NONE)
         fast.line_free_ns, fast.sequence = ahead.line_free_ns, ahead.sequence
-        fast.set_from_ns, fast.play_from_ns = ahead.drive_from_ns, ahead.waveform_from_ns
+        fast.set_from_ns, fast.play_from_ns = ahead.drive_from_ns, ahead.click_from_ns
         fast.clock_at_ns, fast.clock_middle_ns = ahead.clock_at_ns, ahead.clock_middle_ns
         fast.clock_drift = ahead.clock_drift
         fast.link, fast.can_answer = dispatcher.session.port.fileno(), 1

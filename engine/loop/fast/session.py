@@ -18,8 +18,8 @@ class Ahead(NamedTuple):
     """The line is occupied until then."""
     drive_from_ns: int
     """A drive may go out from then on, by the spacing of the lease."""
-    waveform_from_ns: int
-    """A waveform may go out from then on: the device has room for it."""
+    click_from_ns: int
+    """A click may go out from then on: the device has room for it."""
     sequence: int
     """Of the frame before."""
     clock_at_ns: int

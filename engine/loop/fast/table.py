@@ -9,7 +9,7 @@ from engine.loop.fast.layout import CONSTANTS
 from engine.loop.fast.layout import Command as CommandPlace
 from engine.render import SILENCE, Command, DriveCommand, Rendering
 from firmware_link.host.link_values import Capabilities
-from firmware_link.protocol.messages import DRIVE_SIZE, encode_amplitude, encode_play_body, encode_set_body
+from firmware_link.protocol.messages import DRIVE_SIZE, encode_play_body, encode_set_body
 
 MOST_CELLS = 1 << 22
 """Numbers by level, kind and state: 16 MiB. Beyond, the Python loop sends all commands."""
@@ -50,7 +50,6 @@ def with_fast_table(rendering: Rendering, capabilities: Capabilities) -> FastRen
         rendering.device,
         rendering.renderer,
         configuration,
-        rendering.bank_data,
         rendering.click_length_ns,
         fast_table,
     )
@@ -81,4 +80,4 @@ def _make_fast_table(rendering: Rendering, states: int, lease_ms: int, drive_siz
 def _body_of(command: Command, lease_ms: int, drive_size: int) -> bytes:
     if isinstance(command, DriveCommand):
         return encode_set_body(0, lease_ms, command.drive.ljust(drive_size, b"\0"), 0)
-    return encode_play_body(0, command.waveform, encode_amplitude(command.amplitude), 0)
+    return encode_play_body(0, command.click.play, 0)

@@ -63,9 +63,9 @@ void tactable_device_start(
         .slew_per_s = 1,
         .slew_to_come_per_s = 1,
         .longest_drive_us = NEVER_US,
-        .bank = {
-            .bytes = configuration->bank,
-            .capacity_bytes = configuration->bank_capacity_bytes,
+        .basis = {
+            .bytes = configuration->basis,
+            .capacity_bytes = configuration->basis_capacity_bytes,
             .longest_waveform_us = configuration->longest_waveform_ms * US_PER_MS,
             .number_of_actuators = number_of_actuators,
         },

@@ -44,11 +44,11 @@ static void take_limits(struct tactable_device *device)
     }
 }
 
-/* Lets the waveform that plays fade. */
+/* Lets the click that plays fade. */
 static void take_over(struct tactable_device *device)
 {
     player_take_over(&device->player, device->now_us, device->slew_per_s);
-    synthesis_fade_waveforms(&device->synthesis);
+    synthesis_fade_clicks(&device->synthesis);
 }
 
 /* A command was applied: STATUS reports it soon. */
@@ -103,10 +103,30 @@ enum outcome drive_set(struct tactable_device *device, const uint8_t *body, uint
     return OUTCOME_ACCEPTED;
 }
 
+/* Looks the set of a PLAY up; false where none is held that the weights fit. */
+static bool find_set(const struct tactable_device *device, const struct tactable_play *message, struct basis_set *set)
+{
+    return basis_find_set(&device->basis, message->basis_set, set)
+        && set->number_of_functions == message->number_of_weights
+        && message->fraction_bits != 0 && message->fraction_bits <= TACTABLE_MAXIMUM_FRACTION_BITS;
+}
+
+/* Bounds a click by the limits in force and the highest frequency of the device. */
+static void bound(const struct tactable_device *device, struct click *click)
+{
+    const struct tactable_configuration *configuration = &device->configuration;
+    const uint32_t frequency_maximum_uhz =
+        (uint32_t)configuration->frequency_maximum * configuration->frequency_resolution_uhz;
+    for (uint8_t i = 0; i < configuration->number_of_actuators; i++) {
+        click_limit(click, i, device->channels.channels[i].limit, frequency_maximum_uhz);
+    }
+}
+
 enum outcome drive_play(struct tactable_device *device, const uint8_t *body, uint8_t sequence)
 {
     struct tactable_play message;
-    struct waveform waveform;
+    struct basis_set set;
+    struct click *click = &device->click;
     if (!tactable_read_play(body, &message)) {
         return OUTCOME_REFUSED;
     }
@@ -114,20 +134,21 @@ enum outcome drive_play(struct tactable_device *device, const uint8_t *body, uin
     if (outcome != OUTCOME_ACCEPTED) {
         return outcome;
     }
-    const bool is_there = bank_waveform(&device->bank, message.waveform, &waveform);
-    if (!is_there || !player_has_room(&device->player, device->now_us)) {
-        reports_send_log(device, TACTABLE_LOG_LEVEL_WARNING, TACTABLE_LOG_CODE_PLAY_REFUSED, message.waveform);
+    if (!find_set(device, &message, &set) || !player_has_room(&device->player, device->now_us)) {
+        reports_send_log(device, TACTABLE_LOG_LEVEL_WARNING, TACTABLE_LOG_CODE_PLAY_REFUSED, message.basis_set);
         return OUTCOME_REFUSED;
     }
     lease_refresh(&device->lease, sequence, device->now_us);
+    click_start(click, &set, body, message.fraction_bits);
     hold_samples(device);
     take_limits(device);
     take_over(device);
     channels_silence(&device->channels);
     aim(device, false);
-    synthesis_play(&device->synthesis, &waveform, message.amplitude);
+    bound(device, click);
+    synthesis_play(&device->synthesis, click, message.amplitude);
     release_samples(device);
-    player_play(&device->player, device->now_us, waveform.length_us, message.amplitude);
+    player_play(&device->player, device->now_us, set.length_us, message.amplitude);
     applied(device, sequence, TACTABLE_DEVICE_STATE_DRIVING);
     return OUTCOME_ACCEPTED;
 }
@@ -163,7 +184,7 @@ void drive_silence(struct tactable_device *device)
 void drive_release_transfer(struct tactable_device *device)
 {
     hold_samples(device);
-    const uint8_t *first = device->bank.bytes + device->bank.transfer_at;
-    synthesis_release(&device->synthesis, first, first + device->bank.transfer_size);
+    const uint8_t *first = device->basis.bytes + device->basis.transfer_at;
+    synthesis_release(&device->synthesis, first, first + device->basis.transfer_size);
     release_samples(device);
 }

@@ -15,7 +15,7 @@ enum outcome drive_keep_alive(struct tactable_device *device, const uint8_t *bod
 /* Ramps every amplitude to zero at the slew limit. */
 void drive_silence(struct tactable_device *device);
 
-/* Prepares the memory of a transfer for new bytes: a waveform of an earlier bank may still sound from there. */
+/* Prepares the memory of a transfer for new bytes: a waveform of an earlier basis may still sound from there. */
 void drive_release_transfer(struct tactable_device *device);
 
 #endif

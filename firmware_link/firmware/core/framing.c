@@ -18,23 +18,29 @@ static const struct tactable_layout *layout_of(uint8_t type)
     return NULL;
 }
 
+static size_t body_length(const struct tactable_layout *layout, uint8_t repetitions)
+{
+    return layout->length + (size_t)layout->length_each * repetitions;
+}
+
 static size_t longest_stuffed_length(uint8_t number_of_actuators)
 {
     size_t longest = 0;
     for (size_t i = 0; i < NUMBER_OF_LAYOUTS; i++) {
-        const size_t length = layouts[i].length + (size_t)layouts[i].length_per_actuator * number_of_actuators;
+        const size_t length = body_length(&layouts[i], layouts[i].most != 0 ? layouts[i].most : number_of_actuators);
         longest = length > longest ? length : longest;
     }
     return COBS_BOUND(longest + FRAMING_CHECKSUM_SIZE);
 }
 
-/* A HELLO says its own number of actuators, in the last byte before its repeated words. */
+/* A HELLO says its own number of actuators and a PLAY its number of weights, in the byte before what is repeated. */
 static bool has_exact_length(const struct tactable_layout *layout, const uint8_t *body, size_t length, uint8_t actuators)
 {
-    if (layout->type == TACTABLE_HELLO_TYPE && length >= layout->length) {
-        actuators = body[layout->length - 1u];
+    uint8_t repetitions = actuators;
+    if ((layout->most != 0 || layout->type == TACTABLE_HELLO_TYPE) && length >= layout->length) {
+        repetitions = body[layout->length - 1u];
     }
-    return length == layout->length + (size_t)layout->length_per_actuator * actuators;
+    return length == body_length(layout, repetitions) && (layout->most == 0 || repetitions <= layout->most);
 }
 
 /* Whether a run between delimiters is a frame; counts it either way. */
@@ -111,7 +117,7 @@ enum framing_item framing_take(struct framing *framing, uint8_t byte)
     return FRAMING_NOTHING;
 }
 
-size_t framing_encode(uint8_t *body, size_t length, uint8_t frame[FRAMING_FRAME_BOUND])
+size_t framing_encode(uint8_t *body, size_t length, uint8_t *frame)
 {
     const uint32_t checksum = crc32_of(body, length, layout_of(body[0])->seed);
     put_u32(body + length, checksum);

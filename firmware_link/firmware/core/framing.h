@@ -45,7 +45,8 @@ void framing_start(struct framing *framing, uint8_t number_of_actuators);
 /* Takes one byte. After FRAMING_BODY the body is the first `length` bytes of `buffer`, until the next byte. */
 enum framing_item framing_take(struct framing *framing, uint8_t byte);
 
-/* Frame of a body of a known type; `body` has room for the checksum behind it. Returns the length of the frame. */
-size_t framing_encode(uint8_t *body, size_t length, uint8_t frame[FRAMING_FRAME_BOUND]);
+/* Frame of a body of a known type; `body` has room for the checksum behind it, `frame` for COBS_BOUND of both and the
+ * delimiter. Returns the length of the frame. */
+size_t framing_encode(uint8_t *body, size_t length, uint8_t *frame);
 
 #endif

@@ -1,4 +1,4 @@
-/* BANK_* of the wire to the bank of waveforms that the device holds. */
+/* BASIS_* of the wire to the basis of waveforms that the device holds. */
 #ifndef TACTABLE_MEMORY_H
 #define TACTABLE_MEMORY_H
 
@@ -7,7 +7,7 @@
 #include "outcome.h"
 #include "state.h"
 
-/* Acts on the body of a BANK_BEGIN, BANK_CHUNK or BANK_COMMIT and acknowledges it; LOG reports a new bank. */
+/* Acts on the body of a BASIS_BEGIN, BASIS_CHUNK or BASIS_COMMIT and acknowledges it; LOG reports a new basis. */
 enum outcome memory_keep(struct tactable_device *device, const uint8_t *body, uint8_t sequence);
 
 #endif

@@ -11,8 +11,9 @@
 #define FIRMWARE_MINOR 1
 #define FIRMWARE_PATCH 0
 
-/* Size of a body with room for its checksum. */
-#define BODY_ROOM (FRAMING_BODY_BOUND + FRAMING_CHECKSUM_SIZE)
+/* Size of a body that a device sends, with room for its checksum, and of its frame. */
+#define BODY_ROOM (TACTABLE_SENT_BODY_BOUND(TACTABLE_ACTUATORS) + FRAMING_CHECKSUM_SIZE)
+#define FRAME_ROOM (COBS_BOUND(BODY_ROOM) + 1u)
 
 static uint8_t next_sequence(struct reports *reports)
 {
@@ -21,14 +22,14 @@ static uint8_t next_sequence(struct reports *reports)
 
 static void send(struct tactable_device *device, uint8_t *body, const uint8_t *end)
 {
-    uint8_t frame[FRAMING_FRAME_BOUND];
+    uint8_t frame[FRAME_ROOM];
     const size_t length = framing_encode(body, (size_t)(end - body), frame);
     device->hooks.send(device->hooks.context, frame, length);
 }
 
 static uint32_t features_of(const struct tactable_configuration *configuration)
 {
-    uint32_t features = configuration->bank_capacity_bytes != 0 ? TACTABLE_FEATURES_WAVEFORMS : 0u;
+    uint32_t features = configuration->basis_capacity_bytes != 0 ? TACTABLE_FEATURES_WAVEFORMS : 0u;
     features |= configuration->senses_high_voltage ? TACTABLE_FEATURES_HIGH_VOLTAGE_SENSE : 0u;
     return features;
 }
@@ -87,8 +88,8 @@ void reports_send_hello(struct tactable_device *device, uint32_t nonce)
         .frequency_maximum = configuration->frequency_maximum,
         .longest_lease_ms = configuration->longest_lease_ms,
         .longest_waveform_ms = configuration->longest_waveform_ms,
-        .bank_capacity_bytes = configuration->bank_capacity_bytes,
-        .held_bank_hash = device->bank.held_hash,
+        .basis_capacity_bytes = configuration->basis_capacity_bytes,
+        .held_basis_hash = device->basis.held_hash,
         .number_of_actuators = configuration->number_of_actuators,
     };
     uint8_t body[BODY_ROOM];

@@ -27,7 +27,7 @@ static enum outcome greet(struct tactable_device *device, const uint8_t *body)
         return OUTCOME_REFUSED;
     }
     session_silence(device, TACTABLE_DEVICE_STATE_IDLE);
-    bank_end_transfer(&device->bank);
+    basis_end_transfer(&device->basis);
     reports_send_hello(device, message.nonce);
     if (!device->reports.was_greeted) {
         device->reports.was_greeted = true;
@@ -106,9 +106,9 @@ static enum outcome dispatch(struct tactable_device *device, const uint8_t *body
         return acknowledge(device, body, sequence, TACTABLE_RESULT_OK);
     case TACTABLE_TIME_REQ_TYPE:
         return answer_time(device, body);
-    case TACTABLE_BANK_BEGIN_TYPE:
-    case TACTABLE_BANK_CHUNK_TYPE:
-    case TACTABLE_BANK_COMMIT_TYPE:
+    case TACTABLE_BASIS_BEGIN_TYPE:
+    case TACTABLE_BASIS_CHUNK_TYPE:
+    case TACTABLE_BASIS_COMMIT_TYPE:
         return memory_keep(device, body, sequence);
     case TACTABLE_ACK_TYPE:
         return settle_fault(device, body);

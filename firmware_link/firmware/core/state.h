@@ -10,7 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "bank.h"
+#include "basis.h"
 #include "channels.h"
 #include "framing.h"
 #include "lease.h"
@@ -35,8 +35,8 @@ struct tactable_configuration {
     uint8_t longest_drive_s;     /* 0: no limit of its own */
     bool senses_high_voltage;
     uint16_t longest_waveform_ms;
-    uint32_t bank_capacity_bytes; /* 0: no waveforms */
-    uint8_t *bank;                /* bank_capacity_bytes of memory */
+    uint32_t basis_capacity_bytes; /* 0: no waveforms */
+    uint8_t *basis;                /* basis_capacity_bytes of memory */
     uint32_t full_scales_pm[TACTABLE_ACTUATORS];
 };
 
@@ -82,10 +82,11 @@ struct tactable_device {
     struct framing framing;
     struct lease lease;
     struct channels channels;
-    struct bank bank;
+    struct basis basis;
     struct player player;
     struct reports reports;
     struct synthesis synthesis;
+    struct click click; /* the newest; too large for the stack of small boards */
     uint16_t high_voltage_dv;
     uint16_t slew_per_s;
     uint16_t slew_to_come_per_s; /* from the last ARM; in force from the next SET or PLAY on */

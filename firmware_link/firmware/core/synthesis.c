@@ -87,17 +87,19 @@ void synthesis_aim(struct synthesis *synthesis, uint8_t actuator, const struct s
     }
 }
 
-void synthesis_play(struct synthesis *synthesis, const struct waveform *waveform, uint16_t amplitude)
+void synthesis_play(struct synthesis *synthesis, const struct click *click, uint16_t amplitude)
 {
     for (uint8_t i = 0; i < SYNTHESIS_VOICES; i++) {
         if (!synthesis->voices[i].is_sounding) {
-            voice_play(&synthesis->voices[i], waveform, amplitude * SYNTHESIS_WORD_SCALE, synthesis->rate_hz);
+            voice_play(
+                &synthesis->voices[i], click, amplitude * SYNTHESIS_WORD_SCALE, synthesis->rate_hz,
+                synthesis->number_of_actuators);
             return;
         }
     }
 }
 
-void synthesis_fade_waveforms(struct synthesis *synthesis)
+void synthesis_fade_clicks(struct synthesis *synthesis)
 {
     for (uint8_t i = 0; i < SYNTHESIS_VOICES; i++) {
         synthesis->voices[i].is_fading = true;
@@ -108,7 +110,8 @@ void synthesis_release(struct synthesis *synthesis, const uint8_t *first, const 
 {
     for (uint8_t i = 0; i < SYNTHESIS_VOICES; i++) {
         struct voice *voice = &synthesis->voices[i];
-        if (voice->is_sounding && voice->samples >= first && voice->samples < end) {
+        const uint8_t *samples = voice->click.set.samples;
+        if (voice->is_sounding && samples >= first && samples < end) {
             voice_freeze(voice, synthesis->number_of_actuators);
             voice->is_fading = true;
         }
@@ -139,7 +142,7 @@ void synthesis_sample(struct synthesis *synthesis, int16_t *displacements)
     for (uint8_t i = 0; i < SYNTHESIS_VOICES; i++) {
         if (synthesis->voices[i].is_sounding) {
             voice_add(&synthesis->voices[i], sums, synthesis->number_of_actuators);
-            voice_advance(&synthesis->voices[i], synthesis->slew);
+            voice_advance(&synthesis->voices[i], synthesis->slew, synthesis->number_of_actuators);
         }
     }
     for (uint8_t i = 0; i < synthesis->number_of_actuators; i++) {

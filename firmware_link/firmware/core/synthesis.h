@@ -1,4 +1,4 @@
-/* Synthesis: targets to samples, by phase-continuous oscillators with slew-limited amplitudes, and waveforms over them.
+/* Synthesis: targets to samples, by phase-continuous oscillators with slew-limited amplitudes, and clicks over them.
  *
  * An oscillator is a 32-bit phase that wraps with the turn, so its frequency is exact to half of rate/2^32: 5.6 uHz at
  * 48 kHz. All channels step together; two of one frequency never part.
@@ -63,13 +63,13 @@ void synthesis_limit(struct synthesis *synthesis, uint8_t actuator, uint16_t amp
  * next sample. A channel that sounds fades out as it was, then fades in with the new oscillator, which has run on. */
 void synthesis_aim(struct synthesis *synthesis, uint8_t actuator, const struct synthesis_target *target);
 
-/* Starts a waveform over what sounds; `amplitude` is a word. */
-void synthesis_play(struct synthesis *synthesis, const struct waveform *waveform, uint16_t amplitude);
+/* Starts a click, whose bounds are set, over what sounds; `amplitude` is a word. */
+void synthesis_play(struct synthesis *synthesis, const struct click *click, uint16_t amplitude);
 
-/* Lets all waveforms fade. */
-void synthesis_fade_waveforms(struct synthesis *synthesis);
+/* Lets all clicks fade. */
+void synthesis_fade_clicks(struct synthesis *synthesis);
 
-/* Prepares these bytes for a change: a waveform that reads them holds its displacement instead, and fades. */
+/* Prepares these bytes for a change: a click that reads them holds its displacement instead, and fades. */
 void synthesis_release(struct synthesis *synthesis, const uint8_t *first, const uint8_t *end);
 
 /* Whether all is silent. */

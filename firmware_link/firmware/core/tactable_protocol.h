@@ -13,14 +13,16 @@
 
 #include "bytes.h"
 
-#define TACTABLE_VERSION_MAJOR 0x2u
+#define TACTABLE_VERSION_MAJOR 0x3u
 #define TACTABLE_VERSION_MINOR 0x0u
 #define TACTABLE_MAGIC 0x74636174u
-#define TACTABLE_SCHEMA_HASH 0xdf4917cbu
+#define TACTABLE_SCHEMA_HASH 0xf6b390ddu
 #define TACTABLE_FULL_SCALE_WORD 0xffffu
 #define TACTABLE_CLOCK_REFERENCE_US 0x64u
 #define TACTABLE_CLOCK_REFERENCE_SPAN 0x10000u
-#define TACTABLE_BANK_CHUNK_SIZE 0xc0u
+#define TACTABLE_BASIS_CHUNK_SIZE 0xc0u
+#define TACTABLE_MAXIMUM_WEIGHTS 0xffu
+#define TACTABLE_MAXIMUM_FRACTION_BITS 0x1fu
 #define TACTABLE_EMERGENCY_STOP_RUN 0x8u
 
 /* What the firmware allows: only DRIVING has a drive, only a handshake leaves LATCHED. */
@@ -67,7 +69,7 @@ enum tactable_log_code {
     TACTABLE_LOG_CODE_BOOTED = 1,
     TACTABLE_LOG_CODE_LEASE_EXPIRED = 2,
     TACTABLE_LOG_CODE_PLAY_REFUSED = 3,
-    TACTABLE_LOG_CODE_BANK_TAKEN = 4,
+    TACTABLE_LOG_CODE_BASIS_TAKEN = 4,
 };
 
 /* Flags of a SET. */
@@ -75,34 +77,40 @@ enum tactable_set_flag {
     TACTABLE_SET_FLAG_WRITE_PHASE = 1,
 };
 
-/* How frames of one type are checked: the seed of their CRC, and the length of their bodies. */
+/* How frames of one type are checked: the seed of their CRC and the length of their bodies. `length_each`
+ * comes once for each actuator or, where `most` is not 0, as often as the byte before says, at most so. */
 struct tactable_layout {
     uint32_t seed;
     uint16_t length;
-    uint8_t length_per_actuator;
+    uint8_t length_each;
+    uint8_t most;
     uint8_t type;
 };
 
 #define TACTABLE_LAYOUTS \
-    {0x00000000u, 12u, 0u, 0x01u}, \
-    {0x00000000u, 49u, 4u, 0x02u}, \
-    {0xfab4ae66u, 10u, 2u, 0x03u}, \
-    {0xc07f9951u, 5u, 0u, 0x04u}, \
-    {0xa22d5939u, 6u, 6u, 0x05u}, \
-    {0x8f7ef28eu, 5u, 0u, 0x06u}, \
-    {0x00000000u, 2u, 0u, 0x07u}, \
-    {0xa95bf990u, 10u, 0u, 0x08u}, \
-    {0x2a2cab4du, 26u, 0u, 0x09u}, \
-    {0x67aa7307u, 59u, 0u, 0x0au}, \
-    {0x833c49edu, 11u, 0u, 0x0bu}, \
-    {0xe1534f86u, 17u, 0u, 0x0cu}, \
-    {0x1136184bu, 10u, 0u, 0x0eu}, \
-    {0x8ba58c5cu, 198u, 0u, 0x0fu}, \
-    {0xdd00d0c7u, 6u, 0u, 0x10u}, \
-    {0xe26c6f93u, 8u, 0u, 0x11u}
+    {0x00000000u, 12u, 0u, 0u, 0x01u}, \
+    {0x00000000u, 49u, 4u, 0u, 0x02u}, \
+    {0xfab4ae66u, 10u, 2u, 0u, 0x03u}, \
+    {0xc07f9951u, 5u, 0u, 0u, 0x04u}, \
+    {0xa22d5939u, 6u, 6u, 0u, 0x05u}, \
+    {0x8f7ef28eu, 5u, 0u, 0u, 0x06u}, \
+    {0x00000000u, 2u, 0u, 0u, 0x07u}, \
+    {0xa95bf990u, 10u, 0u, 0u, 0x08u}, \
+    {0x2a2cab4du, 26u, 0u, 0u, 0x09u}, \
+    {0x67aa7307u, 59u, 0u, 0u, 0x0au}, \
+    {0x833c49edu, 11u, 0u, 0u, 0x0bu}, \
+    {0xe1697ef3u, 17u, 0u, 0u, 0x0cu}, \
+    {0x651fb466u, 10u, 0u, 0u, 0x0eu}, \
+    {0x3cbffe4eu, 198u, 0u, 0u, 0x0fu}, \
+    {0xe19d6d7cu, 6u, 0u, 0u, 0x10u}, \
+    {0xcc8c73c2u, 9u, 2u, 255u, 0x11u}
+
+/* No body that a device sends is longer. */
+#define TACTABLE_SENT_BODY_BOUND(number_of_actuators) (59u + 4u * (number_of_actuators))
 
 /* No body is longer. */
-#define TACTABLE_BODY_BOUND(number_of_actuators) (198u + 6u * (number_of_actuators))
+#define TACTABLE_BODY_BOUND(number_of_actuators) \
+    (198u + 6u * (number_of_actuators) > 519u ? 198u + 6u * (number_of_actuators) : 519u)
 
 /* HELLO_REQ, sent by host. Open a session; an armed device disarms, a latched one is released. */
 #define TACTABLE_HELLO_REQ_TYPE 0x01u
@@ -143,8 +151,8 @@ struct tactable_hello {
     uint16_t frequency_maximum; /* frequency resolution */
     uint8_t longest_lease_ms;
     uint16_t longest_waveform_ms;
-    uint32_t bank_capacity_bytes;
-    uint32_t held_bank_hash;
+    uint32_t basis_capacity_bytes;
+    uint32_t held_basis_hash;
     uint8_t number_of_actuators;
 };
 
@@ -172,15 +180,15 @@ static inline uint8_t *tactable_write_hello(uint8_t *at, uint8_t sequence, const
     at = put_u16(at, message->frequency_maximum);
     at = put_u8(at, message->longest_lease_ms);
     at = put_u16(at, message->longest_waveform_ms);
-    at = put_u32(at, message->bank_capacity_bytes);
-    at = put_u32(at, message->held_bank_hash);
+    at = put_u32(at, message->basis_capacity_bytes);
+    at = put_u32(at, message->held_basis_hash);
     at = put_u8(at, message->number_of_actuators);
     return at;
 }
 
-static inline uint8_t *tactable_write_hello_channel(uint8_t *at, const struct tactable_hello_channel *channel)
+static inline uint8_t *tactable_write_hello_channel(uint8_t *at, const struct tactable_hello_channel *item)
 {
-    at = put_u32(at, channel->full_scale_pm);
+    at = put_u32(at, item->full_scale_pm);
     return at;
 }
 
@@ -207,15 +215,15 @@ static inline bool tactable_read_arm(const uint8_t *body, struct tactable_arm *m
     return true;
 }
 
-static inline struct tactable_arm_channel tactable_read_arm_channel(const uint8_t *body, size_t actuator)
+static inline struct tactable_arm_channel tactable_read_arm_channel(const uint8_t *body, size_t index)
 {
-    const uint8_t *at = body + 10 + 2 * actuator;
-    struct tactable_arm_channel channel;
-    channel.amplitude_limit = get_u16(at + 0);
-    return channel;
+    const uint8_t *at = body + 10 + 2 * index;
+    struct tactable_arm_channel item;
+    item.amplitude_limit = get_u16(at + 0);
+    return item;
 }
 
-/* ACK, sent by both. Answer to ARM, STOP, BANK_* (device) or FAULT (host). */
+/* ACK, sent by both. Answer to ARM, STOP, BASIS_* (device) or FAULT (host). */
 #define TACTABLE_ACK_TYPE 0x04u
 
 struct tactable_ack {
@@ -265,14 +273,14 @@ static inline bool tactable_read_set(const uint8_t *body, struct tactable_set *m
     return (message->flags & ~0x1u) == 0;
 }
 
-static inline struct tactable_set_channel tactable_read_set_channel(const uint8_t *body, size_t actuator)
+static inline struct tactable_set_channel tactable_read_set_channel(const uint8_t *body, size_t index)
 {
-    const uint8_t *at = body + 6 + 6 * actuator;
-    struct tactable_set_channel channel;
-    channel.frequency = get_u16(at + 0);
-    channel.amplitude = get_u16(at + 2);
-    channel.phase = get_u16(at + 4);
-    return channel;
+    const uint8_t *at = body + 6 + 6 * index;
+    struct tactable_set_channel item;
+    item.frequency = get_u16(at + 0);
+    item.amplitude = get_u16(at + 2);
+    item.phase = get_u16(at + 4);
+    return item;
 }
 
 /* KEEPALIVE, sent by host. The host is alive; renew the lease of the named SET if it was applied last; no answer. */
@@ -406,64 +414,80 @@ static inline uint8_t *tactable_write_log(uint8_t *at, uint8_t sequence, const s
     return at;
 }
 
-/* BANK_BEGIN, sent by host. Begin to transfer a bank of waveforms. */
-#define TACTABLE_BANK_BEGIN_TYPE 0x0eu
+/* BASIS_BEGIN, sent by host. Begin to transfer a basis of clicks. */
+#define TACTABLE_BASIS_BEGIN_TYPE 0x0eu
 
-struct tactable_bank_begin {
-    uint32_t bank_hash;
+struct tactable_basis_begin {
+    uint32_t basis_hash;
     uint32_t size_bytes;
 };
 
-static inline bool tactable_read_bank_begin(const uint8_t *body, struct tactable_bank_begin *message)
+static inline bool tactable_read_basis_begin(const uint8_t *body, struct tactable_basis_begin *message)
 {
-    message->bank_hash = get_u32(body + 2);
+    message->basis_hash = get_u32(body + 2);
     message->size_bytes = get_u32(body + 6);
     return true;
 }
 
-/* BANK_CHUNK, sent by host. The next bytes of the bank; the last chunk is filled up with zeros. */
-#define TACTABLE_BANK_CHUNK_TYPE 0x0fu
+/* BASIS_CHUNK, sent by host. The next bytes of the basis; the last chunk is filled up with zeros. */
+#define TACTABLE_BASIS_CHUNK_TYPE 0x0fu
 
-struct tactable_bank_chunk {
+struct tactable_basis_chunk {
     uint32_t offset_bytes;
     const uint8_t *data;
 };
 
-static inline bool tactable_read_bank_chunk(const uint8_t *body, struct tactable_bank_chunk *message)
+static inline bool tactable_read_basis_chunk(const uint8_t *body, struct tactable_basis_chunk *message)
 {
     message->offset_bytes = get_u32(body + 2);
     message->data = body + 6;
     return true;
 }
 
-/* BANK_COMMIT, sent by host. Check the bank against its hash and hold it until the next one, or a reboot. */
-#define TACTABLE_BANK_COMMIT_TYPE 0x10u
+/* BASIS_COMMIT, sent by host. Check the basis against its hash and hold it until the next one, or a reboot. */
+#define TACTABLE_BASIS_COMMIT_TYPE 0x10u
 
-struct tactable_bank_commit {
-    uint32_t bank_hash;
+struct tactable_basis_commit {
+    uint32_t basis_hash;
 };
 
-static inline bool tactable_read_bank_commit(const uint8_t *body, struct tactable_bank_commit *message)
+static inline bool tactable_read_basis_commit(const uint8_t *body, struct tactable_basis_commit *message)
 {
-    message->bank_hash = get_u32(body + 2);
+    message->basis_hash = get_u32(body + 2);
     return true;
 }
 
-/* PLAY, sent by host. Play a waveform of the bank once; no answer, the latest SET or PLAY wins. */
+/* PLAY, sent by host. Play a click, given as weights of a set of the basis, once; no answer, the latest SET or PLAY wins. */
 #define TACTABLE_PLAY_TYPE 0x11u
 
 struct tactable_play {
     uint16_t clock_reference; /* 100 us */
-    uint16_t waveform;
+    uint8_t basis_set;
+    uint8_t fraction_bits;
     uint16_t amplitude; /* full scale/65535 */
+    uint8_t number_of_weights;
+};
+
+struct tactable_play_item {
+    int16_t weight; /* 2^-fraction_bits */
 };
 
 static inline bool tactable_read_play(const uint8_t *body, struct tactable_play *message)
 {
     message->clock_reference = get_u16(body + 2);
-    message->waveform = get_u16(body + 4);
+    message->basis_set = get_u8(body + 4);
+    message->fraction_bits = get_u8(body + 5);
     message->amplitude = get_u16(body + 6);
+    message->number_of_weights = get_u8(body + 8);
     return true;
+}
+
+static inline struct tactable_play_item tactable_read_play_item(const uint8_t *body, size_t index)
+{
+    const uint8_t *at = body + 9 + 2 * index;
+    struct tactable_play_item item;
+    item.weight = (int16_t)get_u16(at + 0);
+    return item;
 }
 
 #endif

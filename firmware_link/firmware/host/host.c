@@ -18,7 +18,7 @@ struct host {
     struct bytes_held samples;
     uint64_t sample;
     bool keeps_samples;
-    uint8_t *bank;
+    uint8_t *basis;
 };
 
 static void append(struct bytes_held *held, const void *bytes, size_t length)
@@ -73,12 +73,12 @@ static bool are_valid(const uint32_t options[HOST_OPTIONS])
 struct host *host_open(const uint32_t options[HOST_OPTIONS], const uint32_t *full_scales_pm, bool keeps_samples)
 {
     struct host *host = are_valid(options) ? calloc(1, sizeof *host) : NULL;
-    uint8_t *bank = host == NULL ? NULL : malloc(options[HOST_BANK_CAPACITY_BYTES] + 1u);
-    if (bank == NULL) {
+    uint8_t *basis = host == NULL ? NULL : malloc(options[HOST_BASIS_CAPACITY_BYTES] + 1u);
+    if (basis == NULL) {
         free(host);
         return NULL;
     }
-    host->bank = bank;
+    host->basis = basis;
     host->keeps_samples = keeps_samples;
     struct tactable_configuration configuration = {
         .boot_id = options[HOST_BOOT_ID],
@@ -90,8 +90,8 @@ struct host *host_open(const uint32_t options[HOST_OPTIONS], const uint32_t *ful
         .amplitude_limit = (uint16_t)options[HOST_AMPLITUDE_LIMIT],
         .slew_limit_per_s = (uint16_t)options[HOST_SLEW_LIMIT_PER_S],
         .synthesis_rate_hz = options[HOST_SYNTHESIS_RATE_HZ],
-        .bank_capacity_bytes = options[HOST_BANK_CAPACITY_BYTES],
-        .bank = bank,
+        .basis_capacity_bytes = options[HOST_BASIS_CAPACITY_BYTES],
+        .basis = basis,
         .longest_waveform_ms = (uint16_t)options[HOST_LONGEST_WAVEFORM_MS],
         .longest_drive_s = (uint8_t)options[HOST_LONGEST_DRIVE_S],
     };
@@ -106,7 +106,7 @@ void host_close(struct host *host)
     if (host != NULL) {
         free(host->sent.bytes);
         free(host->samples.bytes);
-        free(host->bank);
+        free(host->basis);
         free(host);
     }
 }

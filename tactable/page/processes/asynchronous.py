@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from firmware_link.child import ChildError, Document, command_of, decode_line, encode_line, ending_text
 
-_LINE_BYTES = 1 << 22  # the emulated firmware says a bank of clicks in one line
+_LINE_BYTES = 1 << 22  # the emulated firmware says many clicks in one line
 _END_TIMEOUT_S = 3.0
 
 

@@ -14,7 +14,6 @@ from firmware_link.emulator.drive_log import decode_drive_event, encode_events
 from firmware_link.emulator.fault_plan import parse_fault_plan
 from firmware_link.emulator.faulty_device import FaultyDevice
 from firmware_link.emulator.pty import PseudoTerminalServer
-from firmware_link.protocol.bank import Bank, decode_bank, encode_bank, hash_of_bank
 
 _NS_PER_US = 1000
 
@@ -26,17 +25,14 @@ class Applied:
     until_us: float
     host_ns_at_device_zero: int
     events: tuple[DriveEvent, ...]
-    banks: Mapping[int, Bank]
 
 
-def decode_applied(document: Mapping[str, Any], number_of_actuators: int) -> Applied:
+def decode_applied(document: Mapping[str, Any]) -> Applied:
     """An answer of the process."""
-    banks = [bytes.fromhex(text) for text in document["banks"]]
     return Applied(
         until_us=document["until_us"],
         host_ns_at_device_zero=document["host_ns_at_device_zero"],
         events=tuple(decode_drive_event(item) for item in document["events"]),
-        banks={hash_of_bank(data): decode_bank(data, number_of_actuators) for data in banks},
     )
 
 
@@ -45,22 +41,17 @@ class _Reporter:
 
     def __init__(self, server: PseudoTerminalServer[EmulatedFirmware]) -> None:
         self._server = server
-        self._sent = set[int]()
 
     def report(self, now_us: int) -> dict[str, Any]:
-        """The drive events since the last report, and the banks that are new."""
+        """The drive events since the last report."""
         server, core = self._server, self._server.device.core
         events = encode_events(core.drive_log)
         core.drive_log.clear()
         core.received.clear()
-        new = [number for number in core.banks if number not in self._sent]
-        self._sent.update(new)
-        actuators = core.configuration.number_of_actuators
         return {
             "until_us": now_us,
             "host_ns_at_device_zero": server.host_ns_at_zero,
             "events": events,
-            "banks": [encode_bank(core.banks[number], actuators).hex() for number in new],
         }
 
 

@@ -178,7 +178,7 @@ export class Panel {
     let text = "none yet";
     if (picture.command) {
       const now = picture.isPlaying ? "plays" : `${picture.age_s.toFixed(1)} s ago`;
-      text = `${isClick ? `click of state ${picture.state}, from the firmware's bank` : `steady drive of state ${picture.state}`}, ${level}; ${now}`;
+      text = `${isClick ? `click of state ${picture.state}, as weights of the firmware's basis` : `steady drive of state ${picture.state}`}, ${level}; ${now}`;
     }
     say(byId("command"), text);
     const { actuators } = scene.device, found = rows(byId("channels").tBodies[0], actuators.length, 4);

@@ -27,8 +27,9 @@ from engine.loop import (
 from engine.loop.fast.session import FastLink, FastSession
 from engine.loop.fast.table import with_fast_table
 from engine.render import Renderer, Rendering, link_configuration
+from engine.render.chosen_basis import choose_basis
 from engine.table import ClickEntry, Entry
-from engine.table.click import choose_bank, played_at
+from engine.table.click import played_at
 from engine.touch import state_index
 from engine.touch.sources import Source
 from engine.touch.sources.recording import Recording, Report
@@ -221,9 +222,9 @@ class Rig:
         configuration = link_configuration(DEVICE, self.bit_rate_hz)
         session = FastSession(FastLink(configuration), self.line, self.line.now_ns)
         capabilities = connect(session, self.line)
-        bank, waveforms = choose_bank(self.clicks, capabilities)
-        if bank is not None:
-            configuration = replace(configuration, bank=bank)
+        basis = choose_basis(self.clicks, capabilities, self.bit_rate_hz, configuration.lease_ms)
+        if basis.basis is not None:
+            configuration = replace(configuration, basis=basis.basis)
             session = FastSession(FastLink(configuration), self.line, self.line.now_ns)
             connect(session, self.line)
         self.session = session
@@ -232,12 +233,12 @@ class Rig:
         levels_db = self.effects.levels_db
         by_level = {level: [e for e in self.entries if e.wanted_level_db == level] for level in levels_db}
         clicks = {level: [played_at(click, level) for click in self.clicks] for level in levels_db}
-        self.renderer = Renderer(by_level, DEVICE, capabilities, clicks=clicks, waveforms=waveforms)
+        self.renderer = Renderer(by_level, DEVICE, capabilities, clicks=clicks, basis=basis)
         pipeline = open_pipeline(source, DEVICE, self.effects, self.renderer, self.line.now_ns)
         dispatcher = Dispatcher(session, self.line.now_ns)
         self.observers = Observers(self.trace, timing, self.ring)
         edges: tuple[Source, Clock, Observer] = (source, self.line, self.observers)
-        self.rendering = with_fast_table(Rendering(DEVICE, self.renderer, configuration, b"", 0), capabilities)
+        self.rendering = with_fast_table(Rendering(DEVICE, self.renderer, configuration, 0), capabilities)
         if self.library is not None:
             fast = VirtualFastPath(
                 self.library, source, pipeline, dispatcher, self.line, self.effects, self.rendering, self.observers

@@ -4,19 +4,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 
+import numpy as np
+
 from engine.effects import Effects, Rule, Trigger
 from engine.effects.rules import click
 from engine.loop import Dispatcher, Loop, Trace, connect, open_pipeline
 from engine.render import Renderer, Rendering, link_configuration
+from engine.render.chosen_basis import choose_basis
 from engine.table import ClickEntry, Entry
-from engine.table.click import choose_bank, played_at
+from engine.table.click import played_at
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording
-from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware, Outcome
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Capabilities
 from firmware_link.host.session import Session
-from firmware_link.protocol.bank import encode_bank
 from tests.engine.loop.rig import DEVICE, HELD, MS, VirtualLine, held, recording_of, report
 from tests.engine.made_clicks import click_of
 from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
@@ -30,23 +32,21 @@ def rendering_of(
     """A table whose entries all have one frequency."""
     states = [states_of(DEVICE, [zone]) for zone in range(5)]
     entries: list[Entry] = [entry_of(DEVICE, state, frequencies_hz=(frequency_hz,) * 2) for state in states]
-    bank, waveforms = choose_bank(clicks, capabilities)
+    configuration = link_configuration(DEVICE, 1_000_000)
+    basis = choose_basis(clicks, capabilities, configuration.bit_rate_hz, configuration.lease_ms)
     played = {level_db: [played_at(each, level_db) for each in clicks] for level_db in effects.levels_db}
     return Rendering(
         DEVICE,
-        Renderer({LEVEL_DB: entries}, DEVICE, capabilities, clicks=played, waveforms=waveforms),
-        replace(link_configuration(DEVICE, 1_000_000), bank=bank),
-        b"" if bank is None else encode_bank(bank, 2),
+        Renderer({LEVEL_DB: entries}, DEVICE, capabilities, clicks=played, basis=basis),
+        replace(configuration, basis=basis.basis),
         30 * MS,
     )
 
 
-def clicks_of(number: int) -> list[ClickEntry]:
-    """Clicks of single zones, told apart by their samples."""
-    made = [click_of(DEVICE, states_of(DEVICE, [zone]), level_db=26.0) for zone in range(5)]
-    for each in made:
-        each.samples[1:-1] = number
-    return made
+def clicks_of(number: int, longer: int = 0) -> list[ClickEntry]:
+    """Clicks of single zones, told apart by their samples; `longer` ones are of another basis."""
+    made = [click_of(DEVICE, states_of(DEVICE, [zone]), level_db=26.0, count=121 + longer) for zone in range(5)]
+    return [replace(each, weights=np.full(2, number, np.int16)) for each in made]
 
 
 @dataclass
@@ -80,7 +80,9 @@ class SwapRig:
     capacity_bytes: int = 1 << 18
 
     def __post_init__(self) -> None:
-        self.line = SwapLine(firmware=EmulatedFirmware(DeviceConfiguration(1, bank_capacity_bytes=self.capacity_bytes)))
+        self.line = SwapLine(
+            firmware=EmulatedFirmware(DeviceConfiguration(1, basis_capacity_bytes=self.capacity_bytes))
+        )
         configuration = link_configuration(DEVICE, 1_000_000)
         self.capabilities = connect(Session(Link(configuration), self.line, self.line.now_ns), self.line)
         first = self.rendering(100.0, self.clicks)
@@ -93,7 +95,7 @@ class SwapRig:
         pipeline = open_pipeline(source, DEVICE, self.effects, first.renderer)
         dispatcher = Dispatcher(session, self.line.now_ns)
         edges = (source, self.line, self.trace)
-        self.loop = Loop(pipeline, dispatcher, *edges, updates=self.updates, bank_data=first.bank_data)
+        self.loop = Loop(pipeline, dispatcher, *edges, updates=self.updates)
 
     def rendering(self, frequency_hz: float, clicks: Sequence[ClickEntry] = ()) -> Rendering:
         return rendering_of(self.capabilities, frequency_hz, clicks, self.effects)
@@ -109,10 +111,16 @@ class SwapRig:
         return [round(e.channels[0].frequency_hz * bool(e.channels[0].amplitude), 2) for e in log]
 
     def played_samples(self) -> list[int]:
-        """The number in the samples of each waveform that was played."""
-        banks = self.line.firmware.banks
+        """The number in the samples of each click that was played."""
         found = [e.waveform for e in self.line.firmware.drive_log if e.waveform is not None]
-        return [int(banks[each.bank_hash].waveforms[each.index][1, 0]) for each in found]
+        return [int(each.samples[1, 0]) for each in found]
+
+    def transfers(self) -> int:
+        """How many bases the device has taken."""
+        return sum(
+            frame.message == "BASIS_COMMIT" and frame.outcome is Outcome.ACCEPTED
+            for frame in self.line.firmware.received
+        )
 
 
 def test_a_resting_finger_feels_the_new_table_from_the_next_frame_on() -> None:
@@ -134,10 +142,11 @@ def taps(count: int) -> Recording:
     return recording_of(*frames)
 
 
-def test_clicks_play_on_while_the_next_bank_comes_and_then_are_the_new_ones() -> None:
+def test_clicks_play_on_while_the_next_basis_comes_and_then_are_the_new_ones() -> None:
     rig = SwapRig(taps(20), CLICKS, clicks_of(1))
-    rig.run((320.0, rig.rendering(100.0, clicks_of(2))))
+    rig.run((320.0, rig.rendering(100.0, clicks_of(2, longer=4))))
     played = rig.played_samples()
+    assert rig.transfers() == 2
     assert len(played) == 20
     assert played == sorted(played)
     assert played.count(1) >= 4
@@ -146,9 +155,9 @@ def test_clicks_play_on_while_the_next_bank_comes_and_then_are_the_new_ones() ->
     assert rig.loop.counters.reconnects == 0
 
 
-def test_without_room_for_two_banks_the_change_waits_for_a_moment_without_fingers() -> None:
-    rig = SwapRig(taps(20), CLICKS, clicks_of(1), capacity_bytes=4000)
-    rig.run((320.0, rig.rendering(100.0, clicks_of(2))))
+def test_without_room_for_two_bases_the_change_waits_for_a_moment_without_fingers() -> None:
+    rig = SwapRig(taps(20), CLICKS, clicks_of(1), capacity_bytes=600)
+    rig.run((320.0, rig.rendering(100.0, clicks_of(2, longer=4))))
     played = rig.played_samples()
     assert played == sorted(played)
     assert set(played) == {1, 2}
@@ -156,11 +165,12 @@ def test_without_room_for_two_banks_the_change_waits_for_a_moment_without_finger
     assert rig.loop.counters.swaps == 1
 
 
-def test_the_same_bank_is_not_handed_over_again() -> None:
+def test_other_clicks_of_the_same_basis_need_no_transfer() -> None:
     rig = SwapRig(taps(6), CLICKS, clicks_of(1))
-    sent = rig.run((120.0, rig.rendering(100.0, clicks_of(1)))).loop.counters.swaps
-    assert sent == 1
-    assert len(rig.line.firmware.banks) == 1
+    rig.run((120.0, rig.rendering(100.0, clicks_of(2))))
+    assert rig.loop.counters.swaps == 1
+    assert rig.transfers() == 1
+    assert rig.played_samples() == [1, 1, 2, 2, 2, 2]
 
 
 def test_other_limits_begin_a_new_session_when_nobody_touches() -> None:
@@ -174,7 +184,7 @@ def test_other_limits_begin_a_new_session_when_nobody_touches() -> None:
 
 def test_a_newer_table_takes_the_place_of_one_that_is_under_way() -> None:
     rig = SwapRig(taps(20), CLICKS, clicks_of(1))
-    rig.run((320.0, rig.rendering(100.0, clicks_of(2))), (323.0, rig.rendering(100.0, clicks_of(3))))
+    rig.run((320.0, rig.rendering(100.0, clicks_of(2, 4))), (323.0, rig.rendering(100.0, clicks_of(3, 8))))
     played = rig.played_samples()
     assert played[-1] == 3
     assert played == sorted(played)

@@ -23,7 +23,7 @@ MS = 1_000_000
 
 def capabilities(features: Features) -> Capabilities:
     plain = Capabilities(2, 0.01, 1.0, 655.35, (0.52e-6, 0.52e-6), 100, 48_000, 1, 0, (0, 1, 0))
-    return replace(plain, features=features, longest_waveform_ms=100, bank_capacity_bytes=1 << 18)
+    return replace(plain, features=features, longest_waveform_ms=100, basis_capacity_bytes=1 << 18)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Table:
 
 def test_a_state_with_a_click_gets_its_waveform_and_one_without_the_steady_drive(table: Table) -> None:
     rendering = render_table(table, DEFAULT_EFFECTS, capabilities(Features.WAVEFORMS))
-    assert (rendering.bank is not None, rendering.click_length_ns) == (True, 30 * MS)
+    assert (rendering.basis is not None, rendering.click_length_ns) == (True, 30 * MS)
     first, second, third, _ = (rendering.renderer.render(each.index, LEVEL_DB, is_click=True) for each in table.entries)
     assert isinstance(first, PlayCommand) and isinstance(second, PlayCommand)
     assert third == rendering.renderer.render(table.entries[2].index, LEVEL_DB) != SILENCE
@@ -46,7 +46,7 @@ def test_a_state_with_a_click_gets_its_waveform_and_one_without_the_steady_drive
 def test_a_device_without_waveforms_and_effects_without_clicks_get_steady_drives(table: Table) -> None:
     for effects, features in ((DEFAULT_EFFECTS, Features(0)), (STEADY, Features.WAVEFORMS)):
         rendering = render_table(table, effects, capabilities(features))
-        assert (rendering.bank, rendering.bank_data) == (None, b"")
+        assert rendering.basis is None
         steady = rendering.renderer.render(table.clicks[0].index, LEVEL_DB)
         assert rendering.renderer.render(table.clicks[0].index, LEVEL_DB, is_click=True) == steady != SILENCE
 

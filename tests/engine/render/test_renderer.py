@@ -8,10 +8,11 @@ import pytest
 
 from engine.device import Device
 from engine.render import SILENCE, DriveCommand, LimitError, PlayCommand, Renderer, RendererError, WhenNotAchieved
+from engine.render.chosen_basis import ChosenBasis
 from engine.table.click import played_at
 from firmware_link.host.link_values import Capabilities
-from firmware_link.protocol.messages import decode_drive
-from tests.engine.made_clicks import click_of
+from firmware_link.protocol.messages import Play, decode_body, decode_drive, encode_play_body
+from tests.engine.made_clicks import basis_of, click_of
 from tests.engine.made_entries import LEVEL_DB, entry_of, felt_states, states_of
 
 REFERENCE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
@@ -123,30 +124,36 @@ def test_only_a_device_that_understands_the_drives_alike_fits() -> None:
     assert not renderer.fits(replace(CAPABILITIES, frequency_resolution_hz=0.02))
 
 
-def test_a_click_is_played_from_the_bank_as_loud_as_it_is_wanted() -> None:
+HELD = ChosenBasis(basis_of(2, 121), {0: 0})
+
+
+def test_a_click_is_played_from_the_basis_as_loud_as_it_is_wanted() -> None:
     clicks = [click_of(REFERENCE, states, level_db=26.0) for states in STATES[:3]]
-    waveforms = {click.index: position for position, click in enumerate(clicks)}
     levels = {level_db: [played_at(click, level_db) for click in clicks] for level_db in (20.0, 26.0, inf)}
     entries = {level_db: [entry_of(REFERENCE, states) for states in STATES] for level_db in levels}
-    renderer = Renderer(entries, REFERENCE, CAPABILITIES, clicks=levels, waveforms=waveforms)
+    renderer = Renderer(entries, REFERENCE, CAPABILITIES, clicks=levels, basis=HELD)
     for level_db, amplitude in ((20.0, 10 ** (-6 / 20)), (26.0, 1.0), (inf, 1.0)):
-        for position, click in enumerate(clicks):
+        for click in clicks:
             command = renderer.render(click.index, level_db, is_click=True)
             assert isinstance(command, PlayCommand)
-            assert command.waveform == position
-            assert command.amplitude == pytest.approx(amplitude)
+            _, message = decode_body(encode_play_body(1, command.click.play, 2))
+            assert isinstance(message, Play)
+            assert message.weights == (click.index,) * 2
+            assert message.amplitude == pytest.approx(65_535 * amplitude, abs=0.5)
+            assert command.click.length_us == 30_000
             assert isinstance(renderer.render(click.index, level_db), DriveCommand)
     assert renderer.click_shortfalls == dict.fromkeys(levels, 0)
 
 
-def test_a_click_that_the_bank_does_not_hold_is_the_steady_drive() -> None:
+def test_a_click_of_a_set_that_the_device_does_not_hold_is_the_steady_drive() -> None:
     clicks = [click_of(REFERENCE, states) for states in STATES[:2]]
+    clicks[1] = replace(clicks[1], basis_set=1)
     renderer = Renderer(
         {LEVEL_DB: [entry_of(REFERENCE, states) for states in STATES]},
         REFERENCE,
         CAPABILITIES,
         clicks={LEVEL_DB: clicks},
-        waveforms={clicks[0].index: 0},
+        basis=HELD,
     )
     assert isinstance(renderer.render(clicks[0].index, LEVEL_DB, is_click=True), PlayCommand)
     steady = renderer.render(clicks[1].index, LEVEL_DB)
@@ -157,9 +164,7 @@ def test_a_click_that_the_bank_does_not_hold_is_the_steady_drive() -> None:
 def test_a_click_short_of_its_level_is_counted_and_silent_where_it_is_refused(when: WhenNotAchieved) -> None:
     weak = played_at(click_of(REFERENCE, STATES[0], level_db=14.0), LEVEL_DB)
     assert not weak.achieved
-    renderer = Renderer(
-        {LEVEL_DB: [ENTRY]}, REFERENCE, CAPABILITIES, when, clicks={LEVEL_DB: [weak]}, waveforms={weak.index: 0}
-    )
+    renderer = Renderer({LEVEL_DB: [ENTRY]}, REFERENCE, CAPABILITIES, when, clicks={LEVEL_DB: [weak]}, basis=HELD)
     refuses = when is WhenNotAchieved.REFUSE
-    assert renderer.render(weak.index, LEVEL_DB, is_click=True) == (SILENCE if refuses else PlayCommand(0, 1.0))
+    assert (renderer.render(weak.index, LEVEL_DB, is_click=True) == SILENCE) == refuses
     assert (renderer.not_achieved_states, renderer.click_shortfalls) == (1, {LEVEL_DB: 1})

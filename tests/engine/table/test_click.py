@@ -9,44 +9,38 @@ import pytest
 
 from engine.device import Device
 from engine.table import ClickEntry, Table, TableError
-from engine.table.click import choose_bank, played_at
+from engine.table.click import played_at
 from engine.table.columns import write_clicks, write_entries
 from engine.table.file import TableWriter
-from firmware_link.host.link_values import Capabilities
-from firmware_link.protocol.bank import bank_size, encode_bank
-from firmware_link.protocol.messages import Features
+from firmware_link.protocol.basis import Basis, BasisSet
 from tests.engine.made_clicks import click_of
 from tests.engine.made_entries import entry_of, felt_states, states_of
 
 REFERENCE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
 STATES = felt_states(REFERENCE)
-CAPABILITIES = Capabilities(
-    2,
-    0.01,
-    1.0,
-    655.35,
-    (0.52e-6, 0.52e-6),
-    100,
-    48_000,
-    1,
-    0,
-    (0, 1, 0),
-    features=Features.WAVEFORMS,
-    longest_waveform_ms=100,
-    bank_capacity_bytes=1 << 18,
-)
 
 
 def same(one: ClickEntry, other: ClickEntry) -> bool:
-    """Equal in everything, samples too."""
-    blank = np.zeros(0, dtype=np.int16)
-    assert one.samples.dtype == other.samples.dtype
-    fields = [replace(click, samples=blank).__dict__ | {"samples": None} for click in (one, other)]
-    return fields[0] == fields[1] and np.array_equal(one.samples, other.samples)
+    """Equal in everything, basis and samples too."""
+    arrays = ("basis", "weights", "samples")
+    fields = [{key: value for key, value in click.__dict__.items() if key not in arrays} for click in (one, other)]
+    assert one.weights.dtype == other.weights.dtype and one.samples.dtype == other.samples.dtype
+    is_alike = np.array_equal(one.weights, other.weights) and np.array_equal(one.samples, other.samples)
+    return fields[0] == fields[1] and is_alike and one.basis.hash == other.basis.hash
 
 
 def test_a_table_gives_its_clicks_back(tmp_path: Path) -> None:
-    clicks = [click_of(REFERENCE, states, count=61 + 4 * i) for i, states in enumerate(STATES)]
+    chance = np.random.default_rng(1)
+    sets = []
+    for functions, samples in ((7, 61), (12, 121)):
+        values = chance.integers(-32_767, 32_767, (functions, samples)).astype(np.int16)
+        values[:, [0, -1]] = 0
+        sets.append(BasisSet(values, (np.arange(functions) % 2).astype(np.uint8)))
+    basis, clicks = Basis(4000, tuple(sets)), []
+    for i, states in enumerate(STATES):
+        weights = chance.integers(-2_000, 2_000, len(sets[i % 2].actuators)).astype(np.int16)
+        made = replace(click_of(REFERENCE, states), basis=basis, basis_set=i % 2, weights=weights, fraction_bits=14)
+        clicks.append(made)
     clicks[3] = replace(clicks[3], exceeds_s={10.0: None, 20.0: None, inf: 0.01}, achieved=False)
     path = tmp_path / "bar.nc"
     with TableWriter(path) as writer:
@@ -90,32 +84,3 @@ def test_a_click_is_never_louder_than_tabulated() -> None:
 @pytest.mark.parametrize(("level_db", "expected_s"), [(5.0, None), (10.0, 0.008), (17.0, 0.008), (24.0, 0.005)])
 def test_a_softer_click_is_felt_later(level_db: float, expected_s: float | None) -> None:
     assert played_at(click_of(REFERENCE, STATES[0]), level_db).exceeds_at_s() == expected_s
-
-
-def test_a_bank_holds_every_click_at_its_place() -> None:
-    clicks = [click_of(REFERENCE, states) for states in STATES]
-    bank, places = choose_bank(clicks, CAPABILITIES)
-    assert bank is not None
-    assert sorted(places.values()) == list(range(len(STATES)))
-    assert all(bank.waveforms[places[click.index]] is click.samples for click in clicks)
-    assert len(encode_bank(bank, 2)) <= CAPABILITIES.bank_capacity_bytes
-
-
-def test_where_room_is_short_the_clicks_of_few_fingers_have_it() -> None:
-    clicks = [click_of(REFERENCE, states) for states in STATES]
-    room = bank_size(2, [121] * 40) + 100
-    bank, places = choose_bank(clicks, replace(CAPABILITIES, bank_capacity_bytes=room))
-    assert bank is not None
-    assert len(bank.waveforms) == 40
-    assert len(encode_bank(bank, 2)) <= room
-    left = [click.fingers for click in clicks if click.index not in places]
-    assert max(click.fingers for click in clicks if click.index in places) <= min(left)
-
-
-@pytest.mark.parametrize(
-    "changed", [{"features": Features(0)}, {"bank_capacity_bytes": 100}, {"longest_waveform_ms": 20}]
-)
-def test_a_device_that_cannot_play_them_gets_no_bank(changed: dict[str, int]) -> None:
-    clicks = [click_of(REFERENCE, states) for states in STATES]
-    assert choose_bank(clicks, replace(CAPABILITIES, **changed)) == (None, {})  # type: ignore[arg-type]  # made by key
-    assert choose_bank([], CAPABILITIES) == (None, {})

@@ -4,11 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import h5netcdf
-import h5py
 import pytest
 
 from engine.table import Entry, Table
-from engine.table.columns import read_entries
 from engine.table.entry import EntrySpread, Percentiles, scaled_to
 from tests.engine.made_entries import entry_of, states_of
 from tests.engine.made_table import write_table
@@ -34,13 +32,10 @@ def test_spreads_are_read_back_as_written(tmp_path: Path) -> None:
         assert list(file["entries"].variables["spread"][...]) == ["5 %", "50 %", "95 %"]
 
 
-def test_a_table_of_revision_3_states_none(tmp_path: Path) -> None:
-    plain = [replace(entry, spread=None, reached_db=None) for entry in ENTRIES]
+def test_entries_without_spreads_are_read_back_without(tmp_path: Path) -> None:
+    plain = [replace(entry, spread=None) for entry in ENTRIES]
     path = write_table(tmp_path / "t.nc", DEVICE, plain)
-    with h5py.File(path, "a") as file:
-        del file["entries/reached_level"]
-    with h5netcdf.File(path, "r", decode_vlen_strings=True) as file:
-        assert list(read_entries(file["entries"], DEVICE)) == plain
+    assert list(read(path)) == plain
 
 
 def test_an_entry_is_played_by_what_counts_as_its_level() -> None:

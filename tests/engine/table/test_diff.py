@@ -13,7 +13,7 @@ from engine.device import Device
 from engine.table import ClickEntry, Entry, Table
 from engine.table.diff import StateChange, TableDiff, Tolerance, compare_tables, describe, entry_figures
 from engine.table.entry import shifted
-from tests.engine.made_clicks import click_of
+from tests.engine.made_clicks import basis_of, click_of
 from tests.engine.made_entries import entry_of, states_of
 from tests.engine.made_table import write_table
 from tests.engine.table.test_table import DEVICE, TEXT
@@ -32,7 +32,8 @@ def entries_of(device: Device) -> list[Entry]:
 
 
 def clicks_of(device: Device) -> list[ClickEntry]:
-    return [click_of(device, states_of(device, felt, quiet)) for felt, quiet in STATES]
+    basis = basis_of(len(device.actuators), 121, 133)
+    return [replace(click_of(device, states_of(device, felt, quiet)), basis=basis) for felt, quiet in STATES]
 
 
 ENTRIES, CLICKS = entries_of(DEVICE), clicks_of(DEVICE)
@@ -163,11 +164,11 @@ def test_the_worst_come_first_and_losing_the_level_is_the_worst(compare: Compare
 @pytest.mark.parametrize(
     ("change", "figure", "size"),
     [
-        (lambda c: click_of(DEVICE, c.states, level_db=27.0), "felt_level_db", 1.0),
+        (lambda c: replace(click_of(DEVICE, c.states, level_db=27.0), basis=c.basis), "felt_level_db", 1.0),
         (lambda c: replace(c, quiet=shifted(c.quiet, 2.0)), "quiet_level_db", 2.0),
-        (lambda c: replace(c, samples=c.samples + np.int16(3277)), "waveform", 10.0),
+        (lambda c: replace(c, weights=c.weights + np.int16(3277)), "waveform", 10.0),
         (lambda c: replace(c, achieved=False), "achieved", 1.0),
-        (lambda c: replace(c, samples=np.pad(c.samples, ((0, 12), (0, 0)))), "length_s", 10.0),
+        (lambda c: replace(c, basis_set=1), "length_s", 10.0),
     ],
 )
 def test_a_change_of_a_click_is_found_where_it_was_made(
@@ -221,7 +222,7 @@ def test_other_zones_are_matched_by_name_and_it_is_said(compare: Compare) -> Non
 def test_drives_of_other_actuators_are_not_compared_and_it_is_said(compare: Compare) -> None:
     renamed = Device.parse(TEXT.replace('name = "left"', 'name = "first"'), "renamed")
     entries = [replace(entry, frequencies_hz=(70.0, 70.0)) for entry in entries_of(renamed)]
-    found = compare(entries, [replace(c, samples=c.samples * 0) for c in clicks_of(renamed)], renamed)
+    found = compare(entries, [replace(c, weights=c.weights * 0) for c in clicks_of(renamed)], renamed)
     assert any("actuators were left, right and are first, right" in note for note in found.notes)
     assert not found.entries.changed
     assert not found.clicks.changed

@@ -295,8 +295,16 @@ def test_a_foreign_netcdf_file_is_refused(tmp_path: Path) -> None:
 def test_a_newer_format_is_refused(whole: Path, tmp_path: Path) -> None:
     path = copied(whole, tmp_path / "newer.nc")
     with h5py.File(path, "a") as file:
-        file.attrs["format_revision"] = 5
-    assert "has format revision 5, this program reads up to 4; update tactable" in refusal(path)
+        file.attrs["format_revision"] = 6
+    assert "has format revision 6, this program reads 5; update tactable" in refusal(path)
+
+
+def test_an_older_format_is_refused(whole: Path, tmp_path: Path) -> None:
+    path = copied(whole, tmp_path / "older.nc")
+    with h5py.File(path, "a") as file:
+        file.attrs["format_revision"] = 4
+    said = "has format revision 4 of an earlier version of tactable, this program reads 5; build it again"
+    assert said in refusal(path)
 
 
 @pytest.mark.parametrize("name", ["code_fingerprint", "device_description", "device_fingerprint", "device_name"])

@@ -2,10 +2,10 @@
 
 import pytest
 
-from firmware_link.protocol.bank import decode_bank, encode_bank, hash_of_bank
+from firmware_link.protocol.basis import decode_basis, encode_basis, hash_of_basis
 from firmware_link.protocol.framing import FrameDecoder
 from firmware_link.protocol.messages import MESSAGES, decode_body
-from tests.firmware_link.codegen.vectors import FOLDER, example_bank, example_messages, vector_files
+from tests.firmware_link.codegen.vectors import FOLDER, example_basis, example_messages, vector_files
 
 
 def lines_of(name: str) -> list[str]:
@@ -28,8 +28,8 @@ def test_every_message_has_a_vector_and_its_frame_decodes_to_it() -> None:
     assert names == {message.wire_name for message in MESSAGES}
 
 
-def test_the_bank_decodes_to_its_waveforms() -> None:
-    _, data, bank_hash = lines_of("bank.txt")[0].split(" | ")
-    bank = decode_bank(bytes.fromhex(data), 2)
-    assert encode_bank(bank, 2) == encode_bank(example_bank(), 2)
-    assert hash_of_bank(bytes.fromhex(data)) == int(bank_hash, 16)
+def test_the_basis_decodes_to_its_functions() -> None:
+    _, data, basis_hash = lines_of("basis.txt")[0].split(" | ")
+    basis = decode_basis(bytes.fromhex(data), 2)
+    assert encode_basis(basis) == example_basis().data
+    assert hash_of_basis(bytes.fromhex(data)) == int(basis_hash, 16)

@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 
 import firmware_link
-from firmware_link.protocol.bank import Bank, encode_bank, hash_of_bank, make_bank, transfer_messages
+from firmware_link.protocol.basis import Basis, BasisSet, clamp_samples, sample_limits, transfer_messages, weighted_sum
 from firmware_link.protocol.framing import encode_frame
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import (
+    FULL_SCALE_WORD,
     MAGIC,
     SCHEMA_HASH,
     VERSION_MAJOR,
@@ -45,20 +46,31 @@ from firmware_link.protocol.messages import (
 
 FOLDER = Path(firmware_link.__file__).parent / "vectors"
 RESOLUTION_HZ = 0.01
+HIGHEST_UHZ = 200_000_000
 _FIRST_SEQUENCE = 254
 _BOOT_ID = 0x00ABCD00
 
 
-def example_bank() -> Bank:
-    """Two short waveforms for two actuators."""
-    rise = np.array([[0.0, 0.0], [0.5, -0.25], [1.0, -0.5], [0.5, -0.25], [0.0, 0.0]])
-    return make_bank(1000, [rise, np.array([[0.0, 0.0], [-1.0, 1.0], [0.0, 0.0]])])
+def example_basis() -> Basis:
+    """Two sets of functions for two actuators."""
+    two = np.array([[0, 16_384, 32_767, 16_384, 0], [0, -32_767, 0, 32_767, 0], [0, 12_000, 30_000, 12_000, 0]])
+    one = np.array([[0, 32_767, 0], [0, -20_000, 0]])
+    actuators = np.array([0, 0, 1], np.uint8)
+    return Basis(1000, (BasisSet(two.astype(np.int16), actuators), BasisSet(one.astype(np.int16), actuators[1:])))
+
+
+def example_plays() -> tuple[Play, ...]:
+    """Clicks of the example basis: an ordinary one, one that is clamped, and one of the other set."""
+    return (
+        Play(1000, 0, 14, FULL_SCALE_WORD, 3, (8_192, -4_096, 16_384)),
+        Play(65_535, 0, 1, 32_768, 3, (-32_768, 32_767, 1)),
+        Play(1000, 1, 15, FULL_SCALE_WORD, 2, (16_384, -32_767)),
+    )
 
 
 def example_messages() -> tuple[Message, ...]:
     """One example or more of every message type, for two actuators."""
     drive = encode_drive([ChannelDrive(60, 1.0, 0.0), ChannelDrive(60, 0.5, 1.5707963267948966)], RESOLUTION_HZ)
-    data = encode_bank(example_bank(), 2)
     return (
         HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 0x01020304),
         _example_hello(),
@@ -74,8 +86,8 @@ def example_messages() -> tuple[Message, ...]:
         Status(DeviceState.DRIVING, FaultCode.NONE, 7, 2**40, 2**40 - 1, 4000, 1, 2, 3, 4, 5, 6, 7, 8, 9),
         Fault(FaultCode.SILENT_HOST, 251_000),
         Log(LogLevel.WARNING, LogCode.LEASE_EXPIRED, 7, 41_000),
-        *transfer_messages(data),
-        Play(1000, 1, 65_535),
+        *transfer_messages(example_basis().data),
+        *example_plays(),
     )
 
 
@@ -97,8 +109,8 @@ def _example_hello() -> Hello:
         frequency_maximum=65_535,
         longest_lease_ms=100,
         longest_waveform_ms=1000,
-        bank_capacity_bytes=65_536,
-        held_bank_hash=0,
+        basis_capacity_bytes=65_536,
+        held_basis_hash=0,
         number_of_actuators=2,
         full_scales_pm=(520_000, 0x00FF00FF),
     )
@@ -114,10 +126,20 @@ def message_lines() -> list[str]:
     return lines
 
 
-def bank_lines() -> list[str]:
-    """The example bank: its bytes and its hash."""
-    data = encode_bank(example_bank(), 2)
-    return [f"bank | {data.hex()} | {hash_of_bank(data):08x}"]
+def basis_lines() -> list[str]:
+    """The example basis: its bytes and its hash."""
+    return [f"basis | {example_basis().data.hex()} | {example_basis().hash:08x}"]
+
+
+def waveform_lines() -> list[str]:
+    """For each example of a PLAY: its body and the samples of both actuators, instant by instant."""
+    basis, lines = example_basis(), []
+    for index, play in enumerate(example_plays()):
+        sums = weighted_sum(basis.sets[play.basis_set], play.weights, play.fraction_bits, 2)
+        samples = clamp_samples(sums, sample_limits((FULL_SCALE_WORD, 32_768), HIGHEST_UHZ, basis.sample_rate_hz))
+        text = " ".join(",".join(map(str, instant)) for instant in samples.tolist())
+        lines.append(f"waveform | {encode_body(play, index).hex()} | {text}")
+    return lines
 
 
 def write_vectors(folder: Path = FOLDER) -> None:
@@ -129,14 +151,19 @@ def write_vectors(folder: Path = FOLDER) -> None:
 
 def vector_files() -> dict[str, list[str]]:
     """Lines of each file of vectors, by its name."""
-    return {"messages.txt": message_lines(), "bank.txt": bank_lines()}
+    return {"messages.txt": message_lines(), "basis.txt": basis_lines(), "waveforms.txt": waveform_lines()}
 
 
 _HEADS = {
     "messages.txt": ["# Made by `python -m tests.firmware_link.codegen.vectors`.", "# name | values | body | frame"],
-    "bank.txt": [
+    "basis.txt": [
         "# Made by `python -m tests.firmware_link.codegen.vectors`.",
-        "# bank | its bytes for two actuators | its hash",
+        "# basis | its bytes for two actuators | its hash",
+    ],
+    "waveforms.txt": [
+        "# Made by `python -m tests.firmware_link.codegen.vectors`.",
+        "# The example basis; amplitude limits 65535 and 32768, highest frequency 200 Hz, two actuators.",
+        "# waveform | body of the PLAY | samples of both actuators, instant by instant",
     ],
 }
 

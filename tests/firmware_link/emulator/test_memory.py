@@ -1,84 +1,88 @@
-"""Laws of a device's memory for waveforms: a transfer bears copies, and never lies on the bank that is held."""
+"""Laws of a device's memory for clicks: a transfer bears copies, and never lies on the basis that is held."""
 
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_link.emulator.memory import BankStore
-from firmware_link.protocol.bank import Bank, encode_bank, hash_of_bank, make_bank, transfer_messages
-from firmware_link.protocol.messages import BANK_CHUNK_SIZE, BankBegin, BankChunk, BankCommit, Result
-from tests.firmware_link.strategies import banks, unhurried
+from firmware_link.emulator.memory import BasisStore
+from firmware_link.protocol.basis import Basis, BasisSet, encode_basis, transfer_messages
+from firmware_link.protocol.messages import BASIS_CHUNK_SIZE, BasisBegin, BasisChunk, BasisCommit, Result
+from tests.firmware_link.strategies import bases, unhurried
 
-ACTUATORS = 3  # as in `banks`
+ACTUATORS = 3  # as in `bases`
 
 
-def transfer(store: BankStore, *steps: BankBegin | BankChunk | BankCommit) -> list[Result]:
+def silence(samples: int) -> Basis:
+    return Basis(1000, (BasisSet(np.zeros((1, samples), np.int16), np.zeros(1, np.uint8)),))
+
+
+def transfer(store: BasisStore, *steps: BasisBegin | BasisChunk | BasisCommit) -> list[Result]:
     results = []
     for step in steps:
         match step:
-            case BankBegin():
+            case BasisBegin():
                 results.append(store.begin(step, may_forget=True))
-            case BankChunk():
+            case BasisChunk():
                 results.append(store.take(step))
-            case BankCommit():
+            case BasisCommit():
                 results.append(store.commit(step))
     return results
 
 
 @unhurried
-@given(banks(), st.integers(1, 3))
-def test_a_transfer_of_any_copies_holds_the_bank(bank: Bank, copies: int) -> None:
-    store = BankStore(1 << 16, 60_000, ACTUATORS)
-    data = encode_bank(bank, ACTUATORS)
-    steps = [step for step in transfer_messages(data) for _ in range(copies)]
+@given(bases(), st.integers(1, 3))
+def test_a_transfer_of_any_copies_holds_the_basis(basis: Basis, copies: int) -> None:
+    store = BasisStore(1 << 16, 60_000, ACTUATORS)
+    steps = [step for step in transfer_messages(basis.data) for _ in range(copies)]
     assert set(transfer(store, *steps)) == {Result.OK}
-    assert store.held_hash == hash_of_bank(data)
-    assert store.bank is not None
-    assert encode_bank(store.bank, ACTUATORS) == data
+    assert store.held_hash == basis.hash
+    assert store.basis is not None
+    assert encode_basis(store.basis) == basis.data
 
 
 @unhurried
-@given(banks(), st.data())
-def test_a_transfer_with_a_wrong_byte_holds_nothing(bank: Bank, data: st.DataObject) -> None:
-    store = BankStore(1 << 16, 60_000, ACTUATORS)
-    content = bytearray(encode_bank(bank, ACTUATORS))
+@given(bases(), st.data())
+def test_a_transfer_with_a_wrong_byte_holds_nothing(basis: Basis, data: st.DataObject) -> None:
+    store = BasisStore(1 << 16, 60_000, ACTUATORS)
+    content = bytearray(basis.data)
     begin, *_, commit = transfer_messages(bytes(content))
     content[data.draw(st.integers(0, len(content) - 1))] ^= data.draw(st.integers(1, 255))
     _, *chunks, _ = transfer_messages(bytes(content))
     assert transfer(store, begin, *chunks, commit)[-1] is Result.WRONG_HASH
-    assert (store.bank, store.held_hash) == (None, 0)
+    assert (store.basis, store.held_hash) == (None, 0)
 
 
-def test_a_waveform_longer_than_the_device_plays_is_out_of_range() -> None:
-    store = BankStore(1 << 16, 10, 1)
+def test_a_click_longer_than_the_device_plays_is_out_of_range() -> None:
+    store = BasisStore(1 << 16, 10, 1)
     for samples, result in ((11, Result.OK), (12, Result.OUT_OF_RANGE)):
-        steps = transfer_messages(encode_bank(make_bank(1000, [np.zeros((samples, 1))]), 1))
+        steps = transfer_messages(silence(samples).data)
         assert transfer(store, *steps)[-1] is result
 
 
 def test_chunks_out_of_order_are_refused() -> None:
-    store = BankStore(1 << 16, 10, 1)
-    chunk = bytes(BANK_CHUNK_SIZE)
+    store = BasisStore(1 << 16, 10, 1)
+    chunk = bytes(BASIS_CHUNK_SIZE)
     steps = (
-        BankBegin(1, 500),
-        BankChunk(0, chunk),
-        BankChunk(384, chunk),
-        BankChunk(100, chunk),
-        BankChunk(192, chunk),
+        BasisBegin(1, 500),
+        BasisChunk(0, chunk),
+        BasisChunk(384, chunk),
+        BasisChunk(100, chunk),
+        BasisChunk(192, chunk),
     )
     assert transfer(store, *steps) == [Result.OK, Result.OK, Result.OUT_OF_RANGE, Result.OUT_OF_RANGE, Result.OK]
-    assert transfer(store, BankChunk(384, chunk), BankChunk(576, chunk)) == [Result.OK, Result.OUT_OF_RANGE]
+    assert transfer(store, BasisChunk(384, chunk), BasisChunk(576, chunk)) == [Result.OK, Result.OUT_OF_RANGE]
 
 
 @given(st.lists(st.tuples(st.integers(1, 9), st.booleans()), min_size=1, max_size=12))
-def test_a_bank_in_transfer_never_lies_on_the_one_that_is_held(steps: list[tuple[int, bool]]) -> None:
-    """Banks of a few hundred bytes in a memory for three of the smallest; as if they lay in one run of bytes."""
-    small = encode_bank(make_bank(1000, [np.zeros((20, 1))]), 1)
-    store = BankStore(3 * len(small), 1000, 1)
+def test_a_basis_in_transfer_never_lies_on_the_one_that_is_held(steps: list[tuple[int, bool]]) -> None:
+    """Bases of a few hundred bytes in a memory for three of the smallest; as if they lay in one run of bytes."""
+    small = silence(20).data
+    store = BasisStore(3 * len(small), 1000, 1)
     for size, may_forget in steps:
-        data = encode_bank(make_bank(1000, [np.zeros((4 * size + 2, 1))]), 1)
+        basis = silence(4 * size + 2)
+        data = basis.data
         begin, *rest = transfer_messages(data)
-        assert isinstance(begin, BankBegin)
+        assert isinstance(begin, BasisBegin)
         before = (store.held_hash, store._held_at, store._held_size)
         result = store.begin(begin, may_forget)
         held, held_at, held_size = before
@@ -93,4 +97,4 @@ def test_a_bank_in_transfer_never_lies_on_the_one_that_is_held(steps: list[tuple
             assert stop <= 3 * len(small)
         for message in rest:
             assert transfer(store, message) == [Result.OK]
-        assert store.held_hash == hash_of_bank(data)
+        assert store.held_hash == basis.hash

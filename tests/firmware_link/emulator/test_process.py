@@ -18,9 +18,9 @@ from firmware_link.host.link_values import LinkConfiguration, LinkState
 from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.serial_port import LowLatency, SerialPort, path_of
 from firmware_link.host.session import Session
-from firmware_link.protocol.bank import make_bank
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.messages import ChannelDrive, DeviceState, encode_drive
+from tests.firmware_link.clicks import Clicks
 
 # Only against an endless test: the machine may be slow.
 PATIENCE_S = 60.0
@@ -169,8 +169,8 @@ def test_faults_of_a_text_are_injected_and_counted() -> None:
 
 
 def test_a_waveform_reaches_the_actuators_of_another_process() -> None:
-    bank = make_bank(1000, [np.outer(np.sin(np.linspace(0, np.pi, 41)).round(9), [1.0, -1.0])])
-    configuration = LinkConfiguration(2, bank=bank, bit_rate_hz=2_000_000, handshake_timeout_s=PATIENCE_S)
+    clicks = Clicks(1000, [np.outer(np.sin(np.linspace(0, np.pi, 41)).round(9), [1.0, -1.0])])
+    configuration = LinkConfiguration(2, basis=clicks.basis, bit_rate_hz=2_000_000, handshake_timeout_s=PATIENCE_S)
     with run_emulator() as emulator, SerialPort(emulator.port) as port:
         session = Session(Link(configuration), port, time.monotonic_ns)
         session.connect()
@@ -178,11 +178,11 @@ def test_a_waveform_reaches_the_actuators_of_another_process() -> None:
         log = emulator.log()
         # A stall of this machine may make one stale.
         while not log.events:
-            session.link.set_play(0)
+            session.link.set_play(clicks.encoded(0))
             end_s = time.monotonic() + 0.1
             run_until(session, lambda end_s=end_s: time.monotonic() > end_s)  # type: ignore[misc]
             log = emulator.log()
         event = log.events[0]
         assert event.cause is Cause.PLAY
-        waveform = synthesise(log.events, event.device_time_us, event.device_time_us + 41_000, 8000, log.banks)
+        waveform = synthesise(log.events, event.device_time_us, event.device_time_us + 41_000, 8000)
         assert waveform.max() == pytest.approx(1.0, abs=0.01)

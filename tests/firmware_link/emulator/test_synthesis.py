@@ -4,12 +4,12 @@ import itertools
 import math
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, PlayedWaveform, synthesise
-from firmware_link.protocol.bank import make_bank
+from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from tests.firmware_link.strategies import drive_logs, unhurried
 
 RATE_HZ = 100_000.0
@@ -100,17 +100,20 @@ def test_nothing_before_the_first_event_and_no_actuators_in_an_empty_log() -> No
 
 # ---- waveforms ---------------------------------------------------------------------------------------------
 
-BANK = make_bank(1000, [np.array([[0.0, 0.0], [1.0, -0.5], [-1.0, 0.5], [0.0, 0.0]]), np.zeros((2, 2))])
-BANKS = {7: BANK}
+WAVEFORM = np.array([[0.0, 0.0], [1.0, -0.5], [-1.0, 0.5], [0.0, 0.0]])
 SILENT = (ChannelTarget(100.0, 0.0, None),) * 2
 
 
+def waveform(rate_hz: int, samples: NDArray[np.float64], amplitude: float) -> PlayedWaveform:
+    return PlayedWaveform.of(rate_hz, np.rint(SAMPLE_FULL_SCALE * samples).astype(np.int16), amplitude)
+
+
 def play(time_us: int, amplitude: float, *targets: ChannelTarget) -> DriveEvent:
-    return DriveEvent(time_us, Cause.PLAY, 0, 200.0, targets or SILENT, PlayedWaveform(7, 0, amplitude))
+    return DriveEvent(time_us, Cause.PLAY, 0, 200.0, targets or SILENT, waveform(1000, WAVEFORM, amplitude))
 
 
 def test_a_waveform_is_straight_between_its_samples_and_zero_after() -> None:
-    got = synthesise([play(2_000, 0.5)], 0, 8_000, 4_000.0, BANKS)
+    got = synthesise([play(2_000, 0.5)], 0, 8_000, 4_000.0)
     wanted = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0.125, 0.25, 0.375, 0.5, 0.25, 0, -0.25, -0.5, -0.375, -0.25, -0.125, 0]
     np.testing.assert_allclose(got[: len(wanted), 0], wanted, atol=1e-4)
     np.testing.assert_allclose(got[:, 1], -0.5 * got[:, 0], atol=1e-4)
@@ -118,12 +121,12 @@ def test_a_waveform_is_straight_between_its_samples_and_zero_after() -> None:
 
 
 def test_what_is_taken_over_fades_at_the_slew_while_it_plays_on() -> None:
-    long = make_bank(100, [np.array([[0.0], [1.0], [1.0], [1.0], [0.0]])])
+    long = np.array([[0.0], [1.0], [1.0], [1.0], [0.0]])
     log = [
-        DriveEvent(0, Cause.PLAY, 0, 200.0, SILENT[:1], PlayedWaveform(7, 0, 1.0)),
+        DriveEvent(0, Cause.PLAY, 0, 200.0, SILENT[:1], waveform(100, long, 1.0)),
         DriveEvent(20_000, Cause.STOP, None, 200.0, SILENT[:1]),
     ]
-    got = synthesise(log, 0, 40_000, 1000.0, {7: long})[:, 0]
+    got = synthesise(log, 0, 40_000, 1000.0)[:, 0]
     np.testing.assert_allclose(got[[10, 19, 20, 21, 23, 25, 26]], [1, 1, 1, 0.8, 0.4, 0, 0], atol=1e-12)
 
 
@@ -131,11 +134,6 @@ def test_the_sum_is_clamped_to_the_limit() -> None:
     sounding = ChannelTarget(0.0, 0.4, math.pi / 2, limit=0.6)
     faded = ChannelTarget(0.0, 0.0, None, limit=0.6)
     log = [event(0, sounding, sounding), play(10_000, 1.0, faded, faded)]
-    got = synthesise(log, 10_000, 13_000, 10_000.0, BANKS)
+    got = synthesise(log, 10_000, 13_000, 10_000.0)
     assert got[:, 0].max() == 0.6
     assert np.abs(got).max() == 0.6
-
-
-def test_a_waveform_of_no_bank_is_an_error() -> None:
-    with pytest.raises(KeyError):
-        synthesise([play(0, 1.0)], 0, 1000, 8000.0)

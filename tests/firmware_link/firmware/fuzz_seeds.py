@@ -7,7 +7,7 @@ import struct
 import sys
 from pathlib import Path
 
-from firmware_link.protocol.bank import encode_bank, make_bank, transfer_messages
+from firmware_link.protocol.basis import transfer_messages
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import (
@@ -20,7 +20,6 @@ from firmware_link.protocol.messages import (
     Fault,
     HelloRequest,
     KeepAlive,
-    Play,
     Result,
     Set,
     SetFlag,
@@ -29,6 +28,7 @@ from firmware_link.protocol.messages import (
     encode_body,
     encode_drive,
 )
+from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.conformance import hump
 from tests.firmware_link.strategies import RESOLUTION_HZ
 from tests.firmware_link.virtual_rig import reference
@@ -36,6 +36,7 @@ from tests.firmware_link.virtual_rig import reference
 # As fuzz.c has them.
 ACTUATORS, BOOT_ID, TIME_STEP_US = 3, 7, 37
 RAW, FRAMED, SAMPLES, HANG_UP, EMERGENCY_STOP = range(5)
+CLICKS = Clicks(1_000, [hump(1.0, -1.0, 0.3, duration_us=20_000)] * 2)
 HEAD = struct.Struct("<BHB")
 
 
@@ -61,9 +62,9 @@ class Session:
         at_us = self.now_us + 1_000 // TIME_STEP_US * TIME_STEP_US
         self.send(Set(reference(at_us), SetFlag.WRITE_PHASE, 40, drive))
 
-    def play(self, waveform: int) -> None:
+    def play(self, index: int) -> None:
         at_us = self.now_us + 1_000 // TIME_STEP_US * TIME_STEP_US
-        self.send(Play(reference(at_us), waveform, 50_000))
+        self.send(CLICKS.play(index, reference(at_us), 50_000))
 
 
 def greeted() -> Session:
@@ -84,12 +85,11 @@ def sessions() -> list[Session]:
     for amplitudes in ((1.0, 0.5, 0.0), (0.0, 1.0, 0.2), (0.0, 0.0, 0.0)):
         driven.set(*amplitudes)
         driven.send(KeepAlive(reference(driven.now_us), driven.sequence))
-    data = encode_bank(make_bank(1_000, [hump(1.0, -1.0, 0.3, duration_us=20_000)] * 2), ACTUATORS)
-    for message in transfer_messages(data):
+    for message in transfer_messages(CLICKS.basis.data):
         played.send(message)
     armed(played)
-    for waveform in (0, 1, 0):
-        played.play(waveform)
+    for index in (0, 1, 0):
+        played.play(index)
     played.set(0.3, 0.3, 0.3)
     latched.set(1.0, 1.0, 1.0)
     latched.add(SAMPLES, wait_us=300_000)

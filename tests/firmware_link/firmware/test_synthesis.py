@@ -10,18 +10,19 @@ from numpy.typing import NDArray
 
 from firmware_link.emulator import DeviceConfiguration
 from firmware_link.emulator.c_core import CompiledFirmware
-from firmware_link.protocol.bank import Bank, encode_bank, transfer_messages
+from firmware_link.protocol.basis import Basis, BasisSet, clamp_samples, sample_limits, transfer_messages, weighted_sum
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import (
-    BANK_CHUNK_SIZE,
+    BASIS_CHUNK_SIZE,
     FULL_SCALE_WORD,
     MAGIC,
+    MAXIMUM_WEIGHTS,
     VERSION_MAJOR,
     VERSION_MINOR,
     Arm,
-    BankBegin,
-    BankChunk,
+    BasisBegin,
+    BasisChunk,
     ChannelDrive,
     HelloRequest,
     Play,
@@ -29,6 +30,7 @@ from firmware_link.protocol.messages import (
     SetFlag,
     encode_drive,
 )
+from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, core_library
 from tests.firmware_link.firmware.measure_synthesis import measure
 from tests.firmware_link.strategies import RESOLUTION_HZ, unhurried
@@ -91,24 +93,43 @@ def test_nothing_passes_the_limit_or_moves_faster_than_the_slew(
     assert (np.abs(samples) <= rise + ROUNDING).all()
 
 
-def test_a_waveform_at_full_scale_comes_out_as_it_was_stored() -> None:
-    stored = np.random.default_rng(1).integers(-FULL_OUTPUT, FULL_OUTPUT, (200, ACTUATORS), np.int16, endpoint=True)
-    stored[0] = stored[-1] = 0
-    device = Played((FULL_SCALE_WORD,) * ACTUATORS, 200, Bank(RATE_HZ, (stored,)))
-    device.send(Play(reference(device.now_us), 0, FULL_SCALE_WORD))
-    device.wait(len(stored) * US_PER_S // RATE_HZ)
-    np.testing.assert_array_equal(device.take(), stored)
+@unhurried
+@given(
+    st.integers(0, 2**32),
+    st.integers(1, MAXIMUM_WEIGHTS),
+    st.integers(1, 31),
+    st.tuples(*[st.sampled_from([0, 1, 20_000, FULL_SCALE_WORD])] * ACTUATORS),
+    st.sampled_from([1, 7, 40, 200]),
+)
+def test_a_click_is_what_its_weights_are_defined_to_be_bit_for_bit(
+    seed: int, functions: int, fraction_bits: int, limits: tuple[int, ...], crowding: int
+) -> None:
+    noise = np.random.default_rng(seed)
+    wave = np.cumsum(noise.normal(size=(functions, 200 * crowding)), axis=1)[:, ::crowding]
+    wave *= np.sin(np.linspace(0, np.pi, 200)) / np.abs(wave).max()
+    wave[:, [0, -1]] = 0
+    each = BasisSet(
+        np.rint(FULL_OUTPUT * wave).astype(np.int16), noise.integers(0, ACTUATORS, functions).astype(np.uint8)
+    )
+    weights = noise.integers(-(2**15), 2**15 - 1, functions, endpoint=True).tolist()
+    device = Played(limits, 200, Basis(RATE_HZ, (each,)))
+    play = Play(reference(device.now_us), 0, fraction_bits, FULL_SCALE_WORD, functions, tuple(weights))
+    device.send(play)
+    device.wait(200 * US_PER_S // RATE_HZ)
+    bounds = sample_limits(limits, round(GREATEST_FREQUENCY_HZ * 1_000_000), RATE_HZ)
+    wanted = clamp_samples(weighted_sum(each, weights, fraction_bits, ACTUATORS), bounds)
+    np.testing.assert_array_equal(device.take(), wanted)
 
 
-def test_a_waveform_whose_bank_goes_stands_still_and_fades_on() -> None:
-    ramp = np.minimum(np.arange(400), np.arange(400)[::-1])[:, None] * 100
-    bank = Bank(RATE_HZ, (np.hstack([ramp, -ramp]).astype(np.int16),))
-    device = Played((FULL_SCALE_WORD,) * ACTUATORS, 200, bank)
-    device.send(Play(reference(device.now_us), 0, FULL_SCALE_WORD))
+def test_a_click_whose_basis_goes_stands_still_and_fades_on() -> None:
+    ramp = np.minimum(np.arange(400), np.arange(400)[::-1]) / 327.67
+    clicks = Clicks(RATE_HZ, [np.outer(ramp, [1.0, -1.0])])
+    device = Played((FULL_SCALE_WORD,) * ACTUATORS, 200, clicks.basis)
+    device.send(clicks.play(0, reference(device.now_us)))
     device.wait(9_000)
     device.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1))
-    device.send(BankBegin(1, 400))
-    device.send(BankChunk(0, b"\x55" * BANK_CHUNK_SIZE))
+    device.send(BasisBegin(1, 400))
+    device.send(BasisChunk(0, b"\x55" * BASIS_CHUNK_SIZE))
     device.wait(20_000)
     samples = device.take() / FULL_OUTPUT
     assert np.abs(samples).max() > 0.5
@@ -119,11 +140,11 @@ def test_a_waveform_whose_bank_goes_stands_still_and_fades_on() -> None:
 class Played:
     """A device that is armed, and what its actuators get from then on."""
 
-    def __init__(self, limits: tuple[int, ...], slew_per_s: int, bank: Bank | None = None) -> None:
+    def __init__(self, limits: tuple[int, ...], slew_per_s: int, basis: Basis | None = None) -> None:
         self.now_us = 1_000
         self._sequence = 0
         self._firmware = CompiledFirmware(core_library(), DeviceConfiguration(BOOT_ID, synthesis_rate_hz=RATE_HZ))
-        transfer = transfer_messages(encode_bank(bank, ACTUATORS)) if bank else []
+        transfer = transfer_messages(basis.data) if basis else []
         for message in (
             HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1),
             *transfer,
@@ -133,7 +154,7 @@ class Played:
         self._firmware.take_samples()
 
     def send(self, message: Message) -> None:
-        self._sequence += 1
+        self._sequence = (self._sequence + 1) % 256
         self._firmware.receive(encode_message(message, self._sequence), self.now_us)
 
     def wait(self, duration_us: int) -> None:

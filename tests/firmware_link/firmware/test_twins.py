@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware, synthesise
 from firmware_link.emulator.c_core import CompiledFirmware
-from firmware_link.protocol.bank import encode_bank, make_bank, transfer_messages
+from firmware_link.protocol.basis import transfer_messages
 from firmware_link.protocol.framing import EMERGENCY_STOP, encode_message
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import (
@@ -21,7 +21,7 @@ from firmware_link.protocol.messages import (
     VERSION_MINOR,
     Ack,
     Arm,
-    BankBegin,
+    BasisBegin,
     ChannelDrive,
     DeviceState,
     Fault,
@@ -35,6 +35,7 @@ from firmware_link.protocol.messages import (
     TimeRequest,
     encode_drive,
 )
+from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.conformance import hump
 from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, core_library
 from tests.firmware_link.strategies import RESOLUTION_HZ, messages, unhurried
@@ -48,10 +49,10 @@ SLEW_PER_S = 200
 US_PER_S = 1_000_000
 RAMP_US = US_PER_S // SLEW_PER_S
 CONFIGURATION = DeviceConfiguration(
-    BOOT_ID, ACTUATORS, synthesis_rate_hz=RATE_HZ, bank_capacity_bytes=2_000, longest_drive_s=1
+    BOOT_ID, ACTUATORS, synthesis_rate_hz=RATE_HZ, basis_capacity_bytes=2_000, longest_drive_s=1
 )
-BANK = encode_bank(make_bank(2_000, [hump(1.0, -0.5), hump(0.5, 0.9, duration_us=7_000)]), ACTUATORS)
-TRANSFER = list(transfer_messages(BANK))
+CLICKS = Clicks(2_000, [hump(1.0, -0.5), hump(0.5, 0.9, duration_us=7_000)])
+TRANSFER = list(transfer_messages(CLICKS.basis.data))
 # C writes 16 bits and moves amplitudes from sample to sample, so what changes may come two steps of the slew late.
 EXAMPLES = int(os.environ.get("TACTABLE_EXAMPLES", "300"))
 TOLERANCE = 3 * SLEW_PER_S / RATE_HZ + 1e-3
@@ -69,8 +70,8 @@ class Twins:
     last: bytes = b""
 
     def send(self, message: Message, step: int = 1) -> None:
-        if isinstance(message, BankBegin):
-            # A waveform that still fades would stand still in C, whose memory the bank takes.
+        if isinstance(message, BasisBegin):
+            # A waveform that still fades would stand still in C, whose memory the basis takes.
             self.wait(RAMP_US)
         self.sequence = (self.sequence + step) % 256
         self.last = encode_message(message, self.sequence)
@@ -104,7 +105,7 @@ class Twins:
 
     def compare_samples(self) -> None:
         got = self.compiled.take_samples() / FULL_OUTPUT
-        wanted = synthesise(self.python.drive_log, 0, self.now_us, RATE_HZ, self.python.banks)
+        wanted = synthesise(self.python.drive_log, 0, self.now_us, RATE_HZ)
         np.testing.assert_allclose(got, wanted if wanted.size else np.zeros_like(got), rtol=0, atol=TOLERANCE)
 
 
@@ -127,7 +128,13 @@ def _set(drive: bytes, age_us: int, lease_ms: int, flags: SetFlag, step: int) ->
 
 
 def _play(index: int, amplitude: int, age_us: int) -> Step:
-    return lambda twins: twins.drive(Play(reference(twins.now_us - age_us), index, amplitude))
+    return lambda twins: twins.drive(CLICKS.play(index, reference(twins.now_us - age_us), amplitude))
+
+
+def _play_any(index: int, fraction_bits: int, weights: tuple[int, ...]) -> Step:
+    return lambda twins: twins.drive(
+        Play(reference(twins.now_us), index, fraction_bits, FULL_SCALE_WORD, len(weights), weights)
+    )
 
 
 def _keep(other: int, age_us: int, step: int) -> Step:
@@ -168,6 +175,7 @@ ordinary: st.SearchStrategy[Step] = st.one_of(
     st.builds(_set, drives, st.just(0), st.just(40), st.just(SetFlag.WRITE_PHASE), st.just(1)),
     st.builds(_play, st.integers(0, 2), st.sampled_from([0, 30_000, FULL_SCALE_WORD]), ages_us),
     st.builds(_play, st.integers(0, 1), st.just(FULL_SCALE_WORD), st.just(0)),
+    st.builds(_play_any, st.integers(0, 2), st.integers(0, 32), st.tuples(*[st.integers(-(2**15), 2**15 - 1)] * 2)),
     st.builds(_keep, st.sampled_from([0, 0, 1]), ages_us, sequence_steps),
 )
 rare: st.SearchStrategy[Step] = st.one_of(
@@ -213,11 +221,11 @@ def test_the_c_core_is_the_python_core_s_twin(is_ready: bool, steps: list[Step])
 
 
 @pytest.mark.parametrize("wait_us", range(0, 20_000, 500))
-def test_both_have_room_for_a_waveform_again_at_the_same_instant(wait_us: int) -> None:
+def test_both_have_room_for_a_click_again_at_the_same_instant(wait_us: int) -> None:
     twins = Twins()
     _ready(twins)
     for pause_us in (2_000, wait_us, 0):
-        twins.drive(Play(reference(twins.now_us), 0, FULL_SCALE_WORD))
+        twins.drive(CLICKS.play(0, reference(twins.now_us)))
         twins.wait(pause_us)
     assert twins.python.counters.refused == (wait_us < RAMP_US)
     twins.wait(100_000)

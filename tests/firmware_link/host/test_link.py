@@ -19,7 +19,7 @@ from firmware_link.host.link_values import (
     LogReceived,
     Stopped,
 )
-from firmware_link.protocol.bank import Bank, encode_bank, hash_of_bank, make_bank
+from firmware_link.protocol.basis import Basis
 from firmware_link.protocol.errors import LinkError, MessageError
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import (
@@ -33,6 +33,7 @@ from firmware_link.protocol.messages import (
     LogCode,
     encode_drive,
 )
+from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.strategies import RESOLUTION_HZ, unhurried
 from tests.firmware_link.virtual_rig import BOOT_ID, MS, BareHost, VirtualRig, decode_messages
 
@@ -228,7 +229,7 @@ def test_no_device_is_an_error_with_a_remedy() -> None:
 @pytest.mark.parametrize(
     ("change", "remedy"),
     [
-        ({"version_major": 1}, "protocol 1.0, this host 2.0.*install the firmware"),
+        ({"version_major": 2}, "protocol 2.0, this host 3.0.*install the firmware"),
         ({"schema_hash": 1}, "schema 00000001.*install the firmware"),
         ({"number_of_actuators": 1, "full_scales_pm": (1,)}, "drives 1 actuators, 2 are needed"),
     ],
@@ -269,13 +270,14 @@ def test_limits_that_make_no_sense_are_refused_at_once() -> None:
         Link(LinkConfiguration(2, amplitude_limits=(1.0, 1.5)))
 
 
-# ---- bank and waveforms ------------------------------------------------------------------------------------
+# ---- basis and clicks --------------------------------------------------------------------------------------
 
-BANK = make_bank(2000, [np.outer(np.sin(np.linspace(0, np.pi, 61)).round(9), [1.0, -0.5]), np.zeros((601, 2))])
+CLICKS = Clicks(2000, [np.outer(np.sin(np.linspace(0, np.pi, 61)).round(9), [1.0, -0.5]), np.zeros((601, 2))])
+BASIS = CLICKS.basis
 
 
-def rig_with_bank(**settings: int) -> VirtualRig:
-    rig = VirtualRig(LinkConfiguration(2, bit_rate_hz=1_000_000, bank=BANK), **settings)  # type: ignore[arg-type]
+def rig_with_basis(**settings: int) -> VirtualRig:
+    rig = VirtualRig(LinkConfiguration(2, bit_rate_hz=1_000_000, basis=BASIS), **settings)  # type: ignore[arg-type]
     rig.connect()
     return rig
 
@@ -286,56 +288,55 @@ def frames_of(rig: VirtualRig, name: str) -> int:
 
 @settings(unhurried, max_examples=10)
 @given(st.integers(0, 20_000_000), st.sampled_from([0, 3, 7]))
-def test_a_bank_is_handed_over_whatever_delay_and_loss(delay_ns: int, drop_every: int) -> None:
-    rig = rig_with_bank(delay_ns=delay_ns, drop_every=drop_every)
-    assert list(rig.firmware.banks) == [hash_of_bank(encode_bank(BANK, 2))]
+def test_a_basis_is_handed_over_whatever_delay_and_loss(delay_ns: int, drop_every: int) -> None:
+    rig = rig_with_basis(delay_ns=delay_ns, drop_every=drop_every)
     assert rig.firmware.state is DeviceState.ARMED
 
 
-def test_a_bank_that_the_device_holds_is_not_sent_again() -> None:
-    rig = rig_with_bank()
-    sent = frames_of(rig, "BANK_CHUNK")
-    assert sent == -(-len(encode_bank(BANK, 2)) // 192)
+def test_a_basis_that_the_device_holds_is_not_sent_again() -> None:
+    rig = rig_with_basis()
+    sent = frames_of(rig, "BASIS_CHUNK")
+    assert sent == -(-len(BASIS.data) // 192)
     rig.connect()
-    assert frames_of(rig, "BANK_CHUNK") == sent
-    rig.link.set_play(0)
+    assert frames_of(rig, "BASIS_CHUNK") == sent
+    rig.link.set_play(CLICKS.encoded(0))
     rig.run(10 * MS)
     assert rig.firmware.state is DeviceState.DRIVING
 
 
 def test_a_long_transfer_on_a_slow_line_does_not_end_the_patience() -> None:
-    bank = make_bank(20_000, [np.zeros((16_000, 2))])
-    rig = VirtualRig(LinkConfiguration(2, bank=bank, handshake_timeout_s=1.0))
+    basis = Clicks(20_000, [np.zeros((16_000, 2))]).basis
+    rig = VirtualRig(LinkConfiguration(2, basis=basis, handshake_timeout_s=1.0))
     started_ns = rig.now_ns
     rig.connect()
     assert rig.now_ns - started_ns > 5_000 * MS
 
 
 @pytest.mark.parametrize(
-    ("configuration", "bank", "remedy"),
+    ("configuration", "basis", "remedy"),
     [
-        (DeviceConfiguration(BOOT_ID, bank_capacity_bytes=0), BANK, "plays no waveforms: connect another device"),
-        (DeviceConfiguration(BOOT_ID, bank_capacity_bytes=100), BANK, "has 2656 bytes, the device holds 100: take"),
-        (DeviceConfiguration(BOOT_ID, longest_waveform_ms=29), BANK, "lasts 300 ms, .* at most 29: shorten it"),
-        (DeviceConfiguration(BOOT_ID), make_bank(9, [np.zeros((3, 3))]), "for 3 actuators, not 2"),
+        (DeviceConfiguration(BOOT_ID, basis_capacity_bytes=0), BASIS, "plays no clicks: connect another device"),
+        (DeviceConfiguration(BOOT_ID, basis_capacity_bytes=100), BASIS, "has 2664 bytes, the device holds 100: take"),
+        (DeviceConfiguration(BOOT_ID, longest_waveform_ms=29), BASIS, "lasts 300 ms, .* at most 29: shorten it"),
+        (DeviceConfiguration(BOOT_ID), Clicks(9, [np.zeros((3, 3))]).basis, "for 3 actuators, not 2"),
     ],
 )
-def test_a_bank_that_the_device_cannot_hold_is_refused(
-    configuration: DeviceConfiguration, bank: Bank, remedy: str
+def test_a_basis_that_the_device_cannot_hold_is_refused(
+    configuration: DeviceConfiguration, basis: Basis, remedy: str
 ) -> None:
-    rig = VirtualRig(LinkConfiguration(2, bank=bank), configuration)
+    rig = VirtualRig(LinkConfiguration(2, basis=basis), configuration)
     with pytest.raises(LinkError, match=remedy):
         rig.connect()
     assert rig.link.state is LinkState.DISCONNECTED
 
 
-def test_a_waveform_plays_once_and_silence_follows() -> None:
-    rig = rig_with_bank()
-    rig.link.set_play(0, 0.5)
+def test_a_click_plays_once_and_silence_follows() -> None:
+    rig = rig_with_basis()
+    rig.link.set_play(CLICKS.encoded(0, 0.5))
     rig.run(500 * MS)
     (played,) = rig.firmware.drive_log
     assert played.waveform is not None
-    assert played.waveform.index == 0
+    assert len(played.waveform.samples) == 61
     assert played.waveform.amplitude == pytest.approx(0.5, abs=1e-4)
     assert rig.firmware.state is DeviceState.ARMED
     assert rig.firmware.counters.trips == 0
@@ -343,34 +344,34 @@ def test_a_waveform_plays_once_and_silence_follows() -> None:
 
 
 @pytest.mark.parametrize("losing", [0, 1])
-def test_a_long_waveform_is_kept_alive_and_a_lost_one_latches_nothing(losing: int) -> None:
-    rig = rig_with_bank()
+def test_a_long_click_is_kept_alive_and_a_lost_one_latches_nothing(losing: int) -> None:
+    rig = rig_with_basis()
     rig.run(70 * MS)
     rig.losing = losing
-    rig.link.set_play(1)
+    rig.link.set_play(CLICKS.encoded(1))
     rig.run(1000 * MS)
     assert len(rig.firmware.drive_log) == 1 - losing
     assert rig.link.counters.kept_alive >= 3
     assert rig.firmware.state is DeviceState.ARMED
 
 
-def test_drives_and_waveforms_share_one_slot() -> None:
-    rig = rig_with_bank()
-    rig.link.set_play(0)
+def test_drives_and_clicks_share_one_slot() -> None:
+    rig = rig_with_basis()
+    rig.link.set_play(CLICKS.encoded(0))
     rig.link.set_drive(drive(0.3))
     rig.link.set_drive(drive(0.4))
     rig.run(10 * MS)
     rig.link.set_drive(drive(0.6))
-    rig.link.set_play(1)
+    rig.link.set_play(CLICKS.encoded(1))
     rig.run(10 * MS)
     causes = [(event.cause, round(event.channels[0].amplitude, 2)) for event in rig.firmware.drive_log]
     assert causes == [(Cause.SET, 0.4), (Cause.PLAY, 0.0)]
     assert rig.link.counters.coalesced == 3
 
 
-def test_silence_ends_a_waveform() -> None:
-    rig = rig_with_bank()
-    rig.link.set_play(1)
+def test_silence_ends_a_click() -> None:
+    rig = rig_with_basis()
+    rig.link.set_play(CLICKS.encoded(1))
     rig.run(20 * MS)
     rig.link.set_silent()
     rig.run(10 * MS)
@@ -378,42 +379,39 @@ def test_silence_ends_a_waveform() -> None:
     assert rig.firmware.state is DeviceState.ARMED
 
 
-def test_waveforms_in_a_hurry_wait_for_their_turn_and_the_latest_wins() -> None:
-    rig = rig_with_bank()
+def test_clicks_in_a_hurry_wait_for_their_turn_and_the_latest_wins() -> None:
+    rig = rig_with_basis()
     for index in range(60):
-        rig.link.set_play(index % 2, 1.0)
+        rig.link.set_play(CLICKS.encoded(index % 2))
         rig.run(MS)
     rig.run(10 * MS)
     assert rig.firmware.counters.refused == 0
     assert 8 <= frames_of(rig, "PLAY") <= 12
     last = rig.firmware.drive_log[-1].waveform
     assert last is not None
-    assert last.index == 1
+    assert len(last.samples) == 601
 
 
-@pytest.mark.parametrize("waveform", [-1, 2])
-def test_a_waveform_that_is_not_in_the_bank_is_refused_at_once(waveform: int) -> None:
-    rig = rig_with_bank()
-    with pytest.raises(LinkError, match=f"waveform {waveform} is not in the bank"):
-        rig.link.set_play(waveform)
-    with pytest.raises(LinkError, match="is not in the bank"):
-        connected().link.set_play(0)
-    with pytest.raises(MessageError):
-        rig.link.set_play(0, 1.5)
+def test_a_click_of_another_basis_is_refused_at_once() -> None:
+    other = Clicks(2000, [np.zeros((61, 2))])
+    with pytest.raises(LinkError, match="made of another basis than this link's"):
+        rig_with_basis().link.set_play(other.encoded(0))
+    with pytest.raises(LinkError, match="made of another basis than this link's"):
+        connected().link.set_play(CLICKS.encoded(0))
 
 
 def test_nothing_plays_before_the_link_is_ready() -> None:
-    link = Link(LinkConfiguration(2, bank=BANK))
-    link.set_play(0)
+    link = Link(LinkConfiguration(2, basis=BASIS))
+    link.set_play(CLICKS.encoded(0))
     assert link.counters.dropped == 1
 
 
 def test_what_the_device_tells_comes_with_words() -> None:
-    rig = rig_with_bank()
+    rig = rig_with_basis()
     logs = [item for item in rig.events if isinstance(item, LogReceived)]
-    assert [log.code for log in logs] == [LogCode.BOOTED, LogCode.BANK_TAKEN]
+    assert [log.code for log in logs] == [LogCode.BOOTED, LogCode.BASIS_TAKEN]
     assert "reset cause 0" in logs[0].text
-    assert f"{hash_of_bank(encode_bank(BANK, 2)):#010x}" in logs[1].text
+    assert f"{BASIS.hash:#010x}" in logs[1].text
 
 
 def test_a_drive_that_lasts_too_long_ends_the_session() -> None:

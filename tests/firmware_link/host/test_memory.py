@@ -1,15 +1,15 @@
-"""A bank that changes while its device is armed, in virtual time."""
+"""A basis that changes while its device is armed, in virtual time."""
 
 import numpy as np
 import pytest
 
 from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware
 from firmware_link.host.link import Link
-from firmware_link.host.link_values import BankRefused, BankReplaced, Event, LinkConfiguration, LinkState
-from firmware_link.protocol.bank import encode_bank, hash_of_bank, make_bank
+from firmware_link.host.link_values import BasisRefused, BasisReplaced, Event, LinkConfiguration, LinkState
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.layout import Message
-from firmware_link.protocol.messages import BankCommit, DeviceState, Result
+from firmware_link.protocol.messages import BasisCommit, DeviceState, Result
+from tests.firmware_link.clicks import Clicks
 
 MS = 1_000_000
 STEP_NS = 250_000
@@ -21,16 +21,16 @@ def hump(*amplitudes: float, count: int = 81) -> np.ndarray[tuple[int, ...], np.
     return np.outer(rise, amplitudes)
 
 
-OLD = make_bank(4000, [hump(1.0, 0.0)] * 4)
-NEW = make_bank(4000, [hump(0.0, 0.5)] * 30)
+OLD = Clicks(4000, [hump(1.0, 0.0)] * 4)
+NEW = Clicks(4000, [hump(0.0, 0.5, count=161)] * 15)
 
 
 class Rig:
     """An armed link and its device; a frame may be lost on the way there."""
 
     def __init__(self, capacity_bytes: int = 1 << 16) -> None:
-        self.link = Link(LinkConfiguration(2, bank=OLD, bit_rate_hz=2_000_000))
-        self.firmware = EmulatedFirmware(DeviceConfiguration(1, bank_capacity_bytes=capacity_bytes))
+        self.link = Link(LinkConfiguration(2, basis=OLD.basis, bit_rate_hz=2_000_000))
+        self.firmware = EmulatedFirmware(DeviceConfiguration(1, basis_capacity_bytes=capacity_bytes))
         self.time_ns = 1_000 * MS
         self.events: list[Event] = []
         self.loses: set[int] = set()
@@ -55,7 +55,7 @@ class Rig:
 
     def end(self) -> Event | None:
         """What the transfer came to."""
-        return next((event for event in self.events if isinstance(event, BankReplaced | BankRefused)), None)
+        return next((event for event in self.events if isinstance(event, BasisReplaced | BasisRefused)), None)
 
     def ends(self) -> bool:
         return self.end() is not None
@@ -65,30 +65,27 @@ class Rig:
         transfer = self.link._memory._transfer
         return transfer is not None and isinstance(transfer._step, step)
 
-    def played(self) -> list[tuple[int, int]]:
-        """Bank and index of each waveform that the firmware began."""
-        return [(e.waveform.bank_hash, e.waveform.index) for e in self.firmware.drive_log if e.waveform is not None]
+    def played(self) -> list[int]:
+        """Number of samples of each click that the firmware began: 81 of the old basis, 161 of the new one."""
+        return [len(e.waveform.samples) for e in self.firmware.drive_log if e.waveform is not None]
 
 
-OLD_HASH, NEW_HASH = (hash_of_bank(encode_bank(bank, 2)) for bank in (OLD, NEW))
-
-
-def test_the_old_bank_plays_until_the_new_one_is_whole() -> None:
+def test_the_old_basis_plays_until_the_new_one_is_whole() -> None:
     rig = Rig()
-    rig.link.replace_bank(NEW, encode_bank(NEW, 2))
+    rig.link.replace_basis(NEW.basis)
     due_ns = rig.time_ns + 5 * MS
     while not rig.ends():
-        if rig.time_ns >= due_ns and not rig.link._outbox.holds_waveforms:
-            rig.link.set_play(3)
+        if rig.time_ns >= due_ns and not rig.link._outbox.holds_clicks:
+            rig.link.set_play(OLD.encoded(3))
             due_ns += 25 * MS
         rig.step()
-    assert isinstance(rig.end(), BankReplaced)
+    assert isinstance(rig.end(), BasisReplaced)
     before = rig.played()
     assert len(before) > 3
-    assert set(before) == {(OLD_HASH, 3)}
-    rig.link.set_play(29)
+    assert set(before) == {81}
+    rig.link.set_play(NEW.encoded(14))
     rig.pass_until(lambda: len(rig.played()) > len(before))
-    assert rig.played()[-1] == (NEW_HASH, 29)
+    assert rig.played()[-1] == 161
     assert rig.firmware.state is DeviceState.DRIVING
     assert all(event.cause is not Cause.LEASE_EXPIRED for event in rig.firmware.drive_log)
 
@@ -96,28 +93,35 @@ def test_the_old_bank_plays_until_the_new_one_is_whole() -> None:
 @pytest.mark.parametrize("lost", range(1, 90, 7))
 def test_a_step_that_is_lost_is_sent_again(lost: int) -> None:
     rig = Rig()
-    rig.link.replace_bank(NEW, encode_bank(NEW, 2))
+    rig.link.replace_basis(NEW.basis)
     rig.loses = {rig.frames + lost, rig.frames + lost + 1}
     rig.pass_until(rig.ends)
-    assert isinstance(rig.end(), BankReplaced)
+    assert isinstance(rig.end(), BasisReplaced)
     assert rig.firmware.state is DeviceState.ARMED
 
 
-def test_a_waveform_waits_while_the_device_changes_over() -> None:
+def test_a_click_of_the_old_basis_that_waits_while_the_device_changes_over_is_dropped() -> None:
     rig = Rig()
-    rig.link.replace_bank(NEW, encode_bank(NEW, 2))
-    rig.pass_until(lambda: rig.transfers(BankCommit))
+    rig.link.replace_basis(NEW.basis)
+    rig.pass_until(lambda: rig.transfers(BasisCommit))
     rig.loses = {rig.frames + 1}
-    rig.pass_until(lambda: rig.link._outbox.holds_waveforms)
-    rig.link.set_play(2)
+    rig.pass_until(lambda: rig.link._outbox.holds_clicks)
+    rig.link.set_play(OLD.encoded(2))
+    for _ in range(20):
+        rig.step()
+    assert not rig.played()
+    rig.pass_until(rig.ends)
+    with pytest.raises(LinkError, match="made of another basis"):
+        rig.link.set_play(OLD.encoded(2))
+    rig.link.set_play(NEW.encoded(2))
     rig.pass_until(lambda: bool(rig.played()))
-    assert rig.ends()
-    assert rig.played() == [(NEW_HASH, 2)]
+    assert rig.played() == [161]
+    assert rig.link.counters.coalesced == 1
 
 
 def test_commands_go_out_between_the_steps() -> None:
     rig = Rig()
-    rig.link.replace_bank(NEW, encode_bank(NEW, 2))
+    rig.link.replace_basis(NEW.basis)
     asked, waited = 0, []
     while not rig.ends():
         rig.link.set_drive(bytes([1, 0, asked % 200 + 1, 0, 0, 0] * 2))
@@ -127,40 +131,38 @@ def test_commands_go_out_between_the_steps() -> None:
         asked += 1
         for _ in range(20):
             rig.step()
-    assert isinstance(rig.end(), BankReplaced)
+    assert isinstance(rig.end(), BasisReplaced)
     assert max(waited) <= 8 * MS
     assert rig.firmware.counters.stale == 0
 
 
 def test_a_device_without_room_for_both_refuses_and_plays_on() -> None:
-    data = encode_bank(NEW, 2)
-    rig = Rig(capacity_bytes=len(data) + 10)
-    rig.link.replace_bank(NEW, data)
+    rig = Rig(capacity_bytes=len(NEW.basis.data) + 10)
+    rig.link.replace_basis(NEW.basis)
     rig.pass_until(rig.ends)
-    assert rig.end() == BankRefused(Result.NO_ROOM)
-    rig.link.set_play(3)
+    assert rig.end() == BasisRefused(Result.NO_ROOM)
+    rig.link.set_play(OLD.encoded(3))
     rig.pass_until(lambda: bool(rig.played()))
-    assert rig.played() == [(OLD_HASH, 3)]
+    assert rig.played() == [81]
 
 
-def test_a_bank_that_no_room_would_hold_is_refused_at_once() -> None:
-    data = encode_bank(NEW, 2)
-    rig = Rig(capacity_bytes=len(data) - 10)
+def test_a_basis_that_no_room_would_hold_is_refused_at_once() -> None:
+    rig = Rig(capacity_bytes=len(NEW.basis.data) - 10)
     with pytest.raises(LinkError, match="the device holds"):
-        rig.link.replace_bank(NEW, data)
+        rig.link.replace_basis(NEW.basis)
 
 
-def test_a_stop_ends_the_transfer_and_the_old_bank_stays() -> None:
+def test_a_stop_ends_the_transfer_and_the_old_basis_stays() -> None:
     rig = Rig()
-    rig.link.replace_bank(NEW, encode_bank(NEW, 2))
+    rig.link.replace_basis(NEW.basis)
     for _ in range(40):
         rig.step()
     rig.link.stop(rig.time_ns)
     rig.pass_until(lambda: rig.link.state is LinkState.STOPPED)
     with pytest.raises(LinkError, match="armed"):
-        rig.link.replace_bank(NEW, encode_bank(NEW, 2))
+        rig.link.replace_basis(NEW.basis)
     rig.link.connect(rig.time_ns)
     rig.pass_until(lambda: rig.link.state is LinkState.READY)
     assert not rig.ends()
     assert rig.link.capabilities is not None
-    assert rig.link.capabilities.held_bank_hash == OLD_HASH
+    assert rig.link.capabilities.held_basis_hash == OLD.basis.hash

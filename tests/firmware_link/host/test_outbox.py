@@ -8,11 +8,12 @@ from hypothesis import strategies as st
 
 from firmware_link.host.clock import DeviceClock, Exchange
 from firmware_link.host.link_values import LinkCounters
-from firmware_link.host.outbox import Outbox, WantedWaveform
+from firmware_link.host.outbox import Outbox
+from firmware_link.protocol.basis import EncodedClick
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FrameDecoder, FrameEncoder
 from firmware_link.protocol.layout import Message
-from firmware_link.protocol.messages import KeepAlive, Play, Set, decode_body
+from firmware_link.protocol.messages import KeepAlive, Play, Set, decode_body, encode_play
 from tests.firmware_link.strategies import unhurried
 
 LEASE_MS = 40
@@ -31,12 +32,16 @@ def outbox() -> Outbox:
     return box
 
 
+def click(length_us: int) -> EncodedClick:
+    return EncodedClick(encode_play(0, 14, 65_535, [1, 2, 3]), length_us, 65_535, 1)
+
+
 def next_of(box: Outbox, now_ns: int) -> Message | None:
     bodies = FrameDecoder(2).receive(box.next_frame(now_ns))
     return decode_body(bodies[0])[1] if bodies and isinstance(bodies[0], bytes) else None
 
 
-def run(box: Outbox, start_ns: int, stop_ns: int, step_ns: int, wanted: bytes | WantedWaveform | None) -> Sent:
+def run(box: Outbox, start_ns: int, stop_ns: int, step_ns: int, wanted: bytes | EncodedClick | None) -> Sent:
     """Ask as often as each step, wanting something anew each time."""
     sent: Sent = []
     for now_ns in range(start_ns, stop_ns, step_ns):
@@ -53,7 +58,7 @@ def run(box: Outbox, start_ns: int, stop_ns: int, step_ns: int, wanted: bytes | 
 @unhurried
 @given(st.integers(10_000, 400_000), st.booleans())
 def test_no_lease_has_more_frames_than_a_sequence_tells_apart(step_ns: int, plays: bool) -> None:
-    wanted = WantedWaveform(0, 65_535, 30_000) if plays else DRIVE
+    wanted = click(30_000) if plays else DRIVE
     sent = run(outbox(), 0, 100 * MS, step_ns, wanted)
     times_ns = [time_ns for time_ns, _ in sent]
     assert all(last - first >= LEASE_MS * MS for first, last in zip(times_ns, times_ns[127:], strict=False))
@@ -67,9 +72,9 @@ def test_a_drive_is_renewed_three_times_a_lease_and_silence_each_80_ms() -> None
         assert max(later - earlier for earlier, later in itertools.pairwise(times_ns)) <= period_ns + 10_000
 
 
-def test_a_waveform_is_kept_alive_by_its_own_sequence_until_a_lease_after_its_end_then_silence_is_sent() -> None:
+def test_a_click_is_kept_alive_by_its_own_sequence_until_a_lease_after_its_end_then_silence_is_sent() -> None:
     box = outbox()
-    box.put(WantedWaveform(3, 65_535, 200_000))
+    box.put(click(200_000))
     sent = run(box, 0, 400 * MS, 100_000, None)
     assert [type(message) for _, message in sent] == [Play, KeepAlive, KeepAlive, Set, Set]
     assert {m.applied_sequence for _, m in sent if isinstance(m, KeepAlive)} == {box.drive_sequence}
@@ -87,9 +92,9 @@ def test_what_is_cleared_is_not_sent() -> None:
     assert all(message.drive == SILENCE for _, message in run(box, 0, 100 * MS, MS, None) if isinstance(message, Set))
 
 
-def test_a_drive_takes_over_from_a_waveform_and_is_renewed_as_a_drive() -> None:
+def test_a_drive_takes_over_from_a_click_and_is_renewed_as_a_drive() -> None:
     box = outbox()
-    box.put(WantedWaveform(0, 65_535, 200_000))
+    box.put(click(200_000))
     assert isinstance(next_of(box, 0), Play)
     box.put(DRIVE)
     sent = run(box, MS, 100 * MS, 100_000, None)

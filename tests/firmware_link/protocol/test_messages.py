@@ -10,14 +10,12 @@ from hypothesis import strategies as st
 
 import firmware_link
 from firmware_link.codegen.protocol_table import protocol_table
-from firmware_link.protocol.bank import encode_bank, hash_of_bank
 from firmware_link.protocol.errors import MessageError
 from firmware_link.protocol.framing import encode_frame, encode_message
 from firmware_link.protocol.layout import Layout, Message
 from firmware_link.protocol.messages import (
     MESSAGES,
     ChannelDrive,
-    Play,
     Set,
     SetFlag,
     Stop,
@@ -29,7 +27,7 @@ from firmware_link.protocol.messages import (
     has_exact_length,
     seed_of,
 )
-from tests.firmware_link.codegen.vectors import example_bank
+from tests.firmware_link.codegen.vectors import example_basis, example_plays
 from tests.firmware_link.strategies import BITS, RESOLUTION_HZ, channel_drives, messages, sequences, unhurried
 
 PROTOCOL = (Path(firmware_link.__file__).parent / "PROTOCOL.md").read_text(encoding="utf-8")
@@ -118,10 +116,10 @@ def test_the_table_of_the_document_is_the_definition() -> None:
 def test_the_worked_example_of_the_document_is_true() -> None:
     drive = encode_drive([ChannelDrive(60, 1, 0), ChannelDrive(60, 0.5, math.pi / 2)], RESOLUTION_HZ)
     body = encode_body(Set(1000, SetFlag.WRITE_PHASE, 40, drive), 7)
-    bank = encode_bank(example_bank(), 2)
-    play = encode_message(Play(1000, 1, 65_535), 16)
-    assert f"with the hash {hash_of_bank(bank):x}." in PROTOCOL
-    for example in (drive, body, encode_frame(body), encode_message(Stop(), 8), bank, play):
+    basis = example_basis()
+    play = encode_message(example_plays()[0], 16)
+    assert f"with the hash {basis.hash:x}." in PROTOCOL
+    for example in (drive, body, encode_frame(body), encode_message(Stop(), 8), basis.data, play):
         assert f"\n    {example.hex(' ')}\n" in PROTOCOL
     assert len(encode_frame(body)) == 24
 

@@ -14,7 +14,7 @@ from precompute.clicks import ClickOptions
 from precompute.clicks.basis import EVALUATION_RATE_HZ
 from precompute.clicks.store import ClickStore
 from precompute.entries.solver import tabulated_states
-from tests.engine.made_clicks import click_of
+from tests.engine.made_clicks import basis_of, click_of
 from tests.precompute.builder.test_build import SMALL
 
 CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=4, trimmed=10, judged=20)
@@ -78,17 +78,19 @@ def test_a_click_s_figures_of_the_nominal_plant_agree_with_its_verdict(table: Ta
         assert full <= click.peak_s + 1 / EVALUATION_RATE_HZ
 
 
-def test_other_programs_read_the_waveforms_in_fractions_of_full_scale(path: Path, table: Table) -> None:
+def test_other_programs_make_the_waveforms_of_basis_and_weights(path: Path, table: Table) -> None:
     with xarray.open_dataset(path, group="clicks") as clicks:
-        assert clicks.waveform.dims == ("state", "actuator", "sample")
+        assert clicks.basis_function.dims == ("function", "sample")
         assert list(clicks.actuator.values) == [actuator.name for actuator in DEVICE.actuators]
         assert clicks.sample.attrs["units"] == "s"
         for row, click in enumerate(table.clicks):
-            count = int(clicks.samples[row])
-            assert count == len(click.samples)
-            found = clicks.waveform[row, :, :count].values.T
-            assert found == pytest.approx(click.samples / 32767, abs=1e-9)
-            assert abs(found).max() <= DEVICE.limits.amplitude
+            mine = np.flatnonzero(clicks.function_set.values == int(clicks.basis_set[row]))
+            weights = clicks.weight[row, : len(mine)].values * 0.5 ** int(clicks.fraction_bits[row])
+            parts = weights[:, None] * clicks.basis_function[mine].values
+            players = clicks.function_actuator.values[mine]
+            found = np.stack([parts[players == actuator].sum(axis=0) for actuator in range(2)], axis=1)
+            assert found == pytest.approx(click.samples / 32767, abs=0.51 / 32767)
+            assert abs(click.samples).max() <= 32767 * DEVICE.limits.amplitude
         assert all(
             "long_name" in variable.attrs and "units" in variable.attrs for variable in clicks.variables.values()
         )
@@ -133,23 +135,23 @@ def test_the_cost_is_of_what_was_solved_now(tmp_path: Path) -> None:
 
 
 def test_a_store_that_was_cut_anywhere_gives_what_was_whole(tmp_path: Path) -> None:
-    clicks = [click_of(DEVICE, states) for states in tabulated_states(DEVICE)[:4]]
-    with ClickStore(tmp_path / "bar.nc", "it") as store:
+    clicks, basis = [click_of(DEVICE, states) for states in tabulated_states(DEVICE)[:4]], basis_of(2, 121)
+    with ClickStore(tmp_path / "bar.nc", "it", basis) as store:
         for click in clicks:
             store.add(click)
     data = store.path.read_bytes()
     ends = [end for end in range(len(data)) if data[end : end + 1] == b"\n"]
     for size in {0, 1, 40, *ends, *(end + 5 for end in ends), len(data) - 1}:
         store.path.write_bytes(data[:size])
-        with ClickStore(tmp_path / "bar.nc", "it") as cut:
+        with ClickStore(tmp_path / "bar.nc", "it", basis) as cut:
             whole = max(0, sum(end <= size for end in ends) - 1)
             assert [same(one, other) for one, other in zip(cut.clicks.values(), clicks, strict=False)] == [True] * whole
             assert len(cut.clicks) == whole
 
 
 def test_a_store_of_another_device_is_dropped(tmp_path: Path) -> None:
-    with ClickStore(tmp_path / "bar.nc", "one") as store:
+    with ClickStore(tmp_path / "bar.nc", "one", basis_of(2, 121)) as store:
         store.add(click_of(DEVICE, tabulated_states(DEVICE)[0]))
-    with ClickStore(tmp_path / "bar.nc", "other") as other:
+    with ClickStore(tmp_path / "bar.nc", "other", basis_of(2, 121)) as other:
         assert not other.clicks
     assert not other.path.exists()

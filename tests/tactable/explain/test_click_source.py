@@ -19,7 +19,7 @@ def test_the_options_are_those_that_the_table_was_made_with(source: ClickSource)
 def test_a_click_of_the_table_is_taken_from_it(source: ClickSource) -> None:
     states = source.table.states_of(["I"], ["III"])
     assert source.holds(states)
-    assert any(source.solve_click(states).samples is click.samples for click in source.table.clicks)
+    assert any(source.solve_click(states).weights is click.weights for click in source.table.clicks)
 
 
 def test_a_click_that_is_asked_for_is_the_one_that_a_table_holds(source: ClickSource, tmp_path: Path) -> None:

@@ -75,9 +75,8 @@ def test_the_motion_is_that_of_the_whole_plant(table: Table) -> None:
     run(bar, 0.2)
     plant = TransientPlant(compute_basis(assemble(table.device)), bar.grid_m, 2 * RATE_HZ)
     plant.touch([(touch.position_m, table.device.finger) for touch in touches_of(table, PAIR)])
-    banks = RingDrive(table, RESOLUTION_HZ).banks
     events = [*bar_of(table, [])._log, *events_of(table, records)]
-    whole = plant.run(synthesise(events, 0.0, bar.now_us, 2 * RATE_HZ, banks))[0][::2]
+    whole = plant.run(synthesise(events, 0.0, bar.now_us, 2 * RATE_HZ))[0][::2]
     motion = bar.motion(0.0, 0.15, 1)
     assert motion is not None
     assert np.linalg.norm(motion - whole[: len(motion)]) < 0.01 * np.linalg.norm(motion)
@@ -154,8 +153,7 @@ def test_what_is_remembered_of_commands_does_not_grow(table: Table) -> None:
             record_of(table, states, at_ns, is_click=second % 3 == 0),
             record_of(table, states, at_ns + 300_000_000, level_db=None),
         ]
-        bar.take(drive.events(records), {})
-        bar._banks.update(drive.banks)
+        bar.take(drive.events(records))
         for tenth in range(1, 11):
             bar.advance(1e6 * (second + tenth / 10))
         lengths.append(len(bar._log))

@@ -45,7 +45,7 @@ class Rig:
         level_db = None if is_silent else 20.0
         at_ns = round(1000 * self.view.bar.now_us) + 1000  # a stamp of 0 is none
         record = record_of(self.table, states, at_ns, is_click=is_click, level_db=level_db, is_sent=is_sent)
-        self.view.bar.take(self._drive.events([record]), self._drive.banks)
+        self.view.bar.take(self._drive.events([record]))
         self.view.read([record])
 
     def go_on(self, seconds: float) -> None:
@@ -128,7 +128,7 @@ def test_a_stall_over_two_clicks_gives_the_second_no_level_of_the_first(table: T
             record_of(table, PAIR, first_ns, is_click=True),
             record_of(table, (QUIET, FREE, FELT), first_ns + 400_000_000, is_click=True),
         ]
-        rig.view.bar.take(rig._drive.events(records), rig._drive.banks)
+        rig.view.bar.take(rig._drive.events(records))
         rig.view.read(records)
         end_us = rig.view.bar.now_us + 0.8e6
         while rig.view.bar.now_us < end_us:

@@ -28,7 +28,7 @@
 #define BOARD 5u
 #define ACTUATORS 2u
 #define HIGH_VOLTAGE_ENABLE GPIO_NUM_27
-#define BANK_SIZE 32768u
+#define BASIS_SIZE 32768u
 #define FULL_SCALE_PM 520000u
 #define SYNTHESIS_RATE_HZ 8000u
 #define TIMER_HZ 1000000u
@@ -40,7 +40,7 @@
 #error "set CONFIG_FREERTOS_HZ=1000: a turn of the main loop takes a tick"
 #endif
 
-static uint8_t bank[BANK_SIZE];
+static uint8_t basis[BASIS_SIZE];
 static struct ring incoming, outgoing;
 static dac_oneshot_handle_t outputs[ACTUATORS];
 static portMUX_TYPE samples_lock = portMUX_INITIALIZER_UNLOCKED;
@@ -149,8 +149,8 @@ void board_describe(struct tactable_configuration *configuration)
         .number_of_actuators = ACTUATORS,
         .longest_lease_ms = 100,
         .longest_waveform_ms = 1000,
-        .bank_capacity_bytes = BANK_SIZE,
-        .bank = bank,
+        .basis_capacity_bytes = BASIS_SIZE,
+        .basis = basis,
         .full_scales_pm = {FULL_SCALE_PM, FULL_SCALE_PM},
     };
 }

@@ -20,13 +20,13 @@
 #define ACTUATORS 2u
 #define FIRST_OUTPUT 2u
 #define HIGH_VOLTAGE_ENABLE 5u
-#define BANK_SIZE 131072u
+#define BASIS_SIZE 131072u
 #define FULL_SCALE_PM 520000u
 #define PWM_STEPS 4000u
 #define SYNTHESIS_RATE_HZ 31250u
 #define WATCHDOG_MS 50u
 
-static uint8_t bank[BANK_SIZE];
+static uint8_t basis[BASIS_SIZE];
 static bool was_connected;
 static uint32_t held_interrupts;
 
@@ -56,8 +56,8 @@ void board_describe(struct tactable_configuration *configuration)
         .number_of_actuators = ACTUATORS,
         .longest_lease_ms = 100,
         .longest_waveform_ms = 1000,
-        .bank_capacity_bytes = BANK_SIZE,
-        .bank = bank,
+        .basis_capacity_bytes = BASIS_SIZE,
+        .basis = basis,
         .full_scales_pm = {FULL_SCALE_PM, FULL_SCALE_PM},
     };
 }

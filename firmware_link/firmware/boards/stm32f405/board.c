@@ -17,7 +17,7 @@
 #define CLOCK_HZ 168000000u
 #define BOARD 2u
 #define ACTUATORS 2u
-#define BANK_SIZE 65536u
+#define BASIS_SIZE 65536u
 #define FULL_SCALE_PM 520000u
 #define LINE_CLOCK_HZ (CLOCK_HZ / 2u)
 #define LINE_BIT_RATE_HZ 921600u
@@ -64,7 +64,7 @@
 /* Longer than any of these bits takes, and shorter than a person notices. */
 #define PATIENCE 1000000u
 
-static uint8_t bank[BANK_SIZE];
+static uint8_t basis[BASIS_SIZE];
 static struct ring incoming, outgoing;
 static volatile bool has_break;
 
@@ -179,8 +179,8 @@ void board_describe(struct tactable_configuration *configuration)
         .number_of_actuators = ACTUATORS,
         .longest_lease_ms = 100,
         .longest_waveform_ms = 1000,
-        .bank_capacity_bytes = BANK_SIZE,
-        .bank = bank,
+        .basis_capacity_bytes = BASIS_SIZE,
+        .basis = basis,
         .full_scales_pm = {FULL_SCALE_PM, FULL_SCALE_PM},
     };
     RCC_CSR |= 1u << 24;

@@ -18,7 +18,7 @@ constexpr uint8_t actuators = 2;
 constexpr uint8_t output_pins[actuators] = {2, 3};
 constexpr uint8_t high_voltage_pin = 5;
 constexpr uint8_t sense_pin = A0;
-constexpr uint32_t bank_size = 131072;
+constexpr uint32_t basis_size = 131072;
 constexpr uint32_t full_scale_pm = 520000;
 constexpr uint32_t synthesis_rate_hz = 40000;
 // 12 bits of a 150 MHz clock.
@@ -31,7 +31,7 @@ constexpr uint32_t sense_period_us = 10000;
 // WDOG1 counts half seconds, too slow; WDOG3 counts its 32 kHz clock: 50 ms.
 constexpr uint32_t watchdog_ticks = 1638;
 
-uint8_t bank_memory[bank_size];
+uint8_t basis_memory[basis_size];
 IntervalTimer sample_timer;
 bool was_connected;
 
@@ -76,8 +76,8 @@ void board_describe(struct tactable_configuration *configuration)
     configuration->longest_lease_ms = 100;
     configuration->senses_high_voltage = true;
     configuration->longest_waveform_ms = 2000;
-    configuration->bank_capacity_bytes = bank_size;
-    configuration->bank = bank_memory;
+    configuration->basis_capacity_bytes = basis_size;
+    configuration->basis = basis_memory;
     for (uint8_t i = 0; i < actuators; i++) {
         configuration->full_scales_pm[i] = full_scale_pm;
     }

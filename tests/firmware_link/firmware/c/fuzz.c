@@ -18,7 +18,7 @@
 
 enum operation { RAW, FRAMED, SAMPLES, HANG_UP, EMERGENCY_STOP, OPERATIONS };
 
-static uint8_t bank[2048];
+static uint8_t basis[2048];
 
 static void check(bool holds)
 {
@@ -51,8 +51,8 @@ static void start(struct tactable_device *device)
         .number_of_actuators = ACTUATORS,
         .longest_lease_ms = 100,
         .longest_waveform_ms = 1000,
-        .bank_capacity_bytes = sizeof bank,
-        .bank = bank,
+        .basis_capacity_bytes = sizeof basis,
+        .basis = basis,
     };
     const struct tactable_hooks hooks = {NULL, ignore_frame, do_nothing, do_nothing};
     tactable_device_start(device, &configuration, &hooks);

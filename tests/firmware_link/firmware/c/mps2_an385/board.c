@@ -12,7 +12,7 @@
 #define SYNTHESIS_RATE_HZ 8000u
 #define BOARD 1u
 #define ACTUATORS 2u
-#define BANK_SIZE 262144u
+#define BASIS_SIZE 262144u
 #define FULL_SCALE_PM 520000u
 
 /* CMSDK UARTs: bits of STATE and CTRL. */
@@ -45,7 +45,7 @@
 
 extern const uint32_t board_chance;
 
-static uint8_t bank[BANK_SIZE];
+static uint8_t basis[BASIS_SIZE];
 static struct ring incoming, outgoing, reports;
 
 static void receive(void)
@@ -87,8 +87,8 @@ void board_describe(struct tactable_configuration *configuration)
         .number_of_actuators = ACTUATORS,
         .longest_lease_ms = 100,
         .longest_waveform_ms = 1000,
-        .bank_capacity_bytes = BANK_SIZE,
-        .bank = bank,
+        .basis_capacity_bytes = BASIS_SIZE,
+        .basis = basis,
         .full_scales_pm = {FULL_SCALE_PM, FULL_SCALE_PM},
     };
 }

@@ -1,0 +1,61 @@
+"""Basis of a table's clicks to the part of it that one device, over one line, can hold and play."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from engine.table import ClickEntry
+from firmware_link.host.link_values import Capabilities
+from firmware_link.protocol.basis import Basis, encode_basis
+from firmware_link.protocol.framing import encode_message
+from firmware_link.protocol.line_rate import NS_PER_MS, Transport, occupied_ns
+from firmware_link.protocol.messages import Features, Play
+
+MOST_OF_LEASE = 0.5
+"""Share of the lease that a PLAY may take on the line: a command older than a lease is refused by the device."""
+
+
+@dataclass(frozen=True)
+class ChosenBasis:
+    """The basis that a device is to hold, None for none, and the number in it of each set of the table's basis."""
+
+    basis: Basis | None
+    sets: Mapping[int, int]
+
+
+NO_BASIS = ChosenBasis(None, MappingProxyType({}))
+
+
+def choose_basis(
+    clicks: Sequence[ClickEntry], capabilities: Capabilities, bit_rate_hz: int, lease_ms: int
+) -> ChosenBasis:
+    """The sets that fit into the device's memory, last no longer than it plays, whose PLAY the line carries in time.
+
+    They are taken in the order of the table's basis, in which lengths are preferred. A device that plays no clicks gets
+    none.
+    """
+    if Features.WAVEFORMS not in capabilities.features or not clicks:
+        return NO_BASIS
+    whole, chosen = clicks[0].basis, list[int]()
+    for number, each in enumerate(whole.sets):
+        length_ms = 1e3 * (each.samples - 1) / whole.sample_rate_hz
+        slow_ms = play_ns(len(each.actuators), bit_rate_hz) / NS_PER_MS
+        if length_ms > capabilities.longest_waveform_ms or slow_ms > MOST_OF_LEASE * lease_ms:
+            continue
+        if len(encode_basis(_part(whole, [*chosen, number]))) <= capabilities.basis_capacity_bytes:
+            chosen.append(number)
+    if not chosen:
+        return NO_BASIS
+    return ChosenBasis(_part(whole, chosen), {number: place for place, number in enumerate(chosen)})
+
+
+def play_ns(weights: int, bit_rate_hz: int) -> int:
+    """Duration for which a PLAY with this number of weights occupies a serial line."""
+    frame = encode_message(Play(0, 0, 1, 0, weights, (0,) * weights), 0)
+    return occupied_ns(Transport.UART, bit_rate_hz, len(frame))
+
+
+def _part(basis: Basis, numbers: Sequence[int]) -> Basis:
+    if len(numbers) == len(basis.sets):
+        return basis
+    return Basis(basis.sample_rate_hz, tuple(basis.sets[number] for number in numbers))

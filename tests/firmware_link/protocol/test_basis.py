@@ -1,0 +1,165 @@
+"""Laws of the bases: bytes and back, bytes that are not a basis are refused, and what weights become."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_link.protocol.basis import (
+    SAMPLE_FULL_SCALE,
+    Basis,
+    BasisSet,
+    SampleLimits,
+    clamp_samples,
+    decode_basis,
+    encode_basis,
+    encode_click,
+    hash_of_basis,
+    quantise_weights,
+    sample_limits,
+    weighted_sum,
+)
+from firmware_link.protocol.errors import MessageError
+from firmware_link.protocol.messages import FULL_SCALE_WORD, MAXIMUM_WEIGHTS
+from tests.firmware_link.clicks import Clicks
+from tests.firmware_link.strategies import bases, unhurried
+
+ACTUATORS = 3  # as in `bases`
+SILENCE = BasisSet(np.zeros((1, 2), np.int16), np.zeros(1, np.uint8))
+
+
+def of_one(functions: int = 1, samples: int = 2, value: int = 0) -> BasisSet:
+    return BasisSet(np.full((functions, samples), value, np.int16), np.zeros(functions, np.uint8))
+
+
+# ---- bytes -------------------------------------------------------------------------------------------------
+
+
+@unhurried
+@given(bases())
+def test_a_basis_survives_its_bytes(basis: Basis) -> None:
+    decoded = decode_basis(encode_basis(basis), ACTUATORS)
+    assert decoded.sample_rate_hz == basis.sample_rate_hz
+    for got, sent in zip(decoded.sets, basis.sets, strict=True):
+        np.testing.assert_array_equal(got.functions, sent.functions)
+        np.testing.assert_array_equal(got.actuators, sent.actuators)
+
+
+@unhurried
+@given(st.binary(max_size=200), st.integers(1, 4))
+def test_any_bytes_are_a_basis_or_refused(data: bytes, number_of_actuators: int) -> None:
+    try:
+        basis = decode_basis(data, number_of_actuators)
+    except MessageError:
+        return
+    assert encode_basis(basis) == data
+
+
+@unhurried
+@given(bases())
+def test_a_basis_is_refused_by_a_device_of_fewer_actuators(basis: Basis) -> None:
+    with pytest.raises(MessageError, match=f"for {basis.number_of_actuators} actuators, not"):
+        decode_basis(encode_basis(basis), basis.number_of_actuators - 1)
+
+
+@pytest.mark.parametrize(
+    ("sample_rate_hz", "sets", "reason"),
+    [
+        (0, (SILENCE,), "0 Hz; expected 1 to 65535"),
+        (1000, (), "0 sets"),
+        (1000, (of_one(samples=1),), "set 0 of a basis has 1 samples"),
+        (1000, (SILENCE, of_one(value=1)), "set 1 of a basis has a function that does not begin and end at 0"),
+        (1000, (of_one(MAXIMUM_WEIGHTS + 1),), "has 256 functions, a PLAY carries 1 to 255: take shorter clicks"),
+        (1000, (BasisSet(np.zeros((2, 2), np.int16), np.zeros(1, np.uint8)),), "2 functions for 1 actuators"),
+    ],
+)
+def test_a_basis_that_no_device_takes_is_refused_with_its_reason(
+    sample_rate_hz: int, sets: tuple[BasisSet, ...], reason: str
+) -> None:
+    with pytest.raises(MessageError, match=reason):
+        Basis(sample_rate_hz, sets)
+
+
+def test_a_length_is_rounded_up() -> None:
+    assert Basis(3000, (of_one(samples=3),)).length_us(0) == 667
+
+
+def test_no_basis_has_the_hash_0() -> None:
+    # The four bytes whose CRC-32 is 0.
+    assert hash_of_basis(bytes.fromhex("9d0ad96d")) == 1
+
+
+# ---- clicks ------------------------------------------------------------------------------------------------
+
+
+def test_a_click_that_does_not_fit_its_set_is_refused() -> None:
+    basis = Basis(1000, (of_one(3),))
+    for weights, fraction_bits in ((2 * [1], 14), (3 * [1], 0), (3 * [1], 32)):
+        with pytest.raises(MessageError, match="expected 3 weights, and 1 to 31 bits"):
+            encode_click(basis, 0, weights, fraction_bits)
+    for weights, amplitude in ((3 * [40_000], 1.0), (3 * [1], 1.5)):
+        with pytest.raises(MessageError):
+            encode_click(basis, 0, weights, 14, amplitude)
+
+
+@given(st.lists(st.floats(-1e4, 1e4), min_size=1, max_size=50))
+def test_weights_are_words_of_the_finest_step_that_has_room(weights: list[float]) -> None:
+    words, fraction_bits = quantise_weights(np.array(weights))
+    np.testing.assert_allclose(words / 2**fraction_bits, weights, rtol=0, atol=0.5 / 2**fraction_bits)
+    assert fraction_bits == 31 or max(map(abs, weights)) * 2 ** (fraction_bits + 1) > SAMPLE_FULL_SCALE
+
+
+def test_weights_beyond_the_words_are_refused() -> None:
+    with pytest.raises(MessageError, match="20000; expected at most"):
+        quantise_weights(np.array([20_000.0]))
+
+
+def test_a_click_of_one_function_is_that_function() -> None:
+    rise = np.sin(np.linspace(0, math.pi, 51)).round(12)
+    clicks = Clicks(1000, [np.outer(rise, [1.0, -0.5])])
+    sums = weighted_sum(clicks.basis.sets[0], clicks.weights[0], 14, 3)
+    np.testing.assert_array_equal(sums[:, 0], np.rint(SAMPLE_FULL_SCALE * rise))
+    assert np.abs(sums[:, 1] + sums[:, 0] / 2).max() <= 0.5
+    assert not sums[:, 2].any()
+
+
+def test_a_sum_is_rounded_to_the_nearest_step() -> None:
+    functions = np.array([[0, 1, 2, 3, -1, -2, -3, 0]], np.int16)
+    sums = weighted_sum(BasisSet(functions, np.zeros(1, np.uint8)), [1], 1, 1)
+    assert sums[:, 0].tolist() == [0, 1, 1, 2, 0, -1, -1, 0]
+
+
+@unhurried
+@given(
+    st.integers(0, 2**32),
+    st.integers(2, 300),
+    st.lists(st.integers(0, FULL_SCALE_WORD), min_size=2, max_size=2),
+    st.integers(0, 2**32 - 1),
+    st.integers(1, 65_535),
+)
+def test_no_sums_pass_amplitude_or_step_and_all_end_at_0(
+    seed: int, samples: int, limits: list[int], highest_uhz: int, rate_hz: int
+) -> None:
+    noise = np.random.default_rng(seed)
+    sums = noise.integers(-(10 ** noise.integers(1, 9)), 10 ** noise.integers(1, 9), (samples, 2))
+    bounds = sample_limits(limits, highest_uhz, rate_hz)
+    played = clamp_samples(sums, bounds).astype(np.int64)
+    assert (np.abs(played) <= bounds.amplitude).all()
+    assert (np.abs(np.diff(played, axis=0)) <= bounds.step).all()
+    assert not played[[0, -1]].any()
+
+
+def test_a_sine_within_the_limits_is_played_as_it_is() -> None:
+    time_s = np.arange(401) / 4000
+    window = np.minimum(1, 40 * np.minimum(time_s, time_s[::-1]))
+    sums = np.rint(0.79 * SAMPLE_FULL_SCALE * window * np.sin(math.tau * 300 * time_s)).astype(np.int64)[:, None]
+    bounds = sample_limits([round(0.8 * FULL_SCALE_WORD)], 655_350_000, 4000)
+    np.testing.assert_array_equal(clamp_samples(sums, bounds), sums)
+
+
+def test_the_step_is_that_of_the_steepest_sine() -> None:
+    bounds = sample_limits([FULL_SCALE_WORD, FULL_SCALE_WORD // 2, 0], 300_000_000, 4000)
+    assert bounds.step.tolist() == [math.ceil(each * math.tau * 300 / 4000) for each in bounds.amplitude.tolist()]
+    assert isinstance(bounds, SampleLimits)
