@@ -74,7 +74,8 @@ def _channels(entry: Entry, device: Device) -> list[ChannelDrive]:
 
 def _check(channel: ChannelDrive, actuator: Actuator, state: int) -> None:
     where = f"state {state}, actuator {actuator.name}"
-    if not all(map(math.isfinite, (channel.frequency_hz, channel.amplitude, channel.phase_rad))):
+    values = (channel.frequency_hz, channel.amplitude, channel.phase_rad)
+    if None in values or not all(map(math.isfinite, values)):  # None: a value that a table marks as absent, a NaN
         raise LimitError(f"{where}: {channel}: expected finite values; the table is broken: build it again")
     if channel.amplitude < 0:
         raise LimitError(f"{where}: amplitude {channel.amplitude}: expected 0 or more; build the table again")

@@ -132,7 +132,8 @@ def played_at(entries: Sequence[Entry], level_db: float, amplitude_limit: float)
     It is the next lower entry where `amplitude_limit` lets it reach the level, since contrast only falls with rising
     level; otherwise the next higher one.
     """
-    higher = next(i for i, entry in enumerate(entries) if entry.wanted_level_db >= level_db)
+    last = len(entries) - 1  # full scale in every table that was built
+    higher = next((i for i, entry in enumerate(entries) if entry.wanted_level_db >= level_db), last)
     if entries[higher].wanted_level_db == level_db:
         return entries[higher]
     if higher > 0:

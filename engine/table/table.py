@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import h5netcdf
+import h5py
 import numpy as np
 
 from engine.device import Device
@@ -15,6 +16,7 @@ from engine.table.columns import read_clicks, read_entries
 from engine.table.entry import DEFAULT_LEVEL_DB, Entry, played_at
 from engine.table.error import TableError
 from engine.table.file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes
+from engine.table.soundness import check_contents, check_values
 from engine.touch import ZoneState, state_index
 
 __all__ = ["Table", "TableError", "states_of"]
@@ -26,11 +28,11 @@ class Table:
     `Table.open` makes one. It is a context manager: the file is closed at its end, entries and device stay usable.
     """
 
-    def __init__(self, path: Path, file: h5netcdf.File) -> None:
+    def __init__(self, path: Path, file: h5netcdf.File, device: Device) -> None:
         self.path = path
         self._file = file
         self.attributes: dict[str, Any] = dict(file.attrs)
-        self.device: Device = Device.parse(str(self.attributes["device_description"]), f"{path}: device_description")
+        self.device = device
         self.fingerprint = str(self.attributes["device_fingerprint"])
         self.entries: tuple[Entry, ...] = tuple(read_entries(file.groups["entries"], self.device))
         self.levels_db = tuple(dict.fromkeys(entry.wanted_level_db for entry in self.entries))
@@ -56,22 +58,20 @@ class Table:
         path = Path(path)
         sealed = check_bytes(path, verify)
         try:
+            device_there = _check_inside(path, sealed, verify)
             file = h5netcdf.File(path, "r", decode_vlen_strings=True)
-        except (OSError, KeyError, RuntimeError, ValueError) as error:
-            raise TableError(f"{path}: is corrupted ({error}); build it again") from error
+        except Exception as error:  # HDF5 and its readers raise errors of every kind on a malformed file
+            raise _as_table_error(path, error) from error
         try:
-            _check_format(path, file)
-            if not sealed:
-                raise TableError(f"{path}: is corrupted: it was changed after it was built; build it again")
-            table = cls(path, file)
+            table = cls(path, file, device_there)
             if table.device.fingerprint != table.fingerprint or (device and device.fingerprint != table.fingerprint):
                 raise TableError(f"{path}: {_stale_text(table.device, device)}")
             if code_fingerprint and table.attributes["code_fingerprint"] != code_fingerprint:
                 raise TableError(f"{path}: is stale: it was built by another version of the code; build it again")
         except BaseException as error:
             file.close()
-            if isinstance(error, KeyError | ValueError | OSError | RuntimeError | TypeError):
-                raise TableError(f"{path}: is corrupted ({error}); build it again") from error
+            if isinstance(error, Exception):
+                raise _as_table_error(path, error) from error
             raise
         return table
 
@@ -214,10 +214,28 @@ def _stale_text(own: Device, wanted: Device | None) -> str:
     return f"is stale: it was built for another state of {own.name!r}; build it again"
 
 
-def _check_format(path: Path, file: h5netcdf.File) -> None:
+def _check_inside(path: Path, sealed: bool, verify: bool) -> Device:
+    """The device of a table whose attributes, links and arrays are sound; nothing outside the file is opened."""
+    with h5py.File(path, "r") as file:
+        _check_format(path, file)
+        if not sealed:
+            raise TableError(f"{path}: is corrupted: it was changed after it was built; build it again")
+        check_contents(path, file, path.stat().st_size)
+        device = Device.parse(str(file.attrs["device_description"]), f"{path}: device_description")
+        check_values(path, file, device, with_sweeps=verify)
+    return device
+
+
+def _as_table_error(path: Path, error: Exception) -> TableError:
+    if isinstance(error, TableError):
+        return error
+    return TableError(f"{path}: is corrupted ({error!r}); build it again")
+
+
+def _check_format(path: Path, file: h5py.File) -> None:
     if file.attrs.get("format") != FORMAT:
         raise TableError(f"{path}: is a NetCDF file, but not a table of tactable")
-    revision = int(file.attrs["format_revision"])
+    revision = int(np.ravel(file.attrs["format_revision"])[0])
     if revision > FORMAT_REVISION:
         raise TableError(
             f"{path}: has format revision {revision}, this program reads {FORMAT_REVISION}; update tactable"

@@ -100,3 +100,12 @@ def test_the_link_never_arms_with_more_than_the_device_allows(slew_per_s: float,
 def test_a_slew_that_the_firmware_cannot_count_is_refused() -> None:
     with pytest.raises(LimitError, match=r"limits\.ramp: 2 s"):
         link_configuration(replace(REFERENCE, limits=replace(REFERENCE.limits, slew_per_s=0.5)))
+
+
+@pytest.mark.parametrize("place", range(3))
+def test_a_value_that_a_table_marks_as_absent_is_refused(place: int) -> None:
+    """A NaN of a table is read as None, which no drive may be made of."""
+    values: list[tuple[float, ...]] = [(100.0, 100.0), (1.0, 1.0), (0.0, 0.0)]
+    values[place] = (None, values[place][1])  # type: ignore[assignment]  # what a broken table gives
+    with pytest.raises(LimitError, match="the table is broken"):
+        clamp(entry_of(values[0], values[1], *values[2]), REFERENCE)

@@ -1,0 +1,133 @@
+"""The arrays of a table file as its readers expect them: dimensions, kind of value, and which values stand for absence.
+
+This is the declaration that an opened file is checked against (engine.table.soundness). tables/FORMAT.md says what the
+arrays mean. An array that is not declared here must still be plain numbers or text, since a table may hold arrays of a
+later revision that this program does not read.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Kind(StrEnum):
+    """What an array is made of, by the letters of numpy's kinds."""
+
+    REAL = "f"
+    WHOLE = "iu"
+    NUMBER = "fiu"
+    TEXT = "O"
+
+
+@dataclass(frozen=True)
+class ArrayKind:
+    """What an array must be: its dimensions, its kind, and the values that it may have beside finite numbers."""
+
+    dimensions: tuple[str, ...]
+    kind: Kind = Kind.REAL
+    may_be_nan: bool = False
+    may_be_infinite: bool = False
+    least: float | None = None
+    greatest: float | None = None
+
+
+FIXED_SIZES = {"end": 2, "part": 2}
+"""Dimensions that have one size in every table; those of actuators and zones are the device's."""
+
+
+def _arrays(dimensions: str, *names: str, **properties: object) -> dict[str, ArrayKind]:
+    """The same declaration for several arrays."""
+    return {name: ArrayKind(tuple(dimensions.split()), **properties) for name in names}  # type: ignore[arg-type]
+
+
+def _labels(*names: str) -> dict[str, ArrayKind]:
+    """Texts along a dimension of their own name."""
+    return {name: ArrayKind((name,), Kind.TEXT) for name in names}
+
+
+_SWEEP_FIGURES = ("localized_factor", "peak_acceleration", "dead_spot")
+
+SCHEMA: Mapping[str, Mapping[str, ArrayKind]] = {
+    "responses": {
+        **_labels("actuator", "zone", "part"),
+        **_arrays("frequency", "frequency"),
+        **_arrays("zone point", "position"),
+        **_arrays("frequency actuator zone point part", "acceleration"),
+        **_arrays("frequency zone actuator actuator_2 part", "zone_gram"),
+        **_arrays("frequency actuator actuator_2 part", "total_gram"),
+        **_arrays("interval", "interval"),
+        # Outside an actuator's band, and where a zone does not move, there is no relative error.
+        **_arrays(
+            "interval actuator",
+            "localized_factor_error",
+            "peak_acceleration_error",
+            may_be_nan=True,
+            may_be_infinite=True,
+        ),
+        **_arrays("", "sampling_error"),
+    },
+    "sweep": {
+        **_labels("pair", "zone"),
+        **{name: ArrayKind((name,)) for name in ("frequency_1", "amplitude_1", "amplitude_2", "frequency_2")},
+        **_arrays("pair frequency_1 amplitude_1 amplitude_2 zone frequency_2", *_SWEEP_FIGURES, may_be_nan=True),
+    },
+    "coherent_sweep": {
+        **_labels("pair", "zone"),
+        **{name: ArrayKind((name,)) for name in ("frequency", "phase")},
+        **_arrays("ratio", "amplitude_1", "amplitude_2"),
+        **_arrays("pair frequency zone ratio phase", *_SWEEP_FIGURES, may_be_nan=True),
+    },
+    "entries": {
+        **_labels("actuator", "zone", "end", "spread"),
+        **_arrays("level", "level", may_be_infinite=True),
+        **_arrays("state", "state", kind=Kind.WHOLE, least=0),
+        **_arrays("level state actuator", "drive_frequency", "drive_amplitude", least=0),
+        **_arrays("level state actuator", "drive_phase"),
+        **_arrays("level state", "objective", "family", "limited_by", kind=Kind.TEXT),
+        **_arrays("level state", "localized_factor"),
+        **_arrays("level state", "felt_level", "rise_time", may_be_infinite=True),
+        **_arrays("level state", "reached_level", may_be_nan=True, may_be_infinite=True),
+        **_arrays("level state", "achieved", kind=Kind.NUMBER, least=0, greatest=1),
+        **_arrays("level state", "contrast", "expected_contrast", may_be_nan=True, may_be_infinite=True),
+        **_arrays("level state", "upper_bound", "optimality_gap", may_be_infinite=True),
+        **_arrays("level state", "worst_localized_factor"),
+        **_arrays("level state", "worst_felt_level", "worst_rise_time", may_be_infinite=True),
+        **_arrays("level state", "worst_quiet_level", "worst_contrast", may_be_nan=True, may_be_infinite=True),
+        **_arrays("level state spread", "felt_level_spread", may_be_infinite=True),
+        **_arrays("level state spread", "quiet_level_spread", "contrast_spread", may_be_nan=True, may_be_infinite=True),
+        **_arrays("level state zone", "zone_state", kind=Kind.NUMBER, least=0, greatest=2),
+        **_arrays("level state zone", "share", "peak_acceleration", "dead_spot"),
+        **_arrays("level state zone", "peak_position", "dead_position"),
+        **_arrays("level state zone", "acceleration_at_finger", may_be_nan=True),
+        **_arrays("level state zone", "sensation_level", may_be_nan=True, may_be_infinite=True),
+        **_arrays("level state zone end", "share_range", "peak_acceleration_range"),
+        **_arrays("level state zone end", "sensation_level_range", may_be_nan=True, may_be_infinite=True),
+    },
+    "clicks": {
+        **_labels("actuator", "zone", "spread"),
+        **_arrays("sample", "sample"),
+        **_arrays("level", "level", may_be_infinite=True),
+        **_arrays("state", "state", kind=Kind.WHOLE, least=0),
+        **_arrays("state actuator sample", "waveform", kind=Kind.WHOLE),
+        **_arrays("state", "samples", kind=Kind.WHOLE, least=2),
+        **_arrays("state zone", "zone_state", kind=Kind.NUMBER, least=0, greatest=2),
+        **_arrays("state spread", "felt_level"),
+        **_arrays("state spread", "quiet_level", may_be_nan=True),
+        **_arrays("state zone", "acceleration_at_finger", "sensation_level", may_be_nan=True),
+        **_arrays("state level", "exceedance_time", may_be_nan=True),
+        **_arrays("state", "peak_time", "residual_start", "residual_level"),
+        **_arrays("state", "upper_bound", "optimality_gap", may_be_infinite=True),
+        **_arrays("state", "objective", kind=Kind.TEXT),
+        **_arrays("state", "wanted_level", may_be_infinite=True),
+        **_arrays("state", "achieved", kind=Kind.NUMBER, least=0, greatest=1),
+    },
+    "measured": {},
+}
+"""Arrays by group and name."""
+
+TEXT_ATTRIBUTES = (
+    "format", "title", "Conventions", "device_name", "device_description", "device_fingerprint", "code_fingerprint",
+    "code_version", "created", "objective", "made_for", "spread_over", "source", "outdated", "click_options",
+    "responses_file", "responses_sha256", "modelled",
+)  # fmt: skip
+WHOLE_ATTRIBUTES = ("format_revision", "clicks_up_to")

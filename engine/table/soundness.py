@@ -1,0 +1,168 @@
+"""Checks what is in a table file once, when it is opened: nothing lies outside the file, every array is what is read.
+
+The seal of a table (engine.table.file) finds damage. It does not find malice, since whoever changes a file can seal it
+again. HDF5 offers such a file three ways to make a reader open another file: external links, external raw storage and
+virtual datasets. All three are refused before any of them is followed. Then the kind, the shape and the values of every
+array are compared with the declaration (engine.table.schema), so that readers of entries and clicks need no checks of
+their own. Large arrays are read in pieces of bounded size.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from engine.device import Device
+from engine.table.error import TableError
+from engine.table.schema import FIXED_SIZES, SCHEMA, TEXT_ATTRIBUTES, WHOLE_ATTRIBUTES, ArrayKind, Kind
+
+_PIECE_BYTES = 1 << 24
+_DIMENSION_ONLY = b"This is a netCDF dimension but not a netCDF variable"
+_NAMES = ("actuator", "zone")
+_ROWS = ("entries", "clicks")
+
+
+class _FlawError(Exception):
+    """One thing that is wrong with the file, as a clause."""
+
+
+def check_contents(path: Path, file: h5py.File, size_bytes: int) -> None:
+    """Check attributes, links, storage, kinds and shapes; raises TableError, which names the array.
+
+    `size_bytes` is the size of the file, which no array may exceed. Nothing that lies outside the file is opened.
+    """
+    try:
+        _check_attributes(file)
+        for name, group in _members(file, h5py.Group):
+            sizes = dict(FIXED_SIZES)
+            for array_name, array in _members(group, h5py.Dataset):
+                _check_storage(f"{name}/{array_name}", array, size_bytes)
+                if not _is_dimension_only(array):
+                    _check_kind(f"{name}/{array_name}", array, SCHEMA.get(name, {}).get(array_name), sizes)
+    except _FlawError as flaw:
+        raise TableError(f"{path}: is corrupted: {flaw}; build it again") from None
+
+
+def check_values(path: Path, file: h5py.File, device: Device, *, with_sweeps: bool) -> None:
+    """Check the values of every array, and that names are those of the device; raises TableError as `check_contents`.
+
+    The sweeps are most of a file and only pictures read them, so they are looked at only `with_sweeps`.
+    """
+    names = {"actuator": [each.name for each in device.actuators], "zone": [each.name for each in device.zones]}
+    try:
+        for group_name, group in file.items():
+            for name, declared in SCHEMA.get(group_name, {}).items():
+                is_skipped = not with_sweeps and group_name.endswith("sweep")
+                if is_skipped or name not in group or _is_dimension_only(group[name]):
+                    continue
+                array = group[name]
+                if declared.kind is not Kind.TEXT:
+                    _check_numbers(f"{group_name}/{name}", array, declared)
+                elif name in _NAMES and array.asstr()[...].tolist() != names[name]:
+                    raise _FlawError(f"{group_name}/{name}: does not name the {name}s of its device")
+            if group_name in _ROWS:
+                _check_rows(group_name, group, device)
+    except _FlawError as flaw:
+        raise TableError(f"{path}: is corrupted: {flaw}; build it again") from None
+
+
+def _members(group: h5py.Group, kind: type) -> Iterator[tuple[str, Any]]:
+    """Members of a group by name; a link that leaves the file, and a member of another kind, are flaws."""
+    for name in group:
+        where = f"{group.name}/{name}".lstrip("/")
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            raise _FlawError(f"{where}: is a link to somewhere else, which a table never has")
+        member = group[name]
+        if not isinstance(member, kind):
+            raise _FlawError(f"{where}: expected a {kind.__name__.lower()}")
+        yield name, member
+
+
+def _is_dimension_only(array: h5py.Dataset) -> bool:
+    """Whether it only gives a dimension its length; such an array has no values, and nobody reads any."""
+    return bytes(array.attrs.get("NAME", b"")).startswith(_DIMENSION_ONLY)
+
+
+def _check_attributes(file: h5py.File) -> None:
+    for name in TEXT_ATTRIBUTES:
+        if name in file.attrs and not isinstance(file.attrs[name], str):
+            raise _FlawError(f"attribute {name}: expected text")
+    for name in WHOLE_ATTRIBUTES:
+        if name in file.attrs and not _is_whole(file.attrs[name]):
+            raise _FlawError(f"attribute {name}: expected a whole number")
+
+
+def _is_whole(value: object) -> bool:
+    """NetCDF stores one number as an array of one element."""
+    return isinstance(value, np.ndarray) and value.shape == (1,) and value.dtype.kind in "iu"
+
+
+def _check_storage(where: str, array: h5py.Dataset, size_bytes: int) -> None:
+    storage = array.id.get_create_plist()
+    if array.is_virtual or storage.get_external_count():
+        raise _FlawError(f"{where}: its values are in another file, which a table never has")
+    if storage.get_layout() == h5py.h5d.CHUNKED or storage.get_nfilters():
+        raise _FlawError(f"{where}: is compressed or in chunks, which a table never is")
+    if array.shape is None or (array.nbytes > size_bytes and not _is_dimension_only(array)):
+        raise _FlawError(f"{where}: has shape {array.shape}, more than the file can hold")
+
+
+def _check_kind(where: str, array: h5py.Dataset, declared: ArrayKind | None, sizes: dict[str, int]) -> None:
+    """Compare with the declaration; the first array with a dimension decides the length of that dimension."""
+    is_text = h5py.check_string_dtype(array.dtype) is not None and array.dtype.kind == "O"
+    if not is_text and array.dtype.kind not in "fiu":
+        raise _FlawError(f"{where}: is of {array.dtype}; expected numbers or text")
+    labels = (array.attrs.get("units"), array.attrs.get("long_name"))
+    if not all(isinstance(label, str) for label in labels) or not _is_whole(array.attrs.get("crc32")):
+        raise _FlawError(f"{where}: expected texts as its units and long_name, and a whole number as its crc32")
+    if declared is None:
+        return
+    if is_text != (declared.kind is Kind.TEXT) or array.dtype.kind not in declared.kind:
+        raise _FlawError(f"{where}: is of {array.dtype}; expected {declared.kind.name.lower()} values")
+    dimensions = declared.dimensions
+    if len(array.shape) != len(dimensions) or any(
+        size != sizes.setdefault(name, size) for name, size in zip(dimensions, array.shape, strict=True)
+    ):
+        expected = ", ".join(f"{name} {sizes.get(name, 'any')}" for name in dimensions)
+        raise _FlawError(f"{where}: has shape {array.shape}; expected ({expected})")
+
+
+def _check_numbers(where: str, array: h5py.Dataset, declared: ArrayKind) -> None:
+    for piece in _pieces(array):
+        if piece.dtype.kind == "f":
+            wrong = np.isinf(piece) if not declared.may_be_infinite else np.zeros_like(piece, dtype=bool)
+            if not declared.may_be_nan:
+                wrong |= np.isnan(piece)
+            if wrong.any():
+                raise _FlawError(f"{where}: holds {piece[wrong][0]}; expected finite values")
+        for bound, is_beyond in ((declared.least, np.less), (declared.greatest, np.greater)):
+            if bound is not None and is_beyond(piece, bound).any():
+                raise _FlawError(f"{where}: holds a value {'below' if is_beyond is np.less else 'above'} {bound:g}")
+
+
+def _pieces(array: h5py.Dataset) -> Iterator[Any]:
+    """The array's values, along its first two axes in pieces of bounded size."""
+    if array.ndim < 2 or array.nbytes <= _PIECE_BYTES:
+        yield np.asarray(array[...])
+        return
+    step = max(1, _PIECE_BYTES * array.shape[0] * array.shape[1] // array.nbytes)
+    for first in range(array.shape[0]):
+        for start in range(0, array.shape[1], step):
+            yield np.asarray(array[first, start : start + step])
+
+
+def _check_rows(where: str, group: h5py.Group, device: Device) -> None:
+    """Lengths that the readers of entries and clicks rely on."""
+    levels_db = group["level"][...]
+    if not len(levels_db) or (levels_db[1:] <= levels_db[:-1]).any():
+        raise _FlawError(f"{where}/level: expected rising levels")
+    if group["zone_state"].shape[-1] != len(device.zones):
+        raise _FlawError(f"{where}/zone_state: is for another number of zones than the device has")
+    if where == "clicks":
+        sample_s = group["sample"][...]
+        if len(sample_s) < 2 or not 0 < sample_s[1] - sample_s[0] <= 1:
+            raise _FlawError("clicks/sample: expected at least two rising times")
+        if group["samples"][...].max(initial=0) > len(sample_s):
+            raise _FlawError("clicks/samples: is more than the waveform has")

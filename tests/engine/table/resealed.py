@@ -1,0 +1,44 @@
+"""Tables changed by somebody who seals them again, as an attacker would: flipped bits, other arrays, links."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+
+from engine.table.file import _SEAL, _append_seal, _read_seal
+
+
+def reseal(path: Path) -> Path:
+    """Seal the file as it is now."""
+    if _read_seal(path) is not None:
+        path.write_bytes(path.read_bytes()[: -_SEAL.size])
+    _append_seal(path)
+    return path
+
+
+def changed(whole: Path, target: Path, change: Callable[[h5py.File], object]) -> Path:
+    """A sealed copy of a table that `change` was applied to."""
+    target.write_bytes(whole.read_bytes())
+    with h5py.File(target, "a") as file:
+        change(file)
+    return reseal(target)
+
+
+def with_bytes(whole: bytes, target: Path, at: int, flipped_bits: int) -> Path:
+    """A sealed copy of a table with some bits of one byte flipped."""
+    content = bytearray(whole[: -_SEAL.size])
+    content[at] ^= flipped_bits
+    target.write_bytes(content)
+    _append_seal(target)
+    return target
+
+
+def replace_array(file: h5py.File, name: str, values: object) -> None:
+    """Put other values, of any kind and shape, in the place of an array; its labels stay."""
+    labels = dict(file[name].attrs)
+    del file[name]
+    file[name] = values
+    for key in ("units", "long_name", "crc32"):
+        file[name].attrs[key] = labels[key]

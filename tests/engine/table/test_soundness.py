@@ -1,0 +1,169 @@
+"""Laws of an opened table that somebody changed and sealed again: refused by name, and no other file is touched."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from engine.table import Table, TableError
+from engine.table import columns as written
+from engine.table.file import Variable
+from engine.table.schema import SCHEMA, Kind
+from tests.engine.made_clicks import click_of
+from tests.engine.made_entries import entry_of, states_of
+from tests.engine.made_table import write_table
+from tests.engine.table.resealed import changed, replace_array, reseal
+from tests.engine.table.test_table import DEVICE
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    states = [states_of(DEVICE, [0]), states_of(DEVICE, [1], [3])]
+    entries = [entry_of(DEVICE, each, wanted_level_db=level) for level in (20.0, math.inf) for each in states]
+    clicks = [click_of(DEVICE, each) for each in states]
+    return write_table(tmp_path_factory.mktemp("sound") / "whole.nc", DEVICE, entries, clicks)
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(TableError) as error:
+        Table.open(path).close()
+    return str(error.value)
+
+
+def test_a_resealed_table_that_was_not_changed_opens(whole: Path, tmp_path: Path) -> None:
+    with Table.open(changed(whole, tmp_path / "same.nc", lambda _file: None)) as table, Table.open(whole) as before:
+        assert table.entries == before.entries
+
+
+def test_an_external_link_is_refused_before_it_is_followed(whole: Path, tmp_path: Path) -> None:
+    """A reader that followed it to a pipe would wait for ever."""
+    os.mkfifo(tmp_path / "pipe")
+
+    def link(file: h5py.File) -> None:
+        del file["responses"]
+        file["responses"] = h5py.ExternalLink(str(tmp_path / "pipe"), "/")
+
+    assert "responses: is a link to somewhere else" in refusal(changed(whole, tmp_path / "linked.nc", link))
+
+
+def test_amplitudes_in_another_file_are_refused(whole: Path, tmp_path: Path) -> None:
+    shape = (2, 2, 2)
+    (tmp_path / "secret.bin").write_bytes(np.ones(shape).tobytes())
+
+    def move_out(file: h5py.File) -> None:
+        labels = dict(file["entries/drive_amplitude"].attrs)
+        del file["entries/drive_amplitude"]
+        moved = file["entries"].create_dataset(
+            "drive_amplitude", shape, "f8", external=[(str(tmp_path / "secret.bin"), 0, h5py.h5f.UNLIMITED)]
+        )
+        for key in ("units", "long_name", "crc32"):
+            moved.attrs[key] = labels[key]
+
+    assert "drive_amplitude: its values are in another file" in refusal(changed(whole, tmp_path / "x.nc", move_out))
+
+
+def test_a_virtual_dataset_is_refused(whole: Path, tmp_path: Path) -> None:
+    def make_virtual(file: h5py.File) -> None:
+        layout = h5py.VirtualLayout((2, 2, 2), "f8")
+        layout[...] = h5py.VirtualSource(str(tmp_path / "other.h5"), "values", (2, 2, 2))
+        del file["entries/drive_amplitude"]
+        file["entries"].create_virtual_dataset("drive_amplitude", layout)
+
+    assert "its values are in another file" in refusal(changed(whole, tmp_path / "virtual.nc", make_virtual))
+
+
+def test_a_soft_link_and_a_group_in_a_group_are_refused(whole: Path, tmp_path: Path) -> None:
+    def link(file: h5py.File) -> None:
+        file["entries/again"] = h5py.SoftLink("/entries")
+
+    def nest(file: h5py.File) -> None:
+        file["entries/again"] = file["entries"]
+
+    assert "is a link" in refusal(changed(whole, tmp_path / "soft.nc", link))
+    assert "expected a dataset" in refusal(changed(whole, tmp_path / "nested.nc", nest))
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "says"),
+    [
+        ("entries/drive_amplitude", np.ones((2, 2, 3)), "has shape"),
+        ("entries/drive_amplitude", np.ones((2, 2, 2), dtype="S3"), "expected numbers or text"),
+        ("entries/drive_amplitude", np.ones((2, 2, 2), dtype=np.int64), "expected real values"),
+        ("entries/drive_amplitude", np.full((2, 2, 2), math.nan), "expected finite values"),
+        ("entries/drive_amplitude", np.full((2, 2, 2), math.inf), "expected finite values"),
+        ("entries/drive_amplitude", np.full((2, 2, 2), -0.1), "below 0"),
+        ("entries/drive_frequency", np.ones(()), "has shape"),
+        ("entries/zone_state", np.full((2, 2, 5), 7.0), "above 2"),
+        ("entries/level", np.array([20.0, 20.0]), "expected rising levels"),
+        ("entries/level", np.array([20.0, math.nan]), "expected finite values"),
+        ("entries/family", np.ones((2, 2)), "expected text values"),
+        ("responses/frequency", np.array([100.0, math.nan]), "expected finite values"),
+        ("clicks/samples", np.array([121, 122]), "more than the waveform has"),
+        ("clicks/samples", np.array([121, -1]), "below 2"),
+        ("clicks/sample", np.zeros(121), "two rising times"),
+        ("clicks/waveform", np.ones((2, 2, 121)), "expected whole values"),
+    ],
+)
+def test_an_array_of_another_kind_shape_or_value_is_refused_by_name(
+    whole: Path, tmp_path: Path, name: str, values: object, says: str
+) -> None:
+    found = refusal(changed(whole, tmp_path / "changed.nc", lambda file: replace_array(file, name, values)))
+    assert name in found
+    assert says in found
+
+
+def test_an_array_larger_than_the_file_is_refused_before_memory_is_asked_for(whole: Path, tmp_path: Path) -> None:
+    def enlarge(file: h5py.File) -> None:
+        file["responses"].create_dataset("huge", (1 << 40,), "f8")  # HDF5 gives it no room until it is written
+
+    assert "more than the file can hold" in refusal(changed(whole, tmp_path / "huge.nc", enlarge))
+
+
+def test_names_of_another_device_are_refused(whole: Path, tmp_path: Path) -> None:
+    def rename(file: h5py.File) -> None:
+        file["entries/zone"][0] = "elsewhere"
+
+    assert "entries/zone: does not name the zones" in refusal(changed(whole, tmp_path / "renamed.nc", rename))
+
+
+@pytest.mark.parametrize("change", [{"device_name": 3}, {"format_revision": "four"}, {"created": np.ones(3)}])
+def test_an_attribute_of_another_kind_is_refused(whole: Path, tmp_path: Path, change: dict[str, object]) -> None:
+    found = refusal(changed(whole, tmp_path / "attribute.nc", lambda file: file.attrs.update(change)))
+    assert "corrupted" in found
+
+
+def test_every_array_that_is_written_is_declared() -> None:
+    """The declaration and the writers agree on names, dimensions and what is text."""
+    variables = [value for value in vars(written).values() if isinstance(value, Variable)]
+    for value in vars(written).values():
+        if isinstance(value, dict) and all(isinstance(each, Variable) for each in value.values()):
+            variables += value.values()
+    declared = {name: array for group in ("clicks", "entries") for name, array in SCHEMA[group].items()}
+    assert {variable.name for variable in variables} <= set(declared)
+    of_both: dict[str, set[tuple[str, ...]]] = {}
+    for group in ("entries", "clicks"):
+        for name, array in SCHEMA[group].items():
+            of_both.setdefault(name, set()).add(array.dimensions)
+    for variable in variables:
+        assert variable.dimensions in of_both[variable.name], variable.name
+
+
+def test_a_table_of_real_arrays_is_declared_whole(whole: Path) -> None:
+    with h5py.File(whole) as file:
+        names = {f"{group}/{name}" for group in file for name in file[group] if "crc32" in file[group][name].attrs}
+    assert names == {name for name in names if name.split("/")[1] in SCHEMA[name.split("/")[0]]}
+
+
+def test_resealing_twice_is_resealing_once(whole: Path, tmp_path: Path) -> None:
+    once = reseal(changed(whole, tmp_path / "once.nc", lambda _file: None)).read_bytes()
+    assert reseal(tmp_path / "once.nc").read_bytes() == once
+
+
+def test_kinds_are_those_of_numpy() -> None:
+    assert np.dtype(np.float32).kind in Kind.REAL
+    assert np.dtype(np.int16).kind in Kind.WHOLE
