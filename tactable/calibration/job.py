@@ -16,6 +16,7 @@ from engine.device import Device
 from engine.files import check_new_folder, write_new_folder
 from precompute.calibration.device_text import calibrated_text
 from precompute.calibration.misfit import Loss
+from precompute.calibration.plausibility import implausible_changes
 from precompute.measurements.parameters import Bounds
 from tactable.calibration.step_times import Progress
 
@@ -89,6 +90,7 @@ class CalibrationJob:
             doubts.append(f"the typical misfit, {100 * misfit:.3g} %, is above {100 * self.accepted_misfit:g} %")
         if doubt := report.get("adequacy", {}).get("doubt"):
             doubts.append(doubt)
+        doubts += implausible_changes(report["parameters"])
         if self.is_strict:
             unsure = [p["name"] for p in report["parameters"] if p["known"] != "known"]
             doubts += [f"{name} is not known within a factor of 2" for name in unsure]
