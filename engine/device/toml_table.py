@@ -130,8 +130,8 @@ class TomlTable:
     def name(self, key: str, default: str | None = None) -> str:
         """A short name that is safe in lists and paths."""
         value = self.take(key, default)
-        if not isinstance(value, str) or not re.fullmatch(r"[^\s,;/][^,;/\n]{0,63}", value):
-            raise self.error(key, value, "expected a short name without comma, semicolon or slash")
+        if not isinstance(value, str) or not re.fullmatch(r"[^\s,;/][^,;/\n]{0,63}", value) or not value.isprintable():
+            raise self.error(key, value, "expected a short printable name without comma, semicolon or slash")
         return value
 
     def refuse_rest(self) -> None:
@@ -145,6 +145,6 @@ class TomlTable:
 def read_text(path: Path, family: type[ValueError]) -> str:
     """The text of a file; raises an error of the family where it is not UTF-8, OSError when there is no such file."""
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")  # editors and spreadsheets begin a file with a byte order mark
     except UnicodeDecodeError as error:
         raise family(f"{path}: not UTF-8 text: {error}") from error

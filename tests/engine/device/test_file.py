@@ -424,6 +424,18 @@ def test_a_description_that_is_not_utf_8_is_refused(tmp_path: Path) -> None:
         Device.read(path)
 
 
+def test_a_byte_order_mark_is_no_part_of_a_description(tmp_path: Path) -> None:
+    (tmp_path / "bom.toml").write_bytes(b"\xef\xbb\xbf" + TEXT.encode())
+    assert Device.read(tmp_path / "bom.toml").text == TEXT
+
+
+@pytest.mark.parametrize("name", ["\\u001b[31mred", "a\\u0007", "a\\u202eb", "a\\u009b2J"])
+@pytest.mark.parametrize("section", ["", "actuator[1]"])
+def test_a_name_that_would_command_a_terminal_is_refused(section: str, name: str) -> None:
+    with pytest.raises(DeviceError, match="expected a short printable name"):
+        Device.parse(changed(section, "name", f'"{name}"'), "a.toml")
+
+
 HOSTILE = {
     "power tower": '"5 ** 9 ** 9 m"',
     "10 kB of digits": f'"{"9" * 10_000} m"',
