@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import os
+import re
 import signal
 import tempfile
 import webbrowser
@@ -13,6 +14,7 @@ from pathlib import Path
 import uvicorn
 
 from engine.device import Device
+from engine.files import replace_file
 from tactable.page.choices import Choice, Rules, offered
 from tactable.page.demo_backend import DemoBackend
 from tactable.page.security import LOOPBACK, AccessPolicy, new_token
@@ -20,6 +22,7 @@ from tactable.page.server import PageBackend, listen_at, serve
 from tactable.shipped import cache_folder
 
 _MEMORY = Path("/dev/shm")
+_TOKEN = r"[A-Za-z0-9_-]{32,}"
 Say = Callable[[str], None]
 
 
@@ -80,12 +83,12 @@ def token_for(port: int) -> str:
         return new_token()
     path = cache_folder() / "page-token"
     path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    except FileExistsError:
-        return path.read_text(encoding="ascii").strip()
+    kept = path.read_text(encoding="utf-8", errors="replace").strip() if path.is_file() else ""
+    if re.fullmatch(_TOKEN, kept):
+        return kept
     token = new_token()
-    with os.fdopen(descriptor, "w", encoding="ascii") as file:
+    path.unlink(missing_ok=True)  # empty or damaged: with an empty token no address would be admitted
+    with replace_file(path) as partial, os.fdopen(os.open(partial, os.O_WRONLY | os.O_CREAT, 0o600), "w") as file:
         file.write(token)
     return token
 

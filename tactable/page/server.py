@@ -104,6 +104,7 @@ class PageServer:
             WebSocketRoute("/{token}/socket", self._answer_socket),
         ]
         self.app = Starlette(routes=routes, exception_handlers={404: _refused, 405: _refused})
+        self.app.router.redirect_slashes = False  # it would answer before token and Host are looked at
 
     async def _answer_file(self, request: Request) -> Response:
         token, name = request.path_params["token"], request.path_params.get("name", "index.html")

@@ -131,3 +131,16 @@ def test_the_token_of_a_stated_port_is_kept_for_its_user_alone(tmp_path: Path, m
     assert token_for(8123) == token_for(8123)
     (kept,) = (tmp_path / "tactable").iterdir()
     assert stat.S_IMODE(kept.stat().st_mode) == 0o600
+
+
+@pytest.mark.parametrize("damaged", ["", "\n", "a b", "\N{GREEK SMALL LETTER ALPHA}" * 32])
+def test_a_damaged_token_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damaged: str) -> None:
+    """A disk that was full when it was written locked everybody out."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    kept = tmp_path / "tactable" / "page-token"
+    kept.parent.mkdir()
+    kept.write_text(damaged, encoding="utf-8")
+    token = token_for(8123)
+    assert len(token) >= 32
+    assert token_for(8123) == kept.read_text(encoding="utf-8") == token
+    assert stat.S_IMODE(kept.stat().st_mode) == 0o600
