@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from engine.files import partial_path
 from engine.table.error import TableError
 from engine.table.history import remove_leftovers, replace_table
+from engine.table.spool import SpoolFile
 
 FORMAT = "tactable table"
 FORMAT_REVISION = 5
@@ -67,24 +68,34 @@ class TableWriter:
             raise TableError(f"{self.path.parent}: no such folder; create it or choose another output")
         remove_leftovers(self.path)
         try:
-            self._file = h5netcdf.File(self._partial, "w", track_order=True)
+            self._spool = SpoolFile(self._partial)
         except OSError as error:
-            raise TableError(f"{self.path}: cannot be written there: {error}") from error
+            raise self._unwritable(error) from error
+        self._inside = h5py.File(self._spool, "w", track_order=True)
+        self._file = h5netcdf.File(self._inside, "w", track_order=True)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            self._file.close()
+            with self._spool, self._inside:
+                self._file.close()
             if kind is None:
+                self._spool.check()
                 _verify_arrays(self._partial, self._checksums)
                 _append_seal(self._partial)
                 if self._check is not None:
                     self._check(self._partial)
                 replace_table(self._partial, self.path, keep=not self._completes)
+        except OSError as disk:
+            raise self._unwritable(disk) from disk
         finally:
             self._partial.unlink(missing_ok=True)
+
+    def _unwritable(self, error: OSError) -> TableError:
+        text = error.strerror or str(error)
+        return TableError(f"{self.path}: cannot be written there: {text}; make room or choose another output")
 
     def describe(self, attributes: Mapping[str, str | int | float]) -> None:
         """Attributes of the whole table."""
@@ -133,14 +144,28 @@ class TableWriter:
         target.attrs["long_name"] = variable.meaning
         if variable.scale is not None:
             target.attrs["scale_factor"] = variable.scale
-        return VariableStream(f"{group}/{variable.name}", target, shape, self._checksums)
+        return VariableStream(f"{group}/{variable.name}", target, shape, self._checksums, self._check_disk)
+
+    def _check_disk(self) -> None:
+        try:
+            self._spool.check()
+        except OSError as error:
+            raise self._unwritable(error) from error
 
 
 class VariableStream:
     """One array being written, whole or in pieces along its second axis, in C order."""
 
-    def __init__(self, name: str, target: Any, shape: tuple[int, ...], checksums: dict[str, int]) -> None:
+    def __init__(
+        self,
+        name: str,
+        target: Any,
+        shape: tuple[int, ...],
+        checksums: dict[str, int],
+        check_disk: Callable[[], None],
+    ) -> None:
         self._name, self._target, self._shape, self._checksums = name, target, shape, checksums
+        self._check_disk = check_disk
         self._size = math.prod(shape)
         self._done, self._checksum = 0, 0
 
@@ -153,6 +178,7 @@ class VariableStream:
             row, column = divmod(self._done // math.prod(self._shape[2:]), self._shape[1])
             self._target[row, column : column + len(piece)] = piece.reshape(-1, *self._shape[2:])
         self._done += piece.size
+        self._check_disk()
 
     def close(self) -> None:
         """Note the checksum; raises TableError if elements are missing."""
