@@ -65,8 +65,8 @@ def test_what_the_disk_does_not_take_is_read_back_all_the_same(tmp_path: Path) -
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     file.seek(0)
-    content = bytearray(20)
-    assert file.readinto(content) == 15
-    assert content[:15] == b"01--4abcdefgXYj"
+    found = bytearray(20)
+    assert file.readinto(found) == 15
+    assert found[:15] == b"01--4abcdefgXYj"
     assert (tmp_path / "spooled").stat().st_size == 10
     file.close()
