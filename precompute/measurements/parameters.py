@@ -120,8 +120,8 @@ class Parameter:
 def default_names(device: Device) -> tuple[str, ...]:
     """The first fit of one's own bar: the paper's six and Young's modulus.
 
-    An alloy's modulus is known to some per cent, and 1 % of it moves every mode by 0.5 %. It stands for thickness and
-    length too, as far as they change the bending stiffness: a beam's motion depends on E h^3 and rho h alone.
+    An alloy's modulus is known to some per cent, and 1 % of it moves every mode by 0.5 %. With the density it
+    stands for the thickness too, since a beam's motion depends on E h^3 and rho h alone.
     """
     return (*paper_names(device), "bar.youngs_modulus")
 

@@ -56,9 +56,11 @@ def run(
     table_path: TableArgument,
     touch: Annotated[
         str,
-        typer.Option(metavar="DEVICE|RECORDING", help="A digitizer as `list` shows it, a recording, or `simulated`."),
+        typer.Option(metavar="PANEL|RECORDING", help="A digitizer as `list` shows it, a recording, or `simulated`."),
     ],
-    port_name: Annotated[str, typer.Option("--port", help="The firmware's serial port, as `list` shows it.")],
+    port_name: Annotated[
+        str, typer.Option("--port", metavar="PORT", help="The firmware's serial port, as `list` shows it.")
+    ],
     effects_path: EffectsPath = None,
     when_not_achieved: Annotated[
         WhenNotAchieved, typer.Option("--when-not-achieved", help="What to do where the bar cannot reach a level.")

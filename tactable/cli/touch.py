@@ -18,7 +18,7 @@ from tactable.shipped import cache_folder, find_device
 
 DigitizerName = Annotated[
     str,
-    typer.Argument(metavar="DEVICE", help="Path, stable id, serial number or vendor:product, as in `tactable list`."),
+    typer.Argument(metavar="PANEL", help="Path, stable id, serial number or vendor:product, as in `tactable list`."),
 ]
 
 
@@ -146,7 +146,7 @@ def doctor(
 
 def map_axis(
     context: typer.Context,
-    name: Annotated[str, typer.Argument(metavar="DEVICE_OR_RECORDING", help="A digitizer, or a recording of one.")],
+    name: Annotated[str, typer.Argument(metavar="PANEL|RECORDING", help="A digitizer, or a recording of one.")],
     device_name: Annotated[
         str | None, typer.Option("--device", help="The bar's device file or shipped name, for its length.")
     ] = None,
