@@ -165,5 +165,8 @@ def _check_rows(where: str, group: h5py.Group, device: Device) -> None:
         sample_s = group["sample"][...]
         if len(sample_s) < 2 or not 0 < sample_s[1] - sample_s[0] <= 1:
             raise _FlawError("clicks/sample: expected at least two rising times")
-        if "samples" in group and group["samples"][...].max(initial=0) > len(sample_s):
-            raise _FlawError("clicks/samples: is more than the waveform has")
+        if "set_samples" in group and group["set_samples"][...].max(initial=0) > len(sample_s):
+            raise _FlawError("clicks/set_samples: is more than the functions of the basis have")
+        moved = group["function_actuator"][...] if "function_actuator" in group else np.zeros(0)
+        if moved.max(initial=0) >= len(device.actuators):
+            raise _FlawError("clicks/function_actuator: is the index of an actuator that the device does not have")

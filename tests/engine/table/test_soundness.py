@@ -103,16 +103,37 @@ def test_a_soft_link_and_a_group_in_a_group_are_refused(whole: Path, tmp_path: P
         ("entries/level", np.array([20.0, math.nan]), "expected finite values"),
         ("entries/family", np.ones((2, 2)), "expected text values"),
         ("responses/frequency", np.array([100.0, math.nan]), "expected finite values"),
-        ("clicks/samples", np.array([121, 122]), "more than the waveform has"),
-        ("clicks/samples", np.array([121, -1]), "below 2"),
-        ("clicks/sample", np.zeros(121), "two rising times"),
-        ("clicks/waveform", np.ones((2, 2, 121)), "expected whole values"),
+        ("clicks/weight", np.ones((2, 3)), "expected whole values"),
+        ("clicks/weight", np.ones((3, 3), dtype=np.int16), "has shape"),
+        ("clicks/fraction_bits", np.array([0, 99]), "above 31"),
+        ("clicks/basis_set", np.array([0, -1]), "below 0"),
     ],
 )
 def test_an_array_of_another_kind_shape_or_value_is_refused_by_name(
     whole: Path, tmp_path: Path, name: str, values: object, says: str
 ) -> None:
     found = refusal(changed(whole, tmp_path / "changed.nc", lambda file: replace_array(file, name, values)))
+    assert name in found
+    assert says in found
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("clicks/set_samples", 1, "below 2"),
+        ("clicks/set_samples", 10_000, "more than the functions of the basis have"),
+        ("clicks/function_actuator", 2, "an actuator that the device does not have"),
+        ("clicks/sample", 0.0, "two rising times"),
+        ("entries/zone_state", 3.0, "above 2"),
+    ],
+)
+def test_an_array_that_points_beyond_what_there_is_is_refused(
+    whole: Path, tmp_path: Path, name: str, value: float, says: str
+) -> None:
+    def fill(file: h5py.File) -> None:
+        file[name][...] = value
+
+    found = refusal(changed(whole, tmp_path / "beyond.nc", fill))
     assert name in found
     assert says in found
 
