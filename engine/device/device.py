@@ -11,6 +11,7 @@ from typing import Any
 from engine.device.file import (
     DeviceTable,
     check_bands,
+    check_damping,
     read_actuators,
     read_bar,
     read_finger,
@@ -25,8 +26,8 @@ from engine.device.parts import Actuator, Bar, DeviceError, Finger, Limits, Spre
 from engine.device.toml_table import read_text
 from engine.device.uncertainty import read_uncertainty
 
-_PHYSICAL = re.compile(r"(bar|actuator(\[\d+\])?|finger)\.\w+")
-_CHOSEN = ("bar.largest_element", "bar.damping_of", "finger.spread")
+_PHYSICAL = re.compile(r"(bar|actuator(\[\d+\])?|finger|spread)\.\w+")
+_CHOSEN = ("bar.largest_element", "bar.damping_of")
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Device:
     """Sensation levels that entries are made for, rising; entries for full scale are always made too."""
     limits: Limits
     inferred: tuple[str, ...]
-    """Keys whose values are estimates, such as "bar.width" or "actuator[1].mass"."""
+    """Keys whose values are estimates, such as "bar.width": marked in the file, or absent and assumed."""
     uncertainty: Uncertainty | None
     """Uncertainty of the fitted values; None: the device was not calibrated."""
     text: str
@@ -68,10 +69,11 @@ class Device:
         """Validate the description `text`; `source` names it in errors. Raises DeviceError."""
         top = DeviceTable.parse(text, source)
         name, description = top.name("name"), top.sentence("description")
-        bar = top.section("bar", read_bar)
-        actuators = read_actuators(top, bar)
-        zones, zone_hysteresis_m = top.section("zones", lambda part: read_zones(part, top, bar), default={})
         sweep = top.section("sweep", read_sweep)
+        bar = top.section("bar", lambda part: read_bar(part, sweep))
+        actuators = read_actuators(top, bar)
+        check_damping(source, bar, actuators)
+        zones, zone_hysteresis_m = top.section("zones", lambda part: read_zones(part, top, bar), default={})
         check_bands(source, actuators, sweep)
         uncertainty = None
         if "calibration" in top.left:
@@ -85,7 +87,7 @@ class Device:
             zone_hysteresis_m=zone_hysteresis_m,
             finger=top.section("finger", read_finger),
             spread=top.section("spread", read_spread, default={}),
-            touch_axis=top.section("digitizer", lambda part: read_touch_axis(part, bar)),
+            touch_axis=top.section("digitizer", lambda part: read_touch_axis(part, bar), default={}),
             sweep=sweep,
             levels_db=top.section("feel", read_levels, default={}),
             limits=top.section("limits", read_limits),
@@ -98,7 +100,7 @@ class Device:
 
     @property
     def estimated_values(self) -> tuple[str, ...]:
-        """Those keys of `inferred` that are physical values of bar, actuators and finger.
+        """Those keys of `inferred` that are physical values of bar, actuators and finger, or how well these are known.
 
         The others are choices, such as the grid of the sweep, which nobody could measure.
         """

@@ -3,6 +3,7 @@
 import itertools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -11,6 +12,11 @@ from engine.device.parts import Actuator, Bar, DeviceError, Finger, Limits, Spre
 from engine.device.toml_table import TomlTable
 
 ROMAN = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII", "XIII", "XIV", "XV", "XVI")
+CLICKS_TOP_HZ = 2000.0
+"""No click has power beyond: half the rate of its waveform."""
+_ELEMENTS_PER_WAVE, _ELEMENTS_PER_WAVE_OF_CLICKS = 24, 10
+"""Responses are then right to 0.03 % of the greatest one, at resonances too; tests/precompute/model/test_mesh.py."""
+_MOST_ELEMENTS = 2000
 _LARGEST_SPREAD = 1000
 _WIDEST_SPREAD = 0.2
 """Standard deviation of a stiffness or a mass: five of them are still above 0."""
@@ -22,7 +28,10 @@ _Part = TypeVar("_Part")
 
 
 class DeviceTable(TomlTable):
-    """A table of a device file. Every table may mark keys whose values are estimates, in its key `inferred`."""
+    """A table of a device file. Every table may mark keys whose values are estimates, in its key `inferred`.
+
+    A default that stands for a property of the device, such as its spread, is an estimate too (`assume`).
+    """
 
     family = DeviceError
 
@@ -34,6 +43,7 @@ class DeviceTable(TomlTable):
         if not (isinstance(marks, list) and all(isinstance(mark, str) for mark in marks)):
             raise self.error("inferred", marks, "expected a list of keys of this table")
         self._marks: list[str] = marks
+        self._given = frozenset(self.left)
 
     def section(self, key: str, read: Callable[["DeviceTable"], _Part], default: dict[str, Any] | None = None) -> _Part:
         """Read the table [key] with `read`, and close it."""
@@ -50,6 +60,10 @@ class DeviceTable(TomlTable):
             part.inferred = self.inferred
         return parts
 
+    def assume(self, *keys: str) -> None:
+        """Mark those of these keys as estimates that the table does not give."""
+        self._marks = [*self._marks, *(key for key in keys if key not in self._given and key not in self._marks)]
+
     def close(self) -> None:
         """Refuse unknown keys, and keep the marked ones."""
         self.refuse_rest()
@@ -59,10 +73,10 @@ class DeviceTable(TomlTable):
             self.inferred.append(".".join(part for part in (self.path, mark) if part))
 
 
-def read_bar(part: DeviceTable) -> Bar:
-    """The table [bar]."""
+def read_bar(part: DeviceTable, sweep: Sweep) -> Bar:
+    """The table [bar]. Where it does not give the largest element, that follows from the shortest waves."""
     length_m = part.quantity("length", "m", exclusive=True)
-    return Bar(
+    bar = Bar(
         length_m=length_m,
         width_m=part.quantity("width", "m", exclusive=True),
         thickness_m=part.quantity("thickness", "m", exclusive=True),
@@ -70,9 +84,24 @@ def read_bar(part: DeviceTable) -> Bar:
         density_kg_per_m3=part.quantity("density", "kg/m^3", exclusive=True),
         mass_damping_per_s=part.quantity("mass_damping", "1/s"),
         stiffness_damping_s=part.quantity("stiffness_damping", "s"),
-        largest_element_m=part.quantity("largest_element", "m", least=length_m / 2000, default="5 mm"),
+        largest_element_m=length_m,
         damping_of="bar" if part.word("damping_of", ("bar", "assembly"), "bar") == "bar" else "assembly",
     )
+    smallest_m = length_m / _MOST_ELEMENTS
+    converged_m = max(default_element_m(bar, sweep.stop_hz), smallest_m)
+    element_m = part.quantity("largest_element", "m", least=smallest_m, default=f"{converged_m!r} m")
+    return replace(bar, largest_element_m=element_m)
+
+
+def default_element_m(bar: Bar, top_hz: float) -> float:
+    """Element length with which responses up to `top_hz`, and those of clicks, are converged.
+
+    The relative error of a natural frequency is (k h)^4 / 1440 with cubic elements, so elements are counted in the
+    shortest wave (docs/theory.md#model).
+    """
+    steady = _ELEMENTS_PER_WAVE * bar.wave_number_per_m(top_hz)
+    clicks = _ELEMENTS_PER_WAVE_OF_CLICKS * bar.wave_number_per_m(CLICKS_TOP_HZ)
+    return 2 * math.pi / max(steady, clicks, 2 * math.pi / bar.length_m)
 
 
 def read_actuators(top: DeviceTable, bar: Bar) -> tuple[Actuator, ...]:
@@ -165,6 +194,13 @@ def read_sweep(part: DeviceTable) -> Sweep:
     )
 
 
+def check_damping(source: str, bar: Bar, actuators: tuple[Actuator, ...]) -> None:
+    """Refuse a bar that nothing damps: its resonances would be infinite, and every figure near them meaningless."""
+    if bar.mass_damping_per_s == bar.stiffness_damping_s == 0 and not any(each.damping_n_s_per_m for each in actuators):
+        keys = "bar.mass_damping, bar.stiffness_damping, actuator[...].damping"
+        raise DeviceError(f"{source}: {keys}: all are 0: without damping resonances are infinite; give one of them")
+
+
 def check_bands(source: str, actuators: tuple[Actuator, ...], sweep: Sweep) -> None:
     """Refuse an actuator whose band holds no frequency of the sweep."""
     for i, actuator in enumerate(actuators, 1):
@@ -177,6 +213,7 @@ def check_bands(source: str, actuators: tuple[Actuator, ...], sweep: Sweep) -> N
 def read_finger(part: DeviceTable) -> Finger:
     """The table [finger]."""
     spread = part.take("spread", 1.0)
+    part.assume("spread")
     if isinstance(spread, bool) or not isinstance(spread, int | float) or not 1 <= spread <= _LARGEST_SPREAD:
         raise part.error("spread", spread, "expected a factor of at least 1, such as 3.0")
     return Finger(
@@ -189,6 +226,7 @@ def read_finger(part: DeviceTable) -> Finger:
 
 def read_spread(part: DeviceTable) -> Spread:
     """The table [spread]."""
+    part.assume("stiffness", "mass", "finger", "finger_position")
 
     def fraction(key: str, default: str, below: float) -> float:
         value = part.quantity(key, "", default=default)
@@ -206,6 +244,7 @@ def read_spread(part: DeviceTable) -> Spread:
 
 def read_touch_axis(part: DeviceTable, bar: Bar) -> TouchAxis:
     """The table [digitizer]."""
+    part.assume("axis", "flip", "start_margin", "end_margin")
     axis = part.word("axis", ("x", "y"), "x")
     # Below zero: the touch area reaches beyond that end of the bar.
     start_m = part.position("start_margin", bar.length_m, least=-math.inf, default="0 mm")

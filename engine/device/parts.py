@@ -1,5 +1,6 @@
 """The parts of a device description: immutable values in SI units, with all lengths from the start of the bar."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -29,6 +30,11 @@ class Bar:
     stiffness_damping_s: float
     largest_element_m: float
     damping_of: Literal["bar", "assembly"] = "bar"
+
+    def wave_number_per_m(self, frequency_hz: float) -> float:
+        """Wave number of free bending, (rho A omega^2 / E I)^(1/4)."""
+        slowness = math.sqrt(12 * self.density_kg_per_m3 / self.youngs_modulus_pa)
+        return math.sqrt(2 * math.pi * frequency_hz * slowness / self.thickness_m)
 
 
 @dataclass(frozen=True)

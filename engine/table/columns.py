@@ -40,7 +40,7 @@ _ENTRY_VARIABLES = {
     "objective": Variable("objective", _ENTRY, "1", "what was maximised above the level"),
     "upper_bound": Variable("upper_bound", _ENTRY, "1", "no drive does better: a share, or dB, as the objective is"),
     "optimality_gap_db": Variable("optimality_gap", _ENTRY, "dB", "what the bound leaves open"),
-    "t90_s": Variable("rise_time", _ENTRY, "s", "t90 of the slowest felt finger"),
+    "t90_s": Variable("rise_time", _ENTRY, "s", "t90 of the slowest felt finger; 10: longer"),
     "family": Variable("family", _ENTRY, "1", "single tone, coherent, two tones or several tones"),
     "limited_by": Variable("limited_by", _ENTRY, "1", "what limited the drive"),
 }
@@ -49,7 +49,7 @@ _WORST_VARIABLES = {
     "quiet_level_db": Variable("worst_quiet_level", _ENTRY, "dB", "strongest quiet finger of all; NaN: none is quiet"),
     "contrast_db": Variable("worst_contrast", _ENTRY, "dB", "least contrast over the fingers; NaN: none is quiet"),
     "localized_factor": Variable("worst_localized_factor", _ENTRY, "1", "least over the fingers"),
-    "t90_s": Variable("worst_rise_time", _ENTRY, "s", "greatest over the fingers"),
+    "t90_s": Variable("worst_rise_time", _ENTRY, "s", "greatest over the fingers; 10: longer"),
 }
 _SPREAD = (*_ENTRY, "spread")
 _SPREAD_VARIABLES = {

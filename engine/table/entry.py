@@ -13,6 +13,9 @@ DEFAULT_LEVEL_DB = 20.0
 LEVEL_TOLERANCE_DB = 1e-3
 """A level within this of the wanted one is reached."""
 
+LONGEST_RISE_S = 10.0
+"""No rise is followed for longer: this t90 stands for every longer one."""
+
 Levels = TypeVar("Levels", bound=Any)  # a dataclass whose fields are all in dB
 Range = tuple[float, float]
 """Least and greatest value over the sampled fingers."""
@@ -55,6 +58,7 @@ class WorstCase:
     """Weakest felt over strongest quiet finger of the same sample."""
     localized_factor: float
     t90_s: float
+    """LONGEST_RISE_S: longer than that."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +109,10 @@ class Entry:
     optimality_gap_db: float
     """What the bound leaves open: 10 log10 of the power or share ratio."""
     t90_s: float
-    """Time from rest after which the envelope under every felt finger stays within 10 % of its final value."""
+    """Time from rest after which the envelope under every felt finger stays within 10 % of its final value.
+
+    LONGEST_RISE_S: longer than that.
+    """
     family: str
     """"single tone", "coherent", "two tones" or "several tones"."""
     limited_by: str

@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device
@@ -26,7 +27,9 @@ from precompute.builder.cost import BuildCost
 from precompute.builder.incremental import DEFERRABLE, OUTDATED, BuildOptions, Part, input_fingerprint, is_compatible
 from precompute.builder.measured_responses import source_attributes, write_measured
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, solve_clicks
+from precompute.clicks.basis import lines_for
 from precompute.clicks.columns import ClickTabulator
+from precompute.clicks.plants import count_modes
 from precompute.clicks.store import ClickStore
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES
 from precompute.entries.prediction import MadeFor, States, touched_zones
@@ -34,6 +37,7 @@ from precompute.entries.solver import prepare_entries, solve_entries, tabulated_
 from precompute.measurements.plant import measured_plant
 from precompute.measurements.responses import MeasuredResponses
 from precompute.model.assembly import Plant, assemble
+from precompute.model.modal import compute_basis
 from precompute.parallel.interrupt import remembered_interrupt
 from precompute.parallel.pool import WorkerPool
 from precompute.sampling.bars import sampled_words
@@ -124,6 +128,19 @@ def _most_fingers(device: Device, clicks_up_to: int | None) -> int:
     return zones if zones <= MOST_ZONES_WITH_ALL_CLICKS else MOST_CLICKED_BEYOND
 
 
+def _model_attributes(plant: Plant, options: BuildOptions) -> dict[str, int | float]:
+    """Mesh and modes, which follow from the band, as attributes of the table."""
+    length_m, basis = np.diff(plant.node_m), compute_basis(plant)
+    found: dict[str, int | float] = {
+        "mesh_elements": len(length_m),
+        "mesh_longest_element_m": float(length_m.max()),
+        "modes": len(basis.square_omega),
+    }
+    if options.clicks_up_to:
+        found["click_modes"] = count_modes(plant.device, lines_for(plant.device, options.click_options.lengths_s))
+    return found
+
+
 @contextmanager
 def _earlier(path: Path, reuse: bool) -> Iterator[Table | None]:
     """The table at `path`, if it is sound and of this code."""
@@ -176,6 +193,7 @@ class _Builder:
                     "clicks_up_to": options.clicks_up_to,
                     "click_options": json.dumps(asdict(options.click_options)),
                     "spread_over": sampled_words(device, is_measured=self.responses is not None),
+                    **_model_attributes(plant, options),
                     **source_attributes(self.responses),
                     **{part.attribute: inputs[part] for part in Part if part not in later},
                     **({OUTDATED: " ".join(sorted(later))} if later else {}),

@@ -39,7 +39,7 @@ _SPARE_MODES = 8
 """Modes of the nominal bar beyond those that are kept, in the Ritz basis of the sampled bars."""
 _CONVERGED = 1e-3
 """Change by the omitted modes that is tolerated, as a fraction of the greatest response: 0.01 dB."""
-_MOST_MODES = 64
+_MOST_MODES = 128
 _STEP_OF_MODES = 4
 _FILTER_OVERSAMPLING = 2
 """The threshold filter is designed at this multiple of the course's rate; its magnitude is right up to its Nyquist."""

@@ -26,8 +26,6 @@ from precompute.sampling.places import solve_place_receptances
 
 Array = NDArray[np.float64]
 
-_SAMPLED_MODES = 12  # whose resonances get frequencies of their own: those up to 2 kHz on the published bar
-
 
 @dataclass(frozen=True)
 class PlacementFigures:
@@ -45,7 +43,10 @@ class PlacementFigures:
     expected_contrast_db: float | None
     spread: EntrySpread
     t90_s: float
-    """Time from rest after which the envelope under every felt standard finger stays within 10 % of its final value."""
+    """Time from rest after which the envelope under every felt standard finger stays within 10 % of its final value.
+
+    engine.table.entry.LONGEST_RISE_S: longer than that.
+    """
 
     def finger_percentiles(self, finger: int) -> Percentiles:
         """Level under one finger (index) over the sampled cases."""
@@ -112,7 +113,7 @@ def search_frequencies(plant: Plant, basis: Basis) -> Array:
     device = plant.device
     middles_m = [(zone.start_m + zone.stop_m) / 2 for zone in device.zones]
     loads = [[], [(at_m, device.finger) for at_m in middles_m], *([(at_m, device.finger)] for at_m in middles_m)]
-    pole = np.concatenate([compute_modal_model(basis.lowest(_SAMPLED_MODES), load).pole for load in loads])
+    pole = np.concatenate([compute_modal_model(basis, load).pole for load in loads])
     return add_resonances(device, device.sweep.frequency_hz, pole)
 
 

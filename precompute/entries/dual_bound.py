@@ -107,7 +107,7 @@ class Columns:
             _, amplitude = solve_eigen(numerator[k], denominator[k])
             amplitude[~self._problem.in_band[k]] = 0
             self.add(float(self._problem.frequency_hz[k]), amplitude)
-        return _proved(eigenvalue, weights)
+        return _proved(self._problem, eigenvalue, weights)
 
     def mixtures(self) -> Iterator[list[Tone]]:
         """Every way to share the actuators among three or more mixed drives; the search tries all pairs itself."""
@@ -150,7 +150,7 @@ def compute_bound(problem: Problem, drive: FoundDrive, wanted: float) -> float:
     else:
         level, actuator = 0 * level, 0 * actuator
     weights = Weights(drive.weights.numerator, drive.weights.denominator, level, actuator)
-    return _proved(_eigenvalues(problem.muted(), weights)[0], weights)
+    return _proved(problem, _eigenvalues(problem.muted(), weights)[0], weights)
 
 
 def block_directions(problem: Problem, weights: Weights, actuators: list[int]) -> Complex:
@@ -196,8 +196,10 @@ def _eigenvalues(problem: Problem, weights: Weights) -> tuple[Array, Complex, Co
     return out, numerator, denominator
 
 
-def _proved(eigenvalue: Array, weights: Weights) -> float:
-    return _top(eigenvalue) * float(weights.denominator.sum()) / max(float(weights.numerator.sum()), 1e-300)
+def _proved(problem: Problem, eigenvalue: Array, weights: Weights) -> float:
+    """The bound of these weights; no share passes 1, whatever weights prove."""
+    bound = _top(eigenvalue) * float(weights.denominator.sum()) / max(float(weights.numerator.sum()), 1e-300)
+    return min(bound, 1.0) if problem.is_share else bound
 
 
 def _top(values: Array) -> float:

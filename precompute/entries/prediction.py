@@ -99,6 +99,8 @@ def make_entry(device: Device, candidate: Candidate, wanted_level_db: float, mad
     weakest, strongest = level_db[:, felt].min(axis=1), level_db[:, quiet].max(axis=1, initial=-np.inf)
     felt_zones = [candidate.touched[finger] for finger in felt]
     bound = max(candidate.bound, drive.value)
+    if candidate.objective in SHARES and np.isfinite(bound):
+        bound = min(bound, 1.0)  # interpolated between frequencies, a share may pass 1 by 1e-4
     # Values of the search are for amplitudes up to 1; a level scales with the power that the limit leaves.
     bound_db = _db(bound) + (20 * np.log10(limit) if candidate.objective == "level" else 0.0)
     return Entry(
@@ -117,7 +119,7 @@ def make_entry(device: Device, candidate: Candidate, wanted_level_db: float, mad
         localized_factor=float(figures.standard.share[felt_zones].sum()),
         objective=candidate.objective,
         upper_bound=bound if candidate.objective in SHARES else bound_db,
-        optimality_gap_db=_db(bound / drive.value),
+        optimality_gap_db=_db(max(bound / drive.value, 1.0)),
         t90_s=float(candidate.rise_s[0]),
         family=drive.family,
         limited_by=_limited_by(device, candidate, np.abs(amplitude), wanted_level_db, full_level_db - wanted_level_db),

@@ -1,4 +1,10 @@
-"""Rise times t90: how long a drive takes from rest until the fingers feel its steady state."""
+"""Rise times t90: how long a drive takes from rest until the fingers feel its steady state.
+
+The envelope is scanned back in time from where the transients cannot matter any more, and the first look at which it is
+outside its band ends the scan. A transient of pole p beats with a tone at |p - j omega|, so looks are _LOOKS to the
+period of the fastest beat that is still heard there, which changes as transients decay. An excursion between two looks
+is found by the parabola through three of them, and the crossing is interpolated: t90 has no step of its own.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,21 +14,22 @@ from numba import njit, types
 from numpy.typing import NDArray
 
 from engine.device import Finger
+from engine.table.entry import LONGEST_RISE_S
 from precompute.model.modal import Basis, compute_modal_model
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-STEP_S, COARSE_STEP_S = 5e-4, 1e-3
-"""The envelope is looked at this often: an excursion just above WITHIN between two looks is missed."""
-LONGEST_S = 10.0
-"""No rise is followed for longer."""
 WITHIN = 0.1
 """Risen: the envelope stays within this fraction of its final value (t90)."""
-_NEGLIGIBLE = 1e-4
-_SLOW = 0.1  # nepers of decay in a step
-_GONE = 30.0
-_RENEWED = 64
+_HEARD = 2e-4
+"""Transients below this fraction of the final envelope are left out: 0.2 % of the band."""
+_LOOKS = 16
+"""Looks in a period of the fastest beat; of two tones the envelope has cusps, which eight looks may miss."""
+_BLOCK = 64
+"""Looks after which the transients that are heard are chosen again, and computed afresh against rounding."""
+_FOLLOWED_S = 4 * LONGEST_RISE_S
+"""The scan starts at most this late, so that a rise of less than LONGEST_RISE_S is not cut off by its start."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +58,10 @@ def compute_rise_model(basis: Basis, cases: Sequence[Sequence[tuple[float, Finge
     )
 
 
-def compute_rise_time(model: RiseModel, frequency_hz: Array, amplitude: Complex, step_s: float = STEP_S) -> Array:
+def compute_rise_time(model: RiseModel, frequency_hz: Array, amplitude: Complex) -> Array:
     """Shape (case, place), seconds: from rest, when each place's envelope stays within WITHIN of its final value.
+
+    LONGEST_RISE_S stands for every longer time.
 
     frequency_hz, amplitude (actuator,): tones started at once at t = 0 (a slew limit adds its own time). The envelope
     of a tone is the magnitude of the acceleration under exp(j omega t); envelopes of different frequencies add, as
@@ -61,7 +70,7 @@ def compute_rise_time(model: RiseModel, frequency_hz: Array, amplitude: Complex,
     tones = np.unique(frequency_hz[amplitude != 0])
     weight = np.where(frequency_hz == tones[:, None], amplitude, 0)
     out = np.empty(model.shape.shape[:2])
-    _fill_rise(2 * np.pi * tones, weight, model.pole, model.shape, model.spring, model.damper, step_s, out)
+    _fill_rise(2 * np.pi * tones, weight, model.pole, model.shape, model.spring, model.damper, out)
     return out
 
 
@@ -82,44 +91,81 @@ def _left(size, pole, time_s):  # type: ignore[no-untyped-def]  # numba
 
 
 @njit(cache=True)
-def _scan_back(omega, steady, decaying, pole, final, steps, step_s):  # type: ignore[no-untyped-def]  # numba
-    """Scan back in time: the number of steps after which the envelope stays within its band.
+def _fastest_beat(omega, decaying, pole, final, time_s, heard):  # type: ignore[no-untyped-def]  # numba
+    """Mark in heard (state,) the transients that are heard from time_s on; their fastest rate |p - j omega|, rad/s."""
+    fastest = 0.0
+    for s in range(len(pole)):
+        heard[s] = False
+        for t in range(len(omega)):
+            if abs(decaying[t, s]) * np.exp(pole[s].real * time_s) > _HEARD * final:
+                heard[s] = True
+                fastest = max(fastest, abs(pole[s] - 1j * omega[t]))
+    return fastest
 
-    States that decay slowly are followed back by multiplication and renewed every _RENEWED steps against rounding. Fast
-    ones matter only near the start and would overflow on the way back, so they are computed directly.
+
+@njit(cache=True)
+def _scan_block(omega, steady, decaying, pole, final, kept, last_s, step_s, count):  # type: ignore[no-untyped-def]  # numba
+    """Scan `count` looks back from last_s: the time at which the envelope enters its band for good, or -1.
+
+    The states `kept` are followed back by multiplication.
     """
-    tones = decaying.shape[0]
-    heard = np.sum(np.abs(decaying), axis=0) > 0
-    slow = np.flatnonzero(heard & (pole.real * step_s > -_SLOW))
-    fast = np.flatnonzero(heard & (pole.real * step_s <= -_SLOW))
-    back, turn_back = np.exp(-pole[slow] * step_s), np.exp(-1j * omega * step_s)
-    now, turn = np.empty(len(slow), dtype=np.complex128), np.empty(tones, dtype=np.complex128)
-    count = 0
-    while steps > 0:
-        time_s = (steps - 1) * step_s
-        if count % _RENEWED == 0:
-            now[:] = np.exp(pole[slow] * time_s)
-            turn[:] = np.exp(1j * omega * time_s)
+    tones, size, limit = len(omega), len(kept), WITHIN * final
+    back, turn_back = np.exp(-pole[kept] * step_s), np.exp(-1j * omega * step_s)
+    now, turn = np.exp(pole[kept] * last_s), np.exp(1j * omega * last_s)
+    later, middle = 0.0, 0.0  # distances from the final envelope at the two looks before
+    for k in range(count):
         envelope = 0.0
         for t in range(tones):
             value = steady[t] * turn[t]
-            for i in range(len(slow)):
-                value -= decaying[t, slow[i]] * now[i]
-            for s in fast:
-                if pole[s].real * time_s > -_GONE:
-                    value -= decaying[t, s] * np.exp(pole[s] * time_s)
+            for i in range(size):
+                value -= decaying[t, kept[i]] * now[i]
             envelope += abs(value)
-        if abs(envelope - final) > WITHIN * final:
-            break
+        distance, middle_s = envelope - final, last_s - (k - 1) * step_s
+        is_outside = abs(distance) > limit
+        if is_outside and k < 2:
+            return middle_s - step_s
+        # side * distance = c + b x + a x^2 through three looks, x in steps from the middle one.
+        side = 1.0 if (distance if is_outside else middle) > 0 else -1.0
+        a, b, c = side * (0.5 * (later + distance) - middle), 0.5 * side * (later - distance), side * middle
+        if is_outside:  # and the look before was inside: the crossing between them, -1 < x < 0
+            root = np.sqrt(max(b * b - 4 * a * (c - limit), 0.0))
+            return middle_s + step_s * (2 * (limit - c) / (b - root) if b < 0 else -0.5 * (b + root) / a)
+        if k > 1 and a < 0 and abs(b) <= -2 * a and c - b * b / (4 * a) > limit:  # a turn outside, between looks
+            return middle_s - step_s * 0.5 * (b + np.sqrt(b * b - 4 * a * (c - limit))) / a
+        later, middle = middle, distance
         now *= back
         turn *= turn_back
-        steps -= 1
-        count += 1
-    return steps
+    return -1.0
 
 
-@njit(types.void(_REAL, _TWO, _TWO, _THREE, _THREE, _THREE, types.float64, _OUT), cache=True)
-def _fill_rise(omega, weight, pole, shape, spring, damper, step_s, out):  # type: ignore[no-untyped-def]  # numba
+@njit(cache=True)
+def _block_length(fastest, longest_s):  # type: ignore[no-untyped-def]  # numba
+    """Duration of _BLOCK looks at a beat of that rate; `longest_s` at most."""
+    return longest_s if fastest == 0 else min(longest_s, _BLOCK * 2 * np.pi / (_LOOKS * fastest))
+
+
+@njit(cache=True)
+def _scan_back(omega, steady, decaying, pole, final, end_s):  # type: ignore[no-untyped-def]  # numba
+    """Scan back in time from end_s, block by block: the time from which on the envelope stays within its band."""
+    heard = np.empty(len(pole), dtype=np.bool_)
+    time_s = end_s
+    while time_s > 0:
+        # The step follows from what is heard at the block's early end: there more is, and faster beats. The block is
+        # no longer than the first guess, from what is heard at its late end.
+        guess_s = _block_length(_fastest_beat(omega, decaying, pole, final, time_s, heard), time_s)
+        block_s = _block_length(_fastest_beat(omega, decaying, pole, final, time_s - guess_s, heard), guess_s)
+        step_s = block_s / _BLOCK
+        # One look later and one earlier than the block, so that a turn at its ends is seen too.
+        kept = np.flatnonzero(heard)
+        found = _scan_block(omega, steady, decaying, pole, final, kept, time_s + step_s, step_s, _BLOCK + 2)
+        if found >= 0:
+            return found
+        time_s -= block_s
+    return 0.0
+
+
+@njit(types.void(_REAL, _TWO, _TWO, _THREE, _THREE, _THREE, _OUT), cache=True)
+def _fill_rise(omega, weight, pole, shape, spring, damper, out):  # type: ignore[no-untyped-def]  # numba
     """Fill out (case, place): scan back from the time after which the transients cannot matter any more."""
     tones, actuators = weight.shape
     states = pole.shape[1]
@@ -139,17 +185,15 @@ def _fill_rise(omega, weight, pole, shape, spring, damper, step_s, out):  # type
                     steady[t] -= omega[t] ** 2 * state
                     decaying[t, s] = state * pole[k, s] ** 2
                 final += abs(steady[t])
-            for t in range(tones):
-                for s in range(states):
-                    if abs(decaying[t, s]) < _NEGLIGIBLE * final:
-                        decaying[t, s] = 0
             # Bisection for the time at which the bound on the transients falls below WITHIN.
-            low, high = 0.0, LONGEST_S
-            while high - low > step_s:
+            low, high = 0.0, _FOLLOWED_S
+            if _left(decaying, pole[k], high) > WITHIN * final:
+                out[k, p] = LONGEST_RISE_S
+                continue
+            while high - low > 1e-3 * high:
                 middle = 0.5 * (low + high)
                 if _left(decaying, pole[k], middle) > WITHIN * final:
                     low = middle
                 else:
                     high = middle
-            steps = int(np.ceil(high / step_s))
-            out[k, p] = _scan_back(omega, steady, decaying, pole[k], final, steps, step_s) * step_s
+            out[k, p] = min(_scan_back(omega, steady, decaying, pole[k], final, high), LONGEST_RISE_S)

@@ -16,11 +16,11 @@ from precompute.entries.found_drive import FoundDrive
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES, Problem, level
 from precompute.entries.performance import compute_figures
 from precompute.entries.prediction import Candidate, MadeFor, States, make_entry, touched_zones
-from precompute.entries.rise_time import COARSE_STEP_S, RiseModel, compute_rise_model, compute_rise_time
+from precompute.entries.rise_time import RiseModel, compute_rise_model, compute_rise_time
 from precompute.entries.search import Found, Search, polish, start_at
 from precompute.model.assembly import Plant
 from precompute.model.frequencies import add_resonances
-from precompute.model.modal import compute_basis
+from precompute.model.modal import compute_basis, count_modes
 from precompute.parallel.pool import WorkerPool
 from precompute.sampling.bars import sample_bars
 from precompute.sampling.fingers import sample_fingers
@@ -33,7 +33,7 @@ MOST_TABULATED_ZONES = 8
 MOST_TOUCHED_BEYOND = 3
 """On a bar with more zones a table holds the states of at most this many fingers; others are solved on demand."""
 _CHUNK = 8  # states that a process takes at a time: 0.5 s
-_SAMPLED_MODES = 12  # for the range of rise times: those up to 2 kHz on the published bar
+_NEARLY_CONVERGED = 10 ** (0.1 / 20) - 1  # 0.1 dB: enough modes for the range of rise times
 
 
 def tabulated_states(device: Device) -> list[States]:
@@ -96,7 +96,8 @@ class EntrySolver:
         """Forms with a finger in each of some zones (indices, a tuple), at every frequency of the search."""
         self._objective = OBJECTIVES[objective]
         self._basis = compute_basis(plant)
-        self._few_modes = self._basis.lowest(_SAMPLED_MODES)
+        band_hz = (self.device.sweep.start_hz, self.device.sweep.stop_hz)
+        self._few_modes = self._basis.lowest(count_modes(self._basis, _NEARLY_CONVERGED, band_hz))
         self._rise_of = lru_cache(maxsize=2)(self._compute_rise)
         self.frequency_hz = self._search_frequencies()
         """Frequencies of the search (frequency,)."""
@@ -218,7 +219,7 @@ class EntrySolver:
         felt = [finger for finger, zone in enumerate(touched) if states[zone] is ZoneState.FELT]
         exact, few_modes = self._rise_of(touched)
         standard = compute_rise_time(exact, drive.frequency_hz, drive.amplitude)
-        sampled = compute_rise_time(few_modes, drive.frequency_hz, drive.amplitude, COARSE_STEP_S)
+        sampled = compute_rise_time(few_modes, drive.frequency_hz, drive.amplitude)
         slowest: Array = np.concatenate([standard, sampled[1:]])[:, felt].max(axis=1)
         return slowest
 

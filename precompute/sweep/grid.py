@@ -41,10 +41,7 @@ def zone_points(device: Device) -> Array:
     A peak between two points is missed by about (k d)^2 / 8, k the bending wave number at the highest frequency; twice
     that is allowed for, since near fields curve more than waves.
     """
-    bar = device.bar
-    omega = 2 * np.pi * device.sweep.stop_hz
-    wave_number = (omega**2 * 12 * bar.density_kg_per_m3 / (bar.youngs_modulus_pa * bar.thickness_m**2)) ** 0.25
-    spacing_m = np.sqrt(4 * SAMPLING_ERROR) / wave_number
+    spacing_m = np.sqrt(4 * SAMPLING_ERROR) / device.bar.wave_number_per_m(device.sweep.stop_hz)
     longest_m = max(zone.length_m for zone in device.zones)
     count = 8 * int(np.ceil((longest_m / spacing_m + 1) / 8))
     return np.stack([np.linspace(zone.start_m, zone.stop_m, count) for zone in device.zones])

@@ -85,7 +85,7 @@ def fill_pair_sweep(  # type: ignore[no-untyped-def]  # numba
     level_1 (frequency_1, zone, point), level_2 (zone, point, frequency_2): |A_i|, m/s^2 at full scale, a multiple of
     8 points; energy_1 (frequency_1, zone), energy_2 (zone, frequency_2), total_i (frequency_i): diagonals of the Gram
     matrices; first, second (ratio): see AmplitudeRatios; ratio, scale (combination): which ratio, times what. A
-    combination with scale 0 has factor NaN, a share of nothing.
+    combination with scale 0 is NaN: nothing moves.
     """
     zones, points, count_2 = level_2.shape
     ratios = first.shape[0]
@@ -113,8 +113,8 @@ def fill_pair_sweep(  # type: ignore[no-untyped-def]  # numba
                     factor[f1, k, z, f2] = share[r, z, f2]
                     peak[f1, k, z, f2] = s * high[r, z, f2]
                     dead[f1, k, z, f2] = s * low[r, z, f2]
-            if s == 0:
-                factor[f1, k] = np.nan
+            if s == 0:  # nothing moves
+                factor[f1, k], peak[f1, k], dead[f1, k] = np.nan, np.nan, np.nan
 
 
 @njit(fastmath=_FAST, inline="always")

@@ -18,8 +18,8 @@ Single = NDArray[np.float32]
 
 _FIGURES = (
     ("localized_factor", "1", "share of the bar's kinetic energy, paper eq. (10); NaN: nothing moves"),
-    ("peak_acceleration", "m s-2", "greatest peak acceleration in the zone, paper eq. (8)"),
-    ("dead_spot", "m s-2", "least peak acceleration in the zone"),
+    ("peak_acceleration", "m s-2", "greatest peak acceleration in the zone, paper eq. (8); NaN: nothing moves"),
+    ("dead_spot", "m s-2", "least peak acceleration in the zone; NaN: nothing moves"),
 )
 
 
@@ -180,8 +180,8 @@ def _diagonal(grid: GridResponse, pair: tuple[int, int], ratios: AmplitudeRatios
     factor, peak, dead = (
         values.transpose(0, 2, 1)[:, index] for values in (figures.factor, figures.peak, figures.dead)
     )
-    factor[:, multiple == 0] = np.nan
-    return [factor, peak * multiple[:, None], dead * multiple[:, None]]
+    multiple[multiple == 0] = np.nan  # nothing moves
+    return [factor + 0 * multiple[:, None], peak * multiple[:, None], dead * multiple[:, None]]
 
 
 def write_coherent_sweep(writer: TableWriter, grid: GridResponse) -> None:

@@ -90,7 +90,8 @@ def numpy_twin(sweep: PairSweep, rows: slice, out: Sequence[Single]) -> None:
                 factor[row, k] = share
                 np.multiply(high, multiple[k], out=peak[row, k])
                 np.multiply(low, multiple[k], out=dead[row, k])
-        factor[row, multiple == 0] = np.nan
+        for figure in out:
+            figure[row, multiple == 0] = np.nan
 
 
 def _interleaved(*tasks: Callable[[], object]) -> list[float]:

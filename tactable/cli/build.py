@@ -118,6 +118,7 @@ def rollback(table_path: TableArgument, as_json: AsJson = False) -> None:
 
 def _print_built(path: Path, device: Device, responses: Path | None, cost: "BuildCost", as_json: bool) -> None:
     from precompute.builder.measured_responses import interpolation_errors_of
+    from tactable.explain.words import model_figures, model_text
 
     with Table.open(path, verify=False) as table:
         summary: dict[str, Any] = {
@@ -130,8 +131,11 @@ def _print_built(path: Path, device: Device, responses: Path | None, cost: "Buil
             "source": str(table.attributes["source"]),
             "processor_s": cost.processor_s,
             "solved": {"states": cost.states, "clicks": cost.clicks, **to_plain(cost.effort)},
+            "estimates": len(device.estimated_values),
+            "model": model_figures(table),
             **({} if responses is None else interpolation_errors_of(table)),
         }
+        model = model_text(table)
     if as_json:
         print_json(summary)
         return
@@ -139,6 +143,7 @@ def _print_built(path: Path, device: Device, responses: Path | None, cost: "Buil
     say(f"{path}: {counts}, {summary['bytes'] / 1e6:.0f} MB, for {device.name}")
     say(_cost_text(cost))
     say(f"fingerprint {device.fingerprint[:16]}; {len(device.estimated_values)} values of the device are estimates")
+    say(model)
     if responses is not None:
         say(f"built from {summary['source']} in {responses}; {_doubts_text(summary)}")
 

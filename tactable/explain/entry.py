@@ -1,5 +1,6 @@
 """Explanation of an entry, as a page or as JSON: drive, prediction, worst case, and the alternatives that lost."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,12 +10,12 @@ from rich.table import Table as Grid
 from engine.device import Device
 from engine.plain import to_plain
 from engine.table import Entry, Table
-from engine.table.entry import EntrySpread
+from engine.table.entry import LONGEST_RISE_S, EntrySpread
 from precompute.entries.alternatives import Alternative
 from precompute.entries.prediction import SHARES, objective_value
 from precompute.model.threshold import THRESHOLD_NAME
 from precompute.sampling.fingers import SAMPLES
-from tactable.explain.words import level_text, state_text
+from tactable.explain.words import level_text, model_figures, model_text, rise_text, state_text
 
 _DRIVE = ("frequencies_hz", "amplitudes", "phases_rad")
 _OWN = ("wanted_level_db", "achieved", "objective", "upper_bound", "optimality_gap_db", "limited_by", "worst_case")
@@ -36,10 +37,13 @@ def entry_json(table: Table, entry: Entry, alternatives: Sequence[Alternative]) 
             "alternatives": [
                 {"name": rival.name, "lost_by": rival.lost_by, **_compared(rival.entry)} for rival in alternatives
             ],
+            "model": model_figures(table),
             "estimated": [*table.device.inferred, "detection threshold"],
         }
     )
     values["worst_case"]["fingers"] = SAMPLES
+    for part in (values, values["worst_case"], *values["alternatives"]):
+        part["t90_is_lower_bound"] = part["t90_s"] >= LONGEST_RISE_S
     return values
 
 
@@ -60,7 +64,7 @@ def print_entry(out: Console, table: Table, entry: Entry, alternatives: Sequence
         level += f", contrast {entry.contrast_db:.1f} dB, expected {entry.expected_contrast_db:.1f} dB"
     out.print(level, highlight=False)
     out.print(
-        f"localized factor {entry.localized_factor:.4f}, t90 {1e3 * entry.t90_s:.0f} ms; maximised: {entry.objective}, "
+        f"localized factor {entry.localized_factor:.4f}, t90 {rise_text(entry.t90_s)}; maximised: {entry.objective}, "
         f"{_bound_words(entry)}",
         highlight=False,
     )
@@ -71,7 +75,7 @@ def print_entry(out: Console, table: Table, entry: Entry, alternatives: Sequence
     out.print(
         f"worst over {SAMPLES} other fingers (anywhere in their zones, {device.finger.spread:g}-fold spread): "
         f"felt from {worst.level_db:.1f} dB{quiet}{contrast}, localized factor {worst.localized_factor:.3f}, "
-        f"t90 {1e3 * worst.t90_s:.0f} ms",
+        f"t90 {rise_text(worst.t90_s)}",
         highlight=False,
         soft_wrap=True,
     )
@@ -79,6 +83,7 @@ def print_entry(out: Console, table: Table, entry: Entry, alternatives: Sequence
         out.print(_spread_words(table, entry.spread), highlight=False, soft_wrap=True)
     if alternatives:
         out.print(_alternative_grid(alternatives))
+    out.print(model_text(table), style="dim", highlight=False)
     estimates = ", ".join([*device.inferred, THRESHOLD_NAME])
     out.print(f"ESTIMATES: {estimates}", style="dim")
 
@@ -94,7 +99,8 @@ def _bound_words(entry: Entry) -> str:
     if value is None:
         return "for all but the worst 5 % of the sampled cases: no bound is claimed"
     digits, unit = (4, "") if entry.objective in SHARES else (2, " dB")
-    reached, bound = f"{value:.{digits}f}{unit}", f"{entry.upper_bound:.{digits}f}{unit}"
+    rounded_up = math.ceil(entry.upper_bound * 10**digits) / 10**digits  # what is printed is a bound too
+    reached, bound = f"{value:.{digits}f}{unit}", f"{rounded_up:.{digits}f}{unit}"
     return f"{reached} reached, upper bound {bound} (gap {entry.optimality_gap_db:.2f} dB)"
 
 

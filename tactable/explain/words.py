@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 
 from engine.device import Device
+from engine.table import Table
+from engine.table.entry import LONGEST_RISE_S
 from engine.touch import ZoneState
 
 
@@ -15,6 +17,16 @@ def finger_text(position_m: float, is_felt: bool) -> str:
 def level_text(level_db: float) -> str:
     """A level in words, such as "20 dB"; an infinite one is full scale."""
     return "full scale" if math.isinf(level_db) else f"{level_db:g} dB"
+
+
+def rise_text(t90_s: float) -> str:
+    """A rise time in words, such as "83 ms"; rises are not followed beyond LONGEST_RISE_S."""
+    return f"longer than {LONGEST_RISE_S:g} s" if t90_s >= LONGEST_RISE_S else f"{1e3 * t90_s:.0f} ms"
+
+
+def rise_ms(t90_s: float) -> str:
+    """The same for a column in milliseconds: "83", or ">10000"."""
+    return f"{'>' * (t90_s >= LONGEST_RISE_S)}{1e3 * t90_s:.0f}"
 
 
 def zone_names(device: Device, states: Sequence[ZoneState], kind: ZoneState) -> list[str]:
@@ -30,3 +42,19 @@ def zone_lists(device: Device, states: Sequence[ZoneState]) -> dict[str, list[st
 def state_text(device: Device, states: Sequence[ZoneState]) -> str:
     """States of the zones in words, such as "I felt, IV quiet"."""
     return ", ".join(f"{', '.join(names)} {kind}" for kind, names in zone_lists(device, states).items() if names)
+
+
+def model_figures(table: Table) -> dict[str, int | float]:
+    """Mesh and modes that the table was made with; empty for a table that does not state them."""
+    keys = ("mesh_elements", "mesh_longest_element_m", "modes", "click_modes")
+    return {key: table.attributes[key].item() for key in keys if key in table.attributes}
+
+
+def model_text(table: Table) -> str:
+    """The same in words."""
+    model = model_figures(table)
+    if not model:
+        return "the table does not state its mesh and modes"
+    clicks = f", {model['click_modes']} for clicks" if "click_modes" in model else ""
+    longest_mm = 1e3 * model["mesh_longest_element_m"]
+    return f"model: {model['mesh_elements']} elements of up to {longest_mm:.1f} mm, {model['modes']} modes{clicks}"

@@ -14,6 +14,7 @@ from precompute.entries.rise_time import compute_rise_model
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.threshold import detection_threshold
+from tactable.explain.words import rise_text
 from tactable.figures.file import Picture
 from tactable.figures.rise import PROMPT_MS
 from tactable.figures.style import (
@@ -58,7 +59,7 @@ def plot_course(table: Table, entry: Entry) -> Picture:
     if rising.contrast_db is not None:
         _draw_contrast(panels[1], entry, rising.time_s, rising.contrast_db)
     panels[-1].set_xlabel("time from rest (ms)")
-    words = f"risen after {1e3 * entry.t90_s:.0f} ms{_contrast_text(entry, rising)}"
+    words = f"risen after {rise_text(entry.t90_s)}{_contrast_text(entry, rising)}"
     return finish_picture(
         figure,
         device,

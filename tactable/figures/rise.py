@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from engine.table import Entry, Table
 from engine.touch import ZoneState
+from tactable.explain.words import rise_ms
 from tactable.figures.file import Picture
 from tactable.figures.style import (
     COLOUR_MAP,
@@ -75,7 +76,7 @@ def _draw_map(figure: Figure, axes: Axes, table: Table, level_db: float) -> None
     image = axes.imshow(shown, cmap=COLOUR_MAP, norm=LogNorm(shown.min(), max(shown.max(), 1.01 * shown.min())))
     for felt, quiet in pairs_of(names):
         entry, ground = cells[felt][quiet], colour_of(image, shown[felt, quiet])
-        text = f"{1e3 * entry.t90_s:.0f}\n({1e3 * entry.worst_case.t90_s:.0f})"
+        text = f"{rise_ms(entry.t90_s)}\n({rise_ms(entry.worst_case.t90_s)})"
         is_dark = np.dot((0.3, 0.6, 0.1), to_rgb(ground)) < _WHITE_BELOW
         draw_cell(axes, (felt, quiet), ((0.0, text, "small"),), (ground, "white" if is_dark else "black"))
     label_zones(axes, names, quiet_label="quiet finger in zone (diagonal: none)", felt_label="felt finger in zone")

@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from engine.loop import Stage
+from engine.table.entry import LONGEST_RISE_S
 from engine.touch import ZoneState
 from tactable.rig.demo import DemoReport
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, StateReport
@@ -131,7 +132,7 @@ def _cells(state: StateReport) -> tuple[str, ...]:
             f"{a:.2f}/{state.simulated.at_finger[i]:.2f}" for a, i in zip(promised, (*felt, *quiet), strict=True)
         ),
         "\n".join(f"{zone.sensation_level_db:.1f}" for zone in zones),
-        f"{1e3 * entry.t90_s:.0f}",
+        f"{'>' * (entry.t90_s >= LONGEST_RISE_S)}{1e3 * entry.t90_s:.0f}",
         f"{100 * state.disagreement:.2f}",
         "\n".join(line for fingers, greatest in in_run for line in _in_run(state, len(fingers), greatest)),
     )

@@ -1,5 +1,6 @@
 """The shipped devices, variations of them, and a third one at random: what the model's laws are checked on."""
 
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -27,6 +28,28 @@ def every_device() -> dict[str, Device]:
     """Both shipped devices and a random one, by name."""
     devices = (shipped("reference-a"), shipped("reference-d"), random_device(seed=20230247606))
     return {device.name: device for device in devices}
+
+
+@cache
+def other_bars() -> dict[str, Device]:
+    """Reference-a as bars of other materials and sizes, read from a description, by name."""
+    return {
+        "acrylic 500 x 0.8 mm": other_bar(("500 mm", "0.8 mm", "3.2 GPa", "1190 kg/m^3")),
+        "acrylic 500 x 0.8 mm to 600 Hz": other_bar(("500 mm", "0.8 mm", "3.2 GPa", "1190 kg/m^3"), stop="600 Hz"),
+        "acrylic 250 x 2 mm": other_bar(("250 mm", "2 mm", "3.2 GPa", "1190 kg/m^3")),
+        "steel 280 x 3 mm": other_bar(("280 mm", "3 mm", "200 GPa", "7850 kg/m^3")),
+        "steel 100 x 3 mm": other_bar(("100 mm", "3 mm", "200 GPa", "7850 kg/m^3")),
+    }
+
+
+def other_bar(bar: tuple[str, str, str, str], stop: str = "300 Hz", **values: str) -> Device:
+    """Reference-a with this length, thickness, modulus and density of its bar, swept to `stop`, and other values."""
+    text = (SHIPPED / "reference-a.toml").read_text(encoding="utf-8")
+    keys = ("length", "thickness", "youngs_modulus", "density")
+    for key, value in [*zip(keys, bar, strict=True), *values.items()]:
+        text, count = re.subn(rf'^{key} = "[^"]*"', f'{key} = "{value}"', text, flags=re.MULTILINE)
+        assert count
+    return Device.parse(text.replace('stop = "300 Hz"', f'stop = "{stop}"'), " ".join([*bar, stop]))
 
 
 def random_device(seed: int, actuators: int = 3) -> Device:

@@ -4,6 +4,7 @@ import re
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -196,11 +197,86 @@ def test_a_missing_key_is_named_or_has_a_documented_default(section: str, key: s
         assert refusal(text).endswith(f"{f'[{section}] ' if section else ''}has no key {key!r}")
 
 
-@pytest.mark.parametrize("header", ["bar", "zones", "finger", "digitizer", "sweep", "limits"])
-def test_a_missing_table_is_named(header: str) -> None:
+def without_section(header: str) -> str:
     bodies = dict(zip(SECTIONS, re.split(r"^(?=\[)", TEXT, flags=re.MULTILINE), strict=True))
-    message = refusal("".join(body for section, body in bodies.items() if section != header))
+    return "".join(body for section, body in bodies.items() if section != header)
+
+
+@pytest.mark.parametrize("header", ["bar", "zones", "finger", "sweep", "limits"])
+def test_a_missing_table_is_named(header: str) -> None:
+    message = refusal(without_section(header))
     assert "has no key 'count'" in message if header == "zones" else f"has no key '{header}'" in message
+
+
+def test_without_a_digitizer_the_touch_area_is_assumed_to_lie_over_the_whole_bar() -> None:
+    device = Device.parse(without_section("digitizer"), "some.toml")
+    assert device.touch_axis == Device.parse(TEXT, "some.toml").touch_axis
+    assert {f"digitizer.{key}" for key in ("axis", "flip", "start_margin", "end_margin")} <= set(device.inferred)
+
+
+@pytest.mark.parametrize(
+    ("section", "key"),
+    [
+        *(("spread", key) for key in ("stiffness", "mass", "finger", "finger_position")),
+        *(("digitizer", key) for key in ("axis", "flip", "start_margin", "end_margin")),
+        ("finger", "spread"),
+    ],
+)
+def test_a_property_of_the_device_that_nobody_gave_is_an_estimate(section: str, key: str) -> None:
+    """Once, whether the file marks the absent key or not; a value that the file gives unmarked is none."""
+    given, absent = without_marks(), changed(section, key, None, without_marks())
+    assert Device.parse(given, "some.toml").inferred == ()
+    assert Device.parse(absent, "some.toml").inferred == (f"{section}.{key}",)
+    assert Device.parse(changed(section, key, None), "some.toml").inferred.count(f"{section}.{key}") == 1
+
+
+def test_a_device_without_spread_counts_its_four_defaults_as_estimates() -> None:
+    bare = re.sub(r"^inferred = .*\n", "", without_section("spread"), flags=re.MULTILINE)
+    assert Device.parse(bare, "some.toml").spread == Device.parse(TEXT, "some.toml").spread
+    assert len(Device.parse(bare, "some.toml").estimated_values) == 4
+
+
+def without_damping(still_damped: str | None = None) -> str:
+    """Reference-a with no damping but, if asked, that of one section."""
+    text = TEXT
+    for section, key, value in UNDAMPED:
+        text = text if section == still_damped else changed(section, key, value, text)
+    return text
+
+
+UNDAMPED = (
+    ("bar", "mass_damping", '"0 1/s"'),
+    ("bar", "stiffness_damping", '"0 s"'),
+    ("actuator[1]", "damping", '"0 N*s/m"'),
+    ("actuator[2]", "damping", '"0 N*s/m"'),
+)
+
+
+def test_a_bar_that_nothing_damps_is_refused_by_every_key_that_could() -> None:
+    message = refusal(without_damping())
+    for key in ("bar.mass_damping", "bar.stiffness_damping", "actuator[...].damping", "resonances are infinite"):
+        assert key in message
+
+
+@pytest.mark.parametrize("section", ["bar", "actuator[1]", "actuator[2]"])
+def test_any_one_damping_is_enough(section: str) -> None:
+    assert Device.parse(without_damping(section), "some.toml")
+
+
+def test_elements_follow_from_the_shortest_wave_of_the_sweep_and_of_clicks() -> None:
+    """24 in the shortest wave of the sweep and 10 at 2 kHz, from the formula of bending waves."""
+    for stop_hz, top_hz, count in ((300, 2000, 10), (340, 2000, 10), (360, 360, 24), (1260, 1260, 24)):
+        bar = Device.parse(changed("sweep", "stop", f'"{stop_hz} Hz"'), "some.toml").bar
+        inertia_m2 = bar.thickness_m**2 / 12
+        speed = (bar.youngs_modulus_pa * inertia_m2 / bar.density_kg_per_m3 * (2 * np.pi * top_hz) ** 2) ** 0.25
+        wave_m = speed / top_hz
+        assert bar.largest_element_m == pytest.approx(wave_m / count, rel=1e-12)
+
+
+def test_elements_that_the_file_asks_for_are_kept() -> None:
+    assert Device.parse(
+        changed("bar", "largest_element", '"9 mm"'), "some.toml"
+    ).bar.largest_element_m == pytest.approx(0.009)
 
 
 def test_without_a_word_on_feeling_there_are_entries_for_10_20_and_30_db() -> None:
@@ -627,8 +703,8 @@ def test_a_missing_file_is_a_missing_file(tmp_path: Path) -> None:
         Device.read(tmp_path / "none.toml")
 
 
-ESTIMATES = (  # docs/theory.md#model: L, B, h, lumped masses, mesh, zone edges, bounds; #fingers: the finger
-    *("bar.length", "bar.width", "bar.thickness", "bar.largest_element"),
+ESTIMATES = (  # docs/theory.md#model: L, B, h, lumped masses, zone edges, bounds; #fingers: the finger
+    *("bar.length", "bar.width", "bar.thickness"),
     *("actuator[1].mass", "actuator[2].mass", "actuator[1].band", "actuator[2].band"),
     *("zones.count", "sweep.start", "sweep.stop", "limits.amplitude"),
     *("finger.mass", "finger.damping", "finger.stiffness", "finger.spread"),
@@ -650,11 +726,12 @@ def test_what_the_paper_publishes_is_not_marked_in_reference_a() -> None:
 
 
 def test_only_physical_values_count_as_estimates_of_a_device() -> None:
-    """The sweep, the limits and the spreads of samples are choices; they are marked all the same."""
+    """The sweep and the limits are choices; they are marked all the same."""
     device = Device.read(SHIPPED / "reference-a.toml")
     masses = [f"actuator[{i}].{key}" for i in (1, 2) for key in ("mass", "band")]
-    fingers = ["finger.mass", "finger.damping", "finger.stiffness"]
-    assert list(device.estimated_values) == ["bar.length", "bar.width", "bar.thickness", *masses, *fingers]
+    fingers = ["finger.mass", "finger.damping", "finger.stiffness", "finger.spread"]
+    spreads = ["spread.stiffness", "spread.mass", "spread.finger", "spread.finger_position"]
+    assert list(device.estimated_values) == ["bar.length", "bar.width", "bar.thickness", *masses, *fingers, *spreads]
     assert set(device.estimated_values) < set(device.inferred)
 
 

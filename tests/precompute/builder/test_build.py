@@ -21,6 +21,7 @@ from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.entries.solver import solve_entries
 from precompute.model.assembly import assemble
+from precompute.model.modal import compute_basis
 from precompute.sweep.grid import zone_points
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import SHIPPED
@@ -131,9 +132,9 @@ def test_the_sweep_is_nan_only_where_nothing_moves_or_a_band_forbids(folder: Pat
     with opened(folder, name) as table:
         for p, (i, j) in enumerate(itertools.combinations(range(len(device.actuators)), 2)):
             allowed = np.broadcast_to((in_band[i][:, None] & in_band[j])[:, :, None, None], (13, 13, 3, 3)).copy()
-            assert (np.isfinite(table.peak_acceleration(["I"], p)) == allowed).all()
             allowed[:, :, 0, 0] = False
-            assert (np.isfinite(table.localized_factor(["I"], p)) == allowed).all()
+            for figure in (table.localized_factor, table.peak_acceleration, table.dead_spot):
+                assert (np.isfinite(figure(["I"], p)) == allowed).all()
 
 
 @pytest.mark.parametrize("name", ["two", "three"])
@@ -275,3 +276,13 @@ def test_ctrl_c_of_a_build_leaves_nothing_behind(folder: Path, tmp_path: Path, a
     assert child.wait() != 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["device.toml", "table.nc"]
     assert older.read_bytes() == (folder / "three.nc").read_bytes()
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_a_table_states_its_mesh_and_its_modes(folder: Path, name: str) -> None:
+    plant = assemble(DEVICES[name])
+    with opened(folder, name) as table:
+        assert table.attributes["mesh_elements"] == len(plant.node_m) - 1
+        assert table.attributes["mesh_longest_element_m"] == pytest.approx(np.diff(plant.node_m).max())
+        assert table.attributes["modes"] == len(compute_basis(plant).square_omega)
+        assert "click_modes" not in table.attributes

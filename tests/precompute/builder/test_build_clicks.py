@@ -10,7 +10,7 @@ from engine.device import Device
 from engine.table import ClickEntry, Table
 from engine.touch import ZoneState
 from precompute.builder.build import build_table
-from precompute.clicks import ClickOptions
+from precompute.clicks import ClickOptions, ClickSolver
 from precompute.clicks.basis import EVALUATION_RATE_HZ
 from precompute.clicks.store import ClickStore
 from precompute.entries.solver import tabulated_states
@@ -155,3 +155,7 @@ def test_a_store_of_another_device_is_dropped(tmp_path: Path) -> None:
     with ClickStore(tmp_path / "bar.nc", "other", basis_of(2, 121)) as other:
         assert not other.clicks
     assert not other.path.exists()
+
+
+def test_a_table_states_the_modes_of_its_clicks(table: Table) -> None:
+    assert table.attributes["click_modes"] == ClickSolver(DEVICE, CHEAP).modes

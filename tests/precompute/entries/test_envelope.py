@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from precompute.entries.envelope import compute_envelopes
-from precompute.entries.rise_time import STEP_S, WITHIN, compute_rise_model, compute_rise_time
+from precompute.entries.rise_time import WITHIN, compute_rise_model, compute_rise_time
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.response import solve_response
 from precompute.model.transient import TransientPlant
 from tests.precompute.devices import shipped
 
+STEP_S = 1e-4
 DEVICE = shipped("reference-a")
 BASIS = compute_basis(assemble(DEVICE))
 FINGERS = [(0.03, DEVICE.finger), (0.2, DEVICE.finger)]

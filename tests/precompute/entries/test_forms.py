@@ -66,13 +66,13 @@ def test_the_low_rank_update_equals_assembling_the_fingers(name: str, touched: t
     "device", [*DEVICES.values(), random_device(1), random_device(3)], ids=lambda device: device.name
 )
 def test_the_low_rank_update_equals_assembling_as_far_as_the_condition_allows(device: Device) -> None:
-    """Elements of 5 mm are up to 1e7 times stiffer than the bar as a whole: both ways round, and differ by as much."""
+    """Elements are up to 1e7 times stiffer than the bar as a whole: both ways round, and differ by as much."""
     model = DenseModel(device)
     for error, hz in zip(update_error(device, (0, 1, 2, 3)), FREQUENCY_HZ, strict=True):
         omega = 2 * np.pi * hz
         stiffness = model.K + 1j * omega * model.C - omega**2 * model.M
         scale = 1 / np.sqrt(abs(np.diagonal(stiffness)))
-        assert error <= 3 * np.finfo(float).eps * np.linalg.cond(scale[:, None] * stiffness * scale)
+        assert error <= 6 * np.finfo(float).eps * np.linalg.cond(scale[:, None] * stiffness * scale)
 
 
 def random_complex(random: np.random.Generator, *shape: int) -> Complex:

@@ -16,7 +16,7 @@ _CHANGES = {
     "phase_steps = 36": "phase_steps = 4",
     "count = 5": "count = 2",
     '"10 dB", "20 dB", "30 dB"': '"20 dB"',
-    '"5 mm"': '"20 mm"',
+    'width = "12.7 mm"': 'width = "12.7 mm"\nlargest_element = "20 mm"',
 }
 
 

@@ -7,11 +7,12 @@ import pytest
 from numpy.typing import NDArray
 
 from engine.device import Device, Finger
+from engine.device.file import CLICKS_TOP_HZ
 from precompute.model.assembly import assemble
-from precompute.model.modal import ModalModel, compute_basis, compute_modal_model
+from precompute.model.modal import CONVERGED, ModalModel, compute_basis, compute_modal_model, truncation_errors
 from precompute.model.response import solve_response
 from tests.precompute.dense_model import DenseModel
-from tests.precompute.devices import every_device, random_device
+from tests.precompute.devices import damped_as_assembly, every_device, other_bars, random_device, shipped
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -79,3 +80,53 @@ def test_no_mode_grows(seed: int, actuators: int) -> None:
     """One actuator alone lets the bar turn about it: a mode of frequency 0, which rounding must not make unstable."""
     model = compute_modal_model(compute_basis(assemble(random_device(seed, actuators))))
     assert model.pole.real.max() <= 1e-4
+
+
+OTHERS = {name: shipped(name) for name in ("reference-a", "reference-d", "reference-t")} | other_bars()
+
+
+def loaded_error(device: Device, modes: int | None, top_hz: float) -> float:
+    """Greatest error of an acceleration under fingers in every zone, over its greatest value, with so many modes."""
+    plant, hz = assemble(device), np.linspace(device.sweep.start_hz, top_hz, 150)
+    middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
+    fingers = [(at, device.finger) for at in middle_m.tolist()]
+    model = compute_modal_model(compute_basis(plant, modes), fingers)
+    found = np.array([steady_acceleration(model, f, middle_m).T for f in hz.tolist()])
+    exact = solve_response(plant.with_fingers(middle_m.tolist(), device.finger), hz).acceleration(middle_m)
+    return float((abs(found - exact).max(axis=0) / abs(exact).max(axis=0)).max())
+
+
+@pytest.mark.parametrize("device", OTHERS.values(), ids=OTHERS)
+def test_as_many_modes_as_the_band_needs_leave_a_hundredth_of_a_decibel(device: Device) -> None:
+    for top_hz in (device.sweep.stop_hz, CLICKS_TOP_HZ):
+        assert loaded_error(device, None, top_hz) < 1.5 * CONVERGED  # at other frequencies than they were counted at
+
+
+@pytest.mark.parametrize("device", OTHERS.values(), ids=OTHERS)
+def test_fewer_modes_would_not_do(device: Device) -> None:
+    """One step fewer errs more somewhere in the sweep or in the band of clicks."""
+    basis = compute_basis(assemble(device))
+    start_hz, tops_hz = device.sweep.start_hz, (device.sweep.stop_hz, CLICKS_TOP_HZ)
+    count = len(basis.square_omega)
+    fewer = basis.lowest(count - 4)
+    if count > 4:
+        assert max(truncation_errors(fewer, np.linspace(start_hz, top, 65))[-1] for top in tops_hz) > CONVERGED
+
+
+def test_a_soft_long_bar_needs_more_modes_than_a_short_stiff_one() -> None:
+    """Forty fixed modes err by 1.8 %, twelve by more than everything, where fingers lie on the acrylic bar."""
+    soft, stiff = (OTHERS[name] for name in ("acrylic 500 x 0.8 mm", "steel 100 x 3 mm"))
+    soft_modes, stiff_modes = (len(compute_basis(assemble(device)).square_omega) for device in (soft, stiff))
+    assert stiff_modes <= 12 < 60 < soft_modes
+    assert loaded_error(soft, 40, 300.0) > 0.01
+    assert loaded_error(soft, 12, 300.0) > 0.5
+
+
+def test_truncation_errors_are_those_of_the_damped_modes() -> None:
+    """The sums over modes with impedances attached, against eigenvalues of the state space, for both dampings."""
+    for device in (DEVICES["reference-a"], damped_as_assembly(DEVICES["reference-a"])):
+        plant, hz = assemble(device), np.linspace(60.0, 300.0, 150)
+        basis = compute_basis(plant, 24)
+        forced = truncation_errors(basis, hz)
+        for modes, error in zip((8, 12, 16), forced[1:4].tolist(), strict=True):
+            assert loaded_error(device, modes, 300.0) == pytest.approx(error, rel=0.01)

@@ -37,7 +37,7 @@ def test_modes_come_untouched_and_under_fingers_with_a_picture(tmp_path: Path) -
 def test_a_check_says_what_is_estimated_and_what_follows() -> None:
     found = json_of("check", "reference-a")
     device = find_device("reference-a")
-    assert found["estimated"] == list(device.estimated_values) and len(found["estimated"]) == 10
+    assert found["estimated"] == list(device.estimated_values) and len(found["estimated"]) == 15
     assert list(found["greatest_level_db"]) == ["I", "II", "III", "IV", "V"]
     assert found["levels_out_of_reach"] == []
     done = run("check", "reference-a")

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from engine.device import Device
 from tactable.shipped import DEMO_RECORDING, device_folder, find_device, shipped_names
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
@@ -25,7 +26,9 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "bar.toml").write_text(text.replace('step = "1 Hz"', 'step = "8 Hz"'), encoding="utf-8")
     done = tactable("build", "bar.toml", "-o", "bar.nc", "--clicks-up-to", "1", "--json", folder=folder)
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["entries"] == 211 * 4
+    summary = json.loads(done.stdout)
+    assert summary["entries"] == 211 * 4
+    assert summary["estimates"] == len(Device.parse(text, "bar.toml").estimated_values)
     return folder
 
 
@@ -107,6 +110,7 @@ def test_explain_says_it_in_words(built: Path) -> None:
     assert done.returncode == 0
     for part in ("localized factor", "limited by", "worst over", "lost", "ESTIMATES"):
         assert part in done.stdout
+    assert "model: 51 elements of up to 6.0 mm, 20 modes, 20 for clicks" in done.stdout
 
 
 def test_frames_are_one_object_a_line(tmp_path: Path) -> None:
