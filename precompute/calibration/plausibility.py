@@ -4,7 +4,8 @@ The model is linear in the drive. So a column of readings whose unit is wrong by
 one, with a full scale that is wrong by that factor, and no misfit tells. What tells is the device file: its values come
 from data sheets, scales and rulers, and are seldom wrong by more than a factor of two or three. Of the usual mistakes,
 m/s^2 for g_0 is a factor of 9.8, inches for millimetres 25, peak to peak for peak 2. Dampings are excepted up to a
-factor of ten, since they are guesses before the first calibration.
+factor of ten, since they are guesses before the first calibration. A value that the measurements hardly tell is no
+doubt: all of its 95 % interval must lie that far off.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,13 +21,14 @@ _FACTOR = 3.0
 def implausible_changes(parameters: Sequence[Mapping[str, Any]]) -> list[str]:
     """One sentence for each fitted value that is implausibly far from the one before.
 
-    `parameters` as in a calibration's report: "name", "before", "value" and "unit".
+    `parameters` as in a calibration's report: "name", "before", "value", "interval" and "unit".
     """
     doubts = []
     for parameter in parameters:
         before, value = parameter["before"], parameter["value"]
         limit = next((limit for end, limit in _FACTORS.items() if end in parameter["name"]), _FACTOR)
-        if min(before, value) <= 0 or max(before / value, value / before) <= limit:
+        low, high = parameter["interval"]
+        if min(before, value) <= 0 or (low <= limit * before and high * limit >= before):
             continue
         texts = [quantity_text(each, parameter["unit"]) for each in (value, before)]
         doubts.append(

@@ -7,8 +7,16 @@ import pytest
 from precompute.calibration.plausibility import implausible_changes
 
 
-def changed(name: str, factor: float, before: float = 1e-6) -> dict[str, object]:
-    return {"name": name, "unit": "m", "before": before, "value": before * factor}
+def changed(name: str, factor: float, before: float = 1e-6, known: float = 0.01) -> dict[str, object]:
+    """A report's parameter whose value is known to that fraction."""
+    value = before * factor
+    return {
+        "name": name,
+        "unit": "m",
+        "before": before,
+        "value": value,
+        "interval": [value * (1 - known), value * (1 + known)],
+    }
 
 
 @pytest.mark.parametrize("factor", [9.80665, 1 / 9.80665, 25.4, 2.0, 0.5])
@@ -29,4 +37,10 @@ def test_a_damping_may_be_far_off_since_it_was_guessed() -> None:
 
 
 def test_a_value_that_was_zero_has_no_factor() -> None:
-    assert implausible_changes([{"name": "bar.mass_damping", "unit": "1/s", "before": 0.0, "value": 3.0}]) == []
+    assert implausible_changes([changed("bar.mass_damping", 1.0, before=3.0) | {"before": 0.0}]) == []
+
+
+def test_a_value_that_the_measurements_hardly_tell_is_no_doubt() -> None:
+    """The first calibration of a bar whose damping by mass was all but 0: 3.6 fitted, 0 to 11 possible."""
+    assert implausible_changes([changed("bar.mass_damping", 3e5, before=1e-5, known=1.0)]) == []
+    assert implausible_changes([changed("bar.mass_damping", 3e5, before=1e-5, known=0.9)]) != []

@@ -187,7 +187,11 @@ def test_an_unplugged_device_plays_on_when_it_is_back_under_another_name(
     [
         (("bar.nc", "--touch", "no-such-panel"), DigitizerError, ["no-such-panel", "tactable list"]),
         (("missing.nc", "--touch", "simulated"), TableError, ["missing.nc", "tactable build"]),
-        (("bar.nc", "--touch", "simulated", "--device", "reference-d"), TableError, ["bar.nc", "stale"]),
+        (
+            ("bar.nc", "--touch", "simulated", "--device", "reference-d"),
+            TableError,
+            ["bar.nc", "is a table of", "reference-d"],
+        ),
         (("bar.nc", "--touch", "simulated", "--effects", "missing.toml"), OSError, ["missing.toml"]),
         (("bar.nc", "--touch", "held.toml"), RecordingError, ["held.toml"]),
         (("bar.nc", "--touch", "simulated"), LinkError, ["no-such-port", "tactable list"]),
