@@ -5,6 +5,7 @@ The help is printed from the table, and a command's module is imported only when
 options. All errors that a user can mend derive from `TactableError`; `main` prints them as one line.
 """
 
+import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Annotated, Any, NamedTuple
@@ -14,6 +15,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from firmware_link.protocol.errors import TactableError
+from tactable.cli.kernel_cache import provide_kernel_cache
 
 EXIT_INTERRUPTED = 130
 """By convention 128 plus the number of SIGINT."""
@@ -187,6 +189,8 @@ app = _group("", "Localized touch feedback on touch bars, rendered from tables."
 def main() -> None:
     """Run the command. An error that a user can mend is one line and exit status 1, Ctrl-C is exit status 130."""
     try:
+        if note := provide_kernel_cache():
+            sys.stderr.write(f"tactable: {note}\n")
         app(prog_name="tactable")
     except KeyboardInterrupt:
         raise SystemExit(EXIT_INTERRUPTED) from None

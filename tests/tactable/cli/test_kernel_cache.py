@@ -1,0 +1,53 @@
+"""Laws of the place for compiled kernels: numba's own where it may write, else a folder that goes with the command."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tactable.cli.kernel_cache import provide_kernel_cache
+
+NOWHERE = Path("/proc/no-such-folder")
+"""A place where nobody can make a folder, not even root."""
+
+
+@pytest.fixture(autouse=True)
+def own_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(os, "environ", os.environ.copy())
+
+
+def test_a_writable_package_or_home_is_left_to_numba(tmp_path: Path) -> None:
+    assert provide_kernel_cache(tmp_path, NOWHERE) is None
+    assert provide_kernel_cache(NOWHERE, tmp_path) is None
+    assert "NUMBA_CACHE_DIR" not in os.environ
+
+
+def test_a_folder_that_the_user_names_is_taken(tmp_path: Path) -> None:
+    os.environ["NUMBA_CACHE_DIR"] = str(tmp_path)
+    assert provide_kernel_cache(NOWHERE, NOWHERE) is None
+    assert os.environ["NUMBA_CACHE_DIR"] == str(tmp_path)
+
+
+def test_without_a_place_kernels_compile_and_go_with_the_process() -> None:
+    """In a process of its own, with a kernel whose source and home are where nothing can be written."""
+    program = f"""
+import os, sys
+from pathlib import Path
+from tactable.cli.kernel_cache import provide_kernel_cache
+print(provide_kernel_cache(Path({str(NOWHERE)!r}), Path({str(NOWHERE)!r})))
+import numba
+@numba.njit(cache=True)
+def twice(x): return 2 * x
+print(twice(21), Path(os.environ["NUMBA_CACHE_DIR"]).is_dir(), os.environ["NUMBA_CACHE_DIR"])
+"""
+    environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True, timeout=300
+    )
+    said, found = done.stdout.splitlines()
+    assert f"neither {NOWHERE} nor {NOWHERE} is writable" in said and "Set NUMBA_CACHE_DIR" in said
+    answer, existed, folder = found.split()
+    assert (answer, existed) == ("42", "True") and not Path(folder).exists()
