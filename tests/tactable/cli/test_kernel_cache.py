@@ -31,8 +31,8 @@ def test_a_folder_that_the_user_names_is_taken(tmp_path: Path) -> None:
     assert os.environ["NUMBA_CACHE_DIR"] == str(tmp_path)
 
 
-def test_without_a_place_kernels_compile_and_go_with_the_process() -> None:
-    """In a process of its own, with a kernel whose source and home are where nothing can be written."""
+def test_without_a_place_kernels_compile_and_go_with_the_process(tmp_path: Path) -> None:
+    """In a process of its own that is told of places where nothing can be written."""
     program = f"""
 import os, sys
 from pathlib import Path
@@ -44,8 +44,11 @@ def twice(x): return 2 * x
 print(twice(21), Path(os.environ["NUMBA_CACHE_DIR"]).is_dir(), os.environ["NUMBA_CACHE_DIR"])
 """
     environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
+    environment["PYTHONPATH"] = str(Path(__file__).parents[3])
+    script = tmp_path / "kernel.py"  # numba keeps no kernel without a source file
+    script.write_text(program, encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True, timeout=300
+        [sys.executable, script], env=environment, capture_output=True, text=True, check=True, timeout=300
     )
     said, found = done.stdout.splitlines()
     assert f"neither {NOWHERE} nor {NOWHERE} is writable" in said and "Set NUMBA_CACHE_DIR" in said
