@@ -92,7 +92,7 @@ def build_table(
     Raises TableError if the table cannot be written, for an unknown objective, and for a device whose values are not
     those of its text, since a table holds the text. Raises WorkerError where a worker process was killed.
 
-    >>> build_table(Device.read("my-bar.toml"), "my-bar.nc", clicks_up_to=0)
+    >>> cost = build_table(Device.read("my-bar.toml"), "my-bar.nc", clicks_up_to=0)
     """
     path = Path(path)
     if Device.parse(device.text, device.name).fingerprint != device.fingerprint:

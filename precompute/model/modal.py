@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from engine.device import Finger
 from engine.device.file import CLICKS_TOP_HZ
-from precompute.model.assembly import Plant, dense
+from precompute.model.assembly import Plant, assemble, dense
 from precompute.model.response import solve_response
 
 Array = NDArray[np.float64]
@@ -103,11 +103,12 @@ def truncation_errors(basis: Basis, frequency_hz: Array) -> Array:
     Accelerations at a finger in the middle of every zone per unit force at each actuator, all fingers on the bar.
     """
     device, omega = basis.plant.device, 2 * np.pi * frequency_hz
+    plant = assemble(device) if basis.plant.is_measured else basis.plant  # fingers join no measured responses
     middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
     actuator_m = np.array([actuator.position_m for actuator in device.actuators])
     count, finger = len(actuator_m), device.finger
-    loaded = solve_response(basis.plant.with_fingers(middle_m.tolist(), finger), frequency_hz, actuator_m)
-    exact = basis.plant.sampler(middle_m).sample(loaded.displacement_m[:, count:])
+    loaded = solve_response(plant.with_fingers(middle_m.tolist(), finger), frequency_hz, actuator_m)
+    exact = plant.sampler(middle_m).sample(loaded.displacement_m[:, count:])
     shape = basis.at(np.concatenate([actuator_m, middle_m]))
     error, greatest = np.zeros((len(basis.square_omega) // _STEP_OF_MODES, *exact.shape[1:])), np.zeros(exact.shape[1:])
     for w, reference in zip(omega, exact, strict=True):

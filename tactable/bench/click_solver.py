@@ -16,6 +16,7 @@ from engine.touch import Placement
 from precompute.clicks import ClickOptions, ClickSolver
 from precompute.clicks.evaluation import decibels
 from precompute.entries.solver import tabulated_states
+from precompute.studies.anywhere import Anywhere, random_placements
 from tactable.bench.reference_clicks import ReferenceSolver
 
 Array = NDArray[np.float64]
@@ -26,8 +27,6 @@ PROGRAMS_RATIO, PLANTS_RATIO = 15.0, 25.0
 TWO_FINGERS_MS, FIVE_FINGERS_MS = (40.0, 120.0), 300.0
 """Aims for a click with its plants: median and 99th percentile of two fingers, and every click of five."""
 _NAMES = ("fast", "reference")
-_APART_M = 25e-3
-_SEED = 1
 
 
 def run_solver_bench(
@@ -39,9 +38,9 @@ def run_solver_bench(
 ) -> dict[str, Any]:
     """Both solvers on `states` states of each device, then the fast one on random placements.
 
-    Of two fingers there are `clicks` placements, of five a fifth of that. Each state is solved by one solver and at
-    once by the other, whose order alternates, on the same sampled bars and fingers; both clicks are evaluated on the
-    same fresh state-space plants. Times are of this process and one thread. SIMULATED.
+    Of two fingers, one felt, there are `clicks` placements, of five, two felt, a fifth of that. Each state is solved by
+    one solver and at once by the other, whose order alternates, on the same sampled bars and fingers; both clicks are
+    evaluated on the same fresh state-space plants. Times are of this process and one thread. SIMULATED.
     """
     with threadpool_limits(1):
         rows = [
@@ -90,8 +89,8 @@ def _compare(
         "device": device.name,
         "states": rows,
         "summary": _summary(rows, fast_setup_s, reference_setup_s),
-        "two_fingers": _click_times(fast, _random_placements(device, 2, clicks)),
-        "five_fingers": _click_times(fast, _random_placements(device, 5, max(1, clicks // 5))),
+        "two_fingers": _click_times(fast, random_placements(device, Anywhere(clicks))),
+        "five_fingers": _click_times(fast, random_placements(device, Anywhere(max(1, clicks // 5), 5, 2))),
     }
 
 
@@ -102,19 +101,6 @@ def _spread_out(device: Device, count: int) -> list[Placement]:
         key=lambda placement: (len(placement.position_m), placement),
     )
     return [placements[i] for i in np.linspace(0, len(placements) - 1, min(count, len(placements))).round().astype(int)]
-
-
-def _random_placements(device: Device, fingers: int, count: int) -> list[Placement]:
-    """Fingers anywhere on the bar, at least _APART_M apart; a random one feels, or more of five."""
-    random, length_m = np.random.default_rng([_SEED, fingers]), device.bar.length_m
-    room_m = length_m - (fingers - 1) * _APART_M
-    found = list[Placement]()
-    for _ in range(count):
-        at_m = np.sort(random.uniform(0, room_m, fingers)) + _APART_M * np.arange(fingers)
-        is_felt = np.arange(fingers) < random.integers(1, fingers)
-        random.shuffle(is_felt)
-        found.append(Placement.on(device, at_m[is_felt].tolist(), at_m[~is_felt].tolist()))
-    return found
 
 
 def _timed(call: Callable[[], _Result]) -> tuple[float, _Result]:

@@ -43,7 +43,7 @@ def test_a_check_says_what_is_estimated_and_what_follows() -> None:
     done = run("check", "reference-a")
     for part in (
         "valid; reference-a",
-        "10 values are ESTIMATES: bar.length",
+        "15 values are ESTIMATES: bar.length",
         "band of left: 60 to 300 Hz",
         "first modes",
     ):

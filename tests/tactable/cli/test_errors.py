@@ -21,7 +21,11 @@ from tests.precompute.builder.test_build import SMALL
 ROOT = Path(__file__).parents[3]
 ROOMS = ("engine", "firmware_link", "precompute", "tactable")
 TACTABLE = str(Path(sys.executable).parent / "tactable")
-UNDER_ANOTHER_ERROR = {"QuantityError": "becomes DeviceError or OptionError", "PageMessageError": "answers a browser"}
+UNDER_ANOTHER_ERROR = {
+    "QuantityError": "becomes DeviceError or OptionError",
+    "PageMessageError": "answers a browser",
+    "_FlawError": "becomes TableError",
+}
 
 
 def bases_of_errors() -> dict[str, set[str]]:

@@ -110,7 +110,7 @@ def test_explain_says_it_in_words(built: Path) -> None:
     assert done.returncode == 0
     for part in ("localized factor", "limited by", "worst over", "lost", "ESTIMATES"):
         assert part in done.stdout
-    assert "model: 51 elements of up to 6.0 mm, 20 modes, 20 for clicks" in done.stdout
+    assert "model: 51 elements of up to 5.6 mm, 20 modes, 20 for clicks" in done.stdout
 
 
 def test_frames_are_one_object_a_line(tmp_path: Path) -> None:
