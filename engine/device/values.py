@@ -26,7 +26,7 @@ class Change:
 
     @property
     def percent(self) -> float | None:
-        """Relative change in per cent; None where there is none."""
+        """Relative change in per cent; None where a value is no number, or the one before is 0."""
         before, after = number_of(self.before), number_of(self.after)
         return None if before is None or after is None or before == 0 else 100 * (after / before - 1)
 

@@ -44,7 +44,7 @@ class Percentiles:
 
     @classmethod
     def of(cls, durations_ns: ArrayLike) -> "Percentiles | None":
-        """The percentiles of the finite ones of some durations, ns, of any shape; None where none is finite."""
+        """Percentiles of the finite values of some durations, ns, of any shape; None where no value is finite."""
         known_ns = np.asarray(durations_ns, np.float64)
         known_ns = known_ns[np.isfinite(known_ns)]
         if not len(known_ns):

@@ -21,7 +21,7 @@ against. The stamps are measurements and decide nothing.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from engine.device import Device
 from engine.effects import EffectPlayer, Effects
@@ -29,6 +29,7 @@ from engine.effects.player import DEFAULT_CLICK_NS
 from engine.render import Command, Renderer, Rendering
 from engine.touch import Digitizer, FingerTracker, Touch, TouchFrame, open_digitizer
 from engine.touch.digitizer import RELEASE_AFTER_NS
+from engine.touch.sources import Described
 
 
 class Wanted(NamedTuple):
@@ -47,22 +48,6 @@ NOTHING = Wanted(0, None, None)
 
 def _no_stamp() -> int:
     return 0
-
-
-class Described(Protocol):
-    """What describes a digitizer: a source and a recording do."""
-
-    @property
-    def descriptor(self) -> bytes:
-        """The HID report descriptor."""
-
-    @property
-    def vendor_id(self) -> int:
-        """Vendor number, 0 where unknown."""
-
-    @property
-    def product_id(self) -> int:
-        """Product number, 0 where unknown."""
 
 
 def open_pipeline(

@@ -98,7 +98,7 @@ class RingWriter:
         except OSError as error:
             raise RingError(f"{path}: no ring can be made there ({error}): choose another place") from error
         try:
-            # Every page now: none is to be found missing in the loop.
+            # Every page is touched now, so that the loop waits for no page fault.
             os.posix_fallocate(descriptor, 0, size)
             self._memory = mmap.mmap(descriptor, size)
         finally:

@@ -24,14 +24,15 @@ from engine.steady.cases import Deviations, FingerCases, cases_at, sample_deviat
 from engine.steady.loading import fill_energies, fill_loaded, fill_powers
 from engine.steady.receptances import Receptances
 from engine.steady.search import find_drive
+from engine.touch.placement import MOST_FINGERS
 from firmware_link.protocol.errors import TactableError
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Complex32 = NDArray[np.complex64]
 
-MOST_FINGERS = 10
 LEVEL_TOLERANCE_DB = 1e-3
+"""As engine.table.entry has it; this package needs no table."""
 _CASES, _FEW_CASES, _FEW_FINGERS = 8, 4, 4
 
 

@@ -81,7 +81,7 @@ def _members(group: h5py.Group, kind: type) -> Iterator[tuple[str, Any]]:
 
 
 def _is_dimension_only(array: h5py.Dataset) -> bool:
-    """Whether it only gives a dimension its length; such an array has no values, and nobody reads any."""
+    """Whether the array only gives a dimension its length; its values mean nothing."""
     return bytes(array.attrs.get("NAME", b"")).startswith(_DIMENSION_ONLY)
 
 

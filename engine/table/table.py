@@ -128,7 +128,7 @@ class Table:
         return states_of(self.device, felt, quiet)
 
     def entry_at(self, state: int, level_db: float) -> Entry | None:
-        """Entry of a state (engine.touch.finger_tracker.state_index) at a level, None where there is none."""
+        """Entry of a state (engine.touch.finger_tracker.state_index) at a level; None for a state without an entry."""
         if math.isnan(level_db):
             raise TableError("a level is not a number; give dB above the detection threshold, infinite for full scale")
         entries = self._by_state.get(state)
@@ -145,7 +145,7 @@ class Table:
         return click
 
     def click_at(self, state: int, level_db: float) -> ClickEntry | None:
-        """Click of a state (engine.touch.finger_tracker.state_index) played at a level, None where there is none."""
+        """Click of a state (engine.touch.finger_tracker.state_index) at a level; None for a state without a click."""
         click = self._click_of.get(state)
         return None if click is None else click_played_at(click, level_db)
 

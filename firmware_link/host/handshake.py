@@ -75,7 +75,7 @@ class Handshake:
         return hello.nonce == self._greeting.nonce
 
     def greeted(self, hello: Hello, now_ns: int) -> Greeted:
-        """Take the answer to the greeting: hand the basis over next, unless there is none or the device holds it."""
+        """Take the answer to the greeting: hand the basis over next, if there is one that the device does not hold."""
         configuration, number_of_actuators = self._configuration, hello.number_of_actuators
         _check_fit(hello, configuration)
         capabilities, basis = Capabilities.from_hello(hello), configuration.basis

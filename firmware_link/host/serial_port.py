@@ -162,7 +162,7 @@ def _group_with_access(path: str) -> str | None:
 def _set_low_latency(port: serial.Serial) -> LowLatency:
     try:
         port.set_low_latency_mode(True)
-    except (OSError, ValueError, NotImplementedError):
+    except (OSError, ValueError, NotImplementedError):  # drivers refuse it in each of these ways; `doctor` tells
         return LowLatency.UNSUPPORTED
     return LowLatency.SET
 

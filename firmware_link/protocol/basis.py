@@ -16,8 +16,8 @@ The waveform of a PLAY is defined in integers, so that host, emulator and firmwa
    the bounds themselves fall by no more than a step; so every waveform ends at 0 whatever its weights are.
 
 `step` is the greatest change of a sine with the highest frequency of the device and the amplitude limit. A click whose
-tones are below that frequency and whose amplitude is within the limit never meets it (Bernstein's inequality); weights
-that are out of their senses become a waveform that a SET could have asked for.
+tones are below that frequency and whose amplitude is within the limit never meets it (Bernstein's inequality). Any
+other weights become a waveform that a SET could have asked for.
 """
 
 import struct

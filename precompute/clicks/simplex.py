@@ -111,7 +111,7 @@ def _choose_hot(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _choose_entering(value: Array, low: Array, high: Array, scale: Array, weight: Array, place: Integers) -> int:
-    """The nonbasic row with the greatest excess^2 / weight, excesses relative to the scale; -1 where none is beyond."""
+    """The nonbasic row with the greatest excess^2 / weight, excesses relative to the scale; -1: no row is beyond."""
     entering, best = -1, 0.0
     for h in range(len(value)):
         excess = max(value[h] - high[h], low[h] - value[h]) / scale[h]

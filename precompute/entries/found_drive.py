@@ -17,7 +17,7 @@ _LEAST = 1e-200
 
 @dataclass(frozen=True)
 class Weights:
-    """Of every numerator, denominator, level and actuator of a problem; none is negative."""
+    """Of every numerator, denominator, level and actuator of a problem; all are 0 or more."""
 
     numerator: Array
     denominator: Array

@@ -91,7 +91,7 @@ def localized_factor(forms: Forms, states: Sequence[ZoneState]) -> Problem:
 
 
 def fair_share(forms: Forms, states: Sequence[ZoneState]) -> Problem:
-    """Smallest share of a felt zone: none is starved (docs/theory.md#objective-and-bound)."""
+    """Smallest share of a felt zone, so that every felt zone gets one (docs/theory.md#objective-and-bound)."""
     felt = [zone for zone, state in enumerate(states) if state is ZoneState.FELT]
     return _problem("fair share", forms, states, forms.energy[felt], forms.total[None], is_share=True)
 

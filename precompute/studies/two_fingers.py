@@ -115,7 +115,7 @@ def _loudest(problem: Problem) -> tuple[float, float]:
 
 
 def _purest(problem: Problem, wanted: float) -> float:
-    """The greatest ratio of one tone, where the drive that has it is loud enough; 0 where none is."""
+    """The greatest ratio of one tone, where the drive that has it is loud enough; 0 where no such drive is."""
     (N,), (D,), (P,) = problem.stacks
     value, drive = solve_eigen(N, definite(D))
     drive /= abs(drive).max(axis=1, keepdims=True)

@@ -14,9 +14,10 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device
-from engine.steady.solver import MOST_FINGERS, SteadyDrive, SteadySolver
+from engine.steady.solver import SteadyDrive, SteadySolver
 from engine.table import Entry
 from engine.touch import ZoneState
+from engine.touch.placement import MOST_FINGERS
 from precompute.entries.at_positions import SteadyDesigner, cases_in_zones
 from precompute.entries.prediction import objective_value, touched_zones
 from precompute.entries.solver import EntrySolver, tabulated_states

@@ -46,7 +46,7 @@ def opened(machine: Machine, name: str) -> Iterator[tuple[Source, int]]:
 
 
 def wait_for_reports(source: Source, clock: Clock, stop: StopRequest) -> Iterator[bytes | None]:
-    """Yield each report as it comes, and None whenever there is none, until the source ends or `stop` is set."""
+    """Yield each report as it comes, and None when no report waits, until the source ends or `stop` is set."""
     while not (source.ended or stop.is_set()):
         now_ns = clock.now_ns()
         report = source.read(now_ns)

@@ -55,7 +55,7 @@ class Builder:
 
     def __init__(self, on_change: Callable[[], None]) -> None:
         self.now: Building | None = None
-        """The build under way, or why there is none."""
+        """The build under way, or why no table is built."""
         self._on_change = on_change
         self._order: BuildOrder | None = None
         self._built = set[BuildOrder]()

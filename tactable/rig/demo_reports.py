@@ -96,7 +96,7 @@ class ClickReport:
 
     @property
     def at_finger(self) -> NDArray[np.float64]:
-        """Shape (zone,): greatest acceleration under each finger, simulated, m/s^2; NaN where there is none."""
+        """Shape (zone,): greatest acceleration under each finger, simulated, m/s^2; NaN in a zone without a finger."""
         values = np.full(len(self.click.zones), np.nan)
         values[self.touched_zones] = abs(self.simulated.acceleration).max(axis=0)
         return values

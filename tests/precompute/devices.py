@@ -151,3 +151,15 @@ def with_zones(device: Device, count: int) -> Device:
     """The device with so many equal zones."""
     edges = np.linspace(0.0, device.bar.length_m, count + 1).tolist()
     return replace(device, zones=tuple(Zone(n, a, b) for n, a, b in zip(ROMAN, edges, edges[1:], strict=False)))
+
+
+def three_actuators() -> Device:
+    """A random device: a band of its own for each actuator, less than full scale allowed, levels beyond its reach."""
+    device = random_device(20230247606)
+    bands = ((60.0, 300.0), (60.0, 240.0), (85.0, 300.0))
+    return replace(
+        device,
+        actuators=tuple(replace(one, band_hz=band) for one, band in zip(device.actuators, bands, strict=True)),
+        levels_db=(10.0, 25.0, 40.0),
+        limits=replace(device.limits, amplitude=0.8),
+    )

@@ -49,7 +49,7 @@ class PacketSource(Source, Protocol):
         """Bytes before the report: 0, or 8 and more, of which the first 8 are the report's time."""
 
     def packet_fileno(self) -> int | None:
-        """The descriptor; None while there is none."""
+        """The file descriptor; None while the device is unplugged."""
 
     def take_packet(self, packet: bytes, now_ns: int, *, is_last: bool) -> bytes:
         """The report in a packet that was read at clock time `now_ns`, as if `read` had given it.

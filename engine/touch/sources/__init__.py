@@ -3,16 +3,8 @@
 from typing import Protocol
 
 
-class Source(Protocol):
-    """A touch device as the loop sees it: reports in order, each with an index and a time.
-
-    A source has its own time axis, on which the digitizer works: clock time for a live device, the recording's time for
-    a playback. So a recording that is played at any speed is assembled as it was recorded. All times are ns.
-    """
-
-    @property
-    def name(self) -> str:
-        """The device's name for itself, "" where it has none."""
+class Described(Protocol):
+    """What describes a digitizer: a source and a recording do."""
 
     @property
     def descriptor(self) -> bytes:
@@ -25,6 +17,18 @@ class Source(Protocol):
     @property
     def product_id(self) -> int:
         """Product number, 0 where unknown."""
+
+
+class Source(Described, Protocol):
+    """A touch device as the loop sees it: reports in order, each with an index and a time.
+
+    A source has its own time axis, on which the digitizer works: clock time for a live device, the recording's time for
+    a playback. So a recording that is played at any speed is assembled as it was recorded. All times are ns.
+    """
+
+    @property
+    def name(self) -> str:
+        """The device's name for itself, "" where it has none."""
 
     @property
     def ended(self) -> bool:
@@ -42,7 +46,7 @@ class Source(Protocol):
         """The file descriptor to wait on; None for a source that is driven by `next_time_ns`."""
 
     def next_time_ns(self) -> int | None:
-        """Clock time at which the next report is due, possibly in the past; None: unknown, or there is none."""
+        """Clock time at which the next report is due, possibly in the past; None: unknown, or no report is due."""
 
     def read(self, now_ns: int) -> bytes | None:
         """The next available report at clock time `now_ns`, report ID first where it has one; never blocks."""

@@ -44,7 +44,7 @@ class HidHandle(Protocol):
         """The device's bytes."""
 
     def get_feature_report(self, report_num: int, max_length: int) -> list[int]:
-        """Report ID, 0 where there is none, then the report."""
+        """Report ID (0 for a device without report IDs), then the report."""
 
     def send_feature_report(self, buff: bytes) -> int:
         """The same form; negative for a failure."""

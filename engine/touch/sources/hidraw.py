@@ -286,7 +286,7 @@ class _Channel(Protocol):
     def fileno(self) -> int | None: ...
 
     def read(self) -> bytes | None:
-        """The next report, None where there is none yet; OSError when the device is gone."""
+        """The next report, None where the device has sent no further one; OSError when the device is gone."""
 
     def close(self) -> None: ...
 

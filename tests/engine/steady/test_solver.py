@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from engine.device import Device, Finger
 from engine.steady.cases import FingerCases, cases_at, sample_deviations
-from engine.steady.solver import MOST_FINGERS, SteadyDrive, SteadyError
+from engine.steady.solver import SteadyDrive, SteadyError
 from engine.touch import ZoneState
+from engine.touch.placement import MOST_FINGERS
 from precompute.entries.at_positions import cases_in_zones
 from precompute.entries.prediction import objective_value, touched_zones
 from precompute.entries.solver import tabulated_states

@@ -20,7 +20,7 @@ from precompute.entries.solver import MOST_TOUCHED_BEYOND, EntrySolver, solve_en
 from precompute.model.assembly import assemble
 from precompute.sampling.fingers import SampledFingers, sample_fingers
 from tests.precompute.dense_model import DenseModel, Figures
-from tests.precompute.devices import mirrored, random_device, shipped, with_zones
+from tests.precompute.devices import mirrored, shipped, three_actuators, with_zones
 from tests.precompute.entries.dense_state import DenseState
 from tests.precompute.entries.rivals import Rival, best_starts, climb, judge_tries, random_tries, rival
 
@@ -35,18 +35,6 @@ TOLERANCE_DB = 0.05
 PROMISE_DB = 0.0087  # 0.1 % of an acceleration
 FEW = 4
 FREE, QUIET, FELT = ZoneState
-
-
-def three_actuators() -> Device:
-    """A random device: a band of its own for each actuator, less than full scale allowed, levels beyond its reach."""
-    device = random_device(20230247606)
-    bands = ((60.0, 300.0), (60.0, 240.0), (85.0, 300.0))
-    return replace(
-        device,
-        actuators=tuple(replace(one, band_hz=band) for one, band in zip(device.actuators, bands, strict=True)),
-        levels_db=(10.0, 25.0, 40.0),
-        limits=replace(device.limits, amplitude=0.8),
-    )
 
 
 DEVICES = {
