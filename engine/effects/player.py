@@ -1,24 +1,35 @@
-"""Plays effects: from touches and time to the state of all zones and the level that is wanted now.
+"""Plays effects: from touches and time to the placement of the fingers and the level that is wanted now.
 
 Each finger has at most one effect under way, a walk through the segments of its envelope, and at most one hold that it
-waits for. A new effect of a finger replaces the one before. Precedence between fingers:
+waits for. A new effect of a finger replaces the one before. Roles and precedence:
 
-- A finger without an effect, or in a quiet segment, is quiet; a zone is felt if one of its fingers feels.
-- Of several levels the greatest is wanted: an entry of the table has one level for all felt zones, and no finger may
-  feel less than its rule says.
+- A finger without an effect, or in a quiet segment, is quiet. Two fingers in one zone may have different roles.
+- Of several levels the greatest is wanted: a placement has one level for all felt fingers, and no finger may feel less
+  than its rule says.
 - A click takes precedence over everything steady while it lasts; of two clicks the one that began last. Fingers whose
   click is not played are quiet meanwhile.
-- A finger that lifts with a rule on LIFT goes on as a lifted finger until its effect ends; its zone stays touched.
+- A click keeps the placement that it began with: fingers that move, leave, or come without a click of their own while
+  it plays, do not change it. It lasts 30 ms.
+- A finger that lifts with a rule on LIFT goes on as a lifted finger, felt where it was, until its effect ends.
+- Fingers closer than engine.touch.placement.CLOSEST_M are one finger to the bar, which feels if one of them does.
+- Of more than engine.touch.placement.MOST_FINGERS the felt ones are placed first, then those that came first.
 
-The state changes only in `take` and `advance`, and `next_change_ns` is the earliest time at which `advance` changes it,
-so the loop can wait for a report or that time, whichever comes first. Time is an argument; nothing here reads a clock.
+A finger is placed where it came down. It follows the touch once that is FOLLOW_M away, so that the jitter of a resting
+finger changes nothing.
+
+The placement changes only in `take` and `advance`, and `next_change_ns` is the earliest time at which `advance` changes
+it, so the loop can wait for a report or that time, whichever comes first. Time is an argument; nothing here reads a
+clock.
 """
 
 from collections.abc import Sequence
 
 from engine.effects.rules import Effects, Rule, Trigger
-from engine.touch import Touch
+from engine.touch import Placement, Touch
+from engine.touch.placement import MOST_FINGERS, merged
 
+FOLLOW_M = 0.5e-3
+"""A finger that drives are made for is followed once it is farther away than this; drives allow for 1 mm."""
 STILL_M = 2e-3
 """A finger that stays within this distance of its resting place is still: a fingertip rolls by a millimetre."""
 DEFAULT_CLICK_NS = 30_000_000
@@ -33,11 +44,11 @@ class EffectPlayer:
     Call `take` with the fingers of each frame, and `advance` when `next_change_ns` has come, in the order of times.
     """
 
-    def __init__(self, effects: Effects, number_of_zones: int, click_length_ns: int = DEFAULT_CLICK_NS) -> None:
-        self.state = 0
-        """State of all zones, as `engine.touch.finger_tracker.state_index` numbers it."""
+    def __init__(self, effects: Effects, click_length_ns: int = DEFAULT_CLICK_NS) -> None:
+        self.placement: Placement | None = None
+        """The fingers and their roles; None: no finger feels."""
         self.level_db: float | None = None
-        """The level that is wanted in every felt zone; None: no zone is felt."""
+        """The level that is wanted under every felt finger; None: no finger feels."""
         self.click_ns: int | None = None
         """When the click that is felt now began; None: the drive is steady."""
         self.next_change_ns: int | None = None
@@ -45,17 +56,18 @@ class EffectPlayer:
         self._touch_rules, self._hold_rules = effects.of(Trigger.TOUCH), effects.of(Trigger.HOLD)
         self._lift_rules, self._drag_rules = effects.of(Trigger.LIFT), effects.of(Trigger.DRAG)
         self.follows_moves = bool(self._hold_rules or self._drag_rules)
-        """Whether a finger that moves within its zone may change what is felt."""
+        """Whether a finger that moves may begin or end an effect."""
         self.fingers: dict[int, Finger] = {}
         """The fingers that touch, by contact id."""
         self.lifted: list[Finger] = []
         """Fingers that are gone, their last effect still under way."""
-        self._powers = _sums_of_powers(number_of_zones)
         self.click_length_ns = click_length_ns
         """Length of the clicks that begin from now on."""
+        self.joined = self.left_out = 0
+        """Fingers of the placement that are one to the bar with another, and fingers that it has no room for."""
 
     def take(self, touches: Sequence[Touch], time_ns: int) -> bool:
-        """Set the fingers that touch from now on; False where the state certainly did not change."""
+        """Set the fingers that touch from now on; False where the placement certainly did not change."""
         fingers, has_changed = self.fingers, self.follows_moves
         for touch in touches:
             finger = fingers.get(touch[0])
@@ -63,9 +75,10 @@ class EffectPlayer:
                 self._put_down(touch, time_ns)
                 has_changed = True
             else:
-                # Without rules on moves, only another zone changes the state.
-                has_changed = has_changed or finger.touch[2] != touch[2]
                 finger.touch = touch
+                if not -FOLLOW_M <= touch[1] - finger.held_m <= FOLLOW_M:
+                    finger.held_m = touch[1]
+                    has_changed = has_changed or self.level_db is not None
                 if self.follows_moves:
                     self._move(finger, time_ns)
         if len(fingers) != len(touches):
@@ -133,29 +146,36 @@ class EffectPlayer:
                 self.lifted.append(finger)
 
     def _settle(self) -> None:
-        """Combine the effects of all fingers by the precedence above; sets of zones are bits."""
-        touched = felt = 0
+        """Combine the effects of all fingers by the precedence above."""
+        felt = list[Finger]()
         level_db = next_ns = click_ns = None
         for fingers in (self.fingers.values(), self.lifted):
             for finger in fingers:
-                play, zone = finger.play, finger.touch.zone
-                if zone is not None:
-                    touched |= 1 << zone
+                play = finger.play
                 if play is not None:
-                    if zone is not None and play.level_db is not None:
+                    if play.level_db is not None:
                         if play.click_ns == click_ns:
-                            felt |= 1 << zone
+                            felt.append(finger)
                             if level_db is None or play.level_db > level_db:
                                 level_db = play.level_db
                         elif click_ns is None or (play.click_ns is not None and play.click_ns > click_ns):
-                            felt, level_db, click_ns = 1 << zone, play.level_db, play.click_ns
+                            felt, level_db, click_ns = [finger], play.level_db, play.click_ns
                     if play.change_ns is not None and (next_ns is None or play.change_ns < next_ns):
                         next_ns = play.change_ns
                 if finger.hold_rule is not None and (next_ns is None or finger.hold_ns < next_ns):
                     next_ns = finger.hold_ns
-        # ZoneState: quiet is 1 and felt 2, so a felt zone counts once as touched and once as felt.
-        self.state = self._powers[touched] + self._powers[felt]
-        self.level_db, self.click_ns, self.next_change_ns = level_db, click_ns, next_ns
+        self.next_change_ns = next_ns
+        if click_ns is None or click_ns != self.click_ns:
+            self.placement = self._place(felt) if felt else None
+            self.level_db, self.click_ns = level_db, click_ns
+
+    def _place(self, felt: "list[Finger]") -> Placement:
+        """The felt fingers, which may have lifted, and all others that touch."""
+        quiet = [finger for finger in self.fingers.values() if finger not in felt]
+        placed = [(finger.held_m, True) for finger in felt] + [(finger.held_m, False) for finger in quiet]
+        position_m, is_felt, self.joined = merged(placed[:MOST_FINGERS])
+        self.left_out = max(0, len(placed) - MOST_FINGERS)
+        return Placement(position_m, is_felt)
 
 
 class _Play:
@@ -211,10 +231,12 @@ class _Play:
 class Finger:
     """One finger, its effect under way, and the hold that it waits for."""
 
-    __slots__ = ("hold_ns", "hold_rule", "mark_m", "play", "rest_m", "touch")
+    __slots__ = ("held_m", "hold_ns", "hold_rule", "mark_m", "play", "rest_m", "touch")
 
     def __init__(self, touch: Touch) -> None:
         self.touch = touch
+        self.held_m = touch.position_m
+        """Where it is placed."""
         self.play: _Play | None = None
         self.mark_m = touch.position_m
         """The position at which the last distance of a drag was complete."""
@@ -230,11 +252,3 @@ def _first(rules: tuple[Rule, ...], touch: Touch) -> Rule | None:
         if rule.covers(touch):
             return rule
     return None
-
-
-def _sums_of_powers(number_of_zones: int) -> list[int]:
-    """Sum of 3**zone for every set of zones; the index is the set as bits."""
-    sums = [0]
-    for zone in range(number_of_zones):
-        sums += [total + 3**zone for total in sums]
-    return sums

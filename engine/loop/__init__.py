@@ -1,5 +1,6 @@
 """One thread from report to command: the pure pipeline, the loop around it, and what observes them."""
 
+from engine.loop.awaited_clicks import ClickSolving
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.latency import LatencyRecorder, Stage
 from engine.loop.loop import Clock, Loop, StopRequest, SystemClock, connect
@@ -10,6 +11,7 @@ from engine.loop.ring import Record, RingError, RingReader, RingWriter
 from engine.loop.table_swap import Updates
 
 __all__ = [
+    "ClickSolving",
     "Clock",
     "CommandRecord",
     "Dispatcher",

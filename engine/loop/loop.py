@@ -18,6 +18,7 @@ import time
 from collections.abc import Container, Sequence
 from typing import Protocol
 
+from engine.loop.awaited_clicks import AwaitedClicks, ClickSolving
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.observer import CommandRecord, Fate, Observer
 from engine.loop.pipeline import Pipeline
@@ -88,8 +89,8 @@ class Loop:
 
     `observer` gets a record for each report and each change that time brought. With `reconnect` a device that
     stopped itself is greeted and armed again; with `reopening` a lost port is waited for while touches are read
-    (`engine.loop.reconnect`). With `updates` the loop changes to each table that comes
-    (`engine.loop.table_swap`).
+    (`engine.loop.reconnect`). With `updates` the loop changes to each table that comes (`engine.loop.table_swap`), and
+    with `solving` it gets the clicks that no table holds (`engine.loop.awaited_clicks`).
     """
 
     def __init__(
@@ -103,6 +104,7 @@ class Loop:
         reconnect: bool = False,
         reopening: Reopening | None = None,
         updates: Updates | None = None,
+        solving: ClickSolving | None = None,
     ) -> None:
         session = dispatcher.session
         self.counters = dispatcher.counters
@@ -112,7 +114,10 @@ class Loop:
         self._reconnection = Reconnection(session, self.counters, reconnect, reopening)
         swap = None if updates is None else TableSwap(updates, pipeline, session, self._table_changed)
         self._swap = swap
-        others = (source.fileno(), None if swap is None else swap.descriptor)  # which may be read beside the port
+        awaited = None if solving is None else AwaitedClicks(solving, pipeline, self.counters, self._hand_over)
+        self._awaited = awaited
+        # Those that may be read beside the port.
+        others = (source.fileno(), *(each.descriptor for each in (swap, awaited) if each is not None))
         self._others = tuple(descriptor for descriptor in others if descriptor is not None)
 
     def run(self, stop: StopRequest | None = None) -> None:
@@ -124,6 +129,8 @@ class Loop:
             while not self._is_over(stop):
                 readable = self._wait()
                 self._read_touches()
+                if self._awaited is not None:
+                    self._awaited.look(readable)
                 self._keep_link(readable)
                 if self._swap is not None:
                     self._swap.look(readable)
@@ -197,11 +204,13 @@ class Loop:
 
     def _note(self, stamps_ns: Sequence[int], report_index: int | None, report: bytes, fate: Fate) -> None:
         pipeline, dispatcher = self._pipeline, self._dispatcher
-        state, level_db, click_ns = pipeline.wanted
+        placement, level_db, click_ns = pipeline.wanted
         frame, drive = None if report_index is None else pipeline.frame, dispatcher.held.drive
         is_click, touches = click_ns is not None, pipeline.touches
-        values = (stamps_ns, report_index, report, frame, state, level_db, is_click, touches, drive, fate, None)
-        dispatcher.note(_new(CommandRecord, values))
+        is_provisional = fate is not Fate.NONE and pipeline.is_provisional
+        self.counters.provisional += is_provisional
+        wanted = (placement, level_db, is_click, is_provisional, touches)
+        dispatcher.note(_new(CommandRecord, (stamps_ns, report_index, report, frame, *wanted, drive, fate, None)))
 
     def _notify(self) -> None:
         """Give the records of the pass to the observer, after its command was written."""
@@ -210,6 +219,7 @@ class Loop:
         counters.replaced = self._session.link.counters.coalesced
         digitizer = pipeline.digitizer.counters
         counters.frames, counters.lost_frames = digitizer.frames, digitizer.lost_frames
+        counters.joined, counters.left_out = pipeline.joined, pipeline.left_out
         if observer is not None:
             for record in records:
                 observer.observe(record, counters)

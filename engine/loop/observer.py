@@ -12,7 +12,7 @@ from enum import Enum
 from typing import NamedTuple, Protocol
 
 from engine.loop.latency import LatencyRecorder, Stage, Stamps
-from engine.touch import Touch, TouchFrame
+from engine.touch import Placement, Touch, TouchFrame
 from engine.touch.scan_time import ScanTimes
 
 
@@ -41,12 +41,14 @@ class CommandRecord(NamedTuple):
     """As the device sent it."""
     frame: TouchFrame | None
     """The frame that the report completed."""
-    state: int
-    """Of all zones, as `engine.touch.state_index` numbers it."""
+    placement: Placement | None
+    """The fingers that drives are made for, and their roles; None: no finger feels."""
     level_db: float | None
-    """Wanted sensation level; None: no zone is felt."""
+    """Wanted sensation level; None: no finger feels."""
     is_click: bool
     """A click is wanted, not a steady drive."""
+    is_provisional: bool
+    """The command is the best that was known in time: the click that was wanted was not solved yet."""
     touches: Sequence[Touch]
     drive: bytes
     """The drive that the device holds from then on unless a waveform plays; empty for silence."""
@@ -83,6 +85,14 @@ class LoopCounters:
     """New sessions after a loss, or after the device stopped itself."""
     swaps: int = 0
     """Changes to another table."""
+    provisional: int = 0
+    """Commands that were the best known in time, in place of a click that was not solved yet."""
+    learned: int = 0
+    """Clicks that were solved beside the loop."""
+    joined: int = 0
+    """Times that something was wanted for fingers which are one to the bar, since they are too close."""
+    left_out: int = 0
+    """Times that something was wanted for more fingers than are placed."""
 
 
 class Observer(Protocol):

@@ -5,10 +5,13 @@ The journey of one touch:
 1. `Digitizer.decode_report` takes the bytes of the report and gives the touch frame that they complete: every contact
    with its position in the device's logical units. Most devices send a frame in one report, some in several.
 2. `FingerTracker.track` gives the fingers of the frame: where each one is on the bar, in metres, and in which zone.
-3. `EffectPlayer.take` follows the rules: which zones are felt, which are quiet because a finger rests there, at which
-   level, and whether that is a click. These three are what is `wanted`.
-4. `Renderer.render` looks the command up: the drive's bytes for a SET, or a click's for a PLAY. Both were computed from
-   the table before the run, so nothing is solved or encoded here.
+3. `EffectPlayer.take` follows the rules: which fingers are to feel and which are to rest, where each of them is, at
+   which level, and whether that is a click. These three are what is `wanted`.
+4. `Renderer.render` gives the command: a click of the places nearest to the fingers, looked up in the table, as a PLAY,
+   or the steady drive for the fingers' own positions, solved from the table's receptances, as a SET.
+
+A click that the table does not hold (three fingers and more) is *awaited* where somebody solves clicks beside the loop:
+`learn` brings it. After ANSWER_WITHIN_NS the best that is known is played instead, and is marked as provisional.
 
 Time alone changes what is wanted, too: an effect ends, a hold begins, or a digitizer falls silent with a finger down
 and the watchdog releases it. `due_ns` says when, and `advance` does it.
@@ -27,23 +30,27 @@ from engine.device import Device
 from engine.effects import EffectPlayer, Effects
 from engine.effects.player import DEFAULT_CLICK_NS
 from engine.render import Command, Renderer, Rendering
-from engine.touch import Digitizer, FingerTracker, Touch, TouchFrame, open_digitizer
+from engine.table import ClickEntry
+from engine.touch import Digitizer, FingerTracker, Placement, Touch, TouchFrame, open_digitizer
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources import Described
+
+ANSWER_WITHIN_NS = 25_000_000
+"""A touch waits no longer for a click that is being solved: an answer that is later is felt as late."""
 
 
 class Wanted(NamedTuple):
     """What the fingers are to feel."""
 
-    state: int
-    """The state of all zones, as `engine.touch.state_index` numbers it."""
+    placement: Placement | None
+    """The fingers and their roles; None: no finger feels."""
     level_db: float | None
-    """Level in every felt zone, dB above the detection threshold; None: no zone is felt."""
+    """Level under every felt finger, dB above the detection threshold; None: no finger feels."""
     click_ns: int | None
     """When the click began, on the source's time axis; None: what is felt is steady."""
 
 
-NOTHING = Wanted(0, None, None)
+NOTHING = Wanted(None, None, None)
 
 
 def _no_stamp() -> int:
@@ -60,8 +67,8 @@ def open_pipeline(
 ) -> "Pipeline":
     """The pipeline of a digitizer on a bar with these rules; raises DescriptorError and DigitizerError."""
     digitizer = open_digitizer(described.descriptor, described.vendor_id, described.product_id)
-    player = EffectPlayer(effects, len(device.zones), click_length_ns)
-    return Pipeline(digitizer, FingerTracker(device, digitizer.surface), player, renderer, stamp_ns)
+    player = EffectPlayer(effects, click_length_ns)
+    return Pipeline(digitizer, device, player, renderer, stamp_ns)
 
 
 class Pipeline:
@@ -74,12 +81,13 @@ class Pipeline:
     def __init__(
         self,
         digitizer: Digitizer,
-        tracker: FingerTracker,
+        device: Device,
         player: EffectPlayer,
         renderer: Renderer,
         stamp_ns: Callable[[], int] = _no_stamp,
     ) -> None:
-        self.digitizer, self.tracker, self.player, self.renderer = digitizer, tracker, player, renderer
+        self.digitizer, self.device, self.player, self.renderer = digitizer, device, player, renderer
+        self.tracker = FingerTracker(device, digitizer.surface)
         self.rendering: Rendering | None = None
         """The table that `change_table` brought; None: the pipeline still plays the first."""
         self.wanted = NOTHING
@@ -91,6 +99,15 @@ class Pipeline:
         """Stamps of the last report: its frame was complete; what is wanted was known."""
         self.due_ns: float = math.inf
         """When `advance` has something to do; infinite: time alone changes nothing."""
+        self.awaits_clicks = False
+        """Whether clicks that are not known are solved beside the loop."""
+        self.awaited: Placement | None = None
+        """The placement, at places of the table, whose click is waited for; None: no click is."""
+        self.is_provisional = False
+        """Whether the last command is the best that was known in time, and not the click that was wanted."""
+        self.joined = self.left_out = 0
+        """How often something was wanted for fingers that are one to the bar, and for more fingers than are placed."""
+        self._answer_ns = 0  # the latest time to answer the touch whose click is awaited
         self._release_ns: int | None = None  # when the watchdog releases the contacts; None without contacts
         self._stamp_ns = stamp_ns
 
@@ -108,7 +125,7 @@ class Pipeline:
         if not self._follow(frame):
             return None
         self.state_ns = self._stamp_ns()
-        return self.command()
+        return self._answer(frame.time_ns)
 
     def advance(self, time_ns: int) -> Iterator[Command]:
         """Yield each command that time alone brings by `time_ns`, in order; `wanted` is what that command is for."""
@@ -117,26 +134,45 @@ class Pipeline:
             yield from self._advance_effects(release_ns)
             frame = self.digitizer.expire(release_ns)
             if frame is not None and self._follow(frame):
-                yield self.command()
+                yield from self._answers(release_ns)
         yield from self._advance_effects(time_ns)
+        if self.awaited is not None and self._answer_ns <= time_ns:
+            self._stop_waiting()
+            yield self.command()
 
     def command(self) -> Command:
-        """The command for what is wanted now; it is also wanted again after a change of table."""
-        wanted = self.wanted
-        return self.renderer.render(wanted.state, wanted.level_db, wanted.click_ns is not None)
+        """The command for what is wanted now; it is also wanted again after a change of table.
+
+        Where the click is not known, it is the best that is, marked as provisional.
+        """
+        command = self._render()
+        return self._best_known() if command is None else command
+
+    def learn(self, click: ClickEntry) -> Command | None:
+        """Add a click that was solved beside the loop; its command where it is awaited, else None."""
+        self.renderer.learn(click)
+        if click.placement != self.awaited:
+            return None
+        self._stop_waiting()
+        return self.command()
 
     def silence(self) -> Command | None:
         """Want nothing any more, whatever is touched; None where nothing was wanted."""
-        if not self.wanted.state:
+        if self.wanted.placement is None:
             return None
         self.wanted = NOTHING
+        self._stop_waiting()
         return self.command()
 
     def change_table(self, rendering: Rendering) -> None:
         """Render another table from now on. What is wanted stays: the next `command` comes from the new table."""
         self.rendering, self.renderer = rendering, rendering.renderer
+        self.device = rendering.device
         self.tracker = FingerTracker(rendering.device, self.digitizer.surface)
         self.player.click_length_ns = rendering.click_length_ns
+        if self.awaited is not None and self.wanted.placement is not None:
+            self.awaited = self.renderer.at_places(self.wanted.placement)  # at the new table's places
+            self._note_due()
 
     def _follow(self, frame: TouchFrame) -> bool:
         """Take the fingers of a frame; whether something else is wanted."""
@@ -150,22 +186,60 @@ class Pipeline:
 
     def _advance_effects(self, time_ns: int) -> Iterator[Command]:
         player = self.player
-        while player.next_change_ns is not None and player.next_change_ns <= time_ns:
-            player.advance(player.next_change_ns)
+        while (change_ns := player.next_change_ns) is not None and change_ns <= time_ns:
+            player.advance(change_ns)
             if self._take_wanted():
-                yield self.command()
+                yield from self._answers(change_ns)
+
+    def _answers(self, time_ns: int) -> Iterator[Command]:
+        command = self._answer(time_ns)
+        if command is not None:
+            yield command
+
+    def _answer(self, time_ns: int) -> Command | None:
+        """The command for what is wanted since now; None where its click is awaited."""
+        command = self._render()
+        if command is not None:
+            return command
+        if self.awaits_clicks and self.wanted.placement is not None:
+            self.awaited = self.renderer.at_places(self.wanted.placement)
+        if self.awaited is None:
+            return self._best_known()
+        self._answer_ns = time_ns + ANSWER_WITHIN_NS
+        self._note_due()
+        return None
+
+    def _render(self) -> Command | None:
+        placement, level_db, click_ns = self.wanted
+        self.is_provisional = False
+        return self.renderer.render(placement, level_db, click_ns is not None)
+
+    def _best_known(self) -> Command:
+        placement, level_db, _ = self.wanted
+        assert placement is not None and level_db is not None  # only a click may be unknown
+        self.is_provisional = True
+        return self.renderer.fallback(placement, level_db)
+
+    def _stop_waiting(self) -> None:
+        self.awaited = None
+        self._note_due()
 
     def _take_wanted(self) -> bool:
-        self._note_due()
         player = self.player
-        wanted = (player.state, player.level_db, player.click_ns)
+        wanted = (player.placement, player.level_db, player.click_ns)
         if wanted == self.wanted:
+            self._note_due()
             return False
         self.wanted = Wanted(*wanted)
+        self.joined += player.joined > 0
+        self.left_out += player.left_out > 0
+        self._stop_waiting()
         return True
 
     def _note_due(self) -> None:
         due_ns, release_ns = self.player.next_change_ns, self._release_ns
         if release_ns is not None and (due_ns is None or release_ns < due_ns):
             due_ns = release_ns
+        if self.awaited is not None and (due_ns is None or self._answer_ns < due_ns):
+            due_ns = self._answer_ns
         self.due_ns = math.inf if due_ns is None else due_ns

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from engine.table import ClickEntry
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.basis import Basis, encode_basis
 from firmware_link.protocol.framing import encode_message
@@ -26,17 +25,15 @@ class ChosenBasis:
 NO_BASIS = ChosenBasis(None, MappingProxyType({}))
 
 
-def choose_basis(
-    clicks: Sequence[ClickEntry], capabilities: Capabilities, bit_rate_hz: int, lease_ms: int
-) -> ChosenBasis:
+def choose_basis(whole: Basis | None, capabilities: Capabilities, bit_rate_hz: int, lease_ms: int) -> ChosenBasis:
     """The sets that fit into the device's memory, last no longer than it plays, whose PLAY the line carries in time.
 
     They are taken in the order of the table's basis, in which lengths are preferred. A device that plays no clicks gets
     none.
     """
-    if Features.WAVEFORMS not in capabilities.features or not clicks:
+    if Features.WAVEFORMS not in capabilities.features or whole is None:
         return NO_BASIS
-    whole, chosen = clicks[0].basis, list[int]()
+    chosen = list[int]()
     for number, each in enumerate(whole.sets):
         length_ms = 1e3 * (each.samples - 1) / whole.sample_rate_hz
         slow_ms = play_ns(len(each.actuators), bit_rate_hz) / NS_PER_MS

@@ -1,10 +1,11 @@
-"""Limits of a device: clamps table entries to drives, and gives the firmware the limits that it enforces itself."""
+"""Limits of a device: clamps what was solved to drives, and gives the firmware the limits that it enforces itself."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from engine.device import Actuator, Device, Limits
-from engine.table import Entry
 from firmware_link.host.link_values import LinkConfiguration
 from firmware_link.protocol.errors import TactableError
 from firmware_link.protocol.messages import ChannelDrive
@@ -14,7 +15,23 @@ _ROUNDING = 1e-9
 
 
 class LimitError(TactableError, ValueError):
-    """An entry that clamping cannot correct: the table belongs to another device, or is broken."""
+    """A drive that clamping cannot correct: the table belongs to another device, or is broken."""
+
+
+class Solved(Protocol):
+    """A drive as it was solved, by actuator: an entry of a table, or one for fingers at their positions."""
+
+    @property
+    def frequencies_hz(self) -> Sequence[float]:
+        """Frequency of each actuator."""
+
+    @property
+    def amplitudes(self) -> Sequence[float]:
+        """Fractions of full scale."""
+
+    @property
+    def phases_rad(self) -> Sequence[float]:
+        """Phase of each actuator."""
 
 
 @dataclass(frozen=True)
@@ -24,14 +41,14 @@ class Drive:
     channels: tuple[ChannelDrive, ...]
 
 
-def clamp(entry: Entry, device: Device) -> Drive:
-    """The drive of an entry, with amplitudes of at most `limits.amplitude` (fractions of full scale).
+def clamp(solved: Solved, device: Device) -> Drive:
+    """The drive as it may be played, with amplitudes of at most `limits.amplitude` (fractions of full scale).
 
     All channels are scaled by one factor, which keeps their ratio and with it the localized factor. A silent actuator
-    gets the frequency in its band that is nearest to the entry's. Raises LimitError for another number of actuators, a
-    value that is not finite, an amplitude below 0, and a sounding actuator with a frequency outside its band.
+    gets the frequency in its band nearest to the one solved. Raises LimitError for another number of actuators, a value
+    that is not finite, an amplitude below 0, and a sounding actuator with a frequency outside its band.
     """
-    requested = _channels(entry, device)
+    requested = _channels(solved, device)
     greatest = max(channel.amplitude for channel in requested)
     limit = device.limits.amplitude
     scale = min(1.0, limit / greatest) if greatest > 0 else 1.0
@@ -59,21 +76,21 @@ def link_configuration(device: Device, bit_rate_hz: int = 115_200) -> LinkConfig
     )
 
 
-def _channels(entry: Entry, device: Device) -> list[ChannelDrive]:
-    values = (entry.frequencies_hz, entry.amplitudes, entry.phases_rad)
+def _channels(solved: Solved, device: Device) -> list[ChannelDrive]:
+    values = (solved.frequencies_hz, solved.amplitudes, solved.phases_rad)
     if any(len(each) != len(device.actuators) for each in values):
         raise LimitError(
-            f"state {entry.index}: a drive for {len(entry.frequencies_hz)} actuators, {device.name} has "
+            f"a drive for {len(solved.frequencies_hz)} actuators, {device.name} has "
             f"{len(device.actuators)}: build the table for this device"
         )
     channels = [ChannelDrive(*channel) for channel in zip(*values, strict=True)]
     for channel, actuator in zip(channels, device.actuators, strict=True):
-        _check(channel, actuator, entry.index)
+        _check(channel, actuator)
     return channels
 
 
-def _check(channel: ChannelDrive, actuator: Actuator, state: int) -> None:
-    where = f"state {state}, actuator {actuator.name}"
+def _check(channel: ChannelDrive, actuator: Actuator) -> None:
+    where = f"actuator {actuator.name}"
     values = (channel.frequency_hz, channel.amplitude, channel.phase_rad)
     if None in values or not all(map(math.isfinite, values)):  # None: a value that a table marks as absent, a NaN
         raise LimitError(f"{where}: {channel}: expected finite values; the table is broken: build it again")

@@ -41,17 +41,20 @@ def render_table(
     when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN,
     bit_rate_hz: int = 115_200,
 ) -> Rendering:
-    """Encode a table for the rules and a device; raises RendererError and LimitError where they do not fit together."""
-    device, levels_db = table.device, effects.levels_db
-    entries = {level_db: table.entries_at(level_db) for level_db in levels_db}
-    clicks = {level_db: table.clicks_at(level_db) for level_db in levels_db if effects.have_clicks}
+    """Fit a table to the rules and a device; raises RendererError and LimitError where they do not fit together."""
+    device, clicks = table.device, table.clicks
     configuration = link_configuration(device, bit_rate_hz)
     lease_ms = min(configuration.lease_ms, capabilities.longest_lease_ms)
-    basis = choose_basis(table.clicks if effects.have_clicks else (), capabilities, bit_rate_hz, lease_ms)
-    renderer = Renderer(entries, device, capabilities, when_not_achieved, clicks, basis)
+    basis = choose_basis(clicks.basis if effects.have_clicks else None, capabilities, bit_rate_hz, lease_ms)
+    levels = effects.levels_db
+    renderer = Renderer(device, capabilities, table.receptances, clicks, levels, when_not_achieved, basis)
     return Rendering(
         device,
         renderer,
         replace(configuration, basis=basis.basis),
-        max((round(NS_PER_S * click.length_s) for click in table.clicks), default=DEFAULT_CLICK_NS),
+        DEFAULT_CLICK_NS if clicks.basis is None else _longest_ns(clicks.basis),
     )
+
+
+def _longest_ns(basis: Basis) -> int:
+    return max(NS_PER_S * (each.samples - 1) // basis.sample_rate_hz for each in basis.sets)

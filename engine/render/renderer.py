@@ -1,25 +1,23 @@
-"""Look-up of the command for a state of the zones, a level and a kind: encoded once, when the table is opened.
+"""The command for fingers, a level and a kind: a click is looked up, a steady drive is solved for the positions.
 
-A steady drive becomes the bytes of a SET, after `clamp`; a click becomes the bytes of a PLAY, with its weights of the
-basis that the device holds. Nothing is computed at run time, so a command costs two dictionary look-ups.
+A click of the table becomes the bytes of a PLAY, with its weights of the basis that the device holds; a steady drive,
+after `clamp`, the bytes of a SET. Both are remembered, so the same fingers cost a dictionary look-up.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
-from types import MappingProxyType
-from typing import NamedTuple
 
 from engine.device import Device
 from engine.render.chosen_basis import NO_BASIS, ChosenBasis
-from engine.render.limits import Drive, clamp
-from engine.table import ClickEntry, Entry
-from firmware_link.host.link import Link
+from engine.render.clicks import RenderedClicks
+from engine.render.commands import SILENCE, Command, Rendered
+from engine.render.steady_drives import SteadyDrives
+from engine.steady import Receptances
+from engine.table import ClickEntry, Clicks
+from engine.touch import Placement
+from engine.touch.placement import merged
 from firmware_link.host.link_values import Capabilities
-from firmware_link.protocol.basis import EncodedClick, encode_click
 from firmware_link.protocol.errors import TactableError
-from firmware_link.protocol.messages import encode_drive
-
-_NO_CLICKS: Mapping[float, Iterable[ClickEntry]] = MappingProxyType({})
 
 
 class RendererError(TactableError, ValueError):
@@ -27,157 +25,108 @@ class RendererError(TactableError, ValueError):
 
 
 class WhenNotAchieved(StrEnum):
-    """What is played for a state whose entry does not reach the wanted level under every felt finger."""
+    """What is played for fingers under which the wanted level is not reached, or quiet ones not kept quiet."""
 
     REFUSE = "refuse"
     """Silence."""
     WARN = "warn"
-    """The strongest drive there is, and a note to the user."""
+    """The strongest drive or click there is, and a note to the user."""
     GO_ON = "go-on"
-    """The strongest drive there is."""
-
-
-class DriveCommand(NamedTuple):
-    """Hold this drive until the next command; no bytes are silence."""
-
-    drive: bytes
-
-    def hand_to(self, link: Link) -> None:
-        """Send this next, in place of a command that waits."""
-        link.set_drive(self.drive)
-
-
-class PlayCommand(NamedTuple):
-    """Play a click once, then silence."""
-
-    click: EncodedClick
-
-    def hand_to(self, link: Link) -> None:
-        """Send this next, in place of a command that waits."""
-        link.set_play(self.click)
-
-
-Command = DriveCommand | PlayCommand
-SILENCE = DriveCommand(b"")
-
-
-class _Rendered(NamedTuple):
-    command: Command
-    is_achieved: bool
+    """The strongest drive or click there is."""
 
 
 class Renderer:
-    """The commands of all states that have an entry, at each level that the rules use.
+    """The commands for any fingers at the levels that the rules use, of one table and one connected device.
 
-    `entries` and `clicks` are keyed by wanted level, dB above the detection threshold. `basis` is the one that the
-    device holds; a click of another set is played as the steady drive. Raises RendererError when table, device and
-    capabilities do not fit, LimitError for a broken entry.
+    `basis` is the part of the clicks' basis that the device holds. Raises RendererError when device and capabilities do
+    not fit, and `render` LimitError for a broken drive.
     """
 
     def __init__(
         self,
-        entries: Mapping[float, Iterable[Entry]],
         device: Device,
         capabilities: Capabilities,
+        receptances: Receptances,
+        clicks: Clicks,
+        levels_db: Sequence[float],
         when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN,
-        clicks: Mapping[float, Iterable[ClickEntry]] = _NO_CLICKS,
         basis: ChosenBasis = NO_BASIS,
     ) -> None:
-        self.unknown_states = 0
-        """Number of requests for a felt state without an entry."""
-        self.not_achieved_states = 0
-        """Number of requests for a state whose entry or click does not reach the level."""
-        self._wire = _wire_of(capabilities)
-        self._refuses = when_not_achieved is WhenNotAchieved.REFUSE
         _check_actuators(device, capabilities)
-        self._rendered: dict[float, dict[int, _Rendered]] = {}
-        for level_db, entries_of_level in entries.items():
-            rendered = self._rendered[level_db] = {}
-            for entry in entries_of_level:
-                if entry.index in rendered:
-                    raise RendererError(f"state {entry.index} has two entries: build the table again")
-                rendered[entry.index] = self._render_entry(entry, device, capabilities)
-        self._clicks: dict[float, dict[int, _Rendered]] = {level_db: {} for level_db in clicks}
-        for level_db, clicks_of_level in clicks.items():
-            for click in clicks_of_level:
-                if click.basis_set in basis.sets:
-                    self._clicks[level_db][click.index] = self._render_click(click, basis)
+        _check_frequencies(device, receptances, capabilities)
+        refuses = when_not_achieved is WhenNotAchieved.REFUSE
+        self.not_achieved = 0
+        """Number of commands that do not reach the level, or do not keep quiet fingers quiet."""
+        self.levels_db = tuple(levels_db)
+        """Levels of the rules."""
+        self.clicks = RenderedClicks(clicks, basis, refuses)
+        self._wire = _wire_of(capabilities)
+        self._steady = SteadyDrives(device, capabilities, receptances, refuses)
 
-    def _render_click(self, click: ClickEntry, basis: ChosenBasis) -> _Rendered:
-        if self._refuses and not click.achieved:
-            return _Rendered(SILENCE, is_achieved=False)
-        assert basis.basis is not None  # it has the click's set
-        number, weights = basis.sets[click.basis_set], click.weights.tolist()
-        encoded = encode_click(basis.basis, number, weights, click.fraction_bits, click.amplitude)
-        return _Rendered(PlayCommand(encoded), click.achieved)
+    def prepare(self) -> None:
+        """Load or compile what solving takes, so that no touch waits for that."""
+        self._steady.prepare()
 
-    def _render_entry(self, entry: Entry, device: Device, capabilities: Capabilities) -> _Rendered:
-        _check_zones(entry, device)
-        drive = clamp(entry, device)
-        _check_frequencies(entry, drive, capabilities)
-        if self._refuses and not entry.achieved:
-            return _Rendered(SILENCE, is_achieved=False)
-        drive_bytes = encode_drive(drive.channels, capabilities.frequency_resolution_hz)
-        return _Rendered(DriveCommand(drive_bytes), entry.achieved)
+    def render(self, placement: Placement | None, level_db: float | None, is_click: bool = False) -> Command | None:
+        """The command for these fingers; SILENCE where none is felt or the level is refused.
 
-    def render(self, state: int, level_db: float | None, is_click: bool = False) -> Command:
-        """The command for a state; SILENCE where no zone is felt, there is no entry, or the entry is refused.
-
-        A click that the device cannot play is played as the steady drive; the effect player ends it. Raises KeyError
-        for a level without entries.
+        None: a click is wanted for these fingers that the table does not hold and nobody has solved yet; `fallback` has
+        the best that is known meanwhile. A device that plays no clicks gets that at once.
         """
-        if level_db is None:
+        if placement is None or level_db is None:
             return SILENCE
-        rendered = self._clicks[level_db].get(state) if is_click and self._clicks else None
-        rendered = rendered or self._rendered[level_db].get(state)
+        if not is_click:
+            return self.fallback(placement, level_db)
+        rendered = self.clicks.rendered(placement, level_db)
         if rendered is None:
-            self.unknown_states += 1
-            return SILENCE
-        self.not_achieved_states += not rendered.is_achieved
+            return None if self.clicks.can_learn else self.fallback(placement, level_db)
+        return self._counted(rendered)
+
+    def fallback(self, placement: Placement, level_db: float) -> Command:
+        """The steady drive for these fingers, also in place of a click; the effect player ends it."""
+        return self._counted(self._steady.rendered(placement, level_db))
+
+    def _counted(self, rendered: Rendered) -> Command:
+        self.not_achieved += not rendered.is_achieved
         return rendered.command
 
-    @property
-    def levels_db(self) -> tuple[float, ...]:
-        """The levels that have entries."""
-        return tuple(self._rendered)
+    def at_places(self, placement: Placement) -> Placement | None:
+        """The placement at the nearest places of the table, which a click is solved for.
+
+        None where two fingers are at the same place or at places that are too close.
+        """
+        places = self.clicks.clicks.places
+        found = places.placement(places.key(placement))
+        return found if merged(zip(found.position_m, found.is_felt, strict=True))[2] == 0 else None
+
+    def learn(self, click: ClickEntry) -> None:
+        """Add a click that was solved since the table was opened, for its places."""
+        self.clicks.learn(click)
+
+    def click_commands(self, level_db: float) -> Iterator[tuple[int, Command]]:
+        """The command of every click of the table that the device can play, with its row."""
+        for row, rendered in self.clicks.commands(level_db):
+            yield row, rendered.command
 
     @property
     def playable_clicks(self) -> int:
-        """Number of states whose click the device can play."""
-        return max((len(clicks) for clicks in self._clicks.values()), default=0)
-
-    def commands(self) -> Iterator[tuple[float, bool, int, Command]]:
-        """Every command that `render` may return, beside SILENCE, as (level, is click, state, command)."""
-        for level_db, steady in self._rendered.items():
-            clicks = self._clicks.get(level_db, {})
-            for state, rendered in steady.items():
-                yield level_db, False, state, rendered.command
-            for state, rendered in (steady | clicks).items():
-                yield level_db, True, state, rendered.command
-
-    @property
-    def shortfalls(self) -> dict[float, int]:
-        """By level: the number of states whose entry does not reach it."""
-        return _shortfalls(self._rendered)
+        """Number of tabulated clicks that the device can play."""
+        return self.clicks.number
 
     @property
     def click_shortfalls(self) -> dict[float, int]:
-        """By level: the number of clicks that do not reach it with quiet fingers kept quiet."""
-        return _shortfalls(self._clicks)
+        """By level: the number of tabulated clicks that do not reach it with quiet fingers kept quiet."""
+        if not self.clicks.can_learn:
+            return {}
+        return {level_db: self.clicks.shortfall(level_db) for level_db in self.levels_db}
 
     def suits_device_of(self, other: "Renderer") -> bool:
         """Whether both were encoded for devices with the same number format on the wire."""
         return self._wire == other._wire
 
     def fits(self, capabilities: Capabilities) -> bool:
-        """Whether a device has the number format that the drives were encoded for."""
+        """Whether a device has the number format that the commands are encoded for."""
         return _wire_of(capabilities) == self._wire
-
-
-def _shortfalls(rendered: Mapping[float, Mapping[int, _Rendered]]) -> dict[float, int]:
-    return {
-        level_db: sum(not rendered.is_achieved for rendered in states.values()) for level_db, states in rendered.items()
-    }
 
 
 def _wire_of(capabilities: Capabilities) -> tuple[float, ...]:
@@ -197,23 +146,17 @@ def _check_actuators(device: Device, capabilities: Capabilities) -> None:
         )
 
 
-def _check_zones(entry: Entry, device: Device) -> None:
-    names = [zone.name for zone in entry.zones]
-    expected = [zone.name for zone in device.zones]
-    if names != expected:
-        raise RendererError(
-            f"state {entry.index} is for zones {', '.join(names)}, {device.name} has {', '.join(expected)}: "
-            "build the table for this device"
-        )
-
-
-def _check_frequencies(entry: Entry, drive: Drive, capabilities: Capabilities) -> None:
+def _check_frequencies(device: Device, receptances: Receptances, capabilities: Capabilities) -> None:
+    """Every frequency that a drive may have can be played: those of the receptances within the actuators' bands."""
     # The wire counts in whole steps: a frequency at the end of the range may be off by rounding.
     half_step_hz = capabilities.frequency_resolution_hz / 2
     low_hz, high_hz = capabilities.frequency_minimum_hz, capabilities.frequency_maximum_hz
-    for channel in drive.channels:
-        if not low_hz - half_step_hz <= channel.frequency_hz <= high_hz + half_step_hz:
+    first_hz, last_hz = receptances.frequency_hz[[0, -1]].tolist()
+    for actuator in device.actuators:
+        lowest_hz, highest_hz = max(first_hz, actuator.band_hz[0]), min(last_hz, actuator.band_hz[1])
+        if lowest_hz < low_hz - half_step_hz or highest_hz > high_hz + half_step_hz:
             raise RendererError(
-                f"state {entry.index}: {channel.frequency_hz:g} Hz; the connected device plays {low_hz:g}-{high_hz:g} "
-                "Hz: narrow the actuators' bands in the device description and build the table again"
+                f"{device.name}: actuator {actuator.name} may be driven at {lowest_hz:g}-{highest_hz:g} Hz; the "
+                f"connected device plays {low_hz:g}-{high_hz:g} Hz: narrow the actuators' bands in the device "
+                "description and build the table again"
             )

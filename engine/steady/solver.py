@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Complex32 = NDArray[np.complex64]
 
+_deviations = lru_cache(maxsize=4 * MOST_FINGERS)(sample_deviations)
 LEVEL_TOLERANCE_DB = 1e-3
 """As engine.table.entry has it; this package needs no table."""
 _CASES, _FEW_CASES, _FEW_FINGERS = 8, 4, 4
@@ -62,6 +63,11 @@ class SteadyDrive:
     """Whether the weakest felt standard finger is at the wanted level; an infinite one is always reached."""
 
     @property
+    def frequencies_hz(self) -> tuple[float, ...]:
+        """Frequency of each actuator: the same one."""
+        return (self.frequency_hz,) * len(self.amplitudes)
+
+    @property
     def complex_amplitudes(self) -> NDArray[np.complex128]:
         """Complex amplitudes (actuator,), fractions of full scale."""
         amplitudes: NDArray[np.complex128] = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases_rad))
@@ -88,7 +94,8 @@ class SteadySolver:
     """
 
     def __init__(self, device: Device, receptances: Receptances, cases: int | None = None) -> None:
-        self.device, self.receptances = device, receptances
+        self.device, self.frequency_hz, self.pitch_m = device, receptances.frequency_hz, receptances.pitch_m
+        self._places = len(receptances.place_m)
         self._cases = cases
         hz = receptances.frequency_hz
         omega = 2 * np.pi * hz
@@ -103,7 +110,13 @@ class SteadySolver:
         self._half_m = np.array([zone.length_m / 2 for zone in device.zones])
         self._of_zone = np.stack([self._integral(zone.start_m, zone.stop_m) for zone in device.zones])
         self._of_bar = self._integral(0.0, device.bar.length_m)
-        self._deviations = lru_cache(maxsize=MOST_FINGERS)(self._sample)
+
+    def prepare(self) -> None:
+        """Load or compile the kernels and sample the cases, so that no later solve waits for that."""
+        length_m = self.device.bar.length_m
+        for fingers in range(1, MOST_FINGERS + 1):
+            position_m = [length_m * (finger + 0.5) / fingers for finger in range(fingers)]
+            self.solve(position_m, [finger == 0 for finger in range(fingers)], 0.0)
 
     def solve(self, positions_m: Sequence[float], felt: Sequence[bool], level_db: float) -> SteadyDrive:
         """The best drive for fingers at these positions, `felt` or else quiet, at a level in dB over threshold.
@@ -121,7 +134,7 @@ class SteadySolver:
 
     def solve_cases(self, cases: FingerCases, felt: tuple[bool, ...], level_db: float) -> SteadyDrive:
         """As `solve`, for given cases of the fingers."""
-        limit, pitch_m = self.device.limits.amplitude, self.receptances.pitch_m
+        limit, pitch_m = self.device.limits.amplitude, self.pitch_m
         impedance = np.ascontiguousarray(cases.impedance, dtype=np.float32)
         count, fingers = cases.position_m.shape
         loaded = np.empty((count, fingers, *self._drive.shape[1:]), dtype=np.float32)
@@ -152,7 +165,7 @@ class SteadySolver:
             fill_powers(loaded[1:], forms)
             numerator, denominator = forms[felt_at], forms[quiet_at]
         wanted = 10 ** (level_db / 10) / limit**2
-        hz, amplitude = self.receptances.frequency_hz, np.empty(actuators, dtype=np.complex128)
+        hz, amplitude = self.frequency_hz, np.empty(actuators, dtype=np.complex128)
         power = np.empty((count, fingers))
         tail = self._usable, loaded, felt_at, quiet_at, numerator, denominator, is_share
         objective, found = "localized factor" if is_share else "contrast", np.array([0.0, -1.0])
@@ -179,9 +192,8 @@ class SteadySolver:
             achieved=bool(np.isinf(level_db) or full_level_db >= level_db - LEVEL_TOLERANCE_DB),
         )
 
-    def _sample(self, fingers: int) -> Deviations:
-        cases = self._cases or (_CASES if fingers <= _FEW_FINGERS else _FEW_CASES)
-        return sample_deviations(fingers, cases)
+    def _deviations(self, fingers: int) -> Deviations:
+        return _deviations(fingers, self._cases or (_CASES if fingers <= _FEW_FINGERS else _FEW_CASES))
 
     def _stretches(self, position_m: Array) -> Array:
         """Weights (2, place) of power in the energy of the zones that hold the fingers, and of the bar."""
@@ -190,7 +202,7 @@ class SteadySolver:
 
     def _integral(self, start_m: float, stop_m: float) -> Array:
         """Weights (place,) that integrate a function from its values at the places, cubic through four of them."""
-        places, pitch_m = len(self.receptances.place_m), self.receptances.pitch_m
+        places, pitch_m = self._places, self.pitch_m
         weight = np.zeros(places)
         for piece in range(places - 1):
             low, high = max(start_m / pitch_m, piece), min(stop_m / pitch_m, piece + 1)

@@ -1,0 +1,60 @@
+"""Clicks that no table holds (three fingers and more): asked for when they are wanted, and taken when they are solved.
+
+A solver beside the loop takes longer than a loop may wait. So the loop asks, goes on, and takes the answer when it
+comes: in time, and the touch that waits is answered with it; later, and it is remembered for the next touch of these
+places. The pipeline decides which of the two it is.
+"""
+
+from collections.abc import Callable, Container, Sequence
+from typing import Protocol
+
+from engine.device import Device
+from engine.loop.observer import LoopCounters
+from engine.loop.pipeline import Pipeline
+from engine.render import Command
+from engine.table import ClickEntry
+from engine.touch import Placement
+
+
+class ClickSolving(Protocol):
+    """What solves clicks beside a loop; nothing of it waits."""
+
+    def fileno(self) -> int:
+        """Readable when `poll` has something to do."""
+
+    def ask(self, placement: Placement, device: Device) -> None:
+        """Ask for the click of a placement on a device; a later question is answered first."""
+
+    def poll(self) -> Sequence[tuple[str, ClickEntry]]:
+        """The clicks that were solved since the last call, each with the fingerprint of its device."""
+
+
+class AwaitedClicks:
+    """Asks for the clicks that one pipeline awaits, and hands each that comes in time to `hand_over`."""
+
+    def __init__(
+        self,
+        solving: ClickSolving,
+        pipeline: Pipeline,
+        counters: LoopCounters,
+        hand_over: Callable[[Command], None],
+    ) -> None:
+        self.descriptor = solving.fileno()
+        self._solving, self._pipeline, self._counters, self._hand_over = solving, pipeline, counters, hand_over
+        self._asked: Placement | None = None
+        pipeline.awaits_clicks = True
+
+    def look(self, readable: Container[int] | None) -> None:
+        """Take what was solved, and ask for what is awaited; `readable` None: not known."""
+        pipeline = self._pipeline
+        if readable is None or self.descriptor in readable:
+            for fingerprint, click in self._solving.poll():
+                if fingerprint == pipeline.device.fingerprint:
+                    self._counters.learned += 1
+                    command = pipeline.learn(click)
+                    if command is not None:
+                        self._hand_over(command)
+        awaited = pipeline.awaited
+        if awaited is not None and awaited != self._asked:
+            self._solving.ask(awaited, pipeline.device)
+        self._asked = awaited

@@ -1,0 +1,82 @@
+"""Clicks as commands: those of a table, encoded when they are first wanted, and those that were solved since."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from engine.render.chosen_basis import ChosenBasis
+from engine.render.commands import SILENCE, PlayCommand, Rendered
+from engine.table import ClickEntry, Clicks
+from engine.table.click import played_at
+from engine.table.entry import LEVEL_TOLERANCE_DB
+from engine.touch import Placement
+from engine.touch.places import Key
+from firmware_link.protocol.basis import encode_click
+
+MOST_LEARNED = 4096
+
+
+class RenderedClicks:
+    """The clicks of one table of which the device holds the basis; silence for what is not achieved with `refuses`."""
+
+    def __init__(self, clicks: Clicks, basis: ChosenBasis, refuses: bool) -> None:
+        self.clicks, self.basis = clicks, basis
+        self._refuses = refuses
+        self._rendered: dict[tuple[int, float], Rendered | None] = {}
+        self._learned: dict[Key, ClickEntry] = {}
+
+    @property
+    def number(self) -> int:
+        """Number of tabulated clicks that the device can play."""
+        return int(np.isin(self.clicks.basis_set, list(self.basis.sets)).sum()) if self.clicks else 0
+
+    @property
+    def can_learn(self) -> bool:
+        """Whether the device plays clicks, so that those that the table has not are worth solving."""
+        return self.basis.basis is not None
+
+    def learn(self, click: ClickEntry) -> None:
+        """Add a click that was solved for places of this table; the earliest is forgotten beyond MOST_LEARNED."""
+        if len(self._learned) == MOST_LEARNED:
+            del self._learned[next(iter(self._learned))]
+        self._learned[self.clicks.places.key(click.placement)] = click
+
+    def rendered(self, placement: Placement, level_db: float) -> Rendered | None:
+        """The click of the places nearest to the fingers; None: it is not known, or the device can't play it."""
+        if self.basis.basis is None:
+            return None
+        key = self.clicks.places.key(placement)
+        row = self.clicks.row_of(key)
+        if row is not None:
+            if (row, level_db) not in self._rendered:
+                self._rendered[row, level_db] = self._encode(self.clicks[row], level_db)
+            return self._rendered[row, level_db]
+        learned = self._learned.get(key)
+        return None if learned is None else self._encode(learned, level_db)
+
+    def shortfall(self, level_db: float) -> int:
+        """How many clicks of the table do not reach the level with quiet fingers kept quiet."""
+        if not self.clicks:
+            return 0
+        is_achieved = self.clicks.achieved.astype(bool)
+        if np.isfinite(level_db):
+            is_achieved &= self.clicks.felt_low_db >= level_db - LEVEL_TOLERANCE_DB
+        return int((~is_achieved).sum())
+
+    def commands(self, level_db: float) -> Iterator[tuple[int, Rendered]]:
+        """Every click of the table that the device can play, as (row, command)."""
+        for row, click in enumerate(self.clicks):
+            rendered = self._encode(click, level_db)
+            if rendered is not None:
+                yield row, rendered
+
+    def _encode(self, tabulated: ClickEntry, level_db: float) -> Rendered | None:
+        number = self.basis.sets.get(tabulated.basis_set)
+        if number is None:
+            return None
+        click = played_at(tabulated, level_db)
+        if self._refuses and not click.achieved:
+            return Rendered(SILENCE, is_achieved=False)
+        assert self.basis.basis is not None  # it has the click's set
+        encoded = encode_click(self.basis.basis, number, click.weights.tolist(), click.fraction_bits, click.amplitude)
+        return Rendered(PlayCommand(encoded), click.achieved)

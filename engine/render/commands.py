@@ -1,0 +1,37 @@
+"""The commands that the engine hands to the link: hold a drive, or play a click once."""
+
+from typing import NamedTuple
+
+from firmware_link.host.link import Link
+from firmware_link.protocol.basis import EncodedClick
+
+
+class DriveCommand(NamedTuple):
+    """Hold this drive until the next command; no bytes are silence."""
+
+    drive: bytes
+
+    def hand_to(self, link: Link) -> None:
+        """Send this next, in place of a command that waits."""
+        link.set_drive(self.drive)
+
+
+class PlayCommand(NamedTuple):
+    """Play a click once, then silence."""
+
+    click: EncodedClick
+
+    def hand_to(self, link: Link) -> None:
+        """Send this next, in place of a command that waits."""
+        link.set_play(self.click)
+
+
+Command = DriveCommand | PlayCommand
+SILENCE = DriveCommand(b"")
+
+
+class Rendered(NamedTuple):
+    """A command, and whether it reaches the wanted level with quiet fingers kept quiet."""
+
+    command: Command
+    is_achieved: bool
