@@ -15,11 +15,12 @@ from typing import NamedTuple, Self
 
 from engine.loop.latency import Stamps
 from engine.loop.observer import CommandRecord, LoopCounters
-from engine.touch import Touch
+from engine.touch import Placement, Touch
+from engine.touch.placement import MOST_FINGERS
 from firmware_link.protocol.errors import TactableError
 
 MAGIC = b"tactring"
-REVISION = 1
+REVISION = 2
 MOST_TOUCHES = 16
 SLOTS = 4096
 """Half a second of the fastest digitizer, 8000 reports a second; 4 MiB."""
@@ -31,10 +32,13 @@ _COUNT = struct.Struct("<Q")
 _HEAD_SIZE = 64
 # CRC-32 of the rest, then the number of the record, from 1
 _GUARD = struct.Struct("<IIQ")
-# six stamps, report index, state, level, is_click, sequence, counters, then how many of touches, drive and report
-_FIXED = struct.Struct("<6qqqdbh6QBHH")
+# six stamps, report index, level, is_click, is_provisional, sequence, counters, the fingers that feel as bits, then how
+# many of fingers, touches, drive and report; no finger stands for no placement
+_FIXED = struct.Struct("<6qqd??h6QHBBHH")
+_FINGERS = [struct.Struct(f"<{count}d") for count in range(MOST_FINGERS + 1)]
 _TOUCH = struct.Struct("<qdb")
 _NO_LEVEL = float("-inf")
+_NO_FINGER = Placement((), ())
 _NONE = -1
 _SLOT_SIZE = 1024
 
@@ -66,9 +70,12 @@ class Record(NamedTuple):
     stamps_ns: Stamps
     report_index: int | None
     """None for a change that time alone brought."""
-    state: int
+    placement: Placement | None
+    """The fingers that the command is for, each with its role; None: none is to feel anything."""
     level_db: float | None
     is_click: bool
+    is_provisional: bool
+    """The command is the best that was known in time: the click for these fingers was not solved yet."""
     drive_sequence: int | None
     """Sequence of the SET or PLAY that was written; None without one."""
     counters: RingCounters
@@ -108,16 +115,18 @@ class RingWriter:
     def observe(self, record: CommandRecord, counters: LoopCounters) -> None:
         """Write a record, in place of the oldest where all slots are taken."""
         touches, drive, report = record.touches, record.drive, record.report
-        count = min(len(touches), MOST_TOUCHES)
-        room = _SLOT_SIZE - _GUARD.size - _FIXED.size - count * _TOUCH.size - len(drive)
+        placement = _NO_FINGER if record.placement is None else record.placement
+        position_m = placement.position_m
+        count, fingers = min(len(touches), MOST_TOUCHES), _FINGERS[len(position_m)]
+        room = _SLOT_SIZE - _GUARD.size - _FIXED.size - fingers.size - count * _TOUCH.size - len(drive)
         body = b"".join(
             (
                 _FIXED.pack(
                     *record.stamps_ns,
                     _NONE if record.report_index is None else record.report_index,
-                    record.state,
                     _NO_LEVEL if record.level_db is None else record.level_db,
                     record.is_click,
+                    record.is_provisional,
                     _NONE if record.drive_sequence is None else record.drive_sequence,
                     counters.reports,
                     counters.frames,
@@ -125,10 +134,13 @@ class RingWriter:
                     counters.commands,
                     counters.replaced,
                     counters.lost_frames,
+                    sum(1 << finger for finger in placement.felt),
+                    len(position_m),
                     count,
                     len(drive),
                     min(len(report), room),
                 ),
+                fingers.pack(*position_m),
                 *[_TOUCH.pack(t[0], t[1], _NONE if t[2] is None else t[2]) for t in touches[:count]],
                 drive,
                 report[:room],
@@ -215,22 +227,28 @@ class RingReader:
 
 def _decode(body: bytes) -> Record:
     values = _FIXED.unpack_from(body)
-    stamps, (index, state, level_db, is_click, sequence), counters = values[:6], values[6:11], values[11:17]
-    count, drive_size, report_size = values[17:]
-    touches_end = _FIXED.size + count * _TOUCH.size
+    stamps, (index, level_db, is_click, is_provisional, sequence), counters = values[:6], values[6:11], values[11:17]
+    felt, fingers, count, drive_size, report_size = values[17:]
+    fingers_end = _FIXED.size + _FINGERS[fingers].size
+    touches_end = fingers_end + count * _TOUCH.size
     drive_end = touches_end + drive_size
     return Record(
         stamps_ns=stamps,
         report_index=None if index == _NONE else index,
-        state=state,
+        placement=_placement(_FINGERS[fingers].unpack_from(body, _FIXED.size), felt) if fingers else None,
         level_db=None if level_db == _NO_LEVEL else level_db,
-        is_click=bool(is_click),
+        is_click=is_click,
+        is_provisional=is_provisional,
         drive_sequence=None if sequence == _NONE else sequence,
         counters=RingCounters(*counters),
         touches=tuple(
             Touch(number, position_m, None if zone == _NONE else zone)
-            for number, position_m, zone in _TOUCH.iter_unpack(body[_FIXED.size : touches_end])
+            for number, position_m, zone in _TOUCH.iter_unpack(body[fingers_end:touches_end])
         ),
         drive=body[touches_end:drive_end],
         report=body[drive_end : drive_end + report_size],
     )
+
+
+def _placement(position_m: tuple[float, ...], felt: int) -> Placement:
+    return Placement(position_m, tuple(bool(felt >> finger & 1) for finger in range(len(position_m))))

@@ -1,8 +1,7 @@
 """Clicks as commands: those of a table, encoded when they are first wanted, and those that were solved since."""
 
-from collections.abc import Iterator
-
 import numpy as np
+from numpy.typing import NDArray
 
 from engine.render.chosen_basis import ChosenBasis
 from engine.render.commands import SILENCE, PlayCommand, Rendered
@@ -12,8 +11,11 @@ from engine.table.entry import LEVEL_TOLERANCE_DB
 from engine.touch import Placement
 from engine.touch.places import Key
 from firmware_link.protocol.basis import encode_click
+from firmware_link.protocol.messages import encode_amplitude
 
 MOST_LEARNED = 4096
+NOT_PLAYED = -1
+"""In place of an amplitude: the device has not the click's set, or the level is refused."""
 
 
 class RenderedClicks:
@@ -56,19 +58,24 @@ class RenderedClicks:
 
     def shortfall(self, level_db: float) -> int:
         """How many clicks of the table do not reach the level with quiet fingers kept quiet."""
-        if not self.clicks:
-            return 0
+        return int((~self._is_achieved(level_db)).sum())
+
+    def amplitude_words(self, level_db: float) -> NDArray[np.int32]:
+        """Amplitude (row,) of every click of the table as a PLAY carries it; NOT_PLAYED for one that is not played."""
+        clicks = self.clicks
+        is_played = np.isin(clicks.basis_set, list(self.basis.sets))
+        if self._refuses:
+            is_played &= self._is_achieved(level_db)
+        # Arithmetic of Python, as in `played_at`: powers of NumPy may differ in the last place.
+        changes_db = (min(0.0, level_db - low_db) for low_db in clicks.felt_low_db.tolist())
+        words = [encode_amplitude(10 ** (change_db / 20)) for change_db in changes_db]
+        return np.where(is_played, np.array(words, np.int32), np.int32(NOT_PLAYED))
+
+    def _is_achieved(self, level_db: float) -> NDArray[np.bool_]:
         is_achieved = self.clicks.achieved.astype(bool)
         if np.isfinite(level_db):
             is_achieved &= self.clicks.felt_low_db >= level_db - LEVEL_TOLERANCE_DB
-        return int((~is_achieved).sum())
-
-    def commands(self, level_db: float) -> Iterator[tuple[int, Rendered]]:
-        """Every click of the table that the device can play, as (row, command)."""
-        for row, click in enumerate(self.clicks):
-            rendered = self._encode(click, level_db)
-            if rendered is not None:
-                yield row, rendered
+        return is_achieved
 
     def _encode(self, tabulated: ClickEntry, level_db: float) -> Rendered | None:
         number = self.basis.sets.get(tabulated.basis_set)

@@ -4,7 +4,7 @@ A click of the table becomes the bytes of a PLAY, with its weights of the basis 
 after `clamp`, the bytes of a SET. Both are remembered, so the same fingers cost a dictionary look-up.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from enum import StrEnum
 
 from engine.device import Device
@@ -102,11 +102,6 @@ class Renderer:
     def learn(self, click: ClickEntry) -> None:
         """Add a click that was solved since the table was opened, for its places."""
         self.clicks.learn(click)
-
-    def click_commands(self, level_db: float) -> Iterator[tuple[int, Command]]:
-        """The command of every click of the table that the device can play, with its row."""
-        for row, rendered in self.clicks.commands(level_db):
-            yield row, rendered.command
 
     @property
     def playable_clicks(self) -> int:

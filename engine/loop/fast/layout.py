@@ -8,11 +8,13 @@ import re
 from typing import Any
 
 from engine.touch.digitizer import FRAME_SILENCE_NS
+from firmware_link.protocol.messages import Play, encode_play, encode_play_body
 
 CONSTANTS = {
     "MOST_PLANS": 8,
     "MOST_SLOTS": 40,
     "MOST_CONTACTS": 64,
+    "MOST_FINGERS": 2,  # of a click that is looked up
     "MOST_ZONES": 16,
     "MOST_RULES": 64,
     "MOST_WAITED": 4,
@@ -23,6 +25,8 @@ CONSTANTS = {
     "NONE": -1,  # stands for None
     "SET": 1,
     "PLAY": 2,  # kinds of commands
+    "PLAY_TYPE": Play.type_byte,
+    "PLAY_HEAD": len(encode_play_body(0, encode_play(0, 1, 0, ()), 0)),  # bytes before the weights
     "KEY_ID": 0,
     "KEY_SLOT": 1,
     "KEY_SLOT_FROM_ONE": 2,
@@ -42,21 +46,29 @@ STRUCTURES = {
     "Rule": ["int64_t trigger zones level is_click", "double start_m stop_m"],
     "Command": ["int64_t kind size", "uint8_t body[LONGEST_BODY]"],
     "Active": ["int64_t contact_id place tip seen"],
-    "Tracked": ["int64_t contact_id zone"],
-    "Finger": ["int64_t contact_id zone level click_ns", "double position_m"],
+    # `held_m` is the position that drives are made for.
+    "Finger": ["int64_t contact_id zone level click_ns", "double position_m held_m"],
     "Fast": [
         # What stays during a run: the digitizer,
         "int64_t uses_report_ids packet_head plans key count_is_accurate frame_may_be_empty ignores_duplicates",
         "int64_t unseen_means_up maximum_contacts",
         "Plan plan[MOST_PLANS]",
         # the bar (`zero` is the logical place of its start), the rules,
-        "double start_m m_per_unit length_m hysteresis_m zone_start_m[MOST_ZONES] zone_stop_m[MOST_ZONES]",
-        "int64_t zero zones states rules follows_moves",
+        "double start_m m_per_unit length_m zone_start_m[MOST_ZONES] zone_stop_m[MOST_ZONES]",
+        "double follow_m closest_m",
+        "int64_t zero zones rules follows_moves",
         "Rule rule[MOST_RULES]",
-        # the commands: a number by (level, steady or click, state), and each command, the first of which is silence;
-        # seeds of the checksum by kind.
-        "const_int32_t* command_of",
-        "const_Command* command",
+        # the clicks: a row by two codes of fingers, each 1 + 2 * place + is_felt or 0 for no finger (NONE: no click); of
+        # each row the set, fraction bits and number of weights, and the weights; amplitudes by (level, row), NONE for a
+        # click that is not played;
+        "double pitch_m",
+        "int64_t places rows functions",
+        "const_int32_t* pair",
+        "const_uint8_t* head",
+        "const_int16_t* weight",
+        "const_int32_t* amplitude",
+        # the command of silence, and seeds of the checksum by kind.
+        "Command silence",
         "int64_t seed[3]",
         "int64_t timer armed_ns",
         # The moment before the wait: what is waited for,
@@ -64,14 +76,12 @@ STRUCTURES = {
         # how far the frame is (`axis_ns` is the source's time axis less the clock),
         "int64_t axis_ns received expected ticks taken report_ns due_ns",
         # what is wanted and held, and what the link would send a command with,
-        "int64_t state level click_ns held",
+        "int64_t level click_ns is_silent",
         "int64_t line_free_ns set_from_ns play_from_ns sequence clock_at_ns",
         "double clock_middle_ns clock_drift",
-        # the contacts in range, those on the bar with their zones, and the fingers: those that touch, then those lifted
-        # whose effect goes on.
-        "int64_t actives tracked_count fingers lifted",
+        # the contacts in range, and the fingers: those that touch, then those lifted whose effect goes on.
+        "int64_t actives fingers lifted",
         "Active active[MOST_CONTACTS]",
-        "Tracked tracked[MOST_CONTACTS]",
         "Finger finger[2*MOST_CONTACTS]",
         # What came of the wait.
         "int64_t readable[MOST_WAITED] packet_size frame_size written",
@@ -118,4 +128,4 @@ def _structures() -> dict[str, Any]:
 
 
 _MADE = _structures()
-Fast, Command = _MADE["Fast"], _MADE["Command"]
+Fast = _MADE["Fast"]

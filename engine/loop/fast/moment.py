@@ -7,13 +7,16 @@ from collections.abc import Sequence
 from typing import Any
 
 from engine.effects import Effects, Rule, Trigger
+from engine.effects.player import FOLLOW_M
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.fast.layout import CONSTANTS, NONE, Fast
 from engine.loop.fast.library import FastPathError
 from engine.loop.fast.session import Ahead
 from engine.loop.fast.table import FastTable
 from engine.loop.pipeline import Pipeline
+from engine.render import SILENCE
 from engine.touch import Digitizer
+from engine.touch.placement import CLOSEST_M
 from engine.touch.quirks import Key
 from engine.touch.report_plan import NumberBits, ReportPlan, SlotPlan
 from firmware_link.protocol.messages import Play, Set, seed_of
@@ -39,7 +42,7 @@ class Moment:
     def __init__(self, digitizer: Digitizer, effects: Effects, packet_head: int, timer: int) -> None:
         self.fast: Any = Fast(timer=timer, armed_ns=NONE)
         # Each look at a place of an array makes an object: they are kept.
-        self._active, self._tracked, self._finger = [*self.fast.active], [*self.fast.tracked], [*self.fast.finger]
+        self._active, self._finger = [*self.fast.active], [*self.fast.finger]
         self._rules = [rule for rule in effects.rules if rule.on in _TRIGGERS]
         self._table: FastTable | None = None
         self._levels: dict[float | None, int] = {}
@@ -58,8 +61,7 @@ class Moment:
         fast.rules, fast.follows_moves = len(self._rules), pipeline.player.follows_moves
         for place, rule in zip(fast.rule, self._rules, strict=False):
             self._set_rule(place, rule)
-        fast.states = table.command_of.shape[2]
-        fast.command_of, fast.command = table.command_of.ctypes.data, table.commands.ctypes.data
+        _set_clicks(fast, table)
         fast.seed[CONSTANTS["SET"]] = seed_of(Set.type_byte)
         fast.seed[CONSTANTS["PLAY"]] = seed_of(Play.type_byte)
 
@@ -95,9 +97,9 @@ class Moment:
         fast.received, fast.expected, fast.ticks, fast.taken = frame.received, frame.expected, frame.ticks, frame.taken
         fast.report_ns, fast.axis_ns = digitizer.report_ns, axis_ns
         fast.due_ns = _NEVER_NS if pipeline.is_at_rest else pipeline.due_ns
-        fast.state, fast.level = wanted.state, self._levels[wanted.level_db]
+        fast.level = self._levels[wanted.level_db]
         fast.click_ns = NONE if wanted.click_ns is None else wanted.click_ns
-        fast.held = table.numbers.get(dispatcher.held, NONE)
+        fast.is_silent = dispatcher.held == SILENCE
         fast.line_free_ns, fast.sequence = ahead.line_free_ns, ahead.sequence
         fast.set_from_ns, fast.play_from_ns = ahead.drive_from_ns, ahead.click_from_ns
         fast.clock_at_ns, fast.clock_middle_ns = ahead.clock_at_ns, ahead.clock_middle_ns
@@ -107,24 +109,23 @@ class Moment:
     def _write_contacts(self, pipeline: Pipeline) -> bool:
         """Write contacts and fingers; False where there are too many."""
         fast, levels, most = self.fast, self._levels, CONSTANTS["MOST_CONTACTS"]
-        frame, player, tracker = pipeline.digitizer.frame, pipeline.player, pipeline.tracker
-        if len(frame.active) > most or len(player.lifted) > most:
+        frame, player = pipeline.digitizer.frame, pipeline.player
+        # A frame that is under way may list fewer contacts than there are fingers.
+        if max(len(frame.active), len(player.fingers), len(player.lifted)) > most:
             return False
-        column = tracker.position.column
+        column = pipeline.tracker.position.column
         for active, contact in zip(self._active, frame.active.values(), strict=False):
             active.contact_id, active.place = contact.contact_id, contact[column]
             active.tip, active.seen = contact.tip, contact.contact_id in frame.seen
-        for tracked, (contact_id, (_, touch)) in zip(self._tracked, tracker.touches.items(), strict=False):
-            tracked.contact_id, tracked.zone = contact_id, NONE if touch.zone is None else touch.zone
         fingers = (*player.fingers.values(), *player.lifted)
         for place, finger in zip(self._finger, fingers, strict=False):
             touch, play = finger.touch, finger.play
             level_db, click_ns = (None, None) if play is None else (play.level_db, play.click_ns)
-            place.contact_id, place.position_m, place.level = touch.contact_id, touch.position_m, levels[level_db]
+            place.contact_id, place.level = touch.contact_id, levels[level_db]
+            place.position_m, place.held_m = touch.position_m, finger.held_m
             place.zone = NONE if touch.zone is None else touch.zone
             place.click_ns = NONE if click_ns is None else click_ns
-        fast.actives, fast.tracked_count = len(frame.active), len(tracker.touches)
-        fast.fingers, fast.lifted = len(player.fingers), len(player.lifted)
+        fast.actives, fast.fingers, fast.lifted = len(frame.active), len(player.fingers), len(player.lifted)
         return True
 
 
@@ -150,13 +151,22 @@ def _set_digitizer(fast: Any, digitizer: Digitizer, packet_head: int) -> None:
 
 def _set_bar(fast: Any, pipeline: Pipeline) -> None:
     position, edges = pipeline.tracker.position, pipeline.tracker.edges
-    fast.zones, fast.hysteresis_m = len(edges.starts_m), edges.hysteresis_m
+    fast.zones, fast.follow_m, fast.closest_m = len(edges.starts_m), FOLLOW_M, CLOSEST_M
     fast.zone_start_m[: fast.zones], fast.zone_stop_m[: fast.zones] = edges.starts_m, edges.stops_m
     fast.start_m, fast.m_per_unit, fast.length_m = position.start_m, position.m_per_unit, position.length_m
     fast.zero = position.zero
     # Only the coordinate along the bar is read, so the plans follow from the bar, too.
     for place, (report_id, plan) in zip(fast.plan, pipeline.digitizer.plans.items(), strict=False):
         _set_plan(place, report_id, plan, position.column)
+
+
+def _set_clicks(fast: Any, table: FastTable) -> None:
+    fast.pitch_m, fast.places = table.places.pitch_m, table.places.count
+    fast.rows, fast.functions = table.weights.shape
+    fast.pair, fast.head = table.pair.ctypes.data, table.head.ctypes.data
+    fast.weight, fast.amplitude = table.weights.ctypes.data, table.amplitude.ctypes.data
+    fast.silence.kind, fast.silence.size = CONSTANTS["SET"], len(table.silence)
+    fast.silence.body[: len(table.silence)] = table.silence
 
 
 def _set_plan(place: Any, report_id: int, plan: ReportPlan, column: int) -> None:

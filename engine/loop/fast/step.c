@@ -1,7 +1,8 @@
 /* The compiled step: waits, and answers a report with its command, for engine/loop/fast/fast_path.py.
  *
  * `fast_wait` sleeps until a descriptor can be read or a time has come. It reads a report that is there and, where the
- * report completes a frame that brings another command, writes the command at once. Python fills the structure `Fast`
+ * report completes a frame that brings another command, writes the command at once. It answers with clicks of one finger
+ * and of two, and with silence. Python fills the structure `Fast`
  * before each wait. The step changes none of that state: the Python loop takes the same report afterwards and must find
  * the same bytes. Each part below repeats a part of the Python pipeline, by the same arithmetic. What is rare is left to
  * the loop: DECLINED.
@@ -115,7 +116,7 @@ static int decode(const Fast *fast, const uint8_t *report, int64_t size, int64_t
     return count;
 }
 
-/* ---- contacts to fingers on zones, as engine/touch/finger_tracker.py ---- */
+/* ---- contacts to places on the bar and zones, as engine/touch/finger_tracker.py ---- */
 
 static double position_of(const Fast *fast, int64_t place) {
     const double position_m = fast->start_m + (double)(place - fast->zero) * fast->m_per_unit;
@@ -123,10 +124,8 @@ static double position_of(const Fast *fast, int64_t place) {
     return position_m < 0.0 ? 0.0 : fast->length_m;
 }
 
-static int64_t zone_at(const Fast *fast, double position_m, int64_t previous) {
-    if (previous != NONE && fast->zone_start_m[previous] - fast->hysteresis_m <= position_m &&
-        position_m <= fast->zone_stop_m[previous] + fast->hysteresis_m)
-        return previous;
+/* The zone of a finger that comes down: hysteresis is for fingers that move, and only the loop follows those. */
+static int64_t zone_of(const Fast *fast, double position_m) {
     int64_t zone = NONE;
     while (zone + 1 < fast->zones && fast->zone_start_m[zone + 1] <= position_m) zone++;
     return zone != NONE && position_m <= fast->zone_stop_m[zone] ? zone : NONE;
@@ -134,16 +133,19 @@ static int64_t zone_at(const Fast *fast, double position_m, int64_t previous) {
 
 /* ---- fingers to what is felt, as engine/effects/player.py ---- */
 
-typedef struct { int64_t touched, felt, level, click_ns; } Felt;
+typedef struct { double held_m; int64_t level, click_ns, is_lifted; } Present;
+
+/* What the fingers bring: the wanted level, when its click began, and the fingers, those that have lifted included. */
+typedef struct { int64_t level, click_ns, count; Present finger[3 * MOST_CONTACTS]; } Felt;
 
 /* The click that began last is all that is felt; of equal ones, and of steady levels, the greatest level. */
-static void feel(Felt *felt, int64_t zone, int64_t level, int64_t click_ns) {
-    if (zone == NONE || level == NONE) return;
+static void feel(Felt *felt, double held_m, int64_t level, int64_t click_ns, int64_t is_lifted) {
+    felt->finger[felt->count++] = (Present){held_m, level, click_ns, is_lifted};
+    if (level == NONE) return;
     if (click_ns == felt->click_ns) {
-        felt->felt |= (int64_t)1 << zone;
         if (level > felt->level) felt->level = level;
     } else if (click_ns > felt->click_ns) { /* NONE is below all */
-        felt->felt = (int64_t)1 << zone, felt->level = level, felt->click_ns = click_ns;
+        felt->level = level, felt->click_ns = click_ns;
     }
 }
 
@@ -159,31 +161,30 @@ static const Rule *rule_for(const Fast *fast, int64_t trigger, int64_t zone, dou
     return NULL;
 }
 
-/* Whether the contacts change what is felt; `felt` is what they bring. */
+/* The position that drives are made for: it follows a finger that is more than follow_m away from it. */
+static double held_of(const Fast *fast, const Finger *finger, double position_m) {
+    return fabs(position_m - finger->held_m) > fast->follow_m ? position_m : finger->held_m;
+}
+
+/* Whether a finger came or lifted; `felt` is what the contacts bring. */
 static int follow(const Fast *fast, const Active *active, int count, int64_t time_ns, Felt *felt) {
-    /* Fingers that touch: their zones, and the effect that they have or that a touch rule gives them. */
+    /* Fingers that touch: their effect, or the one that a touch rule gives them. */
     int changed = 0, touching = 0;
     int64_t here[MOST_CONTACTS];
     for (int i = 0; i < count; i++) {
         if (!active[i].tip) continue;
         const double position_m = position_of(fast, active[i].place);
-        int64_t previous = NONE;
-        for (int k = 0; k < fast->tracked_count; k++)
-            if (fast->tracked[k].contact_id == active[i].contact_id) previous = fast->tracked[k].zone;
-        const int64_t zone = zone_at(fast, position_m, previous);
         const Finger *finger = NULL;
         for (int k = 0; k < fast->fingers; k++)
             if (fast->finger[k].contact_id == active[i].contact_id) finger = &fast->finger[k];
         here[touching++] = active[i].contact_id;
-        if (zone != NONE) felt->touched |= (int64_t)1 << zone;
         if (finger != NULL) {
             if (fast->follows_moves && position_m != finger->position_m) return 0; /* a drag, or the end of a hold */
-            changed |= zone != finger->zone;
-            feel(felt, zone, finger->level, finger->click_ns);
+            feel(felt, held_of(fast, finger, position_m), finger->level, finger->click_ns, 0);
         } else {
-            const Rule *rule = rule_for(fast, TOUCH, zone, position_m);
+            const Rule *rule = rule_for(fast, TOUCH, zone_of(fast, position_m), position_m);
             changed = 1;
-            if (rule != NULL) feel(felt, zone, rule->level, rule->is_click ? time_ns : NONE);
+            feel(felt, position_m, rule ? rule->level : NONE, rule && rule->is_click ? time_ns : NONE, 0);
         }
     }
     /* Fingers that have just lifted, by their lift rule; then those lifted before, whose effect goes on. */
@@ -196,22 +197,50 @@ static int follow(const Fast *fast, const Active *active, int count, int64_t tim
             changed = 1;
             const Rule *rule = rule_for(fast, LIFT, finger->zone, finger->position_m);
             if (rule == NULL) continue;
-            if (finger->zone != NONE) felt->touched |= (int64_t)1 << finger->zone;
-            feel(felt, finger->zone, rule->level, rule->is_click ? time_ns : NONE);
+            feel(felt, finger->held_m, rule->level, rule->is_click ? time_ns : NONE, 1);
         } else {
-            if (finger->zone != NONE) felt->touched |= (int64_t)1 << finger->zone;
-            feel(felt, finger->zone, finger->level, finger->click_ns);
+            feel(felt, finger->held_m, finger->level, finger->click_ns, 1);
         }
     }
     return changed;
 }
 
-/* The state of all zones in base 3: 0 free, 1 quiet, 2 felt. */
-static int64_t state_of(const Fast *fast, const Felt *felt) {
-    int64_t state = 0, power = 1;
-    for (int zone = 0; zone < fast->zones; zone++, power *= 3)
-        state += power * ((felt->touched >> zone & 1) + (felt->felt >> zone & 1));
-    return state;
+/* ---- placement to click, as engine/table/clicks.py ---- */
+
+static int64_t place_of(const Fast *fast, double position_m) {
+    const int64_t place = (int64_t)(position_m / fast->pitch_m + 0.5), last = fast->places - 1;
+    return place < 0 ? 0 : place > last ? last : place;
+}
+
+/* Row of the click for these fingers; NONE: there is none, or the case is left to Python. */
+static int64_t row_of(const Fast *fast, const Felt *felt) {
+    /* The felt fingers, and all others that touch; code 0 stands for no finger, 1 + 2 * place + is_felt for one. */
+    double held_m[MOST_FINGERS];
+    int64_t code[MOST_FINGERS] = {0}, count = 0;
+    for (int i = 0; i < felt->count; i++) {
+        const Present *finger = &felt->finger[i];
+        const int is_felt = finger->level != NONE && finger->click_ns == felt->click_ns;
+        if (finger->is_lifted && !is_felt) continue;
+        if (count == MOST_FINGERS) return NONE;
+        held_m[count] = finger->held_m, code[count++] = 1 + 2 * place_of(fast, finger->held_m) + is_felt;
+    }
+    /* Fingers that are too close are one to the bar. */
+    if (count == MOST_FINGERS && fabs(held_m[0] - held_m[1]) < fast->closest_m) return NONE;
+    const int64_t side = 2 * fast->places + 1;
+    return fast->pair[code[0] < code[1] ? code[0] * side + code[1] : code[1] * side + code[0]];
+}
+
+/* Fill in the click of a row at a level, as encode_play of firmware_link/protocol/messages.py; 0: it has none. */
+static int play(const Fast *fast, int64_t row, int64_t level, Command *command) {
+    const int64_t amplitude = fast->amplitude[level * fast->rows + row];
+    if (amplitude == NONE) return 0;
+    const uint8_t *head = fast->head + 3 * row; /* set, fraction bits, number of weights */
+    uint8_t *body = command->body;
+    command->kind = PLAY, command->size = PLAY_HEAD + 2 * head[2];
+    body[0] = PLAY_TYPE, body[4] = head[0], body[5] = head[1];
+    body[6] = (uint8_t)amplitude, body[7] = (uint8_t)(amplitude >> 8), body[8] = head[2];
+    memcpy(body + PLAY_HEAD, fast->weight + row * fast->functions, 2 * (size_t)head[2]); /* this machine is little-endian */
+    return 1;
 }
 
 /* ---- command to frame, as firmware_link/protocol/framing.py ---- */
@@ -272,7 +301,8 @@ static int is_readable(int64_t descriptor) {
 /* Encode the frame that the packet brings; DECLINED where it brings none, or the case is left to Python. */
 int64_t fast_answer(Fast *fast) {
     Active active[MOST_CONTACTS];
-    Felt felt = {0, 0, NONE, NONE};
+    Felt felt; /* without its fingers: they take longer to clear than to list */
+    felt.level = felt.click_ns = NONE, felt.count = 0;
     const uint8_t *report = fast->packet + fast->packet_head;
     int64_t time_ns = fast->read_ns + fast->axis_ns;
     if (fast->packet_head) memcpy(&time_ns, fast->packet, sizeof time_ns); /* a benchmark says when it was due */
@@ -281,14 +311,21 @@ int64_t fast_answer(Fast *fast) {
     const int count = decode(fast, report, fast->packet_size - fast->packet_head, time_ns, active);
     fast->frame_ns = now_ns();
     if (count == NONE || !follow(fast, active, count, time_ns, &felt)) return DECLINED;
-    const int64_t state = state_of(fast, &felt);
     fast->state_ns = now_ns();
-    if (state == fast->state && felt.level == fast->level && felt.click_ns == fast->click_ns) return DECLINED;
+    /* A click that goes on keeps its fingers and its level; steady drives, and a click that is felt again since a later
+     * one was cut, are left to Python. */
+    if (felt.click_ns == fast->click_ns && (felt.click_ns != NONE || felt.level == fast->level)) return DECLINED;
+    if (felt.level != NONE && felt.click_ns != time_ns) return DECLINED;
     /* Look the command up. */
-    const int64_t row = 2 * felt.level + (felt.click_ns != NONE);
-    const int64_t number = felt.level == NONE ? 0 : fast->command_of[row * fast->states + state];
-    const Command *command = &fast->command[number];
-    if (number == fast->held) return DECLINED; /* the device holds it already */
+    Command click;
+    const Command *command = &fast->silence;
+    if (felt.level != NONE) {
+        const int64_t row = row_of(fast, &felt);
+        if (row == NONE || !play(fast, row, felt.level, &click)) return DECLINED;
+        command = &click;
+    } else if (fast->is_silent) {
+        return DECLINED; /* the device holds it already */
+    }
     /* Encode it, if the link would send it now. */
     const int64_t asked_ns = fast->asked_ns = now_ns();
     if (asked_ns < fast->line_free_ns) return DECLINED;

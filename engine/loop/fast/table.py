@@ -1,4 +1,8 @@
-"""Every command that a run may send, as the compiled step looks it up: encoded bodies, and their numbers by state."""
+"""The clicks of a table as the compiled step reads them: arrays that it composes a PLAY from.
+
+All levels share the weights, and a level is a column of amplitudes. So the arrays of thirteen thousand clicks at three
+levels take 1.5 MB, most of which the renderer holds anyway.
+"""
 
 from dataclasses import dataclass
 
@@ -6,27 +10,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.loop.fast.layout import CONSTANTS
-from engine.loop.fast.layout import Command as CommandPlace
-from engine.render import SILENCE, Command, DriveCommand, Rendering
+from engine.render import Rendering
+from engine.touch.places import Places
 from firmware_link.host.link_values import Capabilities
-from firmware_link.protocol.messages import DRIVE_SIZE, encode_play_body, encode_set_body
+from firmware_link.protocol.messages import DRIVE_SIZE, encode_set_body
 
 MOST_CELLS = 1 << 22
-"""Numbers by level, kind and state: 16 MiB. Beyond, the Python loop sends all commands."""
+"""Rows by two fingers, or amplitudes by level and row: 16 MiB. Beyond, the Python loop sends all commands."""
+_MOST_WEIGHTS = (CONSTANTS["LONGEST_BODY"] - CONSTANTS["PLAY_HEAD"]) // 2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FastTable:
-    """The commands of one renderer for one connected device."""
+    """The clicks of one renderer for one connected device."""
 
     levels_db: tuple[float, ...]
     """Rising."""
-    numbers: dict[Command, int]
-    """0 is silence."""
-    commands: NDArray[np.void]
-    """Shape (command,), each a `Command` of the layout; sequence and clock reference are filled in when it is sent."""
-    command_of: NDArray[np.int32]
-    """Shape (level, steady or click, state): a number; that of silence where nothing is known."""
+    places: Places
+    pair: NDArray[np.int32]
+    """Rows by the codes of two fingers, as `engine.table.clicks.Clicks.pair`."""
+    head: NDArray[np.uint8]
+    """Of each click (row, 3): the device's number of its set, fraction bits, number of weights."""
+    weights: NDArray[np.int16]
+    """Shape (row, function)."""
+    amplitude: NDArray[np.int32]
+    """Words (level, row); NONE for a click that is not played."""
+    silence: bytes
+    """Body of the SET of silence; sequence and clock reference are filled in when it is sent."""
     lease_ms: int
     drive_size: int
     """Bytes, of the drive of every actuator of the device."""
@@ -34,50 +44,50 @@ class FastTable:
 
 @dataclass(frozen=True)
 class FastRendering(Rendering):
-    """A rendered table with the commands as the compiled step reads them."""
+    """A rendered table with its clicks as the compiled step reads them."""
 
     fast_table: FastTable | None
-    """None where the commands are too many or too long."""
+    """None where they are too many, or the device plays none."""
 
 
 def with_fast_table(rendering: Rendering, capabilities: Capabilities) -> FastRendering:
     """The rendering with its fast table; it takes long enough to be made before the loop needs it."""
-    configuration, zones = rendering.configuration, len(rendering.device.zones)
-    lease_ms = min(configuration.lease_ms, capabilities.longest_lease_ms)
-    drive_size = DRIVE_SIZE * capabilities.number_of_actuators
-    fast_table = _make_fast_table(rendering, 3**zones, lease_ms, drive_size)
     return FastRendering(
         rendering.device,
         rendering.renderer,
-        configuration,
+        rendering.configuration,
         rendering.click_length_ns,
-        fast_table,
+        _make_fast_table(rendering, capabilities),
     )
 
 
-def _make_fast_table(rendering: Rendering, states: int, lease_ms: int, drive_size: int) -> FastTable | None:
-    renderer = rendering.renderer
-    levels_db = tuple(sorted(renderer.levels_db))
-    shape = (len(levels_db), 2, states)
-    if np.prod(shape, dtype=float) > MOST_CELLS:
+def _make_fast_table(rendering: Rendering, capabilities: Capabilities) -> FastTable | None:
+    rendered, levels_db = rendering.renderer.clicks, tuple(sorted(rendering.renderer.levels_db))
+    clicks = rendered.clicks
+    cells = max((2 * clicks.places.count + 1) ** 2, len(levels_db) * len(clicks))
+    if cells > MOST_CELLS or len(rendering.device.zones) > CONSTANTS["MOST_ZONES"]:
         return None
-    command_of = np.zeros(shape, np.int32)
-    numbers: dict[Command, int] = {SILENCE: 0}
-    for level_db, is_click, state, command in renderer.commands():
-        number = numbers.setdefault(command, len(numbers))
-        command_of[levels_db.index(level_db), int(is_click), state] = number
-    bodies = [_body_of(command, lease_ms, drive_size) for command in numbers]
-    if max(map(len, bodies)) > CONSTANTS["LONGEST_BODY"]:
+    lease_ms = min(rendering.configuration.lease_ms, capabilities.longest_lease_ms)
+    drive_size = DRIVE_SIZE * capabilities.number_of_actuators
+    silence = encode_set_body(0, lease_ms, bytes(drive_size), 0)
+    if len(silence) > CONSTANTS["LONGEST_BODY"]:
         return None
-    commands = np.zeros(len(bodies), np.dtype(CommandPlace))
-    for row, command, body in zip(commands, numbers, bodies, strict=True):
-        row["kind"] = CONSTANTS["SET" if isinstance(command, DriveCommand) else "PLAY"]
-        row["size"] = len(body)
-        row["body"][: len(body)] = np.frombuffer(body, np.uint8)
-    return FastTable(levels_db, numbers, commands, command_of, lease_ms, drive_size)
-
-
-def _body_of(command: Command, lease_ms: int, drive_size: int) -> bytes:
-    if isinstance(command, DriveCommand):
-        return encode_set_body(0, lease_ms, command.drive.ljust(drive_size, b"\0"), 0)
-    return encode_play_body(0, command.click.play, 0)
+    # Number in the device, and functions, of each set of the table's basis; 0 for a set that the device has not.
+    sets = np.zeros((0 if clicks.basis is None else len(clicks.basis.sets), 2), np.uint8)
+    for number, held in rendered.basis.sets.items():
+        assert clicks.basis is not None  # it has the set
+        sets[number] = held, len(clicks.basis.sets[number].actuators)
+    head = np.column_stack([sets[clicks.basis_set, 0], clicks.fraction_bits, sets[clicks.basis_set, 1]])
+    amplitude = np.array([rendered.amplitude_words(level_db) for level_db in levels_db], np.int32)
+    amplitude[:, head[:, 2] > _MOST_WEIGHTS] = CONSTANTS["NONE"]
+    return FastTable(
+        levels_db,
+        clicks.places,
+        np.ascontiguousarray(clicks.pair, np.int32),
+        np.ascontiguousarray(head, np.uint8),
+        np.ascontiguousarray(clicks.weights, np.int16),
+        np.ascontiguousarray(amplitude.reshape(len(levels_db), len(clicks))),
+        silence,
+        lease_ms,
+        drive_size,
+    )

@@ -15,27 +15,33 @@ from hypothesis import strategies as st
 
 from engine.loop import CommandRecord, Fate, LoopCounters
 from engine.loop.ring import MOST_TOUCHES, Record, RingCounters, RingError, RingReader, RingWriter
-from engine.touch import Touch
+from engine.touch import Placement, Touch
+from engine.touch.placement import MOST_FINGERS
 
 words = st.integers(-(2**63), 2**63 - 1)
 counts = st.integers(0, 2**64 - 1)
 touches = st.builds(
     Touch, words, st.floats(allow_nan=False, allow_infinity=False), st.one_of(st.none(), st.integers(0, 9))
 )
+positions = st.floats(0, 1, allow_subnormal=True)
+placements = st.lists(st.tuples(positions, st.booleans()), min_size=1, max_size=MOST_FINGERS).map(
+    lambda fingers: Placement(tuple(at_m for at_m, _ in fingers), tuple(is_felt for _, is_felt in fingers))
+)
 records = st.builds(
     Record,
     stamps_ns=st.tuples(*(words,) * 6),
     report_index=st.one_of(st.none(), st.integers(0, 2**62)),
-    state=st.integers(0, 3**10),
+    placement=st.none() | placements,
     level_db=st.one_of(st.none(), st.floats(0, 60), st.just(math.inf)),
     is_click=st.booleans(),
+    is_provisional=st.booleans(),
     drive_sequence=st.one_of(st.none(), st.integers(0, 255)),
     counters=st.builds(RingCounters, *(counts,) * 6),
     touches=st.lists(touches, max_size=MOST_TOUCHES).map(tuple),
     drive=st.binary(max_size=96),
     report=st.binary(max_size=256),
 )
-PLAIN = Record((1, 2, 3, 4, 5, 6), 0, 0, None, False, None, RingCounters(0, 0, 0, 0, 0, 0), (), b"", b"")
+PLAIN = Record((1, 2, 3, 4, 5, 6), 0, None, None, False, False, None, RingCounters(0, 0, 0, 0, 0, 0), (), b"", b"")
 
 
 def observe(writer: RingWriter, record: Record) -> None:
@@ -98,7 +104,7 @@ def test_the_ring_goes_with_its_writer_and_a_second_one_is_refused(path: Path) -
         RingReader(path)
 
 
-@pytest.mark.parametrize(("head", "said"), [(b"x" * 64, "is no ring"), (b"tactring" + b"\x09" * 56, "of revision")])
+@pytest.mark.parametrize(("head", "said"), [(b"x" * 64, "is no ring"), (b"tactring" + b"\x01" * 56, "of revision")])
 def test_what_is_no_ring_of_ours_is_refused_by_name(path: Path, head: bytes, said: str) -> None:
     path.write_bytes(head)
     with pytest.raises(RingError, match=said):
@@ -106,11 +112,13 @@ def test_what_is_no_ring_of_ours_is_refused_by_name(path: Path, head: bytes, sai
 
 
 def _read_until(path: Path, last: int, found: multiprocessing.Queue[tuple[list[int], int]]) -> None:
-    states: list[int] = []
+    indices: list[int] = []
     with RingReader(path, from_start=True) as reader:
-        while not states or states[-1] < last:
-            states += [record.state for record in reader.read() if set(record.stamps_ns) == {record.state}]
-        found.put((states, reader.lost))
+        while not indices or indices[-1] < last:
+            indices += [
+                r.report_index for r in reader.read() if r.report_index and set(r.stamps_ns) == {r.report_index}
+            ]
+        found.put((indices, reader.lost))
 
 
 def test_a_reader_in_another_process_sees_whole_records_in_order(path: Path) -> None:
@@ -122,9 +130,9 @@ def test_a_reader_in_another_process_sees_whole_records_in_order(path: Path) -> 
         number = 0
         while found.empty():
             number += 1
-            observe(writer, PLAIN._replace(stamps_ns=(number,) * 6, state=number, report=bytes(100)))
+            observe(writer, PLAIN._replace(stamps_ns=(number,) * 6, report_index=number, report=bytes(100)))
             os.sched_yield()
-        states, lost = found.get()
+        indices, lost = found.get()
         process.join()
-    assert all(later > earlier for earlier, later in pairwise(states))
-    assert len(states) + lost >= states[-1] - states[0] + 1
+    assert all(later > earlier for earlier, later in pairwise(indices))
+    assert len(indices) + lost >= indices[-1] - indices[0] + 1
