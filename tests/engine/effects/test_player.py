@@ -10,17 +10,17 @@ from hypothesis import strategies as st
 from engine.effects import DEFAULT_EFFECTS, Effect, EffectPlayer, Effects, Rule, Segment, Trigger
 from engine.effects.player import DRAG_REST_NS, STILL_M
 from engine.effects.rules import burst, click
-from engine.touch import Touch, ZoneState, state_index
+from engine.touch import Placement, Touch
+from engine.touch.placement import CLOSEST_M, MOST_FINGERS
 
 MS = 1_000_000
 MM = 1e-3
 ZONES = 5
-QUIET, FELT = ZoneState.QUIET, ZoneState.FELT
 
 BURSTS = Effects((Rule(Trigger.TOUCH, burst(20.0, 50)),))
 
 Moment = tuple[float, str, float | None]
-"""Time in ms, a letter for the state of each zone, level."""
+"""Time in ms, a letter for the finger in each zone (F: it feels, q: it is quiet), all "-" without a level, level."""
 
 
 def touch(contact_id: int, place_mm: float, zone: int | None = None) -> Touch:
@@ -36,7 +36,7 @@ class Story:
     moments: list[Moment] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.player = EffectPlayer(self.effects, ZONES)
+        self.player = EffectPlayer(self.effects)
 
     def at(self, time_ms: float, *touches: Touch) -> None:
         """A frame, after all that is due before."""
@@ -54,14 +54,20 @@ class Story:
         return self
 
     def note(self, time_ms: float) -> None:
-        now = (letters(self.player.state), self.player.level_db)
+        now = (letters(self.player.placement), self.player.level_db)
         before = self.moments[-1][1:] if self.moments else ("-----", None)
         if now != before:
             self.moments.append((time_ms, *now))
 
 
-def letters(state: int) -> str:
-    return "".join("-qF"[state // 3**zone % 3] for zone in range(ZONES))
+def letters(placement: Placement | None) -> str:
+    zones = ["-"] * ZONES
+    if placement is not None:
+        for at_m, is_felt in sorted(
+            zip(placement.position_m, placement.is_felt, strict=True), key=lambda each: each[1]
+        ):
+            zones[int(at_m / MM // 50)] = "F" if is_felt else "q"
+    return "".join(zones)
 
 
 def story(*rules: Rule) -> Story:
@@ -81,7 +87,7 @@ def test_a_burst_is_felt_for_its_time_and_quiet_from_then_on() -> None:
     for time_ms in range(0, 200, 8):
         seen.at(time_ms, touch(1, 10))
     seen.at(200)
-    assert seen.moments == [(0, "F----", 20.0), (50, "q----", None), (200, "-----", None)]
+    assert seen.moments == [(0, "F----", 20.0), (50, "-----", None)]
     assert seen.player.next_change_ns is None
 
 
@@ -100,7 +106,7 @@ def test_each_finger_has_its_own_time() -> None:
         (0, "F----", 20.0),
         (30, "F-F--", 20.0),
         (50, "q-F--", 20.0),
-        (80, "q-q--", None),
+        (80, "-----", None),
     ]
 
 
@@ -109,15 +115,13 @@ def test_a_finger_takes_its_effect_along_into_other_zones() -> None:
     seen.at(0, touch(1, 10))
     seen.at(16, touch(1, 60))
     seen.at(64, touch(1, 110))
-    assert seen.moments == [(0, "F----", 20.0), (16, "-F---", 20.0), (50, "-q---", None), (64, "--q--", None)]
+    assert seen.moments == [(0, "F----", 20.0), (16, "-F---", 20.0), (50, "-----", None)]
 
 
-def test_a_finger_in_a_gap_is_felt_once_it_is_in_a_zone() -> None:
-    seen = story(Rule(Trigger.TOUCH, HELD))
-    seen.at(0, Touch(1, 0.02, None))
-    assert (seen.player.state, seen.player.level_db) == (0, None)
-    seen.at(8, touch(1, 60))
-    assert seen.moments == [(8, "-F---", 20.0)]
+def test_a_finger_in_a_gap_feels_and_is_kept_quiet_as_any_other() -> None:
+    seen = story(Rule(Trigger.TOUCH, HELD, region_m=(0.0, 0.1)))
+    seen.player.take([Touch(1, 0.02, None), Touch(2, 0.12, None)], 0)
+    assert seen.player.placement == Placement((0.02, 0.12), (True, False))
 
 
 def test_an_envelope_is_played_segment_by_segment_without_drift() -> None:
@@ -125,20 +129,20 @@ def test_an_envelope_is_played_segment_by_segment_without_drift() -> None:
     seen.at(0.5, touch(1, 10))
     assert seen.until(1000).moments == [
         (0.5, "F----", 30.0),
-        (20.5, "q----", None),
+        (20.5, "-----", None),
         (30.5, "F----", 15.0),
-        (50.5, "q----", None),
+        (50.5, "-----", None),
     ]
 
 
 @given(st.lists(st.tuples(st.integers(1, 100), st.none() | st.integers(0, 40)), min_size=1, max_size=6))
 def test_at_any_time_the_level_is_that_of_the_segment(segments: list[tuple[int, int | None]]) -> None:
-    player = EffectPlayer(Effects((Rule(Trigger.TOUCH, pulse(*segments)),)), ZONES)
+    player = EffectPlayer(Effects((Rule(Trigger.TOUCH, pulse(*segments)),)))
     player.take([touch(1, 10)], 0)
     levels = [level for duration, level in segments for _ in range(duration)] + [None] * 5
     for time_ms, level in enumerate(levels):
         player.advance(time_ms * MS)
-        assert (player.level_db, letters(player.state)[0]) == (level, "q" if level is None else "F")
+        assert (player.level_db, letters(player.placement)[0]) == (level, "-" if level is None else "F")
 
 
 def test_what_a_touch_holds_lasts_as_long_as_the_finger() -> None:
@@ -187,9 +191,9 @@ def test_two_fingers_in_one_zone_are_felt_if_one_of_them_feels() -> None:
     seen.at(200, touch(1, 10))
     assert seen.moments == [
         (0, "F----", 20.0),
-        (50, "q----", None),
+        (50, "-----", None),
         (100, "F----", 20.0),
-        (150, "q----", None),
+        (150, "-----", None),
     ]
 
 
@@ -200,11 +204,10 @@ def test_a_finger_that_rests_feels_a_hold_once_and_anew_after_it_moved_on() -> N
     for time_ms in range(1000, 1500, 100):
         seen.at(time_ms, touch(1, 20))
     assert seen.moments == [
-        (0, "q----", None),
         (300, "F----", 20.0),
-        (350, "q----", None),
+        (350, "-----", None),
         (1300, "F----", 20.0),
-        (1350, "q----", None),
+        (1350, "-----", None),
     ]
 
 
@@ -212,7 +215,7 @@ def test_a_finger_that_never_rests_feels_no_hold() -> None:
     seen = story(Rule(Trigger.HOLD, HELD, after_ns=300 * MS))
     for time_ms in range(0, 2000, 100):
         seen.at(time_ms, touch(1, 10 + 1.1 * STILL_M / MM * (time_ms // 100)))
-    assert {level_db for _, _, level_db in seen.moments} == {None}
+    assert not seen.moments
 
 
 def test_what_a_hold_holds_ends_when_the_finger_moves_on() -> None:
@@ -221,10 +224,9 @@ def test_what_a_hold_holds_ends_when_the_finger_moves_on() -> None:
     seen.at(400, touch(1, 14))
     seen.at(550, touch(1, 18))
     assert seen.until(2000).moments == [
-        (0, "q----", None),
         (100, "F----", 30.0),
         (300, "F----", 20.0),
-        (400, "q----", None),
+        (400, "-----", None),
         (500, "F----", 30.0),
         # It moved on at 550: what has a duration plays to its end, what would be held never begins, but it rests anew.
         (850, "F----", 20.0),
@@ -245,7 +247,7 @@ def test_a_finger_that_trembles_is_not_dragged() -> None:
     seen = story(Rule(Trigger.DRAG, burst(20.0, 5), every_m=5 * MM))
     for frame in range(1000):
         seen.at(8 * frame, touch(1, 20 + 4.9 * (-1) ** frame / 2))
-    assert [level_db for _, _, level_db in seen.moments] == [None]
+    assert not seen.moments
 
 
 def test_what_a_drag_holds_lasts_until_it_rests() -> None:
@@ -254,9 +256,8 @@ def test_what_a_drag_holds_lasts_until_it_rests() -> None:
         seen.at(50 * frame, touch(1, 10 + 1.5 * frame))
     last_mark_ms = 950
     assert seen.until(5000).moments == [
-        (0, "q----", None),
         (50, "F----", 20.0),
-        (last_mark_ms + DRAG_REST_NS / MS, "q----", None),
+        (last_mark_ms + DRAG_REST_NS / MS, "-----", None),
     ]
 
 
@@ -274,10 +275,8 @@ def test_a_lift_is_felt_where_the_finger_was_and_then_the_zone_is_free() -> None
     seen.at(8, touch(1, 60))
     seen.at(16)
     assert seen.until(1000).moments == [
-        (0, "q----", None),
-        (8, "-q---", None),
         (16, "-F---", 20.0),
-        (36, "-q---", None),
+        (36, "-----", None),
         (46, "-F---", 10.0),
         (66, "-----", None),
     ]
@@ -290,10 +289,9 @@ def test_a_finger_that_comes_back_does_not_end_what_the_lifted_one_left() -> Non
     seen.at(10)
     seen.at(20, touch(1, 60))
     assert seen.until(1000).moments == [
-        (0, "q----", None),
         (10, "F----", 20.0),
         (20, "Fq---", 20.0),
-        (110, "-q---", None),
+        (110, "-----", None),
     ]
 
 
@@ -303,10 +301,10 @@ def test_one_finger_for_another_in_one_frame_is_a_lift_and_a_touch() -> None:
     seen.at(100, touch(2, 60))
     assert seen.until(1000).moments == [
         (0, "F----", 10.0),
-        (50, "q----", None),
+        (50, "-----", None),
         (100, "FF---", 30.0),
         (120, "-F---", 10.0),
-        (150, "-q---", None),
+        (150, "-----", None),
     ]
 
 
@@ -321,9 +319,9 @@ def test_the_newest_effect_takes_the_place_of_the_one_under_way() -> None:
     assert seen.until(1000).moments == [
         (0, "F----", 20.0),
         (50, "F----", 30.0),
-        (60, "q----", None),
+        (60, "-----", None),
         (250, "F----", 5.0),
-        (260, "q----", None),
+        (260, "-----", None),
     ]
 
 
@@ -350,12 +348,13 @@ def test_touched_zones_are_never_free_and_all_ends_after_the_last_lift(
     for step_ms, places_mm in path:
         time_ms += step_ms
         seen.at(time_ms, *(touch(contact_id, place_mm) for contact_id, place_mm in places_mm.items()))
-        shown = letters(seen.player.state)
-        assert all(shown[place_mm // 50] != "-" for place_mm in places_mm.values())
+        shown = letters(seen.player.placement)
+        if seen.player.level_db is not None and not seen.player.joined:
+            assert all(shown[place_mm // 50] != "-" for place_mm in places_mm.values())
         assert ("F" in shown) == (seen.player.level_db is not None)
     seen.at(time_ms + 1)
     seen.until(time_ms + 1000)
-    assert (seen.player.state, seen.player.level_db, seen.player.next_change_ns) == (0, None, None)
+    assert (seen.player.placement, seen.player.level_db, seen.player.next_change_ns) == (None, None, None)
 
 
 @given(frames)
@@ -373,14 +372,6 @@ def test_looking_more_often_changes_nothing(path: list[tuple[int, dict[int, int]
     assert often.moments == seldom.moments
 
 
-@pytest.mark.parametrize("zones", [1, 5, 16])
-def test_states_are_numbered_as_everywhere(zones: int) -> None:
-    rule = Rule(Trigger.TOUCH, HELD, zones=frozenset(range(0, zones, 2)))
-    player = EffectPlayer(Effects((rule,)), zones)
-    player.take([Touch(zone, 0.0, zone) for zone in range(zones)], 0)
-    assert player.state == state_index([QUIET if zone % 2 else FELT for zone in range(zones)])
-
-
 CLICKS = Effects((Rule(Trigger.TOUCH, click(20.0)),))
 
 
@@ -390,7 +381,7 @@ def clicks_of(seen: Story, *frames: tuple[float, tuple[Touch, ...]]) -> list[tup
 
     def note(time_ms: float) -> None:
         player = seen.player
-        now = (letters(player.state), player.level_db, player.click_ns is not None)
+        now = (letters(player.placement), player.level_db, player.click_ns is not None)
         if not out or out[-1][1:] != now:
             out.append((time_ms, *now))
 
@@ -406,13 +397,13 @@ def clicks_of(seen: Story, *frames: tuple[float, tuple[Touch, ...]]) -> list[tup
 
 def test_by_default_a_touch_is_a_click_at_20_db() -> None:
     seen = clicks_of(Story(DEFAULT_EFFECTS), (0, (touch(1, 10),)), (100, (touch(1, 10),)))
-    assert seen == [(0, "F----", 20.0, True), (30, "q----", None, False)]
+    assert seen == [(0, "F----", 20.0, True), (30, "-----", None, False)]
 
 
 def test_the_next_finger_has_its_own_click_and_the_one_before_is_quiet() -> None:
     one, other = touch(1, 10), touch(2, 110)
     seen = clicks_of(Story(CLICKS), (0, (one,)), (20, (one, other)), (100, (one, other)))
-    assert seen == [(0, "F----", 20.0, True), (20, "q-F--", 20.0, True), (50, "q-q--", None, False)]
+    assert seen == [(0, "F----", 20.0, True), (20, "q-F--", 20.0, True), (50, "-----", None, False)]
 
 
 def test_fingers_that_come_together_click_together() -> None:
@@ -440,7 +431,7 @@ def test_a_texture_is_a_click_for_each_distance() -> None:
 
 
 def test_a_click_lasts_as_long_as_the_table_says() -> None:
-    player = EffectPlayer(CLICKS, ZONES, click_length_ns=12 * MS)
+    player = EffectPlayer(CLICKS, click_length_ns=12 * MS)
     player.take([touch(1, 10)], 5 * MS)
     assert player.next_change_ns == 17 * MS
 
@@ -450,19 +441,83 @@ def test_an_envelope_may_pause_between_clicks() -> None:
     seen = clicks_of(Story(Effects((Rule(Trigger.TOUCH, double),))), (0, (touch(1, 10),)), (300, (touch(1, 10),)))
     assert seen == [
         (0, "F----", 20.0, True),
-        (30, "q----", None, False),
+        (30, "-----", None, False),
         (90, "F----", 10.0, True),
-        (120, "q----", None, False),
+        (120, "-----", None, False),
     ]
 
 
 def test_where_nothing_is_said_to_change_nothing_does() -> None:
     effects = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, 20.0),))),))
-    player = EffectPlayer(effects, 5)
+    player = EffectPlayer(effects)
     seen = list[bool]()
-    for touches in ([], [Touch(1, 0.01, 0)], [Touch(1, 0.02, 0)], [Touch(1, 0.06, 1)], [Touch(1, 0.06, 1)], []):
-        before = (player.state, player.level_db, player.next_change_ns)
+    path = ([], [touch(1, 10)], [touch(1, 10.4)], [touch(1, 10.6)], [touch(1, 10.2)], [touch(1, 10)], [])
+    for touches in path:
+        before = (player.placement, player.level_db, player.next_change_ns)
         seen.append(player.take(touches, 0))
         if not seen[-1]:
-            assert (player.state, player.level_db, player.next_change_ns) == before
-    assert seen == [False, True, False, True, False, True]
+            assert (player.placement, player.level_db, player.next_change_ns) == before
+    assert seen == [False, True, False, True, False, True, True]
+
+
+def test_a_held_drive_follows_the_finger_in_steps_that_its_jitter_does_not_make() -> None:
+    player = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD),)))
+    placed = list[float]()
+    for place_mm in (40.0, 40.3, 39.7, 40.0, 40.49, 40.51, 40.1, 40.0, 41.0, 60.0):
+        player.take([touch(1, place_mm)], 0)
+        assert player.placement is not None
+        placed.append(round(player.placement.position_m[0] / MM, 3))
+    assert placed == [40.0, 40.0, 40.0, 40.0, 40.0, 40.51, 40.51, 40.0, 41.0, 60.0]
+
+
+def test_two_fingers_in_one_zone_have_their_own_roles() -> None:
+    player = EffectPlayer(BURSTS)
+    player.take([touch(1, 10)], 0)
+    player.advance(60 * MS)
+    player.take([touch(1, 10), touch(2, 30)], 100 * MS)
+    assert player.placement == Placement((0.01, 0.03), (False, True))
+
+
+def test_a_click_keeps_the_placement_that_it_began_with() -> None:
+    feels = Effects((Rule(Trigger.TOUCH, click(20.0), zones=frozenset({0})),))
+    player = EffectPlayer(feels)
+    player.take([touch(2, 110)], 0)
+    player.take([touch(2, 110), touch(1, 10)], 10 * MS)
+    began = player.placement
+    assert began == Placement((0.01, 0.11), (True, False))
+    for touches in ([touch(2, 130), touch(1, 20)], [touch(2, 130), touch(1, 20), touch(3, 200)], [touch(1, 20)]):
+        player.take(touches, 20 * MS)
+        assert (player.placement, player.level_db, player.click_ns) == (began, 20.0, 10 * MS)
+    player.advance(40 * MS)
+    assert (player.placement, player.click_ns) == (None, None)
+
+
+def test_a_lifted_finger_is_placed_only_while_it_feels() -> None:
+    player = EffectPlayer(
+        Effects((Rule(Trigger.LIFT, pulse((20, 20.0), (10, None), (20, 10.0))), Rule(Trigger.TOUCH, HELD)))
+    )
+    player.take([touch(1, 10), touch(2, 110)], 0)
+    player.take([touch(2, 110)], 100 * MS)
+    assert player.placement == Placement((0.01, 0.11), (True, True))
+    player.advance(125 * MS)
+    assert player.placement == Placement((0.11,), (True,))
+
+
+def test_fingers_that_are_one_to_the_bar_are_placed_as_one() -> None:
+    near_mm = 0.9 * CLOSEST_M / MM
+    first_feels = Effects((Rule(Trigger.TOUCH, HELD, region_m=(0.0, 0.02)),))
+    player = EffectPlayer(first_feels)
+    player.take([touch(1, 15), touch(2, 15 + near_mm), touch(3, 100), touch(4, 100 + near_mm)], 0)
+    assert (player.placement, player.joined) == (Placement((0.015, 0.1), (True, False)), 2)
+    last_feels = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD, region_m=(0.02, 0.03)),)))
+    last_feels.take([touch(1, 15), touch(2, 15 + near_mm)], 0)
+    assert last_feels.placement == Placement(((15 + near_mm) * MM,), (True,))
+
+
+def test_of_too_many_fingers_the_felt_ones_are_placed_first() -> None:
+    player = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD, region_m=(0.2, 0.3)),)))
+    player.take([touch(number, 10 + 20 * number) for number in range(MOST_FINGERS + 2)], 0)
+    placement = player.placement
+    assert placement is not None
+    assert (len(placement.position_m), sum(placement.is_felt), player.left_out) == (MOST_FINGERS, 2, 2)
+    assert max(placement.position_m) == 0.23 and 0.17 not in placement.position_m
