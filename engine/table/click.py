@@ -1,4 +1,4 @@
-"""A click of a table: the weights of its short waveform for one state of the zones, and what the table promises."""
+"""A click of a table: the weights of its short waveform for one placement of the fingers, and what it promises."""
 
 import math
 from collections.abc import Mapping
@@ -9,23 +9,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.table.entry import LEVEL_TOLERANCE_DB, shifted
-from engine.touch import ZoneState, state_index
+from engine.touch import Placement
 from firmware_link.protocol.basis import Basis, Samples, weighted_sum
 
 
 @dataclass(frozen=True)
 class LevelSpread:
-    """Peak level above threshold, dB: of the nominal plant, and 5th, 50th and 95th percentile of sampled plants."""
+    """Peak level above threshold, dB: of the nominal plant, and 5th, 50th and 95th percentile of sampled plants.
+
+    worst_db: of all these plants, the weakest where felt, and the strongest where quiet.
+    """
 
     nominal_db: float
     low_db: float
     middle_db: float
     high_db: float
+    worst_db: float
 
 
 @dataclass(frozen=True)
-class ClickZone:
-    """Peaks under the finger of one touched zone, in the nominal plant."""
+class ClickFinger:
+    """Peaks under one finger, in the nominal plant."""
 
     acceleration_at_finger_m_per_s2: float
     level_db: float
@@ -36,12 +40,14 @@ class ClickZone:
 class ClickEntry:
     """Weights (function,) of a set of a basis, played at `amplitude` (fraction of full scale), and their figures.
 
-    A weight is in steps of 2^-fraction_bits.
+    A weight is in steps of 2^-fraction_bits. placement: the positions of the places that the click is made for; each
+    finger lies within `tolerance_m` of its place in the sampled plants.
     exceeds_s: for each level, rising, the time at which every felt finger has passed its threshold when the click is
     played at that level; None: one of them never does.
     """
 
-    states: tuple[ZoneState, ...]
+    placement: Placement
+    tolerance_m: float
     basis: Basis
     basis_set: int
     weights: NDArray[np.int16]
@@ -55,8 +61,8 @@ class ClickEntry:
     """The weakest felt finger."""
     quiet: LevelSpread | None
     """The strongest quiet finger; None: nothing is quiet."""
-    zones: tuple[ClickZone | None, ...]
-    """For each zone, in order; None: no finger."""
+    fingers: tuple[ClickFinger, ...]
+    """For each finger of the placement, in order."""
     exceeds_s: Mapping[float, float | None]
     peak_s: float
     """When the last felt finger has its peak."""
@@ -68,11 +74,6 @@ class ClickEntry:
     """Upper bound on the felt level of clicks of these tones within the quiet level, mean of the optimised plants."""
     gap_db: float
     """Distance of this click from the bound."""
-
-    @property
-    def index(self) -> int:
-        """The state as one number (engine.touch.finger_tracker.state_index)."""
-        return state_index(self.states)
 
     @property
     def level_db(self) -> float:
@@ -98,11 +99,6 @@ class ClickEntry:
         """Length of the waveform."""
         return (self.basis.sets[self.basis_set].samples - 1) / self.sample_rate_hz
 
-    @property
-    def fingers(self) -> int:
-        """Number of touched zones."""
-        return sum(state is not ZoneState.FREE for state in self.states)
-
     def exceeds_at_s(self) -> float | None:
         """When every felt finger has passed its threshold, at the wanted level or the next lower tabulated one."""
         levels_db = [level_db for level_db in self.exceeds_s if level_db <= self.wanted_level_db]
@@ -123,11 +119,10 @@ def played_at(click: ClickEntry, level_db: float) -> ClickEntry:
         achieved=click.achieved and (math.isinf(level_db) or click.level_db >= level_db - LEVEL_TOLERANCE_DB),
         felt=shifted(click.felt, change_db),
         quiet=click.quiet and shifted(click.quiet, change_db),
-        zones=tuple(None if zone is None else _changed_zone(zone, scale, change_db) for zone in click.zones),
+        fingers=tuple(
+            ClickFinger(each.acceleration_at_finger_m_per_s2 * scale, each.level_db + change_db)
+            for each in click.fingers
+        ),
         residual_db=click.residual_db + change_db,
         bound_db=click.bound_db + change_db,
     )
-
-
-def _changed_zone(zone: ClickZone, scale: float, change_db: float) -> ClickZone:
-    return ClickZone(zone.acceleration_at_finger_m_per_s2 * scale, zone.level_db + change_db)

@@ -17,7 +17,14 @@ from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 
 _PROVENANCE = ("created", "code_fingerprint", "code_version")
 _DEVICE = ("title", "device_name", "device_description", "device_fingerprint")
-_COMPARED = ("responses", "sweep", "coherent_sweep", "entries", "clicks")  # value by value, or derived from such
+_COMPARED = (
+    "responses",
+    "receptances",
+    "sweep",
+    "coherent_sweep",
+    "entries",
+    "clicks",
+)  # value by value, or derived from such
 _INPUT_FINGERPRINT = "_input_fingerprint"  # fingerprints of the same
 _Key = tuple[tuple[str, ...], tuple[str, ...], float | None]
 _Part = TypeVar("_Part", Entry, ClickEntry)
@@ -84,7 +91,10 @@ class FigureChange:
 
 @dataclass(frozen=True)
 class StateChange:
-    """An entry, or with level_db None a click, that changed: names of felt and quiet zones, its figures."""
+    """An entry, or with level_db None a click, that changed, and its figures.
+
+    felt, quiet: names of zones; for a click the positions of the places that it is made for.
+    """
 
     felt: tuple[str, ...]
     quiet: tuple[str, ...]
@@ -103,7 +113,7 @@ Sizes = Iterator[tuple[str, Value, Value, float]]
 
 
 def describe(felt: Sequence[str], quiet: Sequence[str], level_db: float | None) -> str:
-    """A state in words, such as "felt I, quiet IV at 20 dB"; without a level for a click."""
+    """A state or a placement in words, such as "felt I, quiet IV at 20 dB"; without a level for a click."""
     zones = f"felt {' '.join(felt)}" + (f", quiet {' '.join(quiet)}" if quiet else "")
     if level_db is None:
         return zones
@@ -164,7 +174,10 @@ class TableDiff:
 
 
 def compare_tables(before: Table, after: Table, tolerance: Tolerance | None = None) -> TableDiff:
-    """Everything that changed beyond the tolerance; states are matched by the names of their zones."""
+    """Everything that changed beyond the tolerance.
+
+    Entries are matched by the names of their zones, clicks by the positions of their places.
+    """
     tolerance = tolerance or Tolerance()
     notes, response_percent = _compare_responses(before, after, tolerance)
     same_actuators = _names(before.device.actuators) == _names(after.device.actuators)
@@ -174,9 +187,10 @@ def compare_tables(before: Table, after: Table, tolerance: Tolerance | None = No
         lambda a, b: entry_figures(a, b, same_actuators),
         tolerance,
     )
+    is_one_grid = not (before.clicks and after.clicks) or before.places == after.places
     clicks = _compare_part(
-        {_click_key(before, click): click for click in before.clicks},
-        {_click_key(after, click): click for click in after.clicks},
+        {_click_key(click): click for click in before.clicks} if is_one_grid else {},
+        {_click_key(click): click for click in after.clicks} if is_one_grid else {},
         lambda a, b: click_figures(a, b, same_actuators),
         tolerance,
     )
@@ -207,6 +221,9 @@ def _layout_notes(before: Table, after: Table) -> Iterator[str]:
         own, other = (", ".join(_names(getattr(table.device, part))) for table in (before, after))
         if own != other:
             yield f"the {part} were {own} and are {other}: {consequence}"
+    own_mm, other_mm = (f"{1e3 * table.places.pitch_m:.3g} mm" for table in (before, after))
+    if before.clicks and after.clicks and before.places != after.places:
+        yield f"places were {own_mm} apart and are {other_mm} apart: clicks are not compared"
 
 
 def _attributes(table: Table) -> dict[str, Value]:
@@ -244,18 +261,17 @@ def _other_arrays(before: Table, after: Table) -> tuple[str, ...]:
     return tuple(name for name in changed if name.partition("/")[0] not in _COMPARED)
 
 
-def _key(table: Table, states: Sequence[ZoneState], level_db: float | None) -> _Key:
-    named = list(zip(table.device.zones, states, strict=True))
-    felt, quiet = (tuple(z.name for z, s in named if s is state) for state in (ZoneState.FELT, ZoneState.QUIET))
-    return felt, quiet, level_db
-
-
 def _entry_key(table: Table, entry: Entry) -> _Key:
-    return _key(table, entry.states, entry.wanted_level_db)
+    named = list(zip(table.device.zones, entry.states, strict=True))
+    felt, quiet = (tuple(z.name for z, s in named if s is state) for state in (ZoneState.FELT, ZoneState.QUIET))
+    return felt, quiet, entry.wanted_level_db
 
 
-def _click_key(table: Table, click: ClickEntry) -> _Key:
-    return _key(table, click.states, None)
+def _click_key(click: ClickEntry) -> _Key:
+    placement = click.placement
+    words = [f"{1e3 * at_m:.1f} mm" for at_m in placement.position_m]
+    felt, quiet = (tuple(words[finger] for finger in which) for which in (placement.felt, placement.quiet))
+    return felt, quiet, None
 
 
 def _compare_part(

@@ -13,12 +13,25 @@ from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.table.error import TableError
-from engine.table.schema import FIXED_SIZES, SCHEMA, TEXT_ATTRIBUTES, WHOLE_ATTRIBUTES, ArrayKind, Kind
+from engine.table.schema import (
+    FIXED_SIZES,
+    REAL_ATTRIBUTES,
+    SCHEMA,
+    TEXT_ATTRIBUTES,
+    WHOLE_ATTRIBUTES,
+    ArrayKind,
+    Kind,
+)
 
 _PIECE_BYTES = 1 << 24
+_ROUNDING_M = 1e-9
+_FEWEST_PLACES = 4  # values between are cubic through four
+_SPREADS = 5
+"""Nominal plant, three percentiles, and the worst."""
 _DIMENSION_ONLY = b"This is a netCDF dimension but not a netCDF variable"
 _NAMES = ("actuator", "zone")
 _ROWS = ("entries", "clicks")
@@ -64,6 +77,8 @@ def check_values(path: Path, file: h5py.File, device: Device, *, with_sweeps: bo
                     raise _FlawError(f"{group_name}/{name}: does not name the {name}s of its device")
             if group_name in _ROWS:
                 _check_rows(group_name, group, device)
+            if group_name == "receptances":
+                _check_receptances(group, device)
     except _FlawError as flaw:
         raise TableError(f"{path}: is corrupted: {flaw}; build it again") from None
 
@@ -92,11 +107,19 @@ def _check_attributes(file: h5py.File) -> None:
     for name in WHOLE_ATTRIBUTES:
         if name in file.attrs and not _is_whole(file.attrs[name]):
             raise _FlawError(f"attribute {name}: expected a whole number")
+    for name in REAL_ATTRIBUTES:
+        if name in file.attrs and not _is_length(file.attrs[name]):
+            raise _FlawError(f"attribute {name}: expected a length above 0")
 
 
 def _is_whole(value: object) -> bool:
     """NetCDF stores one number as an array of one element."""
     return isinstance(value, np.ndarray) and value.shape == (1,) and value.dtype.kind in "iu"
+
+
+def _is_length(value: object) -> bool:
+    is_real = isinstance(value, np.ndarray) and value.shape == (1,) and value.dtype.kind == "f"
+    return is_real and bool(0 < value[0] < np.inf)  # type: ignore[index]  # an array
 
 
 def _check_storage(where: str, array: h5py.Dataset, size_bytes: int) -> None:
@@ -161,12 +184,47 @@ def _check_rows(where: str, group: h5py.Group, device: Device) -> None:
             raise _FlawError(f"{where}/level: expected rising levels")
     if "zone_state" in group and group["zone_state"].shape[-1] != len(device.zones):
         raise _FlawError(f"{where}/zone_state: is for another number of zones than the device has")
-    if where == "clicks" and "sample" in group:
-        sample_s = group["sample"][...]
-        if len(sample_s) < 2 or not 0 < sample_s[1] - sample_s[0] <= 1:
-            raise _FlawError("clicks/sample: expected at least two rising times")
-        if "set_samples" in group and group["set_samples"][...].max(initial=0) > len(sample_s):
-            raise _FlawError("clicks/set_samples: is more than the functions of the basis have")
-        moved = group["function_actuator"][...] if "function_actuator" in group else np.zeros(0)
-        if moved.max(initial=0) >= len(device.actuators):
-            raise _FlawError("clicks/function_actuator: is the index of an actuator that the device does not have")
+    if where == "clicks":
+        _check_basis(group, device)
+        _check_placements(group, device)
+
+
+def _check_basis(group: h5py.Group, device: Device) -> None:
+    sample_s = group["sample"][...]
+    if len(sample_s) < 2 or not 0 < sample_s[1] - sample_s[0] <= 1:
+        raise _FlawError("clicks/sample: expected at least two rising times")
+    if group["set_samples"][...].max(initial=0) > len(sample_s):
+        raise _FlawError("clicks/set_samples: is more than the functions of the basis have")
+    if group["function_actuator"][...].max(initial=0) >= len(device.actuators):
+        raise _FlawError("clicks/function_actuator: is the index of an actuator that the device does not have")
+
+
+def _check_placements(group: h5py.Group, device: Device) -> None:
+    """The fingers of a click lie at rising places."""
+    place_m, finger = group["place"][...], group["finger_place"][...]
+    _check_places("clicks/place", place_m, device, fewest=2)
+    if not finger.shape[1] or finger[:, 0].min(initial=0) < 0 or finger.max(initial=0) >= len(place_m):
+        raise _FlawError("clicks/finger_place: expected at least one finger, at one of the places")
+    before, after = finger[:, :-1], finger[:, 1:]
+    if not ((after == -1) | ((before >= 0) & (after > before))).all():
+        raise _FlawError("clicks/finger_place: expected rising places, and -1 only behind the last finger")
+    for name in ("felt_level", "quiet_level"):
+        if group[name].shape[1] != _SPREADS:
+            raise _FlawError(f"clicks/{name}: expected {_SPREADS} figures of each click")
+
+
+def _check_receptances(group: h5py.Group, device: Device) -> None:
+    """Kernels without bounds checks read them."""
+    place_m, frequency_hz = group["place"][...], group["frequency"][...]
+    _check_places("receptances/place", place_m, device, fewest=_FEWEST_PLACES)
+    if not len(frequency_hz) or (frequency_hz[1:] <= frequency_hz[:-1]).any() or group["threshold"][...].min() <= 0:
+        raise _FlawError("receptances/frequency: expected rising frequencies with thresholds above 0")
+    pairs = len(place_m) * (len(place_m) + 1) // 2
+    if len(group["point"]) != pairs or group["drive"].shape[1] != len(device.actuators):
+        raise _FlawError(f"receptances/point: expected {pairs} pairs of places, and the actuators of the device")
+
+
+def _check_places(where: str, place_m: NDArray[np.float64], device: Device, *, fewest: int) -> None:
+    even_m = np.linspace(0, device.bar.length_m, len(place_m))
+    if len(place_m) < fewest or not np.allclose(place_m, even_m, rtol=0, atol=_ROUNDING_M):
+        raise _FlawError(f"{where}: expected an even grid from one end of the bar to the other")

@@ -1,34 +1,43 @@
-"""An open table: its device, its entries and clicks by state and level, and its sweep (tables/FORMAT.md)."""
+"""An open table: its device, clicks by placement, receptances, entries by state and level, sweep (tables/FORMAT.md)."""
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import h5netcdf
 import h5py
 import numpy as np
 
 from engine.device import Device
+from engine.steady.receptances import Receptances
 from engine.table.click import ClickEntry
 from engine.table.click import played_at as click_played_at
-from engine.table.columns import read_clicks, read_entries
+from engine.table.click_columns import read_clicks
+from engine.table.clicks import Clicks
+from engine.table.columns import read_entries
 from engine.table.entry import DEFAULT_LEVEL_DB, Entry, played_at
 from engine.table.error import TableError
 from engine.table.file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes
+from engine.table.receptance_columns import read_receptances
 from engine.table.soundness import check_contents, check_values
-from engine.touch import ZoneState, state_index
+from engine.touch import Placement, ZoneState, state_index
+from engine.touch.places import Places
+
+if TYPE_CHECKING:
+    from engine.steady.solver import SteadyDrive, SteadySolver
 
 __all__ = ["Table", "TableError", "states_of"]
 
 
 class Table:
-    """An open table: its device, its entries and clicks, and views of the sweep for any zone combination.
+    """An open table: its device, clicks, receptances and entries, and views of the sweep for any zone combination.
 
-    `Table.open` makes one. It is a context manager: the file is closed at its end, entries and device stay usable.
+    `Table.open` makes one. It is a context manager: the file is closed at its end, all but the sweep stays usable.
     """
 
-    def __init__(self, path: Path, file: h5netcdf.File, device: Device) -> None:
+    def __init__(self, path: Path, file: h5netcdf.File, device: Device, live: "_LiveParts") -> None:
         self.path = path
         self._file = file
         self.attributes: dict[str, Any] = dict(file.attrs)
@@ -40,10 +49,10 @@ class Table:
         self._by_state: dict[int, list[Entry]] = {}  # by rising level
         for entry in self.entries:
             self._by_state.setdefault(entry.index, []).append(entry)
-        clicks = file.groups.get("clicks")
-        self.clicks: tuple[ClickEntry, ...] = () if clicks is None else tuple(read_clicks(clicks))
-        """The tabulated clicks, one for each state; a table may have none."""
-        self._click_of = {click.index: click for click in self.clicks}
+        self.clicks = live.clicks
+        """The tabulated clicks, one for each placement at the places; a table may have none."""
+        self.receptances = live.receptances
+        """What steady drives at any positions are solved from."""
 
     @classmethod
     def open(
@@ -58,12 +67,12 @@ class Table:
         path = Path(path)
         sealed = check_bytes(path, verify)
         try:
-            device_there = _check_inside(path, sealed, verify)
+            device_there, live = _read_inside(path, sealed, verify)
             file = h5netcdf.File(path, "r", decode_vlen_strings=True)
         except Exception as error:  # HDF5 and its readers raise errors of every kind on a malformed file
             raise _as_table_error(path, error) from error
         try:
-            table = cls(path, file, device_there)
+            table = cls(path, file, device_there, live)
             if table.device.fingerprint != table.fingerprint or (device and device.fingerprint != table.fingerprint):
                 raise TableError(f"{path}: {_stale_text(table.device, device)}")
             if code_fingerprint and table.attributes["code_fingerprint"] != code_fingerprint:
@@ -82,7 +91,7 @@ class Table:
         self.close()
 
     def close(self) -> None:
-        """Close the file; entries and device stay usable."""
+        """Close the file; all but the sweep stays usable."""
         self._file.close()
 
     def copy_groups(self, writer: TableWriter, groups: Sequence[str]) -> bool:
@@ -134,24 +143,50 @@ class Table:
         entries = self._by_state.get(state)
         return None if entries is None else played_at(entries, level_db, self.device.limits.amplitude)
 
+    @property
+    def places(self) -> Places:
+        """The grid of places that clicks are tabulated at, or would be."""
+        return self.clicks.places
+
     def click_for(
-        self, felt: Sequence[str], quiet: Sequence[str] = (), level_db: float = DEFAULT_LEVEL_DB
+        self, felt: Sequence[str | float], quiet: Sequence[str | float] = (), level_db: float = DEFAULT_LEVEL_DB
     ) -> ClickEntry:
-        """Click of the state with these zones (names) felt and quiet, played at `level_db`; raises as `entry_for`."""
-        click = self.click_at(state_index(self.states_of(felt, quiet)), level_db)
+        """Click for fingers at these positions, `felt` or `quiet`, played at `level_db`.
+
+        A position is a text such as "35 mm", metres, or the name of a zone, which means its middle. The click is that
+        of the nearest places. Raises PlacementError for positions that are no placement, TableError where the table
+        has no click for so many fingers.
+        """
+        placement = Placement.named(self.device, felt, quiet)
+        click = self.click_at(placement, level_db)
         if click is None:
-            zones = f"felt zones {', '.join(felt)!r} and quiet {', '.join(quiet)!r}"
-            raise TableError(f"{self.path}: has no click for {zones}: build it with clicks for this number of fingers")
+            words = ", ".join(f"{1e3 * at_m:g}" for at_m in placement.position_m)
+            raise TableError(
+                f"{self.path}: has no click for fingers at {words} mm: build it with clicks for so many fingers; more "
+                "than two, and two at one place, are only solved when they come"
+            )
         return click
 
-    def click_at(self, state: int, level_db: float) -> ClickEntry | None:
-        """Click of a state (engine.touch.finger_tracker.state_index) at a level; None for a state without a click."""
-        click = self._click_of.get(state)
+    def click_at(self, placement: Placement, level_db: float) -> ClickEntry | None:
+        """Click of the nearest places, played at a level; None for a placement without a click."""
+        click = self.clicks.at(self.places.key(placement))
         return None if click is None else click_played_at(click, level_db)
 
-    def clicks_at(self, level_db: float) -> tuple[ClickEntry, ...]:
-        """Every click, played at one level."""
-        return tuple(click_played_at(click, level_db) for click in self.clicks)
+    def drive_for(
+        self, felt: Sequence[str | float], quiet: Sequence[str | float] = (), level_db: float = DEFAULT_LEVEL_DB
+    ) -> "SteadyDrive":
+        """Steady drive solved for fingers at these positions, given as in `click_for`; loads compiled kernels.
+
+        Raises PlacementError, and SteadyError where no finger is felt.
+        """
+        placement = Placement.named(self.device, felt, quiet)
+        return self._steady.solve(placement.position_m, placement.is_felt, level_db)
+
+    @cached_property
+    def _steady(self) -> "SteadySolver":
+        from engine.steady.solver import SteadySolver  # it brings a compiler, which few who open a table need
+
+        return SteadySolver(self.device, self.receptances)
 
     def entries_at(self, level_db: float) -> tuple[Entry, ...]:
         """Entry of every state at one level."""
@@ -214,8 +249,15 @@ def _stale_text(own: Device, wanted: Device | None) -> str:
     return f"is stale: it was built for another state of {own.name!r}; build it again"
 
 
-def _check_inside(path: Path, sealed: bool, verify: bool) -> Device:
-    """The device of a table whose attributes, links and arrays are sound; nothing outside the file is opened."""
+class _LiveParts(NamedTuple):
+    """The parts that a live engine plays from, read through h5py: h5netcdf takes 5 ms for each variable it opens."""
+
+    clicks: Clicks
+    receptances: Receptances
+
+
+def _read_inside(path: Path, sealed: bool, verify: bool) -> tuple[Device, _LiveParts]:
+    """What is in a table whose attributes, links and arrays are sound; nothing outside the file is opened."""
     with h5py.File(path, "r") as file:
         _check_format(path, file)
         if not sealed:
@@ -223,7 +265,12 @@ def _check_inside(path: Path, sealed: bool, verify: bool) -> Device:
         check_contents(path, file, path.stat().st_size)
         device = Device.parse(str(file.attrs["device_description"]), f"{path}: device_description")
         check_values(path, file, device, with_sweeps=verify)
-    return device
+        length_m, pitch_m = device.bar.length_m, float(file.attrs["click_pitch_m"][0])
+        if "clicks" in file:
+            clicks = read_clicks(file["clicks"], length_m, float(file.attrs["click_tolerance_m"][0]))
+        else:
+            clicks = Clicks.of(Places.every(length_m, pitch_m), [])
+        return device, _LiveParts(clicks, read_receptances(file["receptances"]))
 
 
 def _as_table_error(path: Path, error: Exception) -> TableError:

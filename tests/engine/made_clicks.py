@@ -1,16 +1,22 @@
-"""Clicks made by hand: the waveform says which state it is for, the figures are all alike."""
+"""Clicks made by hand: the waveform says which placement it is for, the figures are all alike."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from math import inf
 
 import numpy as np
 
 from engine.device import Device
-from engine.table import ClickEntry
-from engine.table.click import ClickZone, LevelSpread
-from engine.touch import ZoneState, state_index
+from engine.table import ClickEntry, Clicks
+from engine.table.click import ClickFinger, LevelSpread
+from engine.touch import Placement
+from engine.touch.places import Key, Places
 from firmware_link.protocol.basis import Basis, BasisSet
+from tests.engine.made_entries import states_of
+
+PITCH_M, TOLERANCE_M = 28e-3, 15e-3
+"""On the published bar the middle of every zone is one of these places."""
+_NUMBERS = 30_000
 
 
 @cache
@@ -24,24 +30,44 @@ def basis_of(actuators: int, *counts: int) -> Basis:
     return Basis(4000, tuple(sets))
 
 
+def places_of(device: Device) -> Places:
+    """The places of clicks made by hand."""
+    return Places.every(device.bar.length_m, PITCH_M)
+
+
+def in_zones(device: Device, felt: Sequence[int], quiet: Sequence[int] = ()) -> Placement:
+    """A finger in the middle of each of these zones, at the nearest of the places."""
+    places = places_of(device)
+    return places.placement(places.key(Placement.in_zones(device, states_of(device, felt, quiet))))
+
+
+def number_of(device: Device, placement: Placement) -> int:
+    """The number that is in the samples of a placement's click."""
+    key = places_of(device).key(placement)
+    number = 0
+    for code in key:
+        number = (61 * number + code + 1) % _NUMBERS
+    return 1 + number
+
+
 def click_of(
-    device: Device, states: Sequence[ZoneState], *, level_db: float = 26.0, count: int = 121, achieved: bool = True
+    device: Device, placement: Placement, *, level_db: float = 26.0, count: int = 121, achieved: bool = True
 ) -> ClickEntry:
-    """A click of a device for these zone states: so many samples, the greatest is the number of the state."""
+    """A click of a device for this placement: so many samples, the greatest is the number of the placement."""
     actuators = len(device.actuators)
-    is_quiet = ZoneState.QUIET in states
     return ClickEntry(
-        states=tuple(states),
+        placement=placement,
+        tolerance_m=TOLERANCE_M,
         basis=basis_of(actuators, count),
         basis_set=0,
-        weights=np.full(actuators, state_index(states), np.int16),
+        weights=np.full(actuators, number_of(device, placement), np.int16),
         fraction_bits=1,
         amplitude=1.0,
         wanted_level_db=inf,
         achieved=achieved,
-        felt=LevelSpread(level_db + 2, level_db, level_db + 1.5, level_db + 3),
-        quiet=LevelSpread(-3.0, -5.0, -2.5, 0.5) if is_quiet else None,
-        zones=tuple(None if state is ZoneState.FREE else ClickZone(1.5, level_db) for state in states),
+        felt=LevelSpread(level_db + 2, level_db, level_db + 1.5, level_db + 3, level_db - 1),
+        quiet=LevelSpread(-3.0, -5.0, -2.5, 0.5, 1.5) if placement.quiet else None,
+        fingers=tuple(ClickFinger(1.5, level_db) for _ in placement.position_m),
         exceeds_s={10.0: 0.008, 20.0: 0.005, inf: 0.004},
         peak_s=0.02,
         residual_from_s=0.06,
@@ -50,3 +76,17 @@ def click_of(
         bound_db=level_db + 3,
         gap_db=1.0,
     )
+
+
+def made_clicks(device: Device, clicks: Iterable[ClickEntry]) -> Clicks:
+    """The clicks of a table, from some that were made by hand."""
+    return Clicks.of(places_of(device), list(clicks))
+
+
+def every_click(device: Device, *, level_db: float = 26.0) -> Clicks:
+    """A click for every placement of one and two fingers at different places, of which one at least feels."""
+    places = places_of(device)
+    codes = range(2 * places.count)
+    keys: list[Key] = [(code,) for code in codes if code % 2]
+    keys += [(one, other) for one in codes for other in codes if one // 2 < other // 2 and (one % 2 or other % 2)]
+    return made_clicks(device, (click_of(device, places.placement(key), level_db=level_db) for key in keys))

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from engine.device import Device
-from engine.table import ClickEntry, Entry, Table
+from engine.table import ClickEntry, Clicks, Entry, Table
 from engine.table.diff import StateChange, TableDiff, Tolerance, compare_tables, describe, entry_figures
 from engine.table.entry import shifted
-from tests.engine.made_clicks import basis_of, click_of
+from engine.touch.places import Places
+from tests.engine.made_clicks import basis_of, click_of, in_zones
 from tests.engine.made_entries import entry_of, states_of
 from tests.engine.made_table import write_table
 from tests.engine.table.test_table import DEVICE, TEXT
@@ -33,7 +34,7 @@ def entries_of(device: Device) -> list[Entry]:
 
 def clicks_of(device: Device) -> list[ClickEntry]:
     basis = basis_of(len(device.actuators), 121, 133)
-    return [replace(click_of(device, states_of(device, felt, quiet)), basis=basis) for felt, quiet in STATES]
+    return [replace(click_of(device, in_zones(device, felt, quiet)), basis=basis) for felt, quiet in STATES]
 
 
 ENTRIES, CLICKS = entries_of(DEVICE), clicks_of(DEVICE)
@@ -46,7 +47,7 @@ def compare(tmp_path: Path) -> Compare:
 
     def compared(
         entries: Sequence[Entry] = ENTRIES,
-        clicks: Sequence[ClickEntry] = CLICKS,
+        clicks: Clicks | Sequence[ClickEntry] = CLICKS,
         device: Device = DEVICE,
         tolerance: Tolerance | None = None,
         **others: Any,
@@ -164,7 +165,7 @@ def test_the_worst_come_first_and_losing_the_level_is_the_worst(compare: Compare
 @pytest.mark.parametrize(
     ("change", "figure", "size"),
     [
-        (lambda c: replace(click_of(DEVICE, c.states, level_db=27.0), basis=c.basis), "felt_level_db", 1.0),
+        (lambda c: replace(click_of(DEVICE, c.placement, level_db=27.0), basis=c.basis), "felt_level_db", 1.0),
         (lambda c: replace(c, quiet=shifted(c.quiet, 2.0)), "quiet_level_db", 2.0),
         (lambda c: replace(c, weights=c.weights + np.int16(3277)), "waveform", 10.0),
         (lambda c: replace(c, achieved=False), "achieved", 1.0),
@@ -176,7 +177,7 @@ def test_a_change_of_a_click_is_found_where_it_was_made(
 ) -> None:
     found = compare(clicks=[CLICKS[0], change(CLICKS[1]), CLICKS[2]])
     state = only(found.clicks.changed)
-    assert (state.felt, state.quiet, state.level_db) == (("I",), ("IV",), None)
+    assert (state.felt, state.quiet, state.level_db) == (("27.9 mm",), ("195.6 mm",), None)
     assert {f.figure: f.size for f in state.figures} == {figure: pytest.approx(size, rel=1e-3)}
     assert not found.entries.differs
 
@@ -187,7 +188,18 @@ def test_states_that_vanished_and_appeared_are_named(compare: Compare) -> None:
     found = compare([*ENTRIES[1:3], more, *ENTRIES[4:6], full], clicks=())
     assert found.entries.vanished == ("felt I at 20 dB", "felt I at full scale")
     assert found.entries.appeared == ("felt V at 20 dB", "felt V at full scale")
-    assert found.clicks.vanished == ("felt I", "felt I, quiet IV", "felt II III, quiet V")
+    assert found.clicks.vanished == (
+        "felt 27.9 mm",
+        "felt 27.9 mm, quiet 195.6 mm",
+        "felt 83.8 mm 139.7 mm, quiet 251.5 mm",
+    )
+
+
+def test_clicks_for_other_places_are_not_compared_and_it_is_said(compare: Compare) -> None:
+    places = Places.every(DEVICE.bar.length_m, 14e-3)
+    found = compare(clicks=Clicks.of(places, CLICKS))
+    assert found.notes == ("places were 27.9 mm apart and are 14 mm apart: clicks are not compared",)
+    assert (found.clicks.compared, found.clicks.vanished, found.clicks.appeared) == (0, (), ())
 
 
 def test_responses_that_changed_are_told_by_actuator(compare: Compare) -> None:
@@ -211,7 +223,7 @@ def test_other_zones_are_matched_by_name_and_it_is_said(compare: Compare) -> Non
         for level in LEVELS_DB
         for felt, quiet in kept
     ]
-    found = compare(entries, [click_of(four, states_of(four, *kept[0]))], four)
+    found = compare(entries, [click_of(four, in_zones(four, *kept[0]))], four)
     assert any("zones were I, II, III, IV, V and are I, II, III, IV:" in note for note in found.notes)
     assert any("responses" in note for note in found.notes)
     assert found.entries.compared == 4

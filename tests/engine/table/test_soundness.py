@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
+from types import ModuleType
 
 import h5py
 import numpy as np
 import pytest
 
-from engine.table import Table, TableError
-from engine.table import columns as written
+from engine.table import Table, TableError, click_columns, columns, receptance_columns
 from engine.table.file import Variable
 from engine.table.schema import SCHEMA, Kind
-from tests.engine.made_clicks import click_of
+from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_entries import entry_of, states_of
 from tests.engine.made_table import write_table
 from tests.engine.table.resealed import changed, replace_array, reseal
@@ -25,7 +25,7 @@ from tests.engine.table.test_table import DEVICE
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     states = [states_of(DEVICE, [0]), states_of(DEVICE, [1], [3])]
     entries = [entry_of(DEVICE, each, wanted_level_db=level) for level in (20.0, math.inf) for each in states]
-    clicks = [click_of(DEVICE, each) for each in states]
+    clicks = [click_of(DEVICE, in_zones(DEVICE, [0])), click_of(DEVICE, in_zones(DEVICE, [1], [3]))]
     return write_table(tmp_path_factory.mktemp("sound") / "whole.nc", DEVICE, entries, clicks)
 
 
@@ -107,6 +107,14 @@ def test_a_soft_link_and_a_group_in_a_group_are_refused(whole: Path, tmp_path: P
         ("clicks/weight", np.ones((3, 3), dtype=np.int16), "has shape"),
         ("clicks/fraction_bits", np.array([0, 99]), "above 31"),
         ("clicks/basis_set", np.array([0, -1]), "below 0"),
+        ("clicks/finger_place", np.array([[1, -1], [3, 99]]), "at one of the places"),
+        ("clicks/finger_place", np.array([[-1, 1], [3, 7]]), "at least one finger"),
+        ("clicks/finger_place", np.array([[1, -1], [3, 3]]), "rising places"),
+        ("clicks/finger_felt", np.array([[1, 0], [1, 2]]), "above 1"),
+        ("clicks/place", np.array([0.0, 0.1, 0.2]), "an even grid"),
+        ("receptances/place", np.linspace(0.0, 0.1, 9), "an even grid"),
+        ("receptances/frequency", np.full(25, 100.0), "rising frequencies"),
+        ("receptances/point", np.ones((7, 25, 2), dtype=np.float32), "45 pairs of places"),
     ],
 )
 def test_an_array_of_another_kind_shape_or_value_is_refused_by_name(
@@ -152,26 +160,34 @@ def test_names_of_another_device_are_refused(whole: Path, tmp_path: Path) -> Non
     assert "entries/zone: does not name the zones" in refusal(changed(whole, tmp_path / "renamed.nc", rename))
 
 
-@pytest.mark.parametrize("change", [{"device_name": 3}, {"format_revision": "four"}, {"created": np.ones(3)}])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"device_name": 3},
+        {"format_revision": "four"},
+        {"created": np.ones(3)},
+        {"click_pitch_m": np.zeros(1)},
+        {"click_tolerance_m": "1 mm"},
+    ],
+)
 def test_an_attribute_of_another_kind_is_refused(whole: Path, tmp_path: Path, change: dict[str, object]) -> None:
     found = refusal(changed(whole, tmp_path / "attribute.nc", lambda file: file.attrs.update(change)))
     assert "corrupted" in found
 
 
-def test_every_array_that_is_written_is_declared() -> None:
+@pytest.mark.parametrize(
+    ("group", "written"), [("entries", columns), ("clicks", click_columns), ("receptances", receptance_columns)]
+)
+def test_every_array_that_is_written_is_declared(group: str, written: ModuleType) -> None:
     """The declaration and the writers agree on names, dimensions and what is text."""
     variables = [value for value in vars(written).values() if isinstance(value, Variable)]
     for value in vars(written).values():
         if isinstance(value, dict) and all(isinstance(each, Variable) for each in value.values()):
             variables += value.values()
-    declared = {name: array for group in ("clicks", "entries") for name, array in SCHEMA[group].items()}
+    declared = SCHEMA[group]
     assert {variable.name for variable in variables} <= set(declared)
-    of_both: dict[str, set[tuple[str, ...]]] = {}
-    for group in ("entries", "clicks"):
-        for name, array in SCHEMA[group].items():
-            of_both.setdefault(name, set()).add(array.dimensions)
     for variable in variables:
-        assert variable.dimensions in of_both[variable.name], variable.name
+        assert variable.dimensions == declared[variable.name].dimensions, variable.name
 
 
 def test_a_table_of_real_arrays_is_declared_whole(whole: Path) -> None:

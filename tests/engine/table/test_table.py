@@ -19,12 +19,15 @@ from engine.table import Entry, Table, TableError
 from engine.table.columns import write_entries
 from engine.table.entry import WorstCase, ZonePrediction, played_at
 from engine.table.file import TableWriter, Variable
+from engine.table.receptance_columns import write_receptances
 from engine.touch import state_index
 from tests.engine.made_entries import entry_of, states_of
+from tests.engine.made_table import receptances_of
 
 TEXT = (Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml").read_text(encoding="utf-8")
 DEVICE = Device.parse(TEXT, "reference-a.toml")
 CODE = "c0de"
+RECEPTANCES = receptances_of(DEVICE)
 SWEEP = ("pair", "frequency_1", "amplitude_1", "amplitude_2", "zone", "frequency_2")
 SHAPE = (2, 4, 3, 3, 5, 4)
 
@@ -86,9 +89,10 @@ def figure(name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
 
 def fill(writer: TableWriter, device: Device = DEVICE, code: str = CODE) -> None:
     description = {"device_description": device.text, "device_fingerprint": device.fingerprint}
-    writer.describe({"device_name": device.name, "code_fingerprint": code, **description})
+    writer.describe({"device_name": device.name, "code_fingerprint": code, "click_pitch_m": 3e-3, **description})
     for name in ("localized_factor", "peak_acceleration", "dead_spot"):
         writer.write("sweep", Variable(name, SWEEP, "1", name), figure(name))
+    write_receptances(writer, RECEPTANCES, device)
     write_entries(writer, ENTRIES, device)
 
 
@@ -154,7 +158,8 @@ def loud_table(path: Path) -> Path:
     states = [states_of(DEVICE, *state) for state in STATES]
     entries = [entry_of(DEVICE, each, wanted_level_db=level_db) for level_db in LEVELS_DB for each in states]
     with TableWriter(path) as writer:
-        writer.describe({"device_description": TEXT, "device_fingerprint": DEVICE.fingerprint})
+        writer.describe({"device_description": TEXT, "device_fingerprint": DEVICE.fingerprint, "click_pitch_m": 3e-3})
+        write_receptances(writer, RECEPTANCES, DEVICE)
         write_entries(writer, entries, DEVICE)
     return path
 
@@ -201,7 +206,8 @@ def test_no_zone_and_no_such_pair_are_refused(table: Table) -> None:
 
 def test_a_table_without_a_pair_sweep_says_so(tmp_path: Path) -> None:
     with TableWriter(tmp_path / "one.nc") as writer:
-        writer.describe({"device_description": TEXT, "device_fingerprint": DEVICE.fingerprint})
+        writer.describe({"device_description": TEXT, "device_fingerprint": DEVICE.fingerprint, "click_pitch_m": 3e-3})
+        write_receptances(writer, RECEPTANCES, DEVICE)
         write_entries(writer, ENTRIES, DEVICE)
     with Table.open(tmp_path / "one.nc") as table, pytest.raises(TableError, match="pair"):
         table.localized_factor(["I"])
@@ -295,15 +301,15 @@ def test_a_foreign_netcdf_file_is_refused(tmp_path: Path) -> None:
 def test_a_newer_format_is_refused(whole: Path, tmp_path: Path) -> None:
     path = copied(whole, tmp_path / "newer.nc")
     with h5py.File(path, "a") as file:
-        file.attrs["format_revision"] = 6
-    assert "has format revision 6, this program reads 5; update tactable" in refusal(path)
+        file.attrs["format_revision"] = 7
+    assert "has format revision 7, this program reads 6; update tactable" in refusal(path)
 
 
 def test_an_older_format_is_refused(whole: Path, tmp_path: Path) -> None:
     path = copied(whole, tmp_path / "older.nc")
     with h5py.File(path, "a") as file:
-        file.attrs["format_revision"] = 4
-    said = "has format revision 4 of an earlier version of tactable, this program reads 5; build it again"
+        file.attrs["format_revision"] = 5
+    said = "has format revision 5 of an earlier version of tactable, this program reads 6; build it again"
     assert said in refusal(path)
 
 

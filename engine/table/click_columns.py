@@ -1,0 +1,125 @@
+"""The group `clicks` of a table file: an array for each figure, with a row for each click (tables/FORMAT.md)."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from engine.device import Device
+from engine.table.clicks import Clicks
+from engine.table.file import TableWriter, Values, Variable
+from engine.touch.places import Places
+from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet
+from firmware_link.protocol.errors import MessageError
+
+_CLICK, _FINGER, _SPREAD = ("click",), ("click", "finger"), ("click", "spread")
+_PLACE = Variable("place", ("place",), "m", "position from the start of the bar")
+_OBJECTIVE = Variable("objective", (), "1", "what was maximised")
+_LEVEL = Variable("level", ("level",), "dB", "that the click is played at; infinite: as it is")
+_SPREAD_NAMES = Variable("spread", ("spread",), "1", "nominal plant, how many sampled plants lie below, the worst")
+_FUNCTIONS = Variable(
+    "basis_function",
+    ("function", "sample"),
+    "1",
+    "base displacement as a fraction of full scale, straight lines between samples, 0 beyond the samples of its set",
+    scale=1 / SAMPLE_FULL_SCALE,
+)
+_FUNCTION_ACTUATOR = Variable("function_actuator", ("function",), "1", "index of the actuator that the function moves")
+_FUNCTION_SET = Variable("function_set", ("function",), "1", "index of the set that the function belongs to")
+_SET_SAMPLES = Variable("set_samples", ("set",), "1", "how many samples the functions of the set have")
+_VARIABLES = {
+    "finger_place": Variable("finger_place", _FINGER, "1", "index of the finger's place, rising; -1: no finger"),
+    "is_felt": Variable("finger_felt", _FINGER, "1", "1: the finger is to feel the click, 0: it is to feel nothing"),
+    "weights": Variable(
+        "weight", ("click", "weight_of_set"), "1", "of each function of the click's set, in order, in steps; 0 beyond"
+    ),
+    "fraction_bits": Variable("fraction_bits", _CLICK, "1", "a step of the weights is 2**-fraction_bits"),
+    "basis_set": Variable("basis_set", _CLICK, "1", "index of the set whose functions are weighted"),
+    "felt_db": Variable("felt_level", _SPREAD, "dB", "peak of the weakest felt finger above its threshold"),
+    "quiet_db": Variable("quiet_level", _SPREAD, "dB", "peak of the strongest quiet finger; NaN: none is quiet"),
+    "finger_m_per_s2": Variable(
+        "acceleration_at_finger", _FINGER, "m s-2", "peak in the nominal plant; NaN: no finger"
+    ),
+    "finger_db": Variable("sensation_level", _FINGER, "dB", "peak over threshold, nominal; NaN: no finger"),
+    "exceeds_s": Variable(
+        "exceedance_time",
+        ("click", "level"),
+        "s",
+        "when every felt finger has passed its threshold; NaN: one never does",
+    ),
+    "wanted_level_db": Variable("wanted_level", _CLICK, "dB", "level asked for; infinite: as strong as can be"),
+    "peak_s": Variable("peak_time", _CLICK, "s", "when the last felt finger has its peak"),
+    "residual_from_s": Variable("residual_start", _CLICK, "s", "from when on the residual is taken"),
+    "residual_db": Variable("residual_level", _CLICK, "dB", "strongest felt finger from then on"),
+    "bound_db": Variable(
+        "upper_bound", _CLICK, "dB", "no click of its tones is felt more strongly; mean of the plants"
+    ),
+    "gap_db": Variable("optimality_gap", _CLICK, "dB", "what the bound leaves open"),
+    "achieved": Variable("achieved", _CLICK, "1", "1: the quiet level is kept and the wanted one reached"),
+}
+"""By field of Clicks."""
+
+
+def write_clicks(writer: TableWriter, clicks: Clicks, device: Device) -> None:
+    """Write the group `clicks`: the places, the basis, which all clicks share, and every click at full amplitude."""
+    assert clicks.basis is not None  # a table without clicks has no such group
+    write = partial(writer.write, "clicks")
+    write(Variable.names("actuator"), [actuator.name for actuator in device.actuators])
+    write(_PLACE, np.array(clicks.places.position_m))
+    write(_OBJECTIVE, clicks.objective)
+    write(_SPREAD_NAMES, ["nominal", "5 %", "50 %", "95 %", "worst"])
+    _write_basis(write, clicks.basis)
+    write(_LEVEL, np.array(clicks.levels_db))
+    for field, variable in _VARIABLES.items():
+        values = getattr(clicks, field)
+        write(variable, values.astype(np.int8) if values.dtype.kind == "b" else values)
+
+
+def read_clicks(group: Any, length_m: float, tolerance_m: float) -> Clicks:
+    """Clicks of an open group (h5py) for a bar of this length; raises ValueError for sets that the basis has not.
+
+    `tolerance_m`: within this distance of its place a finger lies.
+    """
+    basis = _read_basis(group)
+    columns = {field: np.asarray(group[variable.name][...]) for field, variable in _VARIABLES.items()}
+    if not (columns["basis_set"] < len(basis.sets)).all():
+        raise ValueError(f"a click is of set {columns['basis_set'].max()} of a basis with {len(basis.sets)}")
+    for field in ("is_felt", "achieved"):
+        columns[field] = columns[field].astype(np.bool_)
+    return Clicks(
+        places=Places(length_m, len(group[_PLACE.name])),
+        tolerance_m=tolerance_m,
+        basis=basis,
+        levels_db=tuple(group[_LEVEL.name][...].tolist()),
+        objective=group[_OBJECTIVE.name].asstr()[()],
+        **columns,
+    )
+
+
+def _write_basis(write: Callable[[Variable, Values], None], basis: Basis) -> None:
+    longest = max(each.samples for each in basis.sets)
+    padded = [np.pad(each.functions, ((0, 0), (0, longest - each.samples))) for each in basis.sets]
+    sample = Variable("sample", ("sample",), "s", "time from the click's start")
+    write(sample, np.arange(longest) / basis.sample_rate_hz)
+    write(_FUNCTIONS, np.concatenate(padded))
+    write(_FUNCTION_ACTUATOR, np.concatenate([each.actuators.astype(np.int64) for each in basis.sets]))
+    sizes = [len(each.actuators) for each in basis.sets]
+    write(_FUNCTION_SET, np.repeat(np.arange(len(sizes)), sizes))
+    write(_SET_SAMPLES, np.array([each.samples for each in basis.sets], dtype=np.int64))
+
+
+def _read_basis(group: Any) -> Basis:
+    first_s, second_s = group["sample"][:2].tolist()
+    functions, actuator, set_of, samples = (
+        np.asarray(group[variable.name][...])
+        for variable in (_FUNCTIONS, _FUNCTION_ACTUATOR, _FUNCTION_SET, _SET_SAMPLES)
+    )
+    sets = [
+        BasisSet(functions[set_of == number, :count], actuator[set_of == number].astype(np.uint8))
+        for number, count in enumerate(samples.tolist())
+    ]
+    try:
+        return Basis(round(1 / (second_s - first_s)), tuple(sets))
+    except MessageError as error:
+        raise ValueError(str(error)) from error
