@@ -78,15 +78,16 @@ def _make_fast_table(rendering: Rendering, capabilities: Capabilities) -> FastTa
         assert clicks.basis is not None  # it has the set
         sets[number] = held, len(clicks.basis.sets[number].actuators)
     head = np.column_stack([sets[clicks.basis_set, 0], clicks.fraction_bits, sets[clicks.basis_set, 1]])
-    amplitude = np.array([rendered.amplitude_words(level_db) for level_db in levels_db], np.int32)
-    amplitude[:, head[:, 2] > _MOST_WEIGHTS] = CONSTANTS["NONE"]
+    amplitude = np.empty((len(levels_db), len(clicks)), np.int32)
+    for words, level_db in zip(amplitude, levels_db, strict=True):
+        words[:] = np.where(head[:, 2] > _MOST_WEIGHTS, CONSTANTS["NONE"], rendered.amplitude_words(level_db))
     return FastTable(
         levels_db,
         clicks.places,
         np.ascontiguousarray(clicks.pair, np.int32),
         np.ascontiguousarray(head, np.uint8),
         np.ascontiguousarray(clicks.weights, np.int16),
-        np.ascontiguousarray(amplitude.reshape(len(levels_db), len(clicks))),
+        amplitude,
         silence,
         lease_ms,
         drive_size,

@@ -11,6 +11,7 @@ from typing import ClassVar
 
 from engine.device import Device
 from engine.effects import Effect, Effects, Rule, Segment, Trigger
+from engine.effects.player import DEFAULT_CLICK_NS
 from engine.effects.rules import burst
 from engine.loop import (
     Clock,
@@ -26,10 +27,9 @@ from engine.loop import (
 )
 from engine.loop.fast.session import FastLink, FastSession
 from engine.loop.fast.table import with_fast_table
-from engine.render import Renderer, Rendering, link_configuration
+from engine.render import Renderer, Rendering, WhenNotAchieved, link_configuration
 from engine.render.chosen_basis import choose_basis
-from engine.table import ClickEntry, Entry
-from engine.table.click import played_at
+from engine.table import Clicks
 from engine.touch import state_index
 from engine.touch.sources import Source
 from engine.touch.sources.recording import Recording, Report
@@ -37,11 +37,14 @@ from firmware_link.emulator import DeviceConfiguration, DriveEvent, EmulatedFirm
 from firmware_link.host.reopening import ReopeningPort
 from firmware_link.protocol.errors import LinkError, LinkLostError
 from tests.engine.loop.fast.virtual_fast_path import Packets, VirtualFastPath
-from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
+from tests.engine.made_clicks import made_clicks
+from tests.engine.made_entries import LEVEL_DB, states_of
+from tests.engine.made_table import receptances_of
 from tests.engine.touch.descriptors import CONTACT_COUNT, application, finger
 
 MS = 1_000_000
 DEVICE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
+NO_CLICKS = made_clicks(DEVICE, ())
 DESCRIPTOR = application(finger(), finger(), CONTACT_COUNT)
 BIT_RATE_HZ = 1_000_000
 # Only against an endless handshake: the machine may be slow.
@@ -51,17 +54,6 @@ Touch = tuple[int, float]
 """Contact id and place, as a fraction of the bar."""
 
 
-def entry_for(*zones: int, quiet: Sequence[int] = (), level_db: float = LEVEL_DB) -> Entry:
-    """An entry whose frequency tells its felt zones apart: 100 Hz, and 1, 2, 4, 8, 16 Hz for zones I to V.
-
-    0.25 Hz more where something is quiet, 0.5 Hz more at another level.
-    """
-    frequency_hz = 100.0 + sum(2**zone for zone in zones) + 0.25 * bool(quiet) + 0.5 * (level_db != LEVEL_DB)
-    states = states_of(DEVICE, zones, quiet)
-    return entry_of(DEVICE, states, frequencies_hz=(frequency_hz,) * 2, wanted_level_db=level_db)
-
-
-ENTRIES = [entry_for(*zones) for zones in ((0,), (1,), (2,), (3,), (4,), (0, 2), (1, 3))]
 BURSTS = Effects((Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),))
 HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),))
 
@@ -211,18 +203,19 @@ class Rig:
     bit_rate_hz: int = BIT_RATE_HZ
     effects: Effects = HELD
     ring: RingWriter | None = None
-    entries: Sequence[Entry] = tuple(ENTRIES)
-    clicks: Sequence[ClickEntry] = ()
+    device: Device = DEVICE
+    clicks: Clicks = NO_CLICKS
+    when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN
     library: ClassVar[ctypes.CDLL | None] = None
     """Of the fast path: the loop's tests hold with it and without."""
 
     def __post_init__(self) -> None:
         self.trace, timing = Trace(), Timing()
         self.latency = timing.latency
-        configuration = link_configuration(DEVICE, self.bit_rate_hz)
+        configuration = link_configuration(self.device, self.bit_rate_hz)
         session = FastSession(FastLink(configuration), self.line, self.line.now_ns)
         capabilities = connect(session, self.line)
-        basis = choose_basis(self.clicks, capabilities, self.bit_rate_hz, configuration.lease_ms)
+        basis = choose_basis(self.clicks.basis, capabilities, self.bit_rate_hz, configuration.lease_ms)
         if basis.basis is not None:
             configuration = replace(configuration, basis=basis.basis)
             session = FastSession(FastLink(configuration), self.line, self.line.now_ns)
@@ -230,15 +223,15 @@ class Rig:
         self.session = session
         self.start_ns = self.line.time_ns
         source = Packets(self.recording, self.speed)
-        levels_db = self.effects.levels_db
-        by_level = {level: [e for e in self.entries if e.wanted_level_db == level] for level in levels_db}
-        clicks = {level: [played_at(click, level) for click in self.clicks] for level in levels_db}
-        self.renderer = Renderer(by_level, DEVICE, capabilities, clicks=clicks, basis=basis)
-        pipeline = open_pipeline(source, DEVICE, self.effects, self.renderer, self.line.now_ns)
+        device, levels_db = self.device, self.effects.levels_db
+        self.renderer = Renderer(
+            device, capabilities, receptances_of(device), self.clicks, levels_db, self.when_not_achieved, basis
+        )
+        pipeline = open_pipeline(source, device, self.effects, self.renderer, self.line.now_ns)
         dispatcher = Dispatcher(session, self.line.now_ns)
         self.observers = Observers(self.trace, timing, self.ring)
         edges: tuple[Source, Clock, Observer] = (source, self.line, self.observers)
-        self.rendering = with_fast_table(Rendering(DEVICE, self.renderer, configuration, 0), capabilities)
+        self.rendering = with_fast_table(Rendering(device, self.renderer, configuration, DEFAULT_CLICK_NS), capabilities)
         if self.library is not None:
             fast = VirtualFastPath(
                 self.library, source, pipeline, dispatcher, self.line, self.effects, self.rendering, self.observers
@@ -256,7 +249,9 @@ class Rig:
         return self.line.firmware.drive_log
 
     def states(self) -> list[int]:
-        return [change.state for change in self.trace]
+        """State of the zones at each change, as `index_of` numbers it."""
+        placements = (change.placement for change in self.trace)
+        return [0 if placement is None else placement.state_on(self.device) for placement in placements]
 
     def played(self) -> list[float]:
         """Frequency of the first actuator at each change of the drive, 0 for silence."""

@@ -1,0 +1,126 @@
+"""Scripts of fingers for the compiled step: who touches where and when, as reports of a digitizer with four slots."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from engine.device import Device
+from engine.effects import Effect, Rule, Segment, Trigger
+from engine.effects.rules import click
+from engine.table import Clicks
+from engine.touch.places import Key
+from engine.touch.sources.recording import Recording, Report
+from tests.engine.loop.rig import DEVICE, MS
+from tests.engine.made_clicks import basis_of, click_of, made_clicks, places_of
+from tests.engine.made_entries import LEVEL_DB
+from tests.engine.touch.descriptors import CONTACT_COUNT, application, finger
+
+SLOTS = 4
+LOUD_DB = LEVEL_DB + 6.0
+_HELD = Effect("held", (Segment(None, LEVEL_DB),))
+_LATE = Effect("late", (Segment(40 * MS, None), Segment(30 * MS, LOUD_DB)))
+_CLICK_THEN_HELD = Effect("click, then held", (Segment(None, LEVEL_DB, is_click=True), Segment(None, LEVEL_DB)))
+_EFFECTS = (click(LEVEL_DB), click(LOUD_DB), _CLICK_THEN_HELD, _HELD, _LATE)
+# Most rules bring clicks, which the compiled step answers.
+_CHANCES = (0.4, 0.3, 0.1, 0.1, 0.1)
+
+Fingers = Mapping[int, float]
+"""Places by contact id, as fractions of the bar."""
+
+
+def device_with_gaps() -> Device:
+    """The published bar with two zones, between which there are gaps."""
+    zones = "".join(
+        f'[[zone]]\nname = "{name}"\nstart = "{start} mm"\nstop = "{stop} mm"\n\n'
+        for name, start, stop in (("I", 20, 90), ("II", 150, 240))
+    )
+    text = DEVICE.text.replace("count = 5 # equal; or [[zone]] tables with name, start, stop\n", "")
+    text = text.replace('inferred = ["count", "hysteresis"]\n', 'inferred = ["hysteresis"]\n\n' + zones)
+    return Device.parse(text, "bar.toml")
+
+
+def varied_clicks(device: Device, missing: int = 9) -> Clicks:
+    """Clicks of all placements of one and two fingers, of two lengths and several fraction bits; some are missing."""
+    places, actuators = places_of(device), len(device.actuators)
+    codes = range(2 * places.count)
+    keys: list[Key] = [(code,) for code in codes if code % 2]
+    keys += [(one, other) for one in codes for other in codes if one // 2 < other // 2 and (one % 2 or other % 2)]
+    del keys[missing::missing]
+    basis = basis_of(actuators, 121, 81)
+    random = np.random.default_rng(3)
+    clicks = [
+        replace(
+            click_of(device, places.placement(key), level_db=float(random.uniform(15.0, 40.0))),
+            basis=basis,
+            basis_set=row % 2,
+            fraction_bits=1 + row % 14,
+            achieved=row % 5 != 0,
+        )
+        for row, key in enumerate(keys)
+    ]
+    return made_clicks(device, clicks)
+
+
+def report(fingers: Fingers, lifted: Sequence[int] = ()) -> bytes:
+    """One frame of up to four contacts in one report."""
+    slots = [struct.pack("<BBHH", 3, contact, round(1000 * place), 500) for contact, place in fingers.items()]
+    slots += [struct.pack("<BBHH", 0, contact, 0, 500) for contact in lifted]
+    return b"\x01" + b"".join(slots[:SLOTS]).ljust(6 * SLOTS, b"\0") + bytes([min(len(slots), SLOTS)])
+
+
+def recording_of(frames: Sequence[tuple[float, bytes]]) -> Recording:
+    """Reports with their times in seconds, of a digitizer with four slots."""
+    reports = tuple(Report(index, time_s, data) for index, (time_s, data) in enumerate(frames))
+    descriptor = application(*(finger() for _ in range(SLOTS)), CONTACT_COUNT)
+    return Recording("virtual digitizer", 3, 0, 0, descriptor, reports)
+
+
+def random_frames(random: np.random.Generator, steps: int) -> list[tuple[float, bytes]]:
+    """Fingers that come, move, jitter and lift; of up to four, mostly one or two."""
+    time_s, fingers, frames = 0.0, dict[int, float](), list[tuple[float, bytes]]()
+    for _ in range(steps):
+        before = dict(fingers)
+        wanted = int(random.choice(SLOTS + 1, p=(0.15, 0.35, 0.3, 0.1, 0.1)))
+        for contact in list(fingers):
+            if random.random() < 0.3:
+                # A digitizer unit is 0.28 mm: some moves are jitter, some are followed.
+                fingers[contact] = float(np.clip(fingers[contact] + random.choice((-0.1, -0.003, -0.001, 0.001, 0.05)), 0, 1))
+        while len(fingers) > wanted:
+            del fingers[int(random.choice(list(fingers)))]
+        while len(fingers) < wanted:
+            near = [place + random.uniform(-0.04, 0.04) for place in fingers.values()]
+            place = near[0] if near and random.random() < 0.2 else random.uniform(-0.0, 1.0)
+            fingers[int(random.choice([each for each in range(1, 9) if each not in fingers]))] = float(np.clip(place, 0, 1))
+        frames.append((time_s, report(fingers, [contact for contact in before if contact not in fingers])))
+        time_s += float(random.choice((0.002, 0.008, 0.025, 0.06)))
+    return [*frames, (time_s + 0.1, report({}, list(fingers)))]
+
+
+def random_rules(random: np.random.Generator, device: Device) -> tuple[Rule, ...]:
+    """Up to four rules by zone, by region, and anywhere, mostly on touches and lifts."""
+    triggers, zones = list(Trigger), range(len(device.zones))
+    return tuple(
+        Rule(
+            triggers[int(random.choice(len(triggers), p=_chances_of(triggers)))],
+            _EFFECTS[int(random.choice(len(_EFFECTS), p=_CHANCES))],
+            zones=frozenset(random.choice(zones, 1 + int(random.integers(2))).tolist()) if where == "zones" else None,
+            region_m=_region_m(random, device) if where == "region" else None,
+            after_ns=20 * MS,
+            every_m=0.01,
+        )
+        for where in random.choice(("zones", "region", "anywhere"), 1 + int(random.integers(4))).tolist()
+    )
+
+
+def _chances_of(triggers: Sequence[Trigger]) -> list[float]:
+    chances = {Trigger.TOUCH: 0.5, Trigger.LIFT: 0.3, Trigger.HOLD: 0.1, Trigger.DRAG: 0.1}
+    return [chances[trigger] for trigger in triggers]
+
+
+def _region_m(random: np.random.Generator, device: Device) -> tuple[float, float]:
+    start_m, stop_m = sorted(random.uniform(0, device.bar.length_m, 2).tolist())
+    return start_m, stop_m
