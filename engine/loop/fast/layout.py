@@ -59,8 +59,8 @@ STRUCTURES = {
         "int64_t zero zones rules follows_moves",
         "Rule rule[MOST_RULES]",
         # the clicks: a row, NONE without a click, by the codes of two fingers (0 for no finger, else 1 + 2 * place +
-        # is_felt); of each row its set, fraction bits and number of weights, and the weights; amplitudes by (level, row),
-        # NONE for a click that is not played;
+        # is_felt); of each row its set, fraction bits and number of weights, and the weights; amplitudes by level and
+        # row, NONE for a click that is not played;
         "double pitch_m",
         "int64_t places rows functions",
         "const_int32_t* pair",

@@ -231,7 +231,9 @@ class Rig:
         dispatcher = Dispatcher(session, self.line.now_ns)
         self.observers = Observers(self.trace, timing, self.ring)
         edges: tuple[Source, Clock, Observer] = (source, self.line, self.observers)
-        self.rendering = with_fast_table(Rendering(device, self.renderer, configuration, DEFAULT_CLICK_NS), capabilities)
+        self.rendering = with_fast_table(
+            Rendering(device, self.renderer, configuration, DEFAULT_CLICK_NS), capabilities
+        )
         if self.library is not None:
             fast = VirtualFastPath(
                 self.library, source, pipeline, dispatcher, self.line, self.effects, self.rendering, self.observers

@@ -88,13 +88,17 @@ def random_frames(random: np.random.Generator, steps: int) -> list[tuple[float, 
         for contact in list(fingers):
             if random.random() < 0.3:
                 # A digitizer unit is 0.28 mm: some moves are jitter, some are followed.
-                fingers[contact] = float(np.clip(fingers[contact] + random.choice((-0.1, -0.003, -0.001, 0.001, 0.05)), 0, 1))
+                fingers[contact] = float(
+                    np.clip(fingers[contact] + random.choice((-0.1, -0.003, -0.001, 0.001, 0.05)), 0, 1)
+                )
         while len(fingers) > wanted:
             del fingers[int(random.choice(list(fingers)))]
         while len(fingers) < wanted:
             near = [place + random.uniform(-0.04, 0.04) for place in fingers.values()]
             place = near[0] if near and random.random() < 0.2 else random.uniform(-0.0, 1.0)
-            fingers[int(random.choice([each for each in range(1, 9) if each not in fingers]))] = float(np.clip(place, 0, 1))
+            fingers[int(random.choice([each for each in range(1, 9) if each not in fingers]))] = float(
+                np.clip(place, 0, 1)
+            )
         frames.append((time_s, report(fingers, [contact for contact in before if contact not in fingers])))
         time_s += float(random.choice((0.002, 0.008, 0.025, 0.06)))
     return [*frames, (time_s + 0.1, report({}, list(fingers)))]

@@ -20,7 +20,6 @@ from tests.engine.loop.fast.scripts import (
     random_frames,
     random_rules,
     recording_of,
-    report,
     varied_clicks,
 )
 from tests.engine.loop.rig import DEVICE, Rig
@@ -80,9 +79,7 @@ def both(
 
 @pytest.mark.parametrize("device", [DEVICE, GAPS], ids=["zones side by side", "gaps"])
 @pytest.mark.parametrize("seed", range(4))
-def test_whatever_fingers_do_and_rules_say_the_run_is_the_same(
-    library: ctypes.CDLL, device: Device, seed: int
-) -> None:
+def test_whatever_fingers_do_and_rules_say_the_run_is_the_same(library: ctypes.CDLL, device: Device, seed: int) -> None:
     random, answered, due = np.random.default_rng(seed), 0, 0
     for _ in range(25):
         frames, rules = random_frames(random, 14), random_rules(random, device)
