@@ -1,11 +1,14 @@
 """Laws of placements: fingers in the order of the bar, and none that the bar could not tell apart."""
 
+import itertools
 from dataclasses import replace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from engine.touch import Placement, PlacementError, ZoneState
-from engine.touch.placement import CLOSEST_M, MOST_FINGERS
+from engine.touch.placement import CLOSEST_M, MOST_FINGERS, merged
 from tests.precompute.devices import shipped
 
 DEVICE = shipped("reference-a")
@@ -48,3 +51,38 @@ def test_there_are_one_to_ten_fingers() -> None:
         Placement.on(wide, [0.9], apart)
     with pytest.raises(PlacementError, match="0 fingers"):
         Placement.on(wide, [])
+
+
+def test_fingers_are_named_by_position_metres_or_zone() -> None:
+    middle_m = (DEVICE.zones[3].start_m + DEVICE.zones[3].stop_m) / 2
+    placement = Placement.named(DEVICE, ["35 mm", 0.1], ["IV"])
+    assert placement == Placement((0.035, 0.1, middle_m), (True, True, False))
+    for wrong in ("35", "35 g", "VI", ""):
+        with pytest.raises(PlacementError, match="or one of the zones I, II, III, IV, V"):
+            Placement.named(DEVICE, [wrong])
+    with pytest.raises(PlacementError, match=r"give a list, such as \['35 mm'\]"):
+        Placement.named(DEVICE, "35 mm")
+
+
+def test_a_zone_is_felt_if_one_of_its_fingers_feels() -> None:
+    first = DEVICE.zones[0]
+    inside_m = [first.start_m + share * first.length_m for share in (0.2, 0.6)]
+    free = (ZoneState.FREE,) * 4
+    assert Placement.on(DEVICE, inside_m[:1], inside_m[1:]).zone_states(DEVICE) == (ZoneState.FELT, *free)
+    assert Placement.on(DEVICE, [], inside_m).zone_states(DEVICE) == (ZoneState.QUIET, *free)
+    assert Placement.on(DEVICE, inside_m).state_on(DEVICE) == 2
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 0.3), st.booleans()), min_size=1, max_size=12))
+def test_what_is_left_of_joined_fingers_lies_apart_and_keeps_every_felt_one(fingers: list[tuple[float, bool]]) -> None:
+    position_m, is_felt, joined = merged(fingers)
+    assert len(position_m) + joined == len(fingers) and set(position_m) <= {at_m for at_m, _ in fingers}
+    assert all(after - before >= CLOSEST_M - 1e-9 for before, after in itertools.pairwise(position_m))
+    assert any(is_felt) == any(feels for _, feels in fingers)
+    for at_m, feels in fingers:
+        nearest = min(range(len(position_m)), key=lambda k: abs(position_m[k] - at_m))
+        assert abs(position_m[nearest] - at_m) < CLOSEST_M
+        if feels:
+            assert any(
+                felt and abs(other_m - at_m) < CLOSEST_M for other_m, felt in zip(position_m, is_felt, strict=True)
+            )
