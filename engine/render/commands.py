@@ -4,6 +4,11 @@ from typing import NamedTuple
 
 from firmware_link.host.link import Link
 from firmware_link.protocol.basis import EncodedClick
+from firmware_link.protocol.errors import TactableError
+
+
+class RendererError(TactableError, ValueError):
+    """The table, the device description and the connected device do not belong together; the message has the remedy."""
 
 
 class DriveCommand(NamedTuple):

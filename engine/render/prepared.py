@@ -9,8 +9,10 @@ from engine.device import Device
 from engine.effects import Effects
 from engine.effects.player import DEFAULT_CLICK_NS
 from engine.render.chosen_basis import choose_basis
+from engine.render.clicks import RenderedClicks
 from engine.render.limits import link_configuration
 from engine.render.renderer import Renderer, WhenNotAchieved
+from engine.render.steady_drives import SteadyDrives
 from engine.table import Table
 from firmware_link.host.link_values import Capabilities, LinkConfiguration
 from firmware_link.protocol.basis import Basis
@@ -46,8 +48,9 @@ def render_table(
     configuration = link_configuration(device, bit_rate_hz)
     lease_ms = min(configuration.lease_ms, capabilities.longest_lease_ms)
     basis = choose_basis(clicks.basis if effects.have_clicks else None, capabilities, bit_rate_hz, lease_ms)
-    levels = effects.levels_db
-    renderer = Renderer(device, capabilities, table.receptances, clicks, levels, when_not_achieved, basis)
+    refuses = when_not_achieved is WhenNotAchieved.REFUSE
+    steady = SteadyDrives(device, capabilities, table.receptances, refuses)
+    renderer = Renderer(device, capabilities, steady, RenderedClicks(clicks, basis, refuses), effects.levels_db)
     return Rendering(
         device,
         renderer,

@@ -6,22 +6,25 @@ after `clamp`, the bytes of a SET. Both are remembered, so the same fingers cost
 
 from collections.abc import Sequence
 from enum import StrEnum
+from typing import Protocol
 
 from engine.device import Device
-from engine.render.chosen_basis import NO_BASIS, ChosenBasis
 from engine.render.clicks import RenderedClicks
-from engine.render.commands import SILENCE, Command, Rendered
-from engine.render.steady_drives import SteadyDrives
-from engine.steady import Receptances
-from engine.table import ClickEntry, Clicks
+from engine.render.commands import SILENCE, Command, Rendered, RendererError
+from engine.table import ClickEntry
 from engine.touch import Placement
 from engine.touch.placement import merged
 from firmware_link.host.link_values import Capabilities
-from firmware_link.protocol.errors import TactableError
 
 
-class RendererError(TactableError, ValueError):
-    """The table, the device description and the connected device do not belong together; the message has the remedy."""
+class Steady(Protocol):
+    """Steady drives as commands; `SteadyDrives` solves them."""
+
+    def prepare(self) -> None:
+        """Load or compile what solving takes."""
+
+    def rendered(self, placement: Placement, level_db: float) -> Rendered:
+        """The drive for these fingers at this level."""
 
 
 class WhenNotAchieved(StrEnum):
@@ -38,30 +41,25 @@ class WhenNotAchieved(StrEnum):
 class Renderer:
     """The commands for any fingers at the levels that the rules use, of one table and one connected device.
 
-    `basis` is the part of the clicks' basis that the device holds. Raises RendererError when device and capabilities do
-    not fit, and `render` LimitError for a broken drive.
+    Raises RendererError when device and capabilities do not fit, and `render` LimitError for a broken drive.
     """
 
     def __init__(
         self,
         device: Device,
         capabilities: Capabilities,
-        receptances: Receptances,
-        clicks: Clicks,
+        steady: Steady,
+        clicks: RenderedClicks,
         levels_db: Sequence[float],
-        when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN,
-        basis: ChosenBasis = NO_BASIS,
     ) -> None:
         _check_actuators(device, capabilities)
-        _check_frequencies(device, receptances, capabilities)
-        refuses = when_not_achieved is WhenNotAchieved.REFUSE
         self.not_achieved = 0
         """Number of commands that do not reach the level, or do not keep quiet fingers quiet."""
         self.levels_db = tuple(levels_db)
         """Levels of the rules."""
-        self.clicks = RenderedClicks(clicks, basis, refuses)
+        self.clicks = clicks
         self._wire = _wire_of(capabilities)
-        self._steady = SteadyDrives(device, capabilities, receptances, refuses)
+        self._steady = steady
 
     def prepare(self) -> None:
         """Load or compile what solving takes, so that no touch waits for that."""
@@ -139,19 +137,3 @@ def _check_actuators(device: Device, capabilities: Capabilities) -> None:
             f"{device.name} has {len(device.actuators)} actuators, the connected device drives "
             f"{capabilities.number_of_actuators}: connect its own device or choose another description"
         )
-
-
-def _check_frequencies(device: Device, receptances: Receptances, capabilities: Capabilities) -> None:
-    """Every frequency that a drive may have can be played: those of the receptances within the actuators' bands."""
-    # The wire counts in whole steps: a frequency at the end of the range may be off by rounding.
-    half_step_hz = capabilities.frequency_resolution_hz / 2
-    low_hz, high_hz = capabilities.frequency_minimum_hz, capabilities.frequency_maximum_hz
-    first_hz, last_hz = receptances.frequency_hz[[0, -1]].tolist()
-    for actuator in device.actuators:
-        lowest_hz, highest_hz = max(first_hz, actuator.band_hz[0]), min(last_hz, actuator.band_hz[1])
-        if lowest_hz < low_hz - half_step_hz or highest_hz > high_hz + half_step_hz:
-            raise RendererError(
-                f"{device.name}: actuator {actuator.name} may be driven at {lowest_hz:g}-{highest_hz:g} Hz; the "
-                f"connected device plays {low_hz:g}-{high_hz:g} Hz: narrow the actuators' bands in the device "
-                "description and build the table again"
-            )

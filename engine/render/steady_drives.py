@@ -5,7 +5,7 @@ table holds the receptances, and a solve takes less time than a report of most d
 """
 
 from engine.device import Device
-from engine.render.commands import SILENCE, DriveCommand, Rendered
+from engine.render.commands import SILENCE, DriveCommand, Rendered, RendererError
 from engine.render.limits import clamp
 from engine.steady import Receptances
 from engine.touch import Placement
@@ -16,11 +16,15 @@ MOST_REMEMBERED = 4096
 
 
 class SteadyDrives:
-    """The steady drives of one table for one connected device; silence for a level out of reach with `refuses`."""
+    """The steady drives of one table for one connected device; silence for a level out of reach with `refuses`.
+
+    Raises RendererError for a device that does not play every frequency that a drive may have.
+    """
 
     def __init__(self, device: Device, capabilities: Capabilities, receptances: Receptances, refuses: bool) -> None:
         from engine.steady.solver import SteadySolver  # Numba takes half a second, and not every command solves
 
+        _check_frequencies(device, receptances, capabilities)
         self._solver = SteadySolver(device, receptances)
         self._device, self._resolution_hz, self._refuses = device, capabilities.frequency_resolution_hz, refuses
         self._remembered: dict[tuple[Placement, float], Rendered] = {}
@@ -45,3 +49,19 @@ class SteadyDrives:
             return Rendered(SILENCE, is_achieved=False)
         drive = clamp(solved, self._device)
         return Rendered(DriveCommand(encode_drive(drive.channels, self._resolution_hz)), solved.achieved)
+
+
+def _check_frequencies(device: Device, receptances: Receptances, capabilities: Capabilities) -> None:
+    """Every frequency that a drive may have can be played: those of the receptances within the actuators' bands."""
+    # The wire counts in whole steps: a frequency at the end of the range may be off by rounding.
+    half_step_hz = capabilities.frequency_resolution_hz / 2
+    low_hz, high_hz = capabilities.frequency_minimum_hz, capabilities.frequency_maximum_hz
+    first_hz, last_hz = receptances.frequency_hz[[0, -1]].tolist()
+    for actuator in device.actuators:
+        lowest_hz, highest_hz = max(first_hz, actuator.band_hz[0]), min(last_hz, actuator.band_hz[1])
+        if lowest_hz < low_hz - half_step_hz or highest_hz > high_hz + half_step_hz:
+            raise RendererError(
+                f"{device.name}: actuator {actuator.name} may be driven at {lowest_hz:g}-{highest_hz:g} Hz; the "
+                f"connected device plays {low_hz:g}-{high_hz:g} Hz: narrow the actuators' bands in the device "
+                "description and build the table again"
+            )

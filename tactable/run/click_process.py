@@ -1,0 +1,173 @@
+"""Solves clicks that no table holds, in a child process beside a running loop.
+
+A click of three fingers takes some 0.1 s, which the loop must not spend, and a grid of places for three fingers would
+be too coarse to be felt. So the loop asks the child for the places that are touched and goes on. The child solves the
+newest question first: an older touch was answered with the best that was known by then, and its click is only
+remembered. A table that was replaced meanwhile is opened again; a question for a device that the file does not hold is
+dropped. If the child dies, the run goes on without it.
+"""
+
+import base64
+import contextlib
+import os
+import pickle
+import sys
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from engine.device import Device
+from engine.table import ClickEntry, Table, TableError
+from engine.touch import Placement
+from firmware_link.child import Child, ChildError, Parent, decode_line
+from firmware_link.protocol.basis import Basis
+
+if TYPE_CHECKING:  # the loop's process needs no solver
+    pass
+
+MOST_WAITING = 16
+"""Questions that the child keeps; the oldest is dropped."""
+_READ_BYTES = 1 << 16
+_NAME = "the solver of clicks"
+
+
+class ClickProcess:
+    """The child, as the loop asks it (engine.loop.ClickSolving)."""
+
+    def __init__(self, table: Path) -> None:
+        self._child = Child("tactable.run.click_process", {"table": str(table)}, name=_NAME)
+        self._descriptor = self._child.fileno()
+        os.set_blocking(self._descriptor, False)
+        self._received = bytearray()
+        self._bases: dict[int, Basis] = {}
+
+    def __enter__(self) -> "ClickProcess":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._child.kill()
+
+    def fileno(self) -> int:
+        """The descriptor that is readable when a part of a click has come."""
+        return self._descriptor
+
+    def ask(self, placement: Placement, device: Device) -> None:
+        """Ask for the click of a placement; a question that finds no room is lost, as one that comes too late is."""
+        question = {"fingerprint": device.fingerprint, "at_m": placement.position_m, "is_felt": placement.is_felt}
+        with contextlib.suppress(BlockingIOError):
+            self._child.write(question)
+
+    def poll(self) -> Sequence[tuple[str, ClickEntry]]:
+        """Read at most 64 KiB; the clicks that have come whole, each with the fingerprint of its device."""
+        try:
+            part = os.read(self._descriptor, _READ_BYTES)
+        except BlockingIOError:
+            return ()
+        except ConnectionResetError:
+            part = b""
+        if not part:
+            self._end()
+        self._received += part
+        *lines, rest = self._received.split(b"\n")
+        self._received = bytearray(rest)
+        return [solved for line in lines if (solved := self._solved(bytes(line))) is not None]
+
+    def _solved(self, line: bytes) -> tuple[str, ClickEntry] | None:
+        try:
+            answer = decode_line(line, _NAME)
+        except ChildError as error:
+            _say(str(error))
+            return None
+        if "click" not in answer:  # it says that it is ready
+            return None
+        values = pickle.loads(base64.b64decode(answer["click"]))  # from our own process
+        if "basis" in answer:
+            self._bases[answer["basis_hash"]] = pickle.loads(base64.b64decode(answer["basis"]))
+        return answer["fingerprint"], ClickEntry(basis=self._bases[answer["basis_hash"]], **values)
+
+    def _end(self) -> None:
+        """Replace the socket of a child that died by a silent one, so that the run goes on."""
+        _say("clicks of more fingers than the table holds are no longer solved: the solving process has ended")
+        silent, self._kept_open = os.pipe()
+        os.dup2(silent, self._descriptor)
+        os.close(silent)
+        os.set_blocking(self._descriptor, False)
+
+
+class _Solver:
+    """Clicks for the places of one table."""
+
+    def __init__(self, path: Path) -> None:
+        from precompute.builder.incremental import BuildOptions
+        from precompute.clicks import ClickSolver, ClickTabulator
+
+        with Table.open(path, verify=False) as table:
+            self.device, options = table.device, BuildOptions.of(table).placed_clicks(table.device)
+        self.solver: ClickSolver = ClickSolver(self.device, options)
+        self.tabulator: ClickTabulator = ClickTabulator(self.device, options)
+
+    def solve(self, placement: Placement) -> ClickEntry:
+        return self.tabulator.tabulate(self.solver.solve(placement))
+
+
+class _Service:
+    """Answers questions of one loop."""
+
+    def __init__(self, path: Path, parent: Parent) -> None:
+        self._path, self._parent = path, parent
+        self._solver: _Solver | None = None
+        self._waiting = list[dict[str, Any]]()
+        self._told = set[int]()
+
+    def run(self) -> None:
+        """Until the parent closes its end."""
+        self._open()
+        if self._solver is not None:  # its kernels are loaded, or compiled, before the first question
+            self._solver.solve(Placement.on(self._solver.device, [0.2 * self._solver.device.bar.length_m]))
+        while True:
+            while not self._waiting or self._parent.has_spoken():
+                question = self._parent.read()
+                if question is None:
+                    return
+                self._waiting = [*self._waiting[1 - MOST_WAITING :], question]
+            self._answer(self._waiting.pop())
+
+    def _open(self) -> None:
+        try:
+            self._solver = _Solver(self._path)
+        except (TableError, OSError) as error:
+            self._solver = None
+            _say(f"clicks of more fingers than the table holds are not solved: {error}")
+
+    def _answer(self, question: dict[str, Any]) -> None:
+        if self._solver is None or self._solver.device.fingerprint != question["fingerprint"]:
+            self._open()
+        solver = self._solver
+        if solver is None or solver.device.fingerprint != question["fingerprint"]:
+            return
+        click = solver.solve(Placement(tuple(question["at_m"]), tuple(question["is_felt"])))
+        values = {field.name: getattr(click, field.name) for field in fields(click) if field.name != "basis"}
+        answer = {"fingerprint": solver.device.fingerprint, "click": _packed(values), "basis_hash": click.basis.hash}
+        if click.basis.hash not in self._told:
+            self._told.add(click.basis.hash)
+            answer["basis"] = _packed(click.basis)
+        self._parent.say(answer)
+
+
+def _packed(value: object) -> str:
+    return base64.b64encode(pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)).decode()
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(f"note: {text}\n")
+    sys.stderr.flush()
+
+
+def main(parent: Parent, arguments: dict[str, Any]) -> None:
+    """The process behind a `ClickProcess`."""
+    os.nice(5)  # the loop comes first
+    _Service(Path(arguments["table"]), parent).run()
