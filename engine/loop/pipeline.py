@@ -231,8 +231,9 @@ class Pipeline:
             self._note_due()
             return False
         self.wanted = Wanted(*wanted)
-        self.joined += player.joined > 0
-        self.left_out += player.left_out > 0
+        if player.placement is not None:
+            self.joined += player.joined > 0
+            self.left_out += player.left_out > 0
         self._stop_waiting()
         return True
 

@@ -33,9 +33,14 @@ class RenderedClicks:
         return int(np.isin(self.clicks.basis_set, list(self.basis.sets)).sum()) if self.clicks else 0
 
     @property
-    def can_learn(self) -> bool:
-        """Whether the device plays clicks, so that those that the table has not are worth solving."""
+    def are_played(self) -> bool:
+        """Whether the device plays clicks, and the rules have some."""
         return self.basis.basis is not None
+
+    def is_unknown(self, placement: Placement) -> bool:
+        """Whether nobody has solved the click of these fingers, which the device would play."""
+        key = self.clicks.places.key(placement)
+        return self.are_played and self.clicks.row_of(key) is None and key not in self._learned
 
     def learn(self, click: ClickEntry) -> None:
         """Add a click that was solved for places of this table; the earliest is forgotten beyond MOST_LEARNED."""

@@ -77,7 +77,7 @@ class Renderer:
             return self.fallback(placement, level_db)
         rendered = self.clicks.rendered(placement, level_db)
         if rendered is None:
-            return None if self.clicks.can_learn else self.fallback(placement, level_db)
+            return None if self.clicks.is_unknown(placement) else self.fallback(placement, level_db)
         return self._counted(rendered)
 
     def fallback(self, placement: Placement, level_db: float) -> Command:
@@ -109,7 +109,7 @@ class Renderer:
     @property
     def click_shortfalls(self) -> dict[float, int]:
         """By level: the number of tabulated clicks that do not reach it with quiet fingers kept quiet."""
-        if not self.clicks.can_learn:
+        if not self.clicks.are_played:
             return {}
         return {level_db: self.clicks.shortfall(level_db) for level_db in self.levels_db}
 

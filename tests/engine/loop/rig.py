@@ -14,6 +14,7 @@ from engine.effects import Effect, Effects, Rule, Segment, Trigger
 from engine.effects.player import DEFAULT_CLICK_NS
 from engine.effects.rules import burst
 from engine.loop import (
+    ClickSolving,
     Clock,
     Dispatcher,
     Loop,
@@ -29,6 +30,7 @@ from engine.loop.fast.session import FastLink, FastSession
 from engine.loop.fast.table import with_fast_table
 from engine.render import Renderer, Rendering, WhenNotAchieved, link_configuration
 from engine.render.chosen_basis import choose_basis
+from engine.render.clicks import RenderedClicks
 from engine.table import Clicks
 from engine.touch import state_index
 from engine.touch.sources import Source
@@ -39,7 +41,7 @@ from firmware_link.protocol.errors import LinkError, LinkLostError
 from tests.engine.loop.fast.virtual_fast_path import Packets, VirtualFastPath
 from tests.engine.made_clicks import made_clicks
 from tests.engine.made_entries import LEVEL_DB, states_of
-from tests.engine.made_table import receptances_of
+from tests.engine.render.made_steady import MadeSteady
 from tests.engine.touch.descriptors import CONTACT_COUNT, application, finger
 
 MS = 1_000_000
@@ -59,6 +61,7 @@ HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),
 
 
 def index_of(*zones: int, quiet: Sequence[int] = ()) -> int:
+    """State of the zones (engine.touch.state_index) with fingers that feel, or are quiet, in their middles."""
     return state_index(states_of(DEVICE, zones, quiet))
 
 
@@ -206,6 +209,7 @@ class Rig:
     device: Device = DEVICE
     clicks: Clicks = NO_CLICKS
     when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN
+    solving: ClickSolving | None = None
     library: ClassVar[ctypes.CDLL | None] = None
     """Of the fast path: the loop's tests hold with it and without."""
 
@@ -223,10 +227,10 @@ class Rig:
         self.session = session
         self.start_ns = self.line.time_ns
         source = Packets(self.recording, self.speed)
-        device, levels_db = self.device, self.effects.levels_db
-        self.renderer = Renderer(
-            device, capabilities, receptances_of(device), self.clicks, levels_db, self.when_not_achieved, basis
-        )
+        device, refuses = self.device, self.when_not_achieved is WhenNotAchieved.REFUSE
+        self.steady = MadeSteady(device, refuses=refuses)
+        clicks = RenderedClicks(self.clicks, basis, refuses)
+        self.renderer = Renderer(device, capabilities, self.steady, clicks, self.effects.levels_db)
         pipeline = open_pipeline(source, device, self.effects, self.renderer, self.line.now_ns)
         dispatcher = Dispatcher(session, self.line.now_ns)
         self.observers = Observers(self.trace, timing, self.ring)
@@ -239,7 +243,9 @@ class Rig:
                 self.library, source, pipeline, dispatcher, self.line, self.effects, self.rendering, self.observers
             )
             edges = (fast.source, fast, fast)
-        self.loop = Loop(pipeline, dispatcher, *edges, reconnect=self.reconnect, reopening=self.reopening)
+        self.loop = Loop(
+            pipeline, dispatcher, *edges, reconnect=self.reconnect, reopening=self.reopening, solving=self.solving
+        )
 
     def run(self) -> Rig:
         self.loop.run()
@@ -251,7 +257,7 @@ class Rig:
         return self.line.firmware.drive_log
 
     def states(self) -> list[int]:
-        """State of the zones at each change, as `index_of` numbers it."""
+        """State of the zones at each change of what is wanted, as `index_of` numbers it; 0: no finger feels."""
         placements = (change.placement for change in self.trace)
         return [0 if placement is None else placement.state_on(self.device) for placement in placements]
 

@@ -22,6 +22,8 @@ from engine.loop import (
     open_pipeline,
 )
 from engine.render import Renderer, link_configuration
+from engine.render.chosen_basis import NO_BASIS
+from engine.render.clicks import RenderedClicks
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import read_recording
@@ -35,18 +37,18 @@ from firmware_link.protocol.messages import DeviceState
 from tests.engine.loop.rig import (
     BURSTS,
     DEVICE,
-    ENTRIES,
     HELD,
     MS,
     PATIENCE_S,
     Rig,
-    entry_for,
     held,
     index_of,
     recording_of,
     report,
 )
+from tests.engine.made_clicks import made_clicks
 from tests.engine.made_entries import LEVEL_DB
+from tests.engine.render.made_steady import MadeSteady
 from tests.engine.shared_recordings import recording_params
 
 RUNS_BOTH_WAYS = True
@@ -136,23 +138,32 @@ def test_reports_that_a_stall_held_up_are_all_taken_and_only_the_last_state_is_s
     assert rig.loop.counters.frames == 100
     assert rig.states() == [*map(index_of, (0, 1, 2, 3, 4, 0, 1, 2, 3, 4)), 0]
     after_stall = [change for change in rig.trace if change.time_ns == rig.start_ns + 75 * MS]
-    assert [change.state for change in after_stall] == [index_of(zone) for zone in (2, 3, 4, 0, 1, 2)]
+    assert [state for state, change in zip(rig.states(), rig.trace, strict=True) if change in after_stall] == [
+        index_of(zone) for zone in (2, 3, 4, 0, 1, 2)
+    ]
     assert [change.drive_sequence is None for change in after_stall] == [True] * 5 + [False]
     assert rig.played() == [101.0, 102.0, 0.0, 104.0, 108.0, 116.0, 0.0]
     assert rig.line.firmware.counters.stale == 0
 
 
-def test_a_state_without_entry_is_silent_and_counted() -> None:
-    frames = [*held(0.0, 0.1, (1, 0.1)), *held(0.1, 0.2, (1, 0.1), (2, 0.9)), (0.2, report(lifted=[1, 2]))]
+def test_a_held_drive_is_solved_where_the_finger_is_and_follows_it() -> None:
+    moving = [(0.008 * i, report((1, 0.1 + 0.001 * i))) for i in range(21)]  # 0.28 mm a frame, 0.56 mm every second one
+    rig = Rig(recording_of(*moving, (0.2, report(lifted=[1])))).run()
+    solved_mm = [1e3 * placement.position_m[0] for placement, _ in rig.steady.solved]
+    assert solved_mm == pytest.approx([28 + 0.56 * i for i in range(11)], abs=0.1)
+
+
+def test_fingers_that_are_one_to_the_bar_and_those_beyond_ten_are_counted() -> None:
+    frames = [*held(0.0, 0.1, (1, 0.1), (2, 0.12)), (0.1, report(lifted=[1, 2]))]
     rig = Rig(recording_of(*frames)).run()
-    assert rig.played() == [101.0, 0.0]
-    assert rig.renderer.unknown_states == 1
+    assert (rig.loop.counters.joined, rig.loop.counters.left_out) == (1, 0)
+    assert rig.steady.solved[0][0].is_felt == (True,)
 
 
 def test_an_effect_ends_at_its_time_without_a_report() -> None:
     rig = Rig(recording_of((0.0, report((1, 0.1))), (0.1, report(lifted=[1]))), effects=BURSTS).run()
-    assert rig.states() == [index_of(0), index_of(quiet=[0]), 0]
-    first, second, _ = rig.trace
+    assert rig.states() == [index_of(0), 0]
+    first, second = rig.trace
     assert (first.level_db, second.level_db) == (LEVEL_DB, None)
     assert second.report_index is None
     assert 0 <= second.time_ns - first.time_ns - 50 * MS < MS
@@ -161,26 +172,17 @@ def test_an_effect_ends_at_its_time_without_a_report() -> None:
 
 
 def test_a_resting_finger_is_quiet_while_another_one_feels() -> None:
-    entries = [entry_for(0), entry_for(2, quiet=[0])]
     frames = [*held(0.0, 0.2, (1, 0.1)), *held(0.2, 0.4, (1, 0.1), (2, 0.5)), (0.4, report(lifted=[1, 2]))]
-    rig = Rig(recording_of(*frames), effects=BURSTS, entries=entries).run()
-    assert rig.states() == [
-        index_of(0),
-        index_of(quiet=[0]),
-        index_of(2, quiet=[0]),
-        index_of(quiet=[0, 2]),
-        0,
-    ]
+    rig = Rig(recording_of(*frames), effects=BURSTS).run()
+    assert rig.states() == [index_of(0), 0, index_of(2, quiet=[0]), 0]
     assert rig.played() == [101.0, 0.0, 104.25, 0.0]
-    assert rig.renderer.unknown_states == 0
 
 
 def test_each_segment_of_an_envelope_is_a_command_at_its_level() -> None:
     envelope = (Segment(30 * MS, 30.0), Segment(30 * MS, None), Segment(None, LEVEL_DB))
     effects = Effects((Rule(Trigger.TOUCH, Effect("steps", envelope)),))
-    entries = [entry_for(1), entry_for(1, level_db=30.0)]
     frames = [*held(0.0, 0.2, (1, 0.3)), (0.2, report(lifted=[1]))]
-    rig = Rig(recording_of(*frames), effects=effects, entries=entries).run()
+    rig = Rig(recording_of(*frames), effects=effects).run()
     assert [change.level_db for change in rig.trace] == [30.0, None, LEVEL_DB, None]
     assert rig.played() == [102.5, 0.0, 102.0, 0.0]
 
@@ -189,8 +191,8 @@ def test_a_change_that_keeps_the_drive_sends_nothing() -> None:
     places = [0.1, 0.3, 0.5, 0.7, 0.9]
     frames = [frame for i, place in enumerate(places) for frame in held(0.1 * i, 0.1 * (i + 1), (1, place))]
     rig = Rig(recording_of(*frames, (0.5, report(lifted=[1]))), effects=BURSTS).run()
-    assert rig.states() == [index_of(0), *(index_of(quiet=[zone]) for zone in range(5)), 0]
-    assert [change.drive_sequence is None for change in rig.trace] == [False, False, *[True] * 5]
+    assert rig.states() == [index_of(0), 0]
+    assert [change.drive_sequence is None for change in rig.trace] == [False, False]
     assert rig.loop.counters.commands == 2
     assert rig.latency.count == 1
 
@@ -198,8 +200,8 @@ def test_a_change_that_keeps_the_drive_sends_nothing() -> None:
 def test_a_lift_is_played_to_its_end_though_the_source_has_ended() -> None:
     effects = Effects((Rule(Trigger.LIFT, burst(LEVEL_DB, 80)),))
     rig = Rig(recording_of(*held(0.0, 0.1, (1, 0.1)), (0.1, report(lifted=[1]))), effects=effects).run()
-    assert rig.states() == [index_of(quiet=[0]), index_of(0), 0]
-    on, off = (change.time_ns for change in rig.trace[1:])
+    assert rig.states() == [index_of(0), 0]
+    on, off = (change.time_ns for change in rig.trace)
     assert 0 <= off - on - 80 * MS < MS
 
 
@@ -207,7 +209,7 @@ def test_a_lost_finger_rests_no_longer_than_it_was_seen() -> None:
     effects = Effects((Rule(Trigger.HOLD, burst(LEVEL_DB, 50), after_ns=150 * MS),))
     frames = [(0.0, report((1, 0.1))), (1.0, report((1, 0.1))), (1.008, report(lifted=[1]))]
     for speed in (1.0, None):
-        assert Rig(recording_of(*frames), speed=speed, effects=effects).run().states() == [index_of(quiet=[0]), 0] * 2
+        assert Rig(recording_of(*frames), speed=speed, effects=effects).run().states() == []
 
 
 def test_a_host_that_stalled_for_seconds_hears_the_device_before_it_calls_it_silent() -> None:
@@ -223,7 +225,7 @@ def test_after_a_stall_effects_are_caught_up_with_in_order_and_the_last_state_is
     rig = Rig(recording_of(*held(0.0, 0.3, (1, 0.1)), (0.3, report(lifted=[1]))), effects=BURSTS)
     rig.line.stall_at_ns, rig.line.stall_ns = rig.start_ns + 20 * MS, 100 * MS
     rig.run()
-    assert rig.states() == [index_of(0), index_of(quiet=[0]), 0]
+    assert rig.states() == [index_of(0), 0]
     assert rig.trace[1].time_ns >= rig.start_ns + 120 * MS
 
 
@@ -283,9 +285,9 @@ EVERY_TRIGGER = Effects(
 def test_a_real_recording_gives_the_same_states_and_levels_at_any_speed(path: Path) -> None:
     recording = read_recording(path)
     rigs = [Rig(recording, speed=speed, effects=EVERY_TRIGGER) for speed in (1.0, 7.0, None)]
-    first, *others = [[(c.state, c.level_db) for c in rig.run().trace] for rig in rigs]
+    first, *others = [[(c.placement, c.level_db) for c in rig.run().trace] for rig in rigs]
     assert others == [first] * 2
-    assert first == [] or first[-1] == (0, None)
+    assert first == [] or first[-1] == (None, None)
     assert {rig.loop.counters.reports for rig in rigs} == {len(recording.reports)}
 
 
@@ -295,14 +297,16 @@ def test_a_touch_reaches_the_emulator_of_another_process() -> None:
     with run_emulator(number_of_actuators=2) as emulator, SerialPort(emulator.port) as port:
         link = Link(replace(link_configuration(DEVICE), handshake_timeout_s=PATIENCE_S))
         session = Session(link, port, clock.now_ns)
-        renderer = Renderer({LEVEL_DB: ENTRIES}, DEVICE, connect(session, clock))
+        clicks = RenderedClicks(made_clicks(DEVICE, []), NO_BASIS, refuses=False)
+        renderer = Renderer(DEVICE, connect(session, clock), MadeSteady(DEVICE), clicks, [LEVEL_DB])
         source, dispatcher = Playback(recording_of(*frames)), Dispatcher(session, clock.now_ns)
         pipeline = open_pipeline(source, DEVICE, HELD, renderer, clock.now_ns)
         # A stall of this machine may latch the device: the run goes on.
         loop = Loop(pipeline, dispatcher, source, clock, Observers(trace, timing), reconnect=True)
         loop.run()
         log = emulator.stop()
-    assert [change.state for change in trace] == [index_of(0), index_of(2), 0]
+    states = [0 if change.placement is None else change.placement.state_on(DEVICE) for change in trace]
+    assert states == [index_of(0), index_of(2), 0]
     applied = {event.sequence for event in log.events if event.cause is Cause.SET}
     sent = {change.drive_sequence for change in trace} - {None}
     assert loop.counters.reconnects or (sent and sent <= applied)

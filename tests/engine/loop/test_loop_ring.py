@@ -37,8 +37,8 @@ def test_each_command_is_told_with_its_sequence_and_its_stamps(tmp_path: Path) -
     rig, records = run_with_ring(tmp_path / "ring", *FRAMES)
     sent = [record for record in records if record.drive_sequence is not None]
     changes = [change for change in rig.trace if change.drive_sequence is not None]
-    assert [(r.report_index, r.state, r.drive_sequence) for r in sent] == [
-        (c.report_index, c.state, c.drive_sequence) for c in changes
+    assert [(r.report_index, r.placement, r.drive_sequence) for r in sent] == [
+        (c.report_index, c.placement, c.drive_sequence) for c in changes
     ]
     assert [list(record.stamps_ns) for record in sent] == rig.latency.stamps_ns().tolist()
     assert sent[-1].counters.commands == rig.loop.counters.commands
@@ -48,7 +48,7 @@ def test_what_time_alone_brings_is_told_too(tmp_path: Path) -> None:
     frames = [(0.0, report((1, 0.1))), (0.1, report(lifted=[1]))]
     rig, records = run_with_ring(tmp_path / "ring", *frames, effects=BURST)
     (ended,) = [record for record in records if record.report_index is None]
-    assert (ended.state, ended.level_db) == (rig.trace[1].state, None)
+    assert (ended.placement, ended.level_db) == (rig.trace[1].placement, None)
     assert ended.drive == b""
 
 

@@ -12,9 +12,10 @@ from engine.effects import Effect, Effects, Rule, Segment, Trigger
 from engine.effects.rules import burst
 from engine.loop import Pipeline, open_pipeline
 from engine.render import SILENCE, Command
+from engine.touch import Placement
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources.recording import Recording, read_recording
-from tests.engine.loop.rig import BURSTS, DEVICE, HELD, MS, Rig, held, index_of, recording_of, report
+from tests.engine.loop.rig import BURSTS, DEVICE, HELD, MS, Rig, held, recording_of, report
 from tests.engine.made_entries import LEVEL_DB
 from tests.engine.shared_recordings import recording_params
 
@@ -34,9 +35,9 @@ def pipeline_of(rig: Rig, stamps: itertools.count[int] | None = None) -> Pipelin
     return open_pipeline(*arguments) if stamps is None else open_pipeline(*arguments, lambda: next(stamps))
 
 
-def played(pipeline: Pipeline, recording: Recording) -> list[tuple[int, int, float | None, Command]]:
-    """(time, state, level, command) of each change that the reports and time bring."""
-    found = list[tuple[int, int, float | None, Command]]()
+def played(pipeline: Pipeline, recording: Recording) -> list[tuple[int, Placement | None, float | None, Command]]:
+    """(time, placement, level, command) of each change that the reports and time bring."""
+    found = list[tuple[int, Placement | None, float | None, Command]]()
     for entry in recording.reports:
         time_ns = round(1e9 * entry.time_s)
         found += ((time_ns, *pipeline.wanted[:2], command) for command in pipeline.advance(time_ns))
@@ -50,7 +51,10 @@ def played(pipeline: Pipeline, recording: Recording) -> list[tuple[int, int, flo
 def test_a_touch_brings_one_command_and_rest_brings_none() -> None:
     rig = Rig(recording_of(*held(0.0, 0.1, (1, 0.1)), (0.1, report(lifted=[1]))))
     changes = played(pipeline_of(rig), rig.recording)
-    assert [(time_ns, state) for time_ns, state, _, _ in changes] == [(0, index_of(0)), (100 * MS, 0)]
+    (touched_ns, placement, *_), (lifted_ns, *lifted) = changes
+    assert placement is not None and placement.is_felt == (True,)
+    assert placement.position_m == pytest.approx((0.1 * DEVICE.bar.length_m,), abs=1e-4)
+    assert (touched_ns, lifted_ns, lifted[0]) == (0, 100 * MS, None)
     assert [command == SILENCE for *_, command in changes] == [False, True]
 
 
@@ -62,18 +66,18 @@ def test_time_ends_an_effect_and_releases_a_finger_that_went_silent() -> None:
     assert pipeline.due_ns == 50 * MS
     assert list(pipeline.advance(50 * MS - 1)) == []
     assert list(pipeline.advance(50 * MS)) == [SILENCE]
-    assert (pipeline.wanted.state, pipeline.wanted.level_db) == (index_of(quiet=[0]), None)
+    assert pipeline.wanted == (None, None, None)
     assert pipeline.due_ns == RELEASE_AFTER_NS
-    assert list(pipeline.advance(RELEASE_AFTER_NS)) == [SILENCE]
-    assert pipeline.is_at_rest and pipeline.wanted.state == 0
+    assert list(pipeline.advance(RELEASE_AFTER_NS)) == []
+    assert pipeline.is_at_rest and pipeline.touches == []
 
 
 def test_each_command_of_a_long_pause_comes_with_what_was_wanted_then() -> None:
-    rig = Rig(recording_of((0.0, report((1, 0.1)))), effects=BURSTS)
+    steps = Effect("steps", (Segment(30 * MS, 30.0), Segment(30 * MS, None), Segment(None, LEVEL_DB)))
+    rig = Rig(recording_of((0.0, report((1, 0.1)))), effects=Effects((Rule(Trigger.TOUCH, steps),)))
     pipeline = pipeline_of(rig)
     pipeline.step(rig.recording.reports[0].data, 0)
-    states = [pipeline.wanted.state for _ in pipeline.advance(1_000 * MS)]
-    assert states == [index_of(quiet=[0]), 0]
+    assert [pipeline.wanted.level_db for _ in pipeline.advance(1_000 * MS)] == [None, LEVEL_DB, None]
 
 
 def test_silence_is_a_command_only_where_something_is_wanted() -> None:
@@ -96,5 +100,5 @@ def test_stamps_are_taken_in_order_and_change_nothing() -> None:
 @pytest.mark.parametrize("path", recording_params("touch", "*.hid"))
 def test_the_loop_runs_what_the_pipeline_gives(path: Path, effects: Effects) -> None:
     rig = Rig(read_recording(path), effects=effects)
-    expected = [(state, level_db) for _, state, level_db, _ in played(pipeline_of(rig), rig.recording)]
-    assert [(change.state, change.level_db) for change in rig.run().trace] == expected
+    expected = [(placement, level_db) for _, placement, level_db, _ in played(pipeline_of(rig), rig.recording)]
+    assert [(change.placement, change.level_db) for change in rig.run().trace] == expected

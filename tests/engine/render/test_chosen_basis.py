@@ -6,30 +6,25 @@ import numpy as np
 import pytest
 
 from engine.render.chosen_basis import NO_BASIS, choose_basis, play_ns
-from engine.table import ClickEntry
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.basis import Basis, BasisSet
 from firmware_link.protocol.messages import Features
-from tests.engine.loop.rig import DEVICE
-from tests.engine.made_clicks import click_of
-from tests.engine.made_entries import states_of
 
 PLAIN = Capabilities(2, 0.01, 1.0, 655.35, (0.52e-6, 0.52e-6), 100, 48_000, 1, 0, (0, 1, 0))
 CAPABILITIES = replace(PLAIN, features=Features.WAVEFORMS, longest_waveform_ms=100, basis_capacity_bytes=1 << 18)
 RATE_HZ, LEASE_MS = 115_200, 40
 
 
-def clicks_of(*shapes: tuple[int, int]) -> list[ClickEntry]:
-    """A click of each set, with so many functions and samples."""
+def whole(*shapes: tuple[int, int]) -> Basis:
+    """A basis of sets with so many functions and samples."""
     sets = tuple(BasisSet(np.zeros(shape, np.int16), (np.arange(shape[0]) % 2).astype(np.uint8)) for shape in shapes)
-    basis, click = Basis(4000, sets), click_of(DEVICE, states_of(DEVICE, [0]))
-    return [replace(click, basis=basis, basis_set=number) for number in range(len(sets))]
+    return Basis(4000, sets)
 
 
 def test_a_basis_that_fits_is_held_as_it_is() -> None:
-    clicks = clicks_of((44, 121), (80, 241))
-    chosen = choose_basis(clicks, CAPABILITIES, RATE_HZ, LEASE_MS)
-    assert chosen.basis is clicks[0].basis
+    basis = whole((44, 121), (80, 241))
+    chosen = choose_basis(basis, CAPABILITIES, RATE_HZ, LEASE_MS)
+    assert chosen.basis is basis
     assert chosen.sets == {0: 0, 1: 1}
 
 
@@ -44,8 +39,8 @@ def test_a_basis_that_fits_is_held_as_it_is() -> None:
 def test_sets_that_do_not_fit_are_left_out_and_the_others_keep_their_order(
     changed: dict[str, int], rate_hz: int
 ) -> None:
-    clicks = clicks_of((80, 241), (44, 121), (40, 121))
-    chosen = choose_basis(clicks, replace(CAPABILITIES, **changed), rate_hz, LEASE_MS)  # type: ignore[arg-type]
+    basis = whole((80, 241), (44, 121), (40, 121))
+    chosen = choose_basis(basis, replace(CAPABILITIES, **changed), rate_hz, LEASE_MS)  # type: ignore[arg-type]
     assert chosen.sets == {1: 0, 2: 1}
     assert chosen.basis is not None
     assert [len(each.actuators) for each in chosen.basis.sets] == [44, 40]
@@ -61,9 +56,9 @@ def test_sets_that_do_not_fit_are_left_out_and_the_others_keep_their_order(
     ],
 )
 def test_a_device_or_line_that_carries_no_click_gets_no_basis(changed: dict[str, int], rate_hz: int) -> None:
-    clicks = clicks_of((44, 121))
-    assert choose_basis(clicks, replace(CAPABILITIES, **changed), rate_hz, LEASE_MS) == NO_BASIS  # type: ignore[arg-type]
-    assert choose_basis([], CAPABILITIES, RATE_HZ, LEASE_MS) == NO_BASIS
+    basis = whole((44, 121))
+    assert choose_basis(basis, replace(CAPABILITIES, **changed), rate_hz, LEASE_MS) == NO_BASIS  # type: ignore[arg-type]
+    assert choose_basis(None, CAPABILITIES, RATE_HZ, LEASE_MS) == NO_BASIS
 
 
 def test_a_play_of_44_weights_takes_9_ms_at_115200() -> None:

@@ -1,5 +1,6 @@
 """Laws of what becomes of a table for one device: what the device can play decides."""
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +12,13 @@ from engine.render import SILENCE, PlayCommand, WhenNotAchieved, render_table
 from engine.table import Table
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import Features
-from tests.engine.made_clicks import click_of
+from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_entries import LEVEL_DB, entry_of, felt_states
 from tests.engine.made_table import write_table
 
 REFERENCE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
 STATES = felt_states(REFERENCE)[:4]
+PLACEMENTS = [in_zones(REFERENCE, [0]), in_zones(REFERENCE, [2], [0])]
 STEADY = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),))
 MS = 1_000_000
 
@@ -28,40 +30,45 @@ def capabilities(features: Features) -> Capabilities:
 
 @pytest.fixture(scope="module")
 def table(tmp_path_factory: pytest.TempPathFactory) -> Table:
-    """Clicks of two states, the second softer; the steady drive of all."""
+    """Clicks of two placements, the second softer."""
     path = tmp_path_factory.mktemp("rendering") / "bar.nc"
-    entries = [entry_of(REFERENCE, states) for states in STATES]
-    clicks = [click_of(REFERENCE, states, level_db=level) for states, level in zip(STATES, (26.0, 14.0), strict=False)]
-    return Table.open(write_table(path, REFERENCE, entries, clicks))
+    clicks = [click_of(REFERENCE, at, level_db=level) for at, level in zip(PLACEMENTS, (26.0, 14.0), strict=True)]
+    return Table.open(write_table(path, REFERENCE, [entry_of(REFERENCE, STATES[0])], clicks))
 
 
-def test_a_state_with_a_click_gets_its_waveform_and_one_without_the_steady_drive(table: Table) -> None:
+def test_a_placement_of_the_table_gets_its_click_and_another_has_none_yet(table: Table) -> None:
     rendering = render_table(table, DEFAULT_EFFECTS, capabilities(Features.WAVEFORMS))
     assert (rendering.basis is not None, rendering.click_length_ns) == (True, 30 * MS)
-    first, second, third, _ = (rendering.renderer.render(each.index, LEVEL_DB, is_click=True) for each in table.entries)
+    first, second = (rendering.renderer.render(placement, LEVEL_DB, is_click=True) for placement in PLACEMENTS)
     assert isinstance(first, PlayCommand) and isinstance(second, PlayCommand)
-    assert third == rendering.renderer.render(table.entries[2].index, LEVEL_DB) != SILENCE
+    assert rendering.renderer.render(in_zones(REFERENCE, [1]), LEVEL_DB, is_click=True) is None
 
 
 def test_a_device_without_waveforms_and_effects_without_clicks_get_steady_drives(table: Table) -> None:
     for effects, features in ((DEFAULT_EFFECTS, Features(0)), (STEADY, Features.WAVEFORMS)):
         rendering = render_table(table, effects, capabilities(features))
         assert rendering.basis is None
-        steady = rendering.renderer.render(table.clicks[0].index, LEVEL_DB)
-        assert rendering.renderer.render(table.clicks[0].index, LEVEL_DB, is_click=True) == steady != SILENCE
+        steady = rendering.renderer.render(PLACEMENTS[0], LEVEL_DB)
+        assert rendering.renderer.render(PLACEMENTS[0], LEVEL_DB, is_click=True) == steady != SILENCE
 
 
 def test_a_click_short_of_its_level_is_counted_and_silent_where_it_is_refused(table: Table) -> None:
-    weak = table.clicks[1].index
     for when in WhenNotAchieved:
         renderer = render_table(table, DEFAULT_EFFECTS, capabilities(Features.WAVEFORMS), when).renderer
-        command = renderer.render(weak, LEVEL_DB, is_click=True)
+        command = renderer.render(PLACEMENTS[1], LEVEL_DB, is_click=True)
         assert (command == SILENCE) == (when is WhenNotAchieved.REFUSE)
-        assert (renderer.not_achieved_states, renderer.click_shortfalls) == (1, {LEVEL_DB: 1})
+        assert (renderer.not_achieved, renderer.click_shortfalls) == (1, {LEVEL_DB: 1})
+
+
+def test_a_rendering_survives_the_way_from_another_process(table: Table) -> None:
+    rendering = render_table(table, DEFAULT_EFFECTS, capabilities(Features.WAVEFORMS))
+    before = [rendering.renderer.render(PLACEMENTS[0], LEVEL_DB, is_click) for is_click in (False, True)]
+    there = pickle.loads(pickle.dumps(rendering))
+    assert [there.renderer.render(PLACEMENTS[0], LEVEL_DB, is_click) for is_click in (False, True)] == before
 
 
 def test_a_group_that_this_version_does_not_know_is_left_alone(tmp_path: Path) -> None:
     path = write_table(tmp_path / "bar.nc", REFERENCE, [entry_of(REFERENCE, STATES[0])], others={"bursts": 1.0})
     with Table.open(path, device=REFERENCE) as table:
         rendering = render_table(table, DEFAULT_EFFECTS, capabilities(Features(0)))
-        assert rendering.renderer.render(table.entries[0].index, LEVEL_DB) != SILENCE
+        assert rendering.renderer.render(PLACEMENTS[0], LEVEL_DB) != SILENCE

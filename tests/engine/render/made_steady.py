@@ -1,0 +1,48 @@
+"""Steady drives made by hand: the frequency says which zones are felt, whether any is quiet, and the level."""
+
+from collections.abc import Collection
+from types import SimpleNamespace
+
+from engine.device import Device
+from engine.render import SILENCE, DriveCommand, clamp
+from engine.render.commands import Rendered
+from engine.touch import Placement, ZoneState
+from firmware_link.protocol.messages import encode_drive
+from tests.engine.made_entries import LEVEL_DB
+
+RESOLUTION_HZ = 0.01
+
+
+class MadeSteady:
+    """Drives of 100 Hz, and 1, 2, 4, 8, 16 Hz for felt zones I to V.
+
+    0.25 Hz more where something is quiet, 0.5 Hz more at another level. `short_of` are zones in which no level is
+    reached. `solved` has every placement that was asked for, with its level.
+    """
+
+    def __init__(self, device: Device, *, short_of: Collection[int] = (), refuses: bool = False) -> None:
+        self.device, self.short_of, self.refuses = device, short_of, refuses
+        self.solved: list[tuple[Placement, float]] = []
+        self.prepared = 0
+
+    def prepare(self) -> None:
+        self.prepared += 1
+
+    def frequency_hz(self, placement: Placement, level_db: float = LEVEL_DB) -> float:
+        states = placement.zone_states(self.device)
+        felt = sum(2**zone for zone, state in enumerate(states) if state is ZoneState.FELT)
+        return 100.0 + felt + 0.25 * bool(placement.quiet) + 0.5 * (level_db != LEVEL_DB)
+
+    def rendered(self, placement: Placement, level_db: float) -> Rendered:
+        self.solved.append((placement, level_db))
+        states = placement.zone_states(self.device)
+        is_achieved = not any(states[zone] is ZoneState.FELT for zone in self.short_of)
+        if self.refuses and not is_achieved:
+            return Rendered(SILENCE, is_achieved=False)
+        actuators = len(self.device.actuators)
+        frequency_hz = self.frequency_hz(placement, level_db)
+        solved = SimpleNamespace(
+            frequencies_hz=(frequency_hz,) * actuators, amplitudes=(0.5,) * actuators, phases_rad=(0.0,) * actuators
+        )
+        drive = encode_drive(clamp(solved, self.device).channels, RESOLUTION_HZ)
+        return Rendered(DriveCommand(drive), is_achieved)

@@ -1,0 +1,63 @@
+"""Laws of steady drives as commands: solved for the positions, clamped, encoded and remembered."""
+
+from dataclasses import replace
+from functools import cache
+from math import inf
+
+import pytest
+
+from engine.render import SILENCE, DriveCommand, RendererError
+from engine.render.steady_drives import SteadyDrives
+from engine.steady import Receptances
+from engine.steady.solver import SteadySolver
+from engine.touch import Placement
+from firmware_link.host.link_values import Capabilities
+from firmware_link.protocol.messages import decode_drive
+from precompute.entries.at_positions import SteadyDesigner
+from tests.precompute.devices import shipped
+
+DEVICE = shipped("reference-a")
+CAPABILITIES = Capabilities(2, 0.01, 1.0, 655.35, (0.52e-6, 0.52e-6), 100, 48_000, 1, 0, (0, 1, 0))
+PLACEMENT = Placement((0.0371, 0.1234), (True, False))
+
+
+@cache
+def receptances() -> Receptances:
+    return SteadyDesigner(DEVICE).receptances
+
+
+def drives_of(*, refuses: bool = False, capabilities: Capabilities = CAPABILITIES) -> SteadyDrives:
+    return SteadyDrives(DEVICE, capabilities, receptances(), refuses)
+
+
+def test_the_command_is_what_the_solver_finds_to_a_step_of_the_wire() -> None:
+    for level_db in (20.0, inf):
+        solved = SteadySolver(DEVICE, receptances()).solve(PLACEMENT.position_m, PLACEMENT.is_felt, level_db)
+        command, is_achieved = drives_of().rendered(PLACEMENT, level_db)
+        assert isinstance(command, DriveCommand) and is_achieved == solved.achieved
+        for channel, amplitude, phase_rad in zip(
+            decode_drive(command.drive, 0.01), solved.amplitudes, solved.phases_rad, strict=True
+        ):
+            assert channel.frequency_hz == pytest.approx(solved.frequency_hz, abs=0.005)
+            assert channel.amplitude == pytest.approx(amplitude, abs=1e-5)
+            assert abs((channel.phase_rad - phase_rad + 3) % 6.283185307 - 3) < 1e-4
+
+
+def test_the_same_fingers_are_solved_once() -> None:
+    drives = drives_of()
+    assert drives.rendered(PLACEMENT, 20.0) is drives.rendered(PLACEMENT, 20.0)
+    assert drives.rendered(PLACEMENT, 20.0) != drives.rendered(PLACEMENT, 10.0)
+
+
+def test_a_level_out_of_reach_is_silence_where_it_is_refused() -> None:
+    command, is_achieved = drives_of(refuses=True).rendered(PLACEMENT, 90.0)
+    assert (command, is_achieved) == (SILENCE, False)
+    command, is_achieved = drives_of().rendered(PLACEMENT, 90.0)
+    assert command != SILENCE and not is_achieved
+
+
+@pytest.mark.parametrize(("low_hz", "high_hz"), [(101.0, 655.35), (1.0, 99.0)])
+def test_a_frequency_that_the_firmware_would_move_is_refused(low_hz: float, high_hz: float) -> None:
+    capabilities = replace(CAPABILITIES, frequency_minimum_hz=low_hz, frequency_maximum_hz=high_hz)
+    with pytest.raises(RendererError, match=r"the connected device plays .* Hz: narrow the actuators' bands"):
+        drives_of(capabilities=capabilities)
