@@ -1,4 +1,9 @@
-"""Clicks for fingers anywhere on the bar: made for their positions, and made for their zones, on the same plants."""
+"""Clicks and steady drives for fingers anywhere on the bar: what is played, and what could be had.
+
+A click made for the positions of the fingers is the best that could be had; a table's click of the nearest places is
+what a run plays; a click made for the middles of the zones is what a table without places would hold. All three are
+evaluated on the same plants. The steady drive is the one that a run solves for the positions.
+"""
 
 import time
 from collections.abc import Callable
@@ -11,16 +16,20 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.plain import to_plain
+from engine.table import Clicks
 from engine.touch import Placement, PlacementError, ZoneState
 from engine.touch.finger_tracker import ZoneEdges
-from precompute.clicks import DEFAULT_OPTIONS, Click, ClickOptions, ClickSolver
+from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
+from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
 from precompute.clicks.evaluation import Evaluation, evaluate_waveform
-from precompute.entries.prediction import States
+from precompute.entries.at_positions import SteadyDesigner
 from precompute.model.threshold import THRESHOLD_NAME
 from precompute.parallel.pool import solve_in_processes
 
 Array = NDArray[np.float64]
 
+AIM_CONTRAST_DB, STEADY_LEVEL_DB = 18.0, 20.0
+"""Expected contrast that a steady drive is to reach at this level."""
 AIM_FELT_DB, AIM_QUIET_DB = 14.0, 1.0
 """What a click is to keep: felt by at least this in 95 % of the plants, and quiet at this or below in 95 % of them."""
 _PERCENTS = (5, 50, 95)
@@ -79,16 +88,18 @@ def compare_anywhere(
     workers: int,
     on_progress: Callable[[float], None],
     options: ClickOptions = DEFAULT_OPTIONS,
+    tabulated: Clicks | None = None,
 ) -> dict[str, Any]:
-    """Levels of every placement, by clicks made for its positions and by those made for the middles of its zones.
+    """Levels of every placement by the clicks that the module names, and the contrast of its steady drive.
 
-    SIMULATED, on sampled plants that no click was made with. `on_progress` is told the fraction done.
+    SIMULATED, on sampled plants that no click was made with. tabulated: clicks of a table of the device. `on_progress`
+    is told the fraction done.
     """
     placements, rows = random_placements(device, wanted), dict[int, dict[str, Any]]()
     by_position = replace(options, tolerance_m=wanted.tolerance_m, judged=wanted.plants)
     chunks = [[numbered] for numbered in enumerate(placements)]
     start_s = time.perf_counter()
-    for number, row in solve_in_processes(partial(_begin, device, by_position, options), chunks, workers):
+    for number, row in solve_in_processes(partial(_begin, device, by_position, options, tabulated), chunks, workers):
         rows[number] = row
         on_progress(len(rows) / len(placements))
     ordered = [rows[number] for number in sorted(rows)]
@@ -106,20 +117,23 @@ def compare_anywhere(
         "placements": ordered,
         "summary": {
             "by_position": _summary([row["by_position"] for row in ordered]),
+            "by_table": _summary([row["by_table"] for row in ordered if row["by_table"]]),
+            "by_table_in_one_zone": _summary([row["by_table"] for row in shared if row["by_table"]]),
             "by_zone": _summary([row["by_zone"] for row in ordered if row["by_zone"]]),
             "by_position_in_one_zone": _summary([row["by_position"] for row in shared]),
+            "steady": _steady_summary([row["steady"] for row in ordered]),
             "processor_ms": np.percentile([1e3 * row["processor_s"] for row in ordered], (50, 99)).tolist(),
         },
     }
 
 
 def _begin(
-    device: Device, by_position: ClickOptions, by_zone: ClickOptions
+    device: Device, by_position: ClickOptions, by_zone: ClickOptions, tabulated: Clicks | None
 ) -> Callable[[tuple[int, Placement]], tuple[int, dict[str, Any]]]:
     solver = ClickSolver(device, by_position)
     zones = ClickSolver(device, replace(by_zone, judged=2))  # few plants to evaluate on, since that is done here
     zone_click = lru_cache(maxsize=None)(lambda states: zones.solve(Placement.in_zones(device, states)))
-    edges = ZoneEdges(device)
+    edges, designer = ZoneEdges(device), SteadyDesigner(device)
     solver.solve(Placement.on(device, [device.bar.length_m / 2]))  # compiled before it is timed
 
     def compare(numbered: tuple[int, Placement]) -> tuple[int, dict[str, Any]]:
@@ -128,36 +142,57 @@ def _begin(
         click = solver.solve(placement)
         processor_s = time.process_time() - start_s
         touched = [edges.zone_at(at_m) for at_m in placement.position_m]
-        states = _states(len(device.zones), touched, placement)
-        by_zone = _evaluate(solver, placement, zone_click(states)) if ZoneState.FELT in states else None
+        states, by_zone, by_table = placement.zone_states(device), None, None
+        if ZoneState.FELT in states:
+            middle = zone_click(states)
+            by_zone = _evaluate(solver, placement, middle.waveform, middle.evaluation.residual_from_s)
+        own = None if tabulated is None else tabulated.at(tabulated.places.key(placement))
+        if own is not None:
+            by_table = _evaluate(solver, placement, own.samples.T / SAMPLE_FULL_SCALE, own.residual_from_s)
         return number, {
             "position_m": placement.position_m,
             "is_felt": placement.is_felt,
             "shares_a_zone": len(set(touched)) < len(touched),
             "by_position": _levels(click.evaluation) | {"bound_db": click.bound_db, "gap_db": click.gap_db},
+            "by_table": by_table and _levels(by_table),
             "by_zone": by_zone and _levels(by_zone),
+            "steady": _steady(designer, placement),
             "processor_s": processor_s,
         }
 
     return compare
 
 
-def _states(zones: int, touched: list[int | None], placement: Placement) -> States:
-    """States of the zones with these fingers; a zone is felt if one of its fingers feels."""
-    states = [ZoneState.FREE] * zones
-    for zone, is_felt in zip(touched, placement.is_felt, strict=True):
-        if zone is not None:
-            states[zone] = max(states[zone], ZoneState.FELT if is_felt else ZoneState.QUIET)
-    return tuple(states)
-
-
-def _evaluate(solver: ClickSolver, placement: Placement, click: Click) -> Evaluation:
+def _evaluate(solver: ClickSolver, placement: Placement, waveform: Array, residual_from_s: float) -> Evaluation:
     fresh = solver.plants_of(placement.position_m).evaluated
-    return evaluate_waveform(click.waveform, fresh, placement.felt, placement.quiet, click.evaluation.residual_from_s)
+    return evaluate_waveform(waveform, fresh, placement.felt, placement.quiet, residual_from_s)
+
+
+def _steady(designer: SteadyDesigner, placement: Placement) -> dict[str, Any]:
+    """The drive of a placement at STEADY_LEVEL_DB; the contrast is None where nothing is quiet."""
+    figures = designer.solve(placement.position_m, placement.is_felt, STEADY_LEVEL_DB)
+    return {
+        "achieved": figures.drive.achieved,
+        "level_db": figures.drive.weakest_felt_db,
+        "expected_contrast_db": figures.expected_contrast_db,
+    }
 
 
 def _levels(evaluation: Evaluation) -> dict[str, Any]:
     return {"felt_db": to_plain(evaluation.felt), "quiet_db": to_plain(evaluation.quiet)}
+
+
+def _steady_summary(drives: list[dict[str, Any]]) -> dict[str, Any]:
+    """Percentiles of the expected contrast over the placements where full scale reaches the level, and the share."""
+    contrasts_db = [drive["expected_contrast_db"] for drive in drives if drive["achieved"]]
+    known_db = np.array([contrast_db for contrast_db in contrasts_db if contrast_db is not None])
+    return {
+        "level_db": STEADY_LEVEL_DB,
+        "placements": len(drives),
+        "achieved": len(contrasts_db),
+        "expected_contrast_db": np.percentile(known_db, _PERCENTS).tolist() if len(known_db) else None,
+        "share_that_keeps_the_aim": float((known_db >= AIM_CONTRAST_DB).mean()) if len(known_db) else None,
+    }
 
 
 def _summary(figures: list[dict[str, Any]]) -> dict[str, Any]:

@@ -1,15 +1,17 @@
-"""The page of the benchmark of fingers anywhere: levels of clicks made for positions, and of those made for zones."""
+"""The page of the benchmark of fingers anywhere: levels of clicks made for positions, of a table, and for zones."""
 
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table as Grid
 
-from precompute.studies.anywhere import AIM_FELT_DB, AIM_QUIET_DB
+from precompute.studies.anywhere import AIM_CONTRAST_DB, AIM_FELT_DB, AIM_QUIET_DB
 
 _WAYS = {
     "by_position": "made for the positions",
     "by_position_in_one_zone": "of these, two fingers in one zone",
+    "by_table": "of the table, for the nearest places",
+    "by_table_in_one_zone": "of these, two fingers in one zone",
     "by_zone": "made for the middles of the zones",
 }
 
@@ -37,6 +39,7 @@ def print_anywhere_bench(out: Console, result: dict[str, Any]) -> None:
     out.print(grid)
     middle_ms, last_ms = summary["processor_ms"]
     for line in (
+        *_steady_lines(summary["steady"]),
         f"dB above the {result['threshold']}: 5 % felt and 95 % quiet of {wanted['plants']} fresh plants for each "
         f"placement; stiffness {100 * spread['stiffness']:g} %, mass {100 * spread['mass']:g} %, finger "
         f"{100 * spread['finger']:g} %, position within {1e3 * wanted['tolerance_m']:g} mm; seed {wanted['seed']}",
@@ -45,3 +48,16 @@ def print_anywhere_bench(out: Console, result: dict[str, Any]) -> None:
     ):
         out.print(line, highlight=False, markup=False, soft_wrap=True)
     out.print(f"ESTIMATES: {', '.join(result['estimates'])}", style="dim", markup=False, soft_wrap=True)
+
+
+def _steady_lines(steady: dict[str, Any]) -> list[str]:
+    """Contrast of the steady drives; none where no finger is quiet."""
+    if steady["expected_contrast_db"] is None:
+        return []
+    levels = " / ".join(f"{level_db:z.1f}" for level_db in steady["expected_contrast_db"])
+    reached = f"{steady['achieved']} of {steady['placements']} placements"
+    return [
+        f"steady drives solved for the positions: full scale reaches {steady['level_db']:g} dB in {reached}; "
+        f"there the expected contrast is {levels} dB (5, 50, 95 %), at least "
+        f"{AIM_CONTRAST_DB:g} dB in {100 * steady['share_that_keeps_the_aim']:.1f} %"
+    ]

@@ -7,13 +7,11 @@ from itertools import cycle, islice
 from pathlib import Path
 
 from engine.device import Device
-from engine.effects import Effect, Effects, Rule, Segment, Trigger
-from engine.loop import open_pipeline
-from engine.render import Renderer
+from engine.effects import Effect, EffectPlayer, Effects, Rule, Segment, Trigger
 from engine.table import Table
 from engine.table.entry import DEFAULT_LEVEL_DB
+from engine.touch import FingerTracker, open_digitizer
 from engine.touch.sources.recording import Recording
-from firmware_link.host.link_values import Capabilities
 from tactable.rig.virtual_digitizer import PRODUCT_ID, VENDOR_ID, descriptor_of, report_of
 from tactable.shipped import cache_folder, find_device
 
@@ -21,9 +19,7 @@ MOST_FINGERS = 10
 MOST_COMMANDS_HZ = 1000
 """Commands a second at most: a lease of 40 ms allows 3175, and a faster digitizer does not make fingers faster."""
 HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_DB),))),))
-"""A finger feels its zone as long as it touches: time alone changes nothing, so each command has its report."""
-# Where only states are asked for, any device will do.
-_ANY_DEVICE = Capabilities(255, 0.01, 1.0, 655.35, (), 100, 48_000, 0, 0, (0, 0, 0))
+"""A finger feels as long as it touches: time alone changes nothing, so each command has its report."""
 
 
 @contextmanager
@@ -60,16 +56,17 @@ class Stream:
 
 
 def tapping(fingers: int, rate_hz: int, device: Device) -> Stream:
-    """Fingers that rest in the first zones, and one that taps the others in turn: each tap and lift is a new state.
+    """Fingers that rest on the first half of the zones, and one that taps the others: each tap and lift is a change.
 
     Raises ValueError for a number of fingers outside 1 to 10.
     """
     if not 1 <= fingers <= MOST_FINGERS:
         raise ValueError(f"{fingers} fingers: expected 1 to {MOST_FINGERS}")
     length_m, zones = device.bar.length_m, device.zones
-    middles = [(zone.start_m + zone.stop_m) / 2 / length_m for zone in zones]
-    resting, tapped = (middles[: len(zones) // 2], middles[len(zones) // 2 :]) if fingers > 1 else ([], middles)
-    at_rest = list(islice(cycle(resting), fingers - 1)) if resting else []
+    half = len(zones) // 2 if fingers > 1 else 0
+    tapped = [(zone.start_m + zone.stop_m) / 2 / length_m for zone in zones[half:]]
+    rest_m = zones[half].start_m if half else 0.0
+    at_rest = [rest_m * (number + 0.5) / (fingers - 1) / length_m for number in range(fingers - 1)] if half else []
     every = max(1, rate_hz // MOST_COMMANDS_HZ)
     frames = [
         _frame(at_rest, place if tap_is_down else None, place if not tap_is_down and first else None)
@@ -104,8 +101,17 @@ def replayed(recording: Recording) -> Stream:
 
 
 def expected_states(stream: Stream, count: int, device: Device) -> list[tuple[int, int]]:
-    """(report, state) of each change that `count` reports bring when none is lost or late."""
-    renderer = Renderer(dict.fromkeys(HELD.levels_db, ()), device, _ANY_DEVICE)
-    pipeline = open_pipeline(stream, device, HELD, renderer)
-    reports = enumerate(islice(stream.packets(), count))
-    return [(index, pipeline.wanted.state) for index, report in reports if pipeline.step(report, 0) is not None]
+    """Each change of what is wanted that `count` reports bring when none is lost or late: (report, state of the zones).
+
+    A zone is felt if one of its fingers feels (engine.touch.state_index).
+    """
+    digitizer = open_digitizer(stream.descriptor, stream.vendor_id, stream.product_id)
+    tracker, player, changes = FingerTracker(device, digitizer.surface), EffectPlayer(HELD), list[tuple[int, int]]()
+    placement = player.placement
+    for index, report in enumerate(islice(stream.packets(), count)):
+        frame = digitizer.decode_report(report, 0)
+        if frame is None or not player.take(tracker.track(frame), 0) or player.placement == placement:
+            continue
+        placement = player.placement
+        changes.append((index, 0 if placement is None else placement.state_on(device)))
+    return changes

@@ -141,13 +141,18 @@ def anywhere(
     tolerance: PositionTolerance = "1 mm",
     plants: Annotated[int, typer.Option(min=20, max=100_000, help="Fresh plants for each placement.")] = 300,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the placements.")] = 1,
+    table_path: Annotated[
+        Path | None, typer.Option("--table", help="Also the clicks that this table of the device has for them.")
+    ] = None,
     workers: Workers = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compute clicks for fingers anywhere on the bar, SIMULATED.
+    """Compute clicks and steady drives for fingers anywhere on the bar, SIMULATED.
 
-    Clicks made for their positions and clicks made for the middles of their zones are evaluated on the same plants.
+    Clicks made for their positions, those of a table for the nearest places, and clicks made for the middles of their
+    zones are evaluated on the same plants. The contrast of steady drives is that expected at their positions.
     """
+    from engine.table import Table
     from precompute.parallel.pool import available_cores
     from precompute.studies.anywhere import Anywhere, compare_anywhere
     from tactable.bench.anywhere import print_anywhere_bench
@@ -162,10 +167,13 @@ def anywhere(
         plants=plants,
         seed=seed,
     )
+    device, tabulated = find_device(device_name), None
+    if table_path is not None:
+        with Table.open(table_path, device=device) as table:
+            tabulated = table.clicks
     with shown_progress(as_json) as progress:
-        result = compare_anywhere(
-            find_device(device_name), wanted, workers or available_cores(), partial(progress, "placements")
-        )
+        on_progress = partial(progress, "placements")
+        result = compare_anywhere(device, wanted, workers or available_cores(), on_progress, tabulated=tabulated)
     show(result, as_json, print_anywhere_bench)
 
 
