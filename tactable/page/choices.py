@@ -1,4 +1,4 @@
-"""The switches of the page: their positions, and the table and effect rules that follow from them."""
+"""The switches of the page: their positions, and the effect rules that follow from them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -12,7 +12,6 @@ from engine.effects.rules import FULL_SCALE_DB
 from engine.plain import to_plain
 from engine.table.entry import DEFAULT_LEVEL_DB
 from firmware_link.protocol.errors import TactableError
-from precompute.entries.objective import DEFAULT_OBJECTIVE
 from tactable.shipped import shipped_names
 
 DRAG_STEP_M = 0.01
@@ -28,16 +27,9 @@ class Source(StrEnum):
     """The kind of drive that plays."""
 
     CLICK = "click"
-    """The table's click of the state."""
+    """The click for the fingers."""
     STEADY = "steady"
-    """The table's steady entry of the state, as long as the finger touches."""
-    PAPER = "paper"
-    """The steady entry that maximises the paper's objective."""
-
-    @property
-    def objective(self) -> str:
-        """Objective of the table (precompute.entries.objective)."""
-        return "paper" if self is Source.PAPER else DEFAULT_OBJECTIVE
+    """The steady drive for the fingers, as long as one touches that is to feel."""
 
 
 class Rules(StrEnum):

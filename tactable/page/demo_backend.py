@@ -245,7 +245,7 @@ class DemoBackend:
             if part is not None and part.child.process.returncode is not None:
                 raise ChildError(f"{name} {ending_text(part.child.process.returncode)}")
         choice, device = self._choice, self._device
-        order = order_for(choice.device, device, choice.source, self._cache)
+        order = order_for(choice.device, device, self._cache)
         table = self._table
         has_all = table is not None and table.path == order.path and table.fingerprint == device.fingerprint
         if has_all:

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from engine.touch.sources.pointer import Phase, PointerEvent
 
-VERSION = 2
+VERSION = 3
 MOST_TOUCHES = 64
 MOST_CHOICE_BYTES = 2048
 MOST_BYTES = 2 + MOST_CHOICE_BYTES
@@ -38,14 +38,15 @@ MOST_BYTES = 2 + MOST_CHOICE_BYTES
 LOWEST_DB = -60.0
 """The lowest level that is sent."""
 NO_ZONE = 255
+NO_NUMBER = 0xFFFF_FFFF
 
 _HEAD = struct.Struct("<BB")
 _TOUCH = struct.Struct("<IBff")
 _FINGER_NUMBER = struct.Struct("<I")
-# time, six counters, command, its state, its age, wanted level, stages last, stages median, how many, kind, flags,
-# four lengths
-_PICTURE = struct.Struct("<d6IIIff5I5IIBB4B")
+# time, six counters, command, its age, wanted level, stages last, stages median, how many, kind, flags, four lengths
+_PICTURE = struct.Struct("<d6IIff5I5IIBB4B")
 _FINGER = struct.Struct("<IBBfff")
+_MADE = struct.Struct("<IBBfhh")
 _CHANNEL = struct.Struct("<fff")
 _MOTION = struct.Struct("<BBHIff")
 _SOUND = struct.Struct("<II")
@@ -85,6 +86,15 @@ class PageMessageError(ValueError):
         self.code = code
 
 
+class Role(IntEnum):
+    """What a command asks of a finger."""
+
+    NONE = 0
+    """The finger came after the command, or lies where no finger was when it was made."""
+    QUIET = 1
+    FELT = 2
+
+
 class Drive(IntEnum):
     """Kind of the last command."""
 
@@ -99,18 +109,24 @@ class FingerPicture:
 
     number: int
     zone: int | None
-    state: int
-    """State of its zone (engine.touch.finger_tracker.ZoneState)."""
+    role: Role
+    """Its role in the last command."""
     position_m: float
     level_db: float
     felt_db: float
 
 
 @dataclass(frozen=True, slots=True)
-class ZonePicture:
-    """State of a zone, and the promised and simulated level of its finger for the last command; None: unknown."""
+class MadePicture:
+    """A finger that the last command was made for, its promised and its simulated level; None: not known.
 
-    state: int
+    number: of the finger that touches there, None once that has left.
+    """
+
+    number: int | None
+    zone: int | None
+    role: Role
+    position_m: float
     promised_db: float | None
     simulated_db: float | None
 
@@ -126,13 +142,14 @@ class ChannelPicture:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """The present state. On the wire: the fixed part, then fingers, zones, channels, levels, counted levels.
+    """The present state. On the wire: the fixed part, then fingers, made fingers, channels, levels, counted levels.
 
-    fixed: f64 time_s, 6 u32 counters, u32 command, u32 state, f32 age_s, f32 wanted_db, 5 u32 last_ns,
-    5 u32 median_ns, u32 latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing), then u8 of fingers, zones, channels
-    and levels.
-    finger: u32 number, u8 zone (255: none), u8 state, f32 position_m, f32 level_db, f32 felt_db.
-    zones: a u8 state each, then an i16 promised and an i16 simulated each, of 0.01 dB (-32768: none).
+    fixed: f64 time_s, 6 u32 counters, u32 command, f32 age_s, f32 wanted_db, 5 u32 last_ns, 5 u32 median_ns,
+    u32 latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing, 4 is_provisional), then u8 of fingers, made fingers,
+    channels and levels.
+    finger: u32 number, u8 zone (255: none), u8 role, f32 position_m, f32 level_db, f32 felt_db.
+    made finger: u32 number (0xFFFFFFFF: none), u8 zone, u8 role, f32 position_m, i16 promised and i16 simulated of
+    0.01 dB (-32768: none).
     channel: f32 hz, f32 amplitude, f32 rad. level, counted level: i16 of 0.01 dB.
     """
 
@@ -141,8 +158,6 @@ class Picture:
     """As engine.loop.ring.RingCounters."""
     command: int
     """Number of the last command; 0 before the first."""
-    state: int
-    """State of all zones that the command is for (engine.touch.finger_tracker.state_index)."""
     age_s: float
     """Age of the last command."""
     wanted_db: float
@@ -157,8 +172,11 @@ class Picture:
     """The fingers are in the plant."""
     is_playing: bool
     """The command still drives."""
+    is_provisional: bool
+    """The command is a steady drive in place of a click that was not solved in time."""
     fingers: tuple[FingerPicture, ...]
-    zones: tuple[ZonePicture, ...]
+    made: tuple[MadePicture, ...]
+    """The fingers that the last command was made for."""
     channels: tuple[ChannelPicture, ...]
     levels_db: Array
     """Shape (point,), evenly from end to end: the present level there, dB above threshold."""
@@ -176,34 +194,38 @@ def encode_scene(scene: dict[str, Any]) -> bytes:
 
 def encode_picture(picture: Picture) -> bytes:
     """Encode a PICTURE."""
-    counts = [len(part) for part in (picture.fingers, picture.zones, picture.channels, picture.levels_db)]
+    counts = [len(part) for part in (picture.fingers, picture.made, picture.channels, picture.levels_db)]
     fixed = _PICTURE.pack(
         picture.time_s,
         *picture.counters,
         picture.command,
-        picture.state,
         picture.age_s,
         picture.wanted_db,
         *picture.last_ns,
         *picture.median_ns,
         picture.latencies,
         picture.drive,
-        picture.is_loaded | picture.is_playing << 1,
+        picture.is_loaded | picture.is_playing << 1 | picture.is_provisional << 2,
         *counts,
     )
     fingers = [_finger_bytes(finger) for finger in picture.fingers]
-    states = bytes(zone.state for zone in picture.zones)
-    pairs = [(zone.promised_db, zone.simulated_db) for zone in picture.zones]
-    zone_levels = np.array([_centibels(level_db) for pair in pairs for level_db in pair], dtype="<i2").tobytes()
+    made = [_made_bytes(finger) for finger in picture.made]
     channels = [_CHANNEL.pack(c.frequency_hz, c.amplitude, c.phase_rad) for c in picture.channels]
     both = np.concatenate([picture.levels_db, picture.counted_db])
     levels = np.rint(_PER_DB * np.clip(both, LOWEST_DB, -LOWEST_DB)).astype("<i2").tobytes()
-    return b"".join((_HEAD.pack(VERSION, Kind.PICTURE), fixed, *fingers, states, zone_levels, *channels, levels))
+    return b"".join((_HEAD.pack(VERSION, Kind.PICTURE), fixed, *fingers, *made, *channels, levels))
 
 
 def _finger_bytes(finger: FingerPicture) -> bytes:
     zone = NO_ZONE if finger.zone is None else finger.zone
-    return _FINGER.pack(finger.number, zone, finger.state, finger.position_m, finger.level_db, finger.felt_db)
+    return _FINGER.pack(finger.number, zone, finger.role, finger.position_m, finger.level_db, finger.felt_db)
+
+
+def _made_bytes(finger: MadePicture) -> bytes:
+    number = NO_NUMBER if finger.number is None else finger.number
+    zone = NO_ZONE if finger.zone is None else finger.zone
+    levels = _centibels(finger.promised_db), _centibels(finger.simulated_db)
+    return _MADE.pack(number, zone, finger.role, finger.position_m, *levels)
 
 
 def _centibels(level_db: float | None) -> int:

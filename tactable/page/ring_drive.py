@@ -13,7 +13,8 @@ _NS_PER_US = 1000
 class RingDrive:
     """Follows the commands of one run of a table.
 
-    Every written command is taken as driven: lost and late frames are not known.
+    Every written command is taken as driven: lost and late frames are not known. A click that the table does not hold
+    was solved beside the run, and the ring does not say its weights: the bar of the page rests meanwhile.
     """
 
     def __init__(self, table: Table, frequency_resolution_hz: float) -> None:
@@ -38,9 +39,9 @@ class RingDrive:
         return DriveEvent(time_us, cause, record.drive_sequence, self._limits.slew_per_s, channels, waveform)
 
     def _waveform(self, record: Record) -> PlayedWaveform | None:
-        if record.level_db is None or not record.is_click or record.drive:
+        if record.level_db is None or record.placement is None or not record.is_click or record.drive:
             return None
-        click = self._table.click_at(record.state, record.level_db)
+        click = self._table.click_at(record.placement, record.level_db)
         return None if click is None else PlayedWaveform.of(click.sample_rate_hz, click.samples, click.amplitude)
 
     def _channels(self, drive: bytes) -> tuple[ChannelTarget, ...]:

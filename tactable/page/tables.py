@@ -10,8 +10,6 @@ from engine.device import Device
 from engine.table import Table, TableError
 from firmware_link.child import ChildError
 from precompute.builder.code_fingerprint import code_fingerprint
-from precompute.entries.objective import DEFAULT_OBJECTIVE
-from tactable.page.choices import Source
 from tactable.page.processes.asynchronous import AsyncChild
 from tactable.page.processes.build import BuildOrder
 from tactable.rig.demo import DEMO_FINGERS
@@ -22,19 +20,14 @@ class Building:
     """Progress of a build; `error` says why it was given up."""
 
     device: str
-    objective: str
     step: str = "starting"
     fraction: float = 0.0
     error: str | None = None
 
 
-def order_for(device_name: str, device: Device, source: Source, folder: Path) -> BuildOrder:
-    """What to build for a device and a source; the default objective shares its table with `tactable demo`."""
-    is_ours = source.objective == DEFAULT_OBJECTIVE
-    path = cached_table(device, folder)
-    if not is_ours:
-        path = path.with_name(f"{path.stem}-{source.objective}{path.suffix}")
-    return BuildOrder(device_name, source.objective, DEMO_FINGERS if is_ours else 0, path)
+def order_for(device_name: str, device: Device, folder: Path) -> BuildOrder:
+    """What to build for a device: the table that `tactable demo` without a page plays too."""
+    return BuildOrder(device_name, DEMO_FINGERS, cached_table(device, folder))
 
 
 def cached_table(device: Device, folder: Path) -> Path:
@@ -66,7 +59,7 @@ class Builder:
         if order == self._order:
             return
         self.stop()
-        self._order, self.now = order, Building(order.device, order.objective)
+        self._order, self.now = order, Building(order.device)
         if order in self._built:
             self.now = replace(self.now, error="what was built does not suit this program any more: start it again")
             return
@@ -92,7 +85,7 @@ class Builder:
         try:
             await self._follow(child, order)
         except ChildError as error:
-            self.now = Building(order.device, order.objective, error=str(error))
+            self.now = Building(order.device, error=str(error))
             self._on_change()
         finally:
             await child.end(by_signal=True)
@@ -101,7 +94,7 @@ class Builder:
         while True:
             answer = await child.read()
             if "step" in answer:
-                self.now = Building(order.device, order.objective, answer["step"], answer["fraction"])
+                self.now = Building(order.device, answer["step"], answer["fraction"])
             elif Path(answer["usable"]) == order.path:
                 self._built.add(order)
                 self._order = self.now = None

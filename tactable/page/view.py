@@ -2,16 +2,19 @@
 
 import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from engine.effects.player import DEFAULT_CLICK_NS
 from engine.loop import Stage
 from engine.loop.ring import Record, RingCounters
 from engine.table import Table
-from engine.touch import Touch, ZoneState
+from engine.touch import Placement, Touch
+from engine.touch.finger_tracker import ZoneEdges
+from engine.touch.placement import CLOSEST_M
 from firmware_link.emulator.synthesis import US_PER_S
 from firmware_link.protocol.messages import decode_drive
 from tactable.page.live_bar import POINTS, RATE_HZ, BarFinger, LiveBar, Moved
@@ -20,11 +23,13 @@ from tactable.page.messages import (
     ChannelPicture,
     Drive,
     FingerPicture,
+    MadePicture,
     Picture,
-    ZonePicture,
+    Role,
     encode_motion,
     encode_sound,
 )
+from tactable.rig.promises import Promises
 
 CLICK_MOTION_S = 0.09
 """Length of the slowed moment of a click: the click, and the ringing after it."""
@@ -46,20 +51,24 @@ Stages = tuple[int, int, int, int, int]
 
 @dataclass
 class _Command:
-    """A drive or click that was sent, and the levels under the fingers."""
+    """A drive or click that was sent, and the levels under its fingers.
+
+    fingers: by contact, the index of the finger of the placement that it is; promised_db (finger,), None: not known;
+    simulated_db by that index.
+    """
 
     number: int
-    state: int
+    placement: Placement
+    fingers: dict[int, int]
     at_us: float
     wanted_db: float
     drive: Drive
+    is_provisional: bool
     channels: tuple[ChannelPicture, ...]
-    promised_db: dict[int, float]
-    """By zone."""
+    promised_db: Sequence[float | None]
     length_s: float
     """Length of a click; infinite for a steady drive."""
     simulated_db: dict[int, float] = field(default_factory=dict)
-    """By zone."""
     ended_us: float = math.inf
 
 
@@ -69,9 +78,11 @@ class View:
     def __init__(self, table: Table, bar: LiveBar, frequency_resolution_hz: float) -> None:
         self.table, self.bar = table, bar
         self.zero_ns = 0
+        self._promises, self._edges = Promises(table), ZoneEdges(table.device)
+        self._promises.prepare()
+        self._click_length_s = max((click.length_s for click in table.clicks[:1]), default=DEFAULT_CLICK_NS / 1e9)
         self._resolution_hz = frequency_resolution_hz
         self._touches: tuple[Touch, ...] = ()
-        self._state = 0
         self._counters = _NO_COUNTERS
         self._latencies_ns: deque[list[int]] = deque(maxlen=LATENCIES)
         self._command: _Command | None = None
@@ -91,44 +102,47 @@ class View:
     def read(self, records: Iterable[Record]) -> None:
         """Take records of the ring."""
         for record in records:
-            self._touches, self._state, self._counters = record.touches, record.state, record.counters
+            self._touches, self._counters = record.touches, record.counters
             if record.drive_sequence is None:
                 continue
             if all(record.stamps_ns):
                 stages = zip(record.stamps_ns, record.stamps_ns[1:], strict=False)
                 self._latencies_ns.append([later - earlier for earlier, later in stages])
             at_us = ((record.stamps_ns[Stage.WRITTEN] or record.time_ns) - self.zero_ns) / 1e3
-            if record.level_db is not None:
-                self._begin(record, record.level_db, at_us)
+            if record.level_db is not None and record.placement is not None:
+                self._begin(record, record.placement, record.level_db, at_us)
             elif self._command is not None:
                 self._command.ended_us = min(at_us, self._command.ended_us)
 
-    def _begin(self, record: Record, level_db: float, at_us: float) -> None:
-        click = self.table.click_at(record.state, level_db) if record.is_click and not record.drive else None
-        entry = self.table.entry_at(record.state, level_db)
+    def _begin(self, record: Record, placement: Placement, level_db: float, at_us: float) -> None:
         self._commands += 1
-        if click is not None:
-            promised = {i: zone.level_db for i, zone in enumerate(click.zones) if zone is not None}
-            channels = tuple(ChannelPicture(0.0, click.amplitude, 0.0) for _ in self.table.device.actuators)
-            length_s = click.length_s
+        is_click = record.is_click and not record.drive
+        promised_db: Sequence[float | None] = (None,) * len(placement.position_m)
+        if is_click:
+            found = self._promises.of_tabulated_click(placement, level_db)
+            channels: tuple[ChannelPicture, ...] = ()
+            length_s = self._click_length_s
+            if found is not None:
+                click, promise = found
+                channels = (ChannelPicture(0.0, click.amplitude, 0.0),) * len(self.table.device.actuators)
+                promised_db, length_s = promise.level_db.tolist(), click.length_s
         else:
-            zones = () if entry is None else entry.zones
-            promised = {i: z.sensation_level_db for i, z in enumerate(zones) if z.sensation_level_db is not None}
+            _, promise = self._promises.of_drive(placement, level_db)
             drive = decode_drive(record.drive, self._resolution_hz)[: len(self.table.device.actuators)]
             channels = tuple(ChannelPicture(c.frequency_hz, c.amplitude, c.phase_rad) for c in drive)
-            length_s = math.inf
-        kind = Drive.STEADY if click is None else Drive.CLICK
+            promised_db, length_s = promise.level_db.tolist(), math.inf
         self._command = _Command(
-            self._commands,
-            record.state,
-            at_us,
-            level_db,
-            kind,
-            channels,
-            promised,
-            length_s,
-            {},
-            at_us + length_s * 1e6,
+            number=self._commands,
+            placement=placement,
+            fingers=_fingers_of(record.touches, placement),
+            at_us=at_us,
+            wanted_db=level_db,
+            drive=Drive.CLICK if is_click else Drive.STEADY,
+            is_provisional=record.is_provisional,
+            channels=channels,
+            promised_db=promised_db,
+            length_s=length_s,
+            ended_us=at_us + length_s * US_PER_S,
         )
         self._counted_db, self._felt_db = np.full(POINTS, LOWEST_DB), {}
         if self._captured is None:
@@ -161,8 +175,9 @@ class View:
             level_db = self._level_db.get(touch.contact_id, LOWEST_DB)
             now_db = level_db if is_steady else felt_db.get(touch.contact_id, LOWEST_DB)
             self._felt_db[touch.contact_id] = max(now_db, self._felt_db.get(touch.contact_id, LOWEST_DB))
-            if touch.zone is not None and not is_over:
-                command.simulated_db[touch.zone] = level_db if is_steady else self._felt_db[touch.contact_id]
+            finger = command.fingers.get(touch.contact_id)
+            if finger is not None and not is_over:
+                command.simulated_db[finger] = level_db if is_steady else self._felt_db[touch.contact_id]
 
     def _capture(self) -> list[bytes]:
         command = self._captured
@@ -204,7 +219,6 @@ class View:
             time_s=now_us / US_PER_S,
             counters=self._counters,
             command=0 if command is None else command.number,
-            state=0 if command is None else command.state,
             age_s=0.0 if command is None else max(0.0, (now_us - command.at_us) / US_PER_S),
             wanted_db=0.0 if command is None else command.wanted_db,
             last_ns=_stages(latest),
@@ -213,29 +227,49 @@ class View:
             drive=Drive.SILENCE if command is None else command.drive,
             is_loaded=self._is_loaded,
             is_playing=command is not None and now_us < command.ended_us,
+            is_provisional=command is not None and command.is_provisional,
             fingers=tuple(self._finger(touch) for touch in self._touches),
-            zones=tuple(self._zone(zone) for zone in range(len(self.table.device.zones))),
+            made=() if command is None else self._made(command),
             channels=() if command is None else command.channels,
             levels_db=self._levels_db,
             counted_db=self._counted_db,
         )
 
     def _finger(self, touch: Touch) -> FingerPicture:
-        number = touch.contact_id
-        state = ZoneState.FREE if touch.zone is None else _state_of(touch.zone, self._state)
+        number, command = touch.contact_id, self._command
+        finger = None if command is None else command.fingers.get(number)
+        role = Role.NONE if command is None or finger is None else _role(command.placement, finger)
         level_db, felt_db = self._level_db.get(number, LOWEST_DB), self._felt_db.get(number, LOWEST_DB)
-        return FingerPicture(number, touch.zone, state, touch.position_m, level_db, felt_db)
+        return FingerPicture(number, touch.zone, role, touch.position_m, level_db, felt_db)
 
-    def _zone(self, zone: int) -> ZonePicture:
-        command = self._command
-        promised = None if command is None else command.promised_db.get(zone)
-        simulated = None if command is None or promised is None else command.simulated_db.get(zone)
-        return ZonePicture(_state_of(zone, self._state), promised, simulated)
+    def _made(self, command: _Command) -> tuple[MadePicture, ...]:
+        here = {touch.contact_id for touch in self._touches}
+        numbers = {finger: number for number, finger in command.fingers.items() if number in here}
+        return tuple(
+            MadePicture(
+                number=numbers.get(finger),
+                zone=self._edges.zone_at(at_m),
+                role=_role(command.placement, finger),
+                position_m=at_m,
+                promised_db=command.promised_db[finger],
+                simulated_db=command.simulated_db.get(finger),
+            )
+            for finger, at_m in enumerate(command.placement.position_m)
+        )
 
 
-def _state_of(zone: int, state: int) -> int:
-    """State of one zone, from engine.touch.finger_tracker.state_index."""
-    return int(state // 3**zone % 3)
+def _fingers_of(touches: Iterable[Touch], placement: Placement) -> dict[int, int]:
+    """By contact, the index of the nearest finger of a placement; a contact without one that is near is absent."""
+    found = dict[int, int]()
+    for touch in touches:
+        distance_m, finger = min((abs(at_m - touch.position_m), k) for k, at_m in enumerate(placement.position_m))
+        if distance_m < CLOSEST_M:
+            found[touch.contact_id] = finger
+    return found
+
+
+def _role(placement: Placement, finger: int) -> Role:
+    return Role.FELT if placement.is_felt[finger] else Role.QUIET
 
 
 def _stages(values: Iterable[float]) -> Stages:

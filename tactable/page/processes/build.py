@@ -19,7 +19,6 @@ class BuildOrder:
     """A table to build; `clicks_up_to`: the most fingers with clicks, 0 for no clicks."""
 
     device: str
-    objective: str
     clicks_up_to: int
     path: Path
 
@@ -43,7 +42,6 @@ def build(order: BuildOrder, parent: Parent) -> None:
             device,
             order.early_path,
             created=datetime.now(UTC).isoformat(timespec="seconds"),
-            objective=order.objective,
             clicks_up_to=clicks_up_to,
             workers=available_cores(),
             progress=lambda step, fraction: parent.say({"step": step, "fraction": fraction}),

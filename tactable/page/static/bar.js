@@ -1,11 +1,9 @@
 // Draws the bar: zones, fingers, the level along it above the threshold, and its motion, slowed.
 
-import { NOTHING } from "./wire.js";
-
-export const State = { FREE: 0, QUIET: 1, FELT: 2 };
+export const Role = { NONE: 0, QUIET: 1, FELT: 2 };
 export const SLOWED = 50;
-// What a command asks of a finger, by state.
-export const ORDERS = { [State.QUIET]: "to rest", [State.FELT]: "to feel" };
+// What a command asks of a finger, by role.
+export const ORDERS = { [Role.QUIET]: "to rest", [Role.FELT]: "to feel" };
 const LOWEST_DB = -20, HIGHEST_DB = 40;
 const FALL_DB_PER_S = 30; // A click of 30 ms stays in sight.
 const FRESH_S = 3;
@@ -14,15 +12,10 @@ const PAUSE_MS = 700;
 const PASSES = 3;
 const SLOTS = 32;
 const RADIUS = 15;
+const FINGERTIP_M = 0.016;
 
-export function stateAt(index, zone) { return Math.floor(index / 3 ** zone) % 3; }
-
-// State of a zone in the last command while that is fresh, else FREE.
-export function commandState(picture, zone) {
-  if (!picture.command || zone >= picture.zoneCount || picture.promised[zone] === NOTHING) return State.FREE;
-  if (!picture.isPlaying && picture.age_s > FRESH_S) return State.FREE;
-  return stateAt(picture.state, zone);
-}
+// Whether the last command still counts.
+function isFresh(picture) { return picture.command > 0 && (picture.isPlaying || picture.age_s <= FRESH_S); }
 
 export function levelText(db) { return db <= -59.9 ? "nothing" : `${db < 0 ? "−" : ""}${Math.abs(db).toFixed(1)} dB`; }
 
@@ -48,7 +41,7 @@ export class Bar {
     this._motion = null;
     this._motionStart_ms = 0;
     this._slots = Array.from({ length: SLOTS }, () =>
-      ({ number: -1, position_m: 0, level_db: 0, state: 0, seen_ms: -1e9 }));
+      ({ number: -1, position_m: 0, level_db: 0, role: 0, seen_ms: -1e9 }));
     this._labels = new Float32Array(3 * SLOTS);
     this._last_ms = 0;
     this._still = matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -170,10 +163,9 @@ export class Bar {
       const finger = picture.fingers[i];
       let slot = this._slots.find((each) => each.number === finger.number && now_ms - each.seen_ms < GHOST_MS);
       slot ??= this._slots.reduce((oldest, each) => (each.seen_ms < oldest.seen_ms ? each : oldest));
-      const state = finger.zone === 255 ? State.FREE : commandState(picture, finger.zone);
       slot.number = finger.number;
       slot.position_m = finger.position_m;
-      slot.state = state;
+      slot.role = isFresh(picture) ? finger.role : Role.NONE;
       slot.level_db = picture.drive === 1 ? finger.level_db : finger.felt_db;
       slot.seen_ms = now_ms;
     }
@@ -186,14 +178,6 @@ export class Bar {
     c.textBaseline = "alphabetic";
     for (let zone = 0; zone < zones.length; zone++) {
       const x0 = this._x(zones[zone].start_m), x1 = this._x(zones[zone].stop_m);
-      const state = commandState(this.picture, zone), touched = this.picture.states[zone] !== State.FREE;
-      const fresh = this.picture.isPlaying ? 1 : Math.max(0, 1 - this.picture.age_s / FRESH_S);
-      if (state !== State.FREE) {
-        c.globalAlpha = 0.05 + 0.13 * fresh;
-        c.fillStyle = state === State.FELT ? colour.felt : colour.quiet;
-        c.fillRect(x0, this._top, x1 - x0, this._height - this._top - 34);
-        c.globalAlpha = 1;
-      }
       c.strokeStyle = colour.line;
       c.lineWidth = 1;
       c.beginPath();
@@ -204,10 +188,38 @@ export class Bar {
       c.font = `600 14px ${colour.font}`;
       c.fillText(zones[zone].name, middle, this._height - 17);
       c.font = `12px ${colour.font}`;
-      c.fillStyle = state === State.FELT ? colour.felt : state === State.QUIET ? colour.quiet : colour.muted;
-      const text = ORDERS[state] ?? (touched ? "touched" : "free");
-      c.fillText(text, middle, this._height - 2);
+      const [feels, rests, touched] = this._rolesIn(zone);
+      c.fillStyle = feels ? colour.felt : rests ? colour.quiet : colour.muted;
+      const orders = [feels && ORDERS[Role.FELT], rests && ORDERS[Role.QUIET]].filter(Boolean).join(", ");
+      c.fillText(orders || (touched ? "touched" : "free"), middle, this._height - 2);
     }
+    this._drawMade(c);
+  }
+
+  // Whether the last command has a finger in a zone that is to feel, and one that is to rest; whether one is there now.
+  _rolesIn(zone) {
+    const { made, madeCount, fingers, fingerCount } = this.picture, fresh = isFresh(this.picture);
+    let feels = false, rests = false, touched = false;
+    for (let i = 0; fresh && i < madeCount; i++) {
+      feels ||= made[i].zone === zone && made[i].role === Role.FELT;
+      rests ||= made[i].zone === zone && made[i].role === Role.QUIET;
+    }
+    for (let i = 0; i < fingerCount; i++) touched ||= fingers[i].zone === zone;
+    return [feels, rests, touched];
+  }
+
+  // The fingers that the last command was made for: a band as wide as a fingertip at the position of each.
+  _drawMade(c) {
+    const { made, madeCount, isPlaying, age_s } = this.picture, colour = this._colour;
+    if (!isFresh(this.picture)) return;
+    const half = (FINGERTIP_M / 2 / this._device.length_m) * (this._right - this._left);
+    c.globalAlpha = 0.07 + 0.15 * (isPlaying ? 1 : Math.max(0, 1 - age_s / FRESH_S));
+    for (let i = 0; i < madeCount; i++) {
+      c.fillStyle = made[i].role === Role.FELT ? colour.felt : colour.quiet;
+      const x = this._x(made[i].position_m);
+      c.fillRect(x - half, this._top, 2 * half, this._height - this._top - 34);
+    }
+    c.globalAlpha = 1;
   }
 
   _drawScale(c) {
@@ -316,10 +328,10 @@ export class Bar {
       const age_ms = now_ms - slot.seen_ms;
       if (age_ms >= GHOST_MS) continue;
       const x = this._x(slot.position_m), y = this._middle + this._bendAt((x - this._left) / width);
-      const tone = slot.state === State.FELT ? colour.felt : slot.state === State.QUIET ? colour.quiet : colour.muted;
+      const tone = slot.role === Role.FELT ? colour.felt : slot.role === Role.QUIET ? colour.quiet : colour.muted;
       const isHere = age_ms < 100;
       c.globalAlpha = isHere ? 1 : Math.max(0, 0.8 * (1 - age_ms / GHOST_MS));
-      if (slot.state !== State.FREE) labels = this._drawLevelOf(c, slot, x, y, tone, labels);
+      if (slot.role !== Role.NONE) labels = this._drawLevelOf(c, slot, x, y, tone, labels);
       c.lineWidth = 3;
       c.strokeStyle = tone;
       c.fillStyle = colour.paper;

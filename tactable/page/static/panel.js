@@ -1,16 +1,16 @@
 // The panel below the bar: switches, promised and simulated levels, the command, latencies, counters.
 
-import { NOTHING } from "./wire.js";
-import { ORDERS, State, stateAt } from "./bar.js";
+import { NOTHING, NO_NUMBER } from "./wire.js";
+import { ORDERS, Role } from "./bar.js";
 
-const SOURCES = { click: "Our click", steady: "Our steady drive", paper: "The paper's drive" };
+const SOURCES = { click: "Click", steady: "Steady drive" };
 const RULES = {
   touch: "when it touches", hold: "after resting 0.5 s", drag: "every 10 mm of a drag", lift: "when it lifts",
   file: "as the rule file says",
 };
 const STAGES = ["read", "frame", "state", "command", "written"];
 const COUNTERS = ["reports", "frames", "state changes", "commands", "replaced", "lost frames"];
-const CLASSES = { [State.FREE]: "none", [State.QUIET]: "quiet", [State.FELT]: "felt" };
+const CLASSES = { [Role.NONE]: "none", [Role.QUIET]: "quiet", [Role.FELT]: "felt" };
 
 export function byId(id) { return document.getElementById(id); }
 
@@ -134,15 +134,15 @@ export class Panel {
   _sayNotice() {
     const scene = this._scene, notice = byId("notice"), parts = [];
     say(byId("command-note"), scene.clicks
-      ? "The table has clicks for one and for two fingers; with a third on the bar a steady drive takes the click's place."
+      ? "The table has clicks for one and for two fingers. A click for more is solved when they come, and a steady drive takes its place if that takes longer than 25 ms."
       : "");
     if (scene.trouble) parts.push(scene.trouble);
     const building = scene.building;
     if (building?.error) parts.push(`The table of ${building.device} was not built: ${building.error}`);
     else if (building) {
-      const percent = Math.round(100 * building.fraction), what = building.objective === "paper" ? "the paper's table" : "the table";
+      const percent = Math.round(100 * building.fraction);
       const what_now = building.step === "clicks" ? "; until its clicks are there, steady drives take their place" : ", once; it is kept";
-      parts.push(`Building ${what} of ${building.device}: ${building.step}, ${percent} %${what_now}`);
+      parts.push(`Building the table of ${building.device}: ${building.step}, ${percent} %${what_now}`);
     }
     notice.hidden = !parts.length;
     say(notice, parts.join(" · "));
@@ -161,15 +161,15 @@ export class Panel {
   }
 
   _showPromise(picture, scene) {
-    const { zones } = scene.device, found = rows(byId("promise").tBodies[0], zones.length, 4);
-    for (let zone = 0; zone < zones.length; zone++) {
-      const cells = found[zone].cells, isPromised = zone < picture.zoneCount && picture.promised[zone] !== NOTHING;
-      const state = isPromised ? stateAt(picture.state, zone) : State.FREE;
-      say(cells[0], zones[zone].name);
-      say(cells[1], ORDERS[state] ?? "none");
-      cells[1].className = CLASSES[state];
-      say(cells[2], isPromised ? decibels(picture.promised[zone]) : "–");
-      say(cells[3], isPromised ? decibels(picture.simulated[zone]) : "–");
+    const { zones } = scene.device, found = rows(byId("promise").tBodies[0], picture.madeCount, 4);
+    for (let i = 0; i < picture.madeCount; i++) {
+      const cells = found[i].cells, { number, zone, role, position_m, promised, simulated } = picture.made[i];
+      const name = zone < zones.length ? ` (${zones[zone].name})` : "";
+      say(cells[0], `${number === NO_NUMBER ? "lifted" : number + 1}: ${(1000 * position_m).toFixed(1)} mm${name}`);
+      say(cells[1], ORDERS[role] ?? "none");
+      cells[1].className = CLASSES[role];
+      say(cells[2], decibels(promised));
+      say(cells[3], decibels(simulated));
     }
   }
 
@@ -178,7 +178,9 @@ export class Panel {
     let text = "none yet";
     if (picture.command) {
       const now = picture.isPlaying ? "plays" : `${picture.age_s.toFixed(1)} s ago`;
-      text = `${isClick ? `click of state ${picture.state}, as weights of the firmware's basis` : `steady drive of state ${picture.state}`}, ${level}; ${now}`;
+      const steady = picture.isProvisional ? "steady drive, since the click was not solved yet" : "steady drive solved for these positions";
+      const what = isClick ? "click, as weights of the firmware's basis" : steady;
+      text = `${what}, for ${picture.madeCount === 1 ? "one finger" : `${picture.madeCount} fingers`}, ${level}; ${now}`;
     }
     say(byId("command"), text);
     const { actuators } = scene.device, found = rows(byId("channels").tBodies[0], actuators.length, 4);

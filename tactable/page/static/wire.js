@@ -1,9 +1,11 @@
 // The browser's side of tactable/page/messages.py: decodes pictures, encodes touches and switches, and reconnects.
 
-export const VERSION = 2;
+export const VERSION = 3;
 export const Kind = { SCENE: 1, PICTURE: 2, MOTION: 3, SOUND: 4, TOUCHES: 0x81, CHOICE: 0x82, LISTEN: 0x83 };
 export const Phase = { DOWN: 0, MOVE: 1, UP: 2, CANCEL: 3 };
 export const NOTHING = -32768;
+export const NO_ZONE = 255;
+export const NO_NUMBER = 0xffffffff;
 const MOST_TOUCHES = 64;
 const MOST_FINGERS = 16;
 const STAGES = 5;
@@ -14,12 +16,15 @@ const FATAL = new Set([1003, 1007, 4001]);
 // One picture object, which every message fills: a page that runs for hours makes no garbage.
 export function makePicture() {
   return {
-    time_s: 0, counters: new Uint32Array(6), command: 0, state: 0, age_s: 0, wanted_db: 0,
+    time_s: 0, counters: new Uint32Array(6), command: 0, age_s: 0, wanted_db: 0,
     last_ns: new Uint32Array(STAGES), median_ns: new Uint32Array(STAGES), latencies: 0, drive: 0,
-    isLoaded: true, isPlaying: false, fingerCount: 0,
+    isLoaded: true, isPlaying: false, isProvisional: false, fingerCount: 0,
     fingers: Array.from({ length: MOST_FINGERS }, () =>
-      ({ number: 0, zone: 255, state: 0, position_m: 0, level_db: -60, felt_db: -60 })),
-    zoneCount: 0, states: new Uint8Array(64), promised: new Int16Array(64), simulated: new Int16Array(64),
+      ({ number: 0, zone: NO_ZONE, role: 0, position_m: 0, level_db: -60, felt_db: -60 })),
+    // The fingers that the last command was made for.
+    madeCount: 0,
+    made: Array.from({ length: MOST_FINGERS }, () =>
+      ({ number: NO_NUMBER, zone: NO_ZONE, role: 0, position_m: 0, promised: NOTHING, simulated: NOTHING })),
     channelCount: 0, frequency_hz: new Float32Array(64), amplitude: new Float32Array(64), phase_rad: new Float32Array(64),
     levelCount: 0, levels: new Float32Array(256), counted: new Float32Array(256),
   };
@@ -30,7 +35,6 @@ export function decodePicture(view, picture) {
   picture.time_s = view.getFloat64(at, true); at += 8;
   for (let i = 0; i < 6; i++, at += 4) picture.counters[i] = view.getUint32(at, true);
   picture.command = view.getUint32(at, true); at += 4;
-  picture.state = view.getUint32(at, true); at += 4;
   picture.age_s = view.getFloat32(at, true); at += 4;
   picture.wanted_db = view.getFloat32(at, true); at += 4;
   for (let i = 0; i < STAGES; i++, at += 4) picture.last_ns[i] = view.getUint32(at, true);
@@ -40,23 +44,28 @@ export function decodePicture(view, picture) {
   const flags = view.getUint8(at++);
   picture.isLoaded = Boolean(flags & 1);
   picture.isPlaying = Boolean(flags & 2);
+  picture.isProvisional = Boolean(flags & 4);
   picture.fingerCount = Math.min(view.getUint8(at++), MOST_FINGERS);
-  picture.zoneCount = view.getUint8(at++);
+  picture.madeCount = Math.min(view.getUint8(at++), MOST_FINGERS);
   picture.channelCount = view.getUint8(at++);
   picture.levelCount = view.getUint8(at++);
   for (let i = 0; i < picture.fingerCount; i++, at += 18) {
     const finger = picture.fingers[i];
     finger.number = view.getUint32(at, true);
     finger.zone = view.getUint8(at + 4);
-    finger.state = view.getUint8(at + 5);
+    finger.role = view.getUint8(at + 5);
     finger.position_m = view.getFloat32(at + 6, true);
     finger.level_db = view.getFloat32(at + 10, true);
     finger.felt_db = view.getFloat32(at + 14, true);
   }
-  for (let i = 0; i < picture.zoneCount; i++) picture.states[i] = view.getUint8(at++);
-  for (let i = 0; i < picture.zoneCount; i++, at += 4) {
-    picture.promised[i] = view.getInt16(at, true);
-    picture.simulated[i] = view.getInt16(at + 2, true);
+  for (let i = 0; i < picture.madeCount; i++, at += 14) {
+    const finger = picture.made[i];
+    finger.number = view.getUint32(at, true);
+    finger.zone = view.getUint8(at + 4);
+    finger.role = view.getUint8(at + 5);
+    finger.position_m = view.getFloat32(at + 6, true);
+    finger.promised = view.getInt16(at + 10, true);
+    finger.simulated = view.getInt16(at + 12, true);
   }
   for (let i = 0; i < picture.channelCount; i++, at += 12) {
     picture.frequency_hz[i] = view.getFloat32(at, true);
