@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.table import Entry
-from engine.touch import ZoneState
-from engine.touch.finger_tracker import ZoneEdges
+from engine.touch import Touch
+from engine.touch.placement import CLOSEST_M
 from firmware_link.emulator import DriveEvent, synthesise
 from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis
 from precompute.model.transient import TransientPlant
-from tactable.rig.rig import LiveRun
+from tactable.rig.rig import LiveRun, Moment
 
 Array = NDArray[np.float64]
 
@@ -32,14 +31,13 @@ _US_PER_S = 1e6
 
 
 @dataclass(frozen=True)
-class Simulated:
+class SimulatedDrive:
     """Steady state of a drive that the firmware was sent, held, with fingers on the bar.
 
-    share, peak (zone,); at_finger (zone,), NaN where there is none; acceleration (point,) at position_m. All m/s^2.
+    share (zone,); at_finger (finger,); acceleration (point,) at position_m. Accelerations are peaks in m/s^2.
     """
 
     share: Array
-    peak: Array
     at_finger: Array
     position_m: Array
     acceleration: Array
@@ -49,12 +47,18 @@ class Simulated:
 class SimulatedClick:
     """What a waveform that the firmware was sent does from rest, with fingers on the bar.
 
-    drive (time, actuator): fractions of full scale; acceleration (time, finger) in m/s^2, in the order of the zones.
+    drive (time, actuator): fractions of full scale; acceleration (time, finger) in m/s^2.
     """
 
     time_s: Array
     drive: Array
     acceleration: Array
+
+    @property
+    def at_finger(self) -> Array:
+        """Peaks (finger,), m/s^2."""
+        peaks: Array = abs(self.acceleration).max(axis=0)
+        return peaks
 
 
 @dataclass(frozen=True)
@@ -85,67 +89,46 @@ class SimulatedBar:
         self.basis: Basis = compute_basis(assemble(device))
         self.sample_rate_hz = SAMPLES_PER_CYCLE * max(device.sweep.stop_hz, *(a.band_hz[1] for a in device.actuators))
         self.point_m = np.linspace(0.0, device.bar.length_m, POINTS)
-        self._edges = ZoneEdges(device)
 
-    def simulate_held(self, event: DriveEvent, entry: Entry) -> Simulated:
-        """Hold the firmware's drive of `event` until the bar is steady.
+    def simulate_held(self, event: DriveEvent, finger_m: Sequence[float]) -> SimulatedDrive:
+        """Hold the firmware's drive of `event` until the bar is steady, with standard fingers at these positions.
 
-        A standard finger lies at the middle of every zone that the entry is touched in, as the table has it. Steady:
-        the peaks of two windows of whole beats differ by less than 0.1 % of the greatest. The peak of a zone is looked
-        for at 33 places and where the table promises it.
+        Steady: the peaks of two windows of whole beats differ by less than 0.1 % of the greatest.
         """
-        zones = self.device.zones
-        middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in zones])
-        touched = [zone.state is not ZoneState.FREE for zone in entry.zones]
-        places = [np.linspace(zone.start_m, zone.stop_m, 33) for zone in zones]
-        places = [np.append(p, z.peak_position_m) for p, z in zip(places, entry.zones, strict=True)]
-        plant = TransientPlant(self.basis, np.concatenate([self.point_m, middle_m, *places]), self.sample_rate_hz)
-        plant.touch([(position_m, self.device.finger) for position_m in middle_m[touched]])
+        plant = self._plant(np.concatenate([self.point_m, finger_m]), finger_m)
         share, peak = _settle(plant, event)
-        points, middles, *by_zone = np.split(peak, np.cumsum([POINTS, *map(len, [middle_m, *places[:-1]])]))
-        return Simulated(
-            share=share,
-            peak=np.array([values.max() for values in by_zone]),
-            at_finger=np.where(touched, middles, np.nan),
-            position_m=self.point_m,
-            acceleration=points,
-        )
+        return SimulatedDrive(share, peak[POINTS:], self.point_m, peak[:POINTS])
 
-    def simulate_click(self, event: DriveEvent, states: Sequence[ZoneState]) -> SimulatedClick:
-        """Play the firmware's waveform of `event` from rest, with standard fingers in the middle of touched zones."""
-        zones = [zone for zone, state in zip(self.device.zones, states, strict=True) if state is not ZoneState.FREE]
-        middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in zones])
-        plant = TransientPlant(self.basis, middle_m, self.sample_rate_hz)
-        plant.touch([(position_m, self.device.finger) for position_m in middle_m.tolist()])
-        log = [replace(event, device_time_us=0)]
-        drive = synthesise(log, 0.0, _RING_DOWN_US, self.sample_rate_hz)
+    def simulate_click(self, event: DriveEvent, finger_m: Sequence[float]) -> SimulatedClick:
+        """Play the firmware's waveform of `event` from rest, with standard fingers at these positions."""
+        plant = self._plant(np.array(finger_m), finger_m)
+        drive = synthesise([replace(event, device_time_us=0)], 0.0, _RING_DOWN_US, self.sample_rate_hz)
         acceleration = plant.accelerate(drive)
         return SimulatedClick(np.arange(len(drive)) / self.sample_rate_hz, drive, acceleration)
 
+    def _plant(self, point_m: Array, finger_m: Sequence[float]) -> TransientPlant:
+        plant = TransientPlant(self.basis, point_m, self.sample_rate_hz)
+        plant.touch([(position_m, self.device.finger) for position_m in finger_m])
+        return plant
+
     def feel(self, run: LiveRun, longest_s: float) -> Felt:
-        """Simulate the first `longest_s` of a run with its fingers on the bar."""
-        stretches = list(_stretches(run, longest_s))
+        """Simulate the first `longest_s` of a run, its fingers on the bar where the digitizer has them."""
         drive, felt, quiet = list[Array](), list[Array](), list[Array]()
-        plant = TransientPlant(self.basis, np.zeros(0), self.sample_rate_hz)
-        for stretch in stretches:
+        plant, fingers_m = self._plant(np.zeros(0), ()), tuple[float, ...]()
+        for stretch in _stretches(run, longest_s):
             displacement = synthesise(run.log.events, stretch.start_us, stretch.stop_us, self.sample_rate_hz)
             if not len(displacement):
                 continue
-            fingers_m = np.array(stretch.finger_positions_m)
-            plant.look_at(fingers_m)
-            plant.touch([(position_m, self.device.finger) for position_m in fingers_m])
-            under, feels = abs(plant.accelerate(displacement)), self._feels(stretch)
+            if stretch.finger_m != fingers_m:
+                fingers_m = stretch.finger_m
+                plant.look_at(np.array(fingers_m))
+                plant.touch([(position_m, self.device.finger) for position_m in fingers_m])
+            under, feels = abs(plant.accelerate(displacement)), np.array(stretch.feels, dtype=np.bool_)
             drive.append(abs(displacement))
             felt.append(under[:, feels].max(axis=1, initial=0.0))
             quiet.append(under[:, ~feels].max(axis=1, initial=0.0))
         drive_envelope, *envelopes = (self._envelope(np.concatenate(values)) for values in (drive, felt, quiet))
         return Felt(ENVELOPE_S * np.arange(len(drive_envelope), dtype=np.float64), drive_envelope, *envelopes)
-
-    def _feels(self, stretch: "_Stretch") -> NDArray[np.bool_]:
-        """Shape (finger,): whether the finger is in a felt zone; within the hysteresis of an edge, in either zone."""
-        state_of = [stretch.state // 3**zone % 3 for zone in range(len(self.device.zones))]
-        zones = (self._edges.zone_at(position_m) for position_m in stretch.finger_positions_m)
-        return np.array([zone is not None and state_of[zone] == ZoneState.FELT for zone in zones], dtype=np.bool_)
 
     def _envelope(self, values: Array) -> Array:
         """The greatest value of each ENVELOPE_S, along the first axis."""
@@ -157,30 +140,50 @@ class SimulatedBar:
 
 @dataclass(frozen=True)
 class _Stretch:
-    """A stretch of time with resting fingers; `state` is the wanted state, or while it rings down the one before."""
+    """A stretch of time with resting fingers, and whether each of them is to feel, or felt what rings down."""
 
     start_us: float
     stop_us: float
-    state: int
-    finger_positions_m: tuple[float, ...]
+    finger_m: tuple[float, ...]
+    feels: tuple[bool, ...]
 
 
 def _stretches(run: LiveRun, longest_s: float) -> Iterator[_Stretch]:
-    zero_ns = run.log.host_ns_at_device_zero
-    times_us = [max(0.0, (change.time_ns - zero_ns) / 1e3) for change in run.trace]
+    """The run from one frame or change to the next.
+
+    A finger keeps the role that the newest placement gave it, by contact, since it may move while its click plays.
+    """
+    moments, zero_ns = run.moments, run.log.host_ns_at_device_zero
+    times_us = [max(0.0, (moment.time_ns - zero_ns) / 1e3) for moment in moments]
     end_us = min(times_us[-1] + _RING_DOWN_US, times_us[0] + longest_s * _US_PER_S)
-    felt_state, rings_until_us = 0, 0.0
-    for change, start_us, next_us in zip(run.trace, times_us, [*times_us[1:], end_us], strict=True):
+    placement, felt, rings_until_us = None, frozenset[int](), 0.0
+    for moment, start_us, next_us in zip(moments, times_us, [*times_us[1:], end_us], strict=True):
         if start_us >= end_us:
             break
-        stop_us = min(next_us, end_us)
-        if change.level_db is not None:
-            felt_state, rings_until_us = change.state, stop_us + _RING_DOWN_US
-            yield _Stretch(start_us, stop_us, change.state, change.finger_positions_m)
-            continue
-        fades_us = min(max(start_us, rings_until_us), stop_us)
-        yield _Stretch(start_us, fades_us, felt_state, change.finger_positions_m)
-        yield _Stretch(fades_us, stop_us, change.state, change.finger_positions_m)
+        stop_us, touches = min(next_us, end_us), moment.touches
+        fades_us = stop_us
+        if moment.level_db is None:
+            fades_us = min(max(start_us, rings_until_us), stop_us)
+        else:
+            rings_until_us = stop_us + _RING_DOWN_US
+            if moment.placement is not None and moment.placement != placement:
+                placement = moment.placement
+                felt = frozenset(touch.contact_id for touch in touches if is_felt(touch, moment))
+        finger_m = tuple(touch.position_m for touch in touches)
+        yield _Stretch(start_us, fades_us, finger_m, tuple(touch.contact_id in felt for touch in touches))
+        yield _Stretch(fades_us, stop_us, finger_m, (False,) * len(touches))
+
+
+def is_felt(touch: Touch, moment: Moment) -> bool:
+    """Whether a touch is to feel at a moment: the nearest finger of the placement is, and is nearer than CLOSEST_M."""
+    placement = moment.placement
+    if placement is None or moment.level_db is None:
+        return False
+    distance_m, feels = min(
+        (abs(at_m - touch.position_m), feels)
+        for at_m, feels in zip(placement.position_m, placement.is_felt, strict=True)
+    )
+    return feels and distance_m < CLOSEST_M
 
 
 def _settle(plant: TransientPlant, event: DriveEvent) -> tuple[Array, Array]:

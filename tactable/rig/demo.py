@@ -1,7 +1,8 @@
 """The demo: recorded touches through the engine, the wire and the emulated firmware to the simulated bar.
 
-The report says for every rendered state whether the simulated bar does what the table promised. JSON keys that begin
-with `measured_` hold simulated values; their names are kept, since programs read them.
+The report says for every rendered command whether the simulated bar does, under the fingers where the recording has
+them, what was promised for these positions. JSON keys that begin with `measured_` hold simulated values; their names
+are kept, since programs read them.
 """
 
 from collections.abc import Collection
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device
@@ -18,17 +20,25 @@ from engine.effects import DEFAULT_EFFECTS, Effects
 from engine.loop import Stage
 from engine.plain import to_plain
 from engine.table import Table, TableError
-from engine.touch import ZoneState
+from engine.touch import Placement
+from engine.touch.finger_tracker import ZoneEdges
 from engine.touch.sources.recording import Recording
+from firmware_link.emulator import DriveEvent
 from precompute.builder.build import Progress, build_table
 from precompute.builder.code_fingerprint import code_fingerprint
+from precompute.model.assembly import assemble
+from precompute.model.steady import compute_steady_state
 from precompute.parallel.pool import available_cores
+from tactable.explain.words import placement_json, zone_lists
 from tactable.rig.bar import ENVELOPE_S, Felt, SimulatedBar
-from tactable.rig.demo_reports import AGREEMENT, ClickReport, StateReport
+from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
+from tactable.rig.promises import Promises
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
 
 DEMO_FINGERS = 2
 """A table made for the demo has clicks for up to this many fingers; more would take minutes."""
+MOST_DRIVES = 40
+"""Most steady drives of a run whose promise is compared with the simulation."""
 LONGEST_REPLAY_S = 12.0
 """A longer recording is replayed faster, so that the demo ends within a minute."""
 
@@ -42,21 +52,23 @@ class DemoReport:
     recording: Recording
     speed: float
     run: LiveRun
-    states: tuple[StateReport, ...]
-    """What was rendered by a steady drive."""
+    drives: tuple[DriveReport, ...]
+    """Steady drives that were compared, at most MOST_DRIVES evenly over the run."""
     clicks: tuple[ClickReport, ...]
     """What was rendered by a click."""
+    drives_applied: int
+    """Number of different steady drives that the firmware applied."""
     missed: tuple[Wanted, ...]
-    """States that were sent in time and never applied by the firmware."""
+    """Commands that were sent in time and never applied by the firmware."""
     not_rendered: tuple[Wanted, ...]
-    """States that ended before a stalled machine brought them to the firmware."""
+    """What ended before a stalled machine brought it to the firmware."""
     felt: Felt | None
     """None where no state changed."""
 
     @property
     def agrees(self) -> bool:
-        """Whether every state that was rendered keeps its promise, and none was missed."""
-        found = [each.disagreement for each in self.states] + [each.disagreement for each in self.clicks]
+        """Whether every command that was compared keeps its promise, and none was missed."""
+        found = [each.disagreement for each in self.drives] + [each.disagreement for each in self.clicks]
         return not self.missed and all(disagreement <= AGREEMENT for disagreement in found)
 
 
@@ -88,28 +100,69 @@ def _run_demo(table: Table, recording: Recording, effects: Effects) -> DemoRepor
     duration_s = times_s[-1] - times_s[0] if times_s else 0.0
     speed = max(1.0, duration_s / LONGEST_REPLAY_S)
     run = play(table, recording, speed, effects)
-    bar = SimulatedBar(table.device)
+    reporter = Reporter(table)
     applied = first_applied(run)
-    felt = bar.feel(run, LONGEST_REPLAY_S + 1.0) if run.trace else None
+    felt = reporter.bar.feel(run, LONGEST_REPLAY_S + 1.0) if run.moments else None
     greatest = _greatest(run, felt) if felt else {}
-    states = tuple(
-        StateReport(entry, bar.simulate_held(event, entry), *greatest.get(wanted, (0.0, 0.0)))
-        for wanted, event in applied.items()
-        if event.waveform is None and (entry := table.entry_at(wanted.state, wanted.level_db)) is not None
+    # Each drive is held for seconds of simulated time, and a finger that drags under one gets hundreds of them.
+    held = [wanted for wanted, event in applied.items() if event.waveform is None]
+    compared = [held[round(k)] for k in np.linspace(0, len(held) - 1, min(len(held), MOST_DRIVES))]
+    drives = tuple(
+        reporter.report_drive(wanted, applied[wanted], *greatest.get(wanted, (0.0, 0.0))) for wanted in compared
     )
     clicks = tuple(
-        ClickReport(click, bar.simulate_click(event, click.states), *greatest.get(wanted, (0.0, 0.0)))
+        reporter.report_click(wanted, event, *greatest.get(wanted, (0.0, 0.0)))
         for wanted, event in applied.items()
-        if event.waveform is not None and (click := table.click_at(wanted.state, wanted.level_db)) is not None
+        if event.waveform is not None
     )
-    missed, not_rendered = find_missed(table, run, applied)
-    return DemoReport(table.device, table.path, recording, speed, run, states, clicks, missed, not_rendered, felt)
+    missed, not_rendered = find_missed(run, applied)
+    return DemoReport(
+        table.device, table.path, recording, speed, run, drives, clicks, len(held), missed, not_rendered, felt
+    )
 
 
-def find_missed(
-    table: Table, run: LiveRun, applied: Collection[Wanted]
-) -> tuple[tuple[Wanted, ...], tuple[Wanted, ...]]:
-    """Of what has an entry and was not applied: what should have been, and the rest.
+class Reporter:
+    """Compares what commands of a table's runs promise with what the simulated bar does under their fingers."""
+
+    def __init__(self, table: Table) -> None:
+        self.bar = SimulatedBar(table.device)
+        self._device, self._promises = table.device, Promises(table)
+        self._plant = assemble(table.device)
+        self._edges = ZoneEdges(table.device)
+
+    def report_drive(
+        self, wanted: Wanted, event: DriveEvent, felt_m_per_s2: float = 0.0, quiet_m_per_s2: float = 0.0
+    ) -> DriveReport:
+        """Report a steady drive that the firmware got; the last two are the greatest accelerations in the run."""
+        placement = wanted.placement
+        drive, promise = self._promises.of_drive(placement, wanted.level_db)
+        hz = np.full(len(drive.amplitudes), drive.frequency_hz)
+        loaded = self._plant.with_fingers(placement.position_m, self._device.finger)
+        zones = {self._edges.zone_at(placement.position_m[finger]) for finger in placement.felt} - {None}
+        felt_zones = tuple(sorted(zone for zone in zones if zone is not None))
+        share = compute_steady_state(loaded, hz, drive.complex_amplitudes).share
+        return DriveReport(
+            promise,
+            felt_m_per_s2,
+            quiet_m_per_s2,
+            drive,
+            self.bar.simulate_held(event, placement.position_m),
+            felt_zones,
+            float(share[list(felt_zones)].sum()),
+        )
+
+    def report_click(
+        self, wanted: Wanted, event: DriveEvent, felt_m_per_s2: float = 0.0, quiet_m_per_s2: float = 0.0
+    ) -> ClickReport:
+        """Report a click that the firmware got; the last two are the greatest accelerations in the run."""
+        placement = wanted.placement
+        click, promise = self._promises.of_click(placement, wanted.level_db)
+        simulated = self.bar.simulate_click(event, placement.position_m)
+        return ClickReport(promise, felt_m_per_s2, quiet_m_per_s2, click, simulated)
+
+
+def find_missed(run: LiveRun, applied: Collection[Wanted]) -> tuple[tuple[Wanted, ...], tuple[Wanted, ...]]:
+    """Of what was wanted and not applied: what should have been, and the rest.
 
     The rest was replaced before it was sent, or refused because it came too late.
     """
@@ -119,15 +172,14 @@ def find_missed(
         if wanted is None or wanted in applied:
             continue
         due[wanted] = due.get(wanted, False) or (change.drive_sequence is not None and not run.came_late(change))
-    known = sorted(wanted for wanted in due if table.entry_at(wanted.state, wanted.level_db) is not None)
-    return tuple(wanted for wanted in known if due[wanted]), tuple(wanted for wanted in known if not due[wanted])
+    return tuple(wanted for wanted in sorted(due) if due[wanted]), tuple(w for w in sorted(due) if not due[w])
 
 
 def _greatest(run: LiveRun, felt: Felt) -> dict[Wanted, tuple[float, float]]:
     """Greatest acceleration under fingers that were to feel, and under others, m/s^2, until something else is felt."""
     out: dict[Wanted, tuple[float, float]] = {}
     changes = [(change.time_ns, wanted) for change in run.trace if (wanted := wanted_of(change)) is not None]
-    starts_s = [(time_ns - run.trace[0].time_ns) / 1e9 for time_ns, _ in changes]
+    starts_s = [(time_ns - run.moments[0].time_ns) / 1e9 for time_ns, _ in changes]
     for (_, wanted), start_s, stop_s in zip(changes, starts_s, [*starts_s[1:], np.inf], strict=True):
         during = (felt.time_s >= start_s - ENVELOPE_S) & (felt.time_s + ENVELOPE_S <= stop_s)
         found = (float(values[during].max(initial=0.0)) for values in (felt.felt, felt.quiet))
@@ -156,63 +208,47 @@ def demo_json(report: DemoReport) -> dict[str, Any]:
             "set_frames_on_the_wire": run.frames_sent,
             "reconnects": run.counters.reconnects,
             "report_to_command": latency,
-            "states": [_state_json(report.device, state) for state in report.states],
+            "provisional_commands": sum(change.is_provisional for change in run.trace),
+            "states": [_drive_json(report.device, drive) for drive in report.drives],
+            "steady_drives_applied": report.drives_applied,
             "clicks": [_click_json(report.device, click) for click in report.clicks],
-            "missed_states": [_key_json(key) for key in report.missed],
-            "states_not_rendered": [_key_json(key) for key in report.not_rendered],
+            "missed_states": [_key_json(report.device, key) for key in report.missed],
+            "states_not_rendered": [_key_json(report.device, key) for key in report.not_rendered],
             "agreement": AGREEMENT,
             "agrees": report.agrees,
         }
     )
 
 
-def _key_json(wanted: Wanted) -> dict[str, Any]:
-    return {"state": wanted.state, "level_db": wanted.level_db, "click": wanted.is_click}
+def _key_json(device: Device, wanted: Wanted) -> dict[str, Any]:
+    fingers = placement_json(device, wanted.placement)
+    return {"fingers": fingers, "level_db": wanted.level_db, "click": wanted.is_click}
 
 
-def _state_json(device: Device, state: StateReport) -> dict[str, Any]:
-    entry = state.entry
+def _drive_json(device: Device, report: DriveReport) -> dict[str, Any]:
+    drive = report.drive
     return {
-        "state": entry.index,
-        "felt": [entry.zones[i].name for i in state.felt_zones],
-        "quiet": [entry.zones[i].name for i in state.zones_in(ZoneState.QUIET)],
-        "wanted_level_db": entry.wanted_level_db,
-        "level_db": entry.level_db,
-        "achieved": entry.achieved,
-        "contrast_db": entry.contrast_db,
-        "family": entry.family,
-        "frequencies_hz": entry.frequencies_hz,
-        "amplitudes": entry.amplitudes,
-        "phases_rad": entry.phases_rad,
-        "t90_s": entry.t90_s,
-        "promised_localized_factor": entry.localized_factor,
-        "measured_localized_factor": state.simulated_factor,
-        "zones": [
-            {
-                "name": zone.name,
-                "state": promise.state.name.lower(),
-                "promised_share": promise.share,
-                "measured_share": state.simulated.share[i],
-                "promised_peak_acceleration_m_per_s2": promise.peak_acceleration_m_per_s2,
-                "measured_peak_acceleration_m_per_s2": state.simulated.peak[i],
-                "promised_acceleration_at_finger_m_per_s2": promise.acceleration_at_finger_m_per_s2,
-                "measured_acceleration_at_finger_m_per_s2": state.simulated.at_finger[i],
-            }
-            for i, (zone, promise) in enumerate(zip(device.zones, entry.zones, strict=True))
-        ],
-        "greatest_acceleration_under_a_finger_m_per_s2": max(state.felt_m_per_s2, state.quiet_m_per_s2),
-        "felt_level_in_run_db": state.level_db(state.felt_m_per_s2),
-        "quiet_level_in_run_db": state.level_db(state.quiet_m_per_s2),
-        "disagreement": state.disagreement,
+        **_zones_json(device, report.placement),
+        "wanted_level_db": drive.wanted_level_db,
+        "level_db": drive.weakest_felt_db,
+        "achieved": drive.achieved,
+        "expected_contrast_db": drive.expected_contrast_db,
+        "objective": drive.objective,
+        "frequencies_hz": drive.frequencies_hz,
+        "amplitudes": drive.amplitudes,
+        "phases_rad": drive.phases_rad,
+        "promised_localized_factor": report.promised_factor,
+        "measured_localized_factor": report.simulated_factor,
+        **_levels_json(device, report, report.simulated.at_finger),
     }
 
 
 def _click_json(device: Device, report: ClickReport) -> dict[str, Any]:
     click = report.click
     return {
-        "state": click.index,
-        "felt": [device.zones[i].name for i in report.felt_zones],
-        "quiet": [device.zones[i].name for i in report.zones_in(ZoneState.QUIET)],
+        **_zones_json(device, report.placement),
+        "places_m": click.placement.position_m,
+        "tolerance_m": click.tolerance_m,
         "wanted_level_db": click.wanted_level_db,
         "level_db": click.level_db,
         "achieved": click.achieved,
@@ -221,16 +257,29 @@ def _click_json(device: Device, report: ClickReport) -> dict[str, Any]:
         "exceeds_s": click.exceeds_at_s(),
         "felt_level_db": click.felt,
         "quiet_level_db": click.quiet,
-        "zones": [
+        **_levels_json(device, report, report.simulated.at_finger),
+    }
+
+
+def _zones_json(device: Device, placement: Placement) -> dict[str, Any]:
+    return zone_lists(device, placement.zone_states(device))
+
+
+def _levels_json(device: Device, report: DriveReport | ClickReport, at_finger: NDArray[np.float64]) -> dict[str, Any]:
+    """Promise and simulation of every finger, and what was felt in the run."""
+    promise, (felt_db, quiet_db) = report.promise, report.in_run_db
+    return {
+        "fingers": [
             {
-                "name": zone.name,
-                "state": state.name.lower(),
-                "promised_level_db": None if promise is None else promise.level_db,
-                "promised_acceleration_at_finger_m_per_s2": promise and promise.acceleration_at_finger_m_per_s2,
-                "measured_acceleration_at_finger_m_per_s2": report.at_finger[i],
+                **finger,
+                "promised_level_db": promise.level_db[k],
+                "promised_acceleration_at_finger_m_per_s2": promise.acceleration_m_per_s2[k],
+                "measured_acceleration_at_finger_m_per_s2": at_finger[k],
             }
-            for i, (zone, state, promise) in enumerate(zip(device.zones, click.states, click.zones, strict=True))
+            for k, finger in enumerate(placement_json(device, report.placement))
         ],
         "greatest_acceleration_under_a_finger_m_per_s2": max(report.felt_m_per_s2, report.quiet_m_per_s2),
+        "felt_level_in_run_db": felt_db,
+        "quiet_level_in_run_db": quiet_db,
         "disagreement": report.disagreement,
     }

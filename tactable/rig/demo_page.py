@@ -1,16 +1,17 @@
 """Prints what the demo found."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table as Grid
 
+from engine.device import Device
 from engine.loop import Stage
-from engine.table.entry import LONGEST_RISE_S
-from engine.touch import ZoneState
+from tactable.explain.words import finger_names, placement_text
 from tactable.rig.demo import DemoReport
-from tactable.rig.demo_reports import AGREEMENT, ClickReport, StateReport
+from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
 from tactable.rig.rig import Wanted
 
 
@@ -18,7 +19,7 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
     """Print touches, commands, latency, promised and simulated figures, and whether they agree."""
     run, counters = report.run, report.run.counters
     pace = "real pace" if report.speed == 1 else f"{report.speed:.1f} times real pace"
-    out.print(f"[bold]{report.device.name}[/bold]: touches to felt zones. SIMULATED: firmware and bar.")
+    out.print(f"[bold]{report.device.name}[/bold]: touches to felt fingers. SIMULATED: firmware and bar.")
     out.print(f"touches   {report.recording.name}, at {pace}", markup=False, highlight=False)
     out.print(
         f"          {counters.reports} reports, {counters.frames} frames, {counters.state_changes} changes of state"
@@ -30,24 +31,26 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
     if latency := run.latency.summarise(Stage.AVAILABLE, Stage.WRITTEN):
         figures = f"median {latency.p50_ns / 1e6:.2f} ms, greatest {latency.max_ns / 1e6:.2f} ms of {latency.count}"
         out.print(f"latency   report due to command written: {figures} (a pseudo-terminal; see README)")
-    if report.states:
-        out.print(_states(report))
+    if provisional := sum(change.is_provisional for change in run.trace):
+        out.print(f"          {provisional} answered by a steady drive in time, their click not being solved yet")
+    if report.drives:
+        out.print(_drives(report))
     if report.clicks:
         out.print(_clicks(report))
-    if not report.states and not report.clicks:
-        out.print("No finger touched a zone: nothing to render.")
+    if not report.drives and not report.clicks:
+        out.print("No finger was to feel: nothing to render.")
     out.print(
         f"estimates {len(report.device.estimated_values)} values of the device are ESTIMATES (see its file)",
         style="dim",
     )
     out.print(f"picture   {figure}", highlight=False, soft_wrap=True)
     if report.missed:
-        missed = ", ".join(map(_name, report.missed))
-        out.print(f"[red]MISSED: states {missed} were sent and never applied.[/red]")
+        missed = "; ".join(_name(report.device, wanted) for wanted in report.missed)
+        out.print(f"[red]MISSED: {missed} were sent and never applied.[/red]")
     if report.not_rendered:
-        late = ", ".join(map(_name, report.not_rendered))
-        out.print(f"[yellow]Not rendered, the machine having stalled: states {late}.[/yellow]")
-    if not report.states and not report.clicks and not report.missed:
+        late = "; ".join(_name(report.device, wanted) for wanted in report.not_rendered)
+        out.print(f"[yellow]Not rendered, the machine having stalled: {late}.[/yellow]")
+    if not report.drives and not report.clicks and not report.missed:
         return
     if report.agrees:
         out.print(f"[green]Promise and simulation agree within {100 * AGREEMENT:.0f} %.[/green]")
@@ -55,99 +58,102 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
         out.print(f"[red]Promise and simulation DISAGREE by more than {100 * AGREEMENT:.0f} %.[/red]")
 
 
-def _name(wanted: Wanted) -> str:
-    return f"{wanted.state} at {wanted.level_db:g} dB{' (click)' if wanted.is_click else ''}"
+def _name(device: Device, wanted: Wanted) -> str:
+    return (
+        f"{placement_text(device, wanted.placement)} at {wanted.level_db:g} dB{' (click)' if wanted.is_click else ''}"
+    )
+
+
+def _grid(title: str, names: Sequence[str], caption: str) -> Grid:
+    grid = Grid(title=title, title_justify="left", box=SIMPLE, padding=(0, 1, 0, 0))
+    for name in names:
+        grid.add_column(name, no_wrap=True)
+    grid.caption, grid.caption_justify = caption, "left"
+    return grid
 
 
 def _clicks(report: DemoReport) -> Grid:
-    title = "clicks, promised/simulated: the firmware's waveform played from rest, standard fingers in touched zones"
-    grid = Grid(title=title, title_justify="left", box=SIMPLE, padding=(0, 1, 0, 0))
-    names = ("fingers", "played", "at finger\nm/s²", "\ndB", "sampled\ndB", "felt after\nms", "off\n%", "run*\ndB")
-    for name in names:
-        grid.add_column(name, no_wrap=True)
-    for click in report.clicks:
-        grid.add_row(*_click_cells(report, click))
-    grid.caption = (
+    grid = _grid(
+        "clicks, promised/simulated: the firmware's waveform played from rest, standard fingers at their positions",
+        ("fingers", "played", "at finger\nm/s²", "\ndB", "sampled\ndB", "felt after\nms", "off\n%", "run*\ndB"),
         "peak dB above the detection threshold; sampled: 95 % of sampled plants feel more, or less where quiet; "
-        "* greatest in the run, under its own fingers"
+        "* greatest in the run, under its own fingers",
     )
-    grid.caption_justify = "left"
+    for click in report.clicks:
+        grid.add_row(*_click_cells(report.device, click))
     return grid
 
 
-def _click_cells(report: DemoReport, found: ClickReport) -> tuple[str, ...]:
+def _click_cells(device: Device, report: ClickReport) -> tuple[str, ...]:
     """A line for each finger, felt ones first."""
-    click, felt, quiet = found.click, found.felt_zones, found.zones_in(ZoneState.QUIET)
-    order = [*felt, *quiet]
-    promised = [zone for i in order if (zone := click.zones[i]) is not None]
-    sampled = [f"≥ {click.felt.low_db:.1f}", *[""] * (len(felt) - 1)]
+    click, placement = report.click, report.placement
+    sampled = [f"≥ {click.felt.low_db:.1f}", *[""] * (len(placement.felt) - 1)]
     if click.quiet is not None:
-        sampled += [f"≤ {click.quiet.high_db:.1f}", *[""] * (len(quiet) - 1)]
-    in_run = [(felt, found.felt_m_per_s2), (quiet, found.quiet_m_per_s2)]
-    levels = [found.level_db(zones[0], greatest) if zones else None for zones, greatest in in_run]
+        sampled += [f"≤ {click.quiet.high_db:.1f}", *[""] * (len(placement.quiet) - 1)]
     exceeds_s = click.exceeds_at_s()
     return (
-        "\n".join(f"{report.device.zones[i].name} {click.states[i].name.lower()}" for i in order),
+        _fingers(device, report),
         f"{1e3 * click.length_s:g} ms {100 * click.amplitude:.0f} %",
-        "\n".join(
-            f"{zone.acceleration_at_finger_m_per_s2:.2f}/{found.at_finger[i]:.2f}"
-            for zone, i in zip(promised, order, strict=True)
-        ),
-        "\n".join(f"{zone.level_db:.1f}" for zone in promised),
+        _accelerations(report),
+        _levels(report),
         "\n".join(sampled),
         "-" if exceeds_s is None else f"{1e3 * exceeds_s:.1f}",
-        f"{100 * found.disagreement:.2f}",
-        "\n".join(
-            line
-            for (zones, _), level_db in zip(in_run, levels, strict=True)
-            for line in ["-" if level_db is None else f"{level_db:.1f}", *[""] * len(zones)][: len(zones)]
-        ),
+        f"{100 * report.disagreement:.2f}",
+        _in_run(report),
     )
 
 
-def _states(report: DemoReport) -> Grid:
-    title = "promised/simulated: drive held until steady, standard fingers in touched zones"
-    grid = Grid(title=title, title_justify="left", box=SIMPLE, padding=(0, 1, 0, 0))
-    names = ("fingers", "drive", "localized\nfactor", "at finger\nm/s²", "\ndB", "t90\nms", "off\n%", "run*\ndB")
-    for name in names:
-        grid.add_column(name, no_wrap=True)
-    for state in report.states:
-        grid.add_row(*_cells(state))
-    grid.caption = "dB above the detection threshold; * greatest in the run, under its own fingers"
-    grid.caption_justify = "left"
+def _drives(report: DemoReport) -> Grid:
+    number = len(report.drives)
+    some = "" if number == report.drives_applied else f" ({number} of {report.drives_applied}, evenly over the run)"
+    grid = _grid(
+        f"steady drives{some}, promised/simulated: held until steady, standard fingers at their positions",
+        ("fingers", "drive", "localized\nfactor", "at finger\nm/s²", "\ndB", "off\n%", "run*\ndB"),
+        "dB above the detection threshold; * greatest in the run, under its own fingers",
+    )
+    for drive in report.drives:
+        grid.add_row(
+            _fingers(report.device, drive),
+            _drive(drive),
+            f"{drive.promised_factor:.3f}/{drive.simulated_factor:.3f}",
+            _accelerations(drive),
+            _levels(drive),
+            f"{100 * drive.disagreement:.2f}",
+            _in_run(drive),
+        )
     return grid
 
 
-def _cells(state: StateReport) -> tuple[str, ...]:
-    """A line for each finger, felt ones first."""
-    entry, felt, quiet = state.entry, state.felt_zones, state.zones_in(ZoneState.QUIET)
-    zones = [entry.zones[i] for i in (*felt, *quiet)]
-    promised = [zone.acceleration_at_finger_m_per_s2 for zone in zones]
-    in_run = [(felt, state.felt_m_per_s2), (quiet, state.quiet_m_per_s2)]
-    return (
-        "\n".join(f"{zone.name} {zone.state.name.lower()}" for zone in zones),
-        _drive(state),
-        f"{entry.localized_factor:.3f}/{state.simulated_factor:.3f}",
-        "\n".join(
-            f"{a:.2f}/{state.simulated.at_finger[i]:.2f}" for a, i in zip(promised, (*felt, *quiet), strict=True)
-        ),
-        "\n".join(f"{zone.sensation_level_db:.1f}" for zone in zones),
-        f"{'>' * (entry.t90_s >= LONGEST_RISE_S)}{1e3 * entry.t90_s:.0f}",
-        f"{100 * state.disagreement:.2f}",
-        "\n".join(line for fingers, greatest in in_run for line in _in_run(state, len(fingers), greatest)),
+def _felt_first(report: DriveReport | ClickReport) -> list[int]:
+    return [*report.placement.felt, *report.placement.quiet]
+
+
+def _fingers(device: Device, report: DriveReport | ClickReport) -> str:
+    names, is_felt = finger_names(device, report.placement), report.placement.is_felt
+    return "\n".join(f"{names[i]} {'felt' if is_felt[i] else 'quiet'}" for i in _felt_first(report))
+
+
+def _accelerations(report: DriveReport | ClickReport) -> str:
+    promised, simulated = report.promise.acceleration_m_per_s2, report.simulated.at_finger
+    return "\n".join(f"{promised[i]:.2f}/{simulated[i]:.2f}" for i in _felt_first(report))
+
+
+def _levels(report: DriveReport | ClickReport) -> str:
+    return "\n".join(f"{report.promise.level_db[i]:.1f}" for i in _felt_first(report))
+
+
+def _in_run(report: DriveReport | ClickReport) -> str:
+    """Each level on the line of the first finger of its role, the others blank; "-" where nothing was felt."""
+    counts = len(report.placement.felt), len(report.placement.quiet)
+    return "\n".join(
+        line
+        for count, level_db in zip(counts, report.in_run_db, strict=True)
+        for line in ["-" if level_db is None else f"{level_db:.1f}", *[""] * count][:count]
     )
 
 
-def _in_run(state: StateReport, fingers: int, greatest_m_per_s2: float) -> list[str]:
-    """The level on the line of the first finger, the others blank; "-" where nothing was felt."""
-    level_db = state.level_db(greatest_m_per_s2)
-    return ["-" if level_db is None else f"{level_db:.1f}", *[""] * fingers][:fingers]
-
-
-def _drive(state: StateReport) -> str:
-    """Such as "151.2 Hz 3.6+100 %", or a line for each tone."""
-    amplitudes: dict[float, list[str]] = {}
-    for hz, amplitude in zip(state.entry.frequencies_hz, state.entry.amplitudes, strict=True):
-        percent = 100 * amplitude
-        amplitudes.setdefault(hz, []).append(f"{percent:.0f}" if percent >= 10 else f"{percent:.2g}")
-    return "\n".join(f"{hz:g} Hz {'+'.join(parts)} %" for hz, parts in amplitudes.items())
+def _drive(report: DriveReport) -> str:
+    """Such as "151.2 Hz 3.6+100 %"."""
+    percents = [100 * amplitude for amplitude in report.drive.amplitudes]
+    parts = "+".join(f"{percent:.0f}" if percent >= 10 else f"{percent:.2g}" for percent in percents)
+    return f"{report.drive.frequency_hz:g} Hz {parts} %"

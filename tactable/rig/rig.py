@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from engine.effects import DEFAULT_EFFECTS, Effects
-from engine.loop import CommandRecord, LatencyRecorder, LoopCounters, SystemClock, Trace
+from engine.loop import CommandRecord, LatencyRecorder, LoopCounters, Observers, SystemClock, Trace
+from engine.loop.observer import Fate
 from engine.table import Table
+from engine.touch import Placement, Touch
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording
 from firmware_link.emulator import Cause, DriveEvent, Outcome, ReceivedFrame
@@ -21,11 +23,31 @@ _SEQUENCES = 256
 _SET, _PLAY = "SET", "PLAY"
 
 
+class Moment(NamedTuple):
+    """The fingers from a time on, and what is wanted then; `level_db` None: no finger is to feel."""
+
+    time_ns: int
+    touches: tuple[Touch, ...]
+    placement: Placement | None
+    level_db: float | None
+
+
+class _Moments(list[Moment]):
+    """Observes where the fingers are at each frame and each change; its moments are in the order of their times."""
+
+    def observe(self, record: CommandRecord, counters: LoopCounters) -> None:  # noqa: ARG002  # an Observer
+        """Keep a frame or a change."""
+        if record.frame is not None or record.fate is not Fate.NONE:
+            self.append(Moment(record.time_ns, tuple(record.touches), record.placement, record.level_db))
+
+
 @dataclass(frozen=True)
 class LiveRun:
-    """Record of one run: the loop's trace and counters, and the log of the firmware."""
+    """Record of one run: the loop's trace and counters, where the fingers were, and the log of the firmware."""
 
     trace: tuple[CommandRecord, ...]
+    moments: tuple["Moment", ...]
+    """Every touch frame and every change, in the order of their times."""
     counters: LoopCounters
     frames_sent: int
     """SET and PLAY frames, renewals of the lease included."""
@@ -79,17 +101,22 @@ def play(
     """
     # When the machine stalls for 250 ms, the firmware latches silence, as it must; the run greets it again and goes on.
     # After a stall of a second the port is opened again.
-    options, trace = LiveOptions(effects, reconnect=True, bit_rate_hz=PTY_BIT_RATE_HZ), Trace()
+    options = LiveOptions(effects, reconnect=True, bit_rate_hz=PTY_BIT_RATE_HZ)
+    trace, moments = Trace(), _Moments()
     count = len(table.device.actuators)
     with ExitStack() as stack:
         emulator = stack.enter_context(run_emulator(count, faults=faults))
         port = SerialPort(emulator.port)
         reopening = ReopeningPort(lambda: SerialPort(emulator.port), port)
         stack.callback(reopening.close)
-        live = Live(table, Playback(recording, speed), port, SystemClock(), options, trace, reopening)
+        live = Live(
+            table, Playback(recording, speed), port, SystemClock(), options, Observers(trace, moments), reopening
+        )
         live.run()
         log = emulator.stop()
-    return LiveRun(tuple(trace), replace(live.loop.counters), live.frames_sent, live.timing.latency, log)
+    # A command that waited for the line is recorded twice, the second time after later frames.
+    by_time = tuple(sorted(moments, key=lambda moment: moment.time_ns))
+    return LiveRun(tuple(trace), by_time, replace(live.loop.counters), live.frames_sent, live.timing.latency, log)
 
 
 def _is_before(event: DriveEvent, frame: ReceivedFrame) -> bool:
@@ -102,14 +129,17 @@ def _is_before(event: DriveEvent, frame: ReceivedFrame) -> bool:
 class Wanted(NamedTuple):
     """The drive or click that a state change asks for."""
 
-    state: int
+    placement: Placement
     level_db: float
     is_click: bool
+    """A click that the table did not hold in time is answered by a steady drive; then this is False."""
 
 
 def wanted_of(change: CommandRecord) -> Wanted | None:
     """The wanted drive or click of a change; None where no finger is to feel."""
-    return None if change.level_db is None else Wanted(change.state, change.level_db, change.is_click)
+    if change.level_db is None or change.placement is None:
+        return None
+    return Wanted(change.placement, change.level_db, change.is_click and not change.is_provisional)
 
 
 def first_applied(run: LiveRun) -> dict[Wanted, DriveEvent]:

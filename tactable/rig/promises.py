@@ -1,0 +1,66 @@
+"""Promises for the positions that fingers really have: what standard fingers there get of a drive or a click.
+
+A steady drive is solved for the positions, so its own levels are the promise. A click is the table's for the nearest
+places; what it gives at the positions follows from its waveform, in the nominal plant.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.steady.solver import SteadyDrive, SteadySolver
+from engine.table import ClickEntry, Table
+from engine.table.click import played_at
+from engine.touch import Placement
+from precompute.model.threshold import detection_threshold
+from tactable.explain.click_source import ClickSource
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What standard fingers of a placement get: acceleration_m_per_s2 and level_db, peaks of shape (finger,)."""
+
+    placement: Placement
+    acceleration_m_per_s2: Array
+    level_db: Array
+
+
+class Promises:
+    """Promises of one table; `prepare` loads what the first ones take."""
+
+    def __init__(self, table: Table) -> None:
+        self._table, self._source = table, ClickSource(table)
+        self._solver = SteadySolver(table.device, table.receptances)
+
+    def prepare(self) -> None:
+        """Load or compile what promises take: up to a second."""
+        self._solver.prepare()
+        for click in self._table.clicks[:1]:
+            self._source.fingers_of(click, click.placement)
+
+    def of_drive(self, placement: Placement, level_db: float) -> tuple[SteadyDrive, Promise]:
+        """The steady drive of a placement, as a run solves it, and its promise."""
+        drive = self._solver.solve(placement.position_m, placement.is_felt, level_db)
+        threshold_m_per_s2 = float(detection_threshold(np.array([drive.frequency_hz]))[0])
+        return drive, Promise(placement, threshold_m_per_s2 * 10 ** (drive.level_db / 20), drive.level_db)
+
+    def of_tabulated_click(self, placement: Placement, level_db: float) -> tuple[ClickEntry, Promise] | None:
+        """The table's click of the nearest places, and its promise; None where the table has none."""
+        click = self._table.click_at(placement, level_db)
+        return None if click is None else (click, self._promise_of(click, placement))
+
+    def of_click(self, placement: Placement, level_db: float) -> tuple[ClickEntry, Promise]:
+        """The same, solved for the places where the table has none; that takes up to a second."""
+        click = played_at(self._source.click_at_places(placement), level_db)
+        return click, self._promise_of(click, placement)
+
+    def _promise_of(self, click: ClickEntry, placement: Placement) -> Promise:
+        fingers = self._source.fingers_of(click, placement)
+        return Promise(
+            placement,
+            np.array([finger.acceleration_at_finger_m_per_s2 for finger in fingers]),
+            np.array([finger.level_db for finger in fingers]),
+        )
