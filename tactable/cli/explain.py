@@ -1,4 +1,4 @@
-"""Commands `explain` and `diff`: what one state of a table gets and why, and what changed between two tables."""
+"""Commands `explain` and `diff`: what some fingers get and why, and what changed between two tables."""
 
 from pathlib import Path
 from typing import Annotated
@@ -20,6 +20,7 @@ from tactable.cli.options import (
     PositionTolerance,
     QuietFingers,
     TableArgument,
+    has_positions,
     names_in,
     read_level,
     read_option,
@@ -40,23 +41,24 @@ def explain(
     level: Level = f"{DEFAULT_LEVEL_DB:g}",
     tolerance: PositionTolerance = "1 mm",
     alternatives: Annotated[bool, typer.Option(help="Also compute the alternatives that lost, and why.")] = True,
-    click: Annotated[bool, typer.Option("--click", help="Explain the state's click, not its steady drive.")] = False,
+    click: Annotated[bool, typer.Option("--click", help="Explain the click, not the steady drive.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Explain the drive or click of one state, and why others lost.
+    """Explain what is played for some fingers, and why others lost.
 
-    It says what is played, what the table predicts for every finger, and the worst case over sampled fingers.
+    It says what is played, what every finger feels, and how that varies over sampled bars and fingers. Zones without
+    --click: the entry of this state, which was searched when the table was built.
     """
     felt_zones, level_db = read_zones("--felt", felt), read_level(level)
     tolerance_m = read_option("--tolerance", tolerance, "m")
     with Table.open(table_path) as table, threadpool_limits(1, "blas"):
-        placement = read_placement(table.device, felt, quiet)
-        if placement is not None:
-            explain_it = _explain_placed_click if click else _explain_placed_drive
-            explain_it(table, placement, level_db, tolerance_m, as_json)
+        if click:
+            placement = read_placement(table.device, felt, quiet)
+            _explain_click(table, placement, level_db, tolerance_m, alternatives, as_json)
+        elif has_positions(table.device, felt, quiet):
+            _explain_drive(table, read_placement(table.device, felt, quiet), level_db, tolerance_m, as_json)
         else:
-            explain_state = _explain_click if click else _explain_entry
-            explain_state(table, table.states_of(felt_zones, names_in(quiet)), level_db, alternatives, as_json)
+            _explain_entry(table, table.states_of(felt_zones, names_in(quiet)), level_db, alternatives, as_json)
 
 
 def _explain_entry(
@@ -77,49 +79,31 @@ def _explain_entry(
 
 
 def _explain_click(
-    table: Table, states: tuple[ZoneState, ...], level_db: float, alternatives: bool, as_json: bool
+    table: Table, placement: Placement, level_db: float, tolerance_m: float, alternatives: bool, as_json: bool
 ) -> None:
     from tactable.explain.click import click_json, explain_click, print_click
     from tactable.explain.click_source import ClickSource
 
-    with shown_work("computing the click again, over sampled bars and fingers", as_json):
-        explained = explain_click(ClickSource(table), states, level_db, rivals=alternatives)
+    with shown_work("solving the click for these positions, over sampled bars and fingers", as_json):
+        explained = explain_click(ClickSource(table, tolerance_m), placement, level_db, rivals=alternatives)
     if as_json:
         print_json(click_json(table, explained))
     else:
         print_click(OUT, table, explained)
 
 
-def _explain_placed_drive(
-    table: Table, placement: Placement, level_db: float, tolerance_m: float, as_json: bool
-) -> None:
+def _explain_drive(table: Table, placement: Placement, level_db: float, tolerance_m: float, as_json: bool) -> None:
     from engine.steady.cases import TOLERANCE_M
-    from precompute.builder.measured_responses import plant_of
-    from precompute.entries.at_positions import SteadyDesigner
-    from tactable.explain.placed_drive import placed_drive_json, print_placed_drive
+    from tactable.explain.placed_drive import designer_of, placed_drive_json, print_placed_drive
 
     if tolerance_m != TOLERANCE_M:
         raise OptionError(f"--tolerance: a steady drive is solved for {1e3 * TOLERANCE_M:g} mm; leave the option out")
     with shown_work("solving the drive for these positions", as_json):
-        designer = SteadyDesigner(table.device, plant_of(table))
-        figures = designer.solve(placement.position_m, placement.is_felt, level_db)
+        figures = designer_of(table).solve(placement.position_m, placement.is_felt, level_db)
     if as_json:
         print_json(placed_drive_json(table, figures))
     else:
         print_placed_drive(OUT, table, figures)
-
-
-def _explain_placed_click(
-    table: Table, placement: Placement, level_db: float, tolerance_m: float, as_json: bool
-) -> None:
-    from tactable.explain.placed_click import explain_placed_click, placed_click_json, print_placed_click
-
-    with shown_work("solving the click for these positions", as_json):
-        explained = explain_placed_click(table, placement, level_db, tolerance_m)
-    if as_json:
-        print_json(placed_click_json(table, explained))
-    else:
-        print_placed_click(OUT, table, explained)
 
 
 def diff(

@@ -25,8 +25,10 @@ OptionalTable = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
 Felt = Annotated[str, typer.Option(help="Zones with a finger that shall feel, such as I,III.")]
 Quiet = Annotated[str, typer.Option(help="Zones with a finger that must not feel, such as IV.")]
-FeltFingers = Annotated[str, typer.Option("--felt", help="Fingers that shall feel: zones or positions, as I,35mm.")]
-QuietFingers = Annotated[str, typer.Option("--quiet", help="Fingers that must not feel: zones or positions.")]
+FeltFingers = Annotated[
+    str, typer.Option("--felt", help="Fingers that shall feel: positions, or zones for their middles, as 35mm,III.")
+]
+QuietFingers = Annotated[str, typer.Option("--quiet", help="Fingers that must not feel: positions or zones.")]
 PositionTolerance = Annotated[
     str, typer.Option("--tolerance", help="How far from its position a finger may lie, where positions are given.")
 ]
@@ -88,26 +90,17 @@ def read_zones(option: str, text: str) -> list[str]:
     return names
 
 
-def read_placement(device: "Device", felt: str, quiet: str) -> "Placement | None":
-    """Fingers at positions such as "35 mm,IV"; a zone means its middle. None where nothing begins as a number does.
-
-    Raises OptionError for what is neither a zone nor a length, and PlacementError.
-    """
-    from engine.device.quantity import QuantityError, read_quantity
+def read_placement(device: "Device", felt: str, quiet: str) -> "Placement":
+    """Fingers such as "35 mm,IV"; a zone means its middle. Raises OptionError without a felt one, PlacementError."""
     from engine.touch import Placement
 
-    middle_m = {zone.name: (zone.start_m + zone.stop_m) / 2 for zone in device.zones}
-    others = set(names_in(felt) + names_in(quiet)) - set(middle_m)
-    if not any(part[0] in "+-.0123456789" for part in others):
-        return None
-    found_m = list[list[float]]()
-    for option, text in (("--felt", felt), ("--quiet", quiet)):
-        try:
-            found_m.append([middle_m.get(part) or read_quantity(part, "m") for part in names_in(text)])
-        except QuantityError as error:
-            zones = ", ".join(middle_m)
-            raise OptionError(f"{option}: {error}; or one of the zones {zones}") from None
-    return Placement.on(device, *found_m)
+    return Placement.named(device, read_zones("--felt", felt), names_in(quiet))
+
+
+def has_positions(device: "Device", felt: str, quiet: str) -> bool:
+    """Whether one of the fingers is named by its position, not by its zone."""
+    others = {*names_in(felt), *names_in(quiet)} - {zone.name for zone in device.zones}
+    return any(name[0] in "+-.0123456789" for name in others)
 
 
 def read_level(text: str) -> float:

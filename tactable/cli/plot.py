@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial, wraps
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -19,7 +19,6 @@ from threadpoolctl import threadpool_limits
 from engine.device import Device
 from engine.table import Table
 from engine.table.entry import DEFAULT_LEVEL_DB
-from engine.table.table import states_of
 from tactable.cli.console import Progress, print_json, say, shown_progress
 from tactable.cli.options import (
     AsJson,
@@ -28,14 +27,17 @@ from tactable.cli.options import (
     DeviceArgument,
     Drives,
     Felt,
+    FeltFingers,
     Level,
     OptionError,
     Output,
     PositionTolerance,
     Quiet,
+    QuietFingers,
     SensorMass,
     TableArgument,
     Workers,
+    has_positions,
     names_in,
     read_changes,
     read_counts,
@@ -43,10 +45,14 @@ from tactable.cli.options import (
     read_level,
     read_numbers,
     read_option,
+    read_placement,
     read_zones,
 )
 from tactable.figures.file import Picture, check_paths, write_columns, write_picture, write_texts
 from tactable.shipped import find_device
+
+if TYPE_CHECKING:
+    from tactable.figures.played_drive import PlayedDrive
 
 _DEFAULT_LEVEL = f"{DEFAULT_LEVEL_DB:g}"
 _MS_PER_S = 1000
@@ -105,19 +111,31 @@ def _opened_table(path: Path) -> Iterator[Table]:
         yield table
 
 
+def _played_drive(table: Table, felt: str, quiet: str, level_db: float) -> "PlayedDrive":
+    """The drive that a run solves where positions are named, else the entry of the zones."""
+    from tactable.figures.played_drive import entry_drive, solved_drive
+
+    if has_positions(table.device, felt, quiet):
+        return solved_drive(table, read_placement(table.device, felt, quiet), level_db)
+    return entry_drive(table, table.entry_for(read_zones("--felt", felt), names_in(quiet), level_db))
+
+
 # ---- pictures of a table -----------------------------------------------------------------------------------------
 
 
 @picture_command
-def state(table_path: TableArgument, felt: Felt, quiet: Quiet = "", level: Level = _DEFAULT_LEVEL) -> Picture:
-    """Draw the acceleration along the bar in one state.
+def state(
+    table_path: TableArgument, felt: FeltFingers, quiet: QuietFingers = "", level: Level = _DEFAULT_LEVEL
+) -> Picture:
+    """Draw the acceleration along the bar under some fingers.
 
-    The figure shows it under the fingers that the state may meet, against the detection threshold.
+    The figure shows it under the fingers that the drive may meet, against the detection threshold. Positions get the
+    drive that a run solves for them, zones the entry of their state.
     """
     with _opened_table(table_path) as table:
         from tactable.figures.state import plot_state
 
-        return plot_state(table, table.entry_for(read_zones("--felt", felt), names_in(quiet), read_level(level)))
+        return plot_state(_played_drive(table, felt, quiet, read_level(level)))
 
 
 @picture_command
@@ -148,17 +166,17 @@ def contrast_map(table_path: TableArgument, level: Level = _DEFAULT_LEVEL) -> Pi
 def rise(
     table_path: TableArgument,
     felt: Annotated[
-        str, typer.Option(help="Felt zones of one state, whose time course is drawn; default: all states.")
+        str, typer.Option(help="Felt fingers, positions or zones, whose time course is drawn; default: all states.")
     ] = "",
-    quiet: Quiet = "",
+    quiet: QuietFingers = "",
     level: Level = _DEFAULT_LEVEL,
 ) -> Picture:
-    """Draw the rise times of all states, or the time course of one.
+    """Draw the rise times of all states, or the time course under some fingers.
 
     A rise time lasts from rest until every felt finger has 90 % of its predicted vibration.
     """
     if quiet and not felt:
-        raise OptionError(f"--quiet {quiet} belongs to one state; name its felt zones too, such as --felt I")
+        raise OptionError(f"--quiet {quiet} belongs to felt fingers; name them too, such as --felt I")
     with _opened_table(table_path) as table:
         from tactable.figures.course import plot_course
         from tactable.figures.rise import plot_rise
@@ -166,7 +184,7 @@ def rise(
         level_db = read_level(level)
         if not felt:
             return plot_rise(table, level_db)
-        return plot_course(table, table.entry_for(read_zones("--felt", felt), names_in(quiet), level_db))
+        return plot_course(_played_drive(table, felt, quiet, level_db))
 
 
 @picture_command
@@ -192,8 +210,8 @@ def factor(
 @picture_command
 def click(
     table_path: TableArgument,
-    felt: Felt,
-    quiet: Quiet = "",
+    felt: FeltFingers,
+    quiet: QuietFingers = "",
     level: Level = "full",
     sound_path: Annotated[
         Path | None, typer.Option("--sound", help="Also write what each finger feels, one after another, as .wav.")
@@ -204,8 +222,9 @@ def click(
 ) -> Picture:
     """Draw one click: its waveform and what each finger feels.
 
-    The figure shows the acceleration under each finger and its spread over sampled plants that the click was not
-    optimised over. With --sound it can be heard.
+    It is the table's click of the nearest places, or is solved where the table has none. The figure shows the
+    acceleration under each finger at its position, and its spread over sampled plants that the click was not optimised
+    over. With --sound it can be heard.
     """
     from engine.table.click import played_at
     from tactable.explain.click_sound import check_sound_path, make_sound, sound_json, write_sound
@@ -218,12 +237,12 @@ def click(
         from tactable.explain.click_source import ClickSource
         from tactable.figures.click import plot_click
 
-        source, states = ClickSource(table), table.states_of(read_zones("--felt", felt), names_in(quiet))
-        played = played_at(source.solve_click(states), read_level(level))
-        picture = plot_click(source, played)
+        source, placement = ClickSource(table), read_placement(table.device, felt, quiet)
+        played = played_at(source.click_of(placement), read_level(level))
+        picture = plot_click(source, played, placement)
     if sound_path is None:
         return picture
-    sound = make_sound(source.table.device, played, is_weighted=not plain, is_stereo=stereo)
+    sound = make_sound(source.table.device, played, placement, is_weighted=not plain, is_stereo=stereo)
     write_sound(sound, sound_path)
     if not as_json:
         say(f"written: {sound_path}: {sound.words}")
@@ -232,15 +251,17 @@ def click(
 
 @picture_command
 def click_map(table_path: TableArgument, progress: Progress) -> Picture:
-    """Draw all clicks of one felt and one quiet finger.
+    """Draw the clicks of one felt and one quiet finger in the middles of their zones.
 
     The best steady drives, gated for the same time, are drawn beside them.
     """
     with _opened_table(table_path) as table:
+        from engine.steady.cases import TOLERANCE_M
         from tactable.explain.click_source import ClickSource
         from tactable.figures.click_map import plot_click_map
 
-        return plot_click_map(ClickSource(table), partial(progress, "states"))
+        source = ClickSource(table, table.clicks.tolerance_m or TOLERANCE_M)
+        return plot_click_map(source, partial(progress, "states"))
 
 
 # ---- pictures of a device ----------------------------------------------------------------------------------------
@@ -319,9 +340,9 @@ def reach(device_name: DeviceArgument, change: Change = None) -> Picture:
 @picture_command
 def click_study(
     device_name: DeviceArgument,
-    felt: Felt,
+    felt: FeltFingers,
     progress: Progress,
-    quiet: Quiet = "",
+    quiet: QuietFingers = "",
     lengths: Annotated[str, typer.Option(help="Lengths of the click, ms.")] = "10,20,30,40",
     scenarios: Annotated[
         str, typer.Option(help="Numbers of scenarios, the sampled plants of a click.")
@@ -337,9 +358,9 @@ def click_study(
     lengths_s = [length_ms / _MS_PER_S for length_ms in read_counts("--lengths", lengths, 1, 200)]
     counts = read_counts("--scenarios", scenarios, 1, 1000)
     device = find_device(device_name)
-    states = states_of(device, read_zones("--felt", felt), names_in(quiet))
-    on_progress = partial(progress, "clicks")
-    return plot_click_study(run_study(device, states, lengths_s=lengths_s, scenarios=counts, on_progress=on_progress))
+    placement, on_progress = read_placement(device, felt, quiet), partial(progress, "clicks")
+    study = run_study(device, placement, lengths_s=lengths_s, scenarios=counts, on_progress=on_progress)
+    return plot_click_study(study)
 
 
 @picture_command

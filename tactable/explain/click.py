@@ -1,10 +1,16 @@
-"""Explanation of a click, as a page or as JSON: prediction, bound, softer levels, and the clicks that lost."""
+"""Explanation of a click, as a page or as JSON: what each finger feels, bound, softer levels, and clicks that lost.
+
+The click is solved for the positions of the fingers. Beside it stands the row that the table has for their places,
+since that is what a run plays: evaluated under the same fingers, on the same plants.
+"""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as Grid
 
@@ -12,43 +18,71 @@ from engine.device import Spread
 from engine.plain import to_plain
 from engine.table import ClickEntry, Table
 from engine.table.click import LevelSpread, played_at
-from engine.touch import ZoneState
+from engine.touch import Placement
 from precompute.clicks import ClickOptions
-from precompute.clicks.evaluation import Levels
+from precompute.clicks.evaluation import Levels, decibels
 from precompute.model.threshold import THRESHOLD_NAME
 from tactable.explain.click_course import played_displacement
 from tactable.explain.click_rivals import Rival, solve_rivals
 from tactable.explain.click_source import ClickSource
-from tactable.explain.words import level_text, state_text, zone_names
+from tactable.explain.words import finger_names, level_text, placement_json, placement_text, zone_lists
+
+Array = NDArray[np.float64]
 
 _PERCENTILES = {"5 %": "low_db", "50 %": "middle_db", "95 %": "high_db"}
 
 
 @dataclass(frozen=True, eq=False)
+class Tabulated:
+    """The table's click of the nearest places, as it is played, and its levels under the fingers as in Explained."""
+
+    click: ClickEntry
+    finger_db: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Explained:
-    """A click as it is played, at full strength and at softer levels, with the alternatives that lost."""
+    """A click as it is played, at full strength and at softer levels, with the alternatives that lost.
+
+    finger_db (finger, 4): peak level under each finger, nominal, then 5th, 50th and 95th percentile over fresh plants.
+    tabulated: None where the table has no click for these fingers.
+    """
 
     click: ClickEntry
     strongest: ClickEntry
     softer: tuple[ClickEntry, ...]
-    is_tabulated: bool
+    finger_db: Array
+    tabulated: Tabulated | None
     options: ClickOptions
     rivals: tuple[Rival, ...]
 
+    @property
+    def placement(self) -> Placement:
+        """The fingers."""
+        return self.click.placement
 
-def explain_click(source: ClickSource, states: tuple[ZoneState, ...], level_db: float, *, rivals: bool) -> Explained:
-    """Explain the click of a state at a level; rivals take seconds. Raises TableError where no finger is felt."""
-    strongest = source.solve_click(states)
+
+def explain_click(source: ClickSource, placement: Placement, level_db: float, *, rivals: bool) -> Explained:
+    """Explain the click of a placement at a level; rivals take seconds. Raises TableError where no finger is felt."""
+    strongest, own = source.solve(placement), source.table.click_at(placement, level_db)
     click = played_at(strongest, level_db)
     levels_db = [below_db for below_db in source.table.device.levels_db if below_db < click.level_db]
     return Explained(
         click=click,
         strongest=strongest,
         softer=tuple(played_at(strongest, below_db) for below_db in levels_db),
-        is_tabulated=source.holds(states),
+        finger_db=_levels_under(source, placement, click),
+        tabulated=None if own is None else Tabulated(own, _levels_under(source, placement, own)),
         options=source.options,
         rivals=tuple(solve_rivals(source, strongest)) if rivals else (),
     )
+
+
+def _levels_under(source: ClickSource, placement: Placement, click: ClickEntry) -> Array:
+    """Levels (finger, 4) as Explained has them."""
+    fresh = source.solver.plants_of(placement.position_m).evaluated
+    peak_db = decibels(fresh.peaks(played_displacement(click).T, range(len(placement.position_m))))
+    return np.column_stack([peak_db[0], *np.percentile(peak_db[1:], (5, 50, 95), axis=0)])
 
 
 _OWN = (
@@ -60,31 +94,23 @@ _OWN = (
 def click_json(table: Table, explained: Explained) -> dict[str, Any]:
     """The click as plain values for JSON; infinite levels are None."""
     click, device = explained.click, table.device
+    zones = zone_lists(device, explained.placement.zone_states(device))
     values: dict[str, Any] = to_plain(
         {
             "device": device.name,
             "fingerprint": table.fingerprint,
-            "state": click.index,
-            "felt_zones": zone_names(device, click.states, ZoneState.FELT),
-            "quiet_zones": zone_names(device, click.states, ZoneState.QUIET),
-            "is_tabulated": explained.is_tabulated,
+            "fingers": _fingers_json(table, explained.placement, explained.finger_db),
+            "felt_zones": zones["felt"],
+            "quiet_zones": zones["quiet"],
             **{key: getattr(click, key) for key in _OWN},
             "waveform": played_displacement(click).T,
             "threshold": THRESHOLD_NAME,
             "felt_db": spread_json(click.felt),
             "quiet_db": spread_json(click.quiet),
-            "zones": [
-                {
-                    "name": zone.name,
-                    "state": state.name.lower(),
-                    "acceleration_at_finger_m_per_s2": predicted and predicted.acceleration_at_finger_m_per_s2,
-                    "level_db": predicted and predicted.level_db,
-                }
-                for zone, state, predicted in zip(device.zones, click.states, click.zones, strict=True)
-            ],
             "exceeds_s": click.exceeds_at_s(),
             "upper_bound_db": click.bound_db,
             "optimality_gap_db": click.gap_db,
+            "table": explained.tabulated and _tabulated_json(table, explained.placement, explained.tabulated),
             "softer": [
                 {
                     "level_db": softer.level_db,
@@ -95,6 +121,7 @@ def click_json(table: Table, explained: Explained) -> dict[str, Any]:
                 for softer in explained.softer
             ],
             "options": explained.options,
+            "spread": device.spread,
             "alternatives": [_rival_json(rival) for rival in explained.rivals],
             "estimated": [*device.inferred, "detection threshold", "spreads of the sampled plants"],
         }
@@ -102,16 +129,36 @@ def click_json(table: Table, explained: Explained) -> dict[str, Any]:
     return values
 
 
+def _tabulated_json(table: Table, placement: Placement, tabulated: Tabulated) -> dict[str, Any]:
+    click = tabulated.click
+    return {
+        "places_m": click.placement.position_m,
+        "tolerance_m": click.tolerance_m,
+        "achieved": click.achieved,
+        "amplitude": click.amplitude,
+        "felt_db": spread_json(click.felt),
+        "quiet_db": spread_json(click.quiet),
+        "fingers": _fingers_json(table, placement, tabulated.finger_db),
+    }
+
+
+def _fingers_json(table: Table, placement: Placement, finger_db: Array) -> list[dict[str, Any]]:
+    names = ("nominal", *_PERCENTILES)
+    return [
+        {**finger, "level_db": dict(zip(names, levels, strict=True))}
+        for finger, levels in zip(placement_json(table.device, placement), finger_db.tolist(), strict=True)
+    ]
+
+
 def print_click(out: Console, table: Table, explained: Explained) -> None:
-    """Print the click, its prediction over the sampled plants, softer levels, and the alternatives."""
+    """Print the click, its prediction over the sampled plants, the table's, softer levels, and the alternatives."""
     click, options, device = explained.click, explained.options, table.device
-    where = "" if explained.is_tabulated else " - NOT IN THE TABLE, solved now by its options"
-    head = f"{device.name}, {state_text(device, click.states)}: a click of {1e3 * click.length_s:g} ms"
-    out.print(f"{head}, {_wanted_words(click)}{where}", markup=False, highlight=False, soft_wrap=True)
-    for line in _prediction_lines(explained):
+    head = f"{device.name}, {placement_text(device, explained.placement)}: a click of {1e3 * click.length_s:g} ms"
+    lines = [f"{head}, solved for these positions, {_wanted_words(click)}", *_prediction_lines(explained)]
+    for line in lines:
         out.print(line, markup=False, highlight=False, soft_wrap=True)
-    out.print(_spread_grid(click, options.judged))
-    out.print(_zone_grid(table, click))
+    out.print(_finger_grid(table, explained))
+    out.print(_table_words(table, explained), markup=False, highlight=False, soft_wrap=True)
     if explained.softer:
         out.print(_softer_grid(explained.softer))
     if explained.rivals:
@@ -154,24 +201,31 @@ def _passed_words(click: ClickEntry) -> str:
     return "never by a felt finger" if passed_s is None else f"after {1e3 * passed_s:.1f} ms"
 
 
-def _spread_grid(click: ClickEntry, evaluated: int) -> Grid:
-    grid = Grid("dB above threshold", "nominal", *_PERCENTILES, caption=f"percentiles over {evaluated} sampled plants")
-    sides = {"weakest felt finger": click.felt, "strongest quiet finger": click.quiet}
-    for name, spread in sides.items():
-        if spread is not None:
-            shown = (spread.nominal_db, spread.low_db, spread.middle_db, spread.high_db)
-            grid.add_row(name, *(f"{value:z.1f}" for value in shown))
+def _finger_grid(table: Table, explained: Explained) -> Grid:
+    """A row for each finger; the columns of the table's click where there is one."""
+    caption = f"dB above threshold; percentiles over {explained.options.judged} fresh plants"
+    columns, levels_db = ["finger", "role", "nominal", *_PERCENTILES], explained.finger_db
+    tabulated, placement = explained.tabulated, explained.placement
+    if tabulated is not None:
+        columns += ["table's: nominal", *_PERCENTILES]
+        levels_db = np.hstack([levels_db, tabulated.finger_db])
+    grid = Grid(*columns, caption=caption)
+    names = finger_names(table.device, placement)
+    for name, is_felt, levels in zip(names, placement.is_felt, levels_db.tolist(), strict=True):
+        grid.add_row(name, "felt" if is_felt else "quiet", *(f"{level_db:z.1f}" for level_db in levels))
     return grid
 
 
-def _zone_grid(table: Table, click: ClickEntry) -> Grid:
-    grid = Grid("zone", "state", "peak m/s²", "level dB", caption="nominal plant")
-    for zone, state, predicted in zip(table.device.zones, click.states, click.zones, strict=True):
-        shown = ("", "")
-        if predicted is not None:
-            shown = f"{predicted.acceleration_at_finger_m_per_s2:.2f}", f"{predicted.level_db:z.1f}"
-        grid.add_row(zone.name, state.name.lower(), *shown)
-    return grid
+def _table_words(table: Table, explained: Explained) -> str:
+    """What the table itself plays for these fingers, and what it promises for its places."""
+    if explained.tabulated is None:
+        return "the table has no click for these fingers: a run solves the click of their places when they come"
+    click = explained.tabulated.click
+    places = placement_text(table.device, click.placement)
+    promise = f"felt {click.felt.low_db:z.1f} dB (5 % of the plants are below)"
+    if click.quiet is not None:
+        promise += f", quiet {click.quiet.high_db:z.1f} dB (5 % are above)"
+    return f"the table plays its click of {places}, for fingers within {1e3 * click.tolerance_m:g} mm: {promise}"
 
 
 def _softer_grid(softer: Sequence[ClickEntry]) -> Grid:

@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.table import ClickEntry
-from engine.touch import Placement, ZoneState
+from engine.touch import Placement
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from precompute.clicks.basis import EVALUATION_RATE_HZ, interpolated
 from precompute.clicks.evaluation import decibels
-from precompute.entries.prediction import touched_zones
 from tactable.explain.click_source import ClickSource
 
 Array = NDArray[np.float64]
@@ -18,22 +17,23 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A click over time, as it is played.
+    """A click over time, as it is played, under fingers at the positions of `placement`.
 
     time_s has the shape (time,); displacement (actuator, time) is in fractions of full scale; weighted (plant, finger,
-    time) is acceleration over the detection threshold. The nominal plant is first; the sampled plants follow, on which
-    the table's figures were evaluated and nothing was optimised. Fingers are in the order of their zones (indices).
+    time) is acceleration over the detection threshold. The nominal plant is first; the sampled plants follow, with
+    which no click was made.
     """
 
     click: ClickEntry
-    zones: tuple[int, ...]
+    placement: Placement
     time_s: Array
     displacement: Array
     weighted: Array
 
-    def fingers(self, kind: ZoneState) -> list[int]:
-        """Indices of the felt, or of the quiet fingers."""
-        return [finger for finger, zone in enumerate(self.zones) if self.click.states[zone] is kind]
+    @property
+    def felt_first(self) -> list[int]:
+        """Indices of the felt, then of the quiet fingers."""
+        return [*self.placement.felt, *self.placement.quiet]
 
     def peaks_db(self, finger: int) -> tuple[float, float, float, float]:
         """Peak under one finger, dB above threshold: nominal, then 5th, 50th and 95th percentile over plants."""
@@ -47,17 +47,16 @@ class Course:
         return percentiles
 
 
-def compute_course(source: ClickSource, click: ClickEntry) -> Course:
-    """Compute the time course of a click of the source's device."""
-    zones = touched_zones(click.states)
+def compute_course(source: ClickSource, click: ClickEntry, placement: Placement) -> Course:
+    """Compute the time course of a click of the source's device under the fingers of a placement."""
     wave = played_displacement(click).T
-    responses = source.solver.plants_of(Placement.in_zones(source.table.device, click.states).position_m).evaluated
+    responses = source.solver.plants_of(placement.position_m).evaluated
     drawn = interpolated(wave)
     displacement = np.zeros((len(drawn), responses.steps))
     displacement[:, : drawn.shape[1]] = drawn
     return Course(
         click=click,
-        zones=zones,
+        placement=placement,
         time_s=np.arange(responses.steps) / EVALUATION_RATE_HZ,
         displacement=displacement,
         weighted=responses.play(wave).astype(np.float64),

@@ -1,4 +1,4 @@
-"""Rivals of a click: the waveforms of other objectives for its state and length, evaluated on the same plants."""
+"""Rivals of a click: the waveforms of other objectives for its fingers and length, evaluated on the same plants."""
 
 from dataclasses import dataclass
 
@@ -20,8 +20,8 @@ class Rival:
 
 
 def solve_rivals(source: ClickSource, click: ClickEntry) -> list[Rival]:
-    """Evaluate every baseline against a click at full strength."""
-    rivals = {name: source.solve_baseline(click.states, name, click.length_s) for name in BASELINES}
+    """Evaluate every baseline against a click at full strength that the source solved."""
+    rivals = {name: source.solve_baseline(click.placement, name, click.length_s) for name in BASELINES}
     return [Rival(name, rival, _lost_by(click, rival)) for name, rival in rivals.items()]
 
 

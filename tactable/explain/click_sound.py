@@ -1,6 +1,7 @@
 """Sound of a click: the acceleration of every finger in the nominal plant, as a .wav file."""
 
 import wave
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,15 +10,15 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.table import ClickEntry
-from engine.touch import ZoneState
+from engine.touch import Placement
 from firmware_link.protocol.errors import TactableError
 from precompute.clicks.basis import RINGDOWN_S
-from precompute.entries.prediction import touched_zones
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transient import TransientPlant
 from tactable.explain.click_course import played_displacement
+from tactable.explain.words import finger_names
 
 Array = NDArray[np.float64]
 
@@ -37,7 +38,7 @@ class SoundError(TactableError):
 class Sound:
     """Samples (time, channel) at SOUND_RATE_HZ with one scale: LOUDEST stands for `loudest_value`.
 
-    `order` names the zones in the order of hearing, or of the channels.
+    `order` names the fingers in the order of hearing, or of the channels.
     """
 
     samples: NDArray[np.int16]
@@ -63,34 +64,31 @@ def check_sound_path(path: Path) -> None:
         raise SoundError(f"{path.parent}: no such folder; create it or choose another output")
 
 
-def make_sound(device: Device, click: ClickEntry, *, is_weighted: bool, is_stereo: bool) -> Sound:
+def make_sound(device: Device, click: ClickEntry, placement: Placement, *, is_weighted: bool, is_stereo: bool) -> Sound:
     """Make the sound of felt fingers, then of quiet ones, a pause between; in stereo felt is left and quiet right.
 
-    Raises SoundError for stereo of other than one felt and one quiet finger.
+    The fingers are those of the placement. Raises SoundError for stereo of other than one felt and one quiet finger.
     """
-    touched = touched_zones(click.states)
-    order = sorted(touched, key=lambda zone: click.states[zone] is ZoneState.QUIET)
-    kinds = [click.states[zone] for zone in order]
-    if is_stereo and kinds != [ZoneState.FELT, ZoneState.QUIET]:
+    order = [*placement.felt, *placement.quiet]
+    if is_stereo and (len(placement.felt), len(placement.quiet)) != (1, 1):
         raise SoundError("--stereo is for one felt and one quiet finger; without it all are heard one after another")
-    heard = compute_felt(device, click, is_weighted=is_weighted)[:, [touched.index(zone) for zone in order]]
+    heard = compute_felt(device, click, placement.position_m, is_weighted=is_weighted)[:, order]
     if not is_stereo:
         pause = np.zeros((round(PAUSE_S * SOUND_RATE_HZ), len(order)))
         heard = np.concatenate([heard, pause]).T.reshape(-1, 1)
     loudest = float(abs(heard).max())
     samples = np.rint(heard * (LOUDEST / loudest)).astype(np.int16)
-    return Sound(samples, loudest, is_weighted, tuple(device.zones[zone].name for zone in order))
+    names = finger_names(device, placement)
+    return Sound(samples, loudest, is_weighted, tuple(names[finger] for finger in order))
 
 
-def compute_felt(device: Device, click: ClickEntry, *, is_weighted: bool) -> Array:
+def compute_felt(device: Device, click: ClickEntry, position_m: Sequence[float], *, is_weighted: bool) -> Array:
     """Simulate the acceleration (time, finger) at SOUND_RATE_HZ, in m/s^2 or over threshold, until it has died down.
 
-    The plant is the nominal one; fingers are in the order of their zones, each in the middle of its own.
+    The plant is the nominal one, with standard fingers at these positions.
     """
-    zones = [device.zones[zone] for zone in touched_zones(click.states)]
-    places_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in zones])
-    plant = TransientPlant(compute_basis(assemble(device)), places_m, SOUND_RATE_HZ)
-    plant.touch([(place_m, device.finger) for place_m in places_m.tolist()])
+    plant = TransientPlant(compute_basis(assemble(device)), np.array(position_m), SOUND_RATE_HZ)
+    plant.touch([(at_m, device.finger) for at_m in position_m])
     drive = played_displacement(click)
     sample_s = np.arange(len(drive)) / click.sample_rate_hz
     time_s = np.arange(round((click.length_s + RINGDOWN_S) * SOUND_RATE_HZ)) / SOUND_RATE_HZ
@@ -104,7 +102,7 @@ def compute_felt(device: Device, click: ClickEntry, *, is_weighted: bool) -> Arr
 def sound_json(sound: Sound) -> dict[str, object]:
     """Description as plain values; `loudest_value` is over threshold or in m/s^2."""
     return {
-        "zones": list(sound.order),
+        "fingers": list(sound.order),
         "channels": sound.samples.shape[1],
         "is_weighted": sound.is_weighted,
         "loudest_value": sound.loudest_value,

@@ -1,55 +1,84 @@
-"""Source of clicks: the table's own click of a state, or one that is solved now with the table's options."""
+"""Source of clicks for fingers at positions: the table's row of their places, or a click that is solved now.
+
+Both are evaluated alike: on plants that no click was made with, and in the nominal plant with standard fingers.
+"""
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cached_property
 from math import inf
 from typing import Any
 
-from engine.table import ClickEntry, Entry, Table, TableError
-from engine.table.click import played_at
-from engine.touch import Placement, ZoneState, state_index
+from engine.steady.cases import TOLERANCE_M
+from engine.steady.solver import SteadySolver
+from engine.table import ClickEntry, Table, TableError
+from engine.table.click import ClickFinger, played_at
+from engine.touch import Placement
 from precompute.clicks import DEFAULT_OPTIONS, Click, ClickOptions, ClickSolver
-from precompute.clicks.baselines import GATED_DRIVE, solve_baseline
+from precompute.clicks.baselines import solve_baseline
 from precompute.clicks.columns import ClickTabulator
-from precompute.entries.prediction import States
-from precompute.entries.solver import EntrySolver
-from precompute.model.assembly import assemble
 
 
 class ClickSource:
-    """Clicks of a table's device, and the solver that evaluates them as the table's were evaluated."""
+    """Clicks of a table's device, for fingers that lie within `tolerance_m` of the positions that are asked for."""
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: Table, tolerance_m: float = TOLERANCE_M) -> None:
         self.table = table
-        self.options = read_click_options(table)
+        self.table_options = read_click_options(table)
         """Options of the table's clicks; the defaults where it has no clicks."""
+        self.options = replace(self.table_options, tolerance_m=tolerance_m)
+        """Options of the clicks that are solved now."""
 
     @cached_property
     def solver(self) -> ClickSolver:
-        """Solver for the table's device and options; its plants take a second."""
+        """Solver of clicks for positions; its plants take a second."""
         return ClickSolver(self.table.device, self.options)
 
-    def holds(self, states: States) -> bool:
-        """Whether the table has the click of a state; otherwise `solve_click` takes seconds."""
-        return self.table.click_at(state_index(states), inf) is not None
+    @cached_property
+    def _tabulator(self) -> ClickTabulator:
+        return ClickTabulator(self.table.device, self.options)
 
-    def solve_click(self, states: States) -> ClickEntry:
-        """The click of any state at full strength. Raises TableError where no finger is felt."""
-        if ZoneState.FELT not in states:
+    @cached_property
+    def _steady(self) -> SteadySolver:
+        return SteadySolver(self.table.device, self.table.receptances)
+
+    def holds(self, placement: Placement) -> bool:
+        """Whether the table has the click of the nearest places."""
+        return self.table.click_at(placement, inf) is not None
+
+    def click_of(self, placement: Placement) -> ClickEntry:
+        """The table's click of the nearest places at full strength, else one that is solved for the positions.
+
+        Raises TableError where no finger is felt.
+        """
+        return self.table.click_at(placement, inf) or self.solve(placement)
+
+    def solve(self, placement: Placement) -> ClickEntry:
+        """The click made for these positions, at full strength. Raises TableError where no finger is felt."""
+        if not placement.felt:
             raise TableError(f"{self.table.path}: a click is for felt fingers: name at least one, such as --felt I")
-        own = self.table.click_at(state_index(states), inf)
+        return played_at(self._tabulator.tabulate(self.solver.solve(placement)), inf)
+
+    def click_at_places(self, placement: Placement) -> ClickEntry:
+        """The click that a run plays for these fingers, at full strength: of their places, solved if need be."""
+        own = self.table.click_at(placement, inf)
         if own is not None:
             return own
-        solved = self.solver.solve(Placement.in_zones(self.table.device, states))
-        return played_at(ClickTabulator(self.table.device, self.options).tabulate(states, solved), inf)
+        places = self.table.places
+        at_places = places.placement(places.key(placement))
+        options = self.table_options.at(places)
+        solved = ClickSolver(self.table.device, options).solve(at_places)
+        return played_at(ClickTabulator(self.table.device, options).tabulate(solved), inf)
 
-    def solve_baseline(self, states: States, name: str, length_s: float) -> Click:
-        """A baseline of that length for a state, evaluated as the table's clicks."""
-        device, entries = self.table.device, list[Entry]()
-        if name == GATED_DRIVE:
-            entries = EntrySolver(assemble(device)).solve(states)
-        return solve_baseline(self.solver, Placement.in_zones(device, states), entries, name, length_s)
+    def fingers_of(self, click: ClickEntry, placement: Placement) -> tuple[ClickFinger, ...]:
+        """What standard fingers at these positions get of a click, in the nominal plant."""
+        return self._tabulator.fingers_of(click, placement)
+
+    def solve_baseline(self, placement: Placement, name: str, length_s: float) -> Click:
+        """A baseline of that length, evaluated as the clicks are."""
+        levels_db = (*self.table.device.levels_db, inf)
+        drives = [self._steady.solve(placement.position_m, placement.is_felt, level_db) for level_db in levels_db]
+        return solve_baseline(self.solver, placement, drives, name, length_s)
 
 
 def read_click_options(table: Table) -> ClickOptions:

@@ -1,4 +1,4 @@
-"""Study of one state: clicks of several lengths, and clicks that are optimised over several numbers of plants."""
+"""Study of one placement: clicks of several lengths, and clicks that are optimised over several numbers of plants."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -7,15 +7,14 @@ from functools import cached_property
 from engine.device import Device
 from engine.touch import Placement
 from precompute.clicks import DEFAULT_OPTIONS, Click, ClickOptions, ClickSolver
-from precompute.entries.prediction import States
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Clicks of one state: `by_length` has the scenarios of the options, `by_scenarios` their first length."""
+    """Clicks of one placement: `by_length` has the scenarios of the options, `by_scenarios` their first length."""
 
     device: Device
-    states: States
+    placement: Placement
     options: ClickOptions
     by_length: dict[float, Click]
     by_scenarios: dict[int, Click]
@@ -30,14 +29,14 @@ class Study:
 
 def run_study(
     device: Device,
-    states: States,
+    placement: Placement,
     *,
     lengths_s: Sequence[float],
     scenarios: Sequence[int],
     options: ClickOptions = DEFAULT_OPTIONS,
     on_progress: Callable[[float], None],
 ) -> Study:
-    """Solve a state at every length and with every number of scenarios, evaluated on the same sampled plants.
+    """Solve a placement at every length and with every number of scenarios, evaluated on the same sampled plants.
 
     `on_progress` gets the fraction done.
     """
@@ -46,11 +45,11 @@ def run_study(
     solved = dict[tuple[float, int], Click]()
     for length_s, count in wanted:
         asked = replace(options, lengths_s=(length_s,), scenarios=count)
-        solved[length_s, count] = ClickSolver(device, asked).solve(Placement.in_zones(device, states))
+        solved[length_s, count] = ClickSolver(device, asked).solve(placement)
         on_progress(len(solved) / len(wanted))
     return Study(
         device=device,
-        states=states,
+        placement=placement,
         options=options,
         by_length={length_s: solved[length_s, usual[1]] for length_s in lengths_s},
         by_scenarios={count: solved[usual[0], count] for count in scenarios},

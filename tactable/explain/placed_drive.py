@@ -9,17 +9,25 @@ from rich.table import Table as Grid
 from engine.plain import to_plain
 from engine.steady.cases import TOLERANCE_M
 from engine.table import Table
-from precompute.entries.at_positions import PlacementFigures
+from engine.touch import Placement
+from precompute.builder.measured_responses import plant_of
+from precompute.entries.at_positions import PlacementFigures, SteadyDesigner
 from precompute.model.threshold import THRESHOLD_NAME
 from precompute.sampling.fingers import SAMPLES
-from tactable.explain.words import finger_text, level_text
+from tactable.explain.words import finger_names, level_text, placement_json, placement_text
 
 _PERCENTILES = ("5 %", "50 %", "95 %")
+
+
+def designer_of(table: Table) -> SteadyDesigner:
+    """Solves drives as a run of this table does, from its receptances, and computes their figures."""
+    return SteadyDesigner(table.device, plant_of(table))
 
 
 def placed_drive_json(table: Table, figures: PlacementFigures) -> dict[str, Any]:
     """The drive as plain values for JSON; an infinite level is None."""
     drive, device, spread = figures.drive, table.device, figures.spread
+    placement = Placement(figures.positions_m, drive.felt)
     spreads = {"felt_db": spread.felt, "quiet_db": spread.quiet, "contrast_spread_db": spread.contrast}
     values: dict[str, Any] = to_plain(
         {
@@ -29,18 +37,14 @@ def placed_drive_json(table: Table, figures: PlacementFigures) -> dict[str, Any]
             "achieved": drive.achieved,
             "objective": drive.objective,
             "drive": {
-                "frequencies_hz": [drive.frequency_hz] * len(drive.amplitudes),
+                "frequencies_hz": drive.frequencies_hz,
                 "amplitudes": drive.amplitudes,
                 "phases_rad": drive.phases_rad,
             },
             "fingers": [
-                {
-                    "position_m": at_m,
-                    "role": "felt" if is_felt else "quiet",
-                    "level_db": {"nominal": level_db, **_by_percentile(figures.finger_percentiles(finger))},
-                }
-                for finger, (at_m, is_felt, level_db) in enumerate(
-                    zip(figures.positions_m, drive.felt, figures.level_db.tolist(), strict=True)
+                {**finger, "level_db": {"nominal": level_db, **_by_percentile(figures.finger_percentiles(number))}}
+                for number, (finger, level_db) in enumerate(
+                    zip(placement_json(device, placement), figures.level_db.tolist(), strict=True)
                 )
             ],
             "level_db": drive.weakest_felt_db,
@@ -59,8 +63,9 @@ def placed_drive_json(table: Table, figures: PlacementFigures) -> dict[str, Any]
 def print_placed_drive(out: Console, table: Table, figures: PlacementFigures) -> None:
     """Print the drive, and what each finger feels: standard fingers and percentiles over sampled ones."""
     drive, device = figures.drive, table.device
-    fingers = ", ".join(map(finger_text, figures.positions_m, drive.felt))
-    lines = [f"{device.name}, {fingers}: {level_text(drive.wanted_level_db)} wanted, solved for these positions"]
+    placement = Placement(figures.positions_m, drive.felt)
+    head = f"{device.name}, {placement_text(device, placement)}: {level_text(drive.wanted_level_db)} wanted"
+    lines = [f"{head}, solved for these positions, as a run does"]
     for actuator, amplitude, phase in zip(device.actuators, drive.amplitudes, drive.phases_rad, strict=True):
         how = f"{drive.frequency_hz:.2f} Hz at {100 * amplitude:.1f} %, {phase:+.3f} rad" if amplitude else "still"
         lines.append(f"  {actuator.name}: {how}")
@@ -77,11 +82,11 @@ def print_placed_drive(out: Console, table: Table, figures: PlacementFigures) ->
         f"each within {1e3 * TOLERANCE_M:g} mm of its position"
     )
     grid = Grid("finger", "role", "standard", *_PERCENTILES, caption=caption)
-    for finger, (at_m, is_felt, level_db) in enumerate(
-        zip(figures.positions_m, drive.felt, figures.level_db.tolist(), strict=True)
+    for finger, (name, is_felt, level_db) in enumerate(
+        zip(finger_names(device, placement), drive.felt, figures.level_db.tolist(), strict=True)
     ):
         shown = [f"{value:z.1f}" for value in (level_db, *astuple(figures.finger_percentiles(finger)))]
-        grid.add_row(f"{1e3 * at_m:.1f} mm", "felt" if is_felt else "quiet", *shown)
+        grid.add_row(name, "felt" if is_felt else "quiet", *shown)
     out.print(grid)
     estimates = ", ".join([*device.inferred, THRESHOLD_NAME])
     out.print(f"ESTIMATES: {estimates}", style="dim", markup=False, highlight=False, soft_wrap=True)

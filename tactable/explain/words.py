@@ -1,17 +1,43 @@
-"""Levels, zones and states of a table in words, for pages, pictures and JSON alike."""
+"""Levels, fingers, zones and states of a table in words, for pages, pictures and JSON alike."""
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 from engine.device import Device
 from engine.table import Table
 from engine.table.entry import LONGEST_RISE_S
-from engine.touch import ZoneState
+from engine.touch import Placement, ZoneState
+from engine.touch.finger_tracker import ZoneEdges
 
 
-def finger_text(position_m: float, is_felt: bool) -> str:
-    """A finger in words, such as "35 mm felt"."""
-    return f"{1e3 * position_m:.4g} mm {'felt' if is_felt else 'quiet'}"
+def finger_names(device: Device, placement: Placement) -> list[str]:
+    """Each finger of a placement by its position and, in brackets, its zone, such as "35 mm (I)"."""
+    edges = ZoneEdges(device)
+    zones = [edges.zone_at(at_m) for at_m in placement.position_m]
+    names = ["" if zone is None else f" ({device.zones[zone].name})" for zone in zones]
+    return [f"{1e3 * at_m:.4g} mm{name}" for at_m, name in zip(placement.position_m, names, strict=True)]
+
+
+def placement_text(device: Device, placement: Placement) -> str:
+    """A placement in words, such as "35 mm (I) felt, 120 mm (III) quiet"; felt fingers come first."""
+    names = finger_names(device, placement)
+    felt, quiet = ([names[finger] for finger in which] for which in (placement.felt, placement.quiet))
+    return ", ".join(f"{', '.join(fingers)} {role}" for fingers, role in ((felt, "felt"), (quiet, "quiet")) if fingers)
+
+
+def placement_json(device: Device, placement: Placement) -> list[dict[str, Any]]:
+    """Position, zone (None in a gap between zones) and role of each finger, for JSON."""
+    edges = ZoneEdges(device)
+    zones = [edges.zone_at(at_m) for at_m in placement.position_m]
+    return [
+        {
+            "position_m": at_m,
+            "zone": None if zone is None else device.zones[zone].name,
+            "role": "felt" if is_felt else "quiet",
+        }
+        for at_m, is_felt, zone in zip(placement.position_m, placement.is_felt, zones, strict=True)
+    ]
 
 
 def level_text(level_db: float) -> str:

@@ -6,22 +6,21 @@ from matplotlib.figure import Figure
 
 from engine.device import Device
 from engine.table import ClickEntry
-from engine.touch import ZoneState
+from engine.touch import Placement
 from tactable.explain.click_course import Course, compute_course
 from tactable.explain.click_source import ClickSource
+from tactable.explain.words import finger_names, placement_json, placement_text, zone_lists
 from tactable.figures.file import Picture
 from tactable.figures.style import (
     BLACK,
     BLUE,
     FINGER_NOTE,
     GREY,
-    STATE_COLOUR,
+    ROLE_COLOUR,
     THRESHOLD_NOTE,
     Array,
     finish_picture,
     level_text,
-    state_text,
-    zone_lists,
 )
 
 SPREAD_NOTE = "spreads of the sampled plants"
@@ -36,27 +35,28 @@ _HEIGHT_INCHES = {"wave": 1.8, "felt": 2.4, "fan": 2.1}
 _EDGES_INCHES = 1.5
 
 
-def plot_click(source: ClickSource, click: ClickEntry) -> Picture:
-    """Picture of a click of the source's device, as it is played."""
-    device, course = source.table.device, compute_course(source, click)
-    rows = (len(course.zones) + 1) // 2
+def plot_click(source: ClickSource, click: ClickEntry, placement: Placement) -> Picture:
+    """Picture of a click of the source's device, as it is played, under the fingers of a placement."""
+    device, course = source.table.device, compute_course(source, click, placement)
+    fingers = len(placement.position_m)
+    rows = (fingers + 1) // 2
     heights = [_HEIGHT_INCHES["wave"], _HEIGHT_INCHES["felt"], *[_HEIGHT_INCHES["fan"]] * rows]
     figure = Figure(figsize=(9, sum(heights) + _EDGES_INCHES), layout="constrained")
     grid = figure.add_gridspec(2 + rows, 2, height_ratios=heights)
     _draw_waveform(figure.add_subplot(grid[0, :]), device, course)
     _draw_nominal(figure.add_subplot(grid[1, :]), device, course)
-    for k, finger in enumerate(_felt_first(course)):
-        is_alone = k % 2 == 0 and k == len(course.zones) - 1
+    for k, finger in enumerate(course.felt_first):
+        is_alone = k % 2 == 0 and k == fingers - 1
         _draw_fan(figure.add_subplot(grid[2 + k // 2, slice(None) if is_alone else k % 2]), device, course, finger)
     return finish_picture(
         figure,
         device,
-        f"{device.name}: {state_text(device, click.states)}, a click of {1e3 * click.length_s:g} ms",
+        f"{device.name}: {placement_text(device, placement)}, a click of {1e3 * click.length_s:g} ms",
         promise_text(click),
         _columns(device, course),
         _summary(source, course),
         notes=(FINGER_NOTE, SPREAD_NOTE, THRESHOLD_NOTE),
-        subtitle=promise_text(click),
+        subtitle=f"made for {_made_for(click)}: {promise_text(click)}",
     )
 
 
@@ -70,17 +70,15 @@ def promise_text(click: ClickEntry) -> str:
     return ", ".join(parts)
 
 
-def _felt_first(course: Course) -> list[int]:
-    return [finger for kind in (ZoneState.FELT, ZoneState.QUIET) for finger in course.fingers(kind)]
+def _made_for(click: ClickEntry) -> str:
+    """The places of a click, such as "35.7 and 118.9 mm, each finger within 2.5 mm"."""
+    places = " and ".join(f"{1e3 * at_m:.4g}" for at_m in click.placement.position_m)
+    return f"{places} mm, {'each' if len(click.fingers) > 1 else 'the'} finger within {1e3 * click.tolerance_m:.3g} mm"
 
 
 def _finger_name(device: Device, course: Course, finger: int) -> str:
-    zone = course.zones[finger]
-    return f"{device.zones[zone].name} {course.click.states[zone].name.lower()}"
-
-
-def _finger_colour(course: Course, finger: int) -> str:
-    return STATE_COLOUR[course.click.states[course.zones[finger]]]
+    role = "felt" if course.placement.is_felt[finger] else "quiet"
+    return f"{finger_names(device, course.placement)[finger]} {role}"
 
 
 def _draw_waveform(axes: Axes, device: Device, course: Course) -> None:
@@ -95,13 +93,13 @@ def _draw_waveform(axes: Axes, device: Device, course: Course) -> None:
 
 def _draw_nominal(axes: Axes, device: Device, course: Course) -> None:
     _draw_threshold(axes)
-    click, drawn = course.click, {ZoneState.FELT: 0, ZoneState.QUIET: 0}
-    for finger in _felt_first(course):
-        kind = click.states[course.zones[finger]]
-        name, style = _finger_name(device, course, finger), _STYLES[drawn[kind] % len(_STYLES)]
-        drawn[kind] += 1
+    click, drawn = course.click, {True: 0, False: 0}
+    for finger in course.felt_first:
+        is_felt = course.placement.is_felt[finger]
+        name, style = _finger_name(device, course, finger), _STYLES[drawn[is_felt] % len(_STYLES)]
+        drawn[is_felt] += 1
         nominal = course.weighted[0, finger]
-        axes.plot(1e3 * course.time_s, nominal, color=STATE_COLOUR[kind], ls=style, lw=1.4, label=name)
+        axes.plot(1e3 * course.time_s, nominal, color=ROLE_COLOUR[is_felt], ls=style, lw=1.4, label=name)
     axes.set(ylabel="acceleration\n(1 = threshold)")
     left = f"from {1e3 * click.residual_from_s:g} ms on at most {click.residual_db:z.1f} dB under a felt finger"
     _finish(axes, course, f"nominal plant: acceleration weighted by the detection threshold; {left}")
@@ -109,13 +107,13 @@ def _draw_nominal(axes: Axes, device: Device, course: Course) -> None:
 
 
 def _draw_fan(axes: Axes, device: Device, course: Course, finger: int) -> None:
-    time_ms, colour = 1e3 * course.time_s, _finger_colour(course, finger)
+    is_felt = course.placement.is_felt[finger]
+    time_ms, colour = 1e3 * course.time_s, ROLE_COLOUR[is_felt]
     low, middle, high = course.fan(finger)
     _, *peaks_db = course.peaks_db(finger)
     _draw_threshold(axes, is_named=False)
     axes.fill_between(time_ms, low, high, color=colour, alpha=0.35, lw=0, label="5 to 95 % at each instant")
     axes.plot(time_ms, middle, color=colour, lw=1.2, label="50 %")
-    is_felt = finger in course.fingers(ZoneState.FELT)
     promised = 10 ** (peaks_db[0 if is_felt else 2] / 20)
     label = f"5 % of the peaks are {'below' if is_felt else 'above'}"
     axes.hlines([-promised, promised], *time_ms[[0, -1]], color=BLACK, ls=":", lw=1.2, label=label)
@@ -143,7 +141,7 @@ def _columns(device: Device, course: Course) -> dict[str, Array]:
     columns = {"time (s)": course.time_s}
     for actuator, moved in zip(device.actuators, course.displacement, strict=True):
         columns[f"{actuator.name} (fraction of full scale)"] = moved
-    for finger in _felt_first(course):
+    for finger in course.felt_first:
         name = _finger_name(device, course, finger)
         columns[f"{name}, nominal (acceleration over threshold)"] = course.weighted[0, finger]
         for percent, curve in zip((5, 50, 95), course.fan(finger), strict=True):
@@ -152,26 +150,26 @@ def _columns(device: Device, course: Course) -> dict[str, Array]:
 
 
 def _summary(source: ClickSource, course: Course) -> dict[str, object]:
-    table, click = source.table, course.click
+    device, click = source.table.device, course.click
     return {
-        **zone_lists(table.device, click.states),
-        "is_tabulated": source.holds(click.states),
+        **zone_lists(device, course.placement.zone_states(device)),
+        "is_tabulated": source.holds(course.placement),
+        "places_m": click.placement.position_m,
+        "tolerance_m": click.tolerance_m,
         "length_s": click.length_s,
         "wanted_level_db": click.wanted_level_db,
         "level_db": click.level_db,
         "quiet_level_db": None if click.quiet is None else click.quiet.high_db,
         "achieved": click.achieved,
-        "fingers": [_finger_summary(table.device, course, finger) for finger in _felt_first(course)],
+        "fingers": [_finger_summary(device, course, finger) for finger in course.felt_first],
         "plants": course.weighted.shape[0] - 1,
     }
 
 
 def _finger_summary(device: Device, course: Course, finger: int) -> dict[str, object]:
-    zone = course.zones[finger]
     nominal_db, *others_db = course.peaks_db(finger)
     return {
-        "zone": device.zones[zone].name,
-        "state": course.click.states[zone].name.lower(),
+        **placement_json(device, course.placement)[finger],
         "nominal_db": nominal_db,
         "peak_db": dict(zip(("5 %", "50 %", "95 %"), others_db, strict=True)),
     }

@@ -10,6 +10,7 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from engine.table import ClickEntry
+from engine.touch import Placement
 from precompute.clicks import Click
 from precompute.clicks.baselines import GATED_DRIVE
 from tactable.explain.click_source import ClickSource
@@ -33,7 +34,7 @@ _HATCH = "//"
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """One state: its click, and the best steady drive gated for as long; on the diagonal one felt finger alone."""
+    """Two fingers: their click, and the best steady drive gated for as long; on the diagonal one felt finger alone."""
 
     click: ClickEntry
     gated: Click
@@ -63,7 +64,7 @@ Cells = Sequence[Sequence[Cell]]
 
 
 def plot_click_map(source: ClickSource, on_progress: Callable[[float], None]) -> Picture:
-    """The map of all states of one felt and one quiet finger, as strong as they are.
+    """The map of one felt and one quiet finger in the middles of their zones, as strong as clicks are.
 
     Clicks that the table does not have are solved; `on_progress` gets the fraction done. Raises TableError where the
     device has one zone.
@@ -88,15 +89,14 @@ def plot_click_map(source: ClickSource, on_progress: Callable[[float], None]) ->
 
 
 def _solve_cells(source: ClickSource, names: Sequence[str], on_progress: Callable[[float], None]) -> Cells:
-    """States with the same fingers one after another: they share what is computed for them."""
+    """Fingers in the middles of zones; pairs with the same fingers one after another share what is computed."""
     pairs = sorted(pairs_of(names), key=lambda pair: (max(pair), min(pair)))
     solved = dict[tuple[int, int], Cell]()
     for felt, quiet in pairs:
-        states = source.table.states_of([names[felt]], [names[quiet]] if quiet != felt else [])
-        click = source.solve_click(states)
-        solved[felt, quiet] = Cell(
-            click, source.solve_baseline(click.states, GATED_DRIVE, click.length_s), source.holds(states)
-        )
+        placement = Placement.named(source.table.device, [names[felt]], [names[quiet]] if quiet != felt else [])
+        click = source.click_of(placement)
+        gated = source.solve_baseline(placement, GATED_DRIVE, click.length_s)
+        solved[felt, quiet] = Cell(click, gated, source.holds(placement))
         on_progress(len(solved) / len(pairs))
     return [[solved[felt, quiet] for quiet in range(len(names))] for felt in range(len(names))]
 

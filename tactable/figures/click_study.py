@@ -7,25 +7,24 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from engine.plain import to_plain
-from engine.touch import ZoneState
 from precompute.clicks import Click
 from precompute.clicks.evaluation import Levels
 from tactable.explain.click_study import Study
+from tactable.explain.words import placement_json, placement_text, zone_lists
 from tactable.figures.click import SPREAD_NOTE
 from tactable.figures.file import Picture
 from tactable.figures.style import (
     BLACK,
     FINGER_NOTE,
     GREY,
-    STATE_COLOUR,
+    ROLE_COLOUR,
     THRESHOLD_NOTE,
     Array,
     finish_picture,
-    state_text,
-    zone_lists,
 )
 
-_MARKERS = {ZoneState.FELT: "o", ZoneState.QUIET: "s"}
+_MARKERS = {True: "o", False: "s"}
+"""By whether the finger is to feel."""
 
 
 def plot_click_study(study: Study) -> Picture:
@@ -46,7 +45,7 @@ def plot_click_study(study: Study) -> Picture:
     return finish_picture(
         figure,
         device,
-        f"{device.name}: {state_text(device, study.states)}, what a click gains",
+        f"{device.name}: {placement_text(device, study.placement)}, what a click gains",
         _range_text(study),
         _columns(study),
         _summary(study),
@@ -56,10 +55,10 @@ def plot_click_study(study: Study) -> Picture:
 
 
 def _draw(axes: Axes, place: Array, clicks: Sequence[Click]) -> None:
-    sides = {ZoneState.FELT: [click.evaluation.felt for click in clicks], ZoneState.QUIET: _quiet(clicks)}
-    for kind, levels in sides.items():
+    sides = {True: [click.evaluation.felt for click in clicks], False: _quiet(clicks)}
+    for is_felt, levels in sides.items():
         if levels:
-            _draw_levels(axes, place, levels, kind)
+            _draw_levels(axes, place, levels, is_felt=is_felt)
     bounds_db = np.array([click.bound_db for click in clicks])
     known = np.isfinite(bounds_db)
     bound = "no click of its tones\nis felt more strongly\n(mean of the plants\noptimised over)"
@@ -68,15 +67,15 @@ def _draw(axes: Axes, place: Array, clicks: Sequence[Click]) -> None:
     axes.grid(alpha=0.25)
 
 
-def _draw_levels(axes: Axes, place: Array, levels: Sequence[Levels], kind: ZoneState) -> None:
+def _draw_levels(axes: Axes, place: Array, levels: Sequence[Levels], *, is_felt: bool) -> None:
     low, middle, high = (
         np.array([getattr(level, key) for level in levels]) for key in ("low_db", "middle_db", "high_db")
     )
-    colour, name = STATE_COLOUR[kind], kind.name.lower()
-    promised, percent = (low, 5) if kind is ZoneState.FELT else (high, 95)
+    colour, name = ROLE_COLOUR[is_felt], "felt" if is_felt else "quiet"
+    promised, percent = (low, 5) if is_felt else (high, 95)
     axes.fill_between(place, low, high, color=colour, alpha=0.2, lw=0, label=f"{name}, 5 to 95 %")
     axes.plot(place, middle, color=colour, lw=1.0, ls="--", label=f"{name}, 50 %")
-    axes.plot(place, promised, _MARKERS[kind], ls="-", color=colour, lw=1.8, ms=5, label=f"{name}, {percent} %")
+    axes.plot(place, promised, _MARKERS[is_felt], ls="-", color=colour, lw=1.8, ms=5, label=f"{name}, {percent} %")
 
 
 def _quiet(clicks: Sequence[Click]) -> list[Levels]:
@@ -112,7 +111,8 @@ def _columns(study: Study) -> dict[str, Sequence[object]]:
 
 def _summary(study: Study) -> dict[str, object]:
     return {
-        **zone_lists(study.device, study.states),
+        **zone_lists(study.device, study.placement.zone_states(study.device)),
+        "fingers": placement_json(study.device, study.placement),
         "judged": study.options.judged,
         "clicks": [
             {

@@ -1,4 +1,4 @@
-"""One entry along the bar: the acceleration that its drive gives, under the standard and the sampled fingers."""
+"""One steady drive along the bar: the acceleration that it gives under the standard and the sampled fingers."""
 
 import textwrap
 from dataclasses import dataclass
@@ -7,26 +7,22 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from engine.device import Device
-from engine.table import Entry, Table
-from engine.table.entry import ZonePrediction
-from precompute.entries.prediction import touched_zones
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
 from precompute.model.threshold import detection_threshold
-from precompute.sampling.fingers import SAMPLES, sample_fingers
+from tactable.explain.words import placement_json, zone_lists
 from tactable.figures.file import Picture
+from tactable.figures.played_drive import Load, PlayedDrive
 from tactable.figures.style import (
     BLACK,
     BLUE,
-    STATE_COLOUR,
+    ROLE_COLOUR,
     Array,
     draw_actuators,
+    draw_zone_names,
     draw_zones,
     finish_picture,
     level_text,
-    state_text,
-    zone_lists,
 )
 
 _POINTS = 401
@@ -47,60 +43,56 @@ class Envelope:
     greatest: Array
 
 
-def plot_state(table: Table, entry: Entry) -> Picture:
-    """Picture of one entry of the table."""
-    device = table.device
-    envelope = compute_envelope(device, entry)
-    tones_hz = _tones(entry)
+def plot_state(played: PlayedDrive) -> Picture:
+    """Picture of an entry of a table, or of a drive solved for positions."""
+    device, tones_hz = played.device, played.tones_hz
+    envelope = compute_envelope(played)
     threshold = detection_threshold(tones_hz)
     figure = Figure(figsize=(9, 5.4), layout="constrained")
     axes = figure.add_subplot()
-    _draw_envelope(axes, device, entry, envelope)
+    _draw_envelope(axes, played, envelope)
     _draw_thresholds(axes, tones_hz, threshold)
-    _draw_fingers(axes, device, entry)
-    _set_axes(axes, device, entry, envelope, threshold)
+    _draw_fingers(axes, played)
+    _set_axes(axes, played, envelope, threshold)
     axes.legend(fontsize="x-small", loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
     return finish_picture(
         figure,
         device,
-        f"{device.name}: {state_text(device, entry.states)}, {level_text(entry.wanted_level_db)}",
-        _promise_text(entry),
+        f"{device.name}: {played.who}, {level_text(played.wanted_level_db)}",
+        _promise_text(played),
         _columns(envelope),
-        _summary(table, entry, tones_hz, threshold),
-        subtitle=f"{_drive_text(device, entry)}\n{_promise_text(entry)}",
+        _summary(played, threshold),
+        subtitle=f"{_drive_text(played)}\n{_promise_text(played)}",
     )
 
 
-def compute_envelope(device: Device, entry: Entry) -> Envelope:
+def compute_envelope(played: PlayedDrive) -> Envelope:
     """Tones of different frequencies add as magnitudes, paper eq. (8)."""
-    plant, sampled, touched = assemble(device), sample_fingers(device), touched_zones(entry.states)
-    position_m = np.union1d(np.linspace(0.0, device.bar.length_m, _POINTS), sampled.middle_m)
-    frequency_hz, tones_hz = np.array(entry.frequencies_hz), _tones(entry)
-    amplitude = np.array(entry.amplitudes) * np.exp(1j * np.array(entry.phases_rad))
-    weight = np.where(frequency_hz == tones_hz[:, None], amplitude, 0)
+    device, tones_hz = played.device, played.tones_hz
+    plant = assemble(device)
+    position_m = np.union1d(np.linspace(0.0, device.bar.length_m, _POINTS), played.placement.position_m)
+    weight = np.where(np.array(played.frequencies_hz) == tones_hz[:, None], played.complex_amplitudes, 0)
 
-    def along(touch: int) -> Array:
-        places_m, fingers = zip(*sampled.fingers(touch, touched), strict=True)
+    def along(load: Load) -> Array:
+        places_m, fingers = zip(*load, strict=True)
         response = solve_response(plant.with_fingers(places_m, fingers), tones_hz).acceleration(position_m)
         total: Array = abs(np.einsum("ta,tap->tp", weight, response)).sum(axis=0)
         return total
 
-    each = np.array([along(touch) for touch in range(len(sampled.place))])
+    each = np.array([along(load) for load in played.cases])
     return Envelope(position_m, each[0], each.min(axis=0), each.max(axis=0))
 
 
-def _tones(entry: Entry) -> Array:
-    """Shape (tone,): distinct frequencies of the actuators that move."""
-    return np.unique(np.array(entry.frequencies_hz)[np.array(entry.amplitudes) > 0])
-
-
-def _draw_envelope(axes: Axes, device: Device, entry: Entry, envelope: Envelope) -> None:
-    draw_zones(axes, device, entry.states)
+def _draw_envelope(axes: Axes, played: PlayedDrive, envelope: Envelope) -> None:
+    if played.zone_states is None:
+        draw_zone_names(axes, played.device)
+    else:
+        draw_zones(axes, played.device, played.zone_states)
     place_mm = 1e3 * envelope.position_m
-    label = f"least to greatest of {SAMPLES} other touches"
+    label = f"least to greatest of {len(played.cases) - 1} other touches"
     axes.fill_between(place_mm, envelope.least, envelope.greatest, color=BLUE, alpha=0.15, lw=0, label=label)
     axes.plot(place_mm, envelope.standard, color=BLUE, lw=1.8, label="with standard fingers")
-    draw_actuators(axes, device)
+    draw_actuators(axes, played.device)
 
 
 def _draw_thresholds(axes: Axes, tones_hz: Array, threshold: Array) -> None:
@@ -111,17 +103,15 @@ def _draw_thresholds(axes: Axes, tones_hz: Array, threshold: Array) -> None:
         axes.plot([], [], " ", label="of several tones the levels add as powers")
 
 
-def _draw_fingers(axes: Axes, device: Device, entry: Entry) -> None:
+def _draw_fingers(axes: Axes, played: PlayedDrive) -> None:
     axes.plot([], [], "o", ms=7, color=BLACK, label="standard finger, its level (least to greatest of the touches)")
-    for zone, promise in zip(device.zones, entry.zones, strict=True):
-        if promise.acceleration_at_finger_m_per_s2 is None or promise.sensation_level_range_db is None:
-            continue
-        middle_mm, height = 500 * (zone.start_m + zone.stop_m), promise.acceleration_at_finger_m_per_s2
-        axes.plot(middle_mm, height, "o", ms=9, mec="white", color=STATE_COLOUR[promise.state], zorder=4)
-        least_db, greatest_db = promise.sensation_level_range_db
+    for finger in played.fingers:
+        place_mm, height = 1e3 * finger.position_m, finger.acceleration_m_per_s2
+        axes.plot(place_mm, height, "o", ms=9, mec="white", color=ROLE_COLOUR[finger.is_felt], zorder=4)
+        role = "" if played.zone_states is not None else "felt " if finger.is_felt else "quiet "
         axes.annotate(
-            f"{promise.sensation_level_db:z.1f} dB\n({least_db:z.0f} to {greatest_db:z.0f})",
-            (middle_mm, height),
+            f"{role}{finger.level_db:z.1f} dB\n({finger.range_db[0]:z.0f} to {finger.range_db[1]:z.0f})",
+            (place_mm, height),
             xytext=(0, 9),
             textcoords="offset points",
             ha="center",
@@ -131,13 +121,13 @@ def _draw_fingers(axes: Axes, device: Device, entry: Entry) -> None:
         )
 
 
-def _set_axes(axes: Axes, device: Device, entry: Entry, envelope: Envelope, threshold: Array) -> None:
-    under = [zone.acceleration_at_finger_m_per_s2 for zone in entry.zones]
+def _set_axes(axes: Axes, played: PlayedDrive, envelope: Envelope, threshold: Array) -> None:
+    under = [finger.acceleration_m_per_s2 for finger in played.fingers]
     lowest = min([*_BELOW_THRESHOLD * threshold, *(value / 2 for value in under if value)])
     axes.set(
         xlabel="along the bar (mm)",
         ylabel="peak acceleration (m/s²)",
-        xlim=(0, 1e3 * device.bar.length_m),
+        xlim=(0, 1e3 * played.device.bar.length_m),
         yscale="log",
         ylim=(lowest, _HEADROOM * envelope.greatest.max()),
     )
@@ -154,28 +144,31 @@ def _set_axes(axes: Axes, device: Device, entry: Entry, envelope: Envelope, thre
         levels.set_ylabel("sensation level (dB above threshold)")
 
 
-def _drive_text(device: Device, entry: Entry) -> str:
+def _drive_text(played: PlayedDrive) -> str:
     """What each actuator plays; a common frequency is said once."""
-    tones_hz = _tones(entry)
+    tones_hz = played.tones_hz
     is_common = len(tones_hz) == 1
     parts = [
         f"{actuator.name} {100 * amplitude:.3g} %{'' if is_common else f' at {hz:g} Hz'}, {phase:+z.2f} rad"
         if amplitude
         else f"{actuator.name} still"
         for actuator, hz, amplitude, phase in zip(
-            device.actuators, entry.frequencies_hz, entry.amplitudes, entry.phases_rad, strict=True
+            played.device.actuators, played.frequencies_hz, played.amplitudes, played.phases_rad, strict=True
         )
     ]
     common = f" at {tones_hz[0]:g} Hz" if is_common else ""
-    return textwrap.fill(f"{entry.family}{common}: {'; '.join(parts)}", _TITLE_LETTERS)
+    return textwrap.fill(f"{played.kind}{common}: {'; '.join(parts)}", _TITLE_LETTERS)
 
 
-def _promise_text(entry: Entry) -> str:
-    reached = "" if entry.achieved else f"NOT ACHIEVED, {entry.level_db:.1f} dB at most; "
-    if entry.contrast_db is None or entry.expected_contrast_db is None or entry.worst_case.contrast_db is None:
-        return f"{reached}localized factor {entry.localized_factor:.3f} (worst {entry.worst_case.localized_factor:.3f})"
-    contrasts = f"expected {entry.expected_contrast_db:z.1f}, worst {entry.worst_case.contrast_db:z.1f}"
-    return f"{reached}contrast {entry.contrast_db:z.1f} dB ({contrasts})"
+def _promise_text(played: PlayedDrive) -> str:
+    reached = "" if played.achieved else f"NOT ACHIEVED, {played.level_db:.1f} dB at most; "
+    if played.contrast_db is None or played.expected_contrast_db is None or played.worst_contrast_db is None:
+        worst = played.worst_localized_factor
+        return (
+            f"{reached}localized factor {played.localized_factor:.3f}{'' if worst is None else f' (worst {worst:.3f})'}"
+        )
+    contrasts = f"expected {played.expected_contrast_db:z.1f}, worst {played.worst_contrast_db:z.1f}"
+    return f"{reached}contrast {played.contrast_db:z.1f} dB ({contrasts})"
 
 
 def _columns(envelope: Envelope) -> dict[str, Array]:
@@ -187,26 +180,25 @@ def _columns(envelope: Envelope) -> dict[str, Array]:
     }
 
 
-def _summary(table: Table, entry: Entry, tones_hz: Array, threshold: Array) -> dict[str, object]:
+def _summary(played: PlayedDrive, threshold: Array) -> dict[str, object]:
+    named = placement_json(played.device, played.placement)
     return {
-        **zone_lists(table.device, entry.states),
-        "wanted_level_db": entry.wanted_level_db,
-        "level_db": entry.level_db,
-        "achieved": entry.achieved,
-        "contrast_db": entry.contrast_db,
-        "expected_contrast_db": entry.expected_contrast_db,
-        "worst_contrast_db": entry.worst_case.contrast_db,
-        "localized_factor": entry.localized_factor,
-        "threshold_m_per_s2": dict(zip(map(str, tones_hz.tolist()), threshold.tolist(), strict=True)),
-        "fingers": [_finger_summary(zone) for zone in entry.zones if zone.sensation_level_db is not None],
-    }
-
-
-def _finger_summary(zone: ZonePrediction) -> dict[str, object]:
-    return {
-        "zone": zone.name,
-        "state": zone.state.name.lower(),
-        "acceleration_at_finger_m_per_s2": zone.acceleration_at_finger_m_per_s2,
-        "sensation_level_db": zone.sensation_level_db,
-        "sensation_level_range_db": zone.sensation_level_range_db,
+        **zone_lists(played.device, played.placement.zone_states(played.device)),
+        "wanted_level_db": played.wanted_level_db,
+        "level_db": played.level_db,
+        "achieved": played.achieved,
+        "contrast_db": played.contrast_db,
+        "expected_contrast_db": played.expected_contrast_db,
+        "worst_contrast_db": played.worst_contrast_db,
+        "localized_factor": played.localized_factor,
+        "threshold_m_per_s2": dict(zip(map(str, played.tones_hz.tolist()), threshold.tolist(), strict=True)),
+        "fingers": [
+            {
+                **name,
+                "acceleration_at_finger_m_per_s2": finger.acceleration_m_per_s2,
+                "sensation_level_db": finger.level_db,
+                "sensation_level_range_db": finger.range_db,
+            }
+            for name, finger in zip(named, played.fingers, strict=True)
+        ],
     }

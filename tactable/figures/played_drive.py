@@ -1,0 +1,158 @@
+"""A steady drive and its fingers, as pictures take them: an entry of a table, or a drive solved for positions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device import Device, Finger
+from engine.steady.cases import cases_at, sample_deviations
+from engine.table import Entry, Table
+from engine.touch import Placement, ZoneState
+from precompute.entries.prediction import touched_zones
+from precompute.model.assembly import assemble
+from precompute.model.steady import compute_steady_state
+from precompute.model.threshold import detection_threshold
+from precompute.sampling.fingers import SAMPLES, sample_fingers
+from tactable.explain.placed_drive import designer_of
+from tactable.explain.words import placement_text, state_text
+
+Array = NDArray[np.float64]
+Load = Sequence[tuple[float, Finger]]
+"""Position in metres and finger, for each finger."""
+
+
+@dataclass(frozen=True)
+class PlayedFinger:
+    """What a standard finger gets; range_db: least and greatest level of the sampled ones."""
+
+    position_m: float
+    is_felt: bool
+    acceleration_m_per_s2: float
+    level_db: float
+    range_db: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class PlayedDrive:
+    """A steady drive with the fingers that it is for; contrasts are None where nothing is quiet.
+
+    who: the fingers in words. cases: the standard fingers, then the sampled ones. zone_states: of an entry, whose
+    fingers stand for their zones; None for fingers at positions. worst_*: over the sampled fingers.
+    """
+
+    device: Device
+    who: str
+    kind: str
+    placement: Placement
+    zone_states: tuple[ZoneState, ...] | None
+    frequencies_hz: tuple[float, ...]
+    amplitudes: tuple[float, ...]
+    phases_rad: tuple[float, ...]
+    wanted_level_db: float
+    level_db: float
+    achieved: bool
+    contrast_db: float | None
+    expected_contrast_db: float | None
+    worst_contrast_db: float | None
+    localized_factor: float
+    worst_localized_factor: float | None
+    t90_s: float
+    fingers: tuple[PlayedFinger, ...]
+    cases: tuple[Load, ...]
+
+    @property
+    def tones_hz(self) -> Array:
+        """Shape (tone,): distinct frequencies of the actuators that move."""
+        return np.unique(np.array(self.frequencies_hz)[np.array(self.amplitudes) > 0])
+
+    @property
+    def complex_amplitudes(self) -> NDArray[np.complex128]:
+        """Shape (actuator,): fractions of full scale."""
+        amplitudes: NDArray[np.complex128] = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases_rad))
+        return amplitudes
+
+
+def entry_drive(table: Table, entry: Entry) -> PlayedDrive:
+    """The drive of an entry, its fingers in the middles of their zones and, where sampled, anywhere in them."""
+    device, touched = table.device, touched_zones(entry.states)
+    placement = Placement.in_zones(device, entry.states)
+    sampled, fingers = sample_fingers(device), list[PlayedFinger]()
+    for zone, at_m, is_felt in zip(touched, placement.position_m, placement.is_felt, strict=True):
+        promise = entry.zones[zone]
+        at_finger, level_db, ends_db = (
+            promise.acceleration_at_finger_m_per_s2,
+            promise.sensation_level_db,
+            promise.sensation_level_range_db,
+        )
+        assert at_finger is not None and level_db is not None and ends_db is not None  # a finger touches there
+        fingers.append(PlayedFinger(at_m, is_felt, at_finger, level_db, ends_db))
+    return PlayedDrive(
+        device=device,
+        who=state_text(device, entry.states),
+        kind=entry.family,
+        placement=placement,
+        zone_states=entry.states,
+        frequencies_hz=entry.frequencies_hz,
+        amplitudes=entry.amplitudes,
+        phases_rad=entry.phases_rad,
+        wanted_level_db=entry.wanted_level_db,
+        level_db=entry.level_db,
+        achieved=entry.achieved,
+        contrast_db=entry.contrast_db,
+        expected_contrast_db=entry.expected_contrast_db,
+        worst_contrast_db=entry.worst_case.contrast_db,
+        localized_factor=entry.localized_factor,
+        worst_localized_factor=entry.worst_case.localized_factor,
+        t90_s=entry.t90_s,
+        fingers=tuple(fingers),
+        cases=tuple(sampled.fingers(case, touched) for case in range(len(sampled.place))),
+    )
+
+
+def solved_drive(table: Table, placement: Placement, level_db: float) -> PlayedDrive:
+    """The drive that a run solves for these positions, its sampled fingers within a millimetre of them."""
+    device = table.device
+    figures = designer_of(table).solve(placement.position_m, placement.is_felt, level_db)
+    drive, position_m = figures.drive, np.array(placement.position_m)
+    threshold_m_per_s2 = float(detection_threshold(np.array([drive.frequency_hz]))[0])
+    ends_db = np.stack([figures.sampled_level_db.min(axis=0), figures.sampled_level_db.max(axis=0)], axis=1)
+    loaded = assemble(device).with_fingers(placement.position_m, device.finger)
+    share = compute_steady_state(loaded, np.array(drive.frequencies_hz), drive.complex_amplitudes).share
+    felt_zones = [zone for zone, state in enumerate(placement.zone_states(device)) if state is ZoneState.FELT]
+    weakest = figures.sampled_level_db[:, placement.felt].min(axis=1)
+    strongest = figures.sampled_level_db[:, placement.quiet].max(axis=1, initial=-np.inf)
+    cases = cases_at(position_m, sample_deviations(len(position_m), SAMPLES), device.finger, device.bar.length_m)
+    return PlayedDrive(
+        device=device,
+        who=placement_text(device, placement),
+        kind="coherent, solved for these positions",
+        placement=placement,
+        zone_states=None,
+        frequencies_hz=drive.frequencies_hz,
+        amplitudes=drive.amplitudes,
+        phases_rad=drive.phases_rad,
+        wanted_level_db=drive.wanted_level_db,
+        level_db=drive.weakest_felt_db,
+        achieved=drive.achieved,
+        contrast_db=figures.contrast_db,
+        expected_contrast_db=figures.expected_contrast_db,
+        worst_contrast_db=float((weakest - strongest).min()) if placement.quiet else None,
+        localized_factor=float(share[felt_zones].sum()),
+        worst_localized_factor=None,
+        t90_s=figures.t90_s,
+        fingers=tuple(
+            PlayedFinger(at_m, is_felt, threshold_m_per_s2 * 10 ** (level / 20), level, (low, high))
+            for at_m, is_felt, level, (low, high) in zip(
+                placement.position_m, placement.is_felt, figures.level_db.tolist(), ends_db.tolist(), strict=True
+            )
+        ),
+        cases=tuple(
+            [
+                (at_m, Finger(mass_kg=mass, damping_n_s_per_m=damping, stiffness_n_per_m=stiffness, spread=1.0))
+                for at_m, (stiffness, damping, mass) in zip(here_m, impedance, strict=True)
+            ]
+            for here_m, impedance in zip(cases.position_m.tolist(), cases.impedance.tolist(), strict=True)
+        ),
+    )
