@@ -2,25 +2,31 @@
 
 import json
 import os
+import select
 import signal
+import struct
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from engine.device import Device
-from engine.table.columns import write_entries
-from engine.table.file import TableWriter
+from engine.loop.fast.table import FastRendering
 from engine.table.history import roll_back
 from engine.touch.sources.recording import write_recording
 from firmware_link.emulator import Cause
 from firmware_link.emulator.process import RunningEmulator, run_emulator
 from tactable.rig.virtual_digitizer import Stroke, make_recording
+from tactable.run.table_watch import Messages, _packed, _unpacked
 from tactable.shipped import find_device
-from tests.engine.made_entries import entry_of, felt_states
+from tests.engine.loop.fast.scripts import varied_clicks
+from tests.engine.loop.rig import BURSTS, Rig, recording_of, report
+from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
+from tests.engine.made_table import write_table
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 DEVICE = find_device("reference-a")
@@ -34,17 +40,15 @@ effect = "held"
 """
 
 
-def write_table(path: Path, frequency_hz: float, device: Device = DEVICE) -> None:
-    entries = [entry_of(device, states, frequencies_hz=(frequency_hz,) * 2) for states in felt_states(device)]
-    with TableWriter(path) as writer:
-        writer.describe({"device_description": device.text, "device_fingerprint": device.fingerprint})
-        write_entries(writer, entries, device)
-
-
 @pytest.fixture
 def emulator() -> Iterator[RunningEmulator]:
     with run_emulator() as running:
         yield running
+
+
+def write(path: Path, response: float, device: Device = DEVICE) -> None:
+    """A table whose bar answers so much more than another: the drive for a level is so much weaker."""
+    write_table(path, device, [entry_of(device, states_of(device, [0]))], response=response)
 
 
 class Run:
@@ -52,7 +56,7 @@ class Run:
 
     def __init__(self, folder: Path, emulator: RunningEmulator) -> None:
         self.emulator, self.path = emulator, folder / "bar.nc"
-        write_table(self.path, 100.0)
+        write(self.path, 1.0)
         (folder / "held.toml").write_text(HELD, encoding="utf-8")
         write_recording(make_recording((Stroke(0.0, 600.0, 0.5, 0.5),)), folder / "resting.hid")
         words = ["bar.nc", "--touch", "resting.hid", "--port", emulator.stable_port, "--effects", "held.toml"]
@@ -63,17 +67,24 @@ class Run:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         )
-        self.wait_for_hz(100.0)
+        while not self.amplitude():
+            self.look_alive()
+        self.first = self.amplitude()
 
-    def wait_for_hz(self, frequency_hz: float) -> None:
-        """Until the firmware drives at it; nothing else ends it but the run."""
-        while self.driven_hz() != frequency_hz:
-            assert self.process.poll() is None, self.process.stderr and self.process.stderr.read()
-            time.sleep(0.05)
+    def wait_for(self, response: float) -> None:
+        """Until the firmware drives what the table of this response has; nothing else ends it but the run."""
+        while abs(self.amplitude() * response / self.first - 1) > 0.01:
+            self.look_alive()
 
-    def driven_hz(self) -> float:
-        log = [e for e in self.emulator.log().events if e.cause is Cause.SET and e.channels[0].amplitude]
-        return round(log[-1].channels[0].frequency_hz, 2) if log else 0.0
+    def look_alive(self) -> None:
+        assert self.process.poll() is None, self.process.stderr and self.process.stderr.read()
+        time.sleep(0.05)
+
+    def amplitude(self) -> float:
+        """The greatest amplitude of the last drive; 0 before the first."""
+        drives = (event.channels for event in self.emulator.log().events if event.cause is Cause.SET)
+        sounding = [found for channels in drives if (found := max(each.amplitude for each in channels))]
+        return sounding[-1] if sounding else 0.0
 
     def say_until(self, words: str) -> str:
         assert self.process.stderr is not None
@@ -93,11 +104,11 @@ class Run:
 
 def test_a_run_changes_over_to_each_new_table_and_back(tmp_path: Path, emulator: RunningEmulator) -> None:
     run = Run(tmp_path, emulator)
-    for frequency_hz in (120.0, 140.0):
-        write_table(run.path, frequency_hz)
-        run.wait_for_hz(frequency_hz)
+    for response in (2.0, 1.5):
+        write(run.path, response)
+        run.wait_for(response)
     roll_back(run.path)
-    run.wait_for_hz(120.0)
+    run.wait_for(2.0)
     summary = run.end()
     assert summary["changes_of_table"] == 3
 
@@ -111,13 +122,13 @@ def test_a_table_that_fails_a_check_is_refused_and_the_run_goes_on(tmp_path: Pat
     damaged.replace(run.path)
     assert "is corrupted" in run.say_until("the new table is refused")
     wide = Device.parse(DEVICE.text.replace("count = 5", "count = 4"), "bar.toml")
-    write_table(run.path, 130.0, wide)
+    write(run.path, 1.25, wide)
     assert "has zones I, II, III, IV" in run.say_until("start it again")
     run.path.unlink()
     time.sleep(0.5)
-    assert run.driven_hz() == 100.0
-    write_table(run.path, 150.0)
-    run.wait_for_hz(150.0)
+    assert run.amplitude() == run.first
+    write(run.path, 3.0)
+    run.wait_for(3.0)
     assert run.end()["changes_of_table"] == 1
 
 
@@ -132,5 +143,41 @@ def test_a_run_outlives_the_process_that_looks_for_tables(tmp_path: Path, emulat
     (watcher,) = (int(line) for line in found.stdout.split())
     os.kill(watcher, signal.SIGKILL)
     run.say_until("no longer watched for")
-    assert run.driven_hz() == 100.0
+    assert run.amplitude() == run.first
     assert run.end()["changes_of_table"] == 0
+
+
+def test_a_rendered_table_comes_over_the_pipe_as_it_was_and_without_a_copy() -> None:
+    sent = Rig(recording_of((0.0, report())), effects=BURSTS, clicks=varied_clicks(DEVICE)).rendering
+    packed = memoryview(bytearray(_packed(sent)[8:]))
+    received = _unpacked(packed)
+    assert isinstance(received, FastRendering) and sent.fast_table is not None and received.fast_table is not None
+    for name in ("pair", "head", "weights", "amplitude"):
+        ours, theirs = getattr(sent.fast_table, name), getattr(received.fast_table, name)
+        assert (ours == theirs).all()
+        assert np.shares_memory(theirs, np.frombuffer(packed, np.uint8))
+        assert theirs.ctypes.data % theirs.itemsize == 0
+    placement = sent.renderer.clicks.clicks[7].placement
+    assert received.renderer.render(placement, LEVEL_DB, True) == sent.renderer.render(placement, LEVEL_DB, True)
+    assert received.renderer.render(placement, LEVEL_DB) == sent.renderer.render(placement, LEVEL_DB)
+
+
+@pytest.mark.parametrize("piece", [1, 7, 1000, 10**6])
+def test_messages_come_whole_however_the_system_cuts_them(piece: int) -> None:
+    sent = [b"", b"a", bytes(100), bytes(range(256)) * 300]
+    stream = b"".join(struct.pack("<Q", len(message)) + message for message in sent)
+    reading, writing = os.pipe()
+    messages, received = Messages(reading), list[bytes]()
+    for start in range(0, len(stream), piece):
+        left = stream[start : start + piece]
+        while left:
+            left = left[os.write(writing, left[:4096]) :]
+            while select.select([reading], [], [], 0)[0]:
+                message = messages.read()
+                received += [] if message is None else [bytes(message)]
+    assert received == sent
+    assert messages.read() is None
+    os.close(writing)
+    with pytest.raises(EOFError):
+        messages.read()
+    os.close(reading)
