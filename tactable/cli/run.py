@@ -30,6 +30,7 @@ from tactable.cli.touch import machine_of
 from tactable.digitizers.record import opened, stop_at_signal
 from tactable.doctor.touch import Machine
 from tactable.page.attach import PageOf, page_of
+from tactable.run.click_process import ClickProcess
 from tactable.run.live import Live, LiveOptions
 from tactable.run.ring_recorder import recorder_of, ring_for
 from tactable.run.table_watch import TableWatch, Watched, identity_of
@@ -91,6 +92,9 @@ def run(
     watch: Annotated[
         bool, typer.Option(help="Change over to a new table that replaces this one, once it is verified.")
     ] = True,
+    solve: Annotated[
+        bool, typer.Option("--solve/--no-solve", help="Solve clicks that the table does not hold, in another process.")
+    ] = True,
     page: Annotated[bool, typer.Option("--page", help="Show the run to browsers, by another process.")] = False,
     page_host: Annotated[str, typer.Option("--page-host", help="Bind the page to this address.")] = "127.0.0.1",
     page_port: Annotated[int, typer.Option("--page-port", min=0, max=65_535, help="The page's port; 0: any.")] = 0,
@@ -125,7 +129,11 @@ def run(
             asked = Watched(table_path, identity, zones, effects, capabilities, when_not_achieved, bit_rate_hz)
             return stack.enter_context(TableWatch(asked))
 
-        live = Live(table, source, port, clock, options, ring, reopening=found_again, watch=watched if watch else None)
+        solving = (
+            stack.enter_context(ClickProcess(table_path)) if solve and effects.have_clicks and table.clicks else None
+        )
+        watching = watched if watch else None
+        live = Live(table, source, port, clock, options, ring, found_again, watching, solving)
         if ring is not None and recording_path is not None:
             stack.enter_context(recorder_of(ring.path, recording_path, source, bus))
         if ring is not None and page:
@@ -194,9 +202,6 @@ def _announce(source: Source, port: SerialPort, live: Live, when_not_achieved: W
     simulated = ", SIMULATED firmware" if live.capabilities.board == BOARD_EMULATED else ""
     ERRORS.print(f"{source.name} to {port.path}{simulated}; Ctrl-C ends", markup=False, soft_wrap=True)
     if when_not_achieved is WhenNotAchieved.WARN:
-        for level_db, states in live.renderer.shortfalls.items():
-            if states:
-                note(f"{states} states do not reach {level_db:g} dB: they are played as strong as they get")
         for level_db, clicks in live.renderer.click_shortfalls.items():
             if clicks:
                 unfelt = "without being felt by quiet fingers: they are played as strong as they get"
@@ -227,8 +232,11 @@ def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
         "commands_mispredicted": fast.mispredicted,
         "clicks": live.clicks,
         "set_frames_on_the_wire": live.frames_sent,
-        "unknown_states": live.renderer.unknown_states,
-        "not_achieved_states": live.renderer.not_achieved_states,
+        "not_achieved": live.renderer.not_achieved,
+        "provisional": counters.provisional,
+        "clicks_solved": counters.learned,
+        "joined_fingers": counters.joined,
+        "fingers_left_out": counters.left_out,
         "changes_of_table": counters.swaps,
         "losses_of_the_port": counters.losses,
         "reconnects": counters.reconnects,
@@ -245,8 +253,11 @@ def _print_summary(summary: dict[str, Any]) -> None:
     told = [f"{summary[name]} {name.replace('_', ' ')}" for name in names]
     rare = (
         "commands_mispredicted",
-        "unknown_states",
-        "not_achieved_states",
+        "not_achieved",
+        "provisional",
+        "clicks_solved",
+        "joined_fingers",
+        "fingers_left_out",
         "changes_of_table",
         "losses_of_the_port",
         "reconnects",

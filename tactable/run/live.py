@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from engine.effects import DEFAULT_EFFECTS, Effects
 from engine.loop import (
+    ClickSolving,
     Clock,
     Dispatcher,
     Loop,
@@ -62,7 +63,8 @@ class Live:
     """The engine between a source and a port. Making one greets the device and encodes the table; `run` starts it.
 
     With `reopening` a run outlasts the loss of its port: the device is greeted and armed again once it is back. With
-    `watch`, called with the device's capabilities, it changes to new tables. `observer` gets the records of the run
+    `watch`, called with the device's capabilities, it changes to new tables; with `solving` it gets the clicks that the
+    table does not hold. `observer` gets the records of the run
     beside its own `timing`. The parts hold the counters, during the run and after it. Raises what they raise:
     DigitizerError, DescriptorError, LinkError, LimitError, RendererError.
     """
@@ -77,6 +79,7 @@ class Live:
         observer: Observer | None = None,
         reopening: Reopening | None = None,
         watch: Callable[[Capabilities], Updates] | None = None,
+        solving: ClickSolving | None = None,
         fast_path: Callable[..., FastPath] = FastPath,
     ) -> None:
         effects = options.effects
@@ -86,6 +89,7 @@ class Live:
         self.capabilities = connect(Session(greeting, port, clock.now_ns), clock)
         rendering = render_table(table, effects, self.capabilities, options.when_not_achieved, options.bit_rate_hz)
         self.renderer = rendering.renderer
+        self.renderer.prepare()
         self.link = FastLink(rendering.configuration)
         self.no_fast_path = ""
         """Why a fast path that was asked for cannot be had; "" otherwise."""
@@ -115,11 +119,12 @@ class Live:
             reconnect=options.reconnect,
             reopening=reopening,
             updates=None if watch is None else watch(self.capabilities),
+            solving=solving if self.clicks else None,
         )
 
     @property
     def clicks(self) -> int:
-        """Number of clicks that the device can play."""
+        """Number of the table's clicks that the device can play."""
         return self.renderer.playable_clicks
 
     @property

@@ -450,7 +450,15 @@ def test_where_nothing_is_said_to_change_nothing_does() -> None:
     effects = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, 20.0),))),))
     player = EffectPlayer(effects)
     seen = list[bool]()
-    path = ([], [touch(1, 10)], [touch(1, 10.4)], [touch(1, 10.6)], [touch(1, 10.2)], [touch(1, 10)], [])
+    path: Sequence[list[Touch]] = (
+        [],
+        [touch(1, 10)],
+        [touch(1, 10.4)],
+        [touch(1, 10.6)],
+        [touch(1, 10.2)],
+        [touch(1, 10)],
+        [],
+    )
     for touches in path:
         before = (player.placement, player.level_db, player.next_change_ns)
         seen.append(player.take(touches, 0))

@@ -11,42 +11,37 @@ from engine.effects.rules import click
 from engine.loop import Dispatcher, Loop, Trace, connect, open_pipeline
 from engine.render import Renderer, Rendering, link_configuration
 from engine.render.chosen_basis import choose_basis
-from engine.table import ClickEntry, Entry
-from engine.table.click import played_at
+from engine.render.clicks import RenderedClicks
+from engine.table import Clicks
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording
 from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware, Outcome
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Capabilities
 from firmware_link.host.session import Session
-from tests.engine.loop.rig import DEVICE, HELD, MS, VirtualLine, held, recording_of, report
-from tests.engine.made_clicks import click_of
-from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
+from tests.engine.loop.rig import DEVICE, HELD, MS, NO_CLICKS, VirtualLine, held, recording_of, report
+from tests.engine.made_clicks import click_of, in_zones, made_clicks
+from tests.engine.made_entries import LEVEL_DB
+from tests.engine.render.made_steady import MadeSteady
 
 CLICKS = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB)),))
 
 
 def rendering_of(
-    capabilities: Capabilities, frequency_hz: float, clicks: Sequence[ClickEntry] = (), effects: Effects = HELD
+    capabilities: Capabilities, frequency_hz: float, clicks: Clicks = NO_CLICKS, effects: Effects = HELD
 ) -> Rendering:
-    """A table whose entries all have one frequency."""
-    states = [states_of(DEVICE, [zone]) for zone in range(5)]
-    entries: list[Entry] = [entry_of(DEVICE, state, frequencies_hz=(frequency_hz,) * 2) for state in states]
+    """A table whose drives all have one frequency."""
     configuration = link_configuration(DEVICE, 1_000_000)
-    basis = choose_basis(clicks, capabilities, configuration.bit_rate_hz, configuration.lease_ms)
-    played = {level_db: [played_at(each, level_db) for each in clicks] for level_db in effects.levels_db}
-    return Rendering(
-        DEVICE,
-        Renderer({LEVEL_DB: entries}, DEVICE, capabilities, clicks=played, basis=basis),
-        replace(configuration, basis=basis.basis),
-        30 * MS,
-    )
+    basis = choose_basis(clicks.basis, capabilities, configuration.bit_rate_hz, configuration.lease_ms)
+    steady, rendered = MadeSteady(DEVICE, always_hz=frequency_hz), RenderedClicks(clicks, basis, refuses=False)
+    renderer = Renderer(DEVICE, capabilities, steady, rendered, effects.levels_db)
+    return Rendering(DEVICE, renderer, replace(configuration, basis=basis.basis), 30 * MS)
 
 
-def clicks_of(number: int, longer: int = 0) -> list[ClickEntry]:
-    """Clicks of single zones, told apart by their samples; `longer` ones are of another basis."""
-    made = [click_of(DEVICE, states_of(DEVICE, [zone]), level_db=26.0, count=121 + longer) for zone in range(5)]
-    return [replace(each, weights=np.full(2, number, np.int16)) for each in made]
+def clicks_of(number: int, longer: int = 0) -> Clicks:
+    """Clicks of single fingers in zones, told apart by their samples; `longer` ones are of another basis."""
+    made = [click_of(DEVICE, in_zones(DEVICE, [zone]), level_db=26.0, count=121 + longer) for zone in range(5)]
+    return made_clicks(DEVICE, [replace(each, weights=np.full(2, number, np.int16)) for each in made])
 
 
 @dataclass
@@ -76,7 +71,7 @@ class SwapLine(VirtualLine):
 class SwapRig:
     recording: Recording
     effects: Effects = HELD
-    clicks: Sequence[ClickEntry] = ()
+    clicks: Clicks = NO_CLICKS
     capacity_bytes: int = 1 << 18
 
     def __post_init__(self) -> None:
@@ -97,7 +92,7 @@ class SwapRig:
         edges = (source, self.line, self.trace)
         self.loop = Loop(pipeline, dispatcher, *edges, updates=self.updates)
 
-    def rendering(self, frequency_hz: float, clicks: Sequence[ClickEntry] = ()) -> Rendering:
+    def rendering(self, frequency_hz: float, clicks: Clicks = NO_CLICKS) -> Rendering:
         return rendering_of(self.capabilities, frequency_hz, clicks, self.effects)
 
     def run(self, *coming: tuple[float, Rendering]) -> "SwapRig":

@@ -17,11 +17,13 @@ class MadeSteady:
     """Drives of 100 Hz, and 1, 2, 4, 8, 16 Hz for felt zones I to V.
 
     0.25 Hz more where something is quiet, 0.5 Hz more at another level. `short_of` are zones in which no level is
-    reached. `solved` has every placement that was asked for, with its level.
+    reached; `always_hz` is one frequency for all. `solved` has every placement that was asked for, with its level.
     """
 
-    def __init__(self, device: Device, *, short_of: Collection[int] = (), refuses: bool = False) -> None:
-        self.device, self.short_of, self.refuses = device, short_of, refuses
+    def __init__(
+        self, device: Device, *, short_of: Collection[int] = (), refuses: bool = False, always_hz: float | None = None
+    ) -> None:
+        self.device, self.short_of, self.refuses, self.always_hz = device, short_of, refuses, always_hz
         self.solved: list[tuple[Placement, float]] = []
         self.prepared = 0
 
@@ -29,8 +31,10 @@ class MadeSteady:
         self.prepared += 1
 
     def frequency_hz(self, placement: Placement, level_db: float = LEVEL_DB) -> float:
+        if self.always_hz is not None:
+            return self.always_hz
         states = placement.zone_states(self.device)
-        felt = sum(2**zone for zone, state in enumerate(states) if state is ZoneState.FELT)
+        felt = sum(1 << zone for zone, state in enumerate(states) if state is ZoneState.FELT)
         return 100.0 + felt + 0.25 * bool(placement.quiet) + 0.5 * (level_db != LEVEL_DB)
 
     def rendered(self, placement: Placement, level_db: float) -> Rendered:
@@ -42,7 +46,7 @@ class MadeSteady:
         actuators = len(self.device.actuators)
         frequency_hz = self.frequency_hz(placement, level_db)
         solved = SimpleNamespace(
-            frequencies_hz=(frequency_hz,) * actuators, amplitudes=(0.5,) * actuators, phases_rad=(0.0,) * actuators
+            frequencies_hz=(frequency_hz,) * actuators, amplitudes=(1.0,) * actuators, phases_rad=(0.0,) * actuators
         )
         drive = encode_drive(clamp(solved, self.device).channels, RESOLUTION_HZ)
         return Rendered(DriveCommand(drive), is_achieved)
