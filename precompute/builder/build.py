@@ -1,16 +1,21 @@
-"""Building a table: responses, sweeps, entries and clicks of a device, written whole or not at all, in bounded memory.
+"""Building a table: responses, receptances, sweeps, entries and clicks of a device, written whole or not at all.
 
 A build writes a new file beside its target and takes over the parts of the earlier table that are still right
 (builder.incremental). It solves the others, verifies the file, and only then puts it in the earlier table's place, so
-that an engine never opens half a table. Clicks take longest: each is kept in a store beside the table once it is solved
-(clicks.store), so that an interrupted build loses seconds.
+that an engine never opens half a table. Memory is bounded, whatever the grid of the sweep.
+
+Clicks take longest, minutes for the thousands of placements at places 3 mm apart. Each is kept in a store beside the
+table once it is solved (clicks.store), so that an interrupted build loses seconds. And where no clicks of the device
+are there yet, a build may first put a whole table with coarse clicks in place (ClickOptions.coarse), which is usable
+after half a minute; then it solves the fine ones and replaces that table, and a running engine adopts it.
 """
 
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
+from enum import StrEnum
 from importlib import metadata
 from pathlib import Path
 
@@ -19,21 +24,25 @@ from threadpoolctl import threadpool_limits
 
 from engine.device import Device
 from engine.table import Table, TableError
-from engine.table.columns import write_clicks, write_entries
+from engine.table.click_columns import write_clicks
+from engine.table.clicks import Clicks
+from engine.table.columns import write_entries
 from engine.table.file import TableWriter
-from engine.touch import Placement, state_index
+from engine.table.receptance_columns import write_receptances
+from engine.touch.places import Places
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.cost import BuildCost
 from precompute.builder.incremental import DEFERRABLE, OUTDATED, BuildOptions, Part, input_fingerprint, is_compatible
 from precompute.builder.measured_responses import source_attributes, write_measured
-from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, solve_clicks
-from precompute.clicks.basis import lines_for
-from precompute.clicks.columns import ClickTabulator
+from precompute.clicks import DEFAULT_OPTIONS, ClickOptions
+from precompute.clicks.basis import click_basis, lines_for
 from precompute.clicks.plants import count_modes
 from precompute.clicks.store import ClickStore
+from precompute.clicks.tabulated import MOST_TABULATED, tabulate_clicks, tabulated_keys
+from precompute.entries.at_positions import search_frequencies
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES
-from precompute.entries.prediction import MadeFor, States, touched_zones
-from precompute.entries.solver import prepare_entries, solve_entries, tabulated_states
+from precompute.entries.prediction import MadeFor
+from precompute.entries.solver import prepare_entries, solve_entries
 from precompute.measurements.plant import measured_plant
 from precompute.measurements.responses import MeasuredResponses
 from precompute.model.assembly import Plant, assemble
@@ -41,16 +50,25 @@ from precompute.model.modal import compute_basis
 from precompute.parallel.interrupt import remembered_interrupt
 from precompute.parallel.pool import WorkerPool
 from precompute.sampling.bars import sampled_words
+from precompute.sampling.places import solve_place_receptances
 from precompute.sweep.grid import compute_grid_response, zone_points
 from precompute.sweep.tabulate import write_coherent_sweep, write_pair_sweep, write_responses
 
-MOST_ZONES_WITH_ALL_CLICKS = 5
-MOST_CLICKED_BEYOND = 3
-"""Fingers of a state that gets a click, by default, on a bar of more zones."""
 MEMORY_BUDGET_BYTES = 64 << 20
 """Default bound on the buffers of the sweep, whatever its grid."""
+COARSE_IN_PLACE = "coarse table"
+"""The step that is told when the table with coarse clicks is in place."""
 Progress = Callable[[str, float], None]
 """Called with what is being done and the fraction done."""
+
+
+class Coarse(StrEnum):
+    """Whether a build makes a table with coarse clicks, which is usable after half a minute."""
+
+    NEVER = "never"
+    FIRST = "first"
+    """Before the fine ones, where there are no clicks of this device yet."""
+    ONLY = "only"
 
 
 def _no_progress(step: str, fraction: float) -> None:
@@ -64,8 +82,9 @@ def build_table(
     created: str | None = None,
     objective: str = DEFAULT_OBJECTIVE,
     made_for: MadeFor = MadeFor.MEAN,
-    clicks_up_to: int | None = None,
+    clicks_up_to: int = MOST_TABULATED,
     click_options: ClickOptions = DEFAULT_OPTIONS,
+    coarse: Coarse = Coarse.NEVER,
     workers: int = 1,
     pool: WorkerPool | None = None,
     reuse: bool = True,
@@ -79,18 +98,19 @@ def build_table(
 
     `created` is the date to note, by default now; `objective` a name of precompute.entries.objective.OBJECTIVES.
     `made_for`: entries whose level and contrast hold for the mean, or in all but the worst 5 % of the sampled cases.
-    `clicks_up_to`: the most fingers that a state with a click has. By default that is every state of up to five zones,
-    and three fingers beyond; 0 makes no clicks. Entries and clicks are solved by `workers` processes, entries by a
-    `pool` where one is given. Clicks that were solved when a build is interrupted are kept beside the table for the
-    next build. With `reuse`, parts of a table at `path` are taken over if this code made them from inputs that have not
-    changed. With `clicks_later` its clicks are taken over whatever has changed, marked as outdated
-    (builder.incremental); a build without it makes them. The table that was at `path` is kept as the previous one; a
-    build that `completes` it keeps the one before. With `responses` the bar moves as it was measured, while the effect
-    of fingers, rise times and clicks remain the model's. Returns what it took; processes of a given `pool` go on, and
-    so are not counted.
+    `clicks_up_to`: the most fingers that have clicks, at all places of the options' pitch: 0, 1 or 2; more fingers are
+    solved when they come. `coarse`: a table with coarse clicks comes first, or is all. Entries and clicks are solved by
+    `workers` processes, entries by a `pool` where one is given. Clicks that were solved when a build is interrupted are
+    kept beside the table for the next build. With `reuse`, parts of a table at `path` are taken over if this code made
+    them from inputs that have not changed. With `clicks_later` its clicks are taken over whatever has changed, marked
+    as outdated (builder.incremental); a build without it makes them. The table that was at `path` is kept as the
+    previous one; a build that `completes` it keeps the one before. With `responses` the bar moves as it was measured,
+    while the effect of fingers, rise times and clicks remain the model's. Returns what it took; processes of a given
+    `pool` go on, and so are not counted.
 
-    Raises TableError if the table cannot be written, for an unknown objective, and for a device whose values are not
-    those of its text, since a table holds the text. Raises WorkerError where a worker process was killed.
+    Raises TableError if the table cannot be written, for an unknown objective or number of fingers, and for a device
+    whose values are not those of its text, since a table holds the text. Raises WorkerError where a worker process was
+    killed.
 
     >>> cost = build_table(Device.read("my-bar.toml"), "my-bar.nc", clicks_up_to=0)
     """
@@ -98,17 +118,17 @@ def build_table(
     if Device.parse(device.text, device.name).fingerprint != device.fingerprint:
         raise TableError(f"{device.name}: was changed after it was read; write the new values to a file and read it")
     sha256 = "" if responses is None else responses.sha256
-    most = _most_fingers(device, clicks_up_to)
-    options = BuildOptions(code_fingerprint(), objective, most, click_options, sha256, made_for)
+    options = BuildOptions(code_fingerprint(), objective, clicks_up_to, click_options, sha256, made_for)
     if objective not in OBJECTIVES:
         raise TableError(f"there is no objective {objective!r}; choose one of {', '.join(OBJECTIVES)}")
+    if not 0 <= clicks_up_to <= MOST_TABULATED:
+        raise TableError(f"clicks of up to {clicks_up_to} fingers: a table holds those of up to {MOST_TABULATED}")
     with threadpool_limits(1, "blas"), remembered_interrupt() as check:  # unpinned BLAS: 100 times slower when busy
         checked = _checked(progress, check)
         builder = _Builder(
             device, path, options, workers, pool, clicks_later, completes, responses, memory_budget_bytes, checked
         )
-        with _earlier(path, reuse) as earlier:
-            builder.build(created or datetime.now(UTC).isoformat(timespec="seconds"), earlier)
+        builder.build_steps(created or datetime.now(UTC).isoformat(timespec="seconds"), coarse, reuse)
     progress("done", 1.0)
     return builder.cost
 
@@ -119,13 +139,6 @@ def _checked(progress: Progress, check: Callable[[], None]) -> Progress:
         progress(step, fraction)
 
     return checked
-
-
-def _most_fingers(device: Device, clicks_up_to: int | None) -> int:
-    zones = len(device.zones)
-    if clicks_up_to is not None:
-        return clicks_up_to
-    return zones if zones <= MOST_ZONES_WITH_ALL_CLICKS else MOST_CLICKED_BEYOND
 
 
 def _model_attributes(plant: Plant, options: BuildOptions) -> dict[str, int | float]:
@@ -167,10 +180,41 @@ class _Builder:
     memory_budget_bytes: int
     progress: Progress
     cost: BuildCost = field(default_factory=BuildCost)
+    is_coarse: bool = False
+
+    def build_steps(self, created: str, coarse: Coarse, reuse: bool) -> None:
+        """The table with coarse clicks where it is wanted, and then, unless that is all, the table that is wanted."""
+        builder, rough = self, replace(self, is_coarse=True)
+        if coarse is not Coarse.NEVER and self.options.clicks_up_to and rough.click_options != self.click_options:
+            with _earlier(self.path, reuse) as earlier:
+                if coarse is Coarse.ONLY or not self._has_clicks(earlier):
+                    rough.build(created, earlier)
+                    builder, reuse = replace(self, completes=True), True
+                    self.progress(COARSE_IN_PLACE, 0.35)
+            if coarse is Coarse.ONLY:
+                return
+        with _earlier(self.path, reuse) as earlier:
+            builder.build(created, earlier)
+
+    @property
+    def click_options(self) -> ClickOptions:
+        """The options of the clicks that are solved."""
+        return self.options.click_options.coarse if self.is_coarse else self.options.click_options
+
+    def _has_clicks(self, table: Table | None) -> bool:
+        """Whether a table has clicks of this device, coarse ones or others."""
+        if table is None or not table.clicks:
+            return False
+        made = [each._click_inputs() for each in (self, replace(self, is_coarse=True))]
+        return table.attributes.get(Part.CLICKS.attribute) in made
+
+    def _click_inputs(self) -> str:
+        return input_fingerprint(Part.CLICKS, self.device, replace(self.options, click_options=self.click_options))
 
     def build(self, created: str, earlier: Table | None) -> None:
+        """One table, written and put in place."""
         device, options, progress = self.device, self.options, self.progress
-        inputs = {part: input_fingerprint(part, device, options) for part in Part}
+        inputs = {part: input_fingerprint(part, device, options) for part in Part} | {Part.CLICKS: self._click_inputs()}
         known = {part for part in Part if earlier and earlier.attributes.get(part.attribute) == inputs[part]}
         wanted = self._wanted()
         later = {part for part in DEFERRABLE if self.clicks_later and part in wanted - known}
@@ -192,6 +236,7 @@ class _Builder:
                     "made_for": options.made_for.value,
                     "clicks_up_to": options.clicks_up_to,
                     "click_options": json.dumps(asdict(options.click_options)),
+                    **self._click_attributes(earlier if later else None),
                     "spread_over": sampled_words(device, is_measured=self.responses is not None),
                     **_model_attributes(plant, options),
                     **source_attributes(self.responses),
@@ -209,10 +254,11 @@ class _Builder:
                 if Part.ENTRIES not in known:
                     with self.cost.measured("entries"):
                         self._write_entries(writer, plant, pool)
-            with self.cost.with_workers("clicks"), self.cost.measured("clicks"):
+            with self.cost.with_workers(self._clicks_step), self.cost.measured(self._clicks_step):
                 store = self._solve_clicks() if Part.CLICKS in wanted - known - later else None
                 if store and store.clicks:
-                    write_clicks(writer, [click for _, click in sorted(store.clicks.items())], device)
+                    clicks = [click for _, click in sorted(store.clicks.items())]
+                    write_clicks(writer, Clicks.of(self._places, clicks), device)
             progress("verify", 0.96)
         if store:
             store.path.unlink(missing_ok=True)  # nothing is left to resume
@@ -238,6 +284,8 @@ class _Builder:
         with self.cost.measured("responses"):
             grid = compute_grid_response(plant, self.device.sweep.frequency_hz, zone_points(self.device))
             write_responses(writer, plant, grid)
+            hz = search_frequencies(plant, compute_basis(plant))
+            write_receptances(writer, solve_place_receptances(plant, hz), self.device)
             if self.responses is not None:
                 write_measured(writer, self.device, self.responses)
         with self.cost.measured("sweep"):
@@ -256,21 +304,37 @@ class _Builder:
         # Written level by level.
         write_entries(writer, [entry for level in zip(*solved, strict=True) for entry in level], self.device)
 
+    @property
+    def _places(self) -> Places:
+        return Places.every(self.device.bar.length_m, self.click_options.pitch_m)
+
+    @property
+    def _clicks_step(self) -> str:
+        return "coarse clicks" if self.is_coarse else "clicks"
+
+    def _click_attributes(self, outdated: Table | None) -> dict[str, int | float]:
+        """How fine the clicks are: those of the `outdated` table that are kept, or those that are solved."""
+        if outdated is not None:
+            names = ("click_pitch_m", "click_tolerance_m", "clicks_are_coarse")
+            return {name: outdated.attributes[name].item() for name in names if name in outdated.attributes}
+        places = self._places
+        tolerance_m = self.click_options.at(places).tolerance_m
+        assert tolerance_m is not None  # `at` gives it
+        found: dict[str, int | float] = {"click_pitch_m": places.pitch_m, "click_tolerance_m": tolerance_m}
+        return found | ({"clicks_are_coarse": 1} if self.is_coarse else {})
+
     def _solve_clicks(self) -> ClickStore:
         """Every click, in a store that may already hold some from an interrupted build."""
-        device, click_options = self.device, self.options.click_options
-        tabulator = ClickTabulator(device, click_options)
-        with ClickStore(self.path, input_fingerprint(Part.CLICKS, device, self.options), tabulator.basis) as store:
-            states = self._states(self.options.clicks_up_to)
-            left = [state for state in states if state_index(state) not in store.clicks]
-            state_of = {Placement.in_zones(device, state): state for state in left}
-            for click in solve_clicks(device, click_options, list(state_of), self.workers):
-                store.add(tabulator.tabulate(state_of[click.placement], click))
-                self.cost.clicks += 1
-                self.cost.effort += click.effort
-                self.progress("clicks", 0.35 + 0.6 * len(store.clicks) / len(states))
+        device, options, places = self.device, self.click_options, self._places
+        with ClickStore(self.path, self._click_inputs(), click_basis(device, options), places) as store:
+            keys = tabulated_keys(places, self.options.clicks_up_to)
+            left = [key for key in keys if key not in store.clicks]
+            for click, effort in tabulate_clicks(device, options, places, left, self.workers):
+                store.add(click)
+                self.cost.effort += effort
+                if self.is_coarse:
+                    self.cost.coarse_clicks += 1
+                else:
+                    self.cost.clicks += 1
+                self.progress(self._clicks_step, 0.35 + 0.6 * len(store.clicks) / len(keys))
         return store
-
-    def _states(self, fingers: int) -> list[States]:
-        """The tabulated states of at most `fingers` fingers."""
-        return [state for state in tabulated_states(self.device) if len(touched_zones(state)) <= fingers]

@@ -1,10 +1,11 @@
 """Incremental builds: which parts of a table are still right, and which must be computed again.
 
-A table has three parts: the responses of the bar with their sweeps, the entries, and the clicks. For each part it holds
-the fingerprint of the inputs that the part was computed from: the code, the values of the device that the part
-depends on, and the options of the build. A part of an earlier table is taken over only if that fingerprint is equal.
-Values are left out of a fingerprint where the part provably does not depend on them (a name, a lease, for clicks the
-sweep), and everything else is in it, so that a value which is added to the device makes parts stale rather than wrong.
+A table has three parts: the responses of the bar with its receptances and sweeps, the entries, and the clicks. For each
+part it holds the fingerprint of the inputs that the part was computed from: the code, the values of the device that the
+part depends on, and the options of the build. A part of an earlier table is taken over only if that fingerprint is
+equal. Values are left out of a fingerprint where the part provably does not depend on them (a name, a lease, for clicks
+the sweep), and everything else is in it, so that a value which is added to the device makes parts stale rather than
+wrong.
 
 Clicks are deferrable, since they take minutes: a build may keep those of the earlier table for a device that has
 changed, provided that they can be played on it. They are then named as outdated, and carry no fingerprint until a later
@@ -38,7 +39,8 @@ class Part(StrEnum):
     @property
     def groups(self) -> tuple[str, ...]:
         """The groups of the file that hold the part."""
-        return ("responses", "sweep", "coherent_sweep", "measured") if self is Part.RESPONSES else (self.value,)
+        of_responses = ("responses", "receptances", "sweep", "coherent_sweep", "measured")
+        return of_responses if self is Part.RESPONSES else (self.value,)
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,8 @@ OUTDATED = "outdated"
 DEFERRABLE = (Part.CLICKS,)
 """Parts that a build may leave for later."""
 
-# Responses are those of the untouched bar.
-_RESPONSES = ("bar", "actuators", "zones", "sweep")
+# Responses are those of the untouched bar, receptances at frequencies that the resonances under fingers decide.
+_RESPONSES = ("bar", "actuators", "zones", "sweep", "finger")
 # Only the engine or a person reads these.
 _IDLE = ("name", "description", "zone_hysteresis_m", "touch_axis", "inferred", "text")
 
@@ -89,6 +91,7 @@ def input_fingerprint(part: Part, device: Device, options: BuildOptions) -> str:
     match part:
         case Part.RESPONSES:
             values = {key: values[key] for key in _RESPONSES}
+            values["finger"].pop("spread")
             chosen["responses"] = options.responses_sha256
         case Part.ENTRIES:
             chosen |= {"objective": options.objective, "responses": options.responses_sha256}
@@ -114,6 +117,7 @@ def is_current(table: Table, device: Device, options: BuildOptions) -> bool:
 
 
 def is_compatible(before: Device, device: Device) -> bool:
-    """Whether what was made for a device may be played on another: the same zones, actuators and limits."""
+    """Whether what was made for a device may be played on another: the same length, zones, actuators and limits."""
     names = [[actuator.name for actuator in each.actuators] for each in (before, device)]
-    return before.zones == device.zones and before.limits == device.limits and names[0] == names[1]
+    is_as_long = before.bar.length_m == device.bar.length_m
+    return is_as_long and before.zones == device.zones and before.limits == device.limits and names[0] == names[1]

@@ -1,6 +1,6 @@
-"""Best clicks of all states of the fingers by linear programs over sampled plants; solver.py says what a click is."""
+"""Best clicks of placements of the fingers by linear programs over sampled plants; solver.py says what a click is."""
 
 from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
-from precompute.clicks.solver import Click, ClickSolver, solve_clicks
+from precompute.clicks.solver import Click, ClickSolver
 
-__all__ = ["DEFAULT_OPTIONS", "Click", "ClickOptions", "ClickSolver", "solve_clicks"]
+__all__ = ["DEFAULT_OPTIONS", "Click", "ClickOptions", "ClickSolver"]

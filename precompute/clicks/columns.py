@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.table import ClickEntry
-from engine.table.click import ClickZone, LevelSpread
+from engine.table.click import ClickFinger, LevelSpread
 from precompute.clicks.basis import (
     EVALUATION_RATE_HZ,
     EVALUATIONS_PER_SAMPLE,
@@ -19,7 +19,6 @@ from precompute.clicks.basis import (
 )
 from precompute.clicks.options import ClickOptions
 from precompute.clicks.solver import Click
-from precompute.entries.prediction import States, touched_zones
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter
@@ -42,6 +41,7 @@ class ClickTabulator:
     def __init__(self, device: Device, options: ClickOptions) -> None:
         self.basis = click_basis(device, options)
         self._device, self._lengths_s = device, options.lengths_s
+        self._tolerance_m = device.spread.finger_position_m if options.tolerance_m is None else options.tolerance_m
         self._wanted_level_db = np.inf if options.wanted_db is None else options.wanted_db
         self._levels_db = (*device.levels_db, np.inf)
         self._modes = compute_basis(assemble(device))
@@ -49,18 +49,15 @@ class ClickTabulator:
         self._plant_of = lru_cache(maxsize=4)(self._make_plant)
         """The nominal plant with fingers at a tuple of positions; clicks with the same fingers come together."""
 
-    def tabulate(self, states: States, click: Click) -> ClickEntry:
-        """The row of a state: the click for fingers in the middles of its zones."""
-        evaluation, touched = click.evaluation, touched_zones(states)
+    def tabulate(self, click: Click) -> ClickEntry:
+        """The row of a click for any placement."""
+        evaluation = click.evaluation
         assert click.weights is not None  # only baselines have none, and no table holds them
         acceleration, weighted = self._nominal(click.waveform.T, click.placement.position_m)
         felt = weighted[:, click.placement.felt]
-        zones: dict[int, ClickZone] = {
-            zone: ClickZone(float(acceleration[:, i].max()), _decibels(weighted[:, i].max()))
-            for i, zone in enumerate(touched)
-        }
         return ClickEntry(
-            states=states,
+            placement=click.placement,
+            tolerance_m=self._tolerance_m,
             basis=self.basis,
             basis_set=self._lengths_s.index(click.length_s),
             weights=click.weights.words,
@@ -70,7 +67,10 @@ class ClickTabulator:
             achieved=click.achieved,
             felt=LevelSpread(*astuple(evaluation.felt)),
             quiet=None if evaluation.quiet is None else LevelSpread(*astuple(evaluation.quiet)),
-            zones=tuple(zones.get(zone) for zone in range(len(states))),
+            fingers=tuple(
+                ClickFinger(float(acceleration[:, i].max()), _decibels(weighted[:, i].max()))
+                for i in range(len(click.placement.position_m))
+            ),
             exceeds_s={
                 level_db: self._exceeds_s(felt, level_db, evaluation.felt.low_db) for level_db in self._levels_db
             },

@@ -1,6 +1,6 @@
 """Evaluation of a waveform on sampled plants: levels under the fingers, their spread, and when they come."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,12 +16,16 @@ _SILENT = 1e-15
 
 @dataclass(frozen=True)
 class Levels:
-    """Peak levels in dB above the detection threshold: of the nominal plant, and 5th, 50th and 95th percentile."""
+    """Peak levels in dB above the detection threshold: of the nominal plant, and 5th, 50th and 95th percentile.
+
+    worst_db: of all plants, the weakest where felt, and the strongest where quiet.
+    """
 
     nominal_db: float
     low_db: float
     middle_db: float
     high_db: float
+    worst_db: float
 
 
 @dataclass(frozen=True)
@@ -48,8 +52,8 @@ def evaluate_waveform(
     nominal = np.abs(responses.first(1).under(felt).play(waveform)[0])
     above = nominal > 1
     return Evaluation(
-        felt=_levels(level_db[:, : len(felt)].min(axis=1)),
-        quiet=_levels(level_db[:, len(felt) :].max(axis=1)) if quiet else None,
+        felt=_levels(level_db[:, : len(felt)].min(axis=1), np.min),
+        quiet=_levels(level_db[:, len(felt) :].max(axis=1), np.max) if quiet else None,
         exceeds_s=float(above.argmax(axis=1).max() / EVALUATION_RATE_HZ) if above.any(axis=1).all() else None,
         peak_s=float(nominal.argmax(axis=1).max() / EVALUATION_RATE_HZ),
         residual_from_s=residual_from_s,
@@ -63,6 +67,6 @@ def decibels(value: Array | float) -> Array:
     return level_db
 
 
-def _levels(level_db: Array) -> Levels:
+def _levels(level_db: Array, worst: Callable[[Array], np.float64]) -> Levels:
     low, middle, high = np.percentile(level_db[1:], [5, 50, 95]).tolist()
-    return Levels(float(level_db[0]), low, middle, high)
+    return Levels(float(level_db[0]), low, middle, high, float(worst(level_db)))

@@ -1,6 +1,12 @@
-"""Options of the clicks of a device."""
+"""Options of the clicks of a device, and those of the coarse clicks that a table has until its own are solved."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from engine.touch.places import Places
+
+DIGITIZER_TOLERANCE_M = 1e-3
+"""A finger lies within this distance of where the digitizer tells."""
+COARSE_PITCH_M = 12e-3
 
 
 @dataclass(frozen=True)
@@ -10,9 +16,10 @@ class ClickOptions:
     lengths_s: tried in turn until one reaches `wanted_db`. wanted_db: level that every felt finger reaches in 95 % of
     the sampled plants, and no more; None: the strongest. quiet_db: level that no quiet finger exceeds in 95 % of them.
     brake_s: time from which the felt fingers are limited like the quiet ones. slew_per_s: limit of the rate of
-    displacement, full scales a second. tolerance_m: a finger lies within this distance of its place; None: within
-    that of the device's spread. crowding: tones for each 1/length of an actuator's band. scenarios, trimmed, judged:
-    numbers of sampled plants to optimise over, to trim on and to evaluate with; each has a seed of its own.
+    displacement, full scales a second. pitch_m: greatest distance of neighbouring places of a table. tolerance_m: a
+    finger lies within this distance of its place; None: within that of the device's spread, or in a table within half a
+    pitch and what the digitizer leaves. crowding: tones for each 1/length of an actuator's band. scenarios, trimmed,
+    judged: numbers of sampled plants to optimise over, to trim on and to evaluate with; each has a seed of its own.
     """
 
     lengths_s: tuple[float, ...] = (0.03,)
@@ -20,12 +27,26 @@ class ClickOptions:
     quiet_db: float = 0.4
     brake_s: float | None = None
     slew_per_s: float | None = None
+    pitch_m: float = 3e-3
     tolerance_m: float | None = None
     crowding: float = 1.5
     scenarios: int = 40
     trimmed: int = 800
     judged: int = 200
     seed: int = 1
+
+    def at(self, places: Places) -> "ClickOptions":
+        """The options for clicks that are tabulated at these places."""
+        if self.tolerance_m is not None:
+            return self
+        return replace(self, tolerance_m=places.pitch_m / 2 + DIGITIZER_TOLERANCE_M)
+
+    @property
+    def coarse(self) -> "ClickOptions":
+        """Options of clicks that are solved in seconds: fewer places and sampled plants, with promises as honest."""
+        pitch_m = max(self.pitch_m, COARSE_PITCH_M)
+        few = {"scenarios": 20, "trimmed": 200, "judged": 100}
+        return replace(self, pitch_m=pitch_m, **{name: min(count, getattr(self, name)) for name, count in few.items()})
 
 
 DEFAULT_OPTIONS = ClickOptions()

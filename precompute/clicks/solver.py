@@ -21,11 +21,9 @@ words that travel (quantise.py), the waveform that the device makes of them is e
 `ClickSolver.solve` tries the asked lengths in turn and keeps the first that reaches the wanted level.
 """
 
-from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
-from itertools import groupby
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +39,6 @@ from precompute.clicks.plants import SampledPlants, count_modes
 from precompute.clicks.program import Effort
 from precompute.clicks.quantise import QuantisedWeights, quantise
 from precompute.clicks.responses import Responses
-from precompute.parallel.pool import solve_in_processes
 from precompute.sampling.plants import sample_scenarios
 
 Array = NDArray[np.float64]
@@ -52,8 +49,6 @@ PEAK = "peak"
 """Name of the objective of the linear program: the peak under the weakest felt finger."""
 RESIDUAL_S = 0.03
 """Time after the end of a click from which its residual is evaluated, unless a brake states the time."""
-_MOST_TOGETHER = 16
-"""Most clicks that a process solves in one piece: they share responses, but large pieces keep processes waiting."""
 
 
 @dataclass(frozen=True)
@@ -78,37 +73,6 @@ class Click:
     bound_db: float
     gap_db: float
     effort: Effort
-
-
-def solve_clicks(
-    device: Device, options: ClickOptions, placements: Sequence[Placement], workers: int = 1
-) -> Iterator[Click]:
-    """Clicks of some placements on a device, in any order, solved by `workers` processes (1: this one).
-
-    The result does not depend on the number of processes. Raises WorkerError if a process was killed, ProgramError if
-    a linear program failed.
-    """
-    chunks = chunks_of(placements)
-    if not chunks:
-        return
-    if workers == 1:
-        solver = ClickSolver(device, options)
-        yield from (solver.solve(placement) for chunk in chunks for placement in chunk)
-    else:
-        yield from solve_in_processes(partial(_begin, device, options), chunks, workers)
-
-
-def _begin(device: Device, options: ClickOptions) -> Callable[[Placement], Click]:
-    return ClickSolver(device, options).solve
-
-
-def chunks_of(placements: Sequence[Placement]) -> list[list[Placement]]:
-    """Placements in pieces with fingers at the same places, which share their responses; the longest piece first."""
-    alike = [list(group) for _, group in groupby(sorted(placements), key=lambda placement: placement.position_m)]
-    chunks = [
-        group[start : start + _MOST_TOGETHER] for group in alike for start in range(0, len(group), _MOST_TOGETHER)
-    ]
-    return sorted(chunks, key=lambda chunk: -len(chunk) * len(chunk[0].position_m))
 
 
 class ClickSolver:

@@ -3,7 +3,7 @@
 import json
 import zlib
 from collections.abc import Iterator
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -11,22 +11,24 @@ from typing import Any
 import numpy as np
 
 from engine.table import ClickEntry
-from engine.table.click import ClickZone, LevelSpread
-from engine.touch import ZoneState
+from engine.table.click import ClickFinger, LevelSpread
+from engine.touch import Placement
+from engine.touch.places import Key, Places
 from firmware_link.protocol.basis import Basis
 
 
 class ClickStore:
     """An open journal with a line for each click of a basis; clicks of another device, code or options are dropped."""
 
-    def __init__(self, table: Path, belongs_to: str, basis: Basis) -> None:
+    def __init__(self, table: Path, belongs_to: str, basis: Basis, places: Places) -> None:
         self.path = table.with_name(f".{table.name}.clicks")
-        self.clicks: dict[int, ClickEntry] = {}
-        """Clicks by state."""
+        self._basis, self._places = basis, places
+        self.clicks: dict[Key, ClickEntry] = {}
+        """Clicks by the key of their placement."""
         lines = list(_sound_lines(self.path))
         head = {"belongs_to": belongs_to}
         if lines and lines[0] == head:
-            self.clicks = {click.index: click for click in (_decode(line, basis) for line in lines[1:])}
+            self.clicks = {places.key(click.placement): click for click in (_decode(line, basis) for line in lines[1:])}
         self._file = self.path.open("w", encoding="utf-8")
         self._write(head)
         for click in self.clicks.values():
@@ -43,8 +45,8 @@ class ClickStore:
             self.path.unlink()
 
     def add(self, click: ClickEntry) -> None:
-        """Add a click and flush it."""
-        self.clicks[click.index] = click
+        """Add a click, which may hold another copy of the basis, and flush it."""
+        self.clicks[self._places.key(click.placement)] = replace(click, basis=self._basis)
         self._write(_encode(click))
 
     def _write(self, value: Any) -> None:
@@ -72,11 +74,11 @@ def _encode(click: ClickEntry) -> dict[str, Any]:
 def _decode(values: dict[str, Any], basis: Basis) -> ClickEntry:
     made = {
         "basis": basis,
-        "states": tuple(ZoneState(state) for state in values["states"]),
+        "placement": Placement(**{key: tuple(each) for key, each in values["placement"].items()}),
         "weights": np.array(values["weights"], dtype=np.int16),
         "felt": LevelSpread(**values["felt"]),
         "quiet": None if values["quiet"] is None else LevelSpread(**values["quiet"]),
-        "zones": tuple(None if zone is None else ClickZone(**zone) for zone in values["zones"]),
+        "fingers": tuple(ClickFinger(**finger) for finger in values["fingers"]),
         "exceeds_s": dict(values["exceeds_s"]),
     }
     return ClickEntry(**values | made)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.steady.cases import FingerCases, cases_at, sample_deviations
+from engine.steady.receptances import Receptances
 from engine.steady.solver import SteadyDrive, SteadySolver
 from engine.table.entry import EntrySpread, Percentiles
 from precompute.entries.performance import compute_figures
@@ -54,12 +55,17 @@ class PlacementFigures:
 
 
 class SteadyDesigner:
-    """Solves drives for placements on one device, and computes their figures. Making one takes about a second."""
+    """Solves drives for placements on one device, and computes their figures.
 
-    def __init__(self, device: Device, plant: Plant | None = None) -> None:
+    `receptances` are those of its table; without them they are solved, which takes about a second.
+    """
+
+    def __init__(self, device: Device, plant: Plant | None = None, receptances: Receptances | None = None) -> None:
         self.plant = plant or assemble(device)
         self.basis = compute_basis(self.plant)
-        self.receptances = solve_place_receptances(self.plant, search_frequencies(self.plant, self.basis))
+        self.receptances = receptances or solve_place_receptances(
+            self.plant, search_frequencies(self.plant, self.basis)
+        )
         self.solver = SteadySolver(device, self.receptances)
 
     def solve(self, positions_m: Sequence[float], felt: Sequence[bool], level_db: float) -> PlacementFigures:

@@ -12,6 +12,7 @@ from engine.plain import to_plain
 from firmware_link.protocol.errors import TactableError
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.calibration.misfit import Loss
+from precompute.clicks.tabulated import MOST_TABULATED
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES
 
 NAME = re.compile(r"[\w+-][\w.+-]{0,63}")
@@ -46,7 +47,7 @@ class FleetOptions:
     """
 
     objective: str = DEFAULT_OBJECTIVE
-    clicks_up_to: int | None = None
+    clicks_up_to: int = MOST_TABULATED
     loss: str = "robust"
     parameters: tuple[str, ...] | None = None
     also: tuple[str, ...] = ()

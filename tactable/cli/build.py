@@ -21,6 +21,7 @@ from tactable.cli.options import (
     ClicksUpTo,
     DeviceArgument,
     Objective,
+    OptionError,
     SensorMass,
     TableArgument,
     Workers,
@@ -31,6 +32,8 @@ from tactable.shipped import find_device, find_device_file
 if TYPE_CHECKING:
     from precompute.builder.cost import BuildCost
 
+FINEST_PITCH_M = 1e-3
+"""What digitizers tell; half as fine a pitch is four times as many clicks."""
 LOOK_S = 0.5
 """Time between two looks at a watched description."""
 
@@ -47,6 +50,13 @@ def build(
         ),
     ] = MadeFor.MEAN,
     clicks_up_to: ClicksUpTo = None,
+    pitch: Annotated[
+        str, typer.Option(help="Clicks are made for fingers at places this far apart; finer takes longer.")
+    ] = "3 mm",
+    coarse: Annotated[
+        bool,
+        typer.Option("--coarse", help="Stop at the table with coarse clicks, which else comes before the fine ones."),
+    ] = False,
     workers: Workers = None,
     reuse: Annotated[
         bool, typer.Option(help="Take from the table that is there whatever the device's changes do not affect.")
@@ -64,26 +74,44 @@ def build(
 ) -> None:
     """Build the table of a device; an interrupted build continues.
 
-    A table that is there is replaced when the new one is whole; `tactable rollback` puts it back.
+    A table that is there is replaced when the new one is whole; `tactable rollback` puts it back. Where it has no
+    clicks of this device, a table with coarse clicks comes first, after half a minute, and a run may play it at once.
     """
-    from precompute.builder.build import build_table
+    from precompute.builder.build import COARSE_IN_PLACE, Coarse, build_table
+    from precompute.clicks import ClickOptions
+    from precompute.clicks.tabulated import MOST_TABULATED
     from precompute.measurements.responses import read_responses
     from precompute.parallel.pool import available_cores
 
     mass_kg = read_option("--sensor-mass", sensor_mass, "kg")
+    pitch_m = read_option("--pitch", pitch, "m")
+    if pitch_m < FINEST_PITCH_M:
+        raise OptionError(
+            f"--pitch {pitch!r}: expected at least {1e3 * FINEST_PITCH_M:g} mm; a table has two fingers at "
+            "every pair of places"
+        )
 
     def build_device(device: Device) -> None:
         path = output or Path(f"{device.name}.nc")
         measured = None if responses is None else read_responses(responses, device, mass_kg)
-        with shown_progress(as_json) as progress:
+        # Clicks are computed by the model in time: with measured responses only where they are asked for.
+        fingers = (0 if measured else MOST_TABULATED) if clicks_up_to is None else clicks_up_to
+        with shown_progress(as_json) as show:
+
+            def progress(step: str, fraction: float) -> None:
+                show(step, fraction)
+                if step == COARSE_IN_PLACE and not as_json:
+                    remark(f"{path}: usable, with coarse clicks; the fine ones follow")
+
             cost = build_table(
                 device,
                 path,
                 created=datetime.now(UTC).isoformat(timespec="seconds"),
                 objective=objective,
                 made_for=made_for,
-                # Clicks are computed by the model in time: with measured responses only where they are asked for.
-                clicks_up_to=0 if measured and clicks_up_to is None else clicks_up_to,
+                clicks_up_to=fingers,
+                click_options=ClickOptions(pitch_m=pitch_m),
+                coarse=Coarse.ONLY if coarse else Coarse.FIRST,
                 workers=workers or available_cores(),
                 reuse=reuse,
                 responses=measured,
@@ -127,10 +155,17 @@ def _print_built(path: Path, device: Device, responses: Path | None, cost: "Buil
             "fingerprint": device.fingerprint,
             "entries": len(table.entries),
             "clicks": len(table.clicks),
+            "click_pitch_m": table.places.pitch_m,
+            "clicks_are_coarse": "clicks_are_coarse" in table.attributes,
             "bytes": path.stat().st_size,
             "source": str(table.attributes["source"]),
             "processor_s": cost.processor_s,
-            "solved": {"states": cost.states, "clicks": cost.clicks, **to_plain(cost.effort)},
+            "solved": {
+                "states": cost.states,
+                "coarse_clicks": cost.coarse_clicks,
+                "clicks": cost.clicks,
+                **to_plain(cost.effort),
+            },
             "estimates": len(device.estimated_values),
             "model": model_figures(table),
             **({} if responses is None else interpolation_errors_of(table)),
@@ -139,7 +174,7 @@ def _print_built(path: Path, device: Device, responses: Path | None, cost: "Buil
     if as_json:
         print_json(summary)
         return
-    counts = f"{summary['entries']} entries, {summary['clicks']} clicks"
+    counts = f"{summary['entries']} entries, {summary['clicks']} {_clicks_text(summary)}"
     say(f"{path}: {counts}, {summary['bytes'] / 1e6:.0f} MB, for {device.name}")
     say(_cost_text(cost))
     say(f"fingerprint {device.fingerprint[:16]}; {len(device.estimated_values)} values of the device are estimates")
@@ -148,10 +183,18 @@ def _print_built(path: Path, device: Device, responses: Path | None, cost: "Buil
         say(f"built from {summary['source']} in {responses}; {_doubts_text(summary)}")
 
 
+def _clicks_text(summary: Mapping[str, Any]) -> str:
+    if not summary["clicks"]:
+        return "clicks"
+    coarse = "coarse clicks" if summary["clicks_are_coarse"] else "clicks"
+    return f"{coarse} at places {1e3 * summary['click_pitch_m']:.3g} mm apart"
+
+
 def _cost_text(cost: "BuildCost") -> str:
     times = ", ".join(f"{step} {taken_s:.1f} s" for step, taken_s in cost.processor_s.items())
     effort = cost.effort
-    solved = f"{cost.states} states; {cost.clicks} clicks from {effort.plants} plants, {effort.programs} programs"
+    clicks = f"{cost.clicks + cost.coarse_clicks} clicks from {effort.plants} plants, {effort.programs} programs"
+    solved = f"{cost.states} states; {clicks}"
     return f"processor time: {times}; solved {solved}, {effort.pivots} pivots, {effort.fallbacks} fallbacks"
 
 

@@ -45,6 +45,7 @@ def fleet(
     Exit status 3: a unit failed.
     """
     from engine.files import replace_file
+    from precompute.clicks.tabulated import MOST_TABULATED
     from precompute.fleet.plan import plan_fleet
     from precompute.fleet.run import run_fleet, run_here, run_on_processes, run_on_scheduler
     from precompute.fleet.summary import summarise, summary_csv, summary_json
@@ -54,7 +55,7 @@ def fleet(
         raise OptionError("--workers and --scheduler: give one of them; a scheduler has its own workers")
     options = FleetOptions(
         objective=objective,
-        clicks_up_to=clicks_up_to,
+        clicks_up_to=MOST_TABULATED if clicks_up_to is None else clicks_up_to,
         loss=loss,
         parameters=tuple(fit) if fit else None,
         also=tuple(also or ()),

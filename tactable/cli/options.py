@@ -47,7 +47,7 @@ Objective = Annotated[
 ]
 ClicksUpTo = Annotated[
     int | None,
-    typer.Option(min=0, help="Most fingers of a state that gets a click; default: all, or 3 beyond five zones."),
+    typer.Option(min=0, max=2, help="Most fingers that get clicks ahead, by default 2; more are solved as they come."),
 ]
 Fit = Annotated[
     list[str] | None,

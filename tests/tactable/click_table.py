@@ -1,4 +1,4 @@
-"""A small table with clicks: three zones, few plants, every state of one and of two fingers."""
+"""A small table with clicks: three zones, few plants, one and two fingers at seven places."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from precompute.builder.build import build_table
 from precompute.clicks import ClickOptions
 from tests.precompute.builder.test_build import SMALL
 
-CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=4, trimmed=10, judged=20)
+CHEAP = ClickOptions(lengths_s=(0.02,), pitch_m=46.6e-3, scenarios=4, trimmed=10, judged=20)
 FINGERS = 2
 
 

@@ -7,22 +7,25 @@ import pytest
 import xarray
 
 from engine.device import Device
-from engine.table import ClickEntry, Table
-from engine.touch import ZoneState
-from precompute.builder.build import build_table
+from engine.table import ClickEntry, Table, TableError
+from engine.table.history import previous_of
+from engine.touch.places import Places
+from precompute.builder.build import COARSE_IN_PLACE, Coarse, build_table
 from precompute.clicks import ClickOptions, ClickSolver
 from precompute.clicks.basis import EVALUATION_RATE_HZ
 from precompute.clicks.store import ClickStore
-from precompute.entries.solver import tabulated_states
+from precompute.clicks.tabulated import tabulated_keys
 from tests.engine.made_clicks import basis_of, click_of
 from tests.precompute.builder.test_build import SMALL
 
-CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=4, trimmed=10, judged=20)
+CHEAP = ClickOptions(lengths_s=(0.02,), pitch_m=93.2e-3, scenarios=4, trimmed=10, judged=20)
 DEVICE = Device.parse(SMALL, "bar")
-STATES = 19  # 3^3 - 2^3
+PLACES = Places(DEVICE.bar.length_m, 4)
+KEYS = tabulated_keys(PLACES, 2)
+CLICKS = 4 + 3 * 6  # one finger at each place, and the roles of each pair
 
 
-def build(path: Path, device: Device = DEVICE, clicks_up_to: int | None = None, **stop: int) -> list[str]:
+def build(path: Path, device: Device = DEVICE, clicks_up_to: int = 2, **stop: int) -> list[str]:
     """Build a table; `stop`: after so many clicks by Ctrl-C. Returns the steps that were told."""
     told = list[str]()
 
@@ -51,27 +54,36 @@ def table(path: Path) -> Table:
 def same(one: ClickEntry, other: ClickEntry) -> bool:
     return (
         np.array_equal(one.samples, other.samples)
-        and (one.states, one.felt, one.quiet, one.zones) == (other.states, other.felt, other.quiet, other.zones)
+        and (one.placement, one.felt, one.quiet, one.fingers)
+        == (other.placement, other.felt, other.quiet, other.fingers)
         and one.exceeds_s == other.exceeds_s
     )
 
 
-def test_every_state_with_a_felt_zone_has_its_click(table: Table) -> None:
-    assert [click.states for click in table.clicks] == tabulated_states(DEVICE)
-    assert len(table.clicks) == STATES
+def test_every_placement_of_one_and_two_fingers_has_its_click(table: Table) -> None:
+    assert table.places == PLACES and len(table.clicks) == CLICKS
+    keys = {table.clicks.key_of(row) for row in range(CLICKS)}
+    assert keys == set(tabulated_keys(PLACES, 2)) and len(keys) == CLICKS
 
 
-def test_a_click_s_figures_of_the_nominal_plant_agree_with_its_verdict(table: Table) -> None:
+def test_a_table_says_how_far_fingers_may_lie_from_their_places(table: Table) -> None:
+    tolerance_m = PLACES.pitch_m / 2 + 1e-3
+    assert table.attributes["click_pitch_m"] == PLACES.pitch_m
+    assert table.attributes["click_tolerance_m"] == pytest.approx(tolerance_m)
+    assert all(click.tolerance_m == pytest.approx(tolerance_m) for click in table.clicks)
+    assert "clicks_are_coarse" not in table.attributes
+
+
+def test_a_click_s_figures_of_the_nominal_plant_agree_with_its_evaluation(table: Table) -> None:
     for click in table.clicks:
-        levels = {kind: [] for kind in ZoneState}  # type: dict[ZoneState, list[float]]
-        for state, zone in zip(click.states, click.zones, strict=True):
-            assert (zone is None) == (state is ZoneState.FREE)
-            if zone is not None:
-                levels[state].append(zone.level_db)
+        levels_db = [finger.level_db for finger in click.fingers]
         # Two ways to the same figure: closed-form sample responses, and the time-domain plant at a finer step.
-        assert min(levels[ZoneState.FELT]) == pytest.approx(click.felt.nominal_db, abs=0.06)
+        assert min(levels_db[i] for i in click.placement.felt) == pytest.approx(click.felt.nominal_db, abs=0.06)
+        assert click.felt.worst_db <= click.felt.low_db <= click.felt.middle_db <= click.felt.high_db
         if click.quiet is not None:
-            assert max(levels[ZoneState.QUIET]) == pytest.approx(click.quiet.nominal_db, abs=0.06)
+            quiet_db = max(levels_db[i] for i in click.placement.quiet)
+            assert quiet_db == pytest.approx(click.quiet.nominal_db, abs=0.06)
+            assert click.quiet.worst_db >= click.quiet.high_db
         softest, *_, full = click.exceeds_s.values()
         assert full is not None
         assert softest is None or full <= softest
@@ -99,10 +111,12 @@ def test_other_programs_make_the_waveforms_of_basis_and_weights(path: Path, tabl
 def test_clicks_for_few_fingers_only(tmp_path: Path) -> None:
     build(tmp_path / "bar.nc", clicks_up_to=1)
     with Table.open(tmp_path / "bar.nc") as few:
-        assert [click.fingers for click in few.clicks] == [1] * 3
+        assert [click.placement.position_m for click in few.clicks] == [(at_m,) for at_m in PLACES.position_m]
     assert "clicks" not in build(tmp_path / "none.nc", clicks_up_to=0)
     with Table.open(tmp_path / "none.nc") as none:
-        assert none.clicks == ()
+        assert not none.clicks and none.places == PLACES
+    with pytest.raises(TableError, match="clicks of up to 3 fingers"):
+        build(tmp_path / "none.nc", clicks_up_to=3)
 
 
 def test_an_interrupted_build_goes_on_where_its_clicks_were(tmp_path: Path, table: Table) -> None:
@@ -110,7 +124,7 @@ def test_an_interrupted_build_goes_on_where_its_clicks_were(tmp_path: Path, tabl
     with pytest.raises(KeyboardInterrupt):
         build(path, clicks=7)
     assert [kept.name for kept in tmp_path.iterdir()] == [".bar.nc.clicks"]
-    assert build(path).count("clicks") == STATES - 7
+    assert build(path).count("clicks") == CLICKS - 7
     assert [kept.name for kept in tmp_path.iterdir()] == ["bar.nc"]
     with Table.open(path) as resumed:
         assert all(same(one, other) for one, other in zip(resumed.clicks, table.clicks, strict=True))
@@ -121,12 +135,12 @@ def test_the_cost_is_of_what_was_solved_now(tmp_path: Path) -> None:
     path = tmp_path / "bar.nc"
     with_workers = build_table(DEVICE, path, click_options=CHEAP, workers=2)
     alone = build_table(DEVICE, path, click_options=CHEAP, reuse=False)
-    assert with_workers.states == with_workers.clicks == alone.clicks == STATES
+    assert with_workers.states == 19 and with_workers.clicks == alone.clicks == CLICKS  # 3^3 - 2^3 states
     assert with_workers.effort == alone.effort
     plants = sum(1 + count for count in (CHEAP.scenarios, CHEAP.trimmed, CHEAP.judged))
-    assert alone.effort.plants == plants * 7  # sets of fingers
-    assert alone.effort.programs > STATES and alone.effort.pivots > 0 and alone.effort.fallbacks == 0
-    assert all(taken_s > 0 for taken_s in alone.processor_s.values())
+    assert alone.effort.plants == plants * (4 + 6)  # sets of fingers
+    assert alone.effort.programs > CLICKS and alone.effort.pivots > 0 and alone.effort.fallbacks == 0
+    assert all((taken_s > 0) == (step != "coarse clicks") for step, taken_s in alone.processor_s.items())
     # The processes of two workers each take a start of their own, which is longer than these clicks.
     assert with_workers.processor_s["clicks"] > 0.5
     again = build_table(DEVICE, path, click_options=CHEAP)
@@ -135,27 +149,62 @@ def test_the_cost_is_of_what_was_solved_now(tmp_path: Path) -> None:
 
 
 def test_a_store_that_was_cut_anywhere_gives_what_was_whole(tmp_path: Path) -> None:
-    clicks, basis = [click_of(DEVICE, states) for states in tabulated_states(DEVICE)[:4]], basis_of(2, 121)
-    with ClickStore(tmp_path / "bar.nc", "it", basis) as store:
+    clicks, basis = [click_of(DEVICE, PLACES.placement(key)) for key in KEYS[:4]], basis_of(2, 121)
+    with ClickStore(tmp_path / "bar.nc", "it", basis, PLACES) as store:
         for click in clicks:
             store.add(click)
     data = store.path.read_bytes()
     ends = [end for end in range(len(data)) if data[end : end + 1] == b"\n"]
     for size in {0, 1, 40, *ends, *(end + 5 for end in ends), len(data) - 1}:
         store.path.write_bytes(data[:size])
-        with ClickStore(tmp_path / "bar.nc", "it", basis) as cut:
+        with ClickStore(tmp_path / "bar.nc", "it", basis, PLACES) as cut:
             whole = max(0, sum(end <= size for end in ends) - 1)
             assert [same(one, other) for one, other in zip(cut.clicks.values(), clicks, strict=False)] == [True] * whole
             assert len(cut.clicks) == whole
 
 
 def test_a_store_of_another_device_is_dropped(tmp_path: Path) -> None:
-    with ClickStore(tmp_path / "bar.nc", "one", basis_of(2, 121)) as store:
-        store.add(click_of(DEVICE, tabulated_states(DEVICE)[0]))
-    with ClickStore(tmp_path / "bar.nc", "other", basis_of(2, 121)) as other:
+    with ClickStore(tmp_path / "bar.nc", "one", basis_of(2, 121), PLACES) as store:
+        store.add(click_of(DEVICE, PLACES.placement(KEYS[0])))
+    with ClickStore(tmp_path / "bar.nc", "other", basis_of(2, 121), PLACES) as other:
         assert not other.clicks
     assert not other.path.exists()
 
 
 def test_a_table_states_the_modes_of_its_clicks(table: Table) -> None:
     assert table.attributes["click_modes"] == ClickSolver(DEVICE, CHEAP).modes
+
+
+ROUGH = ClickOptions(lengths_s=(0.02,), pitch_m=70e-3, scenarios=22, trimmed=24, judged=24)
+"""Coarse clicks of these are solved on fewer plants."""
+
+
+def test_a_coarse_table_is_whole_and_comes_first_where_there_are_no_clicks(tmp_path: Path) -> None:
+    path, kept = tmp_path / "bar.nc", tmp_path / "kept.nc"
+    build_table(DEVICE, path, created="before", clicks_up_to=0)
+
+    def progress(step: str, _fraction: float) -> None:
+        if step == COARSE_IN_PLACE:
+            kept.write_bytes(path.read_bytes())
+
+    cost = build_table(
+        DEVICE, path, clicks_up_to=1, click_options=ROUGH, coarse=Coarse.FIRST, reuse=False, progress=progress
+    )
+    assert (cost.coarse_clicks, cost.clicks) == (5, 5)
+    with Table.open(kept, device=DEVICE) as rough, Table.open(path, device=DEVICE) as fine:
+        assert rough.attributes["clicks_are_coarse"] == 1 and "clicks_are_coarse" not in fine.attributes
+        assert rough.entries == fine.entries and rough.places == fine.places
+        assert not all(same(one, other) for one, other in zip(rough.clicks, fine.clicks, strict=True))
+    with Table.open(previous_of(path)) as previous:
+        assert previous.attributes["created"] == "before"  # the fine table only completes the coarse one
+
+
+def test_a_coarse_table_is_not_made_again_and_the_fine_one_follows(tmp_path: Path) -> None:
+    path = tmp_path / "bar.nc"
+    wanted = {"clicks_up_to": 1, "click_options": ROUGH}
+    only = build_table(DEVICE, path, coarse=Coarse.ONLY, **wanted)  # type: ignore[arg-type]  # by name
+    assert (only.coarse_clicks, only.clicks) == (5, 0)
+    then = build_table(DEVICE, path, coarse=Coarse.FIRST, **wanted)  # type: ignore[arg-type]  # by name
+    assert (then.coarse_clicks, then.clicks) == (0, 5)
+    again = build_table(DEVICE, path, coarse=Coarse.FIRST, **wanted)  # type: ignore[arg-type]  # by name
+    assert (again.coarse_clicks, again.clicks) == (0, 0)

@@ -16,7 +16,7 @@ from precompute.builder.incremental import BuildOptions, Part, is_current, outda
 from precompute.clicks import ClickOptions
 from tests.precompute.builder.test_build import SMALL
 
-CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=2, trimmed=6, judged=10)
+CHEAP = ClickOptions(lengths_s=(0.02,), pitch_m=93.2e-3, scenarios=2, trimmed=6, judged=10)
 DEVICE = Device.parse(SMALL, "bar")
 AS_BEFORE = {part: f"{part} as before" for part in ("responses", "entries", "clicks")}
 
@@ -52,7 +52,8 @@ CHANGES = {
     "nothing": ("", "", set(AS_BEFORE)),
     "how the digitizer lies": ("flip = false", "flip = true", set(AS_BEFORE)),
     "a word": ("Aluminium bar", "Another bar", set(AS_BEFORE)),
-    "the finger": ('stiffness = "1 kN/m"', 'stiffness = "0.9 kN/m"', {"responses"}),
+    "the finger": ('stiffness = "1 kN/m"', 'stiffness = "0.9 kN/m"', set[str]()),
+    "what is not known of fingers": ('finger = "30 %"', 'finger = "25 %"', {"responses"}),
     "a level": ('"10 dB"', '"12 dB"', {"responses"}),
     "the grid": ("amplitude_steps = 2", "amplitude_steps = 1", {"clicks"}),
     "zones": ("count = 3", "count = 2", set[str]()),
@@ -74,7 +75,7 @@ def test_a_part_is_computed_again_only_if_what_it_rests_on_has_changed(path: Pat
 
 
 def test_what_is_taken_over_is_what_would_be_computed(path: Path) -> None:
-    text = SMALL.replace('stiffness = "1 kN/m"', 'stiffness = "0.9 kN/m"')
+    text = SMALL.replace('"10 dB"', '"12 dB"')
     assert text != SMALL
     device = Device.parse(text, "bar")
     told = build(device, path)

@@ -12,9 +12,9 @@ from engine.device import Device
 from precompute.clicks.basis import EVALUATION_RATE_HZ, EVALUATIONS_PER_SAMPLE, RINGDOWN_S, SAMPLE_RATE_HZ, make_tones
 from precompute.clicks.design import Designer
 from precompute.clicks.options import ClickOptions
-from precompute.clicks.solver import FULL_SCALE, Click, ClickSolver, solve_clicks
+from precompute.clicks.solver import FULL_SCALE, Click, ClickSolver
 from tests.precompute.clicks.click_cases import CHEAP, placed
-from tests.precompute.devices import mirrored, random_device, shipped
+from tests.precompute.devices import mirrored, shipped
 
 Array = NDArray[np.float64]
 CASES = ["F--q-", "q--F-", "FqFq-", "qF-Fq", "F----", "qqFqq"]
@@ -215,21 +215,3 @@ def test_what_full_scale_does_not_reach_keeps_to_the_quiet_level() -> None:
     click = click_of("F--q-", replace(CHEAP, wanted_db=60.0))
     assert not click.achieved
     assert (click.waveform == click_of("F--q-").waveform).all()
-
-
-def test_every_placement_that_is_asked_for_gets_its_click() -> None:
-    device = random_device(seed=4, actuators=3)
-    wanted = [placed(device, letters) for letters in ("F---", "qF--", "F-q-", "-qF-")]
-    clicks = list(solve_clicks(device, CHEAP, wanted))
-    assert {click.placement for click in clicks} == set(wanted) and len(clicks) == len(wanted)
-    assert all(click.waveform.shape[0] == 3 for click in clicks)
-
-
-def test_clicks_are_the_same_by_however_many_processes() -> None:
-    device = shipped("reference-a")
-    wanted = [placed(device, letters) for letters in ("F--q-", "q--F-", "-F---", "--F-q")]
-    one, two = ({click.placement: click for click in solve_clicks(device, CHEAP, wanted, n)} for n in (1, 2))
-    assert set(one) == set(two) == set(wanted)
-    for placement in wanted:
-        assert (one[placement].waveform == two[placement].waveform).all()
-        assert one[placement].evaluation == two[placement].evaluation

@@ -194,7 +194,7 @@ def test_the_table_says_what_it_was_built_from(tables: tuple[Path, Path]) -> Non
         assert from_measured.attributes["responses_file"] == "bar.csv"
         assert from_measured.attributes["responses_sha256"] == "5ha"
         assert "ESTIMATE" in str(from_measured.attributes["modelled"])
-        assert from_measured.clicks == ()
+        assert not from_measured.clicks
         assert set(interpolation_errors_of(from_measured)) == {
             "between_frequencies_error",
             "between_places_error",

@@ -1,0 +1,77 @@
+"""The clicks of a table: one for every placement of one and two fingers at the places of a grid."""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import groupby
+
+from engine.device import Device
+from engine.table import ClickEntry
+from engine.touch.placement import CLOSEST_M
+from engine.touch.places import Key, Places
+from precompute.clicks.columns import ClickTabulator
+from precompute.clicks.options import ClickOptions
+from precompute.clicks.program import Effort
+from precompute.clicks.solver import ClickSolver
+from precompute.parallel.pool import solve_in_processes
+
+MOST_TABULATED = 2
+"""More fingers are solved when they come: a grid coarse enough for their number has clicks that are hardly felt."""
+_ROLES = ((0, 1), (1, 0), (1, 1))
+"""Whether each of two fingers feels; one of them does."""
+_TOGETHER = 12
+"""Keys that a process solves in one piece, about: the roles of four pairs of places, which takes half a second."""
+_ROUNDING_M = 1e-9
+
+
+def tabulated_keys(places: Places, fingers: int) -> list[Key]:
+    """Keys of the placements of up to `fingers` fingers, in the order of the places, all roles of a pair together.
+
+    Two fingers are at least CLOSEST_M apart, so their places may be up to a pitch closer, but are different ones.
+    """
+    keys = list[Key]()
+    least_m = CLOSEST_M - places.pitch_m - _ROUNDING_M
+    for place in range(places.count):
+        if fingers >= 1:
+            keys.append((2 * place + 1,))
+        for other in range(place + 1, places.count if fingers >= MOST_TABULATED else 0):
+            if (other - place) * places.pitch_m > least_m:
+                keys += [(2 * place + one, 2 * other + another) for one, another in _ROLES]
+    return keys
+
+
+def tabulate_clicks(
+    device: Device, options: ClickOptions, places: Places, keys: Sequence[Key], workers: int = 1
+) -> Iterator[tuple[ClickEntry, Effort]]:
+    """Table rows of the clicks with these keys and what each took, in any order, by `workers` processes (1: this one).
+
+    Neighbouring keys are solved by one process, since the roles of one pair of places share their plants. The result
+    does not depend on the number of processes. Raises WorkerError if a process was killed, ProgramError if a linear
+    program failed.
+    """
+    chunks = _chunks(keys)
+    begin = partial(_begin, device, options, places)
+    if workers == 1 or not chunks:
+        solve = begin() if chunks else None
+        yield from (solve(key) for chunk in chunks for key in chunk if solve)
+    else:
+        yield from solve_in_processes(begin, chunks, workers)
+
+
+def _chunks(keys: Sequence[Key]) -> list[list[Key]]:
+    """The keys in pieces that a process solves, none of which parts the roles of fingers at the same places."""
+    chunks = list[list[Key]]()
+    for _, alike in groupby(keys, key=lambda key: [code // 2 for code in key]):
+        if not chunks or len(chunks[-1]) >= _TOGETHER:
+            chunks.append([])
+        chunks[-1] += alike
+    return chunks
+
+
+def _begin(device: Device, options: ClickOptions, places: Places) -> Callable[[Key], tuple[ClickEntry, Effort]]:
+    solver, tabulator = ClickSolver(device, options.at(places)), ClickTabulator(device, options.at(places))
+
+    def solve(key: Key) -> tuple[ClickEntry, Effort]:
+        click = solver.solve(places.placement(key))
+        return tabulator.tabulate(click), click.effort
+
+    return solve

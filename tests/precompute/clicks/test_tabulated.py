@@ -1,0 +1,84 @@
+"""Laws of tabulated clicks: every placement of up to two fingers that can come, each once, by any processes."""
+
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from engine.touch import Placement
+from engine.touch.placement import CLOSEST_M
+from engine.touch.places import Places
+from precompute.clicks.tabulated import _chunks, tabulate_clicks, tabulated_keys
+from tests.precompute.clicks.click_cases import CHEAP
+from tests.precompute.devices import random_device, shipped
+
+LENGTH_M = 0.2794
+
+
+@given(
+    st.sampled_from([3e-3, 8e-3, 12e-3, 28e-3]),
+    st.lists(st.tuples(st.floats(0, LENGTH_M), st.booleans()), min_size=1, max_size=2),
+)
+def test_whatever_one_or_two_fingers_come_their_placement_is_tabulated(
+    pitch_m: float, fingers: list[tuple[float, bool]]
+) -> None:
+    places, fingers = Places.every(LENGTH_M, pitch_m), sorted(fingers)
+    position_m, is_felt = zip(*fingers, strict=True)
+    key = places.key(Placement(position_m, is_felt))
+    are_apart = len(fingers) < 2 or position_m[1] - position_m[0] >= CLOSEST_M
+    are_at_two_places = len({code // 2 for code in key}) == len(fingers)
+    if any(is_felt) and are_apart and are_at_two_places:
+        assert key in set(tabulated_keys(places, 2))
+
+
+@pytest.mark.parametrize("pitch_m", [3e-3, 12e-3])
+def test_no_placement_is_tabulated_twice_or_without_a_felt_finger(pitch_m: float) -> None:
+    places = Places.every(LENGTH_M, pitch_m)
+    keys = tabulated_keys(places, 2)
+    assert len(set(keys)) == len(keys)
+    assert all(any(code % 2 for code in key) and list(key) == sorted(key) for key in keys)
+    assert (
+        tabulated_keys(places, 1)
+        == [key for key in keys if len(key) == 1]
+        == [(2 * p + 1,) for p in range(places.count)]
+    )
+    assert tabulated_keys(places, 0) == []
+
+
+def test_the_roles_of_a_pair_follow_one_another() -> None:
+    keys = tabulated_keys(Places.every(LENGTH_M, 12e-3), 2)
+    pairs = [tuple(code // 2 for code in key) for key in keys]
+    changes = sum(one != other for one, other in pairwise(pairs))
+    assert changes == len(set(pairs)) - 1
+
+
+def test_clicks_are_the_same_by_however_many_processes() -> None:
+    device, places = shipped("reference-a"), Places(LENGTH_M, 6)
+    keys = [(2, 7), (3, 6), (3, 7), (5,)]
+    one, two = (
+        {places.key(click.placement): click for click, _ in tabulate_clicks(device, CHEAP, places, keys, n)}
+        for n in (1, 2)
+    )
+    assert set(one) == set(two) == set(keys)
+    for key, click in one.items():
+        assert np.array_equal(click.weights, two[key].weights) and click.felt == two[key].felt
+        assert click.tolerance_m == places.pitch_m / 2 + 1e-3
+
+
+def test_no_piece_of_the_work_parts_the_roles_of_a_pair() -> None:
+    keys = tabulated_keys(Places.every(LENGTH_M, 12e-3), 2)
+    chunks = _chunks(keys)
+    assert [key for chunk in chunks for key in chunk] == keys
+    places_of = [{tuple(code // 2 for code in key) for key in chunk} for chunk in chunks]
+    assert sum(map(len, places_of)) == len(set.union(*places_of))
+
+
+def test_a_bar_of_three_actuators_has_clicks_too() -> None:
+    device = random_device(seed=4, actuators=3)
+    places = Places(device.bar.length_m, 5)
+    keys = list(product((1, 3), (6, 7)))
+    clicks = [click for click, _ in tabulate_clicks(device, CHEAP, places, keys)]
+    assert [places.key(click.placement) for click in clicks] == keys
+    assert all(click.samples.shape[1] == 3 for click in clicks)
