@@ -99,7 +99,7 @@ class Designer:
         drive = drive_rows(self._tones, self._amplitude, self._options.slew_per_s)
         program = self._program = Program(drive, watched, len(self.felt))
         course = self._plants.optimised.under(self.felt).mean().play_each(self._tones)[0]
-        search = Search(program, course, self._length_s)
+        search = Search(program, course, self._length_s, self._options.search_gain)
         if watched.shape[0]:
             program.add(_first_rows(watched))
         return search

@@ -6,7 +6,7 @@ from engine.touch.places import Places
 
 DIGITIZER_TOLERANCE_M = 1e-3
 """A finger lies within this distance of where the digitizer tells."""
-COARSE_PITCH_M = 12e-3
+COARSE_PITCH_M, COARSE_GAIN = 16e-3, 0.3
 
 
 @dataclass(frozen=True)
@@ -20,6 +20,7 @@ class ClickOptions:
     finger lies within this distance of its place; None: within that of the device's spread, or in a table within half a
     pitch and what the digitizer leaves. crowding: tones for each 1/length of an actuator's band. scenarios, trimmed,
     judged: numbers of sampled plants to optimise over, to trim on and to evaluate with; each has a seed of its own.
+    search_gain: instants that promise less than this relative gain of the felt level are not pursued: 1e-2 is 0.09 dB.
     """
 
     lengths_s: tuple[float, ...] = (0.03,)
@@ -33,6 +34,7 @@ class ClickOptions:
     scenarios: int = 40
     trimmed: int = 800
     judged: int = 200
+    search_gain: float = 1e-2
     seed: int = 1
 
     def at(self, places: Places) -> "ClickOptions":
@@ -44,9 +46,14 @@ class ClickOptions:
     @property
     def coarse(self) -> "ClickOptions":
         """Options of clicks that are solved in seconds: fewer places and sampled plants, with promises as honest."""
-        pitch_m = max(self.pitch_m, COARSE_PITCH_M)
-        few = {"scenarios": 20, "trimmed": 200, "judged": 100}
-        return replace(self, pitch_m=pitch_m, **{name: min(count, getattr(self, name)) for name, count in few.items()})
+        return replace(
+            self,
+            pitch_m=max(self.pitch_m, COARSE_PITCH_M),
+            search_gain=max(self.search_gain, COARSE_GAIN),
+            scenarios=min(self.scenarios, 20),
+            trimmed=min(self.trimmed, 200),
+            judged=min(self.judged, 100),
+        )
 
 
 DEFAULT_OPTIONS = ClickOptions()

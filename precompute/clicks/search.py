@@ -7,7 +7,7 @@ fingers and N instants there are (2 N)^F / 2 aims, too many to try. So:
 1. All fingers share one instant, on a grid of STEP_S, with every combination of signs; the sign of the first finger is
    positive, because all limits are symmetric.
 2. Aims are solved in the order of their upper bounds, roughly, and each only until its own bound falls below the best
-   value found. The search stops when no bound promises NEGLIGIBLE_GAIN more.
+   value found. The search stops when no bound promises the given gain more.
 3. From the best few, ascent: every finger is given the instant and the sign of its own peak, and the program is solved
    again. The old weights stay feasible with at least their value, so the value cannot fall; it ends when it stays.
 
@@ -34,8 +34,6 @@ A quarter of it gains less than 0.1 dB on average and takes more than twice as l
 """
 AFTER_S = 2e-3
 """Instants are tried from the middle of the click until this long after its end."""
-NEGLIGIBLE_GAIN = 1e-2
-"""Relative gain below which an aim is not pursued: 0.09 dB."""
 _COARSE = 2e-3
 """Relative tolerance of a program whose value is only compared with others."""
 _LIKELY = 0.75
@@ -77,10 +75,13 @@ class Found:
 
 
 class Search:
-    """Maximises the peak of the weakest felt finger; course (finger, time, tone) is the mean over the scenarios."""
+    """Maximises the peak of the weakest felt finger; course (finger, time, tone) is the mean over the scenarios.
 
-    def __init__(self, program: LinearProgram, course: Array, length_s: float) -> None:
-        self._program, self._course = program, course
+    gain: relative gain below which an aim is not pursued.
+    """
+
+    def __init__(self, program: LinearProgram, course: Array, length_s: float, gain: float) -> None:
+        self._program, self._course, self._gain = program, course, gain
         self._aims = _aims(len(course), length_s)
         self._bounds = [UNBOUNDED] * len(self._aims)
         self._first = 0
@@ -93,7 +94,7 @@ class Search:
         best, untried = tried[0], set(range(len(self._aims))) - {self._first}
         while untried:
             index = max(untried, key=lambda i: (self._bounds[i].at(limit), -i))
-            floor = best.value * (1 + NEGLIGIBLE_GAIN)
+            floor = best.value * (1 + self._gain)
             if self._bounds[index].at(limit) <= floor:
                 break
             untried.discard(index)

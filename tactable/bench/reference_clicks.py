@@ -157,7 +157,8 @@ class ReferenceSolver:
         watched = optimised.under(quiet).play_each(tones, EVALUATIONS_PER_SAMPLE)
         drive = drive_rows(tones, self.device.limits.amplitude, options.slew_per_s)
         program = HighsProgram(drive, watched.reshape(-1, *watched.shape[2:]), len(felt))
-        search = Search(program, optimised.under(felt).mean().play_each(tones)[0], length_s)
+        course = optimised.under(felt).mean().play_each(tones)[0]
+        search = Search(program, course, length_s, options.search_gain)
         limit_db = over_db = options.quiet_db
         found = search.strongest(10 ** (limit_db / 20))
         if not quiet:
