@@ -40,7 +40,8 @@ class ClickProcess:
         self._child = Child("tactable.run.click_process", {"table": str(table)}, name=_NAME)
         self._descriptor = self._child.fileno()
         os.set_blocking(self._descriptor, False)
-        self._received = bytearray()
+        self.process_id = self._child.process_id
+        self._is_there, self._received = True, bytearray()
         self._bases: dict[int, Basis] = {}
 
     def __enter__(self) -> "ClickProcess":
@@ -58,8 +59,9 @@ class ClickProcess:
     def ask(self, placement: Placement, device: Device) -> None:
         """Ask for the click of a placement; a question that finds no room is lost, as one that comes too late is."""
         question = {"fingerprint": device.fingerprint, "at_m": placement.position_m, "is_felt": placement.is_felt}
-        with contextlib.suppress(BlockingIOError):
-            self._child.write(question)
+        if self._is_there:
+            with contextlib.suppress(BlockingIOError):
+                self._child.write(question)
 
     def poll(self) -> Sequence[tuple[str, ClickEntry]]:
         """Read at most 64 KiB; the clicks that have come whole, each with the fingerprint of its device."""
@@ -92,6 +94,7 @@ class ClickProcess:
     def _end(self) -> None:
         """Replace the socket of a child that died by a silent one, so that the run goes on."""
         _say("clicks of more fingers than the table holds are no longer solved: the solving process has ended")
+        self._is_there = False
         silent, self._kept_open = os.pipe()
         os.dup2(silent, self._descriptor)
         os.close(silent)
@@ -103,10 +106,11 @@ class _Solver:
 
     def __init__(self, path: Path) -> None:
         from precompute.builder.incremental import BuildOptions
-        from precompute.clicks import ClickSolver, ClickTabulator
+        from precompute.clicks import ClickSolver
+        from precompute.clicks.columns import ClickTabulator
 
         with Table.open(path, verify=False) as table:
-            self.device, options = table.device, BuildOptions.of(table).placed_clicks(table.device)
+            self.device, options = table.device, BuildOptions.of(table).click_options.at(table.places).quick
         self.solver: ClickSolver = ClickSolver(self.device, options)
         self.tabulator: ClickTabulator = ClickTabulator(self.device, options)
 
