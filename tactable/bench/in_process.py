@@ -1,4 +1,7 @@
-"""Times the engine's own loop, compiled step included, between a source and a port in memory: no system call."""
+"""Times the engine's own loop, compiled step included, between a source and a port in memory: no system call.
+
+It plays the default rule: every finger that comes down feels a click.
+"""
 
 import ctypes
 import time
@@ -10,20 +13,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from engine.effects import DEFAULT_EFFECTS
 from engine.loop import Trace
 from engine.loop.fast.fast_path import FastPath
 from engine.loop.fast.layout import NONE
 from engine.render import WhenNotAchieved
 from engine.table import Table
 from engine.touch import open_digitizer
-from tactable.bench.inputs import HELD, Stream
+from tactable.bench.inputs import MOST_COMMANDS_HZ, Stream
 from tactable.bench.latency.stages import figures_of
 from tactable.bench.light_device import LightDevice
 from tactable.run.live import Live, LiveOptions
 
 _MEMORY_BIT_RATE_HZ = 1_000_000_000
-# The link paces commands to one in 0.3 ms with a lease of 40 ms: reports that came faster would wait for it.
-_PERIOD_NS = 1_000_000
+REPORTS_HZ = 2 * MOST_COMMANDS_HZ
+"""By the clock of the loop: a tap and its lift in turn, as fast as clicks may follow each other."""
+_PERIOD_NS = 1_000_000_000 // REPORTS_HZ
 _PASSES_AN_ANSWER = 16
 Times = NDArray[np.float64]
 
@@ -215,7 +220,7 @@ def measure_in_process(table: Table, stream: Stream, count: int, library: ctypes
     """
     clock = _PacedClock()
     memory = _MemorySource(stream, count, len(table.device.actuators), clock)
-    options = LiveOptions(HELD, WhenNotAchieved.GO_ON, True, _MEMORY_BIT_RATE_HZ, fast=library)
+    options = LiveOptions(DEFAULT_EFFECTS, WhenNotAchieved.GO_ON, True, _MEMORY_BIT_RATE_HZ, fast=library)
     trace = Trace()
     Live(table, memory, _MemoryPort(memory), clock, options, trace, fast_path=_MemoryFastPath).run()
     write_ns = np.array(memory.write_ns, np.float64)

@@ -1,4 +1,7 @@
-"""What the benches of the engine play: a table, and reports of fingers that tap or of a recording."""
+"""What the benches of the engine play: a table, and reports of fingers that tap or of a recording.
+
+Each tap brings a click by the default rule, and its lift brings no command: the click ends by itself.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -7,19 +10,20 @@ from itertools import cycle, islice
 from pathlib import Path
 
 from engine.device import Device
-from engine.effects import Effect, EffectPlayer, Effects, Rule, Segment, Trigger
+from engine.effects import DEFAULT_EFFECTS, Effect, EffectPlayer, Effects, Rule, Segment, Trigger
 from engine.table import Table
 from engine.table.entry import DEFAULT_LEVEL_DB
-from engine.touch import FingerTracker, open_digitizer
+from engine.touch import FingerTracker, Placement, open_digitizer
+from engine.touch.placement import MOST_FINGERS
 from engine.touch.sources.recording import Recording
 from tactable.rig.virtual_digitizer import PRODUCT_ID, VENDOR_ID, descriptor_of, report_of
 from tactable.shipped import cache_folder, find_device
 
-MOST_FINGERS = 10
-MOST_COMMANDS_HZ = 1000
-"""Commands a second at most: a lease of 40 ms allows 3175, and a faster digitizer does not make fingers faster."""
+MOST_COMMANDS_HZ = 100
+"""Commands a second at most: a device fades one click while the next one plays, and has no room for a third."""
 HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_DB),))),))
-"""A finger feels as long as it touches: time alone changes nothing, so each command has its report."""
+"""A drive as long as a finger touches."""
+_NS_PER_S = 1_000_000_000
 
 
 @contextmanager
@@ -47,7 +51,7 @@ class Stream:
     product_id: int
     reports: tuple[bytes, ...]
     reports_per_command: int | None
-    """One report in this many changes the state; None where only the engine knows."""
+    """One report in this many brings a click; None where only the engine knows."""
     simulated: bool
 
     def packets(self) -> Iterator[bytes]:
@@ -56,23 +60,21 @@ class Stream:
 
 
 def tapping(fingers: int, rate_hz: int, device: Device) -> Stream:
-    """Fingers that rest on the first half of the zones, and one that taps the others: each tap and lift is a change.
+    """Fingers that rest, and one that taps other places in turn: each tap is a click.
 
     Raises ValueError for a number of fingers outside 1 to 10.
     """
     if not 1 <= fingers <= MOST_FINGERS:
         raise ValueError(f"{fingers} fingers: expected 1 to {MOST_FINGERS}")
-    length_m, zones = device.bar.length_m, device.zones
-    half = len(zones) // 2 if fingers > 1 else 0
-    tapped = [(zone.start_m + zone.stop_m) / 2 / length_m for zone in zones[half:]]
-    rest_m = zones[half].start_m if half else 0.0
-    at_rest = [rest_m * (number + 0.5) / (fingers - 1) / length_m for number in range(fingers - 1)] if half else []
-    every = max(1, rate_hz // MOST_COMMANDS_HZ)
+    spots = max(fingers + 1, len(device.zones))
+    places = [(spot + 0.5) / spots for spot in range(spots)]
+    at_rest, tapped = places[: fingers - 1], places[fingers - 1 :]
+    every = max(2, rate_hz // MOST_COMMANDS_HZ)
+    lift = every // 2
     frames = [
-        _frame(at_rest, place if tap_is_down else None, place if not tap_is_down and first else None)
+        _frame(at_rest, place if report < lift else None, place if report == lift else None)
         for place in tapped
-        for tap_is_down in (True, False)
-        for first in [True] + [False] * (every - 1)
+        for report in range(every)
     ]
     reports = tuple(report_of(frame, i / rate_hz, MOST_FINGERS) for i, frame in enumerate(frames))
     plural = "s" if fingers > 1 else ""
@@ -100,18 +102,25 @@ def replayed(recording: Recording) -> Stream:
     )
 
 
-def expected_states(stream: Stream, count: int, device: Device) -> list[tuple[int, int]]:
-    """Each change of what is wanted that `count` reports bring when none is lost or late: (report, state of the zones).
-
-    A zone is felt if one of its fingers feels (engine.touch.state_index).
-    """
+def expected_clicks(stream: Stream, rate_hz: float, count: int, device: Device) -> list[tuple[int, int]]:
+    """(report, place) of each click that `count` reports bring by the default rule when none is lost or late."""
     digitizer = open_digitizer(stream.descriptor, stream.vendor_id, stream.product_id)
-    tracker, player, changes = FingerTracker(device, digitizer.surface), EffectPlayer(HELD), list[tuple[int, int]]()
-    placement = player.placement
+    tracker, player = FingerTracker(device, digitizer.surface), EffectPlayer(DEFAULT_EFFECTS)
+    found = list[tuple[int, int]]()
     for index, report in enumerate(islice(stream.packets(), count)):
-        frame = digitizer.decode_report(report, 0)
-        if frame is None or not player.take(tracker.track(frame), 0) or player.placement == placement:
-            continue
-        placement = player.placement
-        changes.append((index, 0 if placement is None else placement.state_on(device)))
-    return changes
+        time_ns = round(index * _NS_PER_S / rate_hz)
+        while player.next_change_ns is not None and player.next_change_ns <= time_ns:
+            player.advance(player.next_change_ns)
+        frame, before_ns = digitizer.decode_report(report, time_ns), player.click_ns
+        if (
+            frame is not None
+            and player.take(tracker.track(frame), time_ns)
+            and player.click_ns not in (None, before_ns)
+        ):
+            found.append((index, place_of(player.placement)))
+    return found
+
+
+def place_of(placement: Placement | None) -> int:
+    """Position of the first felt finger in micrometres, -1 without one: what tells the clicks of taps apart."""
+    return -1 if placement is None else round(1e6 * placement.position_m[placement.felt[0]])

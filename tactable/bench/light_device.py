@@ -1,4 +1,4 @@
-"""A far end of the link light enough for any rate: it notes when each SET came, and keeps the session going."""
+"""A far end of the link light enough for any rate: it notes when each command came, and keeps the session going."""
 
 import struct
 from array import array
@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
 from firmware_link.protocol.framing import DELIMITER
-from firmware_link.protocol.messages import Set
+from firmware_link.protocol.messages import Play, Set
 
 _NS_PER_US = 1_000
 _MS = 1_000_000
@@ -20,7 +20,7 @@ _CODES = struct.Struct("<BBB")
 
 @dataclass
 class Arrivals:
-    """When each SET came, ns, and its sequence."""
+    """When each SET and PLAY came, ns, and its sequence."""
 
     time_ns: "array[int]" = field(default_factory=lambda: array("q"))
     sequence: "array[int]" = field(default_factory=lambda: array("B"))
@@ -54,15 +54,15 @@ class LightDevice:
         return None if deadline_us is None else self._zero_ns + deadline_us * _NS_PER_US
 
     def _note(self, frame: bytes, now_ns: int) -> bool:
-        """Note a SET; whether the firmware need not see it."""
+        """Note a SET or PLAY; whether the firmware need not see it."""
         if len(frame) <= _SEQUENCE_AT:
             return False
         code, type_byte, sequence = _CODES.unpack_from(frame)
-        if code <= _TYPE_AT or type_byte != Set.type_byte:
+        if code <= _TYPE_AT or type_byte not in (Set.type_byte, Play.type_byte):
             return False
         self.arrivals.time_ns.append(now_ns)
         self.arrivals.sequence.append(sequence if code > _SEQUENCE_AT else 0)
-        if now_ns - self._shown_ns < _SHOWN_EACH_NS:
+        if type_byte == Set.type_byte and now_ns - self._shown_ns < _SHOWN_EACH_NS:
             return True
         self._shown_ns = now_ns
         return False

@@ -33,7 +33,7 @@ from tactable.run.live import fast_library
 
 ROUNDS = 15
 STAGES = ("decode", "track", "play", "render", "frame")
-"""Report to touch frame; to fingers in zones; to state and level by the rules; to the command; to its bytes."""
+"""Report to touch frame; to fingers; to placement and level by the rules; to the command; to its bytes."""
 _BIT_RATE_HZ = 2_000_000
 _HANDSHAKE_STEP_NS = 500_000
 _PAUSE_NS = 1_000_000_000
@@ -42,7 +42,7 @@ _EARLIER_NS = 2_000_000
 Stamps = NDArray[np.float64]
 """Shape (report, stage + 1): ns from the start of the step, NaN for a stage that was not reached."""
 RULES = {"a drive while touched": HELD, "a click for every touch": DEFAULT_EFFECTS}
-"""Rules to compare: none but the simplest, which bring drives; then the default ones, which bring clicks."""
+"""Rules to compare: the simplest, which bring drives; then the default ones, which bring clicks."""
 
 
 def run_step_bench(
@@ -114,6 +114,7 @@ class Step:
         capabilities = _ready_link(link_configuration(device, _BIT_RATE_HZ), device)[0].capabilities
         assert capabilities is not None  # a link that is ready was greeted
         rendering = render_table(table, effects, capabilities, WhenNotAchieved.GO_ON, _BIT_RATE_HZ)
+        rendering.renderer.prepare()
         self._renderer, self._click_ns, self._effects = rendering.renderer, rendering.click_length_ns, effects
         self._link, self._far_end, self._now_ns = _ready_link(rendering.configuration, device)
         self._recording = recording

@@ -1,9 +1,9 @@
-/* A floor under the engine: wakes up for a report, decodes nothing, writes as many bytes as a SET has.
+/* A floor under the engine: wakes up for a report, decodes nothing, writes as many bytes as a command has.
  *
- * echo_engine TOUCH LINK EVERY SAMPLES PRIORITY PROCESSOR LOCK
+ * echo_engine TOUCH LINK EVERY SIZE SAMPLES PRIORITY PROCESSOR LOCK
  *
  * TOUCH is a descriptor that gives a packet a report, led by two int64: when it was due and when it was sent (ns of
- * CLOCK_MONOTONIC); LINK takes the answers. Each EVERYth report is answered. At the end of TOUCH the file SAMPLES gets
+ * CLOCK_MONOTONIC); LINK takes the answers. Each EVERYth report is answered by SIZE bytes. At the end of TOUCH the file SAMPLES gets
  * four int64 an answer: due, sent, read, written. PRIORITY above 0 is SCHED_FIFO, PROCESSOR from 0 is the only one it
  * runs on, LOCK other than 0 keeps its pages in memory. A first answer says that it is ready. Exit status 2: a step was
  * refused.
@@ -19,7 +19,7 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { FRAME_SIZE = 25, MOST_SAMPLES = 1 << 17, REPORT_SIZE = 4096 };
+enum { MOST_SIZE = 1024, MOST_SAMPLES = 1 << 17, REPORT_SIZE = 4096 };
 
 static int64_t samples[MOST_SAMPLES][4];
 
@@ -41,26 +41,27 @@ static int prepare(int priority, int processor, int lock) {
 }
 
 int main(int count, char **words) {
-    static unsigned char report[REPORT_SIZE], frame[FRAME_SIZE];
-    if (count != 8) return 1;
-    const int touch = atoi(words[1]), link = atoi(words[2]), every = atoi(words[3]);
-    if (!prepare(atoi(words[5]), atoi(words[6]), atoi(words[7]))) return 2;
-    memset(frame, 5, FRAME_SIZE - 1); /* no zero but the last byte, as on the wire; 5 is the type of a SET */
-    if (write(link, frame, FRAME_SIZE) != FRAME_SIZE) return 1;
+    static unsigned char report[REPORT_SIZE], frame[MOST_SIZE];
+    if (count != 9) return 1;
+    const int touch = atoi(words[1]), link = atoi(words[2]), every = atoi(words[3]), size = atoi(words[4]);
+    if (size < 1 || size > MOST_SIZE) return 1;
+    if (!prepare(atoi(words[6]), atoi(words[7]), atoi(words[8]))) return 2;
+    memset(frame, 5, (size_t)size - 1); /* no zero but the last byte, as on the wire */
+    if (write(link, frame, (size_t)size) != size) return 1;
     int64_t reports = 0, answers = 0;
     for (;;) {
         struct pollfd waited = {.fd = touch, .events = POLLIN};
         poll(&waited, 1, -1);
-        const ssize_t size = read(touch, report, sizeof report);
+        const ssize_t taken = read(touch, report, sizeof report);
         const int64_t read_ns = now_ns();
-        if (size <= 0) break;
+        if (taken <= 0) break;
         if (reports++ % every != 0 || answers == MOST_SAMPLES) continue;
-        if (write(link, frame, FRAME_SIZE) != FRAME_SIZE) break;
+        if (write(link, frame, (size_t)size) != size) break;
         memcpy(samples[answers], report, 16);
         samples[answers][2] = read_ns;
         samples[answers++][3] = now_ns();
     }
-    FILE *file = fopen(words[4], "wb");
+    FILE *file = fopen(words[5], "wb");
     if (file == NULL) return 1;
     const size_t written = fwrite(samples, sizeof samples[0], (size_t)answers, file);
     return fclose(file) == 0 && written == (size_t)answers ? 0 : 1;

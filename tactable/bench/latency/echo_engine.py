@@ -25,12 +25,22 @@ def build_echo_engine(folder: Path) -> Path | None:
 
 
 def start_echo_engine(
-    program: Path, touch: int, link: int, every: int, samples: Path, steps: Collection[Step], processor: int
+    program: Path,
+    touch: int,
+    link: int,
+    every: int,
+    size: int,
+    samples: Path,
+    steps: Collection[Step],
+    processor: int,
 ) -> "subprocess.Popen[bytes]":
-    """Run it on two descriptors until `touch` ends, with those of the real-time steps that a C program can take."""
+    """Run it on two descriptors until `touch` ends, with those of the real-time steps that a C program can take.
+
+    Each of its answers has `size` bytes.
+    """
     priority = PRIORITY if Step.PRIORITY in steps else 0
     chosen = processor if Step.AFFINITY in steps else -1
-    numbers = (touch, link, every, samples, priority, chosen, int(Step.MEMORY in steps))
+    numbers = (touch, link, every, size, samples, priority, chosen, int(Step.MEMORY in steps))
     return subprocess.Popen([str(program), *map(str, numbers)], pass_fds=(touch, link))
 
 

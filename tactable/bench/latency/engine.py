@@ -4,7 +4,7 @@ import ctypes
 import math
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from engine.loop import Stage, SystemClock, Trace
+from engine.effects import DEFAULT_EFFECTS
+from engine.loop import CommandRecord, Fate, Stage, SystemClock, Trace
 from engine.loop.realtime import Step
 from engine.plain import to_plain
 from engine.render import WhenNotAchieved
@@ -25,7 +26,7 @@ from firmware_link.host.session import Port
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FrameDecoder
 from firmware_link.protocol.messages import Status, decode_body
-from tactable.bench.inputs import HELD
+from tactable.bench.inputs import place_of
 from tactable.bench.latency.sockets import SocketPort, SocketSource
 from tactable.run.live import Live, LiveOptions, fast_library
 
@@ -77,7 +78,9 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
         )
         trace = Trace()
         steps = tuple(Step(step) for step in segment.steps)
-        options = LiveOptions(HELD, WhenNotAchieved.GO_ON, True, segment.bit_rate_hz, steps, segment.processor, fast)
+        options = LiveOptions(
+            DEFAULT_EFFECTS, WhenNotAchieved.GO_ON, True, segment.bit_rate_hz, steps, segment.processor, fast
+        )
         stack.enter_context(_busy_thread(segment.has_busy_thread))
         live = Live(table, source, port, SystemClock(), options, trace)
         with live.armed():
@@ -90,8 +93,10 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
                 "the device was lost and not back when the touches ended: it, or this machine, is too slow for the rate"
             )
             raise LinkError(lost) from error
-        samples = _samples(live, source, trace)
-        np.savez(segment.samples, **samples, **_predictions(table, samples), **port.applied(bounds))
+        # A finger that lifts ends what is wanted, but its click ends by itself: the device holds silence already.
+        changes = [change for change in trace if change.fate is not Fate.SAME]
+        samples = _samples(live, source, changes)
+        np.savez(segment.samples, **samples, **_predictions(table, changes, samples), **port.applied(bounds))
         parent.say(
             {
                 "outcomes": to_plain(live.outcomes),
@@ -154,33 +159,32 @@ class _ListeningPort:
         }
 
 
-def _samples(live: Live, source: SocketSource, trace: Trace) -> dict[str, Any]:
-    """Stamps of the commands with the sequence of each, times of all reports, and all changes of state."""
+def _samples(live: Live, source: SocketSource, changes: Sequence[CommandRecord]) -> dict[str, Any]:
+    """Stamps of the commands with the sequence of each, times of all reports, and all changes with a command."""
     stamps_ns = live.timing.latency.stamps_ns()
-    sequence_of = {change.time_ns: change.drive_sequence for change in trace if change.drive_sequence is not None}
+    sequence_of = {change.time_ns: change.drive_sequence for change in changes if change.drive_sequence is not None}
     sequences = [sequence_of.get(int(time_ns), NO_SEQUENCE) for time_ns in stamps_ns[:, Stage.STATE]]
     return {
         "stamps_ns": stamps_ns,
         "sequence": np.array(sequences, np.int64),
         "sent_ns": np.array(source.sent_ns[: source.report_index + 1], np.int64),
         "read_ns": np.array(source.read_ns[: source.report_index + 1], np.int64),
-        "change_ns": np.array([change.time_ns for change in trace], np.int64),
-        "change_report": np.array([_index(change.report_index) for change in trace], np.int64),
-        "change_state": np.array([change.state for change in trace], np.int64),
+        "change_ns": np.array([change.time_ns for change in changes], np.int64),
+        "change_report": np.array([_index(change.report_index) for change in changes], np.int64),
+        "change_place": np.array([place_of(change.placement) for change in changes], np.int64),
     }
 
 
-def _predictions(table: Table, samples: dict[str, Any]) -> dict[str, Any]:
-    """Simulated ns from each drive until the last felt finger feels it; NaN for silence."""
-    from tactable.bench.latency.felt import FeltStart  # a solver, which the engine does without
-
-    state_of = dict(zip(samples["change_ns"].tolist(), samples["change_state"].tolist(), strict=True))
-    states = [state_of[int(time_ns)] for time_ns in samples["stamps_ns"][:, Stage.STATE]]
-    entries = {state: table.entry_at(state, DEFAULT_LEVEL_DB) for state in set(states)}
-    start = FeltStart(table.device)
-    felt_s = {state: None if entry is None else start.first_exceeds_s(entry) for state, entry in entries.items()}
-    felt_ns = {state: math.nan if after_s is None else 1e9 * after_s for state, after_s in felt_s.items()}
-    return {"prediction_ns": np.array([felt_ns[state] for state in states])}
+def _predictions(table: Table, changes: Sequence[CommandRecord], samples: dict[str, Any]) -> dict[str, Any]:
+    """Ns from the start of each click until the last felt finger feels it, as the table has it; NaN without a click."""
+    placement_of = {change.time_ns: change.placement for change in changes}
+    felt_ns = []
+    for time_ns in samples["stamps_ns"][:, Stage.STATE].tolist():
+        placement = placement_of.get(time_ns)
+        click = None if placement is None else table.click_at(placement, DEFAULT_LEVEL_DB)
+        after_s = None if click is None else click.exceeds_at_s()
+        felt_ns.append(math.nan if after_s is None else 1e9 * after_s)
+    return {"prediction_ns": np.array(felt_ns)}
 
 
 def _index(report: int | None) -> int:

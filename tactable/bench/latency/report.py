@@ -17,7 +17,7 @@ from engine.table import Table
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator import BOARD_EMULATED
 from firmware_link.protocol.errors import TactableError
-from tactable.bench.in_process import measure_in_process, together
+from tactable.bench.in_process import REPORTS_HZ, measure_in_process, together
 from tactable.bench.inputs import Stream, replayed, tapping
 from tactable.bench.latency.background_load import background_load
 from tactable.bench.latency.compare import compare, compare_runs, median, percentile, ratio
@@ -30,7 +30,7 @@ from tactable.bench.latency.segments import Bench, Measured
 from tactable.bench.latency.stages import STAGES, Point, Stamps, Values, blame, stages_json
 from tactable.run.live import fast_library
 
-FORMAT, REVISION = "tactable latency", 1
+FORMAT, REVISION = "tactable latency", 2
 _IN_PROCESS_REPORTS = 4_000
 _LEAST_FOR_P99_9 = 10_000
 _US = 1e3
@@ -53,7 +53,7 @@ _SUMMED = (
 
 
 class LatencyReportError(TactableError, ValueError):
-    """A report that cannot be used as a baseline: which, and why."""
+    """A table that cannot be measured, or a report that cannot be used as a baseline: which, and why."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,13 @@ def measure(
 ) -> tuple[dict[str, Any], Run]:
     """The document of the report, and all samples. `streams` are (rate in Hz, touches).
 
-    Raises LinkError or ChildError where the engine, the port or the device fails.
+    Raises LatencyReportError for a table without clicks, LinkError or ChildError where the engine, the port or the
+    device fails.
     """
+    if not table.clicks:
+        raise LatencyReportError(
+            f"{table.path}: has no clicks, which the touches of this bench bring: build it with them"
+        )
     measured: dict[Condition, list[Measured]] = {}
     stream = streams[0][1]
     with tempfile.TemporaryDirectory(prefix="tactable-latency-") as name:
@@ -131,9 +136,9 @@ def measure(
 
 
 def _in_process(table: Table, recordings: Sequence[Path]) -> list[dict[str, Any]]:
-    """One tapping finger, ten, and each recording, then all of them."""
+    """One tapping finger, two, ten, and each recording, then all of them."""
     fast = fast_library()
-    taps = [tapping(count, 1_000, table.device) for count in (1, 10)]
+    taps = [tapping(count, REPORTS_HZ, table.device) for count in (1, 2, 10)]
     made = [measure_in_process(table, stream, _IN_PROCESS_REPORTS, fast) for stream in taps]
     read = [recording for recording in map(read_recording, recordings) if recording.reports]
     recorded = [measure_in_process(table, replayed(recording), len(recording.reports), fast) for recording in read]

@@ -20,7 +20,9 @@ from engine.table import Table
 from firmware_link.child import Child
 from firmware_link.emulator.process import RunningEmulator, run_emulator
 from firmware_link.protocol.errors import LinkError
-from tactable.bench.inputs import Stream, expected_states
+from firmware_link.protocol.framing import encode_message
+from firmware_link.protocol.messages import Play
+from tactable.bench.inputs import Stream, expected_clicks
 from tactable.bench.latency.background_load import BackgroundLoad
 from tactable.bench.latency.conditions import ECHO, WITHOUT_FAST_PATH, Condition, Transport
 from tactable.bench.latency.echo_engine import read_echo_samples, start_echo_engine
@@ -64,6 +66,7 @@ class Bench:
         self._streams, self._folder, self._transport, self._echo = streams, folder, transport, echo
         self._device: Device = table.device
         self._table_path = table.path
+        self._command_size = _size_of_commands(table)
         allowed = sorted(os.sched_getaffinity(0))
         self._own_processor, self._engine_processor = allowed[0], allowed[-1]
         self._stack = ExitStack()
@@ -146,8 +149,9 @@ class Bench:
         self, answer: dict[str, Any], samples: dict[str, Times], schedule: Schedule, stream: Stream
     ) -> dict[str, Any]:
         by_reports = samples["change_report"] >= 0
-        reports, states = (samples[name][by_reports].tolist() for name in ("change_report", "change_state"))
-        expected = expected_states(stream, schedule.count, self._device)
+        clicks = by_reports & (samples["change_place"] >= 0)
+        reports, places = (samples[name][clicks].tolist() for name in ("change_report", "change_place"))
+        expected = expected_clicks(stream, schedule.rate_hz, schedule.count, self._device)
         expired = answer["digitizer"]["expired_frames"]
         lower_ns, upper_ns = answer["clock_bounds_ns"]
         return {
@@ -159,7 +163,7 @@ class Bench:
             "sessions_lost": answer["loop"]["reconnects"],
             "replaced_unsent": answer["link"]["coalesced"],
             "stale_sent": count_stale(samples),
-            "order_kept": None if expired else [*zip(reports, states, strict=True)] == expected,
+            "order_kept": None if expired else [*zip(reports, places, strict=True)] == expected,
             "released_by_watchdog": expired,
             "clock_bounds_us": (upper_ns - lower_ns) / 1e3,
         }
@@ -173,7 +177,8 @@ class Bench:
             # The other steps are the C program's own.
             outcomes = stack.enter_context(real_time([s for s in condition.steps if s is Step.DMA_LATENCY]))
             descriptors = (their_touch.fileno(), their_link.fileno())
-            process = start_echo_engine(self._echo, *descriptors, every, path, condition.steps, self._engine_processor)
+            size, processor = self._command_size, self._engine_processor
+            process = start_echo_engine(self._echo, *descriptors, every, size, path, condition.steps, processor)
             ended = stack.enter_context(_until_ended(process))
             _close([their_touch, their_link])
             receiver = EchoReceiver()
@@ -190,6 +195,12 @@ class Bench:
         stamps = stamps_of_echoes(samples, np.array(receiver.arrivals.time_ns[1:], np.int64))
         facts = {"reports_sent": schedule.next, "commands": len(samples)}
         return Measured(stamps, samples[:, 0].copy(), facts, outcomes)
+
+
+def _size_of_commands(table: Table) -> int:
+    """Bytes of the longest PLAY on the line."""
+    count = table.clicks.weights.shape[1]
+    return len(encode_message(Play(0, 0, 1, 0, count, (0,) * count), 0))
 
 
 def _touch_pair(stack: ExitStack) -> tuple[socket.socket, socket.socket]:

@@ -37,9 +37,9 @@ class Point(IntEnum):
     RECEIVED = 7
     """The far end of the line has it."""
     APPLIED = 8
-    """The firmware drives it."""
+    """The firmware plays it."""
     AT_FINGER = 9
-    """The vibration first passes the detection threshold under the last felt finger, as the model says."""
+    """The vibration first passes the detection threshold under the last felt finger, as the table says."""
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,13 @@ STAGES = {
     Point.SENT: StageOf("digitizer", "digitizer", "due until sent: the digitizer, or here its stand-in, was late"),
     Point.READ: StageOf("wake-up", "host", "sent until read: the operating system wakes the engine"),
     Point.FRAME: StageOf("decode", "engine", "read until the touch frame is complete"),
-    Point.STATE: StageOf("state", "engine", "zones, effects and state"),
-    Point.COMMAND: StageOf("look-up", "engine", "drive of the state, handed to the link"),
+    Point.STATE: StageOf("state", "engine", "fingers, their roles and what is wanted"),
+    Point.COMMAND: StageOf("look-up", "engine", "click of the fingers, handed to the link"),
     Point.WRITTEN: StageOf("encode and write", "link", "command frame made, and taken by the port"),
     Point.RECEIVED: StageOf("line", "link", "taken by the port until the other end has it"),
-    Point.APPLIED: StageOf("device", "device", "received until the firmware drives it"),
+    Point.APPLIED: StageOf("device", "device", "received until the firmware plays it"),
     Point.AT_FINGER: StageOf(
-        "bar (simulated)", "bar", "driven until it passes the threshold at the finger: by the model, not measured"
+        "bar (simulated)", "bar", "played until it passes the threshold at the finger: by the table, not measured"
     ),
 }
 MEASURED_POINTS = tuple(point for point in STAGES if point is not Point.AT_FINGER)

@@ -11,7 +11,7 @@ from tactable.bench.light_device import Arrivals
 
 Times = NDArray[np.int64]
 
-# A SET comes within a fraction of a lease, or a stall of the line; its sequence comes again after 256 frames.
+# A command comes within a fraction of a lease, or a stall of the line; its sequence comes again after 256 frames.
 _LONGEST_WAY_NS = 200_000_000
 # Device time is cut to whole microseconds.
 _CUT_NS = 1_000
@@ -102,10 +102,10 @@ def _applied(samples: dict[str, Times], since_ns: Times) -> NDArray[np.float64]:
 
 
 def arrivals_at(emulator: RunningEmulator) -> Arrivals:
-    """When each SET reached the emulated firmware, by its own clock, which is the host's."""
+    """When each command reached the emulated firmware, by its own clock, which is the host's."""
     arrivals, log = Arrivals(), emulator.log()
     for frame in log.received:
-        if frame.message == "SET":
+        if frame.message in ("SET", "PLAY"):
             arrivals.time_ns.append(log.host_ns_at_device_zero + 1_000 * frame.device_time_us)
             arrivals.sequence.append(frame.sequence)
     return arrivals

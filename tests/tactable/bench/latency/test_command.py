@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +10,14 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from engine.loop.realtime import Step
-from engine.table.columns import write_entries
-from engine.table.file import TableWriter
+from tactable.bench.inputs import MOST_COMMANDS_HZ
 from tactable.bench.latency.report import LatencyReportError
 from tactable.cli.latency import EXIT_WORSE
 from tactable.cli.main import app
 from tactable.shipped import DEMO_RECORDING, find_device
-from tests.engine.made_entries import entry_of, felt_states
+from tests.engine.made_clicks import every_click
+from tests.engine.made_entries import entry_of, states_of
+from tests.engine.made_table import write_table
 
 DEVICE = find_device("reference-a")
 HAS_COMPILER = any(map(shutil.which, ("cc", "gcc", "clang")))
@@ -27,16 +27,8 @@ GENTLE = ("--realtime", "collector,switch-interval")
 
 @pytest.fixture(scope="module")
 def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("bench") / "bar.nc"
-    entries = [
-        entry_of(DEVICE, state, frequencies_hz=(70.0 + number, 60.0), wanted_level_db=level_db)
-        for level_db in (20.0, inf)
-        for number, state in enumerate(felt_states(DEVICE))
-    ]
-    with TableWriter(path) as writer:
-        writer.describe({"device_description": DEVICE.text, "device_fingerprint": DEVICE.fingerprint})
-        write_entries(writer, entries, DEVICE)
-    return path
+    entries = [entry_of(DEVICE, states_of(DEVICE, [0]))]
+    return write_table(tmp_path_factory.mktemp("bench") / "bar.nc", DEVICE, entries, every_click(DEVICE))
 
 
 def bench(folder: Path, *words: str) -> Result:
@@ -69,11 +61,12 @@ def test_no_report_is_lost_no_command_stale_and_order_is_kept(measured: tuple[Pa
         assert condition["order_kept"] or condition["released_by_watchdog"]
         assert condition["mispredicted"] == 0
         assert condition["answered_by_fast_path"] >= 0.5 * condition["commands"] * HAS_COMPILER
-        assert condition["commands"] + condition["replaced_unsent"] >= 0.9 * condition["reports_sent"]
+        taps = condition["reports_sent"] / max(2, condition["rate_hz"] // MOST_COMMANDS_HZ)
+        assert condition["commands"] + condition["replaced_unsent"] >= 0.9 * taps
         assert {step["step"] for step in condition["steps"]} == {Step.COLLECTOR, Step.SWITCH_INTERVAL}
         stages = condition["stages"]
         assert {"digitizer", "wake-up", "decode", "state", "look-up", "encode and write", "line"} <= stages.keys()
-        assert 0 < stages["bar (simulated)"]["p50_us"] < 100_000  # the made entries' t90
+        assert 0 < stages["bar (simulated)"]["p50_us"] < 100_000  # the made clicks' 5 ms
 
 
 def test_what_a_reader_must_know_is_in_the_report(measured: tuple[Path, dict[str, Any]], table: Path) -> None:
@@ -84,10 +77,12 @@ def test_what_a_reader_must_know_is_in_the_report(measured: tuple[Path, dict[str
     assert document["configuration"]["rates_hz"] == [200, 1000]
     assert document["environment"]["clock"]["reading_ns"] > 0
     assert {"processor", "governor", "clock_source", "virtual_machine"} <= document["environment"].keys()
-    assert [row["stream"].split()[0] for row in document["in_process"]] == ["1", "10"]
+    assert [row["stream"].split()[0] for row in document["in_process"]] == ["1", "2", "10"]
     assert all(row["report_to_bytes"]["count"] > 0 for row in document["in_process"])
     if HAS_COMPILER:
-        assert all(row["by_fast_path"] == row["report_to_bytes"]["count"] for row in document["in_process"])
+        one, two, ten = ((row["by_fast_path"], row["report_to_bytes"]["count"]) for row in document["in_process"])
+        assert one[0] == one[1] > 0 and two[0] == two[1] > 0
+        assert ten[0] == 0  # clicks of three fingers and more are in no table
 
 
 @pytest.mark.skipif(not HAS_COMPILER, reason="there is no C compiler")
@@ -95,7 +90,7 @@ def test_the_c_echo_engine_is_measured_beside_each_engine(measured: tuple[Path, 
     _, document = measured
     floors = [condition for condition in document["conditions"] if condition["engine"] == "C echo"]
     assert [floor["rate_hz"] for floor in floors] == [200, 1000]
-    assert all(floor["commands"] == 0.6 * floor["rate_hz"] for floor in floors)
+    assert [floor["commands"] for floor in floors] == [60, 60]
     assert len(document["ratios"]) == 4
     assert all(row["median"]["low"] <= row["median"]["value"] <= row["median"]["high"] for row in document["ratios"])
 
