@@ -19,7 +19,7 @@ from tactable.cli.main import app
 from tests.precompute.builder.test_build import SMALL
 from tests.precompute.builder.test_incremental import arrays
 
-CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=2, trimmed=6, judged=10)
+CHEAP = ClickOptions(lengths_s=(0.02,), pitch_m=93.2e-3, scenarios=2, trimmed=6, judged=10)
 WISHES: dict[str, Any] = {"objective": "fair share", "clicks_up_to": 1, "click_options": CHEAP}
 DEVICE = Device.parse(SMALL, "bar.toml")
 

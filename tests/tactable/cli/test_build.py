@@ -1,4 +1,4 @@
-"""The commands `build --watch` and `rollback`."""
+"""The commands `build`, with its places and its coarse clicks, `build --watch` and `rollback`."""
 
 import json
 import signal
@@ -28,6 +28,31 @@ def folder(tmp_path: Path) -> Path:
     for text in (SMALL, SOFTER):
         build_table(Device.parse(text, "bar.toml"), tmp_path / "bar.nc", created=str(len(text)), clicks_up_to=0)
     return tmp_path
+
+
+def test_coarse_clicks_come_first_and_are_told_from_the_fine_ones(tmp_path: Path) -> None:
+    (tmp_path / "bar.toml").write_text(SMALL, encoding="utf-8")
+    command = ("build", "bar.toml", "-o", "bar.nc", "--clicks-up-to", "1", "--pitch", "140 mm")
+    done = tactable(tmp_path, *command, "--coarse", "--json")
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert (said["clicks"], said["clicks_are_coarse"], said["click_pitch_m"]) == (3, True, 0.2794 / 2)
+    assert (said["solved"]["coarse_clicks"], said["solved"]["clicks"]) == (3, 0)
+    said = json.loads(tactable(tmp_path, *command, "--json").stdout)
+    assert (said["clicks"], said["clicks_are_coarse"]) == (3, False)
+    assert (said["solved"]["coarse_clicks"], said["solved"]["clicks"]) == (0, 3)
+    (tmp_path / "bar.nc").unlink()
+    done = tactable(tmp_path, *command)
+    assert "bar.nc: usable, with coarse clicks; the fine ones follow" in done.stderr
+    assert "38 entries, 3 clicks at places 140 mm apart" in done.stdout
+
+
+@pytest.mark.parametrize("pitch", ["0.5 mm", "0 mm", "3"])
+def test_a_pitch_that_is_too_fine_or_no_length_is_refused(tmp_path: Path, pitch: str) -> None:
+    (tmp_path / "bar.toml").write_text(SMALL, encoding="utf-8")
+    done = tactable(tmp_path, "build", "bar.toml", "--pitch", pitch)
+    assert done.returncode == 1 and "--pitch" in done.stderr
+    assert not (tmp_path / "reference-a.nc").exists()
 
 
 def test_rolled_back_is_the_table_before_and_once_more_as_it_was(folder: Path) -> None:
