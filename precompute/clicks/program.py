@@ -87,12 +87,21 @@ UNBOUNDED = Bound(np.inf, 0.0)
 
 
 @dataclass(frozen=True)
+class Basis:
+    """The rows that hold an optimum at its limits: indices of aims and drive rows, and numbers of watched rows."""
+
+    own: Integers
+    watched: Integers
+
+
+@dataclass(frozen=True)
 class Optimum:
-    """Weights (tone,) within every limit, their value, and the upper bound."""
+    """Weights (tone,) within every limit, their value, the upper bound, and the basis that a like one starts from."""
 
     weight: Array
     value: float
     bound: Bound
+    basis: Basis | None = None
 
 
 @dataclass(frozen=True)
@@ -158,9 +167,16 @@ class Program:
         self._order = np.concatenate([self._order, numbers])
         self._entered.flat[numbers] = True
 
-    def maximise(self, aims: Array, floor: float = 0.0, tolerance: float = TOLERANCE) -> Optimum:
-        """The best weights for aims (aim, tone), to `tolerance` relative; given up once the bound is below `floor`."""
+    def maximise(
+        self, aims: Array, floor: float = 0.0, tolerance: float = TOLERANCE, start: Basis | None = None
+    ) -> Optimum:
+        """The best weights for aims (aim, tone), to `tolerance` relative; given up once the bound is below `floor`.
+
+        start: the basis of an earlier optimum that is thought to be near; None: that of the last program.
+        """
         self._purge()
+        if start is not None:
+            self._start_from(start)
         self._programs += 1
         cost = self._aim_at(aims)
         best = Optimum(np.zeros(self._tones), 0.0, UNBOUNDED)
@@ -174,7 +190,21 @@ class Program:
             best = Optimum(weight / max(1.0, violation), value, bound) if is_better else replace(best, bound=bound)
             if best.value >= least * (1 - tolerance) or least <= floor or not self._add_violated(course):
                 break
-        return best
+        return replace(best, basis=self._basis())
+
+    def _basis(self) -> Basis:
+        basis = self._pool.basis
+        is_own = basis < self._first_watched
+        return Basis(basis[is_own], self._order[basis[~is_own] - self._first_watched])
+
+    def _start_from(self, start: Basis) -> None:
+        """Start from a basis, whose watched rows may have been deleted meanwhile."""
+        missing = start.watched[~self._entered.flat[start.watched]]
+        if len(missing):
+            self.add(missing)
+        where = np.argsort(self._order)
+        rows = where[np.searchsorted(self._order, start.watched, sorter=where)]
+        self._pool.start_from(np.concatenate([start.own, rows + self._first_watched]))
 
     def _with_value(self, rows: Array) -> Array:
         """Rows (row, unknown) of rows (row, tone): the value of several aims has no part in them."""

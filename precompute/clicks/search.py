@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precompute.clicks.basis import EVALUATION_RATE_HZ
-from precompute.clicks.program import TOLERANCE, UNBOUNDED, Optimum
+from precompute.clicks.program import TOLERANCE, UNBOUNDED, Basis, Optimum
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class LinearProgram(Protocol):
     def set_limit(self, limit: float) -> None:
         """Change the limit of the watched courses."""
 
-    def maximise(self, aims: Array, floor: float = ..., tolerance: float = ...) -> Optimum:
+    def maximise(self, aims: Array, floor: float = ..., tolerance: float = ..., start: Basis | None = ...) -> Optimum:
         """The best weights for aims (aim, tone), to `tolerance` relative; given up once the bound is below `floor`."""
 
 
@@ -59,6 +59,10 @@ class Aim:
 
     instant: NDArray[np.int64]
     sign: Array
+
+    def is_same(self, other: "Aim") -> bool:
+        """Whether both ask for the same instants and signs."""
+        return np.array_equal(self.instant, other.instant) and np.array_equal(self.sign, other.sign)
 
     def rows(self, course: Array) -> Array:
         """Rows (finger, tone) to be maximised, from course (finger, time, tone)."""
@@ -106,7 +110,7 @@ class Search:
         # One finger ascends to its best instant at once; several have peaks that no common instant reveals.
         ascents = 1 if len(self._course) == 1 else _ASCENT_STARTS
         likely = sorted(tried, key=lambda found: -self._peak_aim(found.weight)[1])[:ascents]
-        self._last = max((self._ascend(found.weight) for found in likely), key=lambda found: found.optimum.value)
+        self._last = max((self._ascend(found) for found in likely), key=lambda found: found.optimum.value)
         return self._last
 
     def improve(self, aim: Aim, limit: float) -> Optimum:
@@ -123,15 +127,17 @@ class Search:
         self._bounds[index] = found.bound
         return found
 
-    def _ascend(self, weight: Array) -> Found:
+    def _ascend(self, begun: Optimum) -> Found:
         """Move every finger to its own peak and solve again while the value rises."""
         best: Found | None = None
         for _ in range(_ASCENTS):
-            aim, _ = self._peak_aim(weight)
-            found = self._program.maximise(aim.rows(self._course))
+            aim, _ = self._peak_aim(begun.weight)
+            if best is not None and aim.is_same(best.aim):
+                return best
+            found = self._program.maximise(aim.rows(self._course), start=begun.basis)
             if best is not None and found.value <= best.optimum.value * (1 + 10 * TOLERANCE):
                 return best
-            best, weight = Found(aim, found), found.weight
+            best, begun = Found(aim, found), found
         assert best is not None
         return best
 

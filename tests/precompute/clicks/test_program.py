@@ -64,6 +64,19 @@ def test_what_was_solved_before_does_not_matter(seed: int, aims: int) -> None:
 
 @seeds
 @aims_of
+def test_an_earlier_optimum_is_found_again_from_its_basis(seed: int, aims: int) -> None:
+    kept, watched, goals = problem(seed, aims)
+    program = program_of(kept, watched, aims)
+    first = program.maximise(goals)
+    for other in range(20):  # rows of the first are deleted meanwhile
+        program.maximise(problem(100 + other, aims)[2])
+    before = program.effort.pivots
+    again = program.maximise(goals, start=first.basis)
+    assert again.value == pytest.approx(first.value, rel=1e-6) and program.effort.pivots - before <= 1
+
+
+@seeds
+@aims_of
 def test_the_limit_is_what_the_watched_courses_may_reach(seed: int, aims: int) -> None:
     kept, watched, goals = problem(seed, aims)
     program = program_of(kept, watched, aims)
