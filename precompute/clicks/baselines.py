@@ -6,6 +6,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from engine.steady.solver import SteadyDrive
 from engine.table import Entry
 from engine.touch import Placement
 from precompute.clicks.basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, make_tones
@@ -35,18 +36,20 @@ def energy_contrast(solver: ClickSolver, placement: Placement, length_s: float) 
     return tones.waveform(np.asarray(vectors[:, -1], dtype=np.float64))
 
 
-def gated_drive(solver: ClickSolver, placement: Placement, entries: Sequence[Entry], length_s: float) -> Array:
+def gated_drive(
+    solver: ClickSolver, placement: Placement, drives: Sequence[Entry | SteadyDrive], length_s: float
+) -> Array:
     """The steady drive switched on for that long within the slew of the device's limits; of all levels the best."""
-    gated = [gate(entry, length_s, solver.device.limits.slew_per_s) for entry in entries]
-    return max(gated, key=lambda drive: solver.evaluate(placement, length_s, drive, "").evaluation.felt.low_db)
+    gated = [gate(drive, length_s, solver.device.limits.slew_per_s) for drive in drives]
+    return max(gated, key=lambda moved: solver.evaluate(placement, length_s, moved, "").evaluation.felt.low_db)
 
 
-def gate(entry: Entry, length_s: float, slew_per_s: float) -> Array:
+def gate(drive: Entry | SteadyDrive, length_s: float, slew_per_s: float) -> Array:
     """Base displacements (actuator, time) of a drive that ramps up at the start and down to 0 at length_s."""
     time_s = np.arange(round(length_s * SAMPLE_RATE_HZ) + 1) / SAMPLE_RATE_HZ
     envelope = np.minimum(1.0, np.minimum(time_s, time_s[-1] - time_s) * slew_per_s)
-    turn = 2 * np.pi * np.outer(entry.frequencies_hz, time_s) + np.array(entry.phases_rad)[:, None]
-    displacement: Array = np.array(entry.amplitudes)[:, None] * envelope * np.sin(turn)
+    turn = 2 * np.pi * np.outer(drive.frequencies_hz, time_s) + np.array(drive.phases_rad)[:, None]
+    displacement: Array = np.array(drive.amplitudes)[:, None] * envelope * np.sin(turn)
     return displacement
 
 
@@ -56,16 +59,16 @@ BASELINES = (ENERGY_CONTRAST, GATED_DRIVE)
 
 
 def solve_baseline(
-    solver: ClickSolver, placement: Placement, entries: Sequence[Entry], name: str, length_s: float
+    solver: ClickSolver, placement: Placement, drives: Sequence[Entry | SteadyDrive], name: str, length_s: float
 ) -> Click:
     """A baseline scaled to the limits and the quiet level, and evaluated as any click.
 
-    entries: the steady drives of the placement, one for each level.
+    drives: the steady drives of the placement, one for each level.
     """
     if name == ENERGY_CONTRAST:
         waveform = energy_contrast(solver, placement, length_s)
     else:
-        waveform = gated_drive(solver, placement, entries, length_s)
+        waveform = gated_drive(solver, placement, drives, length_s)
     return solver.evaluate(placement, length_s, waveform, name)
 
 

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.table import ClickEntry
 from engine.table.click import ClickFinger, LevelSpread
+from engine.touch import Placement
+from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from precompute.clicks.basis import (
     EVALUATION_RATE_HZ,
     EVALUATIONS_PER_SAMPLE,
@@ -67,10 +69,7 @@ class ClickTabulator:
             achieved=click.achieved,
             felt=LevelSpread(*astuple(evaluation.felt)),
             quiet=None if evaluation.quiet is None else LevelSpread(*astuple(evaluation.quiet)),
-            fingers=tuple(
-                ClickFinger(float(acceleration[:, i].max()), _decibels(weighted[:, i].max()))
-                for i in range(len(click.placement.position_m))
-            ),
+            fingers=_peaks(acceleration, weighted),
             exceeds_s={
                 level_db: self._exceeds_s(felt, level_db, evaluation.felt.low_db) for level_db in self._levels_db
             },
@@ -81,6 +80,11 @@ class ClickTabulator:
             bound_db=click.bound_db,
             gap_db=click.gap_db,
         )
+
+    def fingers_of(self, entry: ClickEntry, placement: Placement) -> tuple[ClickFinger, ...]:
+        """What a click gives to standard fingers of any placement, as it is played, in the nominal plant."""
+        played = entry.amplitude / SAMPLE_FULL_SCALE * entry.samples.astype(np.float64)
+        return _peaks(*self._nominal(played, placement.position_m))
 
     def _nominal(self, waveform: Array, position_m: tuple[float, ...]) -> tuple[Array, Array]:
         """Magnitudes (time, finger) under samples (sample, actuator): acceleration, and weighted by the threshold."""
@@ -113,6 +117,14 @@ class ClickTabulator:
         if not above.any(axis=0).all():
             return None
         return float(above.argmax(axis=0).max() / EVALUATION_RATE_HZ)
+
+
+def _peaks(acceleration: Array, weighted: Array) -> tuple[ClickFinger, ...]:
+    """Greatest of magnitudes (time, finger), under each finger."""
+    return tuple(
+        ClickFinger(float(peak), _decibels(weighted_peak))
+        for peak, weighted_peak in zip(acceleration.max(axis=0), weighted.max(axis=0), strict=True)
+    )
 
 
 def _decibels(value: float) -> float:

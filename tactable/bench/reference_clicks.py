@@ -19,7 +19,7 @@ from precompute.clicks.basis import EVALUATIONS_PER_SAMPLE, make_tones, orthogon
 from precompute.clicks.design import drive_rows
 from precompute.clicks.evaluation import decibels
 from precompute.clicks.options import ClickOptions
-from precompute.clicks.program import TOLERANCE, UNBOUNDED, Bound, Optimum
+from precompute.clicks.program import TOLERANCE, UNBOUNDED, Basis, Bound, Optimum
 from precompute.clicks.search import Search
 from precompute.clicks.solver import FULL_SCALE
 from precompute.model.assembly import assemble
@@ -67,7 +67,13 @@ class HighsProgram:
         rows = np.arange(self._first_watched, self._first_watched + len(self._order), dtype=np.int32)
         self._solver.changeRowsBounds(len(rows), rows, np.full(len(rows), -limit), np.full(len(rows), limit))
 
-    def maximise(self, aims: Array, floor: float = 0.0, tolerance: float = TOLERANCE) -> Optimum:
+    def maximise(
+        self,
+        aims: Array,
+        floor: float = 0.0,
+        tolerance: float = TOLERANCE,
+        start: Basis | None = None,  # noqa: ARG002  # HiGHS goes on from its own last basis
+    ) -> Optimum:
         """The best weights for aims (aim, tone), to `tolerance` relative; given up once the bound is below `floor`."""
         self._purge()
         if self._aims == 1:

@@ -21,7 +21,7 @@ _PERCENTILES = ("5 %", "50 %", "95 %")
 
 def designer_of(table: Table) -> SteadyDesigner:
     """Solves drives as a run of this table does, from its receptances, and computes their figures."""
-    return SteadyDesigner(table.device, plant_of(table))
+    return SteadyDesigner(table.device, plant_of(table), table.receptances)
 
 
 def placed_drive_json(table: Table, figures: PlacementFigures) -> dict[str, Any]:

@@ -25,7 +25,10 @@ _STYLES = ("-", "--", "-.")
 
 def draw_demo(report: DemoReport, path: Path) -> None:
     """Write the picture: touches, felt acceleration and drive over time, then up to six drives and clicks."""
-    drawn: list[DriveReport | ClickReport] = list(report.drives)
+    held, room = report.drives, max(_MOST_DRAWN - len(report.clicks), 1)
+    drawn: list[DriveReport | ClickReport] = [
+        held[round(k)] for k in np.linspace(0, len(held) - 1, min(len(held), room))
+    ]
     drawn = [*drawn, *report.clicks][:_MOST_DRAWN]
     rows = 3 + (len(drawn) + 1) // 2
     figure = Figure(figsize=(10, 2.4 * rows), layout="constrained")
