@@ -31,8 +31,9 @@ from tactable.page.processes.asynchronous import AsyncChild
 from tactable.page.processes.engine import Order
 from tactable.page.processes.firmware import Applied, decode_applied
 from tactable.page.scene import device_json
-from tactable.page.tables import Builder, open_newest, order_for
+from tactable.page.tables import Builder, order_for
 from tactable.page.view import View
+from tactable.rig.demo import open_cached
 from tactable.rig.emulate import configuration_of
 from tactable.shipped import find_device
 
@@ -106,6 +107,11 @@ class _Engine:
         self.feed.close()
         await self.child.end()
         self.ring.unlink(missing_ok=True)
+
+
+def _is_same(one: Table, other: Table) -> bool:
+    """Whether two open tables are one: an early one is replaced by one with clicks."""
+    return (one.path, one.fingerprint, len(one.clicks)) == (other.path, other.fingerprint, len(other.clicks))
 
 
 class DemoBackend:
@@ -252,7 +258,7 @@ class DemoBackend:
             self._builder.stop()
         else:
             had_built = self._builder.has_built(order)
-            table = await asyncio.to_thread(open_newest, order, device)
+            table = await asyncio.to_thread(open_cached, device, order.path)
             if (table is None or table.path != order.path) and self._builder.has_built(order) and not had_built:
                 self._news.set()  # the table was finished during the look: look again
             elif table is None or table.path != order.path:
@@ -260,7 +266,7 @@ class DemoBackend:
             if table is None:
                 self._status = "building" if self.view is None else self._status
                 return
-            if self._table is not None and table.path == self._table.path:
+            if self._table is not None and _is_same(table, self._table):
                 table.close()
                 table = self._table
         if self._plays is not None and table is self._table and replace(choice, is_loaded=True) == self._plays:

@@ -1,18 +1,14 @@
-"""Tables for the page's switches: finds them in the cache, and builds missing ones in a child process."""
+"""Tables for the page's switches: their places in the cache, and a child process that builds missing ones."""
 
 import asyncio
-import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from engine.device import Device
-from engine.table import Table, TableError
 from firmware_link.child import ChildError
-from precompute.builder.code_fingerprint import code_fingerprint
 from tactable.page.processes.asynchronous import AsyncChild
 from tactable.page.processes.build import BuildOrder
-from tactable.rig.demo import DEMO_FINGERS
 
 
 @dataclass(frozen=True)
@@ -27,20 +23,12 @@ class Building:
 
 def order_for(device_name: str, device: Device, folder: Path) -> BuildOrder:
     """What to build for a device: the table that `tactable demo` without a page plays too."""
-    return BuildOrder(device_name, DEMO_FINGERS, cached_table(device, folder))
+    return BuildOrder(device_name, cached_table(device, folder))
 
 
 def cached_table(device: Device, folder: Path) -> Path:
     """Path of the cached table of a device."""
     return folder / f"{device.name}-{device.fingerprint[:12]}.nc"
-
-
-def open_newest(order: BuildOrder, device: Device) -> Table | None:
-    """Open the table of an order, or the early one without clicks; None where neither is usable."""
-    for path in (order.path, order.early_path):
-        with contextlib.suppress(TableError):
-            return Table.open(path, device=device, code_fingerprint=code_fingerprint(), verify=False)
-    return None
 
 
 class Builder:

@@ -18,6 +18,7 @@ from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.serial_port import SerialPort
 from tactable.page.choices import Choice, effects_of
 from tactable.rig.rig import PTY_BIT_RATE_HZ
+from tactable.run.click_process import ClickProcess
 from tactable.run.live import Live, LiveOptions
 
 
@@ -64,6 +65,7 @@ def _run(order: Order, pipe: int, ring: RingWriter, parent: Parent) -> None:
         port = SerialPort(order.port)
         reopening = ReopeningPort(lambda: SerialPort(order.port), port)
         stack.callback(reopening.close)
-        live = Live(table, PointerSource(pipe), port, clock, options, ring, reopening=reopening)
-        parent.say({"clicks": live.clicks, "shortfalls": sum(live.renderer.shortfalls.values())})
+        solving = stack.enter_context(ClickProcess(order.table)) if table.clicks and effects.have_clicks else None
+        live = Live(table, PointerSource(pipe), port, clock, options, ring, reopening=reopening, solving=solving)
+        parent.say({"clicks": live.clicks})
         live.run(_NextOrder(parent))
