@@ -5,9 +5,9 @@ them, what was promised for these positions. JSON keys that begin with `measured
 are kept, since programs read them.
 """
 
+import contextlib
 from collections.abc import Collection
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from engine.touch import Placement
 from engine.touch.finger_tracker import ZoneEdges
 from engine.touch.sources.recording import Recording
 from firmware_link.emulator import DriveEvent
-from precompute.builder.build import Progress, build_table
+from precompute.builder.build import Coarse, Progress, build_table
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
@@ -35,8 +35,6 @@ from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
 from tactable.rig.promises import Promises
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
 
-DEMO_FINGERS = 2
-"""A table made for the demo has clicks for up to this many fingers; more would take minutes."""
 MOST_DRIVES = 40
 """Most steady drives of a run whose promise is compared with the simulation."""
 LONGEST_REPLAY_S = 12.0
@@ -73,20 +71,32 @@ class DemoReport:
 
 
 def table_for(device: Device, path: Path, progress: Progress) -> Table:
-    """The table of `device` at `path`, built if it is missing, stale or broken."""
-    try:
-        return Table.open(path, device=device, code_fingerprint=code_fingerprint())
-    except TableError:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        build_table(
-            device,
-            path,
-            created=datetime.now(UTC).isoformat(timespec="seconds"),
-            clicks_up_to=DEMO_FINGERS,
-            workers=available_cores(),
-            progress=progress,
-        )
-        return Table.open(path, device=device, verify=False)
+    """The table of `device` at `path`, or the early one beside it, which is built with coarse clicks if need be.
+
+    Such a table is there after half a minute of processor time; the page of the demo builds the fine one.
+    """
+    found = open_cached(device, path)
+    if found is not None and found.clicks:
+        return found
+    if found is not None:
+        found.close()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    early, workers = early_path(path), available_cores()
+    build_table(device, early, coarse=Coarse.ONLY, workers=workers, progress=progress)
+    return Table.open(early, device=device, verify=False)
+
+
+def early_path(path: Path) -> Path:
+    """Path of a table while its clicks are coarse, or there are none yet."""
+    return path.with_name(f"{path.stem}-early{path.suffix}")
+
+
+def open_cached(device: Device, path: Path) -> Table | None:
+    """The table at `path`, else the early one beside it; None where neither is usable."""
+    for each in (path, early_path(path)):
+        with contextlib.suppress(TableError):
+            return Table.open(each, device=device, code_fingerprint=code_fingerprint(), verify=False)
+    return None
 
 
 def run_demo(table: Table, recording: Recording, effects: Effects = DEFAULT_EFFECTS) -> DemoReport:

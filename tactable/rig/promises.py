@@ -1,7 +1,8 @@
 """Promises for the positions that fingers really have: what standard fingers there get of a drive or a click.
 
-A steady drive is solved for the positions, so its own levels are the promise. A click is the table's for the nearest
-places; what it gives at the positions follows from its waveform, in the nominal plant.
+A steady drive is solved for the positions from receptances between places; its promise is computed apart from that, by
+finite elements at the drive's own frequency. A click is the table's for the nearest places; what it gives at the
+positions follows from its waveform, in the nominal plant.
 """
 
 from dataclasses import dataclass
@@ -13,6 +14,8 @@ from engine.steady.solver import SteadyDrive, SteadySolver
 from engine.table import ClickEntry, Table
 from engine.table.click import played_at
 from engine.touch import Placement
+from precompute.model.assembly import assemble
+from precompute.model.response import solve_response
 from precompute.model.threshold import detection_threshold
 from tactable.explain.click_source import ClickSource
 
@@ -33,7 +36,7 @@ class Promises:
 
     def __init__(self, table: Table) -> None:
         self._table, self._source = table, ClickSource(table)
-        self._solver = SteadySolver(table.device, table.receptances)
+        self._solver, self._plant = SteadySolver(table.device, table.receptances), assemble(table.device)
 
     def prepare(self) -> None:
         """Load or compile what promises take: up to a second."""
@@ -44,8 +47,12 @@ class Promises:
     def of_drive(self, placement: Placement, level_db: float) -> tuple[SteadyDrive, Promise]:
         """The steady drive of a placement, as a run solves it, and its promise."""
         drive = self._solver.solve(placement.position_m, placement.is_felt, level_db)
-        threshold_m_per_s2 = float(detection_threshold(np.array([drive.frequency_hz]))[0])
-        return drive, Promise(placement, threshold_m_per_s2 * 10 ** (drive.level_db / 20), drive.level_db)
+        hz, device = np.array([drive.frequency_hz]), self._table.device
+        loaded = self._plant.with_fingers(placement.position_m, device.finger)
+        unit = solve_response(loaded, hz).acceleration(np.array(placement.position_m))[0]
+        acceleration_m_per_s2 = abs(drive.complex_amplitudes @ unit)
+        felt_db = 20 * np.log10(acceleration_m_per_s2 / detection_threshold(hz))
+        return drive, Promise(placement, acceleration_m_per_s2, felt_db)
 
     def of_tabulated_click(self, placement: Placement, level_db: float) -> tuple[ClickEntry, Promise] | None:
         """The table's click of the nearest places, and its promise; None where the table has none."""

@@ -16,6 +16,7 @@ from firmware_link.emulator import Cause, DriveEvent, Outcome, ReceivedFrame
 from firmware_link.emulator.process import EmulatorLog, run_emulator
 from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.serial_port import SerialPort
+from tactable.run.click_process import ClickProcess
 from tactable.run.live import Live, LiveOptions
 
 PTY_BIT_RATE_HZ = 2_000_000
@@ -109,9 +110,9 @@ def play(
         port = SerialPort(emulator.port)
         reopening = ReopeningPort(lambda: SerialPort(emulator.port), port)
         stack.callback(reopening.close)
-        live = Live(
-            table, Playback(recording, speed), port, SystemClock(), options, Observers(trace, moments), reopening
-        )
+        solving = stack.enter_context(ClickProcess(table.path)) if table.clicks and effects.have_clicks else None
+        source, observer = Playback(recording, speed), Observers(trace, moments)
+        live = Live(table, source, port, SystemClock(), options, observer, reopening, solving=solving)
         live.run()
         log = emulator.stop()
     # A command that waited for the line is recorded twice, the second time after later frames.

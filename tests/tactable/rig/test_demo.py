@@ -10,25 +10,26 @@ import numpy as np
 import pytest
 
 from engine.device import Device
-from engine.effects import Effect, Effects, Rule, Segment, Trigger
+from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
 from engine.effects.rules import burst
-from engine.table import Entry, Table
+from engine.table import Table
 from engine.table.entry import DEFAULT_LEVEL_DB
-from engine.touch import ZoneState
+from engine.touch import Placement
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator import Cause, DriveEvent, PlayedWaveform
 from precompute.builder.build import build_table
 from precompute.clicks import ClickOptions
-from tactable.rig.bar import ENVELOPE_S, Simulated, SimulatedBar
-from tactable.rig.demo import find_missed
-from tactable.rig.demo_reports import AGREEMENT, ClickReport, StateReport
+from tactable.rig.bar import ENVELOPE_S, SimulatedDrive, is_felt
+from tactable.rig.demo import Reporter, find_missed
+from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
+from tactable.rig.promises import Promises
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.shared_recordings import recording_params
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 SHORTEST_S = 0.5
-CHEAP = ClickOptions(scenarios=8, trimmed=20, judged=20)
+CHEAP = ClickOptions(scenarios=8, trimmed=20, judged=20, pitch_m=28e-3)
 BURSTS = Effects((Rule(Trigger.TOUCH, burst(DEFAULT_LEVEL_DB, 50)),))
 HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_DB),))),))
 
@@ -44,48 +45,58 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Table:
     return Table.open(folder / "bar.nc", device=coarse)
 
 
-class Bench:
-    """Measures each drive once, whichever recording asked for it."""
-
-    def __init__(self, table: Table) -> None:
-        self.table = table
-        self.bar = SimulatedBar(table.device)
-        self.known: dict[Wanted, StateReport] = {}
-
-    def report(self, wanted: Wanted, event: DriveEvent) -> StateReport:
-        """What a state at a level does when the drive that the firmware got is held."""
-        if wanted not in self.known:
-            entry = self.table.entry_at(wanted.state, wanted.level_db)
-            assert entry is not None
-            self.known[wanted] = StateReport(entry, self.bar.simulate_held(event, entry), 0.0, 0.0)
-        return self.known[wanted]
-
-
 @pytest.fixture(scope="module")
-def bench(table: Table) -> Bench:
-    return Bench(table)
+def reporter(table: Table) -> Reporter:
+    return Reporter(table)
+
+
+def report_of(reporter: Reporter, wanted: Wanted, event: DriveEvent) -> DriveReport | ClickReport:
+    """What a command of the firmware does under its fingers."""
+    return (reporter.report_drive if event.waveform is None else reporter.report_click)(wanted, event)
+
+
+def some_of(applied: dict[Wanted, DriveEvent], most: int = 12) -> list[tuple[Wanted, DriveEvent]]:
+    """Some commands, evenly over a run: a finger that drags under a steady drive gets hundreds of them."""
+    commands = list(applied.items())
+    return [commands[k * len(commands) // most] for k in range(most)] if len(commands) > most else commands
 
 
 @pytest.mark.parametrize("path", recording_params("touch", "*.hid"))
-def test_a_real_recording_renders_what_was_promised(path: Path, table: Table, bench: Bench) -> None:
+def test_a_real_recording_renders_what_was_promised_for_its_positions(
+    path: Path, table: Table, reporter: Reporter
+) -> None:
     recording = read_recording(path)
     duration_s = recording.reports[-1].time_s - recording.reports[0].time_s if recording.reports else 0.0
-    run = play(table, recording, max(1.0, duration_s / SHORTEST_S), BURSTS)
-    assert run.counters.reports == len(recording.reports)
-    for key, event in first_applied(run).items():
-        assert bench.report(key, event).disagreement <= AGREEMENT
+    for effects in (DEFAULT_EFFECTS, HELD):
+        run = play(table, recording, max(1.0, duration_s / SHORTEST_S), effects)
+        assert run.counters.reports == len(recording.reports)
+        for wanted, event in some_of(first_applied(run), 4):
+            assert report_of(reporter, wanted, event).disagreement <= AGREEMENT
 
 
-def test_every_finger_of_the_demo_touches_is_promised_what_it_gets(table: Table, bench: Bench) -> None:
-    """Fingers that feel as long as they touch, so that many states are rendered; quiet ones by a second rule."""
+def test_every_finger_of_the_demo_touches_is_promised_what_it_gets(table: Table, reporter: Reporter) -> None:
+    """Fingers that feel as long as they touch, so that many drives are rendered; quiet ones by a second rule."""
     quiet_in_the_middle = Rule(Trigger.TOUCH, Effect("nothing", (Segment(None, None),)), zones=frozenset({2}))
     applied = dict[Wanted, DriveEvent]()
     for effects in (HELD, Effects((quiet_in_the_middle, *HELD.rules))):
         applied |= first_applied(play(table, read_recording(DEMO_RECORDING), 10.0, effects))
-    reports = [bench.report(key, event) for key, event in applied.items()]
-    assert any(report.zones_in(ZoneState.QUIET) for report in reports)
-    assert max(len(report.felt_zones) for report in reports) > 1
+    several = {wanted: event for wanted, event in applied.items() if len(wanted.placement.position_m) > 1}
+    reports = [report_of(reporter, *command) for command in [*some_of(applied), *several.items()]]
+    assert any(report.placement.quiet for report in reports)
+    assert max(len(report.placement.felt) for report in reports) > 1
     assert max(report.disagreement for report in reports) <= AGREEMENT
+
+
+def test_promises_are_for_where_the_fingers_are_and_not_for_their_places(
+    clicked: tuple[LiveRun, dict[Wanted, DriveEvent]], reporter: Reporter
+) -> None:
+    """The demo's stroke begins 2.8 mm from the end of the bar, far from the coarse places of this table."""
+    wanted, event = next((w, e) for w, e in clicked[1].items() if w.placement.position_m[0] < 5e-3)
+    report = reporter.report_click(wanted, event)
+    at_place, here = report.click.fingers[0], report.promise.acceleration_m_per_s2[0]
+    assert report.click.placement.position_m[0] == 0.0
+    assert abs(at_place.acceleration_at_finger_m_per_s2 / here - 1) > AGREEMENT
+    assert report.disagreement <= AGREEMENT
 
 
 def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> None:
@@ -98,12 +109,14 @@ def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> 
     assert report["simulated"]
     assert report["touch_frames"] == 692
     rendered = {(tuple(click["felt"]), tuple(click["quiet"])) for click in report["clicks"]}
-    alone = {(("I",), ()), (("III",), ()), (("II", "IV"), ())}
     # A machine that stalls while a click lasts does not render it, and says so.
+    alone = {(("I",), ()), (("III",), ()), (("II", "IV"), ())}
     assert rendered <= {*alone, (("III",), ("I",)), (("V",), ("I", "III"))}
-    # The table of the demo has clicks for two fingers: the third gets a steady drive.
-    assert len(report["states"]) <= 1
-    assert len(rendered) + len(report["states"]) + len(report["states_not_rendered"]) == 5
+    # The click of the third finger is solved when it comes; a steady drive answers where that is not in time.
+    assert len(report["states"]) == report["provisional_commands"] <= 1
+    assert len(report["clicks"]) + len(report["states"]) + len(report["states_not_rendered"]) >= 6
+    first = report["clicks"][0]
+    assert first["fingers"][0]["position_m"] == pytest.approx(0.1 * table.device.bar.length_m, abs=1e-4)
     assert {click["wanted_level_db"] for click in report["clicks"]} == {20.0}
     assert report["commands_applied"] + report["commands_late"] == report["commands_sent"] > 0
     assert (tmp_path / "demo.png").stat().st_size > 10_000
@@ -111,16 +124,15 @@ def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> 
 
 @pytest.mark.parametrize("faults", ["stall=0.06s/0.2s", "delay=30ms,jitter=30ms", "stall=0.3s/0.9s"])
 def test_a_run_over_a_line_that_stalls_breaks_no_promise(table: Table, faults: str) -> None:
-    """The firmware refuses what comes late, and whatever it takes is what the table has for the state."""
+    """The firmware refuses what comes late, and whatever it takes is what was solved for the fingers."""
     run = play(table, read_recording(DEMO_RECORDING), 4.0, BURSTS, faults=faults)
-    applied = first_applied(run)
-    for key, event in applied.items():
-        entry = table.entry_at(key.state, key.level_db)
-        assert entry is not None
+    applied, promises = first_applied(run), Promises(table)
+    for wanted, event in applied.items():
+        drive, _ = promises.of_drive(wanted.placement, wanted.level_db)
         drives = [(channel.frequency_hz, channel.amplitude) for channel in event.channels if channel.amplitude]
-        tones = zip(entry.frequencies_hz, entry.amplitudes, strict=True)
+        tones = zip(drive.frequencies_hz, drive.amplitudes, strict=True)
         assert drives == [pytest.approx(tone, abs=5e-3) for tone in tones if tone[1] > 1e-4]
-    missed, not_rendered = find_missed(table, run, applied)
+    missed, not_rendered = find_missed(run, applied)
     assert missed == ()
     assert run.log.faults["to_device.delayed"] > 0 or "delay=" in faults
     felt = {wanted for change in run.trace if (wanted := wanted_of(change)) is not None}
@@ -132,65 +144,53 @@ def test_a_command_that_the_firmware_took_and_did_not_drive_is_missed(table: Tab
     key = next(iter(first_applied(run)))
     silent = tuple(event for event in run.log.events if event.cause is not Cause.SET)
     deaf = replace(run, log=replace(run.log, events=silent))
-    assert key in find_missed(table, deaf, first_applied(deaf))[0]
+    assert key in find_missed(deaf, first_applied(deaf))[0]
     unheard = replace(run, log=replace(run.log, events=(), received=()))
-    assert key in find_missed(table, unheard, first_applied(unheard))[0]
+    assert key in find_missed(unheard, first_applied(unheard))[0]
 
 
 @pytest.fixture(scope="module")
-def rendered(table: Table) -> tuple[Entry, DriveEvent]:
-    """A state with a felt and a quiet finger, and the event that it caused in the firmware."""
+def rendered(table: Table) -> tuple[Wanted, DriveEvent]:
+    """A drive for a felt and a quiet finger, and the event that it caused in the firmware."""
     applied = first_applied(play(table, read_recording(DEMO_RECORDING), 3.0, BURSTS))
-    entries = {key: table.entry_at(key.state, key.level_db) for key in applied}
-    key, entry = next((k, e) for k, e in entries.items() if e is not None and ZoneState.QUIET in e.states)
-    return entry, applied[key]
+    return next((wanted, event) for wanted, event in applied.items() if wanted.placement.quiet)
 
 
-def changed(entry: Entry, state: ZoneState, name: str, factor: float) -> Entry:
-    """The entry with a greater promise in the zones of one state."""
-    zones = (replace(z, **{name: factor * getattr(z, name)}) if z.state is state else z for z in entry.zones)
-    return replace(entry, zones=tuple(zones))
-
-
-def test_a_broken_promise_is_found(bench: Bench, rendered: tuple[Entry, DriveEvent]) -> None:
-    entry, event = rendered
-    simulated = bench.bar.simulate_held(event, entry)
-    assert StateReport(entry, simulated, 0.0, 0.0).disagreement <= AGREEMENT
-    boasts = [
-        replace(entry, localized_factor=1.03 * entry.localized_factor),
-        changed(entry, ZoneState.FELT, "peak_acceleration_m_per_s2", 1.03),
-        changed(entry, ZoneState.FELT, "acceleration_at_finger_m_per_s2", 0.97),
-        changed(entry, ZoneState.QUIET, "acceleration_at_finger_m_per_s2", 0.97),
-    ]
-    assert all(StateReport(boast, simulated, 0.0, 0.0).disagreement > AGREEMENT for boast in boasts)
+def test_a_broken_promise_is_found(reporter: Reporter, rendered: tuple[Wanted, DriveEvent]) -> None:
+    wanted, event = rendered
+    report = reporter.report_drive(wanted, event)
+    assert report.disagreement <= AGREEMENT
+    assert replace(report, promised_factor=1.03 * report.promised_factor).disagreement > AGREEMENT
+    for finger in range(len(wanted.placement.position_m)):
+        boast = report.promise.acceleration_m_per_s2.copy()
+        boast[finger] *= 0.97
+        assert replace(report, promise=replace(report.promise, acceleration_m_per_s2=boast)).disagreement > AGREEMENT
     louder = replace(event, channels=tuple(replace(c, amplitude=1.03 * c.amplitude) for c in event.channels))
-    assert StateReport(entry, bench.bar.simulate_held(louder, entry), 0.0, 0.0).disagreement > AGREEMENT
+    assert reporter.report_drive(wanted, louder).disagreement > AGREEMENT
 
 
-def test_a_promise_for_fingers_is_not_kept_without_them(bench: Bench, rendered: tuple[Entry, DriveEvent]) -> None:
-    entry, event = rendered
-    without = replace(entry, zones=tuple(replace(zone, state=ZoneState.FREE) for zone in entry.zones))
-    untouched = replace(
-        bench.bar.simulate_held(event, without), at_finger=bench.bar.simulate_held(event, entry).at_finger
-    )
-    assert StateReport(entry, untouched, 0.0, 0.0).disagreement > AGREEMENT
+def test_a_promise_for_positions_is_not_kept_elsewhere(reporter: Reporter, rendered: tuple[Wanted, DriveEvent]) -> None:
+    wanted, event = rendered
+    report = reporter.report_drive(wanted, event)
+    moved_m = [at_m + 2e-3 for at_m in wanted.placement.position_m]
+    assert replace(report, simulated=reporter.bar.simulate_held(event, moved_m)).disagreement > AGREEMENT
 
 
 def test_the_level_in_the_run_is_the_promised_one_where_the_acceleration_is(table: Table) -> None:
-    entry = table.entry_for(["I"])
-    promise = entry.zones[0]
-    at_finger, promised_db = promise.acceleration_at_finger_m_per_s2, promise.sensation_level_db
-    assert at_finger is not None and promised_db is not None
-    report = StateReport(entry, Simulated(*[np.zeros(0)] * 5), 0.0, 0.0)
-    assert report.level_db(at_finger) == pytest.approx(promised_db)
-    assert report.level_db(10 * at_finger) == pytest.approx(promised_db + 20)
-    assert report.level_db(0.0) is None
+    placement = Placement.named(table.device, ["I"])
+    drive, promise = Promises(table).of_drive(placement, 20.0)
+    nothing = SimulatedDrive(*[np.zeros(0)] * 4)
+    at_finger, promised_db = float(promise.acceleration_m_per_s2[0]), float(promise.level_db[0])
+    report = DriveReport(promise, 10 * at_finger, 0.0, drive, nothing, (0,), 1.0)
+    assert report.level_db(0, at_finger) == pytest.approx(promised_db)
+    assert report.in_run_db == (pytest.approx(promised_db + 20), None)
+    assert report.level_db(0, 0.0) is None
 
 
-def test_fingers_are_told_apart_by_what_they_are_to_feel(table: Table, bench: Bench) -> None:
+def test_fingers_are_told_apart_by_what_they_are_to_feel(table: Table, reporter: Reporter) -> None:
     run = play(table, read_recording(DEMO_RECORDING), 2.0, BURSTS)
-    felt = bench.bar.feel(run, 13.0)
-    starts_s = [(change.time_ns - run.trace[0].time_ns) / 1e9 for change in run.trace]
+    felt = reporter.bar.feel(run, 13.0)
+    starts_s = [(change.time_ns - run.moments[0].time_ns) / 1e9 for change in run.trace]
     rings_until_s = 0.0
     for change, start_s, stop_s in zip(run.trace, starts_s, starts_s[1:], strict=False):
         during = (felt.time_s >= max(start_s, rings_until_s)) & (felt.time_s + ENVELOPE_S <= stop_s)
@@ -201,6 +201,15 @@ def test_fingers_are_told_apart_by_what_they_are_to_feel(table: Table, bench: Be
             assert not during.any() or felt.felt[during].max() > 0
 
 
+def test_a_finger_that_moves_on_while_its_click_plays_is_where_the_digitizer_has_it(table: Table) -> None:
+    run = play(table, read_recording(DEMO_RECORDING), 4.0)
+    stroke = [moment for moment in run.moments if moment.touches and moment.level_db is not None]
+    fast = [moment for moment in stroke if moment.placement is not None and moment.placement.position_m[0] < 5e-3]
+    moved_m = [moment.touches[0].position_m for moment in fast]
+    assert len(fast) > 2 and np.ptp(moved_m) > 1e-3
+    assert is_felt(fast[0].touches[0], fast[0])
+
+
 @pytest.fixture(scope="module")
 def clicked(table: Table) -> tuple[LiveRun, dict[Wanted, DriveEvent]]:
     """The demo's touches with a click for each."""
@@ -208,48 +217,39 @@ def clicked(table: Table) -> tuple[LiveRun, dict[Wanted, DriveEvent]]:
     return run, {wanted: event for wanted, event in first_applied(run).items() if event.waveform is not None}
 
 
-def click_report(table: Table, bar: SimulatedBar, wanted: Wanted, event: DriveEvent) -> ClickReport:
-    click = table.click_at(wanted.state, wanted.level_db)
-    assert click is not None
-    return ClickReport(click, bar.simulate_click(event, click.states), 0.0, 0.0)
-
-
 def test_every_click_of_the_demo_does_what_was_promised(
-    table: Table, bench: Bench, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
+    reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
 ) -> None:
     _, applied = clicked
-    assert applied
+    assert len(applied) >= 4
     assert all(wanted.is_click for wanted in applied)
     for wanted, event in applied.items():
-        report = click_report(table, bench.bar, wanted, event)
+        report = reporter.report_click(wanted, event)
         assert report.disagreement <= AGREEMENT
-        felt = report.felt_zones[0]
-        promise = report.click.zones[felt]
-        assert promise is not None
-        at_promise = report.level_db(felt, promise.acceleration_at_finger_m_per_s2)
-        assert at_promise == pytest.approx(promise.level_db)
+        at_promise = report.level_db(0, float(report.promise.acceleration_m_per_s2[0]))
+        assert at_promise == pytest.approx(report.promise.level_db[0])
 
 
 def test_a_broken_promise_of_a_click_is_found(
-    table: Table, bench: Bench, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
+    reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
 ) -> None:
     _, applied = clicked
     (wanted, event), *_ = applied.items()
     assert event.waveform is not None
     louder = replace(event, waveform=replace(event.waveform, amplitude=1.03 * event.waveform.amplitude))
-    assert click_report(table, bench.bar, wanted, louder).disagreement > AGREEMENT
+    assert reporter.report_click(wanted, louder).disagreement > AGREEMENT
     reversed_samples = event.waveform.samples[::-1]
     other = replace(event, waveform=PlayedWaveform.of(event.waveform.sample_rate_hz, reversed_samples, 1.0))
-    assert click_report(table, bench.bar, wanted, other).disagreement > AGREEMENT
+    assert reporter.report_click(wanted, other).disagreement > AGREEMENT
 
 
 def test_what_rings_down_counts_as_felt_by_the_finger_that_felt_it(
-    bench: Bench, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
+    reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
 ) -> None:
     run, _ = clicked
     first = next(change for change in run.trace if change.is_click)
-    felt = bench.bar.feel(run, 13.0)
-    start_s = (first.time_ns - run.trace[0].time_ns) / 1e9
+    felt = reporter.bar.feel(run, 13.0)
+    start_s = (first.time_ns - run.moments[0].time_ns) / 1e9
     ringing = (felt.time_s >= start_s + 0.03) & (felt.time_s < start_s + 0.15)
     assert felt.felt[ringing].max() > 0
     assert not felt.quiet[ringing].any()
