@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.basis import Basis, encode_basis
@@ -22,7 +21,7 @@ class ChosenBasis:
     sets: Mapping[int, int]
 
 
-NO_BASIS = ChosenBasis(None, MappingProxyType({}))
+NO_BASIS = ChosenBasis(None, {})
 
 
 def choose_basis(whole: Basis | None, capabilities: Capabilities, bit_rate_hz: int, lease_ms: int) -> ChosenBasis:

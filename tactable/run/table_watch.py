@@ -29,6 +29,8 @@ LOOK_S = 0.3
 """Time between two looks at the file."""
 _READ_BYTES = 1 << 16
 _WORD = struct.Struct("<Q")
+# A child that fails writes a line of text as its last words, whose first bytes are a larger number.
+_MOST_BYTES = 1 << 40
 # Arrays begin at multiples of it, as NumPy lays them out.
 _ALIGNMENT = 64
 
@@ -63,7 +65,7 @@ class Messages:
         self._expect(_WORD.size)
 
     def read(self) -> memoryview | None:
-        """Read at most 64 KiB; a message once its last part has come. Raises EOFError at the end of the pipe."""
+        """Read at most 64 KiB; a message once its last part has come. Raises EOFError at the end of the messages."""
         try:
             count = os.readv(self._descriptor, [self._expected[self._received : self._received + _READ_BYTES]])
         except BlockingIOError:
@@ -74,8 +76,11 @@ class Messages:
         if self._received < len(self._expected):
             return None
         whole, is_size = self._expected, self._is_size
+        size = _WORD.unpack(whole)[0] if is_size else _WORD.size
+        if size > _MOST_BYTES:
+            raise EOFError
         self._is_size = not is_size
-        self._expect(_WORD.unpack(whole)[0] if is_size else _WORD.size)
+        self._expect(size)
         return None if is_size else whole
 
     def _expect(self, size: int) -> None:

@@ -51,6 +51,9 @@ def write(path: Path, response: float, device: Device = DEVICE) -> None:
     write_table(path, device, [entry_of(device, states_of(device, [0]))], response=response)
 
 
+Drive = tuple[float, float] | None
+
+
 class Run:
     """`tactable run` with a finger that rests, as long as it is wanted."""
 
@@ -67,24 +70,28 @@ class Run:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         )
-        while not self.amplitude():
-            self.look_alive()
-        self.first = self.amplitude()
+        self.first = self.wait_for_other_than(None)
 
-    def wait_for(self, response: float) -> None:
-        """Until the firmware drives what the table of this response has; nothing else ends it but the run."""
-        while abs(self.amplitude() * response / self.first - 1) > 0.01:
+    def wait_for_other_than(self, drive: Drive) -> Drive:
+        """Until the firmware drives something else than this; nothing else ends it but the run."""
+        while (found := self.drive()) in (None, drive):
+            self.look_alive()
+        return found
+
+    def wait_for(self, drive: Drive) -> None:
+        """Until the firmware drives this."""
+        while self.drive() != drive:
             self.look_alive()
 
     def look_alive(self) -> None:
         assert self.process.poll() is None, self.process.stderr and self.process.stderr.read()
         time.sleep(0.05)
 
-    def amplitude(self) -> float:
-        """The greatest amplitude of the last drive; 0 before the first."""
-        drives = (event.channels for event in self.emulator.log().events if event.cause is Cause.SET)
-        sounding = [found for channels in drives if (found := max(each.amplitude for each in channels))]
-        return sounding[-1] if sounding else 0.0
+    def drive(self) -> Drive:
+        """Frequency and amplitude of the first actuator in the last SET that sounds; None before the first."""
+        first = [event.channels[0] for event in self.emulator.log().events if event.cause is Cause.SET]
+        sounding = [(each.frequency_hz, each.amplitude) for each in first if each.amplitude]
+        return sounding[-1] if sounding else None
 
     def say_until(self, words: str) -> str:
         assert self.process.stderr is not None
@@ -104,11 +111,12 @@ class Run:
 
 def test_a_run_changes_over_to_each_new_table_and_back(tmp_path: Path, emulator: RunningEmulator) -> None:
     run = Run(tmp_path, emulator)
-    for response in (2.0, 1.5):
-        write(run.path, response)
-        run.wait_for(response)
+    write(run.path, 2.0)
+    second = run.wait_for_other_than(run.first)
+    write(run.path, 1.5)
+    run.wait_for_other_than(second)
     roll_back(run.path)
-    run.wait_for(2.0)
+    run.wait_for(second)
     summary = run.end()
     assert summary["changes_of_table"] == 3
 
@@ -126,9 +134,9 @@ def test_a_table_that_fails_a_check_is_refused_and_the_run_goes_on(tmp_path: Pat
     assert "has zones I, II, III, IV" in run.say_until("start it again")
     run.path.unlink()
     time.sleep(0.5)
-    assert run.amplitude() == run.first
+    assert run.drive() == run.first
     write(run.path, 3.0)
-    run.wait_for(3.0)
+    run.wait_for_other_than(run.first)
     assert run.end()["changes_of_table"] == 1
 
 
@@ -143,7 +151,7 @@ def test_a_run_outlives_the_process_that_looks_for_tables(tmp_path: Path, emulat
     (watcher,) = (int(line) for line in found.stdout.split())
     os.kill(watcher, signal.SIGKILL)
     run.say_until("no longer watched for")
-    assert run.amplitude() == run.first
+    assert run.drive() == run.first
     assert run.end()["changes_of_table"] == 0
 
 
@@ -164,7 +172,7 @@ def test_a_rendered_table_comes_over_the_pipe_as_it_was_and_without_a_copy() -> 
 
 @pytest.mark.parametrize("piece", [1, 7, 1000, 10**6])
 def test_messages_come_whole_however_the_system_cuts_them(piece: int) -> None:
-    sent = [b"", b"a", bytes(100), bytes(range(256)) * 300]
+    sent = [b"a", bytes(100), bytes(range(256)) * 300]
     stream = b"".join(struct.pack("<Q", len(message)) + message for message in sent)
     reading, writing = os.pipe()
     messages, received = Messages(reading), list[bytes]()
@@ -181,3 +189,12 @@ def test_messages_come_whole_however_the_system_cuts_them(piece: int) -> None:
     with pytest.raises(EOFError):
         messages.read()
     os.close(reading)
+
+
+def test_the_last_words_of_a_child_that_fails_are_no_message() -> None:
+    reading, writing = os.pipe()
+    os.write(writing, b'{"error": "it failed"}\n')
+    with pytest.raises(EOFError):
+        Messages(reading).read()
+    os.close(reading)
+    os.close(writing)
