@@ -44,7 +44,7 @@ def test_coarse_clicks_come_first_and_are_told_from_the_fine_ones(tmp_path: Path
     (tmp_path / "bar.nc").unlink()
     done = tactable(tmp_path, *command)
     assert "bar.nc: usable, with coarse clicks; the fine ones follow" in done.stderr
-    assert "38 entries, 3 clicks at places 140 mm apart" in done.stdout
+    assert "76 entries, 3 clicks at places 140 mm apart" in done.stdout
 
 
 @pytest.mark.parametrize("pitch", ["0.5 mm", "0 mm", "3"])
