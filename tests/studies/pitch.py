@@ -1,6 +1,7 @@
 """What a click loses that was made for the nearest place of a grid, by the pitch of the grid.
 
     python -m tests.studies.pitch reference-a
+    python -m tests.studies.pitch reference-a.nc    # the clicks of a built table
 
 For random placements of one felt and one quiet finger, the click made for their own positions (± 1 mm) is compared with
 the one made for the nearest places of a grid, for fingers within half a pitch and 1 mm of them. Both are evaluated on
@@ -9,10 +10,13 @@ the same fresh plants at the real positions. SIMULATED.
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from engine.table import Table
+from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from precompute.clicks import DEFAULT_OPTIONS, ClickSolver
 from precompute.clicks.evaluation import evaluate_waveform
 from precompute.studies.anywhere import Anywhere, random_placements
@@ -45,17 +49,37 @@ def measure(name: str, placements: int) -> dict[float, NDArray[np.float64]]:
     return found
 
 
+def measure_table(path: Path, placements: int) -> dict[float, NDArray[np.float64]]:
+    """As `measure`, of the clicks that a table holds for the nearest places."""
+    wanted = Anywhere(placements=placements, seed=7)
+    with Table.open(path, verify=False) as table:
+        solver = ClickSolver(
+            table.device, replace(DEFAULT_OPTIONS, tolerance_m=wanted.tolerance_m, judged=wanted.plants)
+        )
+        changes = list[tuple[float, float]]()
+        for placement in random_placements(table.device, wanted):
+            exact, click = solver.solve(placement).evaluation, table.click_at(placement, np.inf)
+            assert click is not None and exact.quiet is not None  # every pair is tabulated; one finger is quiet
+            fresh = solver.plants_of(placement.position_m).evaluated
+            waveform = click.samples.T / SAMPLE_FULL_SCALE
+            near = evaluate_waveform(waveform, fresh, placement.felt, placement.quiet, click.residual_from_s)
+            assert near.quiet is not None
+            changes.append((exact.felt.low_db - near.felt.low_db, near.quiet.high_db - exact.quiet.high_db))
+    return {1e3 * table.places.pitch_m: np.array(changes).T}
+
+
 def main() -> None:
     """Print a row for each pitch."""
     name, placements = sys.argv[1] if len(sys.argv) > 1 else "reference-a", 100
+    found = measure_table(Path(name), placements) if name.endswith(".nc") else measure(name, placements)
     print(f"{name}, {placements} random placements, SIMULATED: mean, then 50, 95 and 100 % of the placements, dB")
-    for pitch_mm, (loss_db, gain_db) in measure(name, placements).items():
+    for pitch_mm, (loss_db, gain_db) in found.items():
         rows = (("felt less", loss_db), ("quiet more", gain_db))
         shown = (
             f"{kind} {each.mean():.2f} ({', '.join(f'{p:.2f}' for p in np.percentile(each, _PERCENTS))})"
             for kind, each in rows
         )
-        print(f"pitch {pitch_mm:g} mm: {'; '.join(shown)}")
+        print(f"pitch {pitch_mm:.3g} mm: {'; '.join(shown)}")
 
 
 if __name__ == "__main__":
