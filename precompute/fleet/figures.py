@@ -40,7 +40,8 @@ def compute_table_figures(table: Table) -> dict[str, float | None]:
         "slowest_t90_s": _of(max, [entry.t90_s for entry in usual]),
         "out_of_reach": sum(not entry.achieved for entry in table.entries),
         "clicks": len(table.clicks),
-        "weakest_click_db": _of(min, [click.level_db for click in table.clicks]),
+        "click_pitch_mm": 1e3 * table.places.pitch_m if table.clicks else None,
+        "weakest_click_db": _of(min, table.clicks.felt_low_db.tolist()),
     }
 
 

@@ -12,6 +12,7 @@ from engine.plain import to_plain
 from firmware_link.protocol.errors import TactableError
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.calibration.misfit import Loss
+from precompute.clicks import DEFAULT_OPTIONS
 from precompute.clicks.tabulated import MOST_TABULATED
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES
 
@@ -48,6 +49,7 @@ class FleetOptions:
 
     objective: str = DEFAULT_OBJECTIVE
     clicks_up_to: int = MOST_TABULATED
+    pitch_m: float = DEFAULT_OPTIONS.pitch_m
     loss: str = "robust"
     parameters: tuple[str, ...] | None = None
     also: tuple[str, ...] = ()

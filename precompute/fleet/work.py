@@ -26,6 +26,7 @@ from precompute.calibration.device_text import calibrated_text, text_with_values
 from precompute.calibration.misfit import Loss
 from precompute.calibration.pairwise import fit_pairwise
 from precompute.calibration.report import calibration_report, report_markdown
+from precompute.clicks import ClickOptions
 from precompute.fleet.figures import compute_table_figures, evaluate_table
 from precompute.fleet.units import FleetError, Job, Outcome
 from precompute.measurements import read_measurements
@@ -133,6 +134,7 @@ def _build(job: Job, device: Device, progress: Progress) -> dict[str, float | No
         created=job.created,
         objective=options.objective,
         clicks_up_to=options.clicks_up_to,
+        click_options=ClickOptions(pitch_m=options.pitch_m),
         progress=progress,
     )
     with Table.open(path, device=device, code_fingerprint=job.code_fingerprint) as table:

@@ -21,19 +21,18 @@ from tactable.cli.options import (
     ClicksUpTo,
     DeviceArgument,
     Objective,
-    OptionError,
+    Pitch,
     SensorMass,
     TableArgument,
     Workers,
     read_option,
+    read_pitch,
 )
 from tactable.shipped import find_device, find_device_file
 
 if TYPE_CHECKING:
     from precompute.builder.cost import BuildCost
 
-FINEST_PITCH_M = 1e-3
-"""What digitizers tell; half as fine a pitch is four times as many clicks."""
 LOOK_S = 0.5
 """Time between two looks at a watched description."""
 
@@ -50,9 +49,7 @@ def build(
         ),
     ] = MadeFor.MEAN,
     clicks_up_to: ClicksUpTo = None,
-    pitch: Annotated[
-        str, typer.Option(help="Clicks are made for fingers at places this far apart; finer takes longer.")
-    ] = "3 mm",
+    pitch: Pitch = "3 mm",
     coarse: Annotated[
         bool,
         typer.Option("--coarse", help="Stop at the table with coarse clicks, which else comes before the fine ones."),
@@ -84,12 +81,7 @@ def build(
     from precompute.parallel.pool import available_cores
 
     mass_kg = read_option("--sensor-mass", sensor_mass, "kg")
-    pitch_m = read_option("--pitch", pitch, "m")
-    if pitch_m < FINEST_PITCH_M:
-        raise OptionError(
-            f"--pitch {pitch!r}: expected at least {1e3 * FINEST_PITCH_M:g} mm; a table has two fingers at "
-            "every pair of places"
-        )
+    pitch_m = read_pitch(pitch)
 
     def build_device(device: Device) -> None:
         path = output or Path(f"{device.name}.nc")

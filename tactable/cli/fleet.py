@@ -11,7 +11,19 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, print_json, say, shown_progress
-from tactable.cli.options import Also, AsJson, ClicksUpTo, Fit, Loss, Objective, OptionError, SensorMass, read_option
+from tactable.cli.options import (
+    Also,
+    AsJson,
+    ClicksUpTo,
+    Fit,
+    Loss,
+    Objective,
+    OptionError,
+    Pitch,
+    SensorMass,
+    read_option,
+    read_pitch,
+)
 
 if TYPE_CHECKING:
     from precompute.fleet.summary import Summary
@@ -34,6 +46,7 @@ def fleet(
     ] = None,
     objective: Objective = "contrast",
     clicks_up_to: ClicksUpTo = None,
+    pitch: Pitch = "3 mm",
     loss: Loss = "robust",
     fit: Fit = None,
     also: Also = None,
@@ -56,6 +69,7 @@ def fleet(
     options = FleetOptions(
         objective=objective,
         clicks_up_to=MOST_TABULATED if clicks_up_to is None else clicks_up_to,
+        pitch_m=read_pitch(pitch),
         loss=loss,
         parameters=tuple(fit) if fit else None,
         also=tuple(also or ()),

@@ -49,6 +49,7 @@ ClicksUpTo = Annotated[
     int | None,
     typer.Option(min=0, max=2, help="Most fingers that get clicks ahead, by default 2; more are solved as they come."),
 ]
+Pitch = Annotated[str, typer.Option(help="Clicks are made for fingers at places this far apart; finer takes longer.")]
 Fit = Annotated[
     list[str] | None,
     typer.Option("--fit", metavar="NAME[=LOW..HIGH]", help="Fit only the parameters that are named so. Repeat."),
@@ -70,6 +71,7 @@ Workers = Annotated[
 ]
 BitRate = Annotated[int, typer.Option("--bit-rate", min=1, help="Bit rate of the serial port, bit/s.")]
 
+_FINEST_PITCH_M = 1e-3  # what digitizers tell; half as fine a pitch is four times as many clicks
 _Choice = TypeVar("_Choice", bound=Enum)
 
 
@@ -101,6 +103,16 @@ def has_positions(device: "Device", felt: str, quiet: str) -> bool:
     """Whether one of the fingers is named by its position, not by its zone."""
     others = {*names_in(felt), *names_in(quiet)} - {zone.name for zone in device.zones}
     return any(name[0] in "+-.0123456789" for name in others)
+
+
+def read_pitch(text: str) -> float:
+    """A distance of places in metres. Raises OptionError for one that no digitizer tells."""
+    pitch_m = read_option("--pitch", text, "m")
+    if pitch_m < _FINEST_PITCH_M:
+        raise OptionError(
+            f"--pitch {text!r}: expected at least {1e3 * _FINEST_PITCH_M:g} mm; a table has clicks for every two places"
+        )
+    return pitch_m
 
 
 def read_level(text: str) -> float:
