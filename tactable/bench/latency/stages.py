@@ -129,7 +129,8 @@ def blame(stamps: Stamps) -> dict[str, Any] | None:
     known = {stage: values for stage, values in durations.items() if np.isfinite(values).any()}
     if not known:
         return None
-    whole = stamps[:, Point.WRITTEN]
+    # A line that stands still takes what its buffer holds: then the command is late at its end, not where it is written.
+    whole = np.fmax(stamps[:, Point.WRITTEN], stamps[:, Point.RECEIVED])
     slowest = whole >= np.nanpercentile(whole, 99)
     medians = {stage: float(np.nanmedian(values)) for stage, values in known.items()}
     excess = {stage: float(np.nansum(values[slowest] - medians[stage])) for stage, values in known.items()}
