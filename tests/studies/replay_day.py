@@ -20,14 +20,15 @@ from engine.effects import Effects, Rule, Trigger
 from engine.effects.rules import burst
 from engine.loop import Dispatcher, Loop, Timing, connect, open_pipeline
 from engine.loop.realtime import Step, real_time
-from engine.render import Renderer, link_configuration
+from engine.render import link_configuration
 from engine.touch import DigitizerError, open_digitizer
 from engine.touch.sources.recording import Recording, Report, read_recording
 from firmware_link.emulator import Cause, DeviceConfiguration, DeviceCounters, EmulatedFirmware
 from firmware_link.host.link import Link
 from firmware_link.host.session import Session
 from tactable.shipped import DEMO_RECORDING
-from tests.engine.made_entries import LEVEL_DB, entry_of, felt_states
+from tests.engine.made_entries import LEVEL_DB
+from tests.engine.render.made_steady import made_renderer
 from tests.engine.shared_recordings import RECORDINGS
 
 ROOT = Path(__file__).parents[2]
@@ -162,7 +163,6 @@ def replay(recordings: Sequence[Recording], seconds: float, pieces: int = 24) ->
     machine, day = Machine(), Day(counters=DeviceCounters())
     link = Link(link_configuration(DEVICE, 1_000_000))
     session = Session(link, machine, machine.now_ns)
-    entries = {LEVEL_DB: [entry_of(DEVICE, state) for state in felt_states(DEVICE)]}
     collections: list[str] = []
 
     def note(phase: str, _: dict[str, int]) -> None:
@@ -173,7 +173,7 @@ def replay(recordings: Sequence[Recording], seconds: float, pieces: int = 24) ->
         recording = recordings[piece % len(recordings)]
         capabilities = connect(session, machine)
         source = Repeated(recording, machine, machine.time_ns + round(seconds / pieces * NS_PER_S))
-        pipeline = open_pipeline(source, DEVICE, BURSTS, Renderer(entries, DEVICE, capabilities))
+        pipeline = open_pipeline(source, DEVICE, BURSTS, made_renderer(DEVICE, capabilities))
         loop = Loop(pipeline, Dispatcher(session, machine.now_ns), source, machine, Timing())
         trips = machine.firmware.counters.trips
         with real_time([Step.COLLECTOR]):

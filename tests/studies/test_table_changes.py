@@ -8,13 +8,13 @@ from engine.device import Device
 from tactable.bench.latency.background_load import BackgroundLoad
 from tests.studies.table_changes import FRAME_NS, Segment, measure_changes
 from tests.studies.watched_run import touches
-from tests.tactable.run.test_table_watch import DEVICE, write_table
+from tests.tactable.run.test_table_watch import DEVICE, write
 
 
 def tables_of(folder: Path, device: Device = DEVICE) -> tuple[Path, Path]:
     paths = folder / "one.nc", folder / "other.nc"
-    for path, frequency_hz in zip(paths, (100.0, 140.0), strict=True):
-        write_table(path, frequency_hz, device)
+    for path, response in zip(paths, (1.0, 2.0), strict=True):
+        write(path, response, device)
     return paths
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import combinations, groupby
+from itertools import groupby
 from pathlib import Path
 
 from engine.device import Device
@@ -18,8 +18,7 @@ from engine.loop import (
     connect,
     open_pipeline,
 )
-from engine.render import Renderer, link_configuration
-from engine.table import Entry
+from engine.render import link_configuration
 from engine.touch.digitizer import DigitizerCounters
 from engine.touch.sources import Source
 from firmware_link.emulator import DriveEvent
@@ -29,13 +28,13 @@ from firmware_link.host.link_values import LinkCounters
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Session
 from firmware_link.protocol.errors import LinkError
-from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
+from tests.engine.made_entries import LEVEL_DB
+from tests.engine.render.made_steady import made_renderer
 
 DEVICE = Device.read(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
 BIT_RATE_HZ = 1_000_000
 # Only against waiting for ever: the guest may be slow.
 PATIENCE_S = 30.0
-_MOST_FINGERS = 2
 # A finger feels as long as it is there: each frame of states says which zones are touched.
 HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),))
 
@@ -55,7 +54,7 @@ class ChainRun:
 
         A machine that stalls for 120 ms releases every contact, and the next report brings them back.
         """
-        asked = [change.state for change in self.trace if change.report_index is not None]
+        asked = [state_of(change) for change in self.trace if change.report_index is not None]
         return [state for state, _ in groupby(asked)]
 
 
@@ -66,7 +65,7 @@ def run_chain(source: Source, port: SerialPort, stop: StopRequest | None, on_rea
     link_error = None
     with port:
         session = Session(link, port, clock.now_ns)
-        renderer = Renderer({LEVEL_DB: ENTRIES}, DEVICE, connect(session, clock))
+        renderer = made_renderer(DEVICE, connect(session, clock))
         pipeline = open_pipeline(source, DEVICE, HELD, renderer)
         loop = Loop(pipeline, Dispatcher(session, clock.now_ns), source, clock, trace, reconnect=True)
         on_ready()
@@ -77,18 +76,9 @@ def run_chain(source: Source, port: SerialPort, stop: StopRequest | None, on_rea
     return ChainRun(tuple(trace), loop.counters, pipeline.digitizer.counters, link.counters, link_error)
 
 
-def entry_for(zones: tuple[int, ...]) -> Entry:
-    """An entry whose frequency tells its zones apart: 100 Hz, and 1, 2, 4, 8, 16 Hz for zones I to V."""
-    frequency_hz = 100.0 + sum(2**zone for zone in zones)
-    return entry_of(DEVICE, states_of(DEVICE, zones), frequencies_hz=(frequency_hz,) * 2, amplitudes=(1.0, 0.5))
-
-
-ENTRIES = [
-    entry_for(zones)
-    for fingers in range(1, _MOST_FINGERS + 1)
-    for zones in combinations(range(len(DEVICE.zones)), fingers)
-]
-"""Up to two zones at once; a third finger is a state without entry, which is silent."""
+def state_of(change: CommandRecord) -> int:
+    """State of the zones, as `engine.touch.state_index` numbers it; 0: no finger feels."""
+    return 0 if change.placement is None else change.placement.state_on(DEVICE)
 
 
 def driven_hz(log: EmulatorLog) -> list[float]:

@@ -14,12 +14,15 @@ from typing import TypeVar
 import pytest
 
 from engine.loop import CommandRecord
+from engine.touch import state_index
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources.playback import Playback
 from firmware_link.emulator import Cause, DriveEvent, Outcome
 from firmware_link.emulator.process import EmulatorLog, run_emulator
 from firmware_link.host.serial_port import SerialPort
-from tests.system.chain import BIT_RATE_HZ, ENTRIES, ChainRun, driven_hz, entry_for, is_silent, run_chain
+from tests.engine.made_entries import states_of
+from tests.engine.render.made_steady import MadeSteady
+from tests.system.chain import BIT_RATE_HZ, DEVICE, ChainRun, driven_hz, is_silent, run_chain
 from tests.system.guest import DEMO, HELD, SWEPT, TAP
 from tests.system.results import Broken, Happened, KernelDevice, Refusals
 
@@ -91,7 +94,7 @@ def whole_chain(guest: Guest) -> Happened:
 
 
 def index_of(zone: int) -> int:
-    return entry_for((zone,)).index
+    return state_index(states_of(DEVICE, [zone]))
 
 
 def time_ns(happened: Happened, event: DriveEvent) -> int:
@@ -145,13 +148,12 @@ def test_every_drive_sent_reaches_the_firmware_which_takes_it_or_finds_it_stale(
 
 def test_every_command_that_is_played_is_that_of_its_state(whole_chain: Happened) -> None:
     (run,) = whole_chain.runs
-    entries = {entry.index: entry for entry in ENTRIES}
-    played = [(change, played_for(whole_chain, change)) for change in run.trace if change.state in entries]
+    made = MadeSteady(DEVICE)
     frequencies_hz = [
-        (channel.frequency_hz, entries[change.state].frequencies_hz[i])
-        for change, event in played
-        if event is not None
-        for i, channel in enumerate(event.channels)
+        (channel.frequency_hz, made.frequency_hz(change.placement))
+        for change in run.trace
+        if change.placement is not None and (event := played_for(whole_chain, change)) is not None
+        for channel in event.channels
     ]
     assert len(frequencies_hz) >= 12
     assert all(is_hz == expected_hz for is_hz, expected_hz in frequencies_hz)
@@ -186,7 +188,7 @@ def test_the_firmware_of_an_unplugged_port_falls_silent_by_itself(guest: Guest) 
     last = last_before(happened, "plugged in again")
     assert is_silent(last)
     # But for a guest that stalled at the last moment, so that the engine took the finger for gone.
-    assert last.cause is Cause.LEASE_EXPIRED or happened.runs[0].trace[-1].state == 0
+    assert last.cause is Cause.LEASE_EXPIRED or happened.runs[0].trace[-1].placement is None
 
 
 def test_a_port_that_is_back_is_found_by_its_stable_id_and_driven_anew(guest: Guest) -> None:
@@ -210,7 +212,7 @@ def test_an_overflow_is_counted_released_and_forgotten(guest: Guest) -> None:
     assert before.report_index < RING
     # At once, not by the watchdog: what was lost may have been the lift.
     assert released.time_ns - before.time_ns < RELEASE_AFTER_NS
-    assert (released.state, run.states()[-2:]) == (0, [index_of(4), 0])
+    assert (released.placement, run.states()[-2:]) == (None, [index_of(4), 0])
     assert driven_hz(happened.log)[-1] == 116.0
     assert is_silent(happened.log.events[-1])
 

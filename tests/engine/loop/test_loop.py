@@ -21,9 +21,7 @@ from engine.loop import (
     connect,
     open_pipeline,
 )
-from engine.render import Renderer, link_configuration
-from engine.render.chosen_basis import NO_BASIS
-from engine.render.clicks import RenderedClicks
+from engine.render import link_configuration
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import read_recording
@@ -46,9 +44,8 @@ from tests.engine.loop.rig import (
     recording_of,
     report,
 )
-from tests.engine.made_clicks import made_clicks
 from tests.engine.made_entries import LEVEL_DB
-from tests.engine.render.made_steady import MadeSteady
+from tests.engine.render.made_steady import made_renderer
 from tests.engine.shared_recordings import recording_params
 
 RUNS_BOTH_WAYS = True
@@ -297,8 +294,7 @@ def test_a_touch_reaches_the_emulator_of_another_process() -> None:
     with run_emulator(number_of_actuators=2) as emulator, SerialPort(emulator.port) as port:
         link = Link(replace(link_configuration(DEVICE), handshake_timeout_s=PATIENCE_S))
         session = Session(link, port, clock.now_ns)
-        clicks = RenderedClicks(made_clicks(DEVICE, []), NO_BASIS, refuses=False)
-        renderer = Renderer(DEVICE, connect(session, clock), MadeSteady(DEVICE), clicks, [LEVEL_DB])
+        renderer = made_renderer(DEVICE, connect(session, clock))
         source, dispatcher = Playback(recording_of(*frames)), Dispatcher(session, clock.now_ns)
         pipeline = open_pipeline(source, DEVICE, HELD, renderer, clock.now_ns)
         # A stall of this machine may latch the device: the run goes on.

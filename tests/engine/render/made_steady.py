@@ -1,13 +1,17 @@
 """Steady drives made by hand: the frequency says which zones are felt, whether any is quiet, and the level."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from types import SimpleNamespace
 
 from engine.device import Device
-from engine.render import SILENCE, DriveCommand, clamp
+from engine.render import SILENCE, DriveCommand, Renderer, clamp
+from engine.render.chosen_basis import NO_BASIS
+from engine.render.clicks import RenderedClicks
 from engine.render.commands import Rendered
 from engine.touch import Placement, ZoneState
+from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import encode_drive
+from tests.engine.made_clicks import made_clicks
 from tests.engine.made_entries import LEVEL_DB
 
 RESOLUTION_HZ = 0.01
@@ -50,3 +54,9 @@ class MadeSteady:
         )
         drive = encode_drive(clamp(solved, self.device).channels, RESOLUTION_HZ)
         return Rendered(DriveCommand(drive), is_achieved)
+
+
+def made_renderer(device: Device, capabilities: Capabilities, levels_db: Sequence[float] = (LEVEL_DB,)) -> Renderer:
+    """A renderer of such drives, without clicks."""
+    clicks = RenderedClicks(made_clicks(device, []), NO_BASIS, refuses=False)
+    return Renderer(device, capabilities, MadeSteady(device), clicks, levels_db)
