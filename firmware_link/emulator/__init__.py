@@ -3,7 +3,7 @@
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent, Outcome, PlayedWaveform, ReceivedFrame
 from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.emulator.state import BOARD_EMULATED, LONGEST_LEASE_MS, DeviceConfiguration, DeviceCounters
-from firmware_link.emulator.synthesis import synthesise
+from firmware_link.emulator.synthesis import Synthesis, synthesise
 
 __all__ = [
     "BOARD_EMULATED",
@@ -17,5 +17,6 @@ __all__ = [
     "Outcome",
     "PlayedWaveform",
     "ReceivedFrame",
+    "Synthesis",
     "synthesise",
 ]

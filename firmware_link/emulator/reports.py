@@ -59,7 +59,7 @@ class Reports:
                 schema_hash=SCHEMA_HASH,
                 features=Features.WAVEFORMS if configuration.basis_capacity_bytes else Features(0),
                 firmware_major=0,
-                firmware_minor=1,
+                firmware_minor=2,
                 firmware_patch=0,
                 board=BOARD_EMULATED,
                 synthesis_rate_hz=configuration.synthesis_rate_hz,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.loop.ring import MOST_TOUCHES
-from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, synthesise
+from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, Synthesis
 from firmware_link.emulator.synthesis import US_PER_S
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
@@ -36,7 +36,6 @@ STILL_M = 2e-4
 """A smaller move of a finger leaves the plant unchanged; a change costs as much as 20 ms of simulation."""
 _COLUMNS = POINTS + MOST_TOUCHES
 _SILENT = 10 ** (LOWEST_DB / 20)
-_SETTLED_US = 1_000_000  # no waveform or fade is longer
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +71,7 @@ class LiveBar:
         self._taps = threshold_filter(RATE_HZ)
         silent = tuple(ChannelTarget(0.0, 0.0, None) for _ in device.actuators)
         self._silence = DriveEvent(0, Cause.NEW_SESSION, None, device.limits.slew_per_s, silent)
-        self._log = [self._silence]
+        self._synthesis = self._silent_synthesis()
         self._fingers: tuple[BarFinger, ...] = ()
         self._columns: dict[
             int, int
@@ -82,8 +81,13 @@ class LiveBar:
 
     def begin(self, now_us: float) -> None:
         """Start at rest at this time, which is that of a device that has just booted."""
-        self._log, self.now_us = [self._silence], now_us
+        self._synthesis, self.now_us = self._silent_synthesis(), now_us
         self._rest()
+
+    def _silent_synthesis(self) -> Synthesis:
+        synthesis = Synthesis()
+        synthesis.take([self._silence])
+        return synthesis
 
     def _rest(self) -> None:
         """Put the bar at rest and forget the past."""
@@ -96,7 +100,7 @@ class LiveBar:
 
     def take(self, events: Sequence[DriveEvent]) -> None:
         """Take drive events in the order of their times."""
-        self._log.extend(events)
+        self._synthesis.take(events)
 
     def touch(self, fingers: Sequence[BarFinger], *, is_loaded: bool) -> None:
         """Set the fingers, at most as many as a ring record holds; they load the bar, or only feel it."""
@@ -129,8 +133,8 @@ class LiveBar:
             self.now_us = until_us - LONGEST_STEP_S * US_PER_S
             self._rest()
         start_us, self.now_us = self.now_us, max(self.now_us, until_us)
-        self._forget_log()
-        displacement = synthesise(self._log, start_us, self.now_us, RATE_HZ)
+        self._synthesis.forget(start_us)
+        displacement = self._synthesis.displacements(start_us, self.now_us, RATE_HZ)
         is_idle = not displacement.any() and start_us - self._loud_us > US_PER_S * len(self._taps) / RATE_HZ
         if is_idle or not len(displacement):
             self._motion.push(np.zeros((len(displacement), POINTS)))
@@ -162,17 +166,6 @@ class LiveBar:
         # The circular convolution wraps around into the past, which is cut off.
         weighted: Array = scipy.fft.irfft(spectrum, count, axis=0)[len(self._unweighted) : len(course)]
         return weighted
-
-    def _forget_log(self) -> None:
-        """Drop events that no longer matter: all before the last settled one that states every phase."""
-        settled = [
-            index
-            for index, event in enumerate(self._log)
-            if self.now_us - event.device_time_us > _SETTLED_US
-            and all(channel.phase_rad is not None or not channel.amplitude for channel in event.channels)
-        ]
-        if settled:
-            del self._log[: settled[-1]]
 
     def greatest_since(self, since_us: float) -> tuple[Array, dict[int, float]]:
         """The greatest levels since a past moment, dB above threshold: (point,) along the bar, and by finger."""

@@ -11,16 +11,17 @@ static uint16_t lesser(uint32_t one, uint32_t other)
 /* Hands the targets of all actuators to the synthesis, at one instant. */
 static void aim(struct tactable_device *device, bool writes_phase)
 {
+    struct tones_target targets[TACTABLE_ACTUATORS];
     for (uint8_t i = 0; i < device->configuration.number_of_actuators; i++) {
         const struct channel *channel = &device->channels.channels[i];
-        const struct synthesis_target target = {
+        targets[i] = (struct tones_target){
             .frequency = channel->frequency,
             .amplitude = lesser(channel->amplitude, channel->limit),
             .phase = channel->written_phase,
             .writes_phase = writes_phase && channel->amplitude != 0,
         };
-        synthesis_aim(&device->synthesis, i, &target);
     }
+    tones_aim(&device->synthesis.tones, targets);
 }
 
 static void hold_samples(struct tactable_device *device)
@@ -38,7 +39,7 @@ static void take_limits(struct tactable_device *device)
 {
     channels_take_limits(&device->channels);
     device->slew_per_s = device->slew_to_come_per_s;
-    synthesis_slew(&device->synthesis, device->slew_per_s);
+    tones_slew(&device->synthesis.tones, device->slew_per_s);
     for (uint8_t i = 0; i < device->configuration.number_of_actuators; i++) {
         synthesis_limit(&device->synthesis, i, device->channels.channels[i].limit);
     }

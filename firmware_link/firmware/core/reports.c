@@ -8,7 +8,7 @@
 #define LOG_SPACING_US 10000u
 
 #define FIRMWARE_MAJOR 0
-#define FIRMWARE_MINOR 1
+#define FIRMWARE_MINOR 2
 #define FIRMWARE_PATCH 0
 
 /* Size of a body that a device sends, with room for its checksum, and of its frame. */

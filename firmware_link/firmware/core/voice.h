@@ -12,7 +12,7 @@ struct voice {
     struct click click;
     uint64_t position;  /* in samples, times 2^32 */
     uint64_t increment; /* of the position, each sample of the synthesis */
-    int32_t gain;       /* SYNTHESIS_FULL_SCALE = 1 */
+    int32_t gain;       /* TONES_FULL_SCALE = 1 */
     bool is_sounding;
     bool is_fading;
     bool is_frozen; /* holds its displacement, since its basis may be gone */

@@ -175,14 +175,15 @@ bool host_allows_high_voltage(const struct host *host)
 
 static uint16_t word_of(int32_t amplitude)
 {
-    return (uint16_t)((amplitude + SYNTHESIS_WORD_SCALE - 1) / SYNTHESIS_WORD_SCALE);
+    return (uint16_t)((amplitude + TONES_WORD_SCALE - 1) / TONES_WORD_SCALE);
 }
 
 void host_amplitudes(const struct host *host, uint16_t *amplitudes, uint16_t *targets)
 {
     for (size_t i = 0; i < host->device.configuration.number_of_actuators; i++) {
-        amplitudes[i] = word_of(host->device.synthesis.channels[i].amplitude);
-        targets[i] = word_of(host->device.synthesis.channels[i].target);
+        const struct tones_channel *channel = &host->device.synthesis.tones.channels[i];
+        amplitudes[i] = word_of(tones_amplitude(channel));
+        targets[i] = word_of(channel->target);
     }
 }
 

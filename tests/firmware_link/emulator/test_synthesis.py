@@ -2,18 +2,21 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, PlayedWaveform, synthesise
+from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, PlayedWaveform, Synthesis, synthesise
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from tests.firmware_link.strategies import drive_logs, unhurried
 
 RATE_HZ = 100_000.0
 STOP_US = 90_000
+US_PER_S = 1_000_000
 
 
 def event(time_us: int, *targets: ChannelTarget, slew_per_s: float = 200.0) -> DriveEvent:
@@ -41,40 +44,159 @@ def test_no_step_and_never_beyond_the_targets(log: list[DriveEvent]) -> None:
 
 
 @unhurried
-@given(drive_logs(1))
-def test_amplitude_keeps_the_slew(log: list[DriveEvent]) -> None:
-    # At 0 Hz and a quarter turn the displacement is the amplitude itself.
-    still = [
-        event(item.device_time_us, ChannelTarget(0.0, target.amplitude, _quarter(target)), slew_per_s=item.slew_per_s)
-        for item in log
-        for target in item.channels
-    ]
-    first = event(0, ChannelTarget(0.0, 0.0, math.pi / 2))
-    amplitude = synthesise([first, *still], 0, STOP_US, RATE_HZ)[:, 0]
-    assert np.abs(np.diff(amplitude)).max() <= log[0].slew_per_s / RATE_HZ + 1e-9
+@given(drive_logs(2))
+def test_the_amplitudes_of_a_channel_together_keep_the_slew(log: list[DriveEvent]) -> None:
+    # At 0 Hz and a quarter turn of every phase the displacement is the amplitude itself.
+    still = [replace(item, channels=tuple(_still(target) for target in item.channels)) for item in log]
+    amplitude = synthesise([event(0, *(ChannelTarget(0.0, 0.0, math.pi / 2),) * 2), *still], 0, STOP_US, RATE_HZ)
+    assert np.abs(np.diff(amplitude, axis=0)).max() <= log[0].slew_per_s / RATE_HZ + 1e-9
     assert amplitude.min() >= -1e-12
 
 
-def _quarter(target: ChannelTarget) -> float | None:
-    return None if target.phase_rad is None else math.pi / 2
+QUIET = ChannelTarget(100.0, 0.0, None)
+
+
+def _still(target: ChannelTarget) -> ChannelTarget:
+    return replace(target, frequency_hz=0.0, phase_rad=None if target.phase_rad is None else math.pi / 2)
 
 
 @unhurried
-@given(st.floats(1, 600), st.floats(0, math.tau), st.floats(0, math.tau), st.integers(0, 9_000))
+@given(drive_logs(2), st.floats(50, 600), st.floats(0, math.tau), st.floats(0, math.tau), st.integers(0, 20_000))
 def test_channels_written_together_are_coherent_whatever_sounded(
-    frequency_hz: float, first_rad: float, second_rad: float, written_us: int
+    log: list[DriveEvent], frequency_hz: float, first_rad: float, second_rad: float, wait_us: int
 ) -> None:
-    log = [
-        event(0, ChannelTarget(77.0, 1.0, 0.3), ChannelTarget(133.0, 0.2, None)),
-        event(written_us, ChannelTarget(frequency_hz, 0.8, first_rad), ChannelTarget(frequency_hz, 0.4, second_rad)),
-    ]
-    settled_us = written_us + 20_000
+    last = log[-1]
+    written_us = last.device_time_us + wait_us
+    both = (ChannelTarget(frequency_hz, 0.8, first_rad), ChannelTarget(frequency_hz, 0.4, second_rad))
+    log = [*log, event(written_us, *both, slew_per_s=last.slew_per_s)]
+    # What waits for a crossfade begins within that, and is a crossfade itself.
+    settled_us = written_us + 4 * US_PER_S / last.slew_per_s
     got = synthesise(log, settled_us, settled_us + 10_000, RATE_HZ)
-    first_sample = math.ceil(settled_us * RATE_HZ / 1e6)
-    time_s = np.arange(first_sample, first_sample + len(got)) / RATE_HZ - written_us * 1e-6
-    turns = math.tau * frequency_hz * time_s
-    wanted = np.column_stack([0.8 * np.sin(turns + first_rad), 0.4 * np.sin(turns + second_rad)])
-    np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-8)
+    first_sample = math.ceil(settled_us * RATE_HZ / US_PER_S)
+    turns = math.tau * frequency_hz * np.arange(first_sample, first_sample + len(got)) / RATE_HZ
+    fitted = np.linalg.lstsq(np.column_stack([np.sin(turns), np.cos(turns)]), got, rcond=None)[0]
+    first, second = fitted[0] + 1j * fitted[1]
+    assert abs(first) == pytest.approx(0.8, abs=1e-8)
+    assert second / first == pytest.approx(0.5 * np.exp(1j * (second_rad - first_rad)), abs=1e-7)
+
+
+@unhurried
+@given(drive_logs(2), st.integers(0, 20_000))
+def test_silence_comes_within_the_ramp_whatever_sounds(log: list[DriveEvent], wait_us: int) -> None:
+    last = log[-1]
+    stop_us = last.device_time_us + wait_us
+    log = [*log, event(stop_us, QUIET, QUIET, slew_per_s=last.slew_per_s)]
+    silent_us = stop_us + US_PER_S / last.slew_per_s
+    assert np.abs(synthesise(log, silent_us, silent_us + 50_000, RATE_HZ)).max() < 1e-12
+
+
+@unhurried
+@given(drive_logs(2), st.integers(0, 70_000))
+def test_what_is_forgotten_changes_nothing_that_comes(log: list[DriveEvent], before_us: int) -> None:
+    shortened = Synthesis()
+    for item in log:
+        shortened.take([item])
+        shortened.forget(min(item.device_time_us, before_us))
+    shortened.forget(before_us)
+    got = shortened.displacements(before_us, STOP_US, RATE_HZ)
+    np.testing.assert_array_equal(got, synthesise(log, before_us, STOP_US, RATE_HZ))
+    with pytest.raises(ValueError, match="is forgotten"):
+        shortened.displacements(before_us - 1, STOP_US, RATE_HZ)
+
+
+@unhurried
+@given(
+    st.floats(60, 600),
+    st.tuples(*[st.floats(0.05, 1.0)] * 4),
+    st.tuples(*[st.floats(-0.3, 0.3)] * 2),
+    st.floats(0, math.tau),
+    st.integers(0, 30_000),
+)
+def test_drives_that_differ_a_little_differ_a_little_while_one_becomes_the_other(
+    frequency_hz: float,
+    amplitudes: tuple[float, ...],
+    changes_rad: tuple[float, ...],
+    turned_rad: float,
+    wait_us: int,
+) -> None:
+    """While w goes from 0 to 1 the displacement is (1 - w) of the old and w of the new drive, as far as both differ."""
+    old = [ChannelTarget(frequency_hz, amplitude, 0.0) for amplitude in amplitudes[:2]]
+    new = [
+        ChannelTarget(frequency_hz, amplitude, (turned_rad + change_rad) % math.tau)
+        for amplitude, change_rad in zip(amplitudes[2:], changes_rad, strict=True)
+    ]
+    log, changed_us = [event(0, *old), event(40_000 + wait_us, *new)], 40_000 + wait_us
+    length_us = max(before + after for before, after in zip(amplitudes[:2], amplitudes[2:], strict=True)) * 5_000
+    got = synthesise(log, changed_us, changed_us + 20_000, RATE_HZ)
+    went_on = synthesise(log[:1], changed_us, changed_us + 20_000, RATE_HZ)
+    first_sample = math.ceil(changed_us * RATE_HZ / US_PER_S)
+    times_s = np.arange(first_sample, first_sample + len(got)) / RATE_HZ
+    w = np.clip((1e6 * times_s - changed_us) / length_us, 0.0, 1.0)[:, None]
+    # The loudest of the new channels goes on in phase, and the other keeps its angle to it.
+    loudest = int(amplitudes[3] > amplitudes[2])
+    angles = math.tau * frequency_hz * times_s[:, None] + np.array(changes_rad) - changes_rad[loudest]
+    np.testing.assert_allclose(got, (1 - w) * went_on + w * np.array(amplitudes[2:]) * np.sin(angles), atol=1e-8)
+
+
+@unhurried
+@given(st.tuples(*[st.floats(0.05, 1.0)] * 2), st.integers(0, 20_000))
+def test_from_silence_every_channel_rises_at_the_slew(amplitudes: tuple[float, ...], begun_us: int) -> None:
+    log = [event(begun_us, *(ChannelTarget(0.0, amplitude, math.pi / 2) for amplitude in amplitudes))]
+    got = synthesise(log, 0, 40_000, RATE_HZ)
+    rise = np.maximum(np.arange(len(got)) / RATE_HZ - begun_us / US_PER_S, 0.0) * 200.0
+    np.testing.assert_allclose(got, np.minimum(rise[:, None], amplitudes), atol=1e-9)
+
+
+def test_what_comes_during_a_crossfade_waits_for_its_end_and_the_latest_wins() -> None:
+    tones = ((100.0, 0.0, 1.0), (150.0, 30.0, 1.0), (200.0, 32.0, 0.3), (250.0, 37.0, 0.5))
+    log = [event(round(1e3 * ms), ChannelTarget(hz, amplitude, 0.0)) for hz, ms, amplitude in tones]
+    # From 30 ms to 40 ms the first becomes the second, and to 47.5 ms that becomes the fourth: the third never sounds.
+    phase_before = 0.03 * 100.0
+    for at_ms, w, (old_hz, old_at_ms, old), (new_hz, new_at_ms, new) in (
+        (34.0, 0.4, (100.0, 30.0, 1.0), (150.0, 30.0, 1.0)),
+        (46.0, 0.8, (150.0, 30.0, 1.0), (250.0, 40.0, 0.5)),
+        (60.0, 1.0, (150.0, 30.0, 1.0), (250.0, 40.0, 0.5)),
+    ):
+        # Each goes on in phase with the one before.
+        old_turns = phase_before + 1e-3 * old_hz * (at_ms - old_at_ms)
+        joined = phase_before + (1e-3 * 150.0 * 10.0 if new_at_ms == 40.0 else 0.0)
+        new_turns = joined + 1e-3 * new_hz * (at_ms - new_at_ms)
+        wanted = old * (1 - w) * math.sin(math.tau * old_turns) + new * w * math.sin(math.tau * new_turns)
+        assert synthesise(log, 1e3 * at_ms, 1e3 * at_ms + 5, 200_000.0)[0, 0] == pytest.approx(wanted, abs=1e-9)
+
+
+def test_silence_in_a_crossfade_lets_both_oscillators_fall_together_at_the_slew() -> None:
+    """At 0 Hz: of an amplitude of 1 that becomes one of 0.6, after 4 ms 0.5 and 0.3 are left, and fall within 4 ms."""
+    log = [
+        event(0, ChannelTarget(0.0, 1.0, math.pi / 2)),
+        event(20_000, ChannelTarget(0.0, 0.6, math.pi / 2)),
+        event(24_000, ChannelTarget(0.0, 0.0, None)),
+    ]
+    got = synthesise(log, 24_000, 30_000, 1000.0)[:, 0]
+    np.testing.assert_allclose(got, [0.8, 0.6, 0.4, 0.2, 0.0, 0.0], atol=1e-12)
+
+
+def test_a_phase_that_waited_when_silence_came_is_that_of_the_next_drive() -> None:
+    """So a renewal of a drive that was lost to silence needs no phases."""
+    written = (ChannelTarget(100.0, 1.0, 0.0), ChannelTarget(100.0, 1.0, 2.0))
+    log = [
+        event(0, *(ChannelTarget(100.0, 1.0, 0.0),) * 2),
+        event(20_000, *(ChannelTarget(100.0, 1.0, 1.0),) * 2),
+        event(21_000, *written),
+        event(22_000, QUIET, QUIET),
+        event(40_000, *(replace(target, phase_rad=None) for target in written)),
+    ]
+    times_s = np.arange(60_000, 70_000, 10) * 1e-6 - 0.021
+    got = synthesise(log, 60_000, 70_000, RATE_HZ)
+    np.testing.assert_allclose(got, np.sin(math.tau * 100.0 * times_s[:, None] + [0.0, 2.0]), atol=1e-9)
+
+
+def test_amplitudes_that_change_keep_their_proportions() -> None:
+    still = [(ChannelTarget(0.0, 1.0 / k, math.pi / 2), ChannelTarget(0.0, 0.25 / k, math.pi / 2)) for k in (1, 2)]
+    second = [replace(target, phase_rad=None) for target in still[1]]
+    got = synthesise([event(0, *still[0]), event(20_000, *second)], 20_000, 30_000, RATE_HZ)
+    np.testing.assert_allclose(got[:, 1], 0.25 * got[:, 0], atol=1e-12)
+    assert got[250, 0] == pytest.approx(0.5)
 
 
 def test_a_frequency_change_keeps_the_phase() -> None:
@@ -84,12 +206,6 @@ def test_a_frequency_change_keeps_the_phase() -> None:
     after_s = np.arange(1_000) / RATE_HZ
     np.testing.assert_allclose(got[:1000], np.sin(math.tau * 50e-6 * before_us), atol=1e-9)
     np.testing.assert_allclose(got[1000:], np.sin(math.tau * (50 * 0.03 + 400 * after_s)), atol=1e-9)
-
-
-def test_a_phase_write_fades_out_then_in() -> None:
-    log = [event(0, ChannelTarget(0.0, 1.0, math.pi / 2)), event(20_000, ChannelTarget(0.0, 0.5, -math.pi / 2))]
-    got = synthesise(log, 0, 40_000, 1000.0)[:, 0]
-    np.testing.assert_allclose(got[[5, 19, 20, 21, 25, 26, 27, 28]], [1, 1, 1, 0.8, 0, -0.2, -0.4, -0.5], atol=1e-12)
 
 
 def test_nothing_before_the_first_event_and_no_actuators_in_an_empty_log() -> None:

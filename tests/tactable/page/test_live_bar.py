@@ -75,7 +75,7 @@ def test_the_motion_is_that_of_the_whole_plant(table: Table) -> None:
     run(bar, 0.2)
     plant = TransientPlant(compute_basis(assemble(table.device)), bar.grid_m, 2 * RATE_HZ)
     plant.touch([(touch.position_m, table.device.finger) for touch in touches_of(table, PAIR)])
-    events = [*bar_of(table, [])._log, *events_of(table, records)]
+    events = events_of(table, records)
     whole = plant.run(synthesise(events, 0.0, bar.now_us, 2 * RATE_HZ))[0][::2]
     motion = bar.motion(0.0, 0.15, 1)
     assert motion is not None
@@ -156,8 +156,8 @@ def test_what_is_remembered_of_commands_does_not_grow(table: Table) -> None:
         bar.take(drive.events(records))
         for tenth in range(1, 11):
             bar.advance(1e6 * (second + tenth / 10))
-        lengths.append(len(bar._log))
-    assert max(lengths[20:]) <= max(lengths[:20]) <= 8
+        lengths.append(bar._synthesis.size)
+    assert max(lengths[20:]) <= max(lengths[:20]) <= 16
 
 
 def test_a_finger_that_left_can_be_heard_until_its_place_is_needed(table: Table) -> None:
