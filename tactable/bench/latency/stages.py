@@ -129,7 +129,7 @@ def blame(stamps: Stamps) -> dict[str, Any] | None:
     known = {stage: values for stage, values in durations.items() if np.isfinite(values).any()}
     if not known:
         return None
-    # A line that stands still takes what its buffer holds: then the command is late at its end, not where it is written.
+    # The buffer of a line that stands still takes some commands: they are written in time and arrive late.
     whole = np.fmax(stamps[:, Point.WRITTEN], stamps[:, Point.RECEIVED])
     slowest = whole >= np.nanpercentile(whole, 99)
     medians = {stage: float(np.nanmedian(values)) for stage, values in known.items()}

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass
+import multiprocessing
+import struct
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import engine.loop.fast.library as library_module
 from engine.device import Device
 from engine.effects import Effects, Rule, Trigger
 from engine.effects.rules import click
@@ -16,14 +20,17 @@ from engine.render import WhenNotAchieved
 from engine.touch.sources.recording import Recording
 from tests.engine.loop.fast.scripts import (
     LOUD_DB,
+    SLOTS,
     device_with_gaps,
     random_frames,
     random_rules,
     recording_of,
+    report,
     varied_clicks,
 )
 from tests.engine.loop.rig import DEVICE, Rig
 from tests.engine.made_entries import LEVEL_DB
+from tests.engine.touch.descriptors import CONTACT_COUNT, application, finger
 
 GAPS = device_with_gaps()
 CLICKS = {device: varied_clicks(device) for device in (DEVICE, GAPS)}
@@ -89,3 +96,120 @@ def test_whatever_fingers_do_and_rules_say_the_run_is_the_same(library: ctypes.C
     # What is left to the loop: clicks that the table has not, and fingers that move under rules on moves.
     assert due > 50
     assert 0.6 * due < answered
+
+
+Frames = list[tuple[float, bytes]]
+IDLE = (0.0, report({}))
+"""The first report finds the line busy, which was only just armed."""
+
+
+def answered_whole(
+    library: ctypes.CDLL, frames: Frames, effects: Effects, device: Device = DEVICE
+) -> list[tuple[tuple[float, ...], tuple[bool, ...]]]:
+    """Positions in mm and roles of the clicks of a run, all of which the compiled step answered."""
+    found = both(library, recording_of([IDLE, *frames]), effects, device, is_complete=True)
+    assert found.answered == len(found.clicks)
+    placements = [record.placement for record in found.clicks if record.placement is not None]
+    return [(tuple(round(1e3 * at_m, 1) for at_m in each.position_m), each.is_felt) for each in placements]
+
+
+def test_clicks_of_one_finger_and_of_two_are_answered(library: ctypes.CDLL) -> None:
+    frames = [(0.1, report({1: 0.1})), (0.2, report({1: 0.1, 2: 0.5})), (0.3, report({2: 0.5}, [1]))]
+    frames += [(0.4, report({}, [2])), (0.5, report({4: 0.4, 5: 0.9})), (0.6, report({}, [4, 5]))]
+    assert answered_whole(library, frames, TOUCH) == [
+        ((27.9,), (True,)),
+        ((27.9, 139.7), (False, True)),
+        ((111.8, 251.5), (True, True)),
+    ]
+
+
+def test_fingers_that_are_one_to_the_bar_are_left_to_the_loop(library: ctypes.CDLL) -> None:
+    # Both times they are nearest to different places, first 5.6 mm apart and then 8.4 mm.
+    frames = [IDLE, (0.1, report({1: 0.44, 2: 0.46})), (0.2, report({}, [1, 2])), (0.3, report({1: 0.435, 2: 0.465}))]
+    found = both(library, recording_of([*frames, (0.4, report({}, [1, 2]))]), TOUCH, is_complete=True)
+    assert [len(record.placement.position_m) for record in found.clicks if record.placement] == [1, 2]
+    assert found.answered == 1
+
+
+def test_fingers_in_gaps_between_zones_are_fingers(library: ctypes.CDLL) -> None:
+    frames = [(0.1, report({1: 0.4})), (0.2, report({1: 0.4, 2: 0.6})), (0.3, report({1: 0.4}, [2]))]
+    frames += [(0.4, report({1: 0.4, 3: 0.98})), (0.5, report({}, [1, 3]))]
+    assert answered_whole(library, frames, TOUCH, GAPS) == [
+        ((111.8,), (True,)),
+        ((111.8, 167.6), (False, True)),
+        ((111.8, 273.8), (False, True)),
+    ]
+    in_zones = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({0, 1})),))
+    # Only the second lies in a zone; the first is quiet in its gap.
+    assert answered_whole(library, frames, in_zones, GAPS) == [((111.8, 167.6), (False, True))]
+
+
+def test_a_click_under_way_keeps_its_fingers(library: ctypes.CDLL) -> None:
+    first_zone = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({0})),))
+    frames = [(0.1, report({1: 0.1, 2: 0.5})), (0.104, report({1: 0.1, 2: 0.55})), (0.108, report({1: 0.1}, [2]))]
+    frames += [(0.112, report({1: 0.1, 3: 0.9})), (0.116, report({1: 0.15, 3: 0.9})), (0.2, report({}, [1, 3]))]
+    assert answered_whole(library, frames, first_zone) == [((27.9, 139.7), (True, False))]
+
+
+def test_a_finger_that_lifts_is_felt_where_it_was_by_its_lift_rule(library: ctypes.CDLL) -> None:
+    frames = [(0.1, report({1: 0.1, 2: 0.5})), (0.2, report({2: 0.5}, [1])), (0.21, report({2: 0.5, 3: 0.9}))]
+    clicks = answered_whole(library, [*frames, (0.3, report({}, [2, 3]))], TOUCH_AND_LIFT)
+    assert clicks[:2] == [((27.9, 139.7), (True, True)), ((27.9, 139.7), (True, False))]
+    # The click of the lifted finger is cut by that of the next, and it does not touch.
+    assert clicks[2] == ((139.7, 251.5), (False, True))
+
+
+@pytest.mark.parametrize(("units", "place_m"), [(1, 0.0), (2, 1.0)])
+def test_a_finger_counts_where_it_is_held_not_where_it_jitters(
+    library: ctypes.CDLL, units: int, place_m: float
+) -> None:
+    """A unit of the digitizer is 0.28 mm, a finger is followed from 0.5 mm on, and two places meet at unit 50."""
+    only_last = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({4})),))
+    frames = [(0.1, report({1: 0.049})), (0.2, report({1: 0.049 + 0.001 * units}))]
+    frames += [(0.3, report({1: 0.049 + 0.001 * units, 2: 0.9})), (0.4, report({}, [1, 2]))]
+    ((position_mm, is_felt),) = answered_whole(library, frames, only_last)
+    assert is_felt == (False, True)
+    assert position_mm[0] == round((49 + units * place_m) * 0.2794, 1)
+
+
+def test_the_last_contact_of_a_digitizer_that_counts_from_one_is_answered(library: ctypes.CDLL) -> None:
+    slots = (finger(flags="0942 0947") for _ in range(SLOTS))
+    counts_from_one = replace(
+        recording_of([IDLE, (0.1, report({10: 0.1})), (0.2, report({11: 0.5}))]),
+        descriptor=application(*slots, CONTACT_COUNT),
+        vendor_id=0x0486,
+        product_id=0x0185,
+    )
+    found = both(library, counts_from_one, TOUCH, is_complete=True)
+    assert found.answered == len(found.clicks) == 1
+
+
+def run_many_contacts(folder: str) -> None:
+    """More contacts than the compiled step has room for come, lift one after another, and come in parts of frames.
+
+    Ends the process where the sanitizer finds an index out of bounds.
+    """
+    flags = (*library_module._FLAGS, "-fsanitize=undefined", "-fno-sanitize-recover=all")
+    vars(library_module)["_FLAGS"] = flags
+    library = library_module.compile_fast_path(Path(folder))
+    slots, most = 40, 100
+    maximum = bytes.fromhex(f"8502 050d 0955 1500 25{most:02x} 7508 9501 b102")
+    descriptor = application(*(finger() for _ in range(slots)), CONTACT_COUNT, maximum)
+    frames: Frames = []
+    for number, count in enumerate((1, 60, 64, 65, 100, 90, 66, 63, 2, 1, 2, 100, 1)):
+        contacts = [struct.pack("<BBHH", 3, contact, 10 * contact, 500) for contact in range(count)]
+        contacts += [struct.pack("<BBHH", 0, contact, 0, 500) for contact in range(count, most)]
+        for first in range(0, most, slots):
+            part = b"".join(contacts[first : first + slots]).ljust(6 * slots, b"\0")
+            frames.append((0.1 + 0.05 * number + 0.001 * first / slots, b"\x01" + part + bytes([most * (first == 0)])))
+    recording = replace(recording_of(frames), descriptor=descriptor)
+    for rules in (TOUCH, TOUCH_AND_LIFT):
+        assert both(library, recording, rules, is_complete=True).fast.loop.counters.frames > 10
+
+
+def test_more_than_64_contacts_stay_within_bounds(library: ctypes.CDLL, tmp_path: Path) -> None:
+    assert library is not None  # there is a compiler
+    process = multiprocessing.get_context("spawn").Process(target=run_many_contacts, args=(str(tmp_path),))
+    process.start()
+    process.join()
+    assert process.exitcode == 0
