@@ -17,5 +17,6 @@ def click_table(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def source(click_table: Path) -> Iterator[ClickSource]:
+    """For fingers as far from their positions as the table's: middles of zones are places of it."""
     with Table.open(click_table) as table:
-        yield ClickSource(table)
+        yield ClickSource(table, table.clicks.tolerance_m)

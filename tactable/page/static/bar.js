@@ -275,8 +275,24 @@ export class Bar {
     c.strokeStyle = colour.level;
     c.lineWidth = 2;
     c.lineJoin = "round";
-    this._levelPath(c, this.picture.counted);
+    this._countedPath(c);
     c.stroke();
+  }
+
+  // The line of what counts, through the level of every finger too: where one rests the bar may be still between points.
+  _countedPath(c) {
+    const { counted, levelCount, fingers, fingerCount, drive } = this.picture, fresh = isFresh(this.picture);
+    const step_m = this._device.length_m / (levelCount - 1);
+    c.beginPath();
+    c.moveTo(this._left, this._y(counted[0]));
+    for (let i = 1; i < levelCount; i++) {
+      for (let k = 0; fresh && k < fingerCount; k++) {
+        const { position_m, role, level_db, felt_db } = fingers[k];
+        if (role === Role.NONE || position_m <= (i - 1) * step_m || position_m >= i * step_m) continue;
+        c.lineTo(this._x(position_m), this._y(drive === 1 ? level_db : felt_db));
+      }
+      c.lineTo(this._x(i * step_m), this._y(counted[i]));
+    }
   }
 
   _bendAt(share) {

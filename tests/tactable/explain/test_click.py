@@ -8,13 +8,14 @@ from math import inf
 import pytest
 from rich.console import Console
 
+from engine.touch import Placement
 from tactable.explain.click import Explained, click_json, explain_click, print_click
 from tactable.explain.click_source import ClickSource
 
 
 def explained_of(source: ClickSource, felt: str, quiet: str, level_db: float = inf, rivals: bool = False) -> Explained:
-    states = source.table.states_of(felt.split(), quiet.split())
-    return explain_click(source, states, level_db, rivals=rivals)
+    placement = Placement.named(source.table.device, felt.split(), quiet.split())
+    return explain_click(source, placement, level_db, rivals=rivals)
 
 
 def page_of(source: ClickSource, explained: Explained) -> str:
@@ -39,14 +40,34 @@ def test_the_values_are_the_table_s(source: ClickSource) -> None:
     assert values["quiet_db"]["95 %"] == click.quiet.high_db
     assert values["wanted_level_db"] is None
     assert (values["upper_bound_db"], values["optimality_gap_db"]) == (click.bound_db, click.gap_db)
-    assert [zone["level_db"] for zone in values["zones"]] == [zone and zone.level_db for zone in click.zones]
+    assert (values["felt_zones"], values["quiet_zones"]) == (["I"], ["III"])
     assert values["exceeds_s"] == click.exceeds_s[inf]
-    assert values["is_tabulated"] is True and values["options"]["scenarios"] == 4
+    assert values["options"]["scenarios"] == 4
+
+
+def test_the_table_s_own_click_is_judged_under_the_same_fingers(source: ClickSource) -> None:
+    """At a place of the table it is the same click; elsewhere it is weaker, or less quiet."""
+    at_place = explained_of(source, "I", "III")
+    own = at_place.tabulated
+    assert own is not None and own.click.placement.position_m == pytest.approx(at_place.placement.position_m)
+    assert own.finger_db == pytest.approx(at_place.finger_db)
+    beside = explain_click(
+        ClickSource(source.table), Placement.named(source.table.device, ["60 mm"], ["215 mm"]), inf, rivals=False
+    )
+    values = click_json(source.table, beside)
+    assert values["table"]["places_m"] == pytest.approx(at_place.placement.position_m)
+    assert values["table"]["tolerance_m"] == pytest.approx(source.table.clicks.tolerance_m)
+    here, tables = (values["fingers"], values["table"]["fingers"])
+    assert [finger["position_m"] for finger in tables] == [finger["position_m"] for finger in here] == [0.06, 0.215]
+    lost_db = here[0]["level_db"]["5 %"] - tables[0]["level_db"]["5 %"]
+    gained_db = tables[1]["level_db"]["95 %"] - here[1]["level_db"]["95 %"]
+    assert max(lost_db, gained_db) > 3
 
 
 def test_softer_is_quieter_by_as_much(source: ClickSource) -> None:
     explained = explained_of(source, "I", "")
-    assert [each.level_db for each in explained.softer] == pytest.approx([10.0, 20.0, 30.0])
+    lower_db = [level_db for level_db in source.table.device.levels_db if level_db < explained.click.level_db]
+    assert [each.level_db for each in explained.softer] == pytest.approx(lower_db) and lower_db
     assert explained.strongest.quiet is None
     beside = explained_of(source, "III", "I", 10.0)
     loud, strongest = beside.click, beside.strongest
@@ -56,12 +77,12 @@ def test_softer_is_quieter_by_as_much(source: ClickSource) -> None:
     assert [each.level_db < loud.level_db for each in beside.softer] == [True] * len(beside.softer)
 
 
-def test_a_state_that_the_table_does_not_hold_is_solved_and_says_so(source: ClickSource) -> None:
+def test_fingers_that_the_table_does_not_hold_are_said(source: ClickSource) -> None:
     explained = explained_of(source, "I", "II III")
-    assert not explained.is_tabulated
-    assert click_json(source.table, explained)["is_tabulated"] is False
-    assert "NOT IN THE TABLE, solved now" in page_of(source, explained)
-    assert "NOT IN THE TABLE" not in page_of(source, explained_of(source, "I", "III"))
+    assert explained.tabulated is None
+    assert click_json(source.table, explained)["table"] is None
+    assert "the table has no click for these fingers" in page_of(source, explained)
+    assert "the table plays its click of 46.57 mm (I) felt" in page_of(source, explained_of(source, "I", "III"))
 
 
 def test_what_lost_is_told_beside_the_click_as_strong_as_it_is(source: ClickSource) -> None:
@@ -90,7 +111,7 @@ def test_the_page_says_everything(source: ClickSource) -> None:
         "ESTIMATES",
     ):
         assert part in page
-    assert max(map(len, page.split("made with")[0].split("\n┏", 1)[1].splitlines())) <= 80
+    assert max(len(line) for line in page.splitlines() if line[:1] in "┏┃┡│└") <= 80
 
 
 def test_what_is_missed_or_not_known_is_said(source: ClickSource) -> None:

@@ -8,32 +8,32 @@ import pytest
 
 from engine.table import ClickEntry
 from engine.table.click import played_at
-from engine.touch import ZoneState
+from engine.touch import Placement
 from precompute.clicks.basis import EVALUATIONS_PER_SAMPLE
 from tactable.explain.click_course import Course, compute_course
 from tactable.explain.click_source import ClickSource
 
 
 def course_of(source: ClickSource, felt: str, quiet: str, level_db: float = inf) -> tuple[ClickEntry, Course]:
-    states = source.table.states_of(felt.split(), quiet.split())
-    click = played_at(source.solve_click(states), level_db)
-    return click, compute_course(source, click)
+    placement = Placement.named(source.table.device, felt.split(), quiet.split())
+    click = played_at(source.click_of(placement), level_db)
+    return click, compute_course(source, click, placement)
 
 
 @pytest.mark.parametrize("level_db", [inf, 3.0])
 @pytest.mark.parametrize(("felt", "quiet"), [("I", "III"), ("III", "II"), ("II", "")])
 def test_peaks_are_the_levels_of_the_table(source: ClickSource, felt: str, quiet: str, level_db: float) -> None:
     click, course = course_of(source, felt, quiet, level_db)
-    (finger,) = course.fingers(ZoneState.FELT)
-    assert course.peaks_db(finger) == pytest.approx(astuple(click.felt), abs=0.05)  # peaks between instants
-    for finger in course.fingers(ZoneState.QUIET):
+    (finger,) = course.placement.felt
+    assert course.peaks_db(finger) == pytest.approx(astuple(click.felt)[:4], abs=0.05)  # peaks between instants
+    for finger in course.placement.quiet:
         assert click.quiet is not None
-        assert course.peaks_db(finger) == pytest.approx(astuple(click.quiet), abs=0.05)
+        assert course.peaks_db(finger) == pytest.approx(astuple(click.quiet)[:4], abs=0.05)
 
 
 def test_of_several_felt_fingers_the_weakest_counts(source: ClickSource) -> None:
     click, course = course_of(source, "I II", "")
-    peaks_db = [course.peaks_db(finger)[0] for finger in course.fingers(ZoneState.FELT)]
+    peaks_db = [course.peaks_db(finger)[0] for finger in course.placement.felt]
     assert len(peaks_db) == 2
     assert min(peaks_db) == pytest.approx(click.felt.nominal_db, abs=0.05)
 

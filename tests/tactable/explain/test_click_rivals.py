@@ -15,7 +15,7 @@ from tactable.explain.click_source import ClickSource
 
 @pytest.fixture(scope="module")
 def click(source: ClickSource) -> ClickEntry:
-    return source.solve_click(source.table.states_of(["I"], ["III"]))
+    return source.solve(Placement.named(source.table.device, ["I"], ["III"]))
 
 
 def test_every_baseline_is_judged_at_the_length_of_the_click(source: ClickSource, click: ClickEntry) -> None:
@@ -42,8 +42,7 @@ def test_what_does_not_lose_says_so(source: ClickSource, click: ClickEntry) -> N
 
 
 def test_rivals_keep_to_the_quiet_level(source: ClickSource, click: ClickEntry) -> None:
-    placement = Placement.in_zones(source.table.device, click.states)
-    plants = source.solver.plants_of(placement.position_m).trimmed
+    plants = source.solver.plants_of(click.placement.position_m).trimmed
     for rival in solve_rivals(source, click):
         peak = abs(plants.play(rival.click.waveform))[1:, 1].max(axis=1)
         assert np.percentile(20 * np.log10(peak), 95) <= source.options.quiet_db + 0.01

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from engine.table import ClickEntry
 from engine.table.click import played_at
+from engine.touch import Placement
 from precompute.clicks.basis import EVALUATION_RATE_HZ, RINGDOWN_S
 from tactable.explain.click_course import compute_course
 from tactable.explain.click_sound import (
@@ -27,7 +28,7 @@ from tactable.explain.click_source import ClickSource
 
 
 def click_of(source: ClickSource, felt: str, quiet: str, level_db: float = inf) -> ClickEntry:
-    return played_at(source.solve_click(source.table.states_of(felt.split(), quiet.split())), level_db)
+    return played_at(source.click_of(Placement.named(source.table.device, felt.split(), quiet.split())), level_db)
 
 
 def peaks(course: NDArray[np.float64]) -> list[float]:
@@ -39,8 +40,8 @@ def peaks(course: NDArray[np.float64]) -> list[float]:
 def test_what_is_heard_has_the_peaks_of_the_table(source: ClickSource, level_db: float) -> None:
     """The table looks at fewer instants; where little moves, the corners between samples are 2 % of the peak."""
     click = click_of(source, "I", "III", level_db)
-    promised = [zone for zone in click.zones if zone is not None]
-    plain, weighted = (compute_felt(source.table.device, click, is_weighted=choice) for choice in (False, True))
+    promised, at_m = click.fingers, click.placement.position_m
+    plain, weighted = (compute_felt(source.table.device, click, at_m, is_weighted=choice) for choice in (False, True))
     assert peaks(plain) == pytest.approx([zone.acceleration_at_finger_m_per_s2 for zone in promised], rel=0.03)
     assert peaks(plain)[0] == pytest.approx(promised[0].acceleration_at_finger_m_per_s2, rel=2e-3)
     assert 20 * np.log10(peaks(weighted)) == pytest.approx([zone.level_db for zone in promised], abs=0.05)
@@ -49,8 +50,8 @@ def test_what_is_heard_has_the_peaks_of_the_table(source: ClickSource, level_db:
 def test_what_is_heard_is_the_acceleration_that_the_plants_are_judged_by(source: ClickSource) -> None:
     """Another way to it: closed-form responses at a lower rate, whose filter of least phase is a moment earlier."""
     click, step = click_of(source, "I", "III"), round(SOUND_RATE_HZ / EVALUATION_RATE_HZ)
-    heard = compute_felt(source.table.device, click, is_weighted=True)
-    judged = compute_course(source, click).weighted[0].T
+    heard = compute_felt(source.table.device, click, click.placement.position_m, is_weighted=True)
+    judged = compute_course(source, click, click.placement).weighted[0].T
     differences = [abs(heard[late::step][:1700] - judged[:1700]).max() for late in range(2 * step)]
     assert min(differences) < 0.01 * abs(judged).max()
 
@@ -58,9 +59,9 @@ def test_what_is_heard_is_the_acceleration_that_the_plants_are_judged_by(source:
 @pytest.mark.parametrize("is_weighted", [True, False])
 def test_fingers_come_one_after_another_felt_ones_first_on_one_scale(source: ClickSource, is_weighted: bool) -> None:
     click = click_of(source, "III", "I")
-    heard = compute_felt(source.table.device, click, is_weighted=is_weighted)
-    sound = make_sound(source.table.device, click, is_weighted=is_weighted, is_stereo=False)
-    assert sound.order == ("III", "I")
+    heard = compute_felt(source.table.device, click, click.placement.position_m, is_weighted=is_weighted)
+    sound = make_sound(source.table.device, click, click.placement, is_weighted=is_weighted, is_stereo=False)
+    assert sound.order == ("232.8 mm (III)", "46.57 mm (I)")
     assert sound.samples.shape == (2 * round((click.length_s + RINGDOWN_S + PAUSE_S) * SOUND_RATE_HZ), 1)
     felt, quiet = sound.samples[:, 0].reshape(2, -1)[:, : len(heard)]
     scaled = heard * (LOUDEST / sound.loudest_value)
@@ -73,7 +74,8 @@ def test_fingers_come_one_after_another_felt_ones_first_on_one_scale(source: Cli
 def test_stereo_is_the_felt_finger_left_and_the_quiet_one_right(source: ClickSource) -> None:
     click = click_of(source, "III", "I")
     one_by_one, beside = (
-        make_sound(source.table.device, click, is_weighted=True, is_stereo=choice) for choice in (False, True)
+        make_sound(source.table.device, click, click.placement, is_weighted=True, is_stereo=choice)
+        for choice in (False, True)
     )
     halves = one_by_one.samples[:, 0].reshape(2, -1)[:, : len(beside.samples)]
     assert (beside.samples == halves.T).all()
@@ -82,13 +84,15 @@ def test_stereo_is_the_felt_finger_left_and_the_quiet_one_right(source: ClickSou
 
 @pytest.mark.parametrize(("felt", "quiet"), [("I", ""), ("I II", "")])
 def test_stereo_of_other_fingers_is_refused(source: ClickSource, felt: str, quiet: str) -> None:
+    click = click_of(source, felt, quiet)
     with pytest.raises(SoundError, match="one felt and one quiet"):
-        make_sound(source.table.device, click_of(source, felt, quiet), is_weighted=True, is_stereo=True)
+        make_sound(source.table.device, click, click.placement, is_weighted=True, is_stereo=True)
 
 
 @pytest.mark.parametrize("is_stereo", [True, False])
 def test_a_file_holds_the_samples(source: ClickSource, tmp_path: Path, is_stereo: bool) -> None:
-    sound = make_sound(source.table.device, click_of(source, "I", "III"), is_weighted=False, is_stereo=is_stereo)
+    click = click_of(source, "I", "III")
+    sound = make_sound(source.table.device, click, click.placement, is_weighted=False, is_stereo=is_stereo)
     write_sound(sound, tmp_path / "click.wav")
     with wave.open(str(tmp_path / "click.wav"), "rb") as file:
         assert (file.getnchannels(), file.getsampwidth(), file.getframerate()) == (1 + is_stereo, 2, SOUND_RATE_HZ)

@@ -1,41 +1,64 @@
-"""Laws of where clicks come from: the table, or the same click solved when it is asked for."""
+"""Laws of where clicks come from: the table's row of the nearest places, or a click solved for the positions."""
 
 import json
+from math import inf
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from engine.table import Table, TableError
+from engine.touch import Placement
 from precompute.clicks import DEFAULT_OPTIONS
 from tactable.explain.click_source import ClickSource, read_click_options
 from tests.tactable.click_table import CHEAP, build_click_table
 
 
 def test_the_options_are_those_that_the_table_was_made_with(source: ClickSource) -> None:
-    assert source.options == CHEAP
+    assert source.table_options == CHEAP
+    assert source.options == CHEAP.at(source.table.places)
 
 
 def test_a_click_of_the_table_is_taken_from_it(source: ClickSource) -> None:
-    states = source.table.states_of(["I"], ["III"])
-    assert source.holds(states)
-    assert any(source.solve_click(states).weights is click.weights for click in source.table.clicks)
+    near = Placement.named(source.table.device, ["50 mm"], ["225 mm"])
+    assert source.holds(near)
+    click = source.click_of(near)
+    assert click.placement.position_m == pytest.approx(Placement.named(source.table.device, ["I", "III"]).position_m)
+    assert np.array_equal(click.samples, source.table.click_for(["I"], ["III"], inf).samples)
 
 
-def test_a_click_that_is_asked_for_is_the_one_that_a_table_holds(source: ClickSource, tmp_path: Path) -> None:
+def test_a_click_that_is_solved_at_places_is_the_one_that_a_table_holds(source: ClickSource, tmp_path: Path) -> None:
     with Table.open(build_click_table(tmp_path, clicks_up_to=0)) as without:
-        states = without.states_of(["I"], ["III"])
-        empty = ClickSource(without)
-        assert not empty.holds(states)
-        solved, held = empty.solve_click(states), source.solve_click(states)
+        placement = Placement.named(without.device, ["I"], ["III"])
+        empty = ClickSource(without, source.options.tolerance_m or 0.0)
+        assert not empty.holds(placement)
+        solved, held = empty.click_of(placement), source.click_of(placement)
     assert np.array_equal(solved.samples, held.samples)
-    assert (solved.felt, solved.quiet, solved.zones) == (held.felt, held.quiet, held.zones)
+    assert solved.felt.low_db == pytest.approx(held.felt.low_db, abs=1e-6)
+    levels_db = [[finger.level_db for finger in click.fingers] for click in (solved, held)]
+    assert levels_db[0] == pytest.approx(levels_db[1], abs=1e-6)
     assert (solved.exceeds_s, solved.wanted_level_db) == (held.exceeds_s, held.wanted_level_db)
 
 
-def test_a_state_without_a_felt_finger_is_refused(source: ClickSource) -> None:
+def test_a_click_of_more_fingers_is_solved_for_their_places_as_a_run_does(source: ClickSource) -> None:
+    placement = Placement.named(source.table.device, ["50 mm"], ["135 mm", "230 mm"])
+    click = source.click_at_places(placement)
+    middles = Placement.named(source.table.device, ["I"], ["II", "III"])
+    assert click.placement.position_m == pytest.approx(middles.position_m)
+    assert click.placement.is_felt == middles.is_felt
+    assert click.tolerance_m == source.table.clicks.tolerance_m
+
+
+def test_what_a_click_gives_elsewhere_is_not_what_it_gives_at_its_places(source: ClickSource) -> None:
+    click = source.click_of(Placement.named(source.table.device, ["I"], ["III"]))
+    assert source.fingers_of(click, click.placement) == click.fingers
+    moved = Placement(tuple(at_m + 5e-3 for at_m in click.placement.position_m), click.placement.is_felt)
+    assert source.fingers_of(click, moved)[1].level_db > click.fingers[1].level_db + 3
+
+
+def test_a_placement_without_a_felt_finger_is_refused(source: ClickSource) -> None:
     with pytest.raises(TableError, match="--felt I"):
-        source.solve_click(source.table.states_of([], ["II"]))
+        source.solve(Placement.named(source.table.device, [], ["II"]))
 
 
 def test_options_that_are_not_known_are_refused_and_none_are_the_defaults(click_table: Path) -> None:

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import pytest
 
-from engine.table.table import states_of
 from engine.touch import Placement
 from precompute.clicks import ClickSolver
 from tactable.explain.click_source import ClickSource
@@ -23,10 +22,10 @@ def study(source: ClickSource, told: list[float]) -> Study:
     device = source.table.device
     return run_study(
         device,
-        states_of(device, ["I"], ["III"]),
+        Placement.named(device, ["I"], ["III"]),
         lengths_s=(0.01, 0.02),
         scenarios=(2, 4),
-        options=CHEAP,
+        options=source.options,
         on_progress=told.append,
     )
 
@@ -40,7 +39,7 @@ def test_each_point_is_the_click_of_its_options(study: Study, told: list[float])
     ]
     assert told == pytest.approx([1 / 3, 2 / 3, 1])  # one point is on both curves
     assert study.by_length[0.02] is study.by_scenarios[4]
-    alone = ClickSolver(study.device, replace(CHEAP, scenarios=2)).solve(Placement.in_zones(study.device, study.states))
+    alone = ClickSolver(study.device, replace(study.options, scenarios=2)).solve(study.placement)
     assert (alone.waveform == study.by_scenarios[2].waveform).all()
 
 
@@ -66,7 +65,7 @@ def test_a_finger_alone_has_no_quiet_side(source: ClickSource) -> None:
     device = source.table.device
     alone = run_study(
         device,
-        states_of(device, ["II"], []),
+        Placement.named(device, ["II"]),
         lengths_s=(0.02,),
         scenarios=(2,),
         options=CHEAP,

@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 from engine.table.click import played_at
+from engine.touch import Placement
 from tactable.explain.click_source import ClickSource
 from tactable.figures.click import plot_click
 from tactable.figures.file import Picture, write_columns
 
 
 def picture_of(source: ClickSource, felt: str, quiet: str, level_db: float = inf) -> Picture:
-    states = source.table.states_of(felt.split(), quiet.split())
-    return plot_click(source, played_at(source.solve_click(states), level_db))
+    placement = Placement.named(source.table.device, felt.split(), quiet.split())
+    return plot_click(source, played_at(source.click_of(placement), level_db), placement)
 
 
 def test_the_written_data_have_the_level_of_the_table(source: ClickSource, tmp_path: Path) -> None:
@@ -25,7 +26,7 @@ def test_the_written_data_have_the_level_of_the_table(source: ClickSource, tmp_p
         rows = list(csv.DictReader(file))
     click = source.table.click_for(["I"], ["III"], 4.0)
     assert click.quiet is not None
-    for header, spread in (("I felt", click.felt), ("III quiet", click.quiet)):
+    for header, spread in (("46.57 mm (I) felt", click.felt), ("232.8 mm (III) quiet", click.quiet)):
         nominal = [float(row[f"{header}, nominal (acceleration over threshold)"]) for row in rows]
         assert 20 * np.log10(max(map(abs, nominal))) == pytest.approx(spread.nominal_db)
     left = [float(row["left (fraction of full scale)"]) for row in rows]
@@ -58,6 +59,16 @@ def test_a_level_that_is_not_reached_is_said(source: ClickSource) -> None:
     picture = picture_of(source, "I", "III", 60.0)
     assert "NOT ACHIEVED (60 dB wanted)" in picture.caption
     assert picture.summary["achieved"] is False
-    states = source.table.states_of(["I"], ["III"])
-    missed = replace(source.solve_click(states), achieved=False)
-    assert "NOT ACHIEVED, felt" in plot_click(source, missed).caption
+    placement = Placement.named(source.table.device, ["I"], ["III"])
+    missed = replace(source.click_of(placement), achieved=False)
+    assert "NOT ACHIEVED, felt" in plot_click(source, missed, placement).caption
+
+
+def test_fingers_are_drawn_where_they_are_and_the_promise_names_the_places(source: ClickSource) -> None:
+    placement = Placement.named(source.table.device, ["60 mm"], ["215 mm"])
+    picture = plot_click(source, source.click_of(placement), placement)
+    felt, quiet = picture.summary["fingers"]
+    assert (felt["position_m"], felt["zone"], felt["role"]) == (0.06, "I", "felt")
+    assert (quiet["position_m"], quiet["role"]) == (0.215, "quiet")
+    assert picture.summary["places_m"] == pytest.approx([0.04657, 0.23283], abs=1e-5)
+    assert "made for 46.57 and 232.8 mm, each finger within 24.3 mm" in picture.figure.get_suptitle()

@@ -7,6 +7,7 @@ from itertools import pairwise, product
 import pytest
 
 from engine.table import TableError
+from engine.touch import Placement
 from precompute.clicks.baselines import GATED_DRIVE
 from tactable.explain.click_source import ClickSource
 from tactable.figures.click_map import plot_click_map
@@ -37,7 +38,7 @@ def test_every_ordered_pair_is_there_with_the_figures_of_the_table(source: Click
 
 
 def test_beside_it_is_the_gated_drive_judged_alike(source: ClickSource, picture: Picture) -> None:
-    gated = source.solve_baseline(source.table.states_of(["III"], ["I"]), GATED_DRIVE, 0.02).evaluation
+    gated = source.solve_baseline(Placement.named(source.table.device, ["III"], ["I"]), GATED_DRIVE, 0.02).evaluation
     assert gated.quiet is not None
     assert picture.summary["gated_felt_level_db"][2][0] == pytest.approx(gated.felt.low_db)
     assert picture.summary["gated_quiet_level_db"][2][0] == pytest.approx(gated.quiet.high_db)

@@ -11,7 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from engine.table import Entry, Table, TableError
-from engine.touch import ZoneState
+from engine.touch import Placement, ZoneState
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
 from precompute.model.threshold import detection_threshold
@@ -20,6 +20,7 @@ from tactable.figures.course import compute_rising, plot_course
 from tactable.figures.factor import PairDrive, compute_factor, pair_drive, plot_factor, read_factor
 from tactable.figures.file import FigureError, Picture, check_paths, write_columns, write_picture
 from tactable.figures.pareto import STEP_DB, Front, plot_pareto, solve_front, solve_paper_drive
+from tactable.figures.played_drive import entry_drive, solved_drive
 from tactable.figures.rise import plot_rise
 from tactable.figures.state import compute_envelope, plot_state
 from tests.precompute.dense_model import DenseModel
@@ -59,7 +60,7 @@ def complex_amplitudes(entry: Entry) -> np.ndarray:
 
 def test_the_envelope_under_a_standard_finger_is_what_the_entry_promises(table: Table) -> None:
     for entry in table.entries_at(20.0):
-        envelope = compute_envelope(table.device, entry)
+        envelope = compute_envelope(entry_drive(table, entry))
         for zone, promise in zip(table.device.zones, entry.zones, strict=True):
             if promise.acceleration_at_finger_m_per_s2 is not None:
                 here = np.interp((zone.start_m + zone.stop_m) / 2, envelope.position_m, envelope.standard)
@@ -68,7 +69,7 @@ def test_the_envelope_under_a_standard_finger_is_what_the_entry_promises(table: 
 
 def test_the_envelope_is_that_of_the_dense_model_with_the_fingers_on_it(table: Table) -> None:
     entry, device = table.entry_for(["I"], ["III"]), table.device
-    envelope = compute_envelope(device, entry)
+    envelope = compute_envelope(entry_drive(table, entry))
     middles_m = [(device.zones[z].start_m + device.zones[z].stop_m) / 2 for z in (0, 2)]
     model = DenseModel(device, [(place_m, device.finger) for place_m in middles_m])
     (hz,) = set(entry.frequencies_hz)
@@ -78,7 +79,7 @@ def test_the_envelope_is_that_of_the_dense_model_with_the_fingers_on_it(table: T
 
 def test_the_band_holds_the_levels_that_the_entry_gives_for_other_fingers(table: Table) -> None:
     entry, device = table.entry_for(["I"], ["III"]), table.device
-    envelope = compute_envelope(device, entry)
+    envelope = compute_envelope(entry_drive(table, entry))
     threshold = float(detection_threshold(np.array(entry.frequencies_hz[:1]))[0])
     assert (envelope.least <= envelope.standard).all()
     assert (envelope.standard <= envelope.greatest).all()
@@ -92,16 +93,33 @@ def test_the_band_holds_the_levels_that_the_entry_gives_for_other_fingers(table:
 
 def test_a_state_that_is_not_achieved_says_so(table: Table) -> None:
     loudest_db = table.entry_for(["I"], ["III"], inf).level_db
-    picture = plot_state(table, table.entry_for(["I"], ["III"], loudest_db + 3))
+    picture = plot_state(entry_drive(table, table.entry_for(["I"], ["III"], loudest_db + 3)))
     assert "NOT ACHIEVED" in picture.caption
     assert picture.summary["achieved"] is False
 
 
 def test_every_tone_has_its_threshold(table: Table) -> None:
     entry = replace(table.entry_for(["I"], ["III"]), frequencies_hz=(100.0, 200.0))
-    thresholds = plot_state(table, entry).summary["threshold_m_per_s2"]
+    thresholds = plot_state(entry_drive(table, entry)).summary["threshold_m_per_s2"]
     assert thresholds == {hz: pytest.approx(float(detection_threshold(np.array([float(hz)]))[0])) for hz in thresholds}
     assert list(thresholds) == ["100.0", "200.0"]
+
+
+def test_a_drive_for_positions_is_drawn_at_them_as_it_was_solved(table: Table) -> None:
+    placement = Placement.named(table.device, ["35 mm"], ["120 mm", "80 mm"])
+    drawn = solved_drive(table, placement, 20.0)
+    solved = table.drive_for(["35 mm"], ["120 mm", "80 mm"], 20.0)
+    assert (drawn.frequencies_hz, drawn.amplitudes) == (solved.frequencies_hz, solved.amplitudes)
+    envelope = compute_envelope(drawn)
+    for finger in drawn.fingers:
+        here = np.interp(finger.position_m, envelope.position_m, envelope.standard)
+        assert here == pytest.approx(finger.acceleration_m_per_s2, rel=1e-3)
+        assert finger.range_db[0] <= finger.level_db <= finger.range_db[1]
+    picture = plot_state(drawn)
+    assert [finger["position_m"] for finger in picture.summary["fingers"]] == list(placement.position_m)
+    assert "35 mm (I) felt" in picture.caption
+    risen_db = compute_rising(drawn).level_db[drawn.placement.felt[0], -1]
+    assert risen_db == pytest.approx(drawn.level_db, abs=1.0)
 
 
 # ---- pareto ----------------------------------------------------------------------------------------------
@@ -202,23 +220,24 @@ def test_the_distribution_reaches_every_state_at_the_slowest(table: Table) -> No
 def test_the_course_of_a_state_is_risen_when_its_entry_says_and_stays_near_what_it_promises(table: Table) -> None:
     for felt, quiet in ((["I"], []), (["III"], ["I"]), (["I"], ["II", "III"])):
         entry = table.entry_for(felt, quiet, 20.0)
-        rising = compute_rising(table, entry)
-        own = rising.level_db[rising.zones.index(table.device.zone_index(felt[0]))]
-        promised_db = entry.zones[table.device.zone_index(felt[0])].sensation_level_db
+        drawn = entry_drive(table, entry)
+        rising = compute_rising(drawn)
+        (finger,) = drawn.placement.felt
+        own, promised_db = rising.level_db[finger], drawn.fingers[finger].level_db
         outside = np.flatnonzero(abs(10 ** ((own - promised_db) / 20) - 1) > 0.1)
         assert rising.time_s[outside[-1]] == pytest.approx(entry.t90_s, abs=2e-3)
 
 
 def test_the_contrast_of_a_course_is_felt_over_quiet_at_each_moment(table: Table) -> None:
     entry = table.entry_for(["I"], ["II", "III"], 20.0)
-    columns = plot_course(table, entry).columns
+    columns = plot_course(entry_drive(table, entry)).columns
     level_db = {
         name: np.asarray(columns[f"level of {name} (dB above threshold)"])
-        for name in ("I felt", "II quiet", "III quiet")
+        for name in ("46.57 mm (I) felt", "139.7 mm (II) quiet", "232.8 mm (III) quiet")
     }
-    quiet_db = np.maximum(level_db["II quiet"], level_db["III quiet"])
-    assert np.asarray(columns["contrast (dB)"]) == pytest.approx(level_db["I felt"] - quiet_db)
-    assert "contrast (dB)" not in plot_course(table, table.entry_for(["I"], [], 20.0)).columns
+    felt_db, *quiet_db = level_db.values()
+    assert np.asarray(columns["contrast (dB)"]) == pytest.approx(felt_db - np.maximum(*quiet_db))
+    assert "contrast (dB)" not in plot_course(entry_drive(table, table.entry_for(["I"], [], 20.0))).columns
 
 
 # ---- localized factor ------------------------------------------------------------------------------------
@@ -291,11 +310,11 @@ def test_a_drive_that_the_sweep_does_not_have_is_refused(
 @pytest.fixture(scope="module")
 def pictures(table: Table, state: tuple[ZoneState, ...]) -> dict[str, Picture]:
     return {
-        "state": plot_state(table, table.entry_for(["I"], ["III"])),
+        "state": plot_state(entry_drive(table, table.entry_for(["I"], ["III"]))),
         "pareto": plot_pareto(table, state),
         "contrast-map": plot_contrast_map(table, 20.0),
         "rise": plot_rise(table, 20.0),
-        "course": plot_course(table, table.entry_for(["I"], ["III"])),
+        "course": plot_course(entry_drive(table, table.entry_for(["I"], ["III"]))),
         "factor": plot_factor(table, [["I"]], ["I"], PairDrive((0, 1), (1.0, 1.0))),
     }
 

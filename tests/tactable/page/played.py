@@ -1,12 +1,13 @@
 """Records of a ring as a run of a table would leave them, and the firmware's events that they stand for."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from engine.loop.ring import Record, RingCounters
 from engine.render import clamp
 from engine.table import Table
 from engine.table.entry import DEFAULT_LEVEL_DB
-from engine.touch import Touch, ZoneState, state_index
+from engine.touch import Placement, Touch
+from engine.touch.finger_tracker import ZoneEdges
 from firmware_link.emulator import DriveEvent
 from firmware_link.protocol.messages import encode_drive
 from tactable.page.live_bar import LiveBar
@@ -19,36 +20,44 @@ FRAME_US = 16_667.0
 LEVEL_DB = DEFAULT_LEVEL_DB
 
 
-def touches_of(table: Table, states: Sequence[ZoneState]) -> tuple[Touch, ...]:
-    """A finger in the middle of every zone that is not free, numbered from 1."""
-    zones = [(i, zone) for i, (zone, state) in enumerate(zip(table.device.zones, states, strict=True)) if state]
-    return tuple(Touch(number, (zone.start_m + zone.stop_m) / 2, i) for number, (i, zone) in enumerate(zones, start=1))
+def touches_of(table: Table, placement: Placement) -> tuple[Touch, ...]:
+    """A touch for every finger, numbered from 1."""
+    edges = ZoneEdges(table.device)
+    fingers = enumerate(placement.position_m, start=1)
+    return tuple(Touch(number, at_m, edges.zone_at(at_m)) for number, at_m in fingers)
 
 
 def record_of(
     table: Table,
-    states: Sequence[ZoneState],
+    placement: Placement,
     at_ns: int,
     *,
     is_click: bool = False,
+    is_provisional: bool = False,
     is_sent: bool = True,
     level_db: float | None = LEVEL_DB,
 ) -> Record:
-    """A report that brought a state, and what was written for it 50 us later."""
-    index = state_index(states)
-    entry = None if level_db is None or is_click else table.entry_at(index, level_db)
-    drive = b"" if entry is None else encode_drive(clamp(entry, table.device).channels, RESOLUTION_HZ)
+    """A report that brought these fingers, and what was written for them 50 us later."""
+    drive = b""
+    if level_db is not None and (not is_click or is_provisional):
+        solved = table.drive_for(
+            [placement.position_m[finger] for finger in placement.felt],
+            [placement.position_m[finger] for finger in placement.quiet],
+            level_db,
+        )
+        drive = encode_drive(clamp(solved, table.device).channels, RESOLUTION_HZ)
     stamps = tuple(at_ns + STAGE_NS * stage for stage in range(6)) if is_sent else (0, at_ns, 0, 0, 0, 0)
     a, b, c, d, e, f = stamps
     return Record(
         stamps_ns=(a, b, c, d, e, f),
         report_index=0,
-        state=index,
+        placement=None if level_db is None else placement,
         level_db=level_db,
         is_click=is_click,
+        is_provisional=is_provisional,
         drive_sequence=1 if is_sent else None,
         counters=COUNTERS,
-        touches=touches_of(table, states),
+        touches=touches_of(table, placement),
         drive=drive,
         report=b"\1",
     )

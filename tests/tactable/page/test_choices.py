@@ -96,7 +96,3 @@ def test_an_own_device_is_offered_beside_the_shipped_ones() -> None:
     assert offered("my.toml").devices == ("my.toml", *shipped_names())
     assert OFFERS.devices[0] == "reference-a"
     assert sorted(OFFERS.devices) == shipped_names()
-
-
-def test_only_the_papers_source_has_the_papers_objective() -> None:
-    assert [source for source in Source if source.objective == "paper"] == [Source.PAPER]

@@ -19,9 +19,10 @@ from tactable.page.messages import (
     Drive,
     FingerPicture,
     Kind,
+    MadePicture,
     PageMessageError,
     Picture,
-    ZonePicture,
+    Role,
     decode_message,
     encode_choice,
     encode_listen,
@@ -39,7 +40,6 @@ PICTURE = Picture(
     time_s=1.5,
     counters=(1, 2, 3, 4, 5, 6),
     command=7,
-    state=29,
     age_s=0.25,
     wanted_db=math.inf,
     last_ns=STAGES,
@@ -48,8 +48,9 @@ PICTURE = Picture(
     drive=Drive.STEADY,
     is_loaded=True,
     is_playing=True,
-    fingers=(FingerPicture(3, None, 0, 0.125, 20.5, 21.5), FingerPicture(4, 2, 1, 0.25, -60.0, -3.0)),
-    zones=(ZonePicture(2, 20.0, None), ZonePicture(0, None, None)),
+    is_provisional=False,
+    fingers=(FingerPicture(3, None, Role.NONE, 0.125, 20.5, 21.5), FingerPicture(4, 2, Role.QUIET, 0.25, -60.0, -3.0)),
+    made=(MadePicture(4, 2, Role.QUIET, 0.25, -4.5, None), MadePicture(None, None, Role.FELT, 0.5, 20.0, 19.5)),
     channels=(ChannelPicture(183.25, 0.5, -1.0),),
     levels_db=np.array([-99.0, 0.123, 99.0]),
     counted_db=np.array([-20.0, 16.5, 61.0]),
@@ -123,19 +124,19 @@ def test_what_is_no_message_is_refused_by_a_code(data: bytes, code: CloseCode) -
 def test_a_picture_lies_as_its_definition_says() -> None:
     data = encode_picture(PICTURE)
     assert data[:2] == bytes([VERSION, Kind.PICTURE])
-    fixed = struct.unpack_from("<d6IIIff5I5IIBB4B", data, 2)
-    assert fixed[:10] == (1.5, 1, 2, 3, 4, 5, 6, 7, 29, 0.25)
-    assert math.isinf(fixed[10])
-    assert fixed[11:] == (*STAGES, *STAGES, 9, Drive.STEADY, 3, 2, 2, 1, 3)
-    at = 2 + struct.calcsize("<d6IIIff5I5IIBB4B")
+    fixed = struct.unpack_from("<d6IIff5I5IIBB4B", data, 2)
+    assert fixed[:9] == (1.5, 1, 2, 3, 4, 5, 6, 7, 0.25)
+    assert math.isinf(fixed[9])
+    assert fixed[10:] == (*STAGES, *STAGES, 9, Drive.STEADY, 3, 2, 2, 1, 3)
+    at = 2 + struct.calcsize("<d6IIff5I5IIBB4B")
     fingers = [struct.unpack_from("<IBBfff", data, at + 18 * i) for i in range(2)]
     assert fingers == [(3, 255, 0, 0.125, 20.5, 21.5), (4, 2, 1, 0.25, -60.0, -3.0)]
-    assert data[at + 36 : at + 38] == bytes([2, 0])
-    assert struct.unpack_from("<4h", data, at + 38) == (2000, -32768, -32768, -32768)
-    assert struct.unpack_from("<fff", data, at + 46) == (183.25, 0.5, -1.0)
-    assert struct.unpack_from("<3h", data, at + 58) == (-6000, 12, 6000)
-    assert struct.unpack_from("<3h", data, at + 64) == (-2000, 1650, 6000)
-    assert len(data) == at + 70
+    made = [struct.unpack_from("<IBBfhh", data, at + 36 + 14 * i) for i in range(2)]
+    assert made == [(4, 2, 1, 0.25, -450, -32768), (0xFFFF_FFFF, 255, 2, 0.5, 2000, 1950)]
+    assert struct.unpack_from("<fff", data, at + 64) == (183.25, 0.5, -1.0)
+    assert struct.unpack_from("<3h", data, at + 76) == (-6000, 12, 6000)
+    assert struct.unpack_from("<3h", data, at + 82) == (-2000, 1650, 6000)
+    assert len(data) == at + 88
 
 
 def test_a_motion_is_told_to_its_greatest_acceleration() -> None:

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from engine.table import Table
-from engine.touch import ZoneState
+from engine.touch import Placement
 from firmware_link.emulator import Cause
 from tactable.page.ring_drive import RingDrive
 from tests.tactable.page.played import RESOLUTION_HZ, record_of
 
-STATES = (ZoneState.FELT, ZoneState.FREE, ZoneState.QUIET)
+FINGERS = Placement((0.035, 0.22), (True, False))
 
 
 @pytest.fixture(scope="module")
@@ -26,40 +26,48 @@ def drive(table: Table) -> RingDrive:
     return RingDrive(table, RESOLUTION_HZ)
 
 
-def test_a_steady_drive_is_that_of_the_entry_from_when_it_was_written(table: Table, drive: RingDrive) -> None:
-    record = record_of(table, STATES, 1_000_000)
+def test_a_steady_drive_is_the_one_solved_for_the_positions_from_when_it_was_written(
+    table: Table, drive: RingDrive
+) -> None:
+    record = record_of(table, FINGERS, 1_000_000)
     (event,) = drive.events([record])
-    entry = table.entry_at(record.state, 20.0)
-    assert entry is not None
+    solved = table.drive_for([0.035], [0.22], 20.0)
     assert (event.cause, event.device_time_us, event.waveform) == (Cause.SET, 1050, None)
-    assert [channel.amplitude for channel in event.channels] == pytest.approx(entry.amplitudes, abs=1e-4)
-    assert [channel.frequency_hz for channel in event.channels] == pytest.approx(entry.frequencies_hz, abs=5e-3)
+    assert [channel.amplitude for channel in event.channels] == pytest.approx(solved.amplitudes, abs=1e-4)
+    assert [channel.frequency_hz for channel in event.channels] == pytest.approx(solved.frequencies_hz, abs=5e-3)
 
 
-def test_a_click_is_the_waveform_of_its_state(table: Table, drive: RingDrive) -> None:
-    record = record_of(table, STATES, 1_000_000, is_click=True)
+def test_a_click_is_the_waveform_of_the_nearest_places(table: Table, drive: RingDrive) -> None:
+    record = record_of(table, FINGERS, 1_000_000, is_click=True)
     (event,) = drive.events([record])
-    click = table.click_at(record.state, 20.0)
+    click = table.click_at(FINGERS, 20.0)
     assert click is not None and event.waveform is not None
     assert event.cause is Cause.PLAY
     assert event.waveform.amplitude == click.amplitude
     assert np.array_equal(event.waveform.samples, click.samples)
 
 
+def test_a_click_that_the_table_does_not_hold_leaves_the_bar_at_rest(table: Table, drive: RingDrive) -> None:
+    three = Placement((0.03, 0.1, 0.2), (True, False, False))
+    (event,) = drive.events([record_of(table, three, 1_000_000, is_click=True)])
+    assert event.waveform is None
+    assert not any(channel.amplitude for channel in event.channels)
+
+
 def test_what_was_not_sent_drives_nothing(table: Table, drive: RingDrive) -> None:
-    assert drive.events([record_of(table, STATES, 0, is_click=True, is_sent=False)]) == []
-    assert drive.events([record_of(table, STATES, 0, level_db=None, is_sent=False)]) == []
+    assert drive.events([record_of(table, FINGERS, 0, is_click=True, is_sent=False)]) == []
+    assert drive.events([record_of(table, FINGERS, 0, level_db=None, is_sent=False)]) == []
 
 
 def test_silence_ends_a_drive(table: Table, drive: RingDrive) -> None:
-    records = [record_of(table, STATES, 0), record_of(table, STATES, 9_000_000, level_db=None)]
+    records = [record_of(table, FINGERS, 0), record_of(table, FINGERS, 9_000_000, level_db=None)]
     _, event = drive.events(records)
     assert event.device_time_us == 9050
     assert not any(channel.amplitude for channel in event.channels)
 
 
 def test_silence_on_a_lost_port_ends_the_drive_though_it_has_no_sequence(table: Table, drive: RingDrive) -> None:
-    begun = record_of(table, STATES, 0)
+    begun = record_of(table, FINGERS, 0)
     ended = begun._replace(stamps_ns=(0, 30_000_000, 0, 0, 0, 0), drive_sequence=None, drive=b"")
     first, last = drive.events([begun, ended])
     assert any(channel.amplitude for channel in first.channels)

@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 
 from engine.table import Table
-from engine.touch import ZoneState, state_index
+from engine.touch import Placement
 from tactable.page.live_bar import POINTS, RATE_HZ, LiveBar
-from tactable.page.messages import LOWEST_DB, Drive, Kind, encode_picture
+from tactable.page.messages import LOWEST_DB, Drive, Kind, Role, encode_picture
 from tactable.page.ring_drive import RingDrive
 from tactable.page.view import HEARD_S, LATENCIES, View
 from tests.tactable.page.played import COUNTERS, FRAME_US, RESOLUTION_HZ, STAGE_NS, record_of
 
-FREE, QUIET, FELT = ZoneState.FREE, ZoneState.QUIET, ZoneState.FELT
-PAIR = (FELT, FREE, QUIET)
+PAIR = Placement((0.035, 0.22), (True, False))
+"""Not at places of the table, nor in the middles of zones I and III."""
+TURNED = Placement(PAIR.position_m, (False, True))
+ONE_ZONE = Placement((0.11, 0.15), (True, False))
+"""Both in zone II."""
 
 
 @pytest.fixture(scope="module")
@@ -34,17 +37,24 @@ class Rig:
         self._drive = RingDrive(table, RESOLUTION_HZ)
         self.told: list[bytes] = []
 
-    def play(self, seconds: float, *, states: tuple[ZoneState, ...] = PAIR, **words: bool) -> None:
-        """A state from now on, for so long."""
-        self.tell(states, **words)
+    def play(self, seconds: float, *, placement: Placement = PAIR, **words: bool) -> None:
+        """Fingers from now on, for so long."""
+        self.tell(placement, **words)
         self.go_on(seconds)
 
     def tell(
-        self, states: tuple[ZoneState, ...], *, is_click: bool = False, is_silent: bool = False, is_sent: bool = True
+        self,
+        placement: Placement,
+        *,
+        is_click: bool = False,
+        is_provisional: bool = False,
+        is_silent: bool = False,
+        is_sent: bool = True,
     ) -> None:
         level_db = None if is_silent else 20.0
         at_ns = round(1000 * self.view.bar.now_us) + 1000  # a stamp of 0 is none
-        record = record_of(self.table, states, at_ns, is_click=is_click, level_db=level_db, is_sent=is_sent)
+        how = {"is_click": is_click, "is_provisional": is_provisional, "is_sent": is_sent}
+        record = record_of(self.table, placement, at_ns, level_db=level_db, **how)
         self.view.bar.take(self._drive.events([record]))
         self.view.read([record])
 
@@ -72,48 +82,90 @@ def test_a_click_is_promised_and_simulated_alike(rig: Rig) -> None:
     rig.play(0.5, is_click=True)
     picture = rig.view.picture()
     assert (picture.command, picture.drive, picture.is_playing) == (1, Drive.CLICK, False)
-    assert picture.state == state_index(PAIR)
     assert picture.wanted_db == 20.0
     assert picture.age_s == pytest.approx(0.5, abs=0.03)
-    assert [zone.promised_db is None for zone in picture.zones] == [False, True, False]
-    for zone in (picture.zones[0], picture.zones[2]):
-        assert zone.simulated_db == pytest.approx(zone.promised_db, abs=0.25)
+    assert [finger.position_m for finger in picture.made] == list(PAIR.position_m)
+    for made in picture.made:
+        assert made.simulated_db == pytest.approx(made.promised_db, abs=0.25)
     felt, quiet = picture.fingers
-    assert felt.felt_db == picture.zones[0].simulated_db
-    assert (felt.zone, felt.state, quiet.zone, quiet.state) == (0, FELT, 2, QUIET)
+    assert felt.felt_db == picture.made[0].simulated_db
+    assert (felt.zone, felt.role, quiet.zone, quiet.role) == (0, Role.FELT, 2, Role.QUIET)
+    assert [finger.number for finger in picture.made] == [felt.number, quiet.number]
+    # What it promises here is not what it promises at its places.
+    click = rig.table.click_at(PAIR, 20.0)
+    assert click is not None
+    at_places, here = [finger.level_db for finger in click.fingers], [made.promised_db for made in picture.made]
+    assert at_places != pytest.approx(here, abs=0.3)
+
+
+def test_two_fingers_in_one_zone_have_roles_of_their_own(rig: Rig) -> None:
+    rig.play(1.0, placement=ONE_ZONE)
+    picture = rig.view.picture()
+    assert [(finger.zone, finger.role) for finger in picture.fingers] == [(1, Role.FELT), (1, Role.QUIET)]
+    felt, quiet = picture.made
+    assert felt.simulated_db is not None and quiet.simulated_db is not None
+    assert felt.simulated_db > quiet.simulated_db + 6
+
+
+def test_a_finger_that_came_after_the_command_has_no_role_and_one_that_lifted_no_number(rig: Rig) -> None:
+    rig.play(0.2, is_click=True)
+    later = record_of(rig.table, PAIR, round(1000 * rig.view.bar.now_us), is_sent=False)
+    rig.view.read([later._replace(touches=(later.touches[0]._replace(contact_id=7, position_m=0.1), later.touches[1]))])
+    picture = rig.view.picture()
+    assert [finger.role for finger in picture.fingers] == [Role.NONE, Role.QUIET]
+    assert [finger.number for finger in picture.made] == [None, 2]
+
+
+def test_a_steady_drive_in_place_of_a_click_is_told_apart(rig: Rig) -> None:
+    rig.play(0.2, is_click=True, is_provisional=True)
+    picture = rig.view.picture()
+    assert (picture.drive, picture.is_provisional) == (Drive.STEADY, True)
+    rig.play(0.2, is_click=True)
+    assert not rig.view.picture().is_provisional
+
+
+def test_a_click_that_the_table_does_not_hold_is_shown_without_a_promise(rig: Rig) -> None:
+    rig.play(0.2, placement=Placement((0.03, 0.1, 0.2), (True, False, False)), is_click=True)
+    picture = rig.view.picture()
+    assert (picture.drive, picture.channels) == (Drive.CLICK, ())
+    assert [made.promised_db for made in picture.made] == [None, None, None]
+    assert encode_picture(picture)[1] == Kind.PICTURE
 
 
 def test_a_steady_drive_is_promised_and_simulated_alike_and_says_its_channels(rig: Rig) -> None:
     rig.play(2.0)
     picture = rig.view.picture()
-    entry = rig.table.entry_at(state_index(PAIR), 20.0)
-    assert entry is not None
+    solved = rig.table.drive_for([PAIR.position_m[0]], [PAIR.position_m[1]], 20.0)
     assert (picture.drive, picture.is_playing) == (Drive.STEADY, True)
-    assert [c.frequency_hz for c in picture.channels] == pytest.approx(entry.frequencies_hz, abs=5e-3)
-    assert [c.amplitude for c in picture.channels] == pytest.approx(entry.amplitudes, abs=1e-4)
-    for zone in (picture.zones[0], picture.zones[2]):
-        assert zone.simulated_db == pytest.approx(zone.promised_db, abs=0.1)
-    assert picture.fingers[0].level_db == picture.zones[0].simulated_db
+    assert [c.frequency_hz for c in picture.channels] == pytest.approx(solved.frequencies_hz, abs=5e-3)
+    assert [c.amplitude for c in picture.channels] == pytest.approx(solved.amplitudes, abs=1e-4)
+    for made in picture.made:
+        assert made.simulated_db == pytest.approx(made.promised_db, abs=0.1)
+    assert picture.fingers[0].level_db == picture.made[0].simulated_db
 
 
 def test_what_a_steady_drive_came_to_stays_when_it_has_ended(rig: Rig) -> None:
     rig.play(1.0)
-    before = rig.view.picture().zones[0].simulated_db
+    before = rig.view.picture().made[0].simulated_db
     rig.play(1.0, is_silent=True)
     after = rig.view.picture()
     assert not after.is_playing
-    assert after.zones[0].simulated_db == pytest.approx(before, abs=0.1)
+    assert after.made[0].simulated_db == pytest.approx(before, abs=0.1)
 
 
 @pytest.mark.parametrize("is_click", [True, False])
 def test_the_counted_curve_passes_through_the_levels_of_the_fingers(rig: Rig, is_click: bool) -> None:
-    """A browser that gets only the last picture draws a curve that agrees with the printed levels."""
+    """A browser that gets only the last picture draws a curve that agrees with the printed levels.
+
+    Where a finger is to rest, a steady drive may be stiller than at the points of the curve beside it.
+    """
     rig.play(1.0, is_click=is_click)
     picture = rig.view.picture()
     for finger in picture.fingers:
         printed_db = finger.felt_db if is_click else finger.level_db
         drawn_db = np.interp(finger.position_m, rig.view.bar.grid_m, picture.counted_db)
-        assert drawn_db == pytest.approx(printed_db, abs=1.0)
+        is_null = not is_click and finger.role is Role.QUIET
+        assert drawn_db >= printed_db - 1.0 if is_null else drawn_db == pytest.approx(printed_db, abs=1.0)
     if is_click:
         assert picture.levels_db.max() < picture.counted_db.max() - 20  # the click is over
 
@@ -126,7 +178,7 @@ def test_a_stall_over_two_clicks_gives_the_second_no_level_of_the_first(table: T
         first_ns = round(1000 * rig.view.bar.now_us) + 1000
         records = [
             record_of(table, PAIR, first_ns, is_click=True),
-            record_of(table, (QUIET, FREE, FELT), first_ns + 400_000_000, is_click=True),
+            record_of(table, TURNED, first_ns + 400_000_000, is_click=True),
         ]
         rig.view.bar.take(rig._drive.events(records))
         rig.view.read(records)
