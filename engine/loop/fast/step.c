@@ -312,10 +312,10 @@ int64_t fast_answer(Fast *fast) {
     fast->frame_ns = now_ns();
     if (count == NONE || !follow(fast, active, count, time_ns, &felt)) return DECLINED;
     fast->state_ns = now_ns();
-    /* A click that goes on keeps its fingers and its level; steady drives, and a click that is felt again since a later
-     * one was cut, are left to Python. */
-    if (felt.click_ns == fast->click_ns && (felt.click_ns != NONE || felt.level == fast->level)) return DECLINED;
-    if (felt.level != NONE && felt.click_ns != time_ns) return DECLINED;
+    /* Its own are a click that begins now, and silence after something. A click that goes on keeps its fingers and its
+     * level; steady drives, and a click that is felt again since a later one was cut, are left to Python. */
+    if (felt.level == NONE ? fast->level == NONE : felt.click_ns != time_ns || felt.click_ns == fast->click_ns)
+        return DECLINED;
     /* Look the command up. */
     Command click;
     const Command *command = &fast->silence;

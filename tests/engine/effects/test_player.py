@@ -242,6 +242,14 @@ def test_a_drag_is_felt_at_marks_that_stay_where_they_are() -> None:
     assert felt_ms == [30, 60, 80, 90]
 
 
+def test_a_mark_of_a_drag_does_not_move_with_the_finger_that_has_passed_it() -> None:
+    seen = story(Rule(Trigger.DRAG, burst(20.0, 1), every_m=10 * MM))
+    for time_ms, place_mm in ((0, 100.0), (10, 114.0), (20, 119.0), (30, 121.0), (40, 112.0), (50, 109.0)):
+        seen.at(time_ms, touch(1, place_mm))
+    # The marks are 110, 120 and, on the way back, 110 mm.
+    assert [time_ms for time_ms, _, level_db in seen.until(1000).moments if level_db] == [10, 30, 50]
+
+
 def test_a_finger_that_trembles_is_not_dragged() -> None:
     seen = story(Rule(Trigger.DRAG, burst(20.0, 5), every_m=5 * MM))
     for frame in range(1000):
