@@ -331,6 +331,21 @@ def law_the_first_greeting_of_a_boot_is_told(tier: Tier) -> None:
         tier.reboot()
 
 
+def law_a_copy_is_refused_as_long_as_the_clock_lets_it_pass(tier: Tier) -> None:
+    """A frame may seem a lease young, and then its copy passes the clock for two leases."""
+    host = Host(tier).ready()
+    drive, lease_us = host.drive(*LOUD), tier.lease_ms * US_PER_MS
+    cases = [(lease_us // 2, lease_us * 5 // 4)] + [(lease_us, 2 * lease_us)] * (tier.slack_us == 0)
+    for young_us, later_us in cases:
+        before = host.fresh_status()
+        frame = host.frame(host.set_message(drive, age_us=-young_us))
+        tier.write(frame)
+        tier.wait(later_us)
+        tier.write(frame)
+        after = host.fresh_status()
+        assert (after.applied - before.applied, after.stale - before.stale) == (1, 1)
+
+
 # ---- falling silent ----------------------------------------------------------------------------------------
 
 
@@ -817,6 +832,48 @@ def wave_law_the_ramp_of_a_drive_keeps_the_slew(tier: WaveTier) -> None:
     for part in (0.2, 0.5, 0.8):
         until_us = started + int(part * RAMP_US)
         assert np.abs(tier.outputs(started, until_us)[1]).max() <= part + ROUNDING
+
+
+def wave_law_what_every_drive_leaves_quiet_stays_quiet_while_they_follow_each_other(tier: WaveTier) -> None:
+    """Half of what the first actuator does and all of the second are 0 together, in every drive and in between."""
+    host = Host(tier).ready()
+    noise = np.random.default_rng(5)
+    begun_us = 0
+    for step in range(40):
+        frequency_hz = noise.uniform(60, 300) if noise.integers(3) == 0 else 200
+        amplitude, turned = noise.uniform(0.1, 1.0), noise.uniform(0, math.tau)
+        drive = host.drive(
+            ChannelDrive(frequency_hz, amplitude, turned), ChannelDrive(frequency_hz, amplitude / 2, turned + math.pi)
+        )
+        host.send(host.set_message(drive))
+        # A crossfade of these takes up to twice the ramp: some wait for it, and some of those are overtaken.
+        tier.wait(int(noise.integers(RAMP_US // 5, 3 * RAMP_US)))
+        if step == 0:
+            host.pass_until(host.device_us() + RAMP_US)
+            begun_us = host.device_us()
+    stop_us = host.device_us()
+    host.pass_until(stop_us)
+    _, displacements = tier.outputs(begun_us, stop_us)
+    assert np.abs(displacements).max() > 0.5
+    # Where the tier stalls for a lease, the drive ends in between, and each actuator falls for itself.
+    assert np.abs(displacements @ [0.5, 1.0]).max() <= ROUNDING or host.fresh_status().trips
+
+
+def wave_law_a_drive_that_differs_by_its_common_phase_alone_goes_on_as_it_was(tier: WaveTier) -> None:
+    host = Host(tier).ready()
+    drives = [host.drive(ChannelDrive(200, 0.8, turned), ChannelDrive(200, 0.3, turned + 1)) for turned in (0.0, 3.0)]
+    begun_us = host.set(drives[0]).applied_time_us + RAMP_US
+    for step in range(1, 10):
+        tier.wait(13 * US_PER_MS)
+        host.send(host.set_message(drives[step % 2]))
+    stop_us = host.device_us()
+    host.pass_until(stop_us)
+    rate_hz, displacements = tier.outputs(begun_us, stop_us)
+    turns = math.tau * 200 * np.arange(len(displacements)) / rate_hz
+    tones = np.column_stack([np.sin(turns), np.cos(turns)])
+    left = displacements - tones @ np.linalg.lstsq(tones, displacements, rcond=None)[0]
+    assert np.abs(displacements).max() > 0.79
+    assert np.abs(left).max() <= ROUNDING or host.fresh_status().trips
 
 
 # ---- the host goes away ------------------------------------------------------------------------------------

@@ -137,6 +137,25 @@ def test_a_click_whose_basis_goes_stands_still_and_fades_on() -> None:
     assert not samples[9_000 * RATE_HZ // US_PER_S + RATE_HZ // 200 + 2 :].any()
 
 
+def test_a_click_that_plays_on_while_a_second_basis_takes_its_memory_fades() -> None:
+    """Nothing else ends it: a displacement that stands still would stay for ever."""
+    rise = np.minimum(np.minimum(np.arange(4_000), np.arange(4_000)[::-1]) / 100, 1.0)
+    clicks = Clicks(RATE_HZ, [np.outer(rise, [1.0, -1.0])])
+    device = Played((FULL_SCALE_WORD,) * ACTUATORS, 200, clicks.basis)
+    device.send(clicks.play(0, reference(device.now_us)))
+    device.wait(20_000)
+    for message in transfer_messages(Clicks(RATE_HZ, [np.outer(rise[::-1] / 2, [1.0, 0.0])]).basis.data):
+        device.send(message)
+    device.wait(20_000)
+    device.send(BasisBegin(1, 400))
+    device.wait(100_000)
+    samples = np.abs(device.take()).max(axis=1) / FULL_OUTPUT
+    released = 40_000 * RATE_HZ // US_PER_S
+    assert samples[released - 10 : released].min() > 0.99
+    assert np.abs(np.diff(samples[released:])).max() <= 200 / RATE_HZ + 2 * ROUNDING
+    assert not samples[released + RATE_HZ // 200 + 2 :].any()
+
+
 class Played:
     """A device that is armed, and what its actuators get from then on."""
 

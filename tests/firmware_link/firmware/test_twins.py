@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -230,4 +230,20 @@ def test_both_have_room_for_a_click_again_at_the_same_instant(wait_us: int) -> N
     assert twins.python.counters.refused == (wait_us < RAMP_US)
     twins.wait(100_000)
     twins.compare_samples()
+    twins.compiled.close()
+
+
+@pytest.mark.parametrize(("armed_s", "own_s", "wanted_s"), [(2, 1, 1), (1, 2, 1), (0, 1, 1), (1, 0, 1), (0, 0, None)])
+def test_the_shorter_of_two_on_time_limits_holds(armed_s: int, own_s: int, wanted_s: int | None) -> None:
+    configuration = replace(CONFIGURATION, longest_drive_s=own_s)
+    twins = Twins(EmulatedFirmware(configuration), CompiledFirmware(core_library(), configuration, keeps_samples=False))
+    twins.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1))
+    twins.send(Arm(BOOT_ID, SLEW_PER_S, 40, armed_s, (FULL_SCALE_WORD,) * ACTUATORS))
+    drive = encode_drive([ChannelDrive(60.0, 1.0)] * ACTUATORS, RESOLUTION_HZ)
+    driven_ms = 0
+    while twins.python.state is not DeviceState.LATCHED and driven_ms < 2_500:
+        twins.drive(Set(reference(twins.now_us), SetFlag.WRITE_PHASE, 40, drive))
+        twins.wait(20_000)
+        driven_ms += 20
+    assert driven_ms == (2_500 if wanted_s is None else 1_000 * wanted_s)
     twins.compiled.close()
