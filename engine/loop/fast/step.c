@@ -226,8 +226,7 @@ static int64_t row_of(const Fast *fast, const Felt *felt) {
     }
     /* Fingers that are too close are one to the bar. */
     if (count == MOST_FINGERS && fabs(held_m[0] - held_m[1]) < fast->closest_m) return NONE;
-    const int64_t side = 2 * fast->places + 1;
-    return fast->pair[code[0] < code[1] ? code[0] * side + code[1] : code[1] * side + code[0]];
+    return fast->pair[code[0] * (2 * fast->places + 1) + code[1]]; /* in either order */
 }
 
 /* Fill in the click of a row at a level, as encode_play of firmware_link/protocol/messages.py; 0: it has none. */

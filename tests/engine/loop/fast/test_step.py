@@ -172,6 +172,14 @@ def test_a_finger_counts_where_it_is_held_not_where_it_jitters(
     assert position_mm[0] == round((49 + units * place_m) * 0.2794, 1)
 
 
+def test_a_finger_midway_between_two_places_belongs_to_the_same_one_as_in_the_loop(library: ctypes.CDLL) -> None:
+    """Places are 100 units of the digitizer apart: it is the upper one, but for rounding."""
+    frames: Frames = []
+    for number in range(10):
+        frames += [(0.1 + 0.1 * number, report({1: 0.05 + 0.1 * number})), (0.15 + 0.1 * number, report({}, [1]))]
+    assert len(answered_whole(library, frames, TOUCH)) == 10
+
+
 def test_the_last_contact_of_a_digitizer_that_counts_from_one_is_answered(library: ctypes.CDLL) -> None:
     slots = (finger(flags="0942 0947") for _ in range(SLOTS))
     counts_from_one = replace(
