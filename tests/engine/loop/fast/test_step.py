@@ -144,6 +144,16 @@ def test_fingers_in_gaps_between_zones_are_fingers(library: ctypes.CDLL) -> None
     assert answered_whole(library, frames, in_zones, GAPS) == [((111.8, 167.6), (False, True))]
 
 
+@pytest.mark.parametrize("zone", range(5))
+def test_a_finger_on_an_edge_is_in_the_zone_that_starts_there_as_in_the_loop(library: ctypes.CDLL, zone: int) -> None:
+    """Some of the edges are positions of the digitizer to the last bit."""
+    one_zone = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({zone})),))
+    frames: Frames = []
+    for edge in range(6):
+        frames += [(0.1 + 0.1 * edge, report({1: 0.2 * edge})), (0.15 + 0.1 * edge, report({}, [1]))]
+    assert answered_whole(library, frames, one_zone)
+
+
 def test_a_click_under_way_keeps_its_fingers(library: ctypes.CDLL) -> None:
     first_zone = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({0})),))
     frames = [(0.1, report({1: 0.1, 2: 0.5})), (0.104, report({1: 0.1, 2: 0.55})), (0.108, report({1: 0.1}, [2]))]
