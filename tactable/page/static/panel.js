@@ -26,7 +26,7 @@ function rows(body, count, columns) {
   return body.rows;
 }
 
-function decibels(word) { return word === NOTHING ? "–" : `${(word / 100).toFixed(1)} dB`.replace("-", "−"); }
+function decibels(word) { return word === NOTHING ? "–" : (word / 100).toFixed(1).replace("-", "−"); }
 
 function microseconds(ns) { return `${(ns / 1000).toFixed(ns < 99500 ? 1 : 0)} µs`; }
 
@@ -164,8 +164,8 @@ export class Panel {
     const { zones } = scene.device, found = rows(byId("promise").tBodies[0], picture.madeCount, 4);
     for (let i = 0; i < picture.madeCount; i++) {
       const cells = found[i].cells, { number, zone, role, position_m, promised, simulated } = picture.made[i];
-      const name = zone < zones.length ? ` (${zones[zone].name})` : "";
-      say(cells[0], `${number === NO_NUMBER ? "lifted" : number + 1}: ${(1000 * position_m).toFixed(1)} mm${name}`);
+      const name = zone < zones.length ? `, ${zones[zone].name}` : "";
+      say(cells[0], `${number === NO_NUMBER ? "–" : number + 1}: ${(1000 * position_m).toFixed(0)} mm${name}`);
       say(cells[1], ORDERS[role] ?? "none");
       cells[1].className = CLASSES[role];
       say(cells[2], decibels(promised));

@@ -53,7 +53,7 @@ def test_what_a_click_gives_elsewhere_is_not_what_it_gives_at_its_places(source:
     click = source.click_of(Placement.named(source.table.device, ["I"], ["III"]))
     assert source.fingers_of(click, click.placement) == click.fingers
     moved = Placement(tuple(at_m + 5e-3 for at_m in click.placement.position_m), click.placement.is_felt)
-    assert source.fingers_of(click, moved)[1].level_db > click.fingers[1].level_db + 3
+    assert source.fingers_of(click, moved)[1].level_db > click.fingers[1].level_db + 1
 
 
 def test_a_placement_without_a_felt_finger_is_refused(source: ClickSource) -> None:
