@@ -12,7 +12,7 @@ from precompute.clicks.columns import ClickTabulator
 from precompute.clicks.options import ClickOptions
 from precompute.clicks.program import Effort
 from precompute.clicks.solver import ClickSolver
-from precompute.parallel.pool import solve_in_processes
+from precompute.parallel.pool import WorkerPool
 
 MOST_TABULATED = 2
 """More fingers are solved when they come: a grid coarse enough for their number has clicks that are hardly felt."""
@@ -42,19 +42,17 @@ def tabulated_keys(places: Places, fingers: int) -> list[Key]:
 def tabulate_clicks(
     device: Device, options: ClickOptions, places: Places, keys: Sequence[Key], workers: int = 1
 ) -> Iterator[tuple[ClickEntry, Effort]]:
-    """Table rows of the clicks with these keys and what each took, in any order, by `workers` processes (1: this one).
+    """Table rows of the clicks with these keys and what each took, in any order.
 
-    Neighbouring keys are solved by one process, since the roles of one pair of places share their plants. The result
-    does not depend on the number of processes. Raises WorkerError if a process was killed, ProgramError if a linear
-    program failed.
+    This process is one of the `workers` that solve them. Neighbouring keys are solved by one process, since the roles
+    of one pair of places share their plants. The result does not depend on the number of processes. Raises WorkerError
+    if a process was killed, ProgramError if a linear program failed.
     """
     chunks = _chunks(keys)
-    begin = partial(_begin, device, options, places)
-    if workers == 1 or not chunks:
-        solve = begin() if chunks else None
-        yield from (solve(key) for chunk in chunks for key in chunk if solve)
-    else:
-        yield from solve_in_processes(begin, chunks, workers)
+    if not chunks:
+        return
+    with WorkerPool(min(workers, len(chunks)) - 1) as pool:
+        yield from pool.solve(partial(_begin, device, options, places), chunks, include_self=True)
 
 
 def _chunks(keys: Sequence[Key]) -> list[list[Key]]:
