@@ -14,6 +14,7 @@ from engine.effects.rules import click
 from engine.table import Clicks
 from engine.touch.places import Key
 from engine.touch.sources.recording import Recording, Report
+from firmware_link.protocol.basis import Basis, BasisSet
 from tests.engine.loop.rig import DEVICE, MS
 from tests.engine.made_clicks import basis_of, click_of, made_clicks, places_of
 from tests.engine.made_entries import LEVEL_DB
@@ -44,19 +45,24 @@ def device_with_gaps() -> Device:
 
 
 def varied_clicks(device: Device, missing: int = 9) -> Clicks:
-    """Clicks of all placements of one and two fingers, of two lengths and several fraction bits; some are missing."""
+    """Clicks of all placements of one and two fingers, of two sets and several fraction bits; some are missing."""
     places, actuators = places_of(device), len(device.actuators)
     codes = range(2 * places.count)
     keys: list[Key] = [(code,) for code in codes if code % 2]
     keys += [(one, other) for one in codes for other in codes if one // 2 < other // 2 and (one % 2 or other % 2)]
     del keys[missing::missing]
-    basis = basis_of(actuators, 121, 81)
+    few = basis_of(actuators, 121)
+    more = BasisSet(
+        np.tile(basis_of(actuators, 81).sets[0].functions, (2, 1)), np.arange(2 * actuators, dtype=np.uint8) % 2
+    )
+    basis = Basis(few.sample_rate_hz, (*few.sets, more))
     random = np.random.default_rng(3)
     clicks = [
         replace(
             click_of(device, places.placement(key), level_db=float(random.uniform(15.0, 40.0))),
             basis=basis,
             basis_set=row % 2,
+            weights=random.integers(-9000, 9000, len(basis.sets[row % 2].actuators)).astype(np.int16),
             fraction_bits=1 + row % 14,
             achieved=row % 5 != 0,
         )
