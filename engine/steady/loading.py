@@ -61,17 +61,21 @@ def _spread(power, share, out):  # type: ignore[no-untyped-def]  # numba
                 out[i, k] += share[i] * power[k]
 
 
-@njit(types.void(_FIELD, _BLOCK, _LINE, types.float64, _POSITION, _BLOCK, _LOADED), cache=True, fastmath=True)
-def fill_loaded(drive, point, omega, pitch_m, position_m, impedance, out):  # type: ignore[no-untyped-def]  # numba
+@njit(
+    types.void(_FIELD, _BLOCK, _LINE, types.float64, _POSITION, _BLOCK, types.Array(types.float32, 4, "C"), _LOADED),
+    cache=True,
+    fastmath=True,
+)
+def fill_loaded(drive, point, omega, pitch_m, position_m, impedance, g, out):  # type: ignore[no-untyped-def]  # numba
     """Fill out (case, finger, actuator, 2, frequency) with the response under each finger, all fingers on the bar.
 
     drive (place, actuator, 2, frequency), in any unit; point (pair, 2, frequency), m/N; omega (frequency,), 1/s;
-    position_m (case, finger); impedance (case, finger, 3): stiffness, damping, mass.
+    position_m (case, finger); impedance (case, finger, 3): stiffness, damping, mass; g (finger, finger, 2, frequency):
+    space for the receptances between fingers.
     """
     places, actuators, _, count = drive.shape
     cases, fingers = position_m.shape
     cell, weight = np.empty(fingers, dtype=np.int64), np.empty((fingers, 4), dtype=np.float32)
-    g = np.empty((fingers, fingers, 2, count), dtype=np.float32)
     u, v = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.float32)
     for c in range(cases):
         # The four places about each finger, and the cubic's weights there.
@@ -79,7 +83,7 @@ def fill_loaded(drive, point, omega, pitch_m, position_m, impedance, out):  # ty
             cell[p] = _cubic(position_m[c, p] / pitch_m, places, weight[p])
         # Receptances between fingers (upper triangle), and responses to the actuators, of the untouched bar.
         for p in range(fingers):
-            w0, w1, w2, w3 = weight[p]
+            w0, w1, w2, w3 = weight[p, 0], weight[p, 1], weight[p, 2], weight[p, 3]
             for a in range(actuators):
                 for part in range(2):
                     s0, s1 = drive[cell[p], a, part], drive[cell[p] + 1, a, part]
@@ -88,7 +92,8 @@ def fill_loaded(drive, point, omega, pitch_m, position_m, impedance, out):  # ty
                     for k in range(count):
                         into[k] = w0 * s0[k] + w1 * s1[k] + w2 * s2[k] + w3 * s3[k]
             for q in range(p, fingers):
-                g[p, q] = 0.0
+                for k in range(count):
+                    g[p, q, 0, k], g[p, q, 1, k] = 0.0, 0.0
                 for i in range(4):
                     r0, r1 = _pair(cell[p] + i, cell[q], places), _pair(cell[p] + i, cell[q] + 1, places)
                     r2, r3 = _pair(cell[p] + i, cell[q] + 2, places), _pair(cell[p] + i, cell[q] + 3, places)
@@ -101,7 +106,7 @@ def fill_loaded(drive, point, omega, pitch_m, position_m, impedance, out):  # ty
                             into[k] += x0 * s0[k] + x1 * s1[k] + x2 * s2[k] + x3 * s3[k]
         # Attach the fingers one after another.
         for j in range(fingers):
-            stiffness, damping, mass = impedance[c, j]
+            stiffness, damping, mass = impedance[c, j, 0], impedance[c, j, 1], impedance[c, j, 2]
             own_real, own_imag = g[j, j, 0], g[j, j, 1]
             # u + j v = z / (1 + z G_jj)
             for k in range(count):
@@ -179,7 +184,7 @@ def fill_energies(drive, point, omega, pitch_m, position_m, impedance, loaded, s
     for p in range(fingers):
         cell[p] = _cubic(position_m[p] / pitch_m, places, weight[p])
         # The force of each finger on the bar is -z y.
-        stiffness, damping, mass = impedance[0, p]
+        stiffness, damping, mass = impedance[0, p, 0], impedance[0, p, 1], impedance[0, p, 2]
         for a in range(actuators):
             for k in range(count):
                 z_real, z_imag = stiffness - mass * omega[k] * omega[k], damping * omega[k]
@@ -187,7 +192,10 @@ def fill_energies(drive, point, omega, pitch_m, position_m, impedance, loaded, s
                 force[p, a, 1, k] = z_real * loaded[p, a, 1, k] + z_imag * loaded[p, a, 0, k]
     out[:] = 0.0
     for place in range(places):
-        field[:] = drive[place]
+        for a in range(actuators):
+            for part in range(2):
+                for k in range(count):
+                    field[a, part, k] = drive[place, a, part, k]
         for p in range(fingers):
             g[:] = 0.0
             for i in range(4):

@@ -88,7 +88,7 @@ class SteadyDrive:
 
 
 class SteadySolver:
-    """Solves placements on one device. The first solve of a process loads the compiled kernels, or compiles them.
+    """Solves placements on one device, one at a time: its buffers are its own, so threads need a solver each.
 
     `cases`: sampled cases of each solve; by default 8, and 4 for more than four fingers.
     """
@@ -97,6 +97,7 @@ class SteadySolver:
         self.device, self.frequency_hz, self.pitch_m = device, receptances.frequency_hz, receptances.pitch_m
         self._places = len(receptances.place_m)
         self._cases = cases
+        self._kept: dict[tuple[int, int], tuple[Single, Single]] = {}
         hz = receptances.frequency_hz
         omega = 2 * np.pi * hz
         self._omega: Single = omega.astype(np.float32)
@@ -137,37 +138,27 @@ class SteadySolver:
         limit, pitch_m = self.device.limits.amplitude, self.pitch_m
         impedance = np.ascontiguousarray(cases.impedance, dtype=np.float32)
         count, fingers = cases.position_m.shape
-        loaded = np.empty((count, fingers, *self._drive.shape[1:]), dtype=np.float32)
-        fill_loaded(self._drive, self._point, self._omega, pitch_m, cases.position_m, impedance, loaded)
+        between, loaded = self._buffers(count, fingers)
+        fill_loaded(self._drive, self._point, self._omega, pitch_m, cases.position_m, impedance, between, loaded)
         is_felt = np.array(felt)
-        felt_at, quiet_at = np.flatnonzero(is_felt), np.flatnonzero(~is_felt)
+        felt_at = np.flatnonzero(is_felt)
+        order = np.concatenate([felt_at, np.flatnonzero(~is_felt)])
         actuators, lines = self._drive.shape[1], self._drive.shape[3]
-        is_share = not len(quiet_at)
+        is_share, is_flat = len(felt_at) == fingers, False
         if is_share:
             share = self._stretches(cases.position_m[0])
             is_flat = bool(np.allclose(share[0], share[1], rtol=1e-9, atol=0.0))
             forms = np.empty((2, actuators**2, lines))
-            fill_energies(
-                self._drive,
-                self._point,
-                self._omega,
-                pitch_m,
-                cases.position_m[0],
-                impedance[:1],
-                loaded[0],
-                share,
-                forms,
-            )
-            numerator, denominator = forms[:1], forms[1:]
+            field = self._drive, self._point, self._omega, pitch_m, cases.position_m[0]
+            fill_energies(*field, impedance[:1], loaded[0], share, forms)
         else:
-            is_flat = False
             forms = np.empty((fingers, actuators**2, lines))
             fill_powers(loaded[1:], forms)
-            numerator, denominator = forms[felt_at], forms[quiet_at]
+            forms = forms[order]
         wanted = 10 ** (level_db / 10) / limit**2
         hz, amplitude = self.frequency_hz, np.empty(actuators, dtype=np.complex128)
         power = np.empty((count, fingers))
-        tail = self._usable, loaded, felt_at, quiet_at, numerator, denominator, is_share
+        tail = self._usable, loaded, order, len(felt_at), np.ascontiguousarray(forms.transpose(2, 0, 1)), is_share
         objective, found = "localized factor" if is_share else "contrast", np.array([0.0, -1.0])
         if not (is_flat or np.isinf(level_db)):
             find_drive(hz, *tail, wanted, found, amplitude, power)
@@ -194,6 +185,16 @@ class SteadySolver:
 
     def _deviations(self, fingers: int) -> Deviations:
         return _deviations(fingers, self._cases or (_CASES if fingers <= _FEW_FINGERS else _FEW_CASES))
+
+    def _buffers(self, cases: int, fingers: int) -> tuple[Single, Single]:
+        """Space for receptances between fingers and for responses, kept: fresh pages cost more than what fills them."""
+        found = self._kept.get((cases, fingers))
+        if found is None:
+            _, actuators, parts, lines = self._drive.shape
+            between = np.empty((fingers, fingers, parts, lines), dtype=np.float32)
+            loaded = np.empty((cases, fingers, actuators, parts, lines), dtype=np.float32)
+            found = self._kept[cases, fingers] = between, loaded
+        return found
 
     def _stretches(self, position_m: Array) -> Array:
         """Weights (2, place) of power in the energy of the zones that hold the fingers, and of the bar."""

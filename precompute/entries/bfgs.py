@@ -1,9 +1,9 @@
-"""Kernels of the search: the ascent (engine.steady.ascent) with the frequencies free, from many starts at once."""
+"""Kernels of the search: the ascent (precompute.entries.ascent) with the frequencies free, from many starts at once."""
 
 import numpy as np
 from numba import njit, types
 
-from engine.steady.ascent import SHARPEST, climb
+from precompute.entries.ascent import SHARPEST, climb
 
 _SWEEPS = 3  # over the frequencies of several tones, since they depend on one another
 _FIRST = 30.0

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.steady.ascent import SHARPEST, climb
+from precompute.entries.ascent import SHARPEST, climb
 from precompute.entries.bfgs import climb_each, refine
 from precompute.entries.dual_bound import Columns, Tone, block_directions, compute_bound, peaks
 from precompute.entries.found_drive import FoundDrive, evaluate_drive, forms_at

@@ -16,6 +16,7 @@ from engine.table.history import previous_of, roll_back
 from firmware_link.protocol.errors import TactableError
 from precompute.entries.prediction import MadeFor
 from tactable.cli.console import print_error, print_json, remark, say, shown_progress
+from tactable.cli.kernel_cache import compile_steady_solver
 from tactable.cli.options import (
     AsJson,
     ClicksUpTo,
@@ -110,6 +111,7 @@ def build(
                 memory_budget_bytes=memory_mib << 20,
                 progress=progress,
             )
+        compile_steady_solver(remark)  # for the run that follows
         _print_built(path, device, responses, cost, as_json)
 
     if not watch:

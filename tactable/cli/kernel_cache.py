@@ -9,6 +9,8 @@ import atexit
 import os
 import shutil
 import tempfile
+from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 _VARIABLE = "NUMBA_CACHE_DIR"
@@ -32,6 +34,21 @@ def provide_kernel_cache(package: Path = _PACKAGE, home: Path | None = None) -> 
         f"compiled kernels are not kept: neither {package} nor {user} is writable; each command compiles them again. "
         f"Set {_VARIABLE} to a folder that is"
     )
+
+
+def compile_steady_solver(on_compile: Callable[[str], None]) -> None:
+    """Compile the kernels of steady drives where no earlier command has; `on_compile` is told before that begins.
+
+    A build does so at its end and a run at its start, so that neither a run nor a touch waits without a word.
+    """
+    name = "search.find_drive-*.nbi"
+    folder = os.environ.get(_VARIABLE)
+    user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
+    beside = _PACKAGE.parent / "engine" / "steady" / "__pycache__"
+    kept = Path(folder).glob(f"*/{name}") if folder else (*beside.glob(name), *user.glob(f"*/{name}"))
+    if not any(True for _ in kept):
+        on_compile("compiling the solver of steady drives, once on this machine: about half a minute")
+    import_module("engine.steady.solver")
 
 
 def _is_writable(folder: Path) -> bool:

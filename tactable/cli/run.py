@@ -24,7 +24,8 @@ from firmware_link.host.link_values import Capabilities
 from firmware_link.host.reopening import ReopeningPort, stable_name_of
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.protocol.errors import LinkError
-from tactable.cli.console import ERRORS, OUT, note, show
+from tactable.cli.console import ERRORS, OUT, note, remark, show
+from tactable.cli.kernel_cache import compile_steady_solver
 from tactable.cli.options import AsJson, BitRate, EffectsPath, TableArgument
 from tactable.cli.touch import machine_of
 from tactable.digitizers.record import opened, stop_at_signal
@@ -111,6 +112,7 @@ def run(
     identity = identity_of(table_path) if table_path.is_file() else (0, 0, 0)
     device = None if device_name is None else find_device(device_name)
     with Table.open(table_path, device=device) as table, ExitStack() as stack:
+        compile_steady_solver(remark)
         effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, table.device)
         options = LiveOptions(
             effects, when_not_achieved, reconnect, bit_rate_hz, real_time_steps(steps), fast=_compiled(fast)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from engine.steady.ascent import PENALTY, SHARPEST, climb, evaluate
+from precompute.entries.ascent import PENALTY, SHARPEST, climb, evaluate
 from precompute.entries.bfgs import climb_each, greatest_eigenvalue, interpolate, refine
 from precompute.entries.objective import Problem
 from tests.precompute.entries.problems import powers, random_forms, random_problem

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tactable.cli.kernel_cache import provide_kernel_cache
+from tactable.cli.kernel_cache import compile_steady_solver, provide_kernel_cache
 
 NOWHERE = Path("/proc/no-such-folder")
 """A place where nobody can make a folder, not even root."""
@@ -36,7 +36,7 @@ def test_without_a_place_kernels_compile_and_go_with_the_process(tmp_path: Path)
     program = f"""
 import os, sys
 from pathlib import Path
-from tactable.cli.kernel_cache import provide_kernel_cache
+from tactable.cli.kernel_cache import compile_steady_solver, provide_kernel_cache
 print(provide_kernel_cache(Path({str(NOWHERE)!r}), Path({str(NOWHERE)!r})))
 import numba
 @numba.njit(cache=True)
@@ -54,3 +54,17 @@ print(twice(21), Path(os.environ["NUMBA_CACHE_DIR"]).is_dir(), os.environ["NUMBA
     assert f"neither {NOWHERE} nor {NOWHERE} is writable" in said and "Set NUMBA_CACHE_DIR" in said
     answer, existed, folder = found.split()
     assert (answer, existed) == ("42", "True") and not Path(folder).exists()
+
+
+def test_compiling_the_steady_solver_is_said_only_where_no_cache_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tactable.cli.kernel_cache.import_module", lambda _: None)
+    os.environ["NUMBA_CACHE_DIR"] = str(tmp_path)
+    lines: list[str] = []
+    compile_steady_solver(lines.append)
+    assert lines == ["compiling the solver of steady drives, once on this machine: about half a minute"]
+    (tmp_path / "steady_1").mkdir()
+    (tmp_path / "steady_1" / "search.find_drive-1.py311.nbi").touch()
+    compile_steady_solver(lines.append)
+    assert len(lines) == 1
