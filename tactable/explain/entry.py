@@ -7,10 +7,11 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table as Grid
 
-from engine.device import Device
+from engine.device import Device, Zone
 from engine.plain import to_plain
 from engine.table import Entry, Table
 from engine.table.entry import LONGEST_RISE_S, EntrySpread
+from engine.touch import ZoneState
 from precompute.entries.alternatives import Alternative
 from precompute.entries.prediction import SHARES, objective_value
 from precompute.model.threshold import THRESHOLD_NAME
@@ -83,9 +84,21 @@ def print_entry(out: Console, table: Table, entry: Entry, alternatives: Sequence
         out.print(_spread_words(table, entry.spread), highlight=False, soft_wrap=True)
     if alternatives:
         out.print(_alternative_grid(alternatives))
+    middles = ",".join(f"{500 * (z.start_m + z.stop_m):.4g}mm" for z in _felt_zones(device, entry))
+    out.print(
+        f"a run solves its drives for the positions of the fingers: --felt {middles} shows that of the middle",
+        style="dim",
+        markup=False,
+        highlight=False,
+        soft_wrap=True,
+    )
     out.print(model_text(table), style="dim", highlight=False)
     estimates = ", ".join([*device.inferred, THRESHOLD_NAME])
     out.print(f"ESTIMATES: {estimates}", style="dim")
+
+
+def _felt_zones(device: Device, entry: Entry) -> list[Zone]:
+    return [zone for zone, state in zip(device.zones, entry.states, strict=True) if state is ZoneState.FELT]
 
 
 def _spread_words(table: Table, spread: EntrySpread) -> str:

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from engine.table import Clicks
 from engine.touch import PlacementError
+from engine.touch.places import Places
 from precompute.clicks import ClickSolver
+from precompute.clicks.tabulated import tabulate_clicks
 from precompute.studies.anywhere import Anywhere, compare_anywhere, random_placements
 from tactable.bench.anywhere import print_anywhere_bench
 from tests.precompute.clicks.click_cases import CHEAP
@@ -63,6 +66,25 @@ def test_clicks_for_positions_are_the_solver_s_and_keep_quiet_where_those_for_zo
     print_anywhere_bench(Console(file=shown, width=200), result)
     text = shown.getvalue()
     assert "Oh and Choi 2019" in text and "position within 1 mm" in text and "SIMULATED" in text and "ESTIMATES" in text
+
+
+def test_a_table_s_clicks_and_the_drives_of_a_run_are_judged_at_the_same_fingers() -> None:
+    places = Places.every(DEVICE.bar.length_m, 40e-3)
+    wanted = Anywhere(placements=4, plants=20, apart_m=0.06)
+    keys = {places.key(placement) for placement in random_placements(DEVICE, wanted)}
+    rows = [entry for entry, _ in tabulate_clicks(DEVICE, CHEAP, places, sorted(keys))]
+    result = compare_anywhere(DEVICE, wanted, 1, lambda _: None, CHEAP, tabulated=Clicks.of(places, rows))
+    tabulated, own = (result["summary"][way] for way in ("by_table", "by_position"))
+    assert tabulated["placements"] == own["placements"] == 4
+    assert tabulated["quiet_db"][1] > own["quiet_db"][1] + 1  # places 40 mm apart are far from the fingers
+    steady = result["summary"]["steady"]
+    assert steady["placements"] == 4 and 0 < steady["achieved"] <= 4
+    contrasts_db = [row["steady"]["expected_contrast_db"] for row in result["placements"] if row["steady"]["achieved"]]
+    assert steady["expected_contrast_db"] == pytest.approx(np.percentile(contrasts_db, [5, 50, 95]))
+    shown = io.StringIO()
+    print_anywhere_bench(Console(file=shown, width=200), result)
+    assert "of the table, for the nearest places" in shown.getvalue()
+    assert f"reaches 20 dB in {steady['achieved']} of 4 placements" in shown.getvalue()
 
 
 def test_processes_do_not_change_a_figure() -> None:

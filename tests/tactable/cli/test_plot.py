@@ -13,6 +13,8 @@ from tests.tactable.plot_table import build_small_table
 
 FIGURES = {
     "state": ("state", "bar.nc", "--felt", "I", "--quiet", "III"),
+    "state-at-positions": ("state", "bar.nc", "--felt", "35 mm", "--quiet", "120 mm,160mm"),
+    "course-at-positions": ("rise", "bar.nc", "--felt", "35 mm"),
     "pareto": ("pareto", "bar.nc", "--felt", "I", "--quiet", "III"),
     "contrast-map": ("contrast-map", "bar.nc", "--level", "inf"),
     "rise": ("rise", "bar.nc"),
