@@ -19,9 +19,9 @@ from engine.plain import to_plain
 from engine.table import Clicks
 from engine.touch import Placement, PlacementError, ZoneState
 from engine.touch.finger_tracker import ZoneEdges
-from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
 from precompute.clicks.evaluation import Evaluation, evaluate_waveform
+from precompute.clicks.solver import FULL_SCALE
 from precompute.entries.at_positions import SteadyDesigner
 from precompute.model.threshold import THRESHOLD_NAME
 from precompute.parallel.pool import solve_in_processes
@@ -148,7 +148,7 @@ def _begin(
             by_zone = _evaluate(solver, placement, middle.waveform, middle.evaluation.residual_from_s)
         own = None if tabulated is None else tabulated.at(tabulated.places.key(placement))
         if own is not None:
-            by_table = _evaluate(solver, placement, own.samples.T / SAMPLE_FULL_SCALE, own.residual_from_s)
+            by_table = _evaluate(solver, placement, own.samples.T / FULL_SCALE, own.residual_from_s)
         return number, {
             "position_m": placement.position_m,
             "is_felt": placement.is_felt,
