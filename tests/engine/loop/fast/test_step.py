@@ -190,6 +190,15 @@ def test_a_finger_midway_between_two_places_belongs_to_the_same_one_as_in_the_lo
     assert len(answered_whole(library, frames, TOUCH)) == 10
 
 
+def test_what_time_brings_at_the_time_of_a_report_comes_before_it(library: ctypes.CDLL) -> None:
+    """The click of the hold begins first, and the one that comes at the same time does not change it."""
+    hold = Rule(Trigger.HOLD, click(LEVEL_DB), zones=frozenset({0}), after_ns=20_000_000)
+    effects = Effects((Rule(Trigger.TOUCH, click(LOUD_DB), zones=frozenset({4})), hold))
+    frames = [IDLE, (0.1, report({1: 0.1})), (0.12, report({1: 0.1, 2: 0.9})), (0.2, report({}, [1, 2]))]
+    found = both(library, recording_of(frames), effects, is_complete=True)
+    assert (found.answered, found.clicks) == (0, [])
+
+
 def test_the_last_contact_of_a_digitizer_that_counts_from_one_is_answered(library: ctypes.CDLL) -> None:
     slots = (finger(flags="0942 0947") for _ in range(SLOTS))
     counts_from_one = replace(

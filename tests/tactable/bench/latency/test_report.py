@@ -74,7 +74,7 @@ def test_the_ratio_to_the_floor_is_that_of_the_medians() -> None:
     assert [row["way"] for row in document["ratios"]] == ["due to written", "sent to written"]
     assert [row["median"]["value"] for row in document["ratios"]] == [pytest.approx(2.0)] * 2
     assert document["ratios"][0]["p99_9"] is None
-    assert (document["format"], document["revision"]) == ("tactable latency", 1)
+    assert (document["format"], document["revision"]) == ("tactable latency", 2)
 
 
 def test_the_page_needs_nothing_but_itself_and_shows_every_condition(tmp_path: Path) -> None:
