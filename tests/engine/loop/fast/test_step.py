@@ -154,6 +154,18 @@ def test_a_finger_on_an_edge_is_in_the_zone_that_starts_there_as_in_the_loop(lib
     assert answered_whole(library, frames, one_zone)
 
 
+def test_a_region_has_both_of_its_ends(library: ctypes.CDLL) -> None:
+    length_m = DEVICE.bar.length_m
+    regions = Effects(
+        tuple(
+            Rule(Trigger.TOUCH, click(LEVEL_DB), region_m=region_m)
+            for region_m in ((0.0, 0.01), (length_m - 0.01, length_m))
+        )
+    )
+    frames: Frames = [(0.1, report({1: 0.0})), (0.2, report({}, [1])), (0.3, report({1: 1.0})), (0.4, report({}, [1]))]
+    assert answered_whole(library, frames, regions) == [((0.0,), (True,)), ((279.4,), (True,))]
+
+
 def test_a_click_under_way_keeps_its_fingers(library: ctypes.CDLL) -> None:
     first_zone = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({0})),))
     frames = [(0.1, report({1: 0.1, 2: 0.5})), (0.104, report({1: 0.1, 2: 0.55})), (0.108, report({1: 0.1}, [2]))]
@@ -219,16 +231,19 @@ def run_many_contacts(folder: str) -> None:
     flags = (*library_module._FLAGS, "-fsanitize=undefined", "-fno-sanitize-recover=all")
     vars(library_module)["_FLAGS"] = flags
     library = library_module.compile_fast_path(Path(folder))
-    slots, most = 40, 100
+    slots, most = 40, 127
     maximum = bytes.fromhex(f"8502 050d 0955 1500 25{most:02x} 7508 9501 b102")
     descriptor = application(*(finger() for _ in range(slots)), CONTACT_COUNT, maximum)
     frames: Frames = []
-    for number, count in enumerate((1, 60, 64, 65, 100, 90, 66, 63, 2, 1, 2, 100, 1)):
+    # The second 127 come while effects of 30 that have lifted go on, and lift in four parts of a frame.
+    counts = (1, 60, 64, 65, 100, 90, 66, 63, 2, 1, 2, 127, 97, 127, 10, 1)
+    starts_s = np.cumsum([0.1, *(0.008 if count >= 97 or count == 10 else 0.05 for count in counts[1:])])
+    for start_s, count in zip(starts_s.tolist(), counts, strict=True):
         contacts = [struct.pack("<BBHH", 3, contact, 10 * contact, 500) for contact in range(count)]
         contacts += [struct.pack("<BBHH", 0, contact, 0, 500) for contact in range(count, most)]
         for first in range(0, most, slots):
             part = b"".join(contacts[first : first + slots]).ljust(6 * slots, b"\0")
-            frames.append((0.1 + 0.05 * number + 0.001 * first / slots, b"\x01" + part + bytes([most * (first == 0)])))
+            frames.append((start_s + 0.001 * first / slots, b"\x01" + part + bytes([most * (first == 0)])))
     recording = replace(recording_of(frames), descriptor=descriptor)
     for rules in (TOUCH, TOUCH_AND_LIFT):
         assert both(library, recording, rules, is_complete=True).fast.loop.counters.frames > 10
