@@ -76,7 +76,8 @@ def test_a_table_s_clicks_and_the_drives_of_a_run_are_judged_at_the_same_fingers
     result = compare_anywhere(DEVICE, wanted, 1, lambda _: None, CHEAP, tabulated=Clicks.of(places, rows))
     tabulated, own = (result["summary"][way] for way in ("by_table", "by_position"))
     assert tabulated["placements"] == own["placements"] == 4
-    assert tabulated["quiet_db"][1] > own["quiet_db"][1] + 1  # places 40 mm apart are far from the fingers
+    # Made for fingers within 21 mm of their places, a click cannot be as strong.
+    assert tabulated["felt_db"][1] < own["felt_db"][1] - 3
     steady = result["summary"]["steady"]
     assert steady["placements"] == 4 and 0 < steady["achieved"] <= 4
     contrasts_db = [row["steady"]["expected_contrast_db"] for row in result["placements"] if row["steady"]["achieved"]]

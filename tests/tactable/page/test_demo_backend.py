@@ -112,12 +112,17 @@ def is_kept(picture: Picture) -> bool:
     return all(told is not None and abs(told - promised) < 0.2 for promised, told in found)
 
 
+def _is_first_felt(picture: Picture) -> bool:
+    return [made.role for made in picture.made] == [Role.FELT, Role.QUIET] and len(picture.fingers) == 2
+
+
 def test_a_click_goes_from_finger_to_bar_and_is_felt_as_promised(rig: Rig) -> None:
     rig.press(LAST)
-    rig.until(lambda picture: picture.command == 1)
+    rig.until(lambda picture: picture.command > 0)
     rig.until(lambda picture: picture.age_s > 3.0)
     rig.press(FIRST)
-    picture = rig.until(lambda picture: picture.command == 2 and picture.age_s > 0.6)
+    # Where the machine stalls, a finger that is not heard of is lifted and comes down again.
+    picture = rig.until(lambda picture: _is_first_felt(picture) and picture.age_s > 0.6)
     assert picture.drive is Drive.CLICK
     assert [finger.zone for finger in picture.fingers] == [2, 0]
     felt, quiet = picture.made
