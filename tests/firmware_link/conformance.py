@@ -834,6 +834,12 @@ def wave_law_the_ramp_of_a_drive_keeps_the_slew(tier: WaveTier) -> None:
         assert np.abs(tier.outputs(started, until_us)[1]).max() <= part + ROUNDING
 
 
+def has_stalled(host: Host) -> bool:
+    """Whether a drive that is renewed for the last time now ended once before, since the tier stalled for a lease."""
+    host.pass_until(host.device_us() + host.tier.lease_ms * US_PER_MS)
+    return host.fresh_status().trips > 1
+
+
 def wave_law_what_every_drive_leaves_quiet_stays_quiet_while_they_follow_each_other(tier: WaveTier) -> None:
     """Half of what the first actuator does and all of the second are 0 together, in every drive and in between."""
     host = Host(tier).ready()
@@ -852,11 +858,10 @@ def wave_law_what_every_drive_leaves_quiet_stays_quiet_while_they_follow_each_ot
             host.pass_until(host.device_us() + RAMP_US)
             begun_us = host.device_us()
     stop_us = host.device_us()
-    host.pass_until(stop_us)
+    stalled = has_stalled(host)
     _, displacements = tier.outputs(begun_us, stop_us)
     assert np.abs(displacements).max() > 0.5
-    # Where the tier stalls for a lease, the drive ends in between, and each actuator falls for itself.
-    assert np.abs(displacements @ [0.5, 1.0]).max() <= ROUNDING or host.fresh_status().trips
+    assert np.abs(displacements @ [0.5, 1.0]).max() <= ROUNDING or stalled
 
 
 def wave_law_a_drive_that_differs_by_its_common_phase_alone_goes_on_as_it_was(tier: WaveTier) -> None:
@@ -867,13 +872,13 @@ def wave_law_a_drive_that_differs_by_its_common_phase_alone_goes_on_as_it_was(ti
         tier.wait(13 * US_PER_MS)
         host.send(host.set_message(drives[step % 2]))
     stop_us = host.device_us()
-    host.pass_until(stop_us)
+    stalled = has_stalled(host)
     rate_hz, displacements = tier.outputs(begun_us, stop_us)
     turns = math.tau * 200 * np.arange(len(displacements)) / rate_hz
     tones = np.column_stack([np.sin(turns), np.cos(turns)])
     left = displacements - tones @ np.linalg.lstsq(tones, displacements, rcond=None)[0]
     assert np.abs(displacements).max() > 0.79
-    assert np.abs(left).max() <= ROUNDING or host.fresh_status().trips
+    assert np.abs(left).max() <= ROUNDING or stalled
 
 
 # ---- the host goes away ------------------------------------------------------------------------------------
