@@ -220,6 +220,29 @@ def test_the_c_core_is_the_python_core_s_twin(is_ready: bool, steps: list[Step])
         twins.compiled.close()
 
 
+# Most of these come during a crossfade, which takes up to 400 samples.
+hurried: st.SearchStrategy[Step] = st.one_of(
+    st.integers(0, 400).map(lambda samples: lambda twins: twins.wait(samples * SAMPLE_US)),
+    st.builds(_set, drives, st.just(0), st.just(40), st.just(SetFlag.WRITE_PHASE) | st.just(SetFlag(0)), st.just(1)),
+    st.builds(_set, drives, st.just(0), st.just(40), st.just(SetFlag.WRITE_PHASE), st.just(1)),
+    st.just(_set(bytes(6 * ACTUATORS), 0, 40, SetFlag(0), 1)),
+)
+
+
+@settings(unhurried, max_examples=EXAMPLES)
+@given(st.lists(hurried, min_size=4, max_size=30))
+def test_the_twins_sound_the_same_through_crossfades_that_are_overtaken(steps: list[Step]) -> None:
+    twins = Twins()
+    try:
+        _ready(twins)
+        for step in steps:
+            step(twins)
+        twins.wait(60_000)
+        twins.compare_samples()
+    finally:
+        twins.compiled.close()
+
+
 @pytest.mark.parametrize("wait_us", range(0, 20_000, 500))
 def test_both_have_room_for_a_click_again_at_the_same_instant(wait_us: int) -> None:
     twins = Twins()
