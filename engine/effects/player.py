@@ -7,7 +7,7 @@ waits for. A new effect of a finger replaces the one before. Roles and precedenc
 - Of several levels the greatest is wanted: a placement has one level for all felt fingers, and no finger may feel less
   than its rule says.
 - A click takes precedence over everything steady while it lasts; of two clicks the one that began last. Fingers whose
-  click is not played are quiet meanwhile.
+  click is not played are quiet meanwhile; a click that a later one cut does not come back.
 - A click keeps the placement that it began with: fingers that move, leave, or come without a click of their own while
   it plays, do not change it. It lasts 30 ms.
 - A finger that lifts with a rule on LIFT goes on as a lifted finger, felt where it was, until its effect ends.
@@ -22,6 +22,7 @@ it, so the loop can wait for a report or that time, whichever comes first. Time 
 clock.
 """
 
+import math
 from collections.abc import Sequence
 
 from engine.effects.rules import Effects, Rule, Trigger
@@ -61,6 +62,7 @@ class EffectPlayer:
         """The fingers that touch, by contact id."""
         self.lifted: list[Finger] = []
         """Fingers that are gone, their last effect still under way."""
+        self._begun_ns: float = -math.inf  # of the click that began last
         self.click_length_ns = click_length_ns
         """Length of the clicks that begin from now on."""
         self.joined = self.left_out = 0
@@ -147,13 +149,13 @@ class EffectPlayer:
 
     def _settle(self) -> None:
         """Combine the effects of all fingers by the precedence above."""
-        felt = list[Finger]()
+        felt, begun_ns = list[Finger](), self._begun_ns
         level_db = next_ns = click_ns = None
         for fingers in (self.fingers.values(), self.lifted):
             for finger in fingers:
                 play = finger.play
                 if play is not None:
-                    if play.level_db is not None:
+                    if play.level_db is not None and (play.click_ns is None or play.click_ns >= begun_ns):
                         if play.click_ns == click_ns:
                             felt.append(finger)
                             if level_db is None or play.level_db > level_db:
@@ -168,6 +170,7 @@ class EffectPlayer:
         if click_ns is None or click_ns != self.click_ns:
             self.placement = self._place(felt) if felt else None
             self.level_db, self.click_ns = level_db, click_ns
+            self._begun_ns = begun_ns if click_ns is None else click_ns
 
     def _place(self, felt: "list[Finger]") -> Placement:
         """The felt fingers, which may have lifted, and all others that touch."""

@@ -507,6 +507,16 @@ def test_a_click_keeps_the_placement_that_it_began_with() -> None:
     assert (player.placement, player.click_ns) == (None, None)
 
 
+def test_a_click_that_a_later_one_cut_does_not_come_back() -> None:
+    player = EffectPlayer(CLICKS)
+    player.take([touch(1, 10)], 0)
+    player.take([touch(1, 10), touch(2, 110)], 5 * MS)
+    player.take([touch(1, 10)], 10 * MS)
+    assert (player.placement, player.click_ns) == (None, None)
+    player.take([touch(1, 10), touch(3, 110)], 15 * MS)
+    assert player.placement == Placement((0.01, 0.11), (False, True)) and player.click_ns == 15 * MS
+
+
 def test_a_lifted_finger_is_placed_only_while_it_feels() -> None:
     player = EffectPlayer(
         Effects((Rule(Trigger.LIFT, pulse((20, 20.0), (10, None), (20, 10.0))), Rule(Trigger.TOUCH, HELD)))
