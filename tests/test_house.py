@@ -64,7 +64,7 @@ def test_the_commands_of_the_readme_run_in_order(tmp_path: Path, monkeypatch: py
     for command in commands:
         words = shlex.split(command)
         if words[1] == "build":
-            words += ["--clicks-up-to", "2"]  # the clicks of more fingers take minutes and nothing new
+            words += ["--coarse"]  # the fine clicks take minutes and nothing new
         if words[1] == "demo":
             words += ["--headless"]
         done = run(str(BIN / words[0]), *words[1:], folder=tmp_path)

@@ -98,7 +98,7 @@ def test_a_build_that_is_struck_while_workers_solve_ends_in_a_line_and_leaves_no
     tmp_path: Path, strike: Callable[["subprocess.Popen[str]", list[int]], None], status: int, said: str
 ) -> None:
     (tmp_path / "bar.toml").write_text(SMALL, encoding="utf-8")
-    command, pipe = [TACTABLE, "build", "bar.toml", "-o", "bar.nc", "--workers", "2"], subprocess.PIPE
+    command, pipe = [TACTABLE, "build", "bar.toml", "-o", "bar.nc", "--workers", "3"], subprocess.PIPE
     with subprocess.Popen(command, cwd=tmp_path, text=True, stdout=pipe, stderr=pipe) as process:
         workers = list[int]()
         while len(workers) < 2:
