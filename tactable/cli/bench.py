@@ -147,7 +147,7 @@ def anywhere(
     workers: Workers = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compute clicks and steady drives for fingers anywhere on the bar, SIMULATED.
+    """Compute clicks and drives for fingers anywhere on the bar, SIMULATED.
 
     Clicks made for their positions, those of a table for the nearest places, and clicks made for the middles of their
     zones are evaluated on the same plants. The contrast of steady drives is that expected at their positions.

@@ -251,7 +251,7 @@ def click(
 
 @picture_command
 def click_map(table_path: TableArgument, progress: Progress) -> Picture:
-    """Draw the clicks of one felt and one quiet finger in the middles of their zones.
+    """Draw the clicks of one felt and one quiet finger in mid-zone.
 
     The best steady drives, gated for the same time, are drawn beside them.
     """

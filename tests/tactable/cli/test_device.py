@@ -65,7 +65,7 @@ def test_a_level_that_no_drive_reaches_is_named_with_its_zones(tmp_path: Path) -
     ("words", "message"),
     [
         (("check", "no-such-bar"), "is neither a file nor a shipped device"),
-        (("modes", "reference-a", "--finger", "VI"), "there is no zone 'VI'"),
+        (("modes", "reference-a", "--finger", "VI"), "or one of the zones I, II, III, IV, V"),
         (("modes", "reference-a", "--finger", "400 mm"), "reaches from 0 to 279.4 mm"),
         (("modes", "reference-a", "--up-to", "1 kg"), "'1 kg' is a mass"),
         (("modes", "reference-a", "-o", "modes.txt"), "a picture ends in"),

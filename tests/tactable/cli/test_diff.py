@@ -51,7 +51,7 @@ def test_words_and_figures_say_what_changed(tables: tuple[str, str]) -> None:
         "option: objective: contrast -> paper",
         "entries: 1 of 6 changed beyond 0.1 dB",
         "felt I, quiet IV at 20 dB: contrast 12 -> 10.5 dB, worst contrast 8 -> 7 dB",
-        "clicks: 1 vanished: felt II III, quiet V",
+        "clicks: 1 vanished: felt 83.8 mm 139.7 mm, quiet 251.5 mm",
         "clicks: none of 2 changed",
     ):
         assert part in out
@@ -81,7 +81,7 @@ def test_json_holds_all_of_it(tables: tuple[str, str]) -> None:
             ],
         }
     ]
-    assert found["clicks"]["vanished"] == ["felt II III, quiet V"]
+    assert found["clicks"]["vanished"] == ["felt 83.8 mm 139.7 mm, quiet 251.5 mm"]
     assert [row["figure"] for row in found["entries"]["largest"]] == ["contrast_db", "worst_contrast_db"]
     assert json.loads(diff(tables[0], tables[0], "--json")[1])["differs"] is False
 

@@ -5,32 +5,19 @@ from pathlib import Path
 
 import pytest
 
-from engine.table.columns import write_entries
-from engine.table.file import TableWriter
 from precompute.builder.code_fingerprint import code_fingerprint
 from tactable.doctor.tables import check_fast_path, check_kernels, check_tables
 from tactable.shipped import find_device
 from tests.engine.made_entries import entry_of, felt_states
+from tests.engine.made_table import write_table
 
 DEVICE = find_device("reference-a")
 
 
-def write_table(path: Path, built_by: str) -> Path:
-    with TableWriter(path) as writer:
-        writer.describe(
-            {
-                "device_description": DEVICE.text,
-                "device_fingerprint": DEVICE.fingerprint,
-                "code_fingerprint": built_by,
-            }
-        )
-        write_entries(writer, [entry_of(DEVICE, felt_states(DEVICE)[0])], DEVICE)
-    return path
-
-
 def test_fresh_stale_and_broken_tables_are_told_apart(tmp_path: Path) -> None:
-    fresh = write_table(tmp_path / "fresh.nc", code_fingerprint())
-    stale = write_table(tmp_path / "stale.nc", "another")
+    entries = [entry_of(DEVICE, felt_states(DEVICE)[0])]
+    fresh = write_table(tmp_path / "fresh.nc", DEVICE, entries, code_fingerprint=code_fingerprint())
+    stale = write_table(tmp_path / "stale.nc", DEVICE, entries, code_fingerprint="another")
     broken = tmp_path / "broken.nc"
     broken.write_bytes(fresh.read_bytes()[:-100])
     checks = check_tables([fresh, stale, broken])
