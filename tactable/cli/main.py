@@ -74,9 +74,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "rise": Entry("plot:rise", "Draw the rise times of all states, or the time course under some fingers."),
             "factor": Entry("plot:factor", "Draw the localized factor over the frequencies of two actuators."),
             "click": Entry("plot:click", "Draw one click: its waveform and what each finger feels."),
-            "click-map": Entry(
-                "plot:click_map", "Draw the clicks of one felt and one quiet finger in mid-zone."
-            ),
+            "click-map": Entry("plot:click_map", "Draw the clicks of one felt and one quiet finger in mid-zone."),
         },
         "Pictures of a device": {
             "response": Entry("plot:response", "Draw the acceleration along the bar of one or more drives."),
