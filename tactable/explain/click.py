@@ -225,7 +225,7 @@ def _table_words(table: Table, explained: Explained) -> str:
     promise = f"felt {click.felt.low_db:z.1f} dB (5 % of the plants are below)"
     if click.quiet is not None:
         promise += f", quiet {click.quiet.high_db:z.1f} dB (5 % are above)"
-    return f"the table plays its click of {places}, for fingers within {1e3 * click.tolerance_m:g} mm: {promise}"
+    return f"the table plays its click of {places}, for fingers within {1e3 * click.tolerance_m:.2g} mm: {promise}"
 
 
 def _softer_grid(softer: Sequence[ClickEntry]) -> Grid:
