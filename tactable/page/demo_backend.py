@@ -231,7 +231,7 @@ class DemoBackend:
                     continue
                 await self._wait()
         finally:
-            self._builder.stop()
+            await self._builder.end()
             await self._end_rig()
 
     async def _wait(self) -> None:

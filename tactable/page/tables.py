@@ -41,6 +41,7 @@ class Builder:
         self._order: BuildOrder | None = None
         self._built = set[BuildOrder]()
         self._task: asyncio.Task[None] | None = None
+        self._stopped = set[asyncio.Task[None]]()  # whose process may still be ending
 
     def ask(self, order: BuildOrder) -> None:
         """Build this table now. A build under way is stopped; it continues from its parts when ordered again."""
@@ -66,7 +67,14 @@ class Builder:
         """Stop the build under way."""
         if self._task is not None:
             self._task.cancel()
+            self._stopped.add(self._task)
+            self._task.add_done_callback(self._stopped.discard)
         self._order = self._task = self.now = None
+
+    async def end(self) -> None:
+        """Stop the build under way, and wait until the processes of all that were stopped have ended."""
+        self.stop()
+        await asyncio.gather(*self._stopped, return_exceptions=True)
 
     async def _build(self, order: BuildOrder) -> None:
         child = await AsyncChild.start("tactable.page.processes.build", order.as_json(), name="the build")

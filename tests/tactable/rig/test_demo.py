@@ -116,7 +116,7 @@ def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> 
     assert rendered <= {*alone, (("III",), ("I",)), (("V",), ("I", "III"))}
     # The click of the third finger is solved when it comes; a steady drive answers where that is not in time.
     assert len(report["states"]) == report["provisional_commands"] <= 1
-    assert len(report["clicks"]) + len(report["states"]) + len(report["states_not_rendered"]) >= 6
+    assert len(report["clicks"]) + len(report["states"]) + len(report["states_not_rendered"]) >= 5
     first = report["clicks"][0]
     assert first["fingers"][0]["position_m"] == pytest.approx(0.1 * table.device.bar.length_m, abs=1e-4)
     assert {click["wanted_level_db"] for click in report["clicks"]} == {20.0}
