@@ -141,7 +141,8 @@ export class Panel {
     if (building?.error) parts.push(`The table of ${building.device} was not built: ${building.error}`);
     else if (building) {
       const percent = Math.round(100 * building.fraction);
-      const what_now = building.step === "clicks" ? "; until its clicks are there, steady drives take their place" : ", once; it is kept";
+      const what_now = building.step === "coarse clicks" ? "; until they are there, steady drives take their place"
+        : building.step === "clicks" ? "; until they are there, coarse ones play" : ", once; it is kept";
       parts.push(`Building the table of ${building.device}: ${building.step}, ${percent} %${what_now}`);
     }
     notice.hidden = !parts.length;
