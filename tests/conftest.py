@@ -9,7 +9,7 @@ import pytest
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
-from engine.loop.fast.library import FastPathError, compile_fast_path
+from engine.loop.fast.library import FastPathError, compile_fast_path, open_fast_path
 
 # Consoles made with it would keep that width, whatever a test says.
 os.environ.pop("COLUMNS", None)
@@ -26,7 +26,9 @@ def one_blas_thread() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def fast_library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
-    """The compiled step; without a compiler its tests are skipped by name."""
+    """The compiled step, or the one that TACTABLE_STEP_LIBRARY names; without a compiler tests are skipped by name."""
+    if path := os.environ.get("TACTABLE_STEP_LIBRARY"):
+        return open_fast_path(Path(path))
     try:
         return compile_fast_path(Path(tmp_path_factory.mktemp("fast_path")))
     except FastPathError as error:

@@ -1,17 +1,33 @@
-"""Console of the commands: lines and pages for people, JSON for machines, errors and progress on standard error."""
+"""Console of the commands: lines and pages for people, JSON for machines, errors and progress on standard error.
+
+Whatever is printed passes through `SafeConsole.render`, which replaces characters that would command the terminal.
+"""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
+
+from engine.printable import printable
 
 EXIT_DOUBTFUL = 3
 """The work was done, and its result should not be used without a look: a doubtful fit, a failed unit, a deviation."""
 
-OUT = Console()
-ERRORS = Console(stderr=True)
+
+class SafeConsole(Console):
+    """A console that shows every text and obeys none."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """As Console, with `printable` text; the console's own codes are in segments of their own."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=printable(segment.text))
+
+
+OUT = SafeConsole()
+ERRORS = SafeConsole(stderr=True)
 _Result = TypeVar("_Result")
 Progress = Callable[[str, float], None]
 

@@ -19,6 +19,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from engine.device import Device
+from engine.printable import printable
 from engine.table import ClickEntry, Table, TableError
 from engine.touch import Placement
 from firmware_link.child import Child, ChildError, Parent, decode_line
@@ -167,7 +168,7 @@ def _packed(value: object) -> str:
 
 
 def _say(text: str) -> None:
-    sys.stderr.write(f"note: {text}\n")
+    sys.stderr.write(f"note: {printable(text)}\n")
     sys.stderr.flush()
 
 

@@ -20,6 +20,7 @@ from typing import Any
 from engine.device import DeviceError
 from engine.effects import Effects
 from engine.loop.fast.table import with_fast_table
+from engine.printable import printable
 from engine.render import LimitError, RendererError, Rendering, WhenNotAchieved, render_table
 from engine.table import Table, TableError
 from firmware_link.child import Child, Parent
@@ -186,7 +187,7 @@ def _unpacked(packed: memoryview) -> Rendering:
 
 
 def _say(text: str) -> None:
-    sys.stderr.write(f"note: {text}\n")
+    sys.stderr.write(f"note: {printable(text)}\n")
     sys.stderr.flush()
 
 

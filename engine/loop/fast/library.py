@@ -38,6 +38,14 @@ def compile_fast_path(folder: Path) -> ctypes.CDLL:
     try:
         if not _is_trusted(path):
             _compile(path)
+    except OSError as error:
+        raise FastPathError(f"{path} cannot be made: {error}; delete it") from error
+    return open_fast_path(path)
+
+
+def open_fast_path(path: Path) -> ctypes.CDLL:
+    """A library that was made from `step.c`. Raises FastPathError for another one."""
+    try:
         library = ctypes.CDLL(str(path))
         library.fast_wait.argtypes = (ctypes.c_void_p, ctypes.c_int64)
         library.fast_wait.restype = library.fast_answer.restype = ctypes.c_int64
@@ -45,7 +53,7 @@ def compile_fast_path(folder: Path) -> ctypes.CDLL:
         library.fast_set_time.argtypes = (ctypes.c_int64,)
         library.fast_start()
     except (OSError, AttributeError) as error:  # AttributeError: it has no such symbol
-        raise FastPathError(f"{path} cannot be made or opened: {error}; delete it") from error
+        raise FastPathError(f"{path} cannot be opened: {error}; delete it") from error
     return library
 
 

@@ -1,9 +1,11 @@
 """What a terminal shows while a command works, and that nothing of it reaches a pipe."""
 
 import io
+import re
 
 import pytest
 from rich.console import Console
+from rich.table import Table
 
 from tactable.cli import console
 
@@ -16,3 +18,23 @@ def test_work_is_shown_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch, is_te
         pass
     assert isinstance(shown.file, io.StringIO)
     assert ("computing the click" in shown.file.getvalue()) == (is_terminal and not is_hidden)
+
+
+@pytest.mark.parametrize("escape", ["\x1b]0;owned\x07", "\x1b[2J", "\x9b2J", "up\rdown", "\u202egnp.exe"])
+def test_names_that_command_a_terminal_are_shown_harmless(monkeypatch: pytest.MonkeyPatch, escape: str) -> None:
+    shown = [console.SafeConsole(file=io.StringIO(), force_terminal=True, width=200) for _ in range(2)]
+    monkeypatch.setattr(console, "OUT", shown[0])
+    monkeypatch.setattr(console, "ERRORS", shown[1])
+    console.say(f"touches {escape}")
+    grid = Table("digitizer")
+    grid.add_row(escape)
+    console.OUT.print(grid)
+    console.print_error(ValueError(escape))
+    console.note(escape)
+    with console.shown_work(escape, False):
+        pass
+    for each in shown:
+        assert isinstance(each.file, io.StringIO)
+        text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", each.file.getvalue())  # rich's own: styles, and its moving line
+        assert not {"\x1b", "\x07", "\x9b", "\u202e"} & set(text)
+        assert "\x1b[2J" not in each.file.getvalue() and "up\rdown" not in text

@@ -1,0 +1,91 @@
+"""The runner of mutants: what is changed, what is left alone, and that a fault is told from none."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.firmware_link.firmware.compiled_core import need
+from tests.studies.mutants import mutants_of
+from tests.studies.mutation import ROOT, TESTS, equivalents, run, summary
+
+PYTHON = '''"""A number: 3."""
+LIMIT = 3.0
+def bounded(value: int = 7) -> float:
+    """Of 3."""
+    if value < 2:
+        raise ValueError(f"{value + 1} is too small")
+    return min(value, LIMIT)
+'''
+C = """#include "a1.h"
+/* 3 > 2 */
+static int bounded(int *value)
+{
+    if (*value < 2 && is(1)) {
+        return 0;
+    }
+    count += 1;
+    return *value;
+}
+"""
+
+
+def changes(path: str, text: str) -> set[str]:
+    """The changes in brackets of all mutants."""
+    return {mutant.name.partition("[")[2].partition(": ")[2][:-1] for mutant in mutants_of(path, text)}
+
+
+def test_python_is_changed_where_it_decides() -> None:
+    assert changes("a.py", PYTHON) == {
+        "3.0 -> 4.0",
+        "3.0 -> 0.0",
+        "value < 2 -> ((value) <= (2))",
+        "value < 2 -> ((value) >= (2))",
+        "2 -> 3",
+        "2 -> 1",
+        'raise ValueError(f"{value + 1} is too small") -> pass',
+        "return min(value, LIMIT) -> return None",
+        "min(value, LIMIT) -> max(value, LIMIT)",
+    }
+
+
+def test_c_is_changed_where_it_decides() -> None:
+    assert changes("a.c", C) == {
+        "< -> <=",
+        "< -> >=",
+        "2 -> 3",
+        "2 -> 1",
+        "&& -> ||",
+        "1 -> 2",
+        "1 -> 0",
+        "(*value < 2 && is(1)) -> (!(*value < 2 && is(1)))",
+        "0 -> 1",
+        "count += 1; -> ;",
+        "+= -> -=",
+        "+= -> =",
+        "*value -> 0",
+    }
+
+
+@pytest.mark.parametrize("path", TESTS)
+def test_every_module_and_its_tests_are_there_and_no_name_stands_for_two_mutants(path: str) -> None:
+    mutants = mutants_of(path, (ROOT / path).read_text(encoding="utf-8"))
+    assert len({mutant.name for mutant in mutants}) == len(mutants) > 10
+    assert all((ROOT / test).is_file() for test in TESTS[path])
+
+
+def test_what_was_found_equivalent_is_still_there() -> None:
+    names = {m.name for path in TESTS for m in mutants_of(path, (ROOT / path).read_text(encoding="utf-8"))}
+    assert equivalents().keys() <= names
+
+
+def test_a_fault_is_killed_and_a_run_goes_on_where_it_was(tmp_path: Path) -> None:
+    need("git")
+    path = "engine/touch/placement.py"
+    mutants = mutants_of(path, (ROOT / path).read_text(encoding="utf-8"))
+    fault = next(mutant for mutant in mutants if "CLOSEST_M = 8e-3 [" in mutant.name and mutant.after == "0.0")
+    results = tmp_path / "results.jsonl"
+    assert run([fault], results, workers=1) == {fault.name: "killed"}
+    before = results.read_text(encoding="utf-8")
+    outcomes = run([fault], results, workers=1)
+    assert results.read_text(encoding="utf-8") == before
+    assert summary([fault], outcomes)["killed_of_those_not_equivalent"] == 1.0
