@@ -1,7 +1,15 @@
-"""Basis of a table's clicks to the part of it that one device, over one line, can hold and play."""
+"""Basis of a table's clicks to the part of it that one device, over one line, can hold and play.
 
+A board of another full scale gets scaled functions (engine.render.board_fit). The weights of clicks, which are what
+travels, stay as they are. A scale above 1 could take a function beyond its 16 bits. So the functions are then halved
+until no scale is above 1, and a PLAY has as many fraction bits less, which doubles them back.
+"""
+
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.basis import Basis, encode_basis
@@ -19,6 +27,8 @@ class ChosenBasis:
 
     basis: Basis | None
     sets: Mapping[int, int]
+    halvings: int = 0
+    """How often the functions are halved against the table's: a PLAY has so many fraction bits less than its click."""
 
 
 NO_BASIS = ChosenBasis(None, {})
@@ -27,10 +37,12 @@ NO_BASIS = ChosenBasis(None, {})
 def choose_basis(whole: Basis | None, capabilities: Capabilities, bit_rate_hz: int, lease_ms: int) -> ChosenBasis:
     """The sets that fit into the device's memory, last no longer than it plays, whose PLAY the line carries in time.
 
-    They are taken in the order of the table's basis, in which lengths are preferred. A device that plays no clicks gets
-    none.
+    They are taken in the order of the table's basis, in which lengths are preferred. A device that plays no clicks, or
+    makes fewer samples a second than a click has, gets none.
     """
     if Features.WAVEFORMS not in capabilities.features or whole is None:
+        return NO_BASIS
+    if capabilities.synthesis_rate_hz < whole.sample_rate_hz:
         return NO_BASIS
     chosen = list[int]()
     for number, each in enumerate(whole.sets):
@@ -43,6 +55,18 @@ def choose_basis(whole: Basis | None, capabilities: Capabilities, bit_rate_hz: i
     if not chosen:
         return NO_BASIS
     return ChosenBasis(_part(whole, chosen), {number: place for place, number in enumerate(chosen)})
+
+
+def scaled(chosen: ChosenBasis, scales: Sequence[float]) -> ChosenBasis:
+    """The same with the functions of each actuator multiplied by its scale, then halved until none is greater."""
+    if chosen.basis is None or set(scales) == {1.0}:
+        return chosen
+    halvings = max(0, math.ceil(math.log2(max(scales))))
+    sets = []
+    for each in chosen.basis.sets:
+        factors = np.array(scales)[each.actuators] / 2**halvings
+        sets.append(replace(each, functions=np.rint(each.functions * factors[:, None]).astype(np.int16)))
+    return ChosenBasis(Basis(chosen.basis.sample_rate_hz, tuple(sets)), chosen.sets, halvings)
 
 
 def play_ns(weights: int, bit_rate_hz: int) -> int:

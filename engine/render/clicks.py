@@ -68,7 +68,7 @@ class RenderedClicks:
     def amplitude_words(self, level_db: float) -> NDArray[np.int32]:
         """Amplitude (row,) of every click of the table as a PLAY carries it; NOT_PLAYED for one that is not played."""
         clicks = self.clicks
-        is_played = np.isin(clicks.basis_set, list(self.basis.sets))
+        is_played = np.isin(clicks.basis_set, list(self.basis.sets)) & (clicks.fraction_bits > self.basis.halvings)
         if self._refuses:
             is_played &= self._is_achieved(level_db)
         # Arithmetic of Python, as in `played_at`: powers of NumPy may differ in the last place.
@@ -84,11 +84,12 @@ class RenderedClicks:
 
     def _encode(self, tabulated: ClickEntry, level_db: float) -> Rendered | None:
         number = self.basis.sets.get(tabulated.basis_set)
-        if number is None:
+        fraction_bits = tabulated.fraction_bits - self.basis.halvings
+        if number is None or fraction_bits < 1:
             return None
         click = played_at(tabulated, level_db)
         if self._refuses and not click.achieved:
             return Rendered(SILENCE, is_achieved=False)
         assert self.basis.basis is not None  # it has the click's set
-        encoded = encode_click(self.basis.basis, number, click.weights.tolist(), click.fraction_bits, click.amplitude)
+        encoded = encode_click(self.basis.basis, number, click.weights.tolist(), fraction_bits, click.amplitude)
         return Rendered(PlayCommand(encoded), click.achieved)

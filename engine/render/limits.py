@@ -60,17 +60,22 @@ def clamp(solved: Solved, device: Device) -> Drive:
     )
 
 
-def link_configuration(device: Device, bit_rate_hz: int = 115_200) -> LinkConfiguration:
+def link_configuration(
+    device: Device, bit_rate_hz: int = 115_200, scales: Sequence[float] | None = None
+) -> LinkConfiguration:
     """The limits of the device as the link gives them to the firmware, which enforces them by itself.
 
-    Raises LimitError for a slew of less than 1 full scale a second, the least that the wire can express.
+    `scales` are those of `board_fit`, by actuator; None: 1. The slew, one for all actuators, is scaled by the greatest,
+    so that every actuator is silent within `limits.ramp`. Raises LimitError for a slew of less than 1 full scale a
+    second, the least that the wire can express.
     """
     limits = device.limits
     number_of_actuators = len(device.actuators)
+    factors = scales or (1.0,) * number_of_actuators
     return LinkConfiguration(
         number_of_actuators,
-        amplitude_limits=(limits.amplitude,) * number_of_actuators,
-        slew_limit_per_s=_slew_limit_per_s(device.name, limits),
+        amplitude_limits=tuple(min(1.0, limits.amplitude * factor) for factor in factors),
+        slew_limit_per_s=_slew_limit_per_s(device.name, limits, max(factors)),
         lease_ms=max(1, math.floor(1e3 * limits.lease_s * (1 + _ROUNDING))),
         bit_rate_hz=bit_rate_hz,
     )
@@ -114,8 +119,8 @@ def _bounded(channel: ChannelDrive, actuator: Actuator, scale: float, limit: flo
     )
 
 
-def _slew_limit_per_s(name: str, limits: Limits) -> int:
-    slew_per_s = math.floor(limits.slew_per_s * (1 + _ROUNDING))
+def _slew_limit_per_s(name: str, limits: Limits, factor: float) -> int:
+    slew_per_s = math.floor(limits.slew_per_s * factor * (1 + _ROUNDING))
     if slew_per_s < 1:
         raise LimitError(f"{name}: limits.ramp: {1 / limits.slew_per_s:g} s: the firmware ramps within 1 s at most")
     return min(slew_per_s, 65_535)

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from engine.device import Device
 from engine.effects import Effects
 from engine.effects.player import DEFAULT_CLICK_NS
-from engine.render.chosen_basis import choose_basis
+from engine.render.board_fit import BoardFit, fit_board
+from engine.render.chosen_basis import choose_basis, scaled
 from engine.render.clicks import RenderedClicks
 from engine.render.limits import link_configuration
 from engine.render.renderer import Renderer, WhenNotAchieved
@@ -29,6 +30,8 @@ class Rendering:
     configuration: LinkConfiguration
     """The limits of the device and the basis of clicks."""
     click_length_ns: int
+    fit: BoardFit
+    """How the amplitudes of the table are played on the device."""
 
     @property
     def basis(self) -> Basis | None:
@@ -45,17 +48,20 @@ def render_table(
 ) -> Rendering:
     """Fit a table to the rules and a device; raises RendererError and LimitError where they do not fit together."""
     device, clicks = table.device, table.clicks
-    configuration = link_configuration(device, bit_rate_hz)
+    fit = fit_board(device, capabilities)
+    configuration = link_configuration(device, bit_rate_hz, fit.scales)
     lease_ms = min(configuration.lease_ms, capabilities.longest_lease_ms)
     basis = choose_basis(clicks.basis if effects.have_clicks else None, capabilities, bit_rate_hz, lease_ms)
+    basis = scaled(basis, fit.scales)
     refuses = when_not_achieved is WhenNotAchieved.REFUSE
-    steady = SteadyDrives(device, capabilities, table.receptances, refuses)
-    renderer = Renderer(device, capabilities, steady, RenderedClicks(clicks, basis, refuses), effects.levels_db)
+    steady = SteadyDrives(device, capabilities, table.receptances, refuses, fit.scales)
+    renderer = Renderer(capabilities, steady, RenderedClicks(clicks, basis, refuses), effects.levels_db)
     return Rendering(
         device,
         renderer,
         replace(configuration, basis=basis.basis),
         DEFAULT_CLICK_NS if clicks.basis is None else _longest_ns(clicks.basis),
+        fit,
     )
 
 

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from enum import StrEnum
 from typing import Protocol
 
-from engine.device import Device
 from engine.render.clicks import RenderedClicks
-from engine.render.commands import SILENCE, Command, Rendered, RendererError
+from engine.render.commands import SILENCE, Command, Rendered
 from engine.table import ClickEntry
 from engine.touch import Placement
 from engine.touch.placement import merged
@@ -41,18 +40,16 @@ class WhenNotAchieved(StrEnum):
 class Renderer:
     """The commands for any fingers at the levels that the rules use, of one table and one connected device.
 
-    Raises RendererError when device and capabilities do not fit, and `render` LimitError for a broken drive.
+    `render` raises LimitError for a broken drive.
     """
 
     def __init__(
         self,
-        device: Device,
         capabilities: Capabilities,
         steady: Steady,
         clicks: RenderedClicks,
         levels_db: Sequence[float],
     ) -> None:
-        _check_actuators(device, capabilities)
         self.not_achieved = 0
         """Number of commands that do not reach the level, or do not keep quiet fingers quiet."""
         self.levels_db = tuple(levels_db)
@@ -114,11 +111,11 @@ class Renderer:
         return {level_db: self.clicks.shortfall(level_db) for level_db in self.levels_db}
 
     def suits_device_of(self, other: "Renderer") -> bool:
-        """Whether both were encoded for devices with the same number format on the wire."""
+        """Whether both were encoded for devices with the same number format on the wire and the same full scales."""
         return self._wire == other._wire
 
     def fits(self, capabilities: Capabilities) -> bool:
-        """Whether a device has the number format that the commands are encoded for."""
+        """Whether a device has the number format and the full scales that the commands are encoded for."""
         return _wire_of(capabilities) == self._wire
 
 
@@ -128,12 +125,6 @@ def _wire_of(capabilities: Capabilities) -> tuple[float, ...]:
         capabilities.frequency_resolution_hz,
         capabilities.frequency_minimum_hz,
         capabilities.frequency_maximum_hz,
+        capabilities.synthesis_rate_hz,
+        *capabilities.full_scales_m,
     )
-
-
-def _check_actuators(device: Device, capabilities: Capabilities) -> None:
-    if capabilities.number_of_actuators < len(device.actuators):
-        raise RendererError(
-            f"{device.name} has {len(device.actuators)} actuators, the connected device drives "
-            f"{capabilities.number_of_actuators}: connect its own device or choose another description"
-        )

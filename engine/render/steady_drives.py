@@ -4,6 +4,9 @@ Optima are sharp and responses are smooth (docs/theory.md#steady-drives-at-posit
 table holds the receptances, and a solve takes less time than a report of most digitizers.
 """
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 from engine.device import Device
 from engine.render.commands import SILENCE, DriveCommand, Rendered, RendererError
 from engine.render.limits import clamp
@@ -18,15 +21,24 @@ MOST_REMEMBERED = 4096
 class SteadyDrives:
     """The steady drives of one table for one connected device; silence for a level out of reach with `refuses`.
 
-    Raises RendererError for a device that does not play every frequency that a drive may have.
+    `scales` are those of `board_fit`, by actuator. Raises RendererError for a device that does not play every
+    frequency that a drive may have.
     """
 
-    def __init__(self, device: Device, capabilities: Capabilities, receptances: Receptances, refuses: bool) -> None:
+    def __init__(
+        self,
+        device: Device,
+        capabilities: Capabilities,
+        receptances: Receptances,
+        refuses: bool,
+        scales: Sequence[float],
+    ) -> None:
         from engine.steady.solver import SteadySolver  # Numba takes half a second, and not every command solves
 
         _check_frequencies(device, receptances, capabilities)
         self._solver = SteadySolver(device, receptances)
         self._device, self._resolution_hz, self._refuses = device, capabilities.frequency_resolution_hz, refuses
+        self._scales = tuple(scales)
         self._remembered: dict[tuple[Placement, float], Rendered] = {}
 
     def prepare(self) -> None:
@@ -47,8 +59,11 @@ class SteadyDrives:
         solved = self._solver.solve(placement.position_m, placement.is_felt, level_db)
         if self._refuses and not solved.achieved:
             return Rendered(SILENCE, is_achieved=False)
-        drive = clamp(solved, self._device)
-        return Rendered(DriveCommand(encode_drive(drive.channels, self._resolution_hz)), solved.achieved)
+        channels = [
+            replace(channel, amplitude=min(1.0, channel.amplitude * scale))
+            for channel, scale in zip(clamp(solved, self._device).channels, self._scales, strict=True)
+        ]
+        return Rendered(DriveCommand(encode_drive(channels, self._resolution_hz)), solved.achieved)
 
 
 def _check_frequencies(device: Device, receptances: Receptances, capabilities: Capabilities) -> None:

@@ -135,6 +135,7 @@ def report_markdown(report: dict[str, Any]) -> str:
         f"{report['readings']} readings ({report['kind']}), loss: {report['loss']}; typical misfit "
         f"{_percent(report['median_misfit'])}, noise of a reading {_percent(report['noise'])}.",
         _parameters_markdown(report["parameters"]),
+        f"Flash the board with `{report['flash']}`, so that HELLO says what was fitted." if "flash" in report else "",
         "## What the data leave open",
         open_text(report),
         "## Correlations of the parameters",

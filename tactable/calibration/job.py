@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from engine.device import Device
 from engine.files import check_new_folder, write_new_folder
+from engine.render.board_fit import flash_text
 from precompute.calibration.device_text import calibrated_text
 from precompute.calibration.misfit import Loss
 from precompute.calibration.plausibility import implausible_changes
@@ -56,6 +57,7 @@ class CalibrationJob:
 
         from precompute.calibration.adequacy import adequacy_report
         from precompute.calibration.calibrate import calibrate
+        from precompute.calibration.device_text import calibrated_device
         from precompute.calibration.pairwise import fit_pairwise
         from precompute.calibration.report import calibration_report
         from precompute.measurements import read_measurements
@@ -76,6 +78,8 @@ class CalibrationJob:
             )
             report = calibration_report(found, fit_pairwise(self.device, found) if self.compares else None)
             report["adequacy"] = adequacy_report(self.device, found, self.bounds)
+        if any(p["name"].endswith("full_scale") for p in report["parameters"]):
+            report["flash"] = flash_text(calibrated_device(found))
         now = datetime.now(UTC).isoformat(timespec="seconds")
         return Fitted(found, report | {"asked": self._asked(raw)}, raw, self.measurements.suffix.lower(), now)
 

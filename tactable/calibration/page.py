@@ -30,6 +30,8 @@ def print_calibration(out: Console, report: dict[str, Any], folder: str, doubts:
     out.print(grid)
     _say(out, open_text(report))
     _say(out, f"written: {folder}: device file, data, report.md, report.json and fit.png")
+    if flash := report.get("flash"):
+        _say(out, f"flash the board with {flash}: HELLO then says the fitted full scale, and runs compare with that")
     for doubt in doubts:
         _say(out, f"DOUBTFUL: {doubt}")
 

@@ -139,7 +139,9 @@ def run(
         if ring is not None and recording_path is not None:
             stack.enter_context(recorder_of(ring.path, recording_path, source, bus))
         if ring is not None and page:
-            shown = PageOf(ring.path, table_path, live.capabilities.frequency_resolution_hz, page_host, page_port)
+            board = live.capabilities
+            what = (ring.path, table_path, board.frequency_resolution_hz, board.full_scales_m)
+            shown = PageOf(*what, page_host, page_port)
             for line in stack.enter_context(page_of(shown)):
                 note(line)
         _announce(source, port, live, when_not_achieved)
@@ -203,6 +205,8 @@ def _told(open_port: Callable[[], SerialPort]) -> Callable[[], SerialPort]:
 def _announce(source: Source, port: SerialPort, live: Live, when_not_achieved: WhenNotAchieved) -> None:
     simulated = ", SIMULATED firmware" if live.capabilities.board == BOARD_EMULATED else ""
     ERRORS.print(f"{source.name} to {port.path}{simulated}; Ctrl-C ends", markup=False, soft_wrap=True)
+    for text in live.fit.notes:
+        note(text)
     if when_not_achieved is WhenNotAchieved.WARN:
         for level_db, clicks in live.renderer.click_shortfalls.items():
             if clicks:
@@ -212,8 +216,8 @@ def _announce(source: Source, port: SerialPort, live: Live, when_not_achieved: W
         note(live.no_fast_path)
     if live.wants_clicks and not live.clicks:
         note(
-            "no clicks: the table has none, the device plays none, or the line is too slow for one in half a lease "
-            "(`tactable doctor` says how slow); steady drives take their place"
+            "no clicks: the table has none, the device plays none or too slowly, or the line is too slow for one in "
+            "half a lease (`tactable doctor` says how slow); steady drives take their place"
         )
 
 
@@ -233,6 +237,7 @@ def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
         "commands_by_fast_path": fast.answered,
         "commands_mispredicted": fast.mispredicted,
         "clicks": live.clicks,
+        "full_scale_factors": list(live.fit.scales),
         "set_frames_on_the_wire": live.frames_sent,
         "not_achieved": live.renderer.not_achieved,
         "provisional": counters.provisional,

@@ -16,6 +16,8 @@ class PageOf:
     ring: Path
     table: Path
     frequency_resolution_hz: float
+    full_scales_m: tuple[float, ...]
+    """Of the connected board, by actuator."""
     host: str
     port: int
 

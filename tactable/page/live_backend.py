@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.loop import RingReader
+from engine.render import RendererError
 from engine.table import Table, TableError
 from engine.touch.sources.pointer import PointerEvent
 from tactable.page.live_bar import LiveBar
@@ -25,15 +26,18 @@ _NS_PER_US = 1000
 class LiveBackend:
     """Shows one run; a new table at the same path is adopted, as the run adopts it."""
 
-    def __init__(self, reader: RingReader, table_path: Path, frequency_resolution_hz: float) -> None:
+    def __init__(
+        self, reader: RingReader, table_path: Path, frequency_resolution_hz: float, full_scales_m: Sequence[float]
+    ) -> None:
         self.scene_number = 0
         self._reader, self._table_path, self._resolution_hz = reader, table_path, frequency_resolution_hz
+        self._full_scales_m = tuple(full_scales_m)
         self._identity = identity_of(table_path)
         self._take_up(Table.open(table_path, verify=False))
 
     def _take_up(self, table: Table) -> None:
+        self._drive = RingDrive(table, self._resolution_hz, self._full_scales_m)
         self._table = table
-        self._drive = RingDrive(table, self._resolution_hz)
         self._view = View(table, LiveBar(table.device), self._resolution_hz)
         self.scene_number += 1
 
@@ -77,10 +81,13 @@ class LiveBackend:
         """Watch for another table until cancelled."""
         while True:
             await asyncio.sleep(LOOK_S)
-            with contextlib.suppress(OSError, TableError):  # being replaced, or not usable: the run ignores it too
+            with contextlib.suppress(
+                OSError, TableError, RendererError
+            ):  # being replaced, or not usable: the run ignores it too
                 found = identity_of(self._table_path)
                 if found != self._identity:
                     self._identity = found
                     table = await asyncio.to_thread(Table.open, self._table_path)
-                    self._table.close()
+                    before = self._table
                     self._take_up(table)
+                    before.close()

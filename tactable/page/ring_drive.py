@@ -1,8 +1,9 @@
 """Turns ring records into the drive events that their commands cause, for a device that does not report them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from engine.loop import Record, Stage
+from engine.render.board_fit import scales_for
 from engine.table import Table
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, PlayedWaveform
 from firmware_link.protocol.messages import decode_drive
@@ -13,13 +14,18 @@ _NS_PER_US = 1000
 class RingDrive:
     """Follows the commands of one run of a table.
 
-    Every written command is taken as driven: lost and late frames are not known. A click that the table does not hold
-    was solved beside the run, and the ring does not say its weights: the bar of the page rests meanwhile.
+    `full_scales_m` are those of the board, by actuator; None: those of the table. Every written command is taken as
+    driven: lost and late frames are not known. A click that the table does not hold was solved beside the run, and the
+    ring does not say its weights: the bar of the page rests meanwhile.
     """
 
-    def __init__(self, table: Table, frequency_resolution_hz: float) -> None:
+    def __init__(
+        self, table: Table, frequency_resolution_hz: float, full_scales_m: Sequence[float] | None = None
+    ) -> None:
         self._table, self._resolution_hz = table, frequency_resolution_hz
         self._limits, self._actuators = table.device.limits, len(table.device.actuators)
+        # Commands are fractions of the board's full scale, and the bar of the page moves by those of the table.
+        self._scales = (1.0,) * self._actuators if full_scales_m is None else scales_for(table.device, full_scales_m)
         self._drive = b""
 
     def events(self, records: Iterable[Record]) -> list[DriveEvent]:
@@ -50,5 +56,6 @@ class RingDrive:
         if not channels:
             return (ChannelTarget(0.0, 0.0, None, limit),) * self._actuators
         return tuple(
-            ChannelTarget(c.frequency_hz, c.amplitude, c.phase_rad if c.amplitude else None, limit) for c in channels
+            ChannelTarget(c.frequency_hz, c.amplitude / scale, c.phase_rad if c.amplitude else None, limit)
+            for c, scale in zip(channels, self._scales, strict=True)
         )

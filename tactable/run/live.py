@@ -89,6 +89,8 @@ class Live:
         self.capabilities = connect(Session(greeting, port, clock.now_ns), clock)
         rendering = render_table(table, effects, self.capabilities, options.when_not_achieved, options.bit_rate_hz)
         self.renderer = rendering.renderer
+        self.fit = rendering.fit
+        """How the first table's amplitudes are played on the board."""
         self.renderer.prepare()
         self.link = FastLink(rendering.configuration)
         self.no_fast_path = ""

@@ -19,7 +19,7 @@ from typing import Any
 
 from engine.device import DeviceError
 from engine.effects import Effects
-from engine.loop.fast.table import with_fast_table
+from engine.loop.fast.table import FastRendering, with_fast_table
 from engine.printable import printable
 from engine.render import LimitError, RendererError, Rendering, WhenNotAchieved, render_table
 from engine.table import Table, TableError
@@ -139,15 +139,16 @@ def serve(watched: Watched, parent: Parent) -> None:
             continue
         seen = found
         try:
-            data = _packed(_rendered(watched))
+            rendering = _rendered(watched)
         except (TableError, DeviceError, RendererError, LimitError, OSError) as error:
             _say(f"the new table is refused, the one before plays on: {error}")
             continue
-        parent.say_bytes(data)
-        _say(f"a new table is verified and handed over: {watched.path}")
+        parent.say_bytes(_packed(rendering))
+        for text in (f"a new table is verified and handed over: {watched.path}", *rendering.fit.notes):
+            _say(text)
 
 
-def _rendered(watched: Watched) -> Rendering:
+def _rendered(watched: Watched) -> FastRendering:
     with Table.open(watched.path) as table:
         zones = tuple(zone.name for zone in table.device.zones)
         if zones != watched.zones:

@@ -57,6 +57,7 @@ def with_fast_table(rendering: Rendering, capabilities: Capabilities) -> FastRen
         rendering.renderer,
         rendering.configuration,
         rendering.click_length_ns,
+        rendering.fit,
         _make_fast_table(rendering, capabilities),
     )
 
@@ -77,7 +78,8 @@ def _make_fast_table(rendering: Rendering, capabilities: Capabilities) -> FastTa
     for number, held in rendered.basis.sets.items():
         assert clicks.basis is not None  # it has the set
         sets[number] = held, len(clicks.basis.sets[number].actuators)
-    head = np.column_stack([sets[clicks.basis_set, 0], clicks.fraction_bits, sets[clicks.basis_set, 1]])
+    fraction_bits = np.maximum(0, clicks.fraction_bits - rendered.basis.halvings)  # 0 is never played
+    head = np.column_stack([sets[clicks.basis_set, 0], fraction_bits, sets[clicks.basis_set, 1]])
     amplitude = np.empty((len(levels_db), len(clicks)), np.int32)
     for words, level_db in zip(amplitude, levels_db, strict=True):
         words[:] = np.where(head[:, 2] > _MOST_WEIGHTS, CONSTANTS["NONE"], rendered.amplitude_words(level_db))

@@ -20,7 +20,8 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     """Say the address of the page, then serve it until the run ends."""
     os.nice(_NICE)  # the engine comes first
     with RingReader(Path(arguments["ring"])) as reader:
-        backend = LiveBackend(reader, Path(arguments["table"]), arguments["frequency_resolution_hz"])
+        board = arguments["frequency_resolution_hz"], arguments["full_scales_m"]
+        backend = LiveBackend(reader, Path(arguments["table"]), *board)
         asyncio.run(_serve(backend, arguments["host"], arguments["port"], parent))
 
 

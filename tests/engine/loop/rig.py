@@ -29,6 +29,7 @@ from engine.loop import (
 from engine.loop.fast.session import FastLink, FastSession
 from engine.loop.fast.table import with_fast_table
 from engine.render import Renderer, Rendering, WhenNotAchieved, link_configuration
+from engine.render.board_fit import BoardFit
 from engine.render.chosen_basis import choose_basis
 from engine.render.clicks import RenderedClicks
 from engine.table import Clicks
@@ -230,13 +231,13 @@ class Rig:
         device, refuses = self.device, self.when_not_achieved is WhenNotAchieved.REFUSE
         self.steady = MadeSteady(device, refuses=refuses)
         clicks = RenderedClicks(self.clicks, basis, refuses)
-        self.renderer = Renderer(device, capabilities, self.steady, clicks, self.effects.levels_db)
+        self.renderer = Renderer(capabilities, self.steady, clicks, self.effects.levels_db)
         pipeline = open_pipeline(source, device, self.effects, self.renderer, self.line.now_ns)
         dispatcher = Dispatcher(session, self.line.now_ns)
         self.observers = Observers(self.trace, timing, self.ring)
         edges: tuple[Source, Clock, Observer] = (source, self.line, self.observers)
         self.rendering = with_fast_table(
-            Rendering(device, self.renderer, configuration, DEFAULT_CLICK_NS), capabilities
+            Rendering(device, self.renderer, configuration, DEFAULT_CLICK_NS, BoardFit((1.0, 1.0))), capabilities
         )
         if self.library is not None:
             fast = VirtualFastPath(

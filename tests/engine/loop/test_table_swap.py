@@ -10,6 +10,7 @@ from engine.effects import Effects, Rule, Trigger
 from engine.effects.rules import click
 from engine.loop import Dispatcher, Loop, Trace, connect, open_pipeline
 from engine.render import Renderer, Rendering, link_configuration
+from engine.render.board_fit import BoardFit
 from engine.render.chosen_basis import choose_basis
 from engine.render.clicks import RenderedClicks
 from engine.table import Clicks
@@ -34,8 +35,8 @@ def rendering_of(
     configuration = link_configuration(DEVICE, 1_000_000)
     basis = choose_basis(clicks.basis, capabilities, configuration.bit_rate_hz, configuration.lease_ms)
     steady, rendered = MadeSteady(DEVICE, always_hz=frequency_hz), RenderedClicks(clicks, basis, refuses=False)
-    renderer = Renderer(DEVICE, capabilities, steady, rendered, effects.levels_db)
-    return Rendering(DEVICE, renderer, replace(configuration, basis=basis.basis), 30 * MS)
+    renderer = Renderer(capabilities, steady, rendered, effects.levels_db)
+    return Rendering(DEVICE, renderer, replace(configuration, basis=basis.basis), 30 * MS, BoardFit((1.0, 1.0)))
 
 
 def clicks_of(number: int, longer: int = 0) -> Clicks:

@@ -59,4 +59,4 @@ class MadeSteady:
 def made_renderer(device: Device, capabilities: Capabilities, levels_db: Sequence[float] = (LEVEL_DB,)) -> Renderer:
     """A renderer of such drives, without clicks."""
     clicks = RenderedClicks(made_clicks(device, []), NO_BASIS, refuses=False)
-    return Renderer(device, capabilities, MadeSteady(device), clicks, levels_db)
+    return Renderer(capabilities, MadeSteady(device), clicks, levels_db)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from engine.device import Device
-from engine.render import SILENCE, DriveCommand, PlayCommand, Renderer, RendererError
+from engine.render import SILENCE, DriveCommand, PlayCommand, Renderer
 from engine.render.chosen_basis import NO_BASIS, ChosenBasis
 from engine.render.clicks import RenderedClicks
 from engine.table import ClickEntry
@@ -30,7 +30,7 @@ def renderer_of(
     clicks: list[ClickEntry], steady: MadeSteady | None = None, basis: ChosenBasis = HELD, *, refuses: bool = False
 ) -> Renderer:
     rendered = RenderedClicks(made_clicks(REFERENCE, clicks), basis, refuses)
-    return Renderer(REFERENCE, CAPABILITIES, steady or MadeSteady(REFERENCE), rendered, LEVELS_DB)
+    return Renderer(CAPABILITIES, steady or MadeSteady(REFERENCE), rendered, LEVELS_DB)
 
 
 def test_without_a_felt_finger_there_is_silence() -> None:
@@ -121,14 +121,9 @@ def test_what_is_short_of_its_level_is_counted_and_silent_where_it_is_refused(re
     assert (renderer.not_achieved, renderer.click_shortfalls) == (2, {20.0: 1, 26.0: 1, inf: 0})
 
 
-def test_a_device_with_too_few_actuators_is_refused() -> None:
-    clicks = RenderedClicks(made_clicks(REFERENCE, []), NO_BASIS, refuses=False)
-    with pytest.raises(RendererError, match="reference-a has 2 actuators, the connected device drives 1: connect"):
-        Renderer(REFERENCE, replace(CAPABILITIES, number_of_actuators=1), MadeSteady(REFERENCE), clicks, [])
-
-
 def test_only_a_device_that_understands_the_drives_alike_fits() -> None:
     renderer = renderer_of([])
     assert renderer.fits(replace(CAPABILITIES, boot_id=2))
     assert not renderer.fits(replace(CAPABILITIES, frequency_resolution_hz=0.02))
+    assert not renderer.fits(replace(CAPABILITIES, full_scales_m=(0.52e-6, 0.6e-6)))
     assert renderer.suits_device_of(renderer_of(CLICKS))

@@ -27,7 +27,7 @@ def receptances() -> Receptances:
 
 
 def drives_of(*, refuses: bool = False, capabilities: Capabilities = CAPABILITIES) -> SteadyDrives:
-    return SteadyDrives(DEVICE, capabilities, receptances(), refuses)
+    return SteadyDrives(DEVICE, capabilities, receptances(), refuses, (1.0, 1.0))
 
 
 def test_the_command_is_what_the_solver_finds_to_a_step_of_the_wire() -> None:

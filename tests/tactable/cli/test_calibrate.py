@@ -64,6 +64,14 @@ def test_the_new_device_has_what_was_measured(calibrated: tuple[Path, Any]) -> N
     assert printed["simulated"] and printed["doubts"] == []
 
 
+def test_a_fitted_full_scale_is_what_the_board_is_to_be_flashed_with(calibrated: tuple[Path, Any]) -> None:
+    folder, printed = calibrated
+    full_scales_m = [actuator.full_scale_m for actuator in Device.read(folder / "reference-a.toml").actuators]
+    words = ", ".join(f"{1e12 * full_m:.0f}" for full_m in full_scales_m)
+    assert printed["flash"] == f"full_scales_pm = {{{words}}}"
+    assert f"Flash the board with `{printed['flash']}`" in (folder / "report.md").read_text(encoding="utf-8")
+
+
 def test_what_is_there_is_not_overwritten(measured: Path, calibrated: tuple[Path, Any]) -> None:
     folder, _ = calibrated
     before = {path.name: path.read_bytes() for path in folder.iterdir()}

@@ -1,0 +1,126 @@
+"""Fit of a table to the connected board: what differs between the two is played as it is, scaled, or refused.
+
+A table is made for the actuators of its device file, and its amplitudes are fractions of their full scales. HELLO says
+what the connected board calls full scale. Where the two differ, the same fraction is another displacement: a board of
+2.6 um would play a table for 0.52 um five times (14 dB) too strong. For each actuator, with r the table's full scale
+divided by the board's:
+
+- **r within TOLERANCE of 1: played as it is.** That much lies between a board's nominal full scale and the one that a
+  calibration of its bar finds. The calibrated value is the better one, so scaling would make it wrong.
+- **otherwise, down to 1 / GREATEST_RATIO, and up as far as the board moves: scaled by r.** Drives, functions of clicks
+  and the limits in ARM are scaled alike, so the displacements, and where they are clamped, are those of the table. `up`
+  ends where the table's limit would be more than the board's full scale.
+- **beyond: refused**, with what to do. A ratio above GREATEST_RATIO is a unit mistake, or another device.
+
+Scaling and everything else that a user should know is said in a note.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from engine.device import Device
+from engine.render.commands import RendererError
+from firmware_link.host.link_values import Capabilities
+
+TOLERANCE = 0.1
+"""0.9 dB, less than the smallest difference in level that a finger tells (about 1.5 dB)."""
+GREATEST_RATIO = 10.0
+LEAST_SAMPLES_A_PERIOD = 10
+"""Held samples are an amplitude of sinc(1 / 10): 0.14 dB are lost."""
+_UM_PER_M = 1e6
+_PM_PER_M = 1e12
+
+
+@dataclass(frozen=True)
+class BoardFit:
+    """How the amplitudes of a table are played on one board."""
+
+    scales: tuple[float, ...]
+    """By actuator: what fractions of the table's full scale are multiplied with."""
+    notes: tuple[str, ...] = ()
+    """What a user should know, one sentence each."""
+
+
+def fit_board(device: Device, capabilities: Capabilities) -> BoardFit:
+    """Compare a table's device with the connected board; raises RendererError for a board that cannot play it."""
+    _check_actuators(device, capabilities)
+    _check_synthesis_rate(device, capabilities)
+    scales, notes = scales_for(device, capabilities.full_scales_m), _notes_on_others(device, capabilities)
+    if set(scales) == {1.0}:
+        return BoardFit(scales, notes)
+    apart = max(range(len(scales)), key=lambda index: abs(math.log(scales[index])))
+    factors = ", ".join(f"{scale:.3g}" for scale in scales)
+    note = (
+        f"{_difference(device, capabilities.full_scales_m, apart)}; amplitudes are multiplied by {factors}, so that "
+        "displacements are the table's. If the table comes from a calibration of this board, flash "
+        f"{flash_text(device)}"
+    )
+    return BoardFit(scales, (note, *notes))
+
+
+def scales_for(device: Device, full_scales_m: Sequence[float]) -> tuple[float, ...]:
+    """By actuator: what amplitudes are multiplied with on a board of these full scales, which may have more actuators.
+
+    Raises RendererError for a board that cannot play the displacements of the table.
+    """
+    ratios = [
+        actuator.full_scale_m / board_m if board_m > 0 else math.inf
+        for actuator, board_m in zip(device.actuators, full_scales_m, strict=False)
+    ]
+    scales = tuple(1.0 if 1 / (1 + TOLERANCE) <= ratio <= 1 + TOLERANCE else ratio for ratio in ratios)
+    for index, scale in enumerate(scales):
+        remedy = f"connect the board of {device.name}, or flash {flash_text(device)} if that is what it does"
+        if not 1 / GREATEST_RATIO <= scale <= GREATEST_RATIO:
+            raise RendererError(f"{_difference(device, full_scales_m, index)}: {remedy}")
+        if scale * device.limits.amplitude > 1:
+            raise RendererError(
+                f"{_difference(device, full_scales_m, index)}, which is too little for the table's amplitude limit of "
+                f"{100 * device.limits.amplitude:.3g} %: {remedy}; or lower limits.amplitude to {100 / scale:.3g} %"
+            )
+    return scales
+
+
+def flash_text(device: Device) -> str:
+    """The full scales of a device as a board file (firmware_link/firmware/boards) says them."""
+    return f"full_scales_pm = {{{', '.join(str(round(_PM_PER_M * each.full_scale_m)) for each in device.actuators)}}}"
+
+
+def _difference(device: Device, full_scales_m: Sequence[float], index: int) -> str:
+    actuator = device.actuators[index]
+    return (
+        f"{device.name}: full scale of actuator {actuator.name} is {_UM_PER_M * actuator.full_scale_m:.3g} um in the "
+        f"table and {_UM_PER_M * full_scales_m[index]:.3g} um on the connected board"
+    )
+
+
+def _check_actuators(device: Device, capabilities: Capabilities) -> None:
+    if capabilities.number_of_actuators < len(device.actuators):
+        raise RendererError(
+            f"{device.name} has {len(device.actuators)} actuators, the connected device drives "
+            f"{capabilities.number_of_actuators}: connect its own device or choose another description"
+        )
+
+
+def _check_synthesis_rate(device: Device, capabilities: Capabilities) -> None:
+    highest_hz = min(max(actuator.band_hz[1] for actuator in device.actuators), capabilities.frequency_maximum_hz)
+    if capabilities.synthesis_rate_hz < LEAST_SAMPLES_A_PERIOD * highest_hz:
+        raise RendererError(
+            f"{device.name}: its actuators are driven at up to {highest_hz:g} Hz, and the connected board makes only "
+            f"{capabilities.synthesis_rate_hz} samples a second; expected {LEAST_SAMPLES_A_PERIOD} a period or more: "
+            "connect a faster board, or narrow the bands in the device description and build the table again"
+        )
+
+
+def _notes_on_others(device: Device, capabilities: Capabilities) -> tuple[str, ...]:
+    notes = []
+    silent = capabilities.number_of_actuators - len(device.actuators)
+    if silent:
+        notes.append(f"the connected board drives {silent} more than the actuators of {device.name}; they stay silent")
+    lease_ms = 1e3 * device.limits.lease_s
+    if capabilities.longest_lease_ms < math.floor(lease_ms):
+        notes.append(
+            f"the connected board allows leases of {capabilities.longest_lease_ms} ms, and {device.name} asks for "
+            f"{lease_ms:g} ms: a drive ends {capabilities.longest_lease_ms} ms after its last renewal"
+        )
+    return tuple(notes)

@@ -1,0 +1,149 @@
+"""Laws of a table on a board of another full scale: displacements are the table's, or the board is refused."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from engine.device import Device
+from engine.effects import DEFAULT_EFFECTS
+from engine.loop.fast.table import with_fast_table
+from engine.render import DriveCommand, PlayCommand, RendererError, Rendering, render_table
+from engine.render.board_fit import fit_board, scales_for
+from engine.table import Table
+from firmware_link.host.link_values import Capabilities
+from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet, clamp_samples, sample_limits, weighted_sum
+from firmware_link.protocol.messages import Features, Play, decode_body, decode_drive, encode_play_body
+from tests.engine.made_clicks import click_of, in_zones
+from tests.engine.made_entries import LEVEL_DB, entry_of, felt_states
+from tests.engine.made_table import write_table
+
+REFERENCE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
+TABLE_M = REFERENCE.actuators[0].full_scale_m
+PLACEMENT = in_zones(REFERENCE, [0])
+
+
+def board(*full_scales_m: float, **changed: object) -> Capabilities:
+    plain = Capabilities(len(full_scales_m), 0.01, 1.0, 655.35, full_scales_m, 100, 48_000, 1, 0, (0, 1, 0))
+    waves = replace(plain, features=Features.WAVEFORMS, longest_waveform_ms=100, basis_capacity_bytes=1 << 18)
+    return replace(waves, **changed)  # type: ignore[arg-type]
+
+
+def limited_to(amplitude: float) -> Device:
+    """As a file says it: a table carries the text of its device."""
+    text = REFERENCE.text.replace('amplitude = "100 %"', f'amplitude = "{100 * amplitude:g} %"')
+    device = Device.parse(text, "limited")
+    assert device.limits.amplitude == amplitude
+    return device
+
+
+@pytest.fixture(scope="module", params=[1.0, 0.4], ids=["limit 100 %", "limit 40 %"])
+def table(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Table:
+    """One click that uses both functions of its basis."""
+    device = limited_to(request.param)
+    wave = np.rint(20_000 * np.sin(np.linspace(0, 4 * np.pi, 121))).astype(np.int16)
+    wave[[0, -1]] = 0
+    basis = Basis(4000, (BasisSet(np.stack([wave, -wave // 3]), np.arange(2, dtype=np.uint8)),))
+    made = click_of(device, PLACEMENT, level_db=LEVEL_DB)
+    click = replace(made, basis=basis, weights=np.array([9_000, -8_000], np.int16), fraction_bits=14)
+    path = tmp_path_factory.mktemp("fit") / "bar.nc"
+    return Table.open(write_table(path, device, [entry_of(device, felt_states(device)[0])], [click]))
+
+
+def steady_m(rendering: Rendering, full_scales_m: Sequence[float]) -> list[float]:
+    """Displacements of the steady drive on the board."""
+    command = rendering.renderer.render(PLACEMENT, 60.0)
+    assert isinstance(command, DriveCommand)
+    return [c.amplitude * full_m for c, full_m in zip(decode_drive(command.drive, 0.01), full_scales_m, strict=False)]
+
+
+def click_m(rendering: Rendering, full_scales_m: Sequence[float]) -> NDArray[np.float64]:
+    """Displacements (sample, actuator) of the click, made as the firmware makes them."""
+    command, configuration = rendering.renderer.render(PLACEMENT, LEVEL_DB, is_click=True), rendering.configuration
+    assert isinstance(command, PlayCommand) and configuration.basis is not None
+    _, play = decode_body(encode_play_body(1, command.click.play, 2))
+    assert isinstance(play, Play)
+    number = configuration.number_of_actuators
+    sums = weighted_sum(configuration.basis.sets[play.basis_set], play.weights, play.fraction_bits, number)
+    words = configuration.arm_for(1, number, 40).amplitude_limits
+    samples = clamp_samples(sums, sample_limits(words, 655_350_000, configuration.basis.sample_rate_hz))
+    moved: NDArray[np.float64] = samples * (play.amplitude / 65_535 / SAMPLE_FULL_SCALE) * np.array(full_scales_m[:2])
+    return moved
+
+
+@pytest.mark.parametrize(
+    "full_scales_m", [(2.6e-6, 2.6e-6), (0.9e-6, 2e-6), (0.3e-6, 0.3e-6), (0.22e-6, 0.6e-6), (2.6e-6, 2.6e-6, 1e-6)]
+)
+def test_drives_and_clicks_move_a_board_of_another_full_scale_as_the_table_says(
+    table: Table, full_scales_m: tuple[float, ...]
+) -> None:
+    if min(full_scales_m) < TABLE_M * table.device.limits.amplitude:
+        with pytest.raises(RendererError, match="too little for the table's amplitude limit of 100 %: connect"):
+            render_table(table, DEFAULT_EFFECTS, board(*full_scales_m))
+        return
+    own = render_table(table, DEFAULT_EFFECTS, board(TABLE_M, TABLE_M))
+    scaled = render_table(table, DEFAULT_EFFECTS, board(*full_scales_m))
+    assert own.fit.notes == () and "amplitudes are multiplied by" in scaled.fit.notes[0]
+    # A word of the wire is 1/65535 of full scale, a sample 1/32767; rounding a function of the basis moves some.
+    assert steady_m(scaled, full_scales_m) == pytest.approx(steady_m(own, [TABLE_M] * 2), abs=2e-5 * max(full_scales_m))
+    wanted_m = click_m(own, [TABLE_M] * 2)
+    assert np.abs(wanted_m).max() > 0.1 * TABLE_M
+    np.testing.assert_allclose(click_m(scaled, full_scales_m), wanted_m, rtol=0, atol=2e-4 * max(full_scales_m))
+
+
+def test_the_compiled_step_plays_the_same_bytes(table: Table) -> None:
+    capabilities = board(0.3e-6, 0.6e-6) if table.device.limits.amplitude < 0.5 else board(2.6e-6, 0.9e-6)
+    rendering = with_fast_table(render_table(table, DEFAULT_EFFECTS, capabilities), capabilities)
+    command = rendering.renderer.render(PLACEMENT, LEVEL_DB, is_click=True)
+    assert isinstance(command, PlayCommand) and rendering.fast_table is not None
+    _, play = decode_body(encode_play_body(1, command.click.play, 2))
+    assert isinstance(play, Play)
+    assert tuple(rendering.fast_table.head[0]) == (play.basis_set, play.fraction_bits, play.number_of_weights)
+
+
+def test_the_firmware_gets_limits_of_the_same_displacement_and_time(table: Table) -> None:
+    limit, factor = table.device.limits.amplitude, TABLE_M / 2.6e-6
+    arm = render_table(table, DEFAULT_EFFECTS, board(2.6e-6, 2.6e-6)).configuration
+    assert arm.amplitude_limits == pytest.approx((limit * factor,) * 2)
+    assert arm.slew_limit_per_s == int(table.device.limits.slew_per_s * factor)
+
+
+@pytest.mark.parametrize("factor", [0.92, 1.0, 1.09])
+def test_what_a_calibration_finds_beside_a_nominal_full_scale_is_played_as_it_is(factor: float) -> None:
+    fit = fit_board(REFERENCE, board(factor * TABLE_M, TABLE_M))
+    assert (fit.scales, fit.notes) == ((1.0, 1.0), ())
+
+
+@pytest.mark.parametrize(("full_m", "factors"), [(1.3 * TABLE_M, "0.769, 1"), (9.9 * TABLE_M, "0.101, 1")])
+def test_scaling_is_said_with_what_to_flash(full_m: float, factors: str) -> None:
+    (note,) = fit_board(REFERENCE, board(full_m, TABLE_M)).notes
+    assert f"amplitudes are multiplied by {factors}" in note
+    assert note.endswith("flash full_scales_pm = {520000, 520000}")
+
+
+@pytest.mark.parametrize("full_m", [0.0, 0.03e-6, 5.3e-6, 520e-6])
+def test_another_device_or_unit_is_refused_by_name(full_m: float) -> None:
+    with pytest.raises(RendererError, match=r"full scale of actuator \w+ is 0.52 um in the table and .*: connect the"):
+        scales_for(limited_to(0.4), (TABLE_M, full_m))
+
+
+def test_a_board_that_is_too_slow_or_drives_too_few_is_refused() -> None:
+    with pytest.raises(RendererError, match="reference-a has 2 actuators, the connected device drives 1: connect"):
+        fit_board(REFERENCE, board(TABLE_M))
+    with pytest.raises(RendererError, match="makes only 2999 samples a second; expected 10 a period or more"):
+        fit_board(REFERENCE, board(TABLE_M, TABLE_M, synthesis_rate_hz=2999))
+    assert fit_board(REFERENCE, board(TABLE_M, TABLE_M, synthesis_rate_hz=3000)).notes == ()
+
+
+def test_a_board_slower_than_the_samples_of_clicks_gets_steady_drives(table: Table) -> None:
+    rendering = render_table(table, DEFAULT_EFFECTS, board(TABLE_M, TABLE_M, synthesis_rate_hz=3999))
+    assert rendering.basis is None
+
+
+def test_actuators_beyond_the_tables_and_a_shorter_lease_are_said() -> None:
+    fit = fit_board(REFERENCE, board(TABLE_M, TABLE_M, 1e-9, longest_lease_ms=20))
+    assert fit.scales == (1.0, 1.0)
+    assert ["drives 1 more" in fit.notes[0], "allows leases of 20 ms" in fit.notes[1]] == [True, True]
