@@ -5,10 +5,11 @@ import socket
 import time
 from itertools import cycle
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactable.bench.latency.load_generator import LoadGenerator, Schedule, Stall, StalledLayer
+from tactable.bench.latency.load_generator import EchoReceiver, LoadGenerator, Schedule, Stall, StalledLayer
 from tactable.bench.latency.sockets import SocketSource
 
 PACKETS = [bytes([number]) * 20 for number in range(7)]
@@ -74,3 +75,30 @@ def test_a_digitizer_that_stalls_sends_nothing_and_then_everything() -> None:
     held_back = [source.sent_ns[number] - start_ns - number * 1_000_000 for number in range(72, 98)]
     assert min(held_back) > 0
     assert source.report_index == count - 1
+
+
+@pytest.mark.parametrize(("awake_ns", "most_passes"), [(0, 10), (50_000_000, None)])
+def test_the_receiver_of_answers_stays_awake_after_a_report(
+    monkeypatch: pytest.MonkeyPatch, awake_ns: int, most_passes: int | None
+) -> None:
+    """A write then has nobody to wake up, whichever engine writes."""
+    monkeypatch.setattr("tactable.bench.latency.load_generator.AWAKE_NS", awake_ns)
+    passes = 0
+
+    class Receiver(EchoReceiver):
+        def advance(self, now_ns: int) -> bytes:
+            nonlocal passes
+            passes += 1
+            return super().advance(now_ns)
+
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    link, their_link = socket.socketpair()
+    done, end = os.pipe()
+    with ours, theirs, link, their_link:
+        start_ns = time.monotonic_ns()
+        LoadGenerator(Schedule(cycle(PACKETS), 1.0, 1, start_ns), ours, link, Receiver()).run(
+            done, lambda: time.monotonic_ns() > start_ns + 100_000_000
+        )
+    os.close(done)
+    os.close(end)
+    assert passes > 20 if most_passes is None else passes <= most_passes
