@@ -1,7 +1,8 @@
 """Write files and folders atomically: a path holds the old content or the new one at every instant, also after a crash.
 
 The new content is written beside the target and flushed to the disk, renamed over the target, and then the folder is
-flushed: without the last step a power failure may undo a rename that a later write already relies on.
+flushed: without the last step a power failure may undo a rename that a later write already relies on. A symbolic link
+is written through: the file that it leads to is replaced, and the link stays. Devices and pipes are never replaced.
 """
 
 import contextlib
@@ -18,21 +19,51 @@ class FolderError(TactableError):
     """A folder cannot be made; the message names it and the remedy."""
 
 
+class WriteError(TactableError, OSError):
+    """A file cannot be written; the message names it, why, and the remedy."""
+
+
 @contextlib.contextmanager
 def replace_file(path: Path) -> Iterator[Path]:
     """Yield a path beside `path` to write the new content to; it replaces `path` when the block ends without error.
 
     An exception leaves the old file and nothing else. A killed process leaves the old file and its partial one, which
-    `remove_partials` deletes. The permissions of a file that is replaced are kept. Raises OSError.
+    `remove_partials` deletes. The permissions of a file that is replaced are kept. Raises WriteError, also for an
+    OSError of the block.
     """
-    partial = partial_path(path)
+    target = written_path(path)
+    if target.exists() and not target.is_file():
+        raise WriteError(f"{path}: is not a plain file, and is not replaced; choose another output")
+    partial = partial_path(target)
     try:
         yield partial
-        if path.exists():
-            shutil.copymode(path, partial)
-        rename_durably(partial, path)
+        if target.exists():
+            shutil.copymode(target, partial)
+        rename_durably(partial, target)
+    except OSError as error:
+        raise unwritable(path, error) from error
     finally:
-        partial.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # in a folder that cannot be reached there is none
+            partial.unlink(missing_ok=True)
+
+
+def check_folder_of(path: Path) -> None:
+    """Raise FolderError where a file cannot be made for want of its folder, before work is done for it."""
+    if not path.parent.is_dir():
+        raise FolderError(f"{path.parent}: no such folder; create it or choose another output")
+
+
+def unwritable(path: Path, error: OSError) -> WriteError:
+    """The error of a file that the system does not let us write."""
+    return WriteError(
+        f"{path}: cannot be written there: {error.strerror or error}; make room, see to the permissions or choose "
+        "another output"
+    )
+
+
+def written_path(path: Path) -> Path:
+    """The file that is written for `path`: where a symbolic link leads, else `path` itself."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
 def rename_durably(partial: Path, path: Path) -> None:
@@ -46,19 +77,21 @@ def check_new_folder(folder: Path) -> None:
     """Raise FolderError where `folder` exists already or its parent does not."""
     if folder.exists() or folder.is_symlink():
         raise FolderError(f"{folder}: exists already and is not overwritten; choose another output")
-    if not folder.absolute().parent.is_dir():
-        raise FolderError(f"{folder.parent}: no such folder; create it or choose another output")
+    check_folder_of(folder.absolute())
 
 
 def write_new_folder(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write the files beside `folder`, flush them, and rename their folder in one step.
 
     A killed process leaves the whole folder or none; a folder .NAME.*.partial that it leaves beside it has no meaning.
-    Raises FolderError.
+    Raises FolderError, and WriteError where there is no room or no permission.
     """
     check_new_folder(folder)
     parent = folder.absolute().parent
-    partial = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".partial", dir=parent))
+    try:
+        partial = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".partial", dir=parent))
+    except OSError as error:
+        raise unwritable(folder, error) from error
     try:
         for name, content in files.items():
             (partial / name).write_bytes(content)
@@ -70,6 +103,8 @@ def write_new_folder(folder: Path, files: Mapping[str, bytes]) -> None:
         except OSError as error:
             raise FolderError(f"{folder}: exists already and is not overwritten; choose another output") from error
         sync(parent)
+    except OSError as error:
+        raise unwritable(folder, error) from error
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 
@@ -89,11 +124,14 @@ def partial_path(path: Path, kind: str = "partial") -> Path:
 
 
 def remove_partials(path: Path, kinds: tuple[str, ...] = ("partial",)) -> None:
-    """Delete the partial files that processes left beside `path` when they were killed."""
+    """Delete the partial files and folders that processes left beside `path` when they were killed."""
     for partial in path.parent.glob(f".{path.name}.*.*"):
         process, _, kind = partial.name.removeprefix(f".{path.name}.").partition(".")
         if kind in kinds and process.isdigit() and not _is_alive(int(process)):
-            partial.unlink(missing_ok=True)
+            if partial.is_dir() and not partial.is_symlink():
+                shutil.rmtree(partial, ignore_errors=True)
+            else:
+                partial.unlink(missing_ok=True)
 
 
 def _is_alive(process: int) -> bool:

@@ -19,7 +19,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.files import partial_path
+from engine.files import partial_path, unwritable, written_path
 from engine.table.error import TableError
 from engine.table.history import remove_leftovers, replace_table
 from engine.table.spool import SpoolFile
@@ -53,19 +53,23 @@ class Variable:
 class TableWriter:
     """Writes a table beside `path` and renames it there on a clean exit; any exception leaves nothing behind.
 
+    Where `path` is a symbolic link, the file that it leads to is replaced, and the link stays.
+
     `check` gets the finished file before it takes its place, and may refuse it by an exception. What was at `path` is
     kept (engine.table.history), unless this table only `completes` it: then the one before that stays the one kept.
     """
 
     def __init__(self, path: Path, check: Callable[[Path], None] | None = None, *, completes: bool = False) -> None:
-        self.path = path
+        self.path = written_path(path)
         self._check, self._completes = check, completes
-        self._partial = partial_path(path)
+        self._partial = partial_path(self.path)
         self._checksums: dict[str, int] = {}
 
     def __enter__(self) -> "TableWriter":
         if not self.path.parent.is_dir():
             raise TableError(f"{self.path.parent}: no such folder; create it or choose another output")
+        if self.path.exists() and not self.path.is_file():
+            raise TableError(f"{self.path}: is not a plain file, and is not replaced; choose another output")
         remove_leftovers(self.path)
         try:
             self._spool = SpoolFile(self._partial)
@@ -94,8 +98,7 @@ class TableWriter:
             self._partial.unlink(missing_ok=True)
 
     def _unwritable(self, error: OSError) -> TableError:
-        text = error.strerror or str(error)
-        return TableError(f"{self.path}: cannot be written there: {text}; make room or choose another output")
+        return TableError(str(unwritable(self.path, error)))
 
     def describe(self, attributes: Mapping[str, str | int | float]) -> None:
         """Attributes of the whole table."""

@@ -4,13 +4,14 @@ import os
 import shutil
 from pathlib import Path
 
-from engine.files import partial_path, remove_partials, rename_durably
+from engine.files import partial_path, remove_partials, rename_durably, written_path
 from engine.table.error import TableError
 
 
 def previous_of(path: Path) -> Path:
-    """Path of the table that was replaced by the one at `path`."""
-    return path.with_name(f"{path.name}.previous")
+    """Path of the table that was replaced by the one at `path`, beside the file that a symbolic link leads to."""
+    target = written_path(path)
+    return target.with_name(f"{target.name}.previous")
 
 
 def replace_table(new: Path, path: Path, *, keep: bool = True) -> None:
@@ -28,7 +29,7 @@ def roll_back(path: Path) -> None:
 
     Raises TableError where there is no previous table. The caller verifies it first.
     """
-    previous = previous_of(path)
+    path, previous = written_path(path), previous_of(path)
     if not previous.is_file():
         raise TableError(f"{previous}: there is no previous table; `tactable build` keeps one when it replaces another")
     older = partial_path(path, "older")

@@ -1,4 +1,8 @@
-"""Registry of running emulators: each is a symbolic link to its port, under a name that stays the same."""
+"""Registry of running emulators: each is a symbolic link to its port, under a name that stays the same.
+
+A link is only ever made where nothing is, or where an emulator that was killed left one. Such a link leads to a
+pseudo-terminal that is gone. Any other file or link belongs to somebody, and is refused by name.
+"""
 
 import contextlib
 import os
@@ -6,7 +10,10 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from firmware_link.protocol.errors import LinkError
+
 _PREFIX = "emulator-"
+_TERMINALS = "/dev/pts/"
 
 
 @dataclass(frozen=True)
@@ -23,18 +30,34 @@ class Announcement:
 
     def __init__(self, link: Path) -> None:
         self.link = link
+        self._port: str | None = None
         link.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
 
     def point_to(self, port: str) -> None:
-        """Lead to this port from now on; the link is replaced, so that it always leads somewhere."""
-        temporary = self.link.with_name(f".{self.link.name}")
-        temporary.unlink(missing_ok=True)
+        """Lead to this port from now on; the link is replaced, so that it always leads somewhere.
+
+        Raises LinkError where something else has the name.
+        """
+        if not self._is_ours():
+            self._refuse_others()
+        temporary = self.link.with_name(f".{self.link.name}.{os.getpid()}.link")
         temporary.symlink_to(port)
         temporary.replace(self.link)
+        self._port = port
 
     def close(self) -> None:
-        """Remove the link."""
-        self.link.unlink(missing_ok=True)
+        """Remove the link, if it still is this emulator's."""
+        if self._is_ours():
+            self.link.unlink(missing_ok=True)
+
+    def _is_ours(self) -> bool:
+        return self._port is not None and self.link.is_symlink() and str(self.link.readlink()) == self._port
+
+    def _refuse_others(self) -> None:
+        is_left_over = self.link.is_symlink() and str(self.link.readlink()).startswith(_TERMINALS)
+        if self.link.exists() or (self.link.is_symlink() and not is_left_over):
+            what = f"leads to {self.link.readlink()}" if self.link.is_symlink() else "is no link to a port"
+            raise LinkError(f"{self.link}: exists already and {what}; end the emulator that has it, or choose another")
 
 
 def runtime_folder() -> Path:

@@ -23,6 +23,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device
+from engine.files import written_path
 from engine.table import Table, TableError
 from engine.table.click_columns import write_clicks
 from engine.table.clicks import Clicks
@@ -114,7 +115,7 @@ def build_table(
 
     >>> cost = build_table(Device.read("my-bar.toml"), "my-bar.nc", clicks_up_to=0)
     """
-    path = Path(path)
+    path = written_path(Path(path))
     if Device.parse(device.text, device.name).fingerprint != device.fingerprint:
         raise TableError(f"{device.name}: was changed after it was read; write the new values to a file and read it")
     sha256 = "" if responses is None else responses.sha256

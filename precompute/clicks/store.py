@@ -1,5 +1,6 @@
 """Journal of solved clicks beside a table that is being built, so that a killed build does not solve them again."""
 
+import contextlib
 import json
 import zlib
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from engine.files import unwritable
 from engine.table import ClickEntry
 from engine.table.click import ClickFinger, LevelSpread
 from engine.touch import Placement
@@ -29,7 +31,10 @@ class ClickStore:
         head = {"belongs_to": belongs_to}
         if lines and lines[0] == head:
             self.clicks = {places.key(click.placement): click for click in (_decode(line, basis) for line in lines[1:])}
-        self._file = self.path.open("w", encoding="utf-8")
+        try:
+            self._file = self.path.open("w", encoding="utf-8")
+        except OSError as error:
+            raise unwritable(self.path, error) from error
         self._write(head)
         for click in self.clicks.values():
             self._write(_encode(click))
@@ -40,7 +45,8 @@ class ClickStore:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._file.close()
+        with contextlib.suppress(OSError):  # what the disk did not take was refused when it was written
+            self._file.close()
         if not self.clicks:
             self.path.unlink()
 
@@ -51,8 +57,11 @@ class ClickStore:
 
     def _write(self, value: Any) -> None:
         text = json.dumps(value, default=asdict)
-        self._file.write(f"{zlib.crc32(text.encode()):08x} {text}\n")
-        self._file.flush()
+        try:
+            self._file.write(f"{zlib.crc32(text.encode()):08x} {text}\n")
+            self._file.flush()
+        except OSError as error:
+            raise unwritable(self.path, error) from error
 
 
 def _sound_lines(path: Path) -> Iterator[Any]:

@@ -2,20 +2,20 @@
 
 A worker is a new interpreter, not a fork, since the libraries of this one may hold locks and threads. It computes with
 one thread of BLAS and of numba: there is one process a core. Ctrl-C of a terminal reaches this process alone, which
-then ends its workers; a worker whose parent was killed ends itself.
+then ends its workers. A worker whose parent was killed is killed by the system: a thread that waits for the parent
+would itself wait for a kernel that computes, up to 13 s.
 """
 
 import contextlib
+import ctypes
 import itertools
 import multiprocessing
 import os
 import signal
-import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing.connection import wait as wait_for
 from typing import Any, TypeVar
 
 import numba
@@ -27,6 +27,7 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 Begin = Callable[[], Callable[[Job], Result]]
 """Gives a process its solver. It goes there by pickling, as jobs and results do."""
+_PR_SET_PDEATHSIG = 1
 
 
 class WorkerError(TactableError, RuntimeError):
@@ -167,15 +168,12 @@ def _interrupts_held_back() -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
-    """In a worker: end when the parent is gone, however it ended."""
+    """In a worker: have the system kill this process when the thread that started it ends, however it ended."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     parent = multiprocessing.parent_process()
     assert parent is not None
-
-    def watch() -> None:
-        wait_for([parent.sentinel])
+    if os.getppid() != parent.pid:  # it was gone before that
         os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 def _prepare(begin: Callable[[], object]) -> None:

@@ -46,8 +46,8 @@ def print_anywhere_bench(out: Console, result: dict[str, Any]) -> None:
         f"a click takes {middle_ms:.0f} ms of processor time (median; 99 %: {last_ms:.0f} ms); "
         f"{result['time_s']:.0f} s by {result['workers']} processes",
     ):
-        out.print(line, highlight=False, markup=False, soft_wrap=True)
-    out.print(f"ESTIMATES: {', '.join(result['estimates'])}", style="dim", markup=False, soft_wrap=True)
+        out.print(line, highlight=False, soft_wrap=True)
+    out.print(f"ESTIMATES: {', '.join(result['estimates'])}", style="dim", soft_wrap=True)
 
 
 def _steady_lines(steady: dict[str, Any]) -> list[str]:

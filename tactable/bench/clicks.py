@@ -139,4 +139,4 @@ def print_clicks_bench(out: Console, result: dict[str, Any]) -> None:
         f"{1e3 * spread['finger_position_m']:g} mm; {result['time_s']:.0f} s by {result['workers']} processes",
         highlight=False,
     )
-    out.print(f"ESTIMATES: {', '.join([*result['estimates'], THRESHOLD_NAME])}", style="dim", markup=False)
+    out.print(f"ESTIMATES: {', '.join([*result['estimates'], THRESHOLD_NAME])}", style="dim")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
+from engine.files import replace_file
 from engine.table.history import previous_of
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, print_json, say, show, shown_progress
 from tactable.cli.options import (
@@ -218,9 +219,8 @@ def simulate_measurements(
     measured = simulate(with_changes(device, read_changes(change, device)), layout, flaws, seed)
     what = "; ".join([device.name, *(change or []), f"noise {noise}", f"wrong {wrong}", f"seed {seed}"])
     text = write_csv(measured, device, f"SIMULATED by tactable simulate-measurements: {what}")
-    try:
-        with output.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise OptionError(f"{output}: exists already and is not overwritten; choose another output") from None
+    if output.exists() or output.is_symlink():
+        raise OptionError(f"{output}: exists already and is not overwritten; choose another output")
+    with replace_file(output) as partial:
+        partial.write_text(text, encoding="utf-8")
     say(f"{output}: {len(measured)} readings, SIMULATED")

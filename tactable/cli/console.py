@@ -26,20 +26,21 @@ class SafeConsole(Console):
             yield segment if segment.control else segment._replace(text=printable(segment.text))
 
 
-OUT = SafeConsole()
-ERRORS = SafeConsole(stderr=True)
+OUT = SafeConsole(markup=False)
+"""Prints lines and grids as they are: brackets in names of files, zones and devices are no markup."""
+ERRORS = SafeConsole(stderr=True, markup=False)
 _Result = TypeVar("_Result")
 Progress = Callable[[str, float], None]
 
 
 def say(text: str) -> None:
     """Print one line as it is, however wide the terminal."""
-    OUT.print(text, markup=False, highlight=False, soft_wrap=True)
+    OUT.print(text, highlight=False, soft_wrap=True)
 
 
 def remark(text: str, style: str | None = None) -> None:
     """Print one line on standard error, beside the result."""
-    ERRORS.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+    ERRORS.print(text, style=style, highlight=False, soft_wrap=True)
 
 
 def note(text: str) -> None:

@@ -70,9 +70,11 @@ def report_demo(
     from engine.effects import DEFAULT_EFFECTS, read_effects
     from engine.touch.sources.recording import read_recording
     from tactable.figures.demo import draw_demo
+    from tactable.figures.file import check_paths
     from tactable.rig.demo import demo_json, run_demo, table_for
     from tactable.rig.demo_page import print_demo
 
+    check_paths(figure, None)
     recording = read_recording(recording_path or DEMO_RECORDING)
     effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, device)
     path = table_path or cache_folder() / f"{device.name}-{device.fingerprint[:12]}.nc"

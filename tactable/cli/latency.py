@@ -119,7 +119,7 @@ def _on_progress(text: str) -> None:
 
 def _print_summary(document: dict[str, Any], folder: Path) -> None:
     if document["simulated"]:
-        OUT.print(f"SIMULATED: {', '.join(document['simulated'])}", markup=False, soft_wrap=True)
+        OUT.print(f"SIMULATED: {', '.join(document['simulated'])}", soft_wrap=True)
     for condition in document["conditions"]:
         figures = condition["stages"].get(document["whole"])
         if figures is not None:
@@ -134,5 +134,5 @@ def _print_summary(document: dict[str, Any], folder: Path) -> None:
             ratio = f"{row['condition']}, against {row['against']}: median {row['median']['value']:.2f}"
             OUT.print(ratio, highlight=False, soft_wrap=True)
     for name in got_worse(document.get("comparison", {})):
-        OUT.print(f"WORSE than the baseline: {name}", style="red", markup=False, soft_wrap=True)
+        OUT.print(f"WORSE than the baseline: {name}", style="red", soft_wrap=True)
     OUT.print(f"{folder / 'report.html'}: the page; report.md, report.json and the samples beside it", highlight=False)

@@ -204,7 +204,7 @@ def _told(open_port: Callable[[], SerialPort]) -> Callable[[], SerialPort]:
 
 def _announce(source: Source, port: SerialPort, live: Live, when_not_achieved: WhenNotAchieved) -> None:
     simulated = ", SIMULATED firmware" if live.capabilities.board == BOARD_EMULATED else ""
-    ERRORS.print(f"{source.name} to {port.path}{simulated}; Ctrl-C ends", markup=False, soft_wrap=True)
+    ERRORS.print(f"{source.name} to {port.path}{simulated}; Ctrl-C ends", soft_wrap=True)
     for text in live.fit.notes:
         note(text)
     if when_not_achieved is WhenNotAchieved.WARN:
@@ -273,7 +273,7 @@ def _print_summary(summary: dict[str, Any]) -> None:
     OUT.print(f"{summary['duration_s']:.1f} s: {', '.join(told)}", highlight=False, soft_wrap=True)
     for step in summary["realtime"]:
         if not step["in_force"]:
-            OUT.print(f"{step['step']}: {step['finding']}; {step['remedy']}", markup=False, soft_wrap=True)
+            OUT.print(f"{step['step']}: {step['finding']}; {step['remedy']}", soft_wrap=True)
     if latency := summary["report_to_command"]:
         figures = f"median {latency['p50_ns'] / 1e6:.2f} ms, greatest {latency['max_ns'] / 1e6:.2f} ms"
         OUT.print(f"report to command: {figures} of {latency['count']}", highlight=False)

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.markup import escape
 from rich.table import Table as Grid
 
 from tactable.cli.console import ERRORS, OUT, note, print_json, say, show
@@ -46,12 +45,14 @@ def record(
 
     The recording ends at Ctrl-C, after --seconds, or when the digitizer is unplugged.
     """
+    from engine.files import check_folder_of
     from engine.loop.loop import SystemClock
     from engine.touch.sources.recording import write_recording
     from tactable.digitizers.record import opened, record_source, stop_at_signal
 
+    check_folder_of(output)
     with opened(machine_of(context), device) as (source, bus), stop_at_signal() as stop:
-        ERRORS.print(f"recording {source.name}; touch it, Ctrl-C ends", markup=False)
+        ERRORS.print(f"recording {source.name}; touch it, Ctrl-C ends")
         recording = record_source(source, bus, SystemClock(), stop, seconds)
     write_recording(recording, output)
     duration_s = recording.reports[-1].time_s if recording.reports else 0.0
@@ -137,9 +138,9 @@ def doctor(
         print_json([{**asdict(check), "passed": check.passed} for check in checks])
     for check in () if as_json else checks:
         mark, style = ("ok  ", "green") if check.passed else ("FAIL", "red") if check.needed else ("slow", "yellow")
-        OUT.print(f"{mark} {check.name}: {check.finding}", style=style, markup=False, soft_wrap=True)
+        OUT.print(f"{mark} {check.name}: {check.finding}", style=style, soft_wrap=True)
         if not check.passed:
-            OUT.print(f"     {check.remedy}", markup=False, soft_wrap=True)
+            OUT.print(f"     {check.remedy}", soft_wrap=True)
     if not all(check.passed or not check.needed for check in checks):
         raise typer.Exit(1)
 
@@ -180,13 +181,13 @@ def _print_listing(listing: dict[str, list[Any]]) -> None:
         size = " x ".join("?" if length is None else f"{length:.0f}" for length in sizes)
         maximum = "?" if row["contact_maximum"] is None else str(row["contact_maximum"])
         cells = (row["name"], row["stable_id"], row["source"], size, maximum, "yes" if row["usable"] else "NO")
-        grid.add_row(*map(escape, cells))
+        grid.add_row(*cells)
     OUT.print(grid)
     for problem in (*(row["problem"] for row in listing["digitizers"] if row["problem"]), *listing["problems"]):
-        OUT.print(problem, style="yellow", markup=False, soft_wrap=True)
+        OUT.print(problem, style="yellow", soft_wrap=True)
     ports = Grid("serial port", "choose it by", "what it says")
     for row in listing["serial_ports"]:
-        ports.add_row(*map(escape, (row["path"], row["stable_id"], row["description"])))
+        ports.add_row(row["path"], row["stable_id"], row["description"])
     OUT.print(ports if listing["serial_ports"] else "no serial port")
 
 

@@ -156,16 +156,16 @@ def print_click(out: Console, table: Table, explained: Explained) -> None:
     head = f"{device.name}, {placement_text(device, explained.placement)}: a click of {1e3 * click.length_s:g} ms"
     lines = [f"{head}, solved for these positions, {_wanted_words(click)}", *_prediction_lines(explained)]
     for line in lines:
-        out.print(line, markup=False, highlight=False, soft_wrap=True)
+        out.print(line, highlight=False, soft_wrap=True)
     out.print(_finger_grid(table, explained))
-    out.print(_table_words(table, explained), markup=False, highlight=False, soft_wrap=True)
+    out.print(_table_words(table, explained), highlight=False, soft_wrap=True)
     if explained.softer:
         out.print(_softer_grid(explained.softer))
     if explained.rivals:
         out.print(_rival_grid(explained))
-    out.print(f"made with: {option_words(options, device.spread)}", markup=False, highlight=False, soft_wrap=True)
+    out.print(f"made with: {option_words(options, device.spread)}", highlight=False, soft_wrap=True)
     estimates = ", ".join([*device.inferred, THRESHOLD_NAME])
-    out.print(f"ESTIMATES: {estimates}", style="dim", markup=False, highlight=False, soft_wrap=True)
+    out.print(f"ESTIMATES: {estimates}", style="dim", highlight=False, soft_wrap=True)
 
 
 def _wanted_words(click: ClickEntry) -> str:

@@ -91,7 +91,7 @@ def print_short_diff(out: Console, found: TableDiff) -> None:
 
 
 def _line(out: Console, text: str) -> None:
-    out.print(text, markup=False, highlight=False, soft_wrap=True)
+    out.print(text, highlight=False, soft_wrap=True)
 
 
 def _change_text(change: Change) -> str:

@@ -57,9 +57,9 @@ def print_entry(out: Console, table: Table, entry: Entry, alternatives: Sequence
     """Print the drive, its prediction for every finger, the worst case, and the alternatives."""
     device, worst = table.device, entry.worst_case
     state = state_text(device, [zone.state for zone in entry.zones])
-    out.print(f"{device.name}, {state}: {entry.family}, {level_text(entry.wanted_level_db)} wanted", markup=False)
+    out.print(f"{device.name}, {state}: {entry.family}, {level_text(entry.wanted_level_db)} wanted")
     for line in _drive_lines(device, entry):
-        out.print(f"  {line}", markup=False, highlight=False)
+        out.print(f"  {line}", highlight=False)
     level = f"weakest felt finger {entry.level_db:.1f} dB above threshold"
     if entry.contrast_db is not None and entry.expected_contrast_db is not None:
         level += f", contrast {entry.contrast_db:.1f} dB, expected {entry.expected_contrast_db:.1f} dB"
@@ -88,7 +88,6 @@ def print_entry(out: Console, table: Table, entry: Entry, alternatives: Sequence
     out.print(
         f"a run solves its drives for the positions of the fingers: --felt {middles} shows that of the middle",
         style="dim",
-        markup=False,
         highlight=False,
         soft_wrap=True,
     )

@@ -76,7 +76,7 @@ def print_placed_drive(out: Console, table: Table, figures: PlacementFigures) ->
         reached += " - NOT ACHIEVED, the loudest drive"
     lines += [reached, f"t90 {1e3 * figures.t90_s:.0f} ms; maximised: {drive.objective}; no bound is computed"]
     for line in lines:
-        out.print(line, markup=False, highlight=False, soft_wrap=True)
+        out.print(line, highlight=False, soft_wrap=True)
     caption = (
         f"dB above threshold; percentiles over {SAMPLES} sampled fingers, {device.finger.spread:g}-fold spread, "
         f"each within {1e3 * TOLERANCE_M:g} mm of its position"
@@ -89,7 +89,7 @@ def print_placed_drive(out: Console, table: Table, figures: PlacementFigures) ->
         grid.add_row(name, "felt" if is_felt else "quiet", *shown)
     out.print(grid)
     estimates = ", ".join([*device.inferred, THRESHOLD_NAME])
-    out.print(f"ESTIMATES: {estimates}", style="dim", markup=False, highlight=False, soft_wrap=True)
+    out.print(f"ESTIMATES: {estimates}", style="dim", highlight=False, soft_wrap=True)
 
 
 def _by_percentile(levels: Any) -> dict[str, float]:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from engine.device import Device
+from engine.files import replace_file
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
 from tactable.explain.words import finger_names
@@ -45,7 +46,8 @@ def draw_demo(report: DemoReport, path: Path) -> None:
             _draw_click(axes, report.device, command)
         else:
             _draw_held(axes, report.device, command, legend=k == 0)
-    figure.savefig(path, dpi=110)
+    with replace_file(path) as made:
+        figure.savefig(made, format=path.suffix[1:].lower(), dpi=110)
 
 
 def _draw_touches(axes: Axes, report: DemoReport) -> None:

@@ -19,8 +19,8 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
     """Print touches, commands, latency, promised and simulated figures, and whether they agree."""
     run, counters = report.run, report.run.counters
     pace = "real pace" if report.speed == 1 else f"{report.speed:.1f} times real pace"
-    out.print(f"[bold]{report.device.name}[/bold]: touches to felt fingers. SIMULATED: firmware and bar.")
-    out.print(f"touches   {report.recording.name}, at {pace}", markup=False, highlight=False)
+    out.print(f"{report.device.name}: touches to felt fingers. SIMULATED: firmware and bar.", style="bold")
+    out.print(f"touches   {report.recording.name}, at {pace}", highlight=False)
     out.print(
         f"          {counters.reports} reports, {counters.frames} frames, {counters.state_changes} changes of state"
     )
@@ -46,16 +46,16 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
     out.print(f"picture   {figure}", highlight=False, soft_wrap=True)
     if report.missed:
         missed = "; ".join(_name(report.device, wanted) for wanted in report.missed)
-        out.print(f"[red]MISSED: {missed} were sent and never applied.[/red]")
+        out.print(f"MISSED: {missed} were sent and never applied.", style="red")
     if report.not_rendered:
         late = "; ".join(_name(report.device, wanted) for wanted in report.not_rendered)
-        out.print(f"[yellow]Not rendered, the machine having stalled: {late}.[/yellow]")
+        out.print(f"Not rendered, the machine having stalled: {late}.", style="yellow")
     if not report.drives and not report.clicks and not report.missed:
         return
     if report.agrees:
-        out.print(f"[green]Promise and simulation agree within {100 * AGREEMENT:.0f} %.[/green]")
+        out.print(f"Promise and simulation agree within {100 * AGREEMENT:.0f} %.", style="green")
     else:
-        out.print(f"[red]Promise and simulation DISAGREE by more than {100 * AGREEMENT:.0f} %.[/red]")
+        out.print(f"Promise and simulation DISAGREE by more than {100 * AGREEMENT:.0f} %.", style="red")
 
 
 def _name(device: Device, wanted: Wanted) -> str:

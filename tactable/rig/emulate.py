@@ -14,7 +14,6 @@ from firmware_link.emulator.faulty_device import FaultyDevice
 from firmware_link.emulator.process import termination_descriptor
 from firmware_link.emulator.pty import PseudoTerminalServer
 from firmware_link.host.emulator_registry import Announcement, own_link
-from firmware_link.protocol.errors import LinkError
 
 _PM_PER_M = 1e12
 
@@ -48,12 +47,12 @@ def emulate(
     """Emulate until SIGINT or SIGTERM; returns the counters and the injected faults by kind.
 
     The firmware is the library `core` that `make host` builds, or without one its Python twin. `link` becomes a
-    symbolic link to the port. Raises LinkError where another file is at `link`.
+    symbolic link to the port. Raises LinkError where another file or link is at `link`.
     """
     library = None if core is None else open_library(core)
-    if link is not None and link.exists() and not link.is_symlink():
-        raise LinkError(f"{link}: exists and is not a link to a port; choose another name")
-    announcements = [Announcement(own_link(os.getpid())), *([] if link is None else [Announcement(link)])]
+    own = own_link(os.getpid())
+    own.unlink(missing_ok=True)  # of an earlier process with this number
+    announcements = [Announcement(own), *([] if link is None else [Announcement(link)])]
 
     def on_port(port: str) -> None:
         for announcement in announcements:

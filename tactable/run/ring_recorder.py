@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from engine.files import check_folder_of
 from engine.loop import RingReader, RingWriter
 from engine.touch.sources import Source
 from engine.touch.sources.recording import Recording, Report, write_recording
@@ -35,7 +36,7 @@ def ring_for(path: Path | None, *, is_needed: bool) -> Iterator[RingWriter | Non
 
 @contextmanager
 def recorder_of(ring: Path, output: Path, source: Source, bus: int) -> Iterator[None]:
-    """Record the reports in the ring while the context lasts, then write `output`."""
+    """Record the reports in the ring while the context lasts, then write `output`. Raises ChildError at its end."""
     head = {
         "ring": str(ring),
         "output": str(output),
@@ -49,12 +50,15 @@ def recorder_of(ring: Path, output: Path, source: Source, bus: int) -> Iterator[
     try:
         child.read(START_TIMEOUT_S)
         yield
+        child.ask_to_end()
+        child.read()  # however long the writing takes; raises where it failed
     finally:
-        child.end(timeout_s=None)  # however long the writing takes
+        child.end(timeout_s=None)
 
 
 def main(parent: Parent, head: dict[str, Any]) -> None:
     """Say that the ring is open, read it until the run ends, and write the recording."""
+    check_folder_of(Path(head["output"]))  # now, not when hours of touches are to be written
     with RingReader(Path(head["ring"])) as reader:
         parent.say({})
         reports = _collect(reader, parent)
@@ -62,6 +66,7 @@ def main(parent: Parent, head: dict[str, Any]) -> None:
     numbers = (head["bus"], head["vendor_id"], head["product_id"])
     recording = Recording(head["name"], *numbers, bytes.fromhex(head["descriptor"]), tuple(reports))
     write_recording(recording, Path(head["output"]))
+    parent.say({})
     if lost:
         sys.stderr.write(f"note: {lost} records of the run were overwritten before they were recorded\n")
 

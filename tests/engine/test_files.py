@@ -1,14 +1,18 @@
 """Laws of replacing a file."""
 
+import contextlib
 import os
+import resource
+import signal
 import stat
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from engine.files import partial_path, remove_partials, replace_file
+from engine.files import WriteError, partial_path, remove_partials, replace_file, write_new_folder
 
 
 def names(folder: Path) -> set[str]:
@@ -79,3 +83,77 @@ def test_permissions_are_kept(tmp_path: Path, mode: int) -> None:
     with replace_file(path) as partial:
         partial.write_text("new")
     assert stat.S_IMODE(path.stat().st_mode) == mode
+
+
+@contextlib.contextmanager
+def full_disk(room: int) -> Iterator[None]:
+    """A write beyond so many bytes of a file fails, as it does where the disk is full."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, handler)
+
+
+def write_more_than_fits(path: Path) -> None:
+    with full_disk(4096), replace_file(path) as partial:
+        partial.write_bytes(bytes(10_000))
+
+
+def test_a_full_disk_is_one_error_that_names_the_file_and_leaves_the_old_one(tmp_path: Path) -> None:
+    path = tmp_path / "report.json"
+    path.write_text("old")
+    with pytest.raises(WriteError, match=r"report\.json: cannot be written there: File too large; make room"):
+        write_more_than_fits(path)
+    assert (path.read_text(), names(tmp_path)) == ("old", {"report.json"})
+    with full_disk(4096), pytest.raises(WriteError, match=r"new: cannot be written there: File too large"):
+        write_new_folder(tmp_path / "new", {"a": b"1", "b": bytes(10_000)})
+    assert names(tmp_path) == {"report.json"}
+
+
+@pytest.mark.parametrize("folder", ["/proc/self", "missing"])
+def test_a_folder_that_takes_no_file_is_one_error_that_names_the_file(folder: str) -> None:
+    with (
+        pytest.raises(WriteError, match=f"^{folder}/report.json: cannot be written there: No such file"),
+        replace_file(Path(folder) / "report.json") as partial,
+    ):
+        partial.write_text("new")
+
+
+@pytest.mark.parametrize("is_dangling", [False, True])
+def test_a_symbolic_link_is_written_through(tmp_path: Path, is_dangling: bool) -> None:
+    (tmp_path / "there").mkdir()
+    target, link = tmp_path / "there" / "report.json", tmp_path / "link.json"
+    if not is_dangling:
+        target.write_text("old")
+    link.symlink_to(Path("there") / "report.json")
+    with replace_file(link) as partial:
+        partial.write_text("new")
+    assert link.is_symlink() and target.read_text() == "new"
+    assert (names(tmp_path), names(tmp_path / "there")) == ({"there", "link.json"}, {"report.json"})
+
+
+@pytest.mark.parametrize("is_linked", [False, True])
+def test_what_is_no_plain_file_is_never_replaced(tmp_path: Path, is_linked: bool) -> None:
+    """As root, writing a report to /dev/null would take it from the whole machine."""
+    path = pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    if is_linked:
+        path = tmp_path / "link"
+        path.symlink_to(pipe)
+    with pytest.raises(WriteError, match="is not a plain file, and is not replaced"), replace_file(path) as partial:
+        partial.write_text("new")
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+def test_a_folder_that_a_killed_process_left_is_removed(tmp_path: Path) -> None:
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    left = tmp_path / f".made.so.{process.pid}.partial"
+    left.mkdir()
+    (left / "layout.h").write_text("half")
+    remove_partials(tmp_path / "made.so")
+    assert names(tmp_path) == set()

@@ -12,10 +12,10 @@ import shutil
 import stat
 import subprocess
 import sys
-import tempfile
 import zlib
 from pathlib import Path
 
+from engine.files import partial_path, remove_partials
 from engine.loop.fast.layout import c_header
 from firmware_link.protocol.errors import TactableError
 
@@ -75,9 +75,12 @@ def _compile(path: Path) -> None:
         raise FastPathError("no C compiler: install one (gcc) and commands leave some 20 us sooner")
     path.parent.mkdir(parents=True, exist_ok=True)
     path.parent.chmod(0o700)  # an OSError where it is somebody else's
-    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        made = Path(folder) / path.name
-        (Path(folder) / "layout.h").write_text(c_header(), encoding="ascii")
+    remove_partials(path)
+    folder = partial_path(path)
+    folder.mkdir()
+    try:
+        made = folder / path.name
+        (folder / "layout.h").write_text(c_header(), encoding="ascii")
         command = [compiler, *_FLAGS, f"-I{folder}", "-o", str(made), str(SOURCE), "-lm"]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
@@ -86,3 +89,5 @@ def _compile(path: Path) -> None:
         made.write_bytes(content + hashlib.sha256(content).digest())
         made.chmod(0o700)
         made.replace(path)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from engine.files import replace_file
 from engine.plain import to_plain
 from engine.table import Table
 from engine.touch.sources.recording import read_recording
@@ -240,9 +241,14 @@ def compare_with(run: Run, baseline: Path) -> dict[str, Any]:
 def write_report(document: dict[str, Any], run: Run, folder: Path) -> None:
     """Write report.html, report.md, report.json and samples.npz."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "report.json").write_text(json.dumps(to_plain(document), indent=2), encoding="utf-8")
-    (folder / "report.html").write_text(page_html(document, run.ways_us()), encoding="utf-8")
-    (folder / "report.md").write_text(page_markdown(document), encoding="utf-8")
+    texts = {
+        "report.json": json.dumps(to_plain(document), indent=2),
+        "report.html": page_html(document, run.ways_us()),
+        "report.md": page_markdown(document),
+    }
+    for name, text in texts.items():
+        with replace_file(folder / name) as partial:
+            partial.write_text(text, encoding="utf-8")
     write_samples(run, folder / "samples.npz")
 
 
@@ -253,7 +259,8 @@ def write_samples(run: Run, path: Path) -> None:
         for number, part in enumerate(parts):
             arrays[f"{condition.name}/{number}"] = part.stamps
             arrays[f"{condition.name}/{number}/due"] = part.due_ns
-    np.savez_compressed(path, **arrays)
+    with replace_file(path) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, **arrays)
 
 
 def read_samples(path: Path) -> dict[str, list[Stamps]]:

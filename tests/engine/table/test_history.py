@@ -41,6 +41,17 @@ def test_the_table_before_is_kept_and_no_older_one(path: Path) -> None:
     assert texts(path) == {"bar.nc": "3", "bar.nc.previous": "2"}
 
 
+def test_behind_a_link_the_table_before_lies_beside_the_table(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    real, link = tmp_path / "there" / "bar.nc", tmp_path / "link.nc"
+    link.symlink_to(real)
+    put(real, "1")
+    put(real, "2")
+    assert previous_of(link) == previous_of(real)
+    roll_back(link)
+    assert link.is_symlink() and texts(real) == {"bar.nc": "1", "bar.nc.previous": "2"}
+
+
 def test_a_table_that_is_only_completed_is_not_kept(path: Path) -> None:
     put(path, "1")
     put(path, "2")

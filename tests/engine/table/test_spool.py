@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import resource
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from engine.table.error import TableError
 from engine.table.file import TableWriter, Variable
 from engine.table.spool import SpoolFile
 from tests.engine.table.test_table import DEVICE, ENTRIES
@@ -26,7 +28,6 @@ here.write(Path(sys.argv[1]))
 def write(path: Path) -> None:
     import numpy as np
 
-    from engine.table import TableError
     from engine.table.columns import write_entries
 
     try:
@@ -50,6 +51,18 @@ def test_a_full_disk_is_one_error_and_leaves_nothing(tmp_path: Path, room: int) 
     assert done.stderr == ""
     assert done.stdout.startswith(f"{path}: cannot be written there: File too large")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_table_is_written_through_a_link_and_never_in_place_of_a_pipe(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    link, pipe = tmp_path / "link.nc", tmp_path / "pipe.nc"
+    link.symlink_to(tmp_path / "there" / "table.nc")
+    write(link)
+    assert link.is_symlink() and [path.name for path in (tmp_path / "there").iterdir()] == ["table.nc"]
+    os.mkfifo(pipe)
+    with pytest.raises(TableError, match=r"pipe\.nc: is not a plain file, and is not replaced"), TableWriter(pipe):
+        pass
+    assert pipe.is_fifo()
 
 
 def test_what_the_disk_does_not_take_is_read_back_all_the_same(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from firmware_link.host.emulator_registry import Announced, Announcement, find_announced, own_link, runtime_folder
 from firmware_link.host.serial_port import find_ports, path_of
+from firmware_link.protocol.errors import LinkError
 
 
 @pytest.fixture(autouse=True)
@@ -49,6 +50,40 @@ def test_what_is_no_announcement_is_left_alone() -> None:
     (folder / "emulator-1234567").write_text("a file")
     assert find_announced() == ()
     assert len(list(folder.iterdir())) == 2
+
+
+def test_what_is_beside_a_link_stays(tmp_path: Path) -> None:
+    (tmp_path / ".board").write_text("mine")
+    announcement = Announcement(tmp_path / "board")
+    announcement.point_to("/dev/null")
+    announcement.close()
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(".board", "mine")]
+
+
+@pytest.mark.parametrize("target", ["/dev/null", "elsewhere", "/dev/pts"])
+def test_a_link_of_somebody_else_is_refused_and_stays(tmp_path: Path, target: str) -> None:
+    """Of a user, or of another emulator whose terminal is there."""
+    link = tmp_path / "board"
+    link.symlink_to(target)
+    announcement = Announcement(link)
+    with pytest.raises(LinkError, match=f"board: exists already and leads to {target}; end the emulator"):
+        announcement.point_to("/dev/zero")
+    announcement.close()
+    assert str(link.readlink()) == target
+
+
+def test_the_link_of_a_killed_emulator_is_taken_over_and_only_once(tmp_path: Path) -> None:
+    link = tmp_path / "board"
+    link.symlink_to("/dev/pts/987654")
+    first, second = Announcement(link), Announcement(link)
+    first.point_to("/dev/null")
+    with pytest.raises(LinkError):
+        second.point_to("/dev/zero")
+    second.close()
+    assert str(link.readlink()) == "/dev/null"
+    first.point_to("/dev/zero")  # plugged in again
+    first.close()
+    assert not link.is_symlink()
 
 
 def test_without_a_runtime_folder_the_temporary_one_serves(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -177,6 +177,35 @@ def test_workers_of_a_killed_process_end_by_themselves(tmp_path: Path) -> None:
         time.sleep(0.01)
 
 
+KERNEL = """
+import ctypes, os, sys
+from pathlib import Path
+from precompute.parallel.pool import solve_in_processes
+def begin():
+    def solve(job):
+        Path(sys.argv[1]).touch()
+        ctypes.PyDLL(None).sleep(30)  # holds the interpreter, as a kernel does
+        Path(sys.argv[1]).unlink()
+    return solve
+if __name__ == "__main__":
+    list(solve_in_processes(begin, [[1]], 1))
+"""
+
+
+def test_a_worker_in_a_kernel_does_not_outlive_a_killed_process(tmp_path: Path) -> None:
+    script, computing = tmp_path / "kernel.py", tmp_path / "computing"
+    script.write_text(KERNEL)
+    process = subprocess.Popen([sys.executable, script, computing], start_new_session=True)
+    while not computing.exists():
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    while _group_lives(process.pid):
+        time.sleep(0.01)
+    assert computing.exists()  # the kernel was not waited for
+
+
 def _group_lives(group: int) -> bool:
     try:
         os.killpg(group, 0)

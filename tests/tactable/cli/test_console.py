@@ -10,6 +10,19 @@ from rich.table import Table
 from tactable.cli import console
 
 
+def test_brackets_in_names_are_printed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rich takes what is in brackets for markup, and drops it."""
+    names = ["a[bold]b.nc", "zone [I]", "[/red]", "[link=x]y[/link]"]
+    shown = console.OUT
+    monkeypatch.setattr(shown, "file", io.StringIO())
+    for name in names:
+        shown.print(name)
+    grid = Table(*names)
+    grid.add_row(*names)
+    shown.print(grid)
+    assert all(shown.file.getvalue().count(name) == 3 for name in names)  # type: ignore[attr-defined]  # a StringIO
+
+
 @pytest.mark.parametrize(("is_terminal", "is_hidden"), [(True, False), (True, True), (False, False)])
 def test_work_is_shown_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch, is_terminal: bool, is_hidden: bool) -> None:
     shown = Console(file=io.StringIO(), force_terminal=is_terminal, width=100)

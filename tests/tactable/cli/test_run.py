@@ -207,6 +207,13 @@ def test_a_zone_that_the_device_has_not_is_refused_in_one_line(folder: Path) -> 
     assert done.stderr.count("\n") == 1
 
 
+def test_a_recording_that_cannot_be_written_is_one_line_and_status_1(folder: Path, emulator: RunningEmulator) -> None:
+    done = tactable(folder, "bar.nc", "--touch", "two.hid", "--port", emulator.port, "--record", "missing/again.hid")
+    assert done.returncode == 1
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("tactable: ")]
+    assert line.endswith("the recorder: missing: no such folder; create it or choose another output")
+
+
 def test_another_process_records_what_is_touched(folder: Path, emulator: RunningEmulator, tmp_path: Path) -> None:
     recorded = tmp_path / "again.hid"
     summary, _, _ = played(folder, emulator, "--record", str(recorded), "--realtime", "collector")

@@ -108,8 +108,9 @@ def test_a_link_leads_to_the_port_while_it_runs_and_replaces_nothing_else(tmp_pa
     link.write_text("mine", encoding="utf-8")
     done = run(tmp_path, "emulate", "--link", str(link))
     assert done.returncode == 1
-    assert "exists and is not a link to a port; choose another name" in done.stderr
+    assert "board: exists already and is no link to a port; end the emulator that has it, or choose" in done.stderr
     assert link.read_text(encoding="utf-8") == "mine"
+    assert done.stderr.count("\n") == 1
 
 
 def test_a_core_that_is_no_library_is_one_line_and_exit_status_1(tmp_path: Path) -> None:
