@@ -1,8 +1,9 @@
-"""What all tests share: examples may take as long as a busy machine needs, and BLAS runs on one thread."""
+"""What all tests share: examples may take as long as a busy machine needs, BLAS runs on one thread, and one order."""
 
 import ctypes
 import os
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,43 @@ from engine.loop.fast.library import FastPathError, compile_fast_path, open_fast
 os.environ.pop("COLUMNS", None)
 settings.register_profile("tactable", deadline=None)
 settings.load_profile("tactable")
+
+SLOWEST = ("tests/test_house.py", "tests/tactable/rig/test_demo.py", "tests/test_docs.py", "tests/test_notebooks.py")
+"""Files that a run begins with, so that the workers end together."""
+KERNELS = ("engine.steady.search", "precompute.clicks.solver", "precompute.entries.solver", "precompute.sweep.kernels")
+"""Modules that compile their kernels when they are imported, unless numba's cache has them."""
+ALLOWED_SKIPS = ("long run:", "guided run:", "no recordings:")
+"""How the reason of a skip begins that `--no-skips` lets pass."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """`--no-skips`: what is missing fails a test in place of skipping it."""
+    parser.addoption("--no-skips", action="store_true", help="a test that skips fails, such as for a missing program")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile kernels in another order in each worker, so that with an empty cache each compiles a part of them."""
+    worker = getattr(config, "workerinput", {}).get("workerid")
+    if worker is not None:
+        for name in KERNELS if worker == "gw0" else reversed(KERNELS):
+            import_module(name)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The slowest files first; otherwise as collected."""
+    rank = {name: number for number, name in enumerate(SLOWEST)}
+    items.sort(key=lambda item: rank.get(item.nodeid.partition("::")[0], len(rank)))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """With `--no-skips`, a skip is a failure that names its reason."""
+    report = yield
+    if report.skipped and item.config.getoption("--no-skips"):
+        reason = str(report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr)
+        if not reason.removeprefix("Skipped: ").startswith(ALLOWED_SKIPS):
+            report.outcome, report.longrepr = "failed", f"--no-skips: {reason}"
+    return report
 
 
 @pytest.fixture(autouse=True, scope="session")

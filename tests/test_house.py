@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.documents import Command, check_command
+
 ROOT = Path(__file__).parents[1]
 BIN = Path(sys.executable).parent
 
@@ -57,11 +59,17 @@ def test_the_readme_begins_with_its_two_commands() -> None:
     assert (ROOT / re.findall(r"!\[.*?\]\((.*?)\)", text)[0]).is_file()
 
 
-def test_the_commands_of_the_readme_run_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+def test_every_command_of_the_readme_exists_with_its_options() -> None:
     commands = readme_commands()
     assert len(commands) >= 4
     for command in commands:
+        check_command(Command(command, None))
+
+
+@pytest.mark.long
+def test_the_commands_of_the_readme_run_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    for command in readme_commands():
         words = shlex.split(command)
         if words[1] == "build":
             words += ["--coarse"]  # the fine clicks take minutes and nothing new

@@ -1,4 +1,4 @@
-"""The recordings beside the repository (../shared/recordings), which are not part of it."""
+"""The recordings beside the repository (../shared/recordings), which are not part of it: docs/results.md says why."""
 
 from __future__ import annotations
 
@@ -9,10 +9,17 @@ import pytest
 RECORDINGS = Path(__file__).parents[3] / "shared" / "recordings"
 
 
-def recording_params(folder: str, pattern: str) -> list[object]:
-    """A test parameter per file, named by it; one that skips by name where the folder is absent."""
+def recording_params(folder: str, pattern: str, *, long_but: int | None = None) -> list[object]:
+    """A test parameter per file, named by it; one that skips by name where the folder is absent.
+
+    With `long_but` all but so many of them, taken evenly, are marked `long`.
+    """
     paths = sorted((RECORDINGS / folder).glob(pattern))
     if not paths:
-        skip = pytest.mark.skip(reason=f"{RECORDINGS / folder} is absent")
+        skip = pytest.mark.skip(reason=f"no recordings: {RECORDINGS / folder} is absent")
         return [pytest.param(RECORDINGS / folder / pattern, id=f"{folder}-absent", marks=skip)]
-    return [pytest.param(path, id=path.name.split(".")[0]) for path in paths]
+    quick = paths if long_but is None else paths[:: -(-len(paths) // long_but)]
+    return [
+        pytest.param(path, id=path.name.split(".")[0], marks=() if path in quick else pytest.mark.long)
+        for path in paths
+    ]

@@ -325,10 +325,10 @@ def test_inputs_of_the_guided_run_open_their_devices() -> None:
         play_input(whole[:size])
 
 
-@pytest.mark.skipif(not ATHERIS_S, reason="guided run: set TACTABLE_FUZZ_ATHERIS_S, such as 180 (seconds)")
 @pytest.mark.skipif(
     importlib.util.find_spec("atheris") is None, reason="atheris is not installed: run `pip install atheris`"
 )
+@pytest.mark.skipif(not ATHERIS_S, reason="guided run: set TACTABLE_FUZZ_ATHERIS_S, such as 180 (seconds)")
 def test_guided_run_with_atheris(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     corpus = tmp_path / "corpus"
     corpus.mkdir()

@@ -1,6 +1,6 @@
 #!/bin/bash
 # Debian packages and a kernel to a guest: writes `vmlinuz` and `initrd.gz` to the work folder, whose path it prints.
-# Installs what builds the firmware and runs it in QEMU, and Octave, too.
+# Installs what builds the firmware and runs it in QEMU, Octave and Chromium, too.
 #
 #   tests/system/prepare.sh            make what is missing
 #   tests/system/prepare.sh --check    only say what the guest misses
@@ -59,14 +59,29 @@ missing_octave_packages() {
     [[ -n $(dpkg-query -W -f '${Version}' octave-netcdf 2>/dev/null) ]] || echo octave-netcdf
 }
 
+missing_browser_packages() {
+    type -P chromium >/dev/null || type -P chromium-browser >/dev/null || echo chromium
+}
+
+everything_missing() {
+    missing_packages
+    missing_firmware_packages
+    missing_octave_packages
+    missing_browser_packages
+}
+
 install_packages() {
     local missing
-    read -ra missing <<<"$(missing_packages) $({ missing_firmware_packages; missing_octave_packages; } | tr '\n' ' ')"
+    read -ra missing <<<"$(everything_missing | tr '\n' ' ')"
     ((${#missing[@]})) || return 0
     type -P apt-get >/dev/null || fail "${missing[*]} missing, and no apt-get to install them with: install them"
     ((EUID == 0)) || fail "${missing[*]} missing: as root, run apt-get install ${missing[*]}"
     apt-get update -q >&2
-    DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends "${missing[@]}" >&2
+    DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends "${missing[@]}" >&2 ||
+        fail "apt-get does not install ${missing[*]}: see above"
+    local left
+    left=$(everything_missing | tr "\n" " ")
+    [[ -z ${left// /} ]] || fail "apt-get installed all of ${missing[*]}, and still missing is $left"
 }
 
 # The full kernel, not -cloud: that one has no uhid. 70 MB to download, of which 12 MB are kept.

@@ -1,7 +1,6 @@
 """A fleet through a scheduler and workers that were started by hand; workers and the command itself are killed."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -15,13 +14,7 @@ from precompute.fleet.work import OUTCOME
 from tests.precompute.fleet.small_fleet import small_text, write_unit
 from tests.precompute.fleet.test_run import BROKEN, assert_complete, write_broken
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(
-        not os.environ.get("TACTABLE_SYSTEM"),
-        reason="TACTABLE_SYSTEM is not set: a scheduler and its workers take a minute",
-    ),
-]
+pytestmark = pytest.mark.system
 
 BIN = Path(sys.executable).parent
 GOOD = 6

@@ -1,6 +1,5 @@
 """Touch screen to firmware through the drivers of a real kernel, in a guest; guest.py says what happens there."""
 
-import os
 import pickle
 import re
 import shlex
@@ -28,13 +27,7 @@ from tests.system.results import Broken, Happened, KernelDevice, Refusals
 
 Result = TypeVar("Result")
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(
-        not os.environ.get("TACTABLE_SYSTEM"),
-        reason="TACTABLE_SYSTEM is not set: the guest takes minutes; run tests/system/prepare.sh, set it to 1",
-    ),
-]
+pytestmark = pytest.mark.system
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

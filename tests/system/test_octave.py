@@ -1,6 +1,5 @@
 """Octave opens a table as docs/tables.md says, and finds the numbers of a figure."""
 
-import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -14,10 +13,6 @@ from tests.small_device import small_text
 
 pytestmark = [
     pytest.mark.system,
-    pytest.mark.skipif(
-        not os.environ.get("TACTABLE_SYSTEM"),
-        reason="TACTABLE_SYSTEM is not set: Octave is a program of its own",
-    ),
     pytest.mark.skipif(
         shutil.which("octave-cli") is None, reason="there is no octave-cli: run tests/system/prepare.sh on Debian"
     ),

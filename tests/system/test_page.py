@@ -36,10 +36,6 @@ from tests.tactable.page.played import RESOLUTION_HZ, record_of
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = [
     pytest.mark.system,
-    pytest.mark.skipif(
-        not os.environ.get("TACTABLE_SYSTEM"),
-        reason="TACTABLE_SYSTEM is not set: the browser takes minutes; run tests/system/prepare.sh, set it to 1",
-    ),
     pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
 ]
 TACTABLE = str(Path(sys.executable).parent / "tactable")

@@ -17,13 +17,7 @@ from tests.firmware_link.driving_host import DRIVING, ENDED, LEASE_MS, SLEW_PER_
 from tests.firmware_link.firmware.compiled_core import make, need
 from tests.system.firmware_image import REPORT_PERIOD_US, FirmwareImage, ImageTier, run_image
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(
-        not os.environ.get("TACTABLE_SYSTEM"),
-        reason="TACTABLE_SYSTEM is not set: run tests/system/prepare.sh, set it to 1",
-    ),
-]
+pytestmark = pytest.mark.system
 ROOT = Path(__file__).parents[2]
 LEASE_US = 1_000 * LEASE_MS
 RAMP_US = 1_000_000 // SLEW_PER_S

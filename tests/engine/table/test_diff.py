@@ -41,8 +41,13 @@ ENTRIES, CLICKS = entries_of(DEVICE), clicks_of(DEVICE)
 Compare = Callable[..., TableDiff]
 
 
+@pytest.fixture(scope="module")
+def before(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_table(tmp_path_factory.mktemp("before") / "before.nc", DEVICE, ENTRIES, CLICKS)
+
+
 @pytest.fixture
-def compare(tmp_path: Path) -> Compare:
+def compare(tmp_path: Path, before: Path) -> Compare:
     """A table of ENTRIES and CLICKS against another."""
 
     def compared(
@@ -52,7 +57,6 @@ def compare(tmp_path: Path) -> Compare:
         tolerance: Tolerance | None = None,
         **others: Any,
     ) -> TableDiff:
-        before = write_table(tmp_path / "before.nc", DEVICE, ENTRIES, CLICKS)
         after = write_table(tmp_path / "after.nc", device, entries, clicks, **others)
         with Table.open(before) as own, Table.open(after) as other:
             return compare_tables(own, other, tolerance)

@@ -18,7 +18,11 @@ def test_the_c_core_keeps(law: Law | WaveLaw | HangUpLaw) -> None:
     law(CompiledTier())
 
 
-def test_the_c_core_does_nothing_undefined(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "files",
+    [pytest.param("test_core.py", id="by the laws"), pytest.param("test_*.py", id="at all", marks=pytest.mark.long)],
+)
+def test_the_c_core_does_nothing_undefined(tmp_path: Path, files: str) -> None:
     need("make", "cc")
     make(tmp_path, "host", "SANITIZE=address,undefined")
     runtime = subprocess.run(["cc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True)
@@ -28,8 +32,9 @@ def test_the_c_core_does_nothing_undefined(tmp_path: Path) -> None:
         "LD_PRELOAD": runtime.stdout.strip(),
         "ASAN_OPTIONS": "detect_leaks=0",
     }
-    tests = [str(path) for path in sorted(Path(__file__).parent.glob("test_*.py"))]
-    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *tests, "-k", "not undefined and not tone"]
+    tests = [str(path) for path in sorted(Path(__file__).parent.glob(files))]
+    options = ["-n", "0", "-p", "no:cacheprovider", "-k", "not undefined and not tone"]
+    command = [sys.executable, "-m", "pytest", *options, *tests]
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-4_000:] + done.stderr[-4_000:]
     assert " passed" in done.stdout

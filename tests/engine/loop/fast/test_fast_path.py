@@ -14,7 +14,6 @@ import pytest
 from engine.effects import DEFAULT_EFFECTS
 from engine.loop import Dispatcher, SystemClock, open_pipeline
 from engine.loop.fast.fast_path import FastPath
-from engine.touch.descriptor import read_surfaces
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator import Cause
 from tactable.bench.latency.sockets import SocketPort
@@ -38,8 +37,6 @@ class FastRig(Rig):
 @pytest.mark.parametrize("path", recording_params("touch", "*.hid"))
 def test_a_recorded_device_is_answered_as_the_loop_does(library: ctypes.CDLL, path: Path) -> None:
     recording = read_recording(path)
-    if not read_surfaces(recording.descriptor):
-        pytest.skip("no touch surface")
     FastRig.library = library
     short = replace(recording, reports=recording.reports[:400])
     slow, fast = (rig(short, speed=8.0, effects=DEFAULT_EFFECTS, clicks=CLICKS).run() for rig in (Rig, FastRig))
