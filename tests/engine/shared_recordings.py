@@ -1,8 +1,9 @@
 """The recordings beside the repository (../shared/recordings), which are not part of it: docs/results.md says why.
 
-`touch/NAME.hid` are recordings in the form of hid-recorder. `golden/NAME.jsonl.gz` is what the kernel made of one, played
-through a virtual device without its pauses: a line `{"file": "NAME.hid", "cols": [...], "abs": {...}}`, then a line
-`[report index, [[time, [[slot, tracking id, x, y], ... of every contact]], ...]]` for each report that ended a frame.
+`touch/NAME.hid` are recordings in the form of hid-recorder. `golden/NAME.jsonl.gz` is what the kernel made of one,
+played through a virtual device without its pauses: a line `{"file": "NAME.hid", "cols": [...], "abs": {...}}`, then
+a line `[report index, [[time, [[slot, tracking id, x, y], ... of every contact]], ...]]` for each report
+that ended a frame.
 """
 
 from __future__ import annotations
