@@ -31,7 +31,8 @@ def parse_csv(text: str, device: Device, sensor_mass_kg: float, source: str) -> 
     form = wrong_form([line for _, line in lines], device)
     if form is not None:
         raise MeasurementError(f"{source}: {form}")
-    header, *cells = csv.reader([line for _, line in lines])
+    # Line by line: a quotation mark that is not closed would join rows.
+    header, *cells = (next(csv.reader([line])) for _, line in lines)
     numbers = [number for number, _ in lines[1:]]
     columns: dict[str, NDArray[np.float64]] = {}
     for index, title in enumerate(header):
