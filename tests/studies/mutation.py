@@ -27,7 +27,7 @@ import tempfile
 import time
 import tomllib
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,7 +52,7 @@ _EMULATOR = tuple(
     for name in ("test_conformance", "emulator/test_firmware", "emulator/test_synthesis", "firmware/test_twins")
 )
 _CORE = tuple(f"tests/{FIRMWARE}/test_{name}.py" for name in ("core", "framing", "twins", "synthesis"))
-_HOST = tuple(f"tests/firmware_link/{name}.py" for name in ("host/test_outbox", "host/test_link", "test_conformance"))
+_HOST = tuple(f"tests/firmware_link/{name}.py" for name in ("host/test_session", "host/test_outbox", "host/test_link"))
 TESTS: dict[str, tuple[str, ...]] = {
     "engine/render/limits.py": ("tests/engine/render/test_limits.py",),
     "engine/effects/player.py": ("tests/engine/effects/test_player.py",),
@@ -193,17 +193,19 @@ def run(mutants: list[Mutant], results: Path | None, workers: int = WORKERS) -> 
         for number in range(workers):
             (Path(folder) / str(number)).mkdir()
             trees.put(Tree.copied(Path(folder) / str(number)))
-        limits_s = dict(zip(_paths(todo), pool.map(lambda path: _baseline_s(path, trees), _paths(todo)), strict=True))
+        suites = sorted({(TESTS[path], path.endswith(".c")) for path in _paths(todo)})
+        baselines_s = dict(zip(suites, pool.map(lambda suite: _baseline_s(suite, trees), suites), strict=True))
 
         def judge(mutant: Mutant) -> tuple[Mutant, str]:
             tree = trees.get()
             try:
-                tree.limit_s = limits_s[mutant.path]
+                tree.limit_s = baselines_s[TESTS[mutant.path], mutant.path.endswith(".c")]
                 return mutant, tree.outcome(mutant)
             finally:
                 trees.put(tree)
 
-        for number, (mutant, outcome) in enumerate(pool.map(judge, todo), 1):
+        for number, future in enumerate(as_completed([pool.submit(judge, mutant) for mutant in todo]), 1):
+            mutant, outcome = future.result()
             outcomes[mutant.name] = outcome
             print(f"{number}/{len(todo)} {outcome}: {mutant.line}: {mutant.name}", file=sys.stderr, flush=True)
             if results is not None:
@@ -216,8 +218,9 @@ def _paths(mutants: list[Mutant]) -> list[str]:
     return sorted({mutant.path for mutant in mutants})
 
 
-def _baseline_s(path: str, trees: "queue.Queue[Tree]") -> float:
-    """The time after which the tests of a module hang: five times what they take without a mutant, and 30 s."""
+def _baseline_s(suite: tuple[tuple[str, ...], bool], trees: "queue.Queue[Tree]") -> float:
+    """The time after which tests hang: five times what they take without a mutant, and 30 s."""
+    path = next(path for path, tests in TESTS.items() if (tests, path.endswith(".c")) == suite)
     tree, begin_s = trees.get(), time.monotonic()
     outcome = tree.run_tests(path)
     trees.put(tree)

@@ -546,3 +546,13 @@ def test_of_too_many_fingers_the_felt_ones_are_placed_first() -> None:
     assert placement is not None
     assert (len(placement.position_m), sum(placement.is_felt), player.left_out) == (MOST_FINGERS, 2, 2)
     assert max(placement.position_m) == 0.23 and 0.17 not in placement.position_m
+
+
+def test_a_lifted_finger_is_forgotten_when_its_effect_ends() -> None:
+    player = EffectPlayer(Effects((Rule(Trigger.LIFT, pulse((20, 20.0))),)))
+    assert (player.joined, player.left_out) == (0, 0)
+    player.take([touch(1, 10)], 0)
+    player.take([], 100 * MS)
+    assert len(player.lifted) == 1
+    player.advance(120 * MS)
+    assert player.lifted == []

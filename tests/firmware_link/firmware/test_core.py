@@ -38,3 +38,15 @@ def test_the_c_core_does_nothing_undefined(tmp_path: Path, files: str) -> None:
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-4_000:] + done.stderr[-4_000:]
     assert " passed" in done.stdout
+
+
+def test_with_room_for_its_actuators_only_the_c_core_stays_within_its_arrays(tmp_path: Path) -> None:
+    """As a board builds it; elsewhere there is room for 255, which hides an index that is one too great."""
+    need("make", "cc")
+    # Without a runtime: what is out of bounds ends the process.
+    make(tmp_path, "host", "ACTUATORS=2", "SANITIZE=undefined -fsanitize-undefined-trap-on-error")
+    environment = os.environ | {"TACTABLE_CORE_LIBRARY": str(tmp_path / LIBRARY)}
+    command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", __file__, "-k", "keeps"]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-4_000:] + done.stderr[-4_000:]
+    assert "[100%]" in done.stdout

@@ -110,3 +110,23 @@ def test_a_short_drive_is_filled_up_with_silence_and_a_long_one_refused() -> Non
     assert message.drive == DRIVE[:6] + bytes(6)
     with pytest.raises(LinkError, match="a drive of 18 bytes; the device takes 12"):
         box.put_drive(bytes(18))
+
+
+def test_of_what_waits_only_a_click_is_dropped_and_counted() -> None:
+    box = outbox()
+    box.drop_click()
+    assert box._counters.coalesced == 0
+    box.put(DRIVE)
+    box.drop_click()
+    assert (box._counters.coalesced, isinstance(next_of(box, LEASE_MS * MS), Set)) == (0, True)
+    box.put(click(1_000))
+    box.drop_click()
+    assert box._counters.coalesced == 1
+    assert not isinstance(next_of(box, 2 * LEASE_MS * MS), Play)
+
+
+def test_a_click_that_is_held_back_never_goes_out_and_the_time_fits_eight_bytes() -> None:
+    box = outbox()
+    box.holds_clicks = True
+    _, click_from_ns = box.free_from_ns(0)
+    assert click_from_ns == 2**63 - 1

@@ -8,7 +8,14 @@ from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_link.protocol.framing import EMERGENCY_STOP, FrameDecoder, Signal, encode_frame, encode_message
+from firmware_link.protocol.framing import (
+    EMERGENCY_STOP,
+    FrameDecoder,
+    FrameEncoder,
+    Signal,
+    encode_frame,
+    encode_message,
+)
 from firmware_link.protocol.messages import KeepAlive, Set, SetFlag, encode_body
 from tests.firmware_link.strategies import messages, sequences, unhurried
 
@@ -111,3 +118,15 @@ def test_a_frame_for_another_number_of_actuators_is_refused() -> None:
 def test_the_longest_frame_fits_the_buffer(number_of_actuators: int) -> None:
     body = encode_body(Set(0, SetFlag.WRITE_PHASE, 40, b"\x55" * 6 * number_of_actuators), 1)
     assert FrameDecoder(number_of_actuators).receive(encode_frame(body)) == [body]
+
+
+def test_a_sender_numbers_its_messages_from_one_on_and_leaves_none_out() -> None:
+    encoder = FrameEncoder()
+    assert [encoder.next_sequence() for _ in range(258)] == [*range(1, 256), 0, 1, 2]
+    encoder.encode(KeepAlive(0, 0))
+    assert encoder.sequence == 3
+
+
+def test_the_first_eight_zeros_of_a_line_are_an_emergency_stop() -> None:
+    assert FrameDecoder(ACTUATORS).receive(bytes(7)) == []
+    assert FrameDecoder(ACTUATORS).receive(bytes(8)) == [Signal.EMERGENCY_STOP]
