@@ -1,6 +1,7 @@
 """Reads one table of a TOML file key by key; wrong, missing and unknown keys are refused by name."""
 
 import difflib
+import math
 import re
 import reprlib
 import tomllib
@@ -10,6 +11,19 @@ from typing import Any, ClassVar, Self
 from engine.device.quantity import QuantityError, read_quantity
 
 HIGHEST_LEVEL_DB = 80.0
+_CREDIBLE = {
+    "m": (1e-12, 100.0),
+    "kg": (1e-9, 1e3),
+    "s": (1e-9, 1e5),
+    "1/s": (1e-12, 1e6),
+    "Hz": (1e-3, 1e5),
+    "N/m": (1e-6, 1e12),
+    "N*s/m": (1e-9, 1e9),
+    "Pa": (1e4, 1e13),
+    "kg/m^3": (1.0, 1e5),
+    "": (1e-9, 1e6),
+}
+"""Least and greatest value above 0 by unit, far beyond any bar or touch: what lies outside is a slip, and overflows."""
 _MISSPELT = 0.8  # similarity of a misspelt key to the right one; different keys are less alike
 
 
@@ -72,6 +86,9 @@ class TomlTable:
             value = read_quantity(text, unit)
         except QuantityError as error:
             raise self.family(f"{self.source}: {self.path + '.' if self.path else ''}{key}: {error}") from None
+        smallest, greatest = _CREDIBLE.get(unit, (0.0, math.inf))
+        if value and not smallest <= abs(value) <= greatest:
+            raise self.error(key, text, f"expected {smallest:g} to {greatest:g} {unit}".rstrip())
         if value < least or (exclusive and value == least):
             raise self.error(
                 key, text, f"expected {'more than' if exclusive else 'at least'} {least:g} {unit}".rstrip()

@@ -35,6 +35,7 @@ from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.cost import BuildCost
 from precompute.builder.incremental import DEFERRABLE, OUTDATED, BuildOptions, Part, input_fingerprint, is_compatible
 from precompute.builder.measured_responses import source_attributes, write_measured
+from precompute.builder.size import check_size
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.basis import click_basis, lines_for
 from precompute.clicks.plants import count_modes
@@ -109,9 +110,9 @@ def build_table(
     while the effect of fingers, rise times and clicks remain the model's. Returns what it took; processes of a given
     `pool` go on, and so are not counted.
 
-    Raises TableError if the table cannot be written, for an unknown objective or number of fingers, and for a device
-    whose values are not those of its text, since a table holds the text. Raises WorkerError where a worker process was
-    killed.
+    Raises TableError if the table cannot be written or disk or memory have no room for it, for an unknown objective or
+    number of fingers, and for a device whose values are not those of its text, since a table holds the text. Raises
+    WorkerError where a worker process was killed.
 
     >>> cost = build_table(Device.read("my-bar.toml"), "my-bar.nc", clicks_up_to=0)
     """
@@ -124,6 +125,7 @@ def build_table(
         raise TableError(f"there is no objective {objective!r}; choose one of {', '.join(OBJECTIVES)}")
     if not 0 <= clicks_up_to <= MOST_TABULATED:
         raise TableError(f"clicks of up to {clicks_up_to} fingers: a table holds those of up to {MOST_TABULATED}")
+    check_size(device, path)
     with threadpool_limits(1, "blas"), remembered_interrupt() as check:  # unpinned BLAS: 100 times slower when busy
         checked = _checked(progress, check)
         builder = _Builder(

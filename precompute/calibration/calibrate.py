@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 STARTS = 5
+MOST_READINGS = 10_000
+"""A fit of 2000 readings takes 23 s of a processor; repeated readings say no more than their mean and scatter."""
 OUTLIER = 4.0
 """Standard deviations of the noise beyond which a reading counts as wrong."""
 _AT_BOUND = 1e-3  # of the width of the bounds
@@ -121,7 +123,12 @@ def calibrate(
 
 
 def pose_fit(device: Device, measurements: Measurements, parameters: tuple[Parameter, ...]) -> Problem:
-    """The problem of the fit. Raises MeasurementError if readings are too few, or none depends on some parameter."""
+    """The problem of the fit. Raises MeasurementError for too few or too many readings, or a parameter none shows."""
+    if len(measurements) > MOST_READINGS:
+        raise MeasurementError(
+            f"there are {len(measurements)} readings; expected at most {MOST_READINGS}: take the mean of repeated "
+            "ones, or fewer places"
+        )
     model = MisfitModel(MeasurementModel(device, measurements, parameters), measurements, parameters)
     problem = pose(model)
     slope = model.at(problem.start).log_slope

@@ -32,7 +32,7 @@ def parse_csv(text: str, device: Device, sensor_mass_kg: float, source: str) -> 
     if form is not None:
         raise MeasurementError(f"{source}: {form}")
     # Line by line: a quotation mark that is not closed would join rows.
-    header, *cells = (next(csv.reader([line])) for _, line in lines)
+    header, *cells = (_read_row(line, source, number) for number, line in lines)
     numbers = [number for number, _ in lines[1:]]
     columns: dict[str, NDArray[np.float64]] = {}
     for index, title in enumerate(header):
@@ -49,6 +49,13 @@ def parse_csv(text: str, device: Device, sensor_mass_kg: float, source: str) -> 
     return assemble_measurements(
         columns, device, sensor_mass_kg, source, lambda row: f"row {numbers[row]}", is_simulated=is_simulated
     )
+
+
+def _read_row(line: str, source: str, number: int) -> list[str]:
+    try:
+        return next(csv.reader([line]))
+    except csv.Error as error:
+        raise MeasurementError(f"{source}: row {number}: is no row of numbers ({error}); correct it") from None
 
 
 def _read_title(title: str, device: Device, source: str, index: int) -> tuple[str, float]:

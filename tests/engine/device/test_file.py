@@ -430,8 +430,20 @@ def test_a_touch_area_beside_the_bar_is_refused(start: str, end: str, key: str) 
     assert f"digitizer.{key}: " in message and "the margins leave nothing of the bar" in message
 
 
-def test_margins_whose_sum_is_not_finite_are_refused() -> None:
-    assert "digitizer.end_margin: " in refusal(with_margins("-1.7e308 m", "-1.7e308 m"))
+@pytest.mark.parametrize(
+    ("section", "key", "value", "expected"),
+    [
+        ("bar", "density", "1e-300 kg/m^3", "1 to 100000 kg/m^3"),
+        ("bar", "youngs_modulus", "1e290 GPa", "10000 to 1e+13 Pa"),
+        ("bar", "length", "1e300 m", "1e-12 to 100 m"),
+        ("finger", "mass", "1e-300 g", "1e-09 to 1000 kg"),
+        ("limits", "lease", "1e300 s", "1e-09 to 100000 s"),
+        ("digitizer", "start_margin", "-1.7e308 m", "1e-12 to 100 m"),
+    ],
+)
+def test_a_value_that_no_bar_has_is_refused(section: str, key: str, value: str, expected: str) -> None:
+    message = refusal(changed(section, key, f'"{value}"'))
+    assert f"{section}.{key}: {value!r}: expected {expected}" in message
 
 
 @pytest.mark.parametrize(("start", "active"), [("10 mm", "270 mm"), ("-10 mm", "500 mm"), ("-10 mm", "10.1 mm")])

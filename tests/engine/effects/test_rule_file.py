@@ -103,6 +103,7 @@ WRONG = [
     ('name = "tick"', "", "[effect[1]] has no key 'name'"),
     ('name = "tick"', 'name = "purr"', "effect[2].name: 'purr': another effect has this name"),
     ('name = "tick"', 'name = "tick"\nvolume = 3', "effect[1].volume: 3: unknown key; known keys are name, envelope"),
+    ('[["held", "10 dB"]]', '[["1e300 s", "10 dB"]]', "effect[2].envelope: '1e300 s': expected 1e-09 to 100000 s"),
     ('[["held", "10 dB"]]', "[]", "effect[2].envelope: []: expected a list of segments"),
     ('[["held", "10 dB"]]', '"10 dB"', "effect[2].envelope: '10 dB': expected a list of segments"),
     ('[["held", "10 dB"]]', '["held", "10 dB"]', "effect[2].envelope: 'held': expected a duration and a level"),

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -19,6 +20,7 @@ from engine.table.entry import DEFAULT_LEVEL_DB
 from engine.touch import ZoneState
 from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
+from precompute.builder.size import table_bytes
 from precompute.entries.solver import solve_entries
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
@@ -49,6 +51,44 @@ DEVICES = {
     "one": Device.parse(SMALL[: SMALL.rindex("[[actuator]]")] + SMALL[SMALL.index("[zones]") :], "one"),
 }
 GROUPS = {"responses", "sweep", "coherent_sweep", "entries"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {'step = "1 Hz"': 'step = "2.5 mHz"', "amplitude_steps = 5": "amplitude_steps = 100"},
+            r"takes 5\.6. PB, and .* free there: make the sweep coarser",
+        ),
+        (
+            {"amplitude_steps = 5": "amplitude_steps = 100", "phase_steps = 36": "phase_steps = 360"},
+            r"takes .* of memory, and this machine has .*: make the sweep coarser",
+        ),
+    ],
+)
+def test_a_table_without_room_is_refused_before_it_is_begun(
+    changes: dict[str, str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = TEXT
+    for before, after in changes.items():
+        text = text.replace(before, after)
+    if "memory" in message:
+        monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=1 << 60))
+    with pytest.raises(TableError, match=message):
+        build_table(Device.parse(text, "great"), tmp_path / "great.nc")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_the_estimate_is_the_size_of_the_table(folder: Path, name: str) -> None:
+    with h5py.File(folder / f"{name}.nc") as file:
+        held = sum(
+            array.nbytes
+            for group in ("responses", "sweep", "coherent_sweep")
+            if group in file
+            for array in file[group].values()
+        )
+    assert 0.9 * held < table_bytes(DEVICES[name]) <= 1.1 * held
 
 
 @pytest.fixture(scope="module")

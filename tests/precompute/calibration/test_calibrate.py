@@ -1,6 +1,7 @@
 """What a calibration must show: known bars found again, honest intervals, wrong readings survived, gaps admitted."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,6 +55,17 @@ def test_what_is_published_of_sigma_is_admitted_to_be_beyond_these_readings() ->
     assert sigma.low <= truth["bar.mass_damping"] <= sigma.high
     assert 0.5 < sigma.high < 50
     assert found.estimates[0].known is Known.WELL
+
+
+def test_more_readings_than_a_fit_takes_are_refused() -> None:
+    one = read_bar(DEVICE, TRUTH, PAIRS_HZ[:1])
+    arrays: dict[str, Any] = {f.name: getattr(one, f.name) for f in fields(one)}
+    repeated: dict[str, Any] = {
+        name: np.repeat(values, 10_000, axis=0) for name, values in arrays.items() if isinstance(values, np.ndarray)
+    }
+    many = replace(one, **repeated)
+    with pytest.raises(MeasurementError, match=f"there are {len(many)} readings; expected at most 10000: take the"):
+        calibrate(DEVICE, many, PAPERS_SIX)
 
 
 def test_only_what_is_named_is_fitted_within_its_bounds() -> None:

@@ -26,6 +26,11 @@ def assert_same(found: Measurements, expected: Measurements) -> None:
             np.testing.assert_allclose(getattr(found, field.name), value, rtol=close, atol=1e-15, err_msg=field.name)
 
 
+def test_a_cell_without_end_is_refused_by_its_row() -> None:
+    with pytest.raises(MeasurementError, match=r"^m\.csv: row 3: is no row of numbers \(field larger than"):
+        parse_csv(f"{HEADER}\n10,150,130,1\n{'1' * 200_000},150,130,1\n", DEVICE, 0.0, "m.csv")
+
+
 @st.composite
 def measurements(draw: Any) -> Measurements:
     rows, seed = draw(st.integers(1, 6)), draw(st.integers(0, 2**32 - 1))

@@ -1,0 +1,78 @@
+"""Size of a table and memory of its build, estimated from a device file before anything is computed.
+
+The sweep of a pair of actuators grows with the square of the number of frequencies and of amplitudes, so a device file
+of a few lines can ask for a petabyte. A build that cannot end is refused before it begins.
+"""
+
+import math
+import os
+import shutil
+from pathlib import Path
+
+from engine.device import Device
+from engine.table import TableError
+from precompute.sweep.grid import zone_points
+from precompute.sweep.kernels import fold_amplitudes
+
+_FIGURES, _SINGLE, _DOUBLE, _COMPLEX = 3, 4, 8, 16
+"""Figures of a sweep; bytes of a number."""
+_COPIES = 3
+"""Responses are held as they are solved, by zone, and split into real and imaginary parts while they are written."""
+_UNITS = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
+
+
+def table_bytes(device: Device) -> int:
+    """Bytes of the sweeps and responses of a table; clicks, receptances and entries add some tens of MB."""
+    return _FIGURES * _SINGLE * _pairs(device) * (_pair_values(device) + _coherent_values(device)) + _responses(device)
+
+
+def memory_bytes(device: Device) -> int:
+    """Bytes that a build holds at once, beside the buffers of the pair sweep, which have a budget of their own."""
+    row = _FIGURES * _SINGLE * _pair_values(device) // max(1, len(device.sweep.frequency_hz))
+    return max(_FIGURES * _DOUBLE * _coherent_values(device), row) + _COPIES * _responses(device)
+
+
+def check_size(device: Device, path: Path) -> None:
+    """Raise TableError for a table that neither the disk of `path` nor the memory of this machine has room for."""
+    remedy = "make the sweep coarser (sweep.step, sweep.amplitude_steps, sweep.phase_steps)"
+    folder = path.absolute().parent
+    wanted, free = table_bytes(device), shutil.disk_usage(folder).free if folder.is_dir() else math.inf
+    if wanted > free:
+        raise TableError(
+            f"{path}: a table of {device.name} takes {_size_text(wanted)}, and {_size_text(free)} are free there: "
+            f"{remedy}, make room or choose another output"
+        )
+    wanted, there = memory_bytes(device), os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if wanted > there:
+        raise TableError(
+            f"{path}: building a table of {device.name} takes {_size_text(wanted)} of memory, and this machine has "
+            f"{_size_text(there)}: {remedy}"
+        )
+
+
+def _pairs(device: Device) -> int:
+    return math.comb(len(device.actuators), 2)
+
+
+def _pair_values(device: Device) -> int:
+    """Values of one figure of one pair over (frequency_1, amplitude_1, amplitude_2, zone, frequency_2)."""
+    if len(device.actuators) < 2:
+        return 0
+    return len(device.sweep.frequency_hz) ** 2 * (device.sweep.amplitude_steps + 1) ** 2 * len(device.zones)
+
+
+def _coherent_values(device: Device) -> int:
+    """Values of one figure of one pair over (frequency, zone, ratio, phase)."""
+    if len(device.actuators) < 2:
+        return 0
+    ratios = len(fold_amplitudes(device.sweep.amplitude_steps).first)
+    return len(device.sweep.frequency_hz) * len(device.zones) * ratios * device.sweep.phase_steps
+
+
+def _responses(device: Device) -> int:
+    return _COMPLEX * len(device.sweep.frequency_hz) * len(device.actuators) * zone_points(device).size
+
+
+def _size_text(size: float) -> str:
+    order = min(len(_UNITS) - 1, int(math.log10(max(size, 1)) / 3))
+    return f"{size / 1000**order:.3g} {_UNITS[order]}"
