@@ -28,8 +28,8 @@ _NEAR, _NEAR_SEVERAL = 0.9, 0.5
 _NEAR_FIRST = 0.25
 """Where the level binds, no drive is searched between two frequencies whose ratios are below this fraction."""
 _PEAKS = 6
-_CLOSE = 0.95
-"""Of those, peaks whose drive at the grid's frequency is above this fraction of the best are refined further."""
+_CLOSE, _REFINED = 0.95, 3
+"""Of those, peaks whose drive there is above this fraction of the best are refined further; of many fingers three."""
 _STRIDE = 4
 _SCAN_STEPS, _POWER_STEPS = 4, 30
 _GOLDEN = 0.6180339887498949
@@ -367,11 +367,13 @@ def find_drive(hz, usable, loaded, order, felt, given, is_share, wanted, found, 
             hz[k], hz, loaded, order, felt, given, n, is_share, usable[k], wanted, _FIRST_SHARPNESS, drive[k]
         )
     found[0], found[1], top, refined = hz[0], -1.0, peak_value.max(), np.empty(2)
-    for i in range(_PEAKS):
+    for _ in range(_PEAKS if given.shape[1] <= 3 else _REFINED):
+        i = int(peak_value.argmax())
         if peak_value[i] < 0.0 or peak_value[i] < _CLOSE * top:
-            continue
+            break
         k = peak[i]
         refined[1] = peak_value[i]
+        peak_value[i] = -1.0
         _refine(hz, usable, loaded, order, felt, given, n, is_share, wanted, k, refined, drive[k])
         if refined[1] > found[1]:
             found[0], found[1] = refined[0], refined[1]

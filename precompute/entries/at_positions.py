@@ -57,11 +57,18 @@ class PlacementFigures:
 class SteadyDesigner:
     """Solves drives for placements on one device, and computes their figures.
 
-    `receptances` are those of its table; without them they are solved, which takes about a second.
+    `receptances` are those of its table; without them they are solved, which takes about a second. `samples`: of the
+    fingers, even, over which the figures are; the solver optimises over fewer of its own.
     """
 
-    def __init__(self, device: Device, plant: Plant | None = None, receptances: Receptances | None = None) -> None:
-        self.plant = plant or assemble(device)
+    def __init__(
+        self,
+        device: Device,
+        plant: Plant | None = None,
+        receptances: Receptances | None = None,
+        samples: int = SAMPLES,
+    ) -> None:
+        self.plant, self._samples = plant or assemble(device), samples
         self.basis = compute_basis(self.plant)
         self.receptances = receptances or solve_place_receptances(
             self.plant, search_frequencies(self.plant, self.basis)
@@ -75,7 +82,7 @@ class SteadyDesigner:
         """
         drive = self.solver.solve(positions_m, felt, level_db)
         device, positions = self.plant.device, np.array(positions_m, dtype=np.float64)
-        deviations = sample_deviations(len(positions), SAMPLES)
+        deviations = sample_deviations(len(positions), self._samples)
         sampled = _sampled_fingers(cases_at(positions, deviations, device.finger, device.bar.length_m))
         touched = range(len(positions))
         hz, amplitude = np.full(len(drive.amplitudes), drive.frequency_hz), drive.complex_amplitudes

@@ -133,7 +133,7 @@ def _begin(
     solver = ClickSolver(device, by_position)
     zones = ClickSolver(device, replace(by_zone, judged=2))  # few plants to evaluate on, since that is done here
     zone_click = lru_cache(maxsize=None)(lambda states: zones.solve(Placement.in_zones(device, states)))
-    edges, designer = ZoneEdges(device), SteadyDesigner(device)
+    edges, designer = ZoneEdges(device), SteadyDesigner(device, samples=2 * (by_position.judged // 2))
     solver.solve(Placement.on(device, [device.bar.length_m / 2]))  # compiled before it is timed
 
     def compare(numbered: tuple[int, Placement]) -> tuple[int, dict[str, Any]]:
