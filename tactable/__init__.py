@@ -1,5 +1,6 @@
-"""The command `tactable`, and what a program or a notebook imports of it.
+"""The command `tactable`, and all that a program or a notebook imports of it.
 
+    import tactable
     from tactable import Device, Table, build_table, calibrate
 
 What is imported is loaded then: neither the command nor the live side waits for solver and compiler.
@@ -10,23 +11,76 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from engine.device import Device as Device
-    from engine.table import Table as Table
+    from engine.device.quantity import quantity_text as quantity_text
+    from engine.table.diff import compare_tables as compare_tables
+    from firmware_link.host.link import Link as Link
+    from firmware_link.host.link_values import FaultReceived as FaultReceived
+    from firmware_link.host.link_values import LinkConfiguration as LinkConfiguration
+    from firmware_link.host.link_values import LinkState as LinkState
+    from firmware_link.host.serial_port import SerialPort as SerialPort
+    from firmware_link.host.session import Session as Session
+    from firmware_link.protocol.errors import TactableError as TactableError
+    from firmware_link.protocol.messages import ChannelDrive as ChannelDrive
+    from firmware_link.protocol.messages import encode_drive as encode_drive
     from precompute.builder.build import build_table as build_table
     from precompute.calibration.calibrate import calibrate as calibrate
     from precompute.calibration.device_text import calibrated_device as calibrated_device
     from precompute.measurements.file import read_measurements as read_measurements
+    from precompute.sampling.devices import sample_devices as sample_devices
+    from tactable.research.bar import modes as modes
+    from tactable.research.bar import placement as placement
+    from tactable.research.bar import response as response
+    from tactable.research.table import Table as Table
     from tactable.shipped import find_device as find_device
 
 _HOMES = {
+    "ChannelDrive": "firmware_link.protocol.messages",
     "Device": "engine.device",
-    "Table": "engine.table",
+    "FaultReceived": "firmware_link.host.link_values",
+    "Link": "firmware_link.host.link",
+    "LinkConfiguration": "firmware_link.host.link_values",
+    "LinkState": "firmware_link.host.link_values",
+    "SerialPort": "firmware_link.host.serial_port",
+    "Session": "firmware_link.host.session",
+    "Table": "tactable.research.table",
+    "TactableError": "firmware_link.protocol.errors",
     "build_table": "precompute.builder.build",
     "calibrate": "precompute.calibration.calibrate",
     "calibrated_device": "precompute.calibration.device_text",
+    "compare_tables": "engine.table.diff",
+    "encode_drive": "firmware_link.protocol.messages",
     "find_device": "tactable.shipped",
+    "modes": "tactable.research.bar",
+    "placement": "tactable.research.bar",
+    "quantity_text": "engine.device.quantity",
     "read_measurements": "precompute.measurements.file",
+    "response": "tactable.research.bar",
+    "sample_devices": "precompute.sampling.devices",
 }
-__all__ = ["Device", "Table", "build_table", "calibrate", "calibrated_device", "find_device", "read_measurements"]
+__all__ = [
+    "ChannelDrive",
+    "Device",
+    "FaultReceived",
+    "Link",
+    "LinkConfiguration",
+    "LinkState",
+    "SerialPort",
+    "Session",
+    "Table",
+    "TactableError",
+    "build_table",
+    "calibrate",
+    "calibrated_device",
+    "compare_tables",
+    "encode_drive",
+    "find_device",
+    "modes",
+    "placement",
+    "quantity_text",
+    "read_measurements",
+    "response",
+    "sample_devices",
+]
 
 
 def __getattr__(name: str) -> Any:

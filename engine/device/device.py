@@ -3,7 +3,7 @@
 import hashlib
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from engine.device.file import (
     read_zones,
 )
 from engine.device.parts import Actuator, Bar, DeviceError, Finger, Limits, Spread, Sweep, TouchAxis, Uncertainty, Zone
+from engine.device.texts import text_with_values
 from engine.device.toml_table import read_text
 from engine.device.uncertainty import read_uncertainty
 
@@ -30,7 +31,7 @@ _PHYSICAL = re.compile(r"(bar|actuator(\[\d+\])?|finger|spread)\.\w+")
 _CHOSEN = ("bar.largest_element", "bar.damping_of")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Device:
     """One bar with its actuators, zones, finger, digitizer, sweep grid and limits. All lengths from the bar's start."""
 
@@ -97,6 +98,21 @@ class Device:
         )
         top.close()
         return device
+
+    def with_values(self, values: Mapping[str, str | float]) -> "Device":
+        """The device with other values, by their keys in the file; marks of estimates stay as they are.
+
+        Raises DeviceError for a key that the file does not have, and for a value that is not valid.
+
+        >>> thinner = device.with_values({"bar.thickness": "0.7 mm", "actuator[1].mass": "9 g"})
+        >>> f"{1e3 * thinner.bar.thickness_m:.1f} mm"
+        '0.7 mm'
+        """
+        return Device.parse(text_with_values(self.text, values, self.name), self.name)
+
+    def __repr__(self) -> str:
+        parts = f"{1e3 * self.bar.length_m:g} mm, {len(self.actuators)} actuators, {len(self.zones)} zones"
+        return f"<Device {self.name}: {parts}, {len(self.estimated_values)} estimated values>"
 
     @property
     def estimated_values(self) -> tuple[str, ...]:

@@ -1,18 +1,34 @@
-"""Flattens a device into values by name, such as actuator[1].stiffness_n_per_m, and compares two sets of values."""
+"""Flattens a device into values by name, such as actuator[1].stiffness_n_per_m; compares them, and states them anew."""
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import chain
 from typing import Any
 
 from engine.device.device import Device
-from engine.device.parts import Uncertainty
+from engine.device.parts import DeviceError, Uncertainty
+from engine.device.quantity import quantity_text
 
 Value = int | float | str | None
 
 _WORDING = ("description", "inferred", "text", "uncertainty")
 _PARTS = {"actuators": "actuator", "zones": "zone"}
+_UNITS = {
+    "_kg_per_m3": "kg/m^3",
+    "_n_s_per_m": "N*s/m",
+    "_n_per_m": "N/m",
+    "_per_s": "1/s",
+    "_pa": "Pa",
+    "_kg": "kg",
+    "_hz": "Hz",
+    "_m": "m",
+    "_s": "s",
+}
+"""Unit by the ending of a value's name; without the ending it is the key in the file."""
+_FRACTIONS = re.compile(r"spread\..*|limits\.amplitude")
+_WRITTEN_DIGITS = 15
 _DIGITS = 12  # as Device.fingerprint: "27.94 cm" and "279.4 mm" are the same
 
 
@@ -75,3 +91,37 @@ def compare_values(before: Mapping[str, Value], after: Mapping[str, Value]) -> t
 
 def _rounded(value: Value) -> Value:
     return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
+
+
+def restated(device: Device) -> Device:
+    """A device that was made by dataclasses.replace, with a text that states its values.
+
+    Raises DeviceError where the text cannot state them: zones, bands and levels, which are more than one value.
+    """
+    found, values = Device.parse(device.text, device.name), device_values(device)
+    for _ in range(2):  # values that follow from others, such as the mesh's, show once these are stated
+        changes = compare_values(device_values(found), values)
+        try:
+            found = found.with_values(dict(_statement(change) for change in changes))
+        except DeviceError:
+            break
+    if found.fingerprint != device.fingerprint:
+        keys = ", ".join(change.key for change in changes)
+        raise DeviceError(
+            f"{device.name}: {keys} changed after it was read; write the new values to a file and read it"
+        )
+    return found if changes else device
+
+
+def _statement(change: Change) -> tuple[str, str | float]:
+    """A value as the file states it."""
+    value = change.after
+    if value is None:
+        raise DeviceError(f"{change.key}: is gone")
+    ending = next((each for each in _UNITS if change.key.endswith(each)), None)
+    key = change.key.removesuffix(ending or "")
+    if isinstance(value, float) and ending is not None:
+        return key, quantity_text(value, _UNITS[ending], _WRITTEN_DIGITS)
+    if isinstance(value, float) and _FRACTIONS.fullmatch(key):
+        return key, f"{100 * value:.{_WRITTEN_DIGITS}g} %"
+    return key, value

@@ -13,7 +13,6 @@ Where no drive reaches the level, the loudest one is answered and `achieved` is 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.steady.cases import Deviations, FingerCases, cases_at, sample_deviations
+from engine.steady.drive import SteadyDrive
 from engine.steady.loading import fill_energies, fill_loaded, fill_powers
 from engine.steady.receptances import Receptances
 from engine.steady.search import find_drive
@@ -39,52 +39,6 @@ _CASES, _FEW_CASES, _FEW_FINGERS = 8, 4, 4
 
 class SteadyError(TactableError, ValueError):
     """A placement that no drive can be solved for; the message names the finger and the value."""
-
-
-@dataclass(frozen=True)
-class SteadyDrive:
-    """One frequency for all actuators, amplitudes (fraction of full scale) and phases, and what the fingers feel.
-
-    level_db (finger,): under the standard fingers; sampled_level_db (case, finger): under the sampled ones.
-    """
-
-    frequency_hz: float
-    amplitudes: tuple[float, ...]
-    phases_rad: tuple[float, ...]
-    felt: tuple[bool, ...]
-    wanted_level_db: float
-    level_db: Array
-    sampled_level_db: Array
-    objective: str
-    """"contrast", "localized factor", or "level" where the loudest drive was asked for or is the nearest."""
-    value: float
-    """What was maximised: expected contrast or level in dB, or a share."""
-    achieved: bool
-    """Whether the weakest felt standard finger is at the wanted level; an infinite one is always reached."""
-
-    @property
-    def frequencies_hz(self) -> tuple[float, ...]:
-        """Frequency of each actuator: the same one."""
-        return (self.frequency_hz,) * len(self.amplitudes)
-
-    @property
-    def complex_amplitudes(self) -> NDArray[np.complex128]:
-        """Complex amplitudes (actuator,), fractions of full scale."""
-        amplitudes: NDArray[np.complex128] = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases_rad))
-        return amplitudes
-
-    @property
-    def weakest_felt_db(self) -> float:
-        """Level of the weakest felt standard finger."""
-        return float(self.level_db[list(self.felt)].min())
-
-    @property
-    def expected_contrast_db(self) -> float | None:
-        """Weakest felt over strongest quiet power, averaged over the sampled cases; None: nothing is quiet."""
-        if all(self.felt):
-            return None
-        expected, felt = (10 ** (self.sampled_level_db / 10)).mean(axis=0), np.array(self.felt)
-        return float(10 * np.log10(expected[felt].min() / expected[~felt].max()))
 
 
 class SteadySolver:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import h5netcdf
 import h5py
@@ -26,7 +26,8 @@ from engine.touch import Placement, ZoneState, state_index
 from engine.touch.places import Places
 
 if TYPE_CHECKING:
-    from engine.steady.solver import SteadyDrive, SteadySolver
+    from engine.steady import SteadyDrive
+    from engine.steady.solver import SteadySolver
 
 __all__ = ["Table", "TableError", "states_of"]
 
@@ -43,8 +44,11 @@ class Table:
         self.attributes: dict[str, Any] = dict(file.attrs)
         self.device = device
         self.fingerprint = str(self.attributes["device_fingerprint"])
-        self.entries: tuple[Entry, ...] = tuple(read_entries(file.groups["entries"], self.device))
-        self.levels_db = tuple(dict.fromkeys(entry.wanted_level_db for entry in self.entries))
+        has_entries = "entries" in file.groups or not self.is_coarse
+        self.entries: tuple[Entry, ...] = tuple(read_entries(file.groups["entries"], device)) if has_entries else ()
+        """For every state at every level; a coarse table may have none."""
+        levels_db = tuple(dict.fromkeys(entry.wanted_level_db for entry in self.entries))
+        self.levels_db = levels_db or (*device.levels_db, math.inf)
         """The tabulated levels, rising; the last is infinite: full scale."""
         self._by_state: dict[int, list[Entry]] = {}  # by rising level
         for entry in self.entries:
@@ -57,7 +61,7 @@ class Table:
     @classmethod
     def open(
         cls, path: Path | str, *, device: Device | None = None, code_fingerprint: str | None = None, verify: bool = True
-    ) -> "Table":
+    ) -> Self:
         """Open and verify a table; raises TableError if it is unusable or does not belong to `device` or the code.
 
         >>> with Table.open("my-bar.nc") as table:
@@ -84,7 +88,7 @@ class Table:
             raise
         return table
 
-    def __enter__(self) -> "Table":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *unused: object) -> None:
@@ -127,9 +131,9 @@ class Table:
         index = state_index(self.states_of(felt, quiet))
         entry = self.entry_at(index, level_db)
         if entry is None:
-            raise TableError(
-                f"{self.path}: has no entry for felt zones {', '.join(felt)!r} and quiet {', '.join(quiet)!r}"
-            )
+            states = f"felt zones {', '.join(felt)!r} and quiet {', '.join(quiet)!r}"
+            remedy = ": it is coarse; entries come with the complete build" if self.is_coarse else ""
+            raise TableError(f"{self.path}: has no entry for {states}{remedy}")
         return entry
 
     def states_of(self, felt: Sequence[str], quiet: Sequence[str]) -> tuple[ZoneState, ...]:
@@ -142,6 +146,11 @@ class Table:
             raise TableError("a level is not a number; give dB above the detection threshold, infinite for full scale")
         entries = self._by_state.get(state)
         return None if entries is None else played_at(entries, level_db, self.device.limits.amplitude)
+
+    @property
+    def is_coarse(self) -> bool:
+        """Whether the table is the first one of a build: clicks at coarse places, and no entries yet."""
+        return "clicks_are_coarse" in self.attributes
 
     @property
     def places(self) -> Places:
@@ -189,7 +198,9 @@ class Table:
         return SteadySolver(self.device, self.receptances)
 
     def entries_at(self, level_db: float) -> tuple[Entry, ...]:
-        """Entry of every state at one level."""
+        """Entry of every state at one level. Raises TableError for a coarse table, which has none."""
+        if self.is_coarse and not self.entries:
+            raise TableError(f"{self.path}: is coarse: it has no entries before the complete build")
         limit = self.device.limits.amplitude
         return tuple(played_at(entries, level_db, limit) for entries in self._by_state.values())
 

@@ -6,8 +6,8 @@ that an engine never opens half a table. Memory is bounded, whatever the grid of
 
 Clicks take longest, minutes for the thousands of placements at places 3 mm apart. Each is kept in a store beside the
 table once it is solved (clicks.store), so that an interrupted build loses seconds. And where no clicks of the device
-are there yet, a build may first put a whole table with coarse clicks in place (ClickOptions.coarse), which is usable
-after half a minute; then it solves the fine ones and replaces that table, and a running engine adopts it.
+are there yet, a build may first put a table with coarse clicks and no entries in place (ClickOptions.coarse), which is
+playable after half a minute; then it solves the rest and replaces that table, and a running engine adopts it.
 """
 
 import json
@@ -23,6 +23,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device
+from engine.device.values import restated
 from engine.files import written_path
 from engine.table import Table, TableError
 from engine.table.click_columns import write_clicks
@@ -65,7 +66,7 @@ Progress = Callable[[str, float], None]
 
 
 class Coarse(StrEnum):
-    """Whether a build makes a table with coarse clicks, which is usable after half a minute."""
+    """Whether a build makes a table with coarse clicks and no entries, which is usable after half a minute."""
 
     NEVER = "never"
     FIRST = "first"
@@ -110,15 +111,13 @@ def build_table(
     while the effect of fingers, rise times and clicks remain the model's. Returns what it took; processes of a given
     `pool` go on, and so are not counted.
 
-    Raises TableError if the table cannot be written or disk or memory have no room for it, for an unknown objective or
-    number of fingers, and for a device whose values are not those of its text, since a table holds the text. Raises
+    Raises TableError if the table cannot be written or disk or memory have no room for it, and for an unknown objective
+    or number of fingers; DeviceError for a device that was changed in what its text, which a table holds, cannot state;
     WorkerError where a worker process was killed.
 
     >>> cost = build_table(Device.read("my-bar.toml"), "my-bar.nc", clicks_up_to=0)
     """
-    path = written_path(Path(path))
-    if Device.parse(device.text, device.name).fingerprint != device.fingerprint:
-        raise TableError(f"{device.name}: was changed after it was read; write the new values to a file and read it")
+    path, device = written_path(Path(path)), restated(device)
     sha256 = "" if responses is None else responses.sha256
     options = BuildOptions(code_fingerprint(), objective, clicks_up_to, click_options, sha256, made_for)
     if objective not in OBJECTIVES:
@@ -188,7 +187,8 @@ class _Builder:
     def build_steps(self, created: str, coarse: Coarse, reuse: bool) -> None:
         """The table with coarse clicks where it is wanted, and then, unless that is all, the table that is wanted."""
         builder, rough = self, replace(self, is_coarse=True)
-        if coarse is not Coarse.NEVER and self.options.clicks_up_to and rough.click_options != self.click_options:
+        has_coarser_clicks = self.options.clicks_up_to > 0 and rough.click_options != self.click_options
+        if coarse is Coarse.ONLY or (coarse is Coarse.FIRST and has_coarser_clicks):
             with _earlier(self.path, reuse) as earlier:
                 if coarse is Coarse.ONLY or not self._has_clicks(earlier):
                     rough.build(created, earlier)
@@ -243,7 +243,7 @@ class _Builder:
                     "spread_over": sampled_words(device, is_measured=self.responses is not None),
                     **_model_attributes(plant, options),
                     **source_attributes(self.responses),
-                    **{part.attribute: inputs[part] for part in Part if part not in later},
+                    **{part.attribute: inputs[part] for part in wanted | known if part not in later},
                     **({OUTDATED: " ".join(sorted(later))} if later else {}),
                 }
             )
@@ -254,7 +254,7 @@ class _Builder:
             with self.cost.with_workers("entries"), self._pool(known) as pool:
                 if Part.RESPONSES not in known:
                     self._write_responses(writer, plant)
-                if Part.ENTRIES not in known:
+                if Part.ENTRIES in wanted - known:
                     with self.cost.measured("entries"):
                         self._write_entries(writer, plant, pool)
             with self.cost.with_workers(self._clicks_step), self.cost.measured(self._clicks_step):
@@ -268,7 +268,8 @@ class _Builder:
 
     def _wanted(self) -> set[Part]:
         """The parts that the table is to have."""
-        return {part for part in Part if part is not Part.CLICKS or self.options.clicks_up_to}
+        left_out = {Part.CLICKS: not self.options.clicks_up_to, Part.ENTRIES: self.is_coarse}
+        return {part for part in Part if not left_out.get(part)}
 
     def _check(self, written: Path) -> None:
         Table.open(written, device=self.device, code_fingerprint=self.options.code_fingerprint, verify=False).close()
@@ -279,7 +280,7 @@ class _Builder:
         if self.pool is not None:
             yield self.pool
             return
-        with WorkerPool(0 if Part.ENTRIES in known else self.workers - 1) as pool:
+        with WorkerPool(self.workers - 1 if Part.ENTRIES in self._wanted() - known else 0) as pool:
             pool.prepare(prepare_entries)
             yield pool
 

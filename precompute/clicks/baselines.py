@@ -6,7 +6,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from engine.steady.solver import SteadyDrive
+from engine.steady import SteadyDrive
 from engine.table import Entry
 from engine.touch import Placement
 from precompute.clicks.basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, make_tones

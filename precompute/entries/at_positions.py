@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
+from engine.steady import SteadyDrive
 from engine.steady.cases import FingerCases, cases_at, sample_deviations
 from engine.steady.receptances import Receptances
-from engine.steady.solver import SteadyDrive, SteadySolver
+from engine.steady.solver import SteadySolver
 from engine.table.entry import EntrySpread, Percentiles
 from precompute.entries.performance import compute_figures
 from precompute.entries.prediction import PERCENTS

@@ -13,6 +13,7 @@ import numba
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device, DeviceError
+from engine.device.texts import text_with_values
 from engine.device.toml_table import read_text
 from engine.device.values import device_values
 from engine.files import remove_partials, replace_file, write_new_folder
@@ -22,7 +23,7 @@ from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.calibration.adequacy import adequacy_report
 from precompute.calibration.calibrate import Calibration, calibrate
-from precompute.calibration.device_text import calibrated_text, text_with_values
+from precompute.calibration.device_text import calibrated_text
 from precompute.calibration.misfit import Loss
 from precompute.calibration.pairwise import fit_pairwise
 from precompute.calibration.report import calibration_report, report_markdown

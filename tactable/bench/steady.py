@@ -14,7 +14,8 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device
-from engine.steady.solver import SteadyDrive, SteadySolver
+from engine.steady import SteadyDrive
+from engine.steady.solver import SteadySolver
 from engine.table import Entry
 from engine.touch import ZoneState
 from engine.touch.placement import MOST_FINGERS

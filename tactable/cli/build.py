@@ -53,7 +53,10 @@ def build(
     pitch: Pitch = "3 mm",
     coarse: Annotated[
         bool,
-        typer.Option("--coarse", help="Stop at the table with coarse clicks, which else comes before the fine ones."),
+        typer.Option(
+            "--coarse",
+            help="Stop at the table with coarse clicks and no entries, which else comes before the complete one.",
+        ),
     ] = False,
     workers: Workers = None,
     reuse: Annotated[
@@ -150,7 +153,7 @@ def _print_built(path: Path, device: Device, responses: Path | None, cost: "Buil
             "entries": len(table.entries),
             "clicks": len(table.clicks),
             "click_pitch_m": table.places.pitch_m,
-            "clicks_are_coarse": "clicks_are_coarse" in table.attributes,
+            "clicks_are_coarse": table.is_coarse,
             "bytes": path.stat().st_size,
             "source": str(table.attributes["source"]),
             "processor_s": cost.processor_s,

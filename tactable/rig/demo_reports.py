@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.steady.solver import SteadyDrive
+from engine.steady import SteadyDrive
 from engine.table import ClickEntry
 from engine.touch import Placement
 from tactable.rig.bar import SimulatedClick, SimulatedDrive

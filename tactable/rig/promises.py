@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.steady.solver import SteadyDrive, SteadySolver
+from engine.steady import SteadyDrive
+from engine.steady.solver import SteadySolver
 from engine.table import ClickEntry, Table
 from engine.table.click import played_at
 from engine.touch import Placement

@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from engine.device.texts import text_with_values
 from engine.table.history import replace_table
 from precompute.builder.build import build_table
-from precompute.calibration.device_text import text_with_values
 from precompute.parallel.pool import available_cores
 from tactable.bench.latency.background_load import BackgroundLoad, background_load
 from tactable.shipped import find_device, find_device_file

@@ -12,12 +12,17 @@ from pathlib import Path
 import pytest
 
 import tactable
+from engine.device import DeviceError
 from engine.table import TableError
 from tactable import Device, Table, build_table, calibrate, calibrated_device, find_device, read_measurements
 from tests.small_device import small_text
+from tests.tactable.click_table import CHEAP
 
 DRIFTED = Path(__file__).parents[2] / "tables" / "measurements" / "reference-a-drifted.csv"
-EXAMPLES = (Device.read, build_table, Table.open, Table.entry_for, calibrate)
+EXAMPLES = (
+    *(Device.read, Device.with_values, build_table, Table.open, Table.entry_for, calibrate),
+    *(tactable.placement, tactable.modes, tactable.response, Table.click_for, Table.drive_for, Table.to_xarray),
+)
 
 
 @pytest.fixture(scope="module")
@@ -27,14 +32,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "my-bar.toml").write_text(small_text(), encoding="utf-8")
     (folder / "reference-a.toml").write_text(find_device("reference-a").text, encoding="utf-8")
     shutil.copy(DRIFTED, folder / "measured.csv")
-    build_table(Device.read(folder / "my-bar.toml"), folder / "my-bar.nc", clicks_up_to=0)
+    build_table(Device.read(folder / "my-bar.toml"), folder / "my-bar.nc", clicks_up_to=1, click_options=CHEAP)
     return folder
 
 
 @pytest.mark.parametrize("public", EXAMPLES, ids=lambda public: public.__qualname__)
-def test_its_example_runs(public: object, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(folder)
-    names = {name: getattr(tactable, name) for name in tactable.__all__}
+def test_its_example_runs(public: object, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(shutil.copytree(folder, tmp_path / "here"))
+    names = {name: getattr(tactable, name) for name in tactable.__all__} | {"device": Device.read("my-bar.toml")}
     (example,) = doctest.DocTestFinder(recurse=False).find(public, "example", globs=names)
     assert example.examples
     assert doctest.DocTestRunner(verbose=False).run(example).failed == 0
@@ -76,10 +81,30 @@ def test_zones_in_one_text_are_refused_rather_than_read_letter_by_letter(folder:
         assert table.entry_for(["III"], level_db=math.inf).zones[2].state.name == "FELT"
 
 
-def test_a_device_changed_in_memory_is_refused_before_anything_is_built(folder: Path, tmp_path: Path) -> None:
+def test_a_device_changed_in_memory_is_built_with_a_text_that_states_it(folder: Path, tmp_path: Path) -> None:
+    device = Device.read(folder / "my-bar.toml")
+    heavier = replace(device.actuators[0], mass_kg=9e-3, position_m=0.05)
+    changed = replace(
+        device,
+        name="other",
+        bar=replace(device.bar, thickness_m=0.7e-3),
+        actuators=(heavier, *device.actuators[1:]),
+        finger=replace(device.finger, spread=2.0),
+        spread=replace(device.spread, stiffness=0.002),
+        limits=replace(device.limits, amplitude=0.5),
+    )
+    build_table(changed, tmp_path / "changed.nc", clicks_up_to=0)
+    with Table.open(tmp_path / "changed.nc", device=changed) as table:
+        assert table.device.actuators[0].position_m == pytest.approx(heavier.position_m, rel=1e-12)
+        assert Device.parse(table.device.text, "text").fingerprint == changed.fingerprint != device.fingerprint
+
+
+def test_a_device_whose_text_cannot_state_a_change_is_refused_before_anything_is_built(
+    folder: Path, tmp_path: Path
+) -> None:
     device = Device.read(folder / "my-bar.toml")
     longer = replace(device, bar=replace(device.bar, length_m=0.3))
-    with pytest.raises(TableError, match="my-bar: was changed after it was read"):
+    with pytest.raises(DeviceError, match=r"my-bar: .*zone\[1\]\.stop_m.* changed after it was read; write"):
         build_table(longer, tmp_path / "longer.nc")
     assert not list(tmp_path.iterdir())
 

@@ -35,7 +35,7 @@ def build(order: BuildOrder, parent: Parent) -> None:
         parent.say({"usable": str(early)} if step == COARSE_IN_PLACE else {"step": step, "fraction": fraction})
 
     if open_cached(device, order.path) is None:
-        build_table(device, early, clicks_up_to=0, workers=available_cores(), progress=progress)
+        build_table(device, early, clicks_up_to=0, coarse=Coarse.ONLY, workers=available_cores(), progress=progress)
         parent.say({"usable": str(early)})
     build_table(device, early, coarse=Coarse.FIRST, workers=available_cores(), progress=progress)
     rename_durably(early, order.path)

@@ -10,8 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from engine.device import Device, Finger
+from engine.steady import SteadyDrive
 from engine.steady.cases import FingerCases, cases_at, sample_deviations
-from engine.steady.solver import SteadyDrive, SteadyError
+from engine.steady.solver import SteadyError
 from engine.touch import ZoneState
 from engine.touch.placement import MOST_FINGERS
 from precompute.entries.at_positions import cases_in_zones

@@ -192,8 +192,12 @@ def test_a_coarse_table_is_whole_and_comes_first_where_there_are_no_clicks(tmp_p
     )
     assert (cost.coarse_clicks, cost.clicks) == (5, 5)
     with Table.open(kept, device=DEVICE) as rough, Table.open(path, device=DEVICE) as fine:
-        assert rough.attributes["clicks_are_coarse"] == 1 and "clicks_are_coarse" not in fine.attributes
-        assert rough.entries == fine.entries and rough.places == fine.places
+        assert rough.is_coarse and not fine.is_coarse
+        assert rough.levels_db == fine.levels_db and rough.places == fine.places
+        assert len(fine.entries) > 0 == len(rough.entries)
+        for without in (lambda: rough.entry_for(["I"]), lambda: rough.entries_at(10.0)):
+            with pytest.raises(TableError, match=r"is coarse.*complete build"):
+                without()
         assert not all(same(one, other) for one, other in zip(rough.clicks, fine.clicks, strict=True))
     with Table.open(previous_of(path)) as previous:
         assert previous.attributes["created"] == "before"  # the fine table only completes the coarse one
