@@ -94,9 +94,10 @@ class Drive(_Asked, SteadyDrive):
     def _summary(self) -> list[tuple[str, str]]:
         names = [actuator.name for actuator in self.table.device.actuators]
         outputs = zip(names, self.amplitudes, self.phases_rad, strict=True)
-        contrast_db = self.expected_contrast_db
+        contrast_db, first = self.expected_contrast_db, self.phases_rad[0]
         rows = [
-            (name, f"{self.frequency_hz:.2f} Hz, {100 * size:.1f} %, {phase:+.2f} rad") for name, size, phase in outputs
+            (name, f"{self.frequency_hz:.2f} Hz, {100 * size:.1f} %, {np.degrees(phase - first) % 359.995:.0f}°")
+            for name, size, phase in outputs
         ]
         rows.append(("felt", f"{self.weakest_felt_db:.1f} dB{'' if self.achieved else ', NOT ACHIEVED'}"))
         return rows + ([] if contrast_db is None else [("expected contrast", f"{contrast_db:.1f} dB")])

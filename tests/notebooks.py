@@ -1,0 +1,62 @@
+"""Runs the notebooks of docs/notebooks/ from a clean kernel; `python -m tests.notebooks` keeps what they print and draw."""
+
+import os
+import re
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import nbformat
+from nbclient import NotebookClient
+
+from tests.documents import ROOT
+
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+_HANGS_S = 1200
+_FIGURE = re.compile(r"<Figure size .*?>|<matplotlib\..*?>|0x[0-9a-f]+")
+
+
+def read_notebook(path: Path) -> Any:
+    """The notebook as nbformat has it."""
+    return nbformat.read(path, as_version=4)  # type: ignore[no-untyped-call]  # has no types
+
+
+def run_notebook(path: Path, folder: Path) -> Any:
+    """The notebook after a run in a checkout's place for it, made in `folder`."""
+    os.environ |= {"MPLBACKEND": "module://matplotlib_inline.backend_inline", "IPYTHONDIR": str(folder / "ipython")}
+    here = folder / "docs" / "notebooks"
+    here.mkdir(parents=True)
+    (folder / "tables").symlink_to(ROOT / "tables")
+    shutil.copy(path, here)
+    notebook = read_notebook(here / path.name)
+    NotebookClient(notebook, timeout=_HANGS_S, resources={"metadata": {"path": str(here)}}).execute()
+    for cell in notebook.cells:
+        cell.get("metadata", {}).clear()
+    return notebook
+
+
+def texts_of(notebook: Any) -> list[str]:
+    """What each cell prints or shows as text."""
+    found = []
+    for cell in notebook.cells:
+        outputs = cell.get("outputs", [])
+        shown = [each.get("text", "") or each.get("data", {}).get("text/plain", "") for each in outputs]
+        found.append(_FIGURE.sub("", "\n".join(shown)))
+    return found
+
+
+def pictures_of(notebook: Any) -> int:
+    """How many pictures its cells have drawn."""
+    return sum("image/png" in each.get("data", {}) for cell in notebook.cells for each in cell.get("outputs", []))
+
+
+def main() -> None:
+    """Run every notebook and keep its outputs."""
+    for path in NOTEBOOKS:
+        with tempfile.TemporaryDirectory() as folder:
+            nbformat.write(run_notebook(path, Path(folder)), path)  # type: ignore[no-untyped-call]  # has no types
+
+
+if __name__ == "__main__":
+    main()
