@@ -1,4 +1,4 @@
-"""Runs the notebooks of docs/notebooks/ from a clean kernel; `python -m tests.notebooks` keeps what they print and draw."""
+"""Runs the notebooks of docs/notebooks/ from a clean kernel; `python -m tests.notebooks` keeps their outputs."""
 
 import os
 import re
