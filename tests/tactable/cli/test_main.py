@@ -10,6 +10,7 @@ import pytest
 
 from engine.device import Device
 from tactable.shipped import DEMO_RECORDING, device_folder, find_device, shipped_names
+from tests.tactable.cli.in_process import run_here
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 
@@ -24,7 +25,8 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("built")
     text = (device_folder() / "reference-a.toml").read_text(encoding="utf-8")
     (folder / "bar.toml").write_text(text.replace('step = "1 Hz"', 'step = "8 Hz"'), encoding="utf-8")
-    done = tactable("build", "bar.toml", "-o", "bar.nc", "--clicks-up-to", "0", "--json", folder=folder)
+    few = ("--clicks-up-to", "1", "--pitch", "140 mm", "--coarse")
+    done = tactable("build", "bar.toml", "-o", "bar.nc", *few, "--json", folder=folder)
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)
     assert summary["entries"] == 211 * 4
@@ -38,7 +40,7 @@ def test_the_shipped_devices_are_found_by_name() -> None:
 
 
 def explained(folder: Path, *words: str) -> dict[str, Any]:
-    done = tactable("explain", "bar.nc", *words, "--json", folder=folder)
+    done = run_here(folder, "explain", "bar.nc", *words, "--json")
     assert done.returncode == 0, done.stderr
     entry: dict[str, Any] = json.loads(done.stdout)
     return entry
@@ -114,7 +116,7 @@ def test_explain_says_it_in_words(built: Path) -> None:
 
 
 def test_frames_are_one_object_a_line(tmp_path: Path) -> None:
-    done = tactable("replay", str(DEMO_RECORDING), "--frames", "--json", folder=tmp_path)
+    done = run_here(tmp_path, "replay", str(DEMO_RECORDING), "--frames", "--json")
     frames = [json.loads(line) for line in done.stdout.splitlines()]
     assert len(frames) == 692
     assert frames[0] == {"report": 0, "t_s": 0.0, "contacts": [{"id": 0, "x": 1638, "y": 511, "tip": True}]}
@@ -139,7 +141,7 @@ def test_frames_are_one_object_a_line(tmp_path: Path) -> None:
     ],
 )
 def test_a_refusal_is_one_line_naming_the_thing(built: Path, words: tuple[str, ...], parts: tuple[str, ...]) -> None:
-    done = tactable(*words, folder=built)
+    done = run_here(built, *words)
     assert done.returncode == 1
     assert done.stderr.startswith("tactable: ")
     assert done.stderr.count("\n") == 1

@@ -27,6 +27,7 @@ from tactable.shipped import find_device
 from tests.engine.made_entries import entry_of, felt_states
 from tests.engine.made_table import write_table
 from tests.engine.touch.sources.fake_hid import FakeMachine
+from tests.tactable.cli.in_process import run_here
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 DEVICE = find_device("reference-a")
@@ -201,7 +202,9 @@ def test_a_refusal_names_the_thing(
 
 
 def test_a_zone_that_the_device_has_not_is_refused_in_one_line(folder: Path) -> None:
-    done = tactable(folder, "bar.nc", "--touch", "simulated", "--port", "no-such-port", "--effects", "wrong.toml")
+    done = run_here(
+        folder, "run", "bar.nc", "--touch", "simulated", "--port", "no-such-port", "--effects", "wrong.toml"
+    )
     assert done.returncode == 1
     assert done.stderr.startswith("tactable: wrong.toml: rule[1].zones: 'VI': reference-a has no such zone")
     assert done.stderr.count("\n") == 1
@@ -240,6 +243,6 @@ def test_a_ring_shows_a_run_to_whoever_looks_and_goes_with_it(folder: Path, emul
 
 
 def test_a_step_that_is_none_is_a_usage_error(folder: Path) -> None:
-    done = tactable(folder, "bar.nc", "--touch", "two.hid", "--port", "/nowhere", "--realtime", "nice")
+    done = run_here(folder, "run", "bar.nc", "--touch", "two.hid", "--port", "/nowhere", "--realtime", "nice")
     assert done.returncode == 2
     assert "is unknown: write all, none" in " ".join(done.stderr.replace("│", " ").split())

@@ -110,6 +110,7 @@ def test_a_stall_is_found_in_its_layer_and_nothing_stale_follows_it(table: Path,
         assert condition["misses"]["5 ms"] > 0
 
 
+@pytest.mark.long
 def test_at_8000_reports_a_second_none_is_lost_and_order_is_kept(table: Path, tmp_path: Path) -> None:
     """Ten minutes of it: docs/latency.md."""
     words = ("--rates", "8000", "--loads", "idle", "--seconds", "1", "--rounds", "1", "--no-ablations", "--no-echo")

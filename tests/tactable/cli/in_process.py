@@ -1,0 +1,28 @@
+"""The installed command in this process, where its modules are imported and its kernels compiled already."""
+
+import contextlib
+import io
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tactable.cli.main import main
+
+
+def run_here(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """`tactable WORDS` in `folder`: exit status and what it printed, as `subprocess.run` would tell it."""
+    printed, complained, status = io.StringIO(), io.StringIO(), 0
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        contextlib.redirect_stdout(printed),
+        contextlib.redirect_stderr(complained),
+    ):
+        patch.chdir(folder)
+        patch.setattr(sys, "argv", ["tactable", *words])
+        try:
+            main()
+        except SystemExit as end:
+            status = int(end.code or 0)
+    return subprocess.CompletedProcess(words, status, printed.getvalue(), complained.getvalue())
