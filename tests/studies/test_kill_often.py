@@ -10,7 +10,10 @@ TIMES = {"build": 3, "calibrate": 3, "swap": 5, "fleet": 2}
 """`python -m tests.studies.kill_often WHAT 200` is the long version."""
 
 
-@pytest.mark.parametrize("what", TIMES)
+# Quick tests of the same: test_build_clicks goes on with a build, test_new_folder and fleet/test_run are killed, too.
+@pytest.mark.parametrize(
+    "what", ["swap", *(pytest.param(each, marks=pytest.mark.long) for each in TIMES if each != "swap")]
+)
 def test_killed_at_any_instant_it_leaves_what_is_whole_and_goes_on(what: str, tmp_path: Path) -> None:
     with work_of(what, tmp_path) as work:
         reached, _ = kill_often(work, tmp_path, TIMES[what], seed=len(what))
