@@ -40,7 +40,8 @@ FIRMWARE, STEP = "firmware_link/firmware", "engine/loop/fast/step.c"
 WORKERS = 2
 MOST_MEMORY = 6 << 30
 _PYTEST = (
-    *("-n", "0", "-x", "-q", "-p", "no:cacheprovider", "--hypothesis-seed=1", "-k", "not undefined"),
+    *("-n", "0", "-x", "-q", "-p", "no:cacheprovider", "--hypothesis-seed=1"),
+    *("-k", "not undefined", "-m", "not system"),
     *("-W", "ignore::pytest.PytestAssertRewriteWarning"),  # hypothesis is imported before
 )
 _OURS = ("tests", "tactable", "precompute", "engine", "firmware_link")
@@ -53,10 +54,13 @@ _EMULATOR = tuple(
 )
 _CORE = tuple(f"tests/{FIRMWARE}/test_{name}.py" for name in ("core", "framing", "twins", "synthesis"))
 _HOST = tuple(f"tests/firmware_link/{name}.py" for name in ("host/test_session", "host/test_outbox", "host/test_link"))
+_FINGERS = ("tests/engine/touch/test_finger_tracker.py", "tests/engine/touch/test_placement.py")
 TESTS: dict[str, tuple[str, ...]] = {
     "engine/render/limits.py": ("tests/engine/render/test_limits.py",),
     "engine/effects/player.py": ("tests/engine/effects/test_player.py",),
-    "engine/touch/finger_tracker.py": ("tests/engine/touch/test_finger_tracker.py",),
+    "engine/touch/finger_tracker.py": tuple(
+        f"tests/engine/touch/test_{each}.py" for each in ("finger_tracker", "placement")
+    ),
     "engine/touch/placement.py": ("tests/engine/touch/test_placement.py",),
     STEP: ("tests/engine/loop/fast/test_fast_path.py", "tests/engine/loop/fast/test_step.py"),
     "firmware_link/host/lease.py": _HOST,

@@ -253,3 +253,16 @@ def test_the_sum_is_clamped_to_the_limit() -> None:
     got = synthesise(log, 10_000, 13_000, 10_000.0)
     assert got[:, 0].max() == 0.6
     assert np.abs(got).max() == 0.6
+
+
+def test_what_is_over_is_forgotten() -> None:
+    synthesis, loud = Synthesis(), replace(QUIET, amplitude=0.5)
+    samples = np.zeros((101, 2), np.int16)
+    for start_us in (0, 20_000, 40_000):
+        played = PlayedWaveform.of(10_000, samples, 1.0)  # 10 ms long
+        synthesis.take([replace(event(start_us, QUIET, QUIET), waveform=played), event(start_us + 15_000, loud, loud)])
+    synthesis.forget(54_999)
+    assert len(synthesis._events) == 2
+    synthesis.forget(55_000)
+    # The last event, and the stretch of each channel that it began.
+    assert (len(synthesis._events), synthesis.size) == (1, 3)

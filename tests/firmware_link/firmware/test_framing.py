@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from firmware_link.emulator.c_core import open_library
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import DELIMITER, EMERGENCY_STOP, FrameDecoder, encode_frame, encode_message
-from firmware_link.protocol.messages import Features, Hello, encode_body
+from firmware_link.protocol.messages import MAXIMUM_WEIGHTS, Features, Hello, Play, encode_body
 from tests.firmware_link.codegen.vectors import FOLDER
 from tests.firmware_link.corrupt import DAMAGES
 from tests.firmware_link.firmware.compare_decoders import compare
@@ -68,3 +68,11 @@ def test_the_vectors_decode_to_their_bodies() -> None:
 def test_a_file_that_is_no_library_is_named(tmp_path: Path) -> None:
     with pytest.raises(LinkError, match=r"nothing\.so is no library"):
         open_library(tmp_path / "nothing.so")
+
+
+@pytest.mark.parametrize("count", [0, 1, MAXIMUM_WEIGHTS])
+def test_a_play_of_any_number_of_weights_is_accepted(count: int) -> None:
+    frame = encode_message(Play(0, 0, 14, 65_535, count, (1,) * count), 1)
+    compiled = CompiledDecoder(core_library(), ACTUATORS)
+    assert compiled.receive(frame) == FrameDecoder(ACTUATORS).receive(frame) != []
+    compiled.close()

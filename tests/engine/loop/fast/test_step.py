@@ -223,6 +223,28 @@ def test_the_last_contact_of_a_digitizer_that_counts_from_one_is_answered(librar
     assert found.answered == len(found.clicks) == 1
 
 
+def test_a_contact_that_hovers_feels_nothing_until_it_touches(library: ctypes.CDLL) -> None:
+    """The second flag is In Range: without the first the contact is there, and does not touch."""
+    hover = report({1: 0.1}).replace(b"\x03", b"\x02", 1)
+    frames = [IDLE, (0.1, hover), (0.15, report({1: 0.1})), (0.2, hover), (0.3, report({2: 0.6}))]
+    found = both(library, recording_of(frames), TOUCH, is_complete=True)
+    assert found.answered == len(found.clicks) == 2
+
+
+def test_a_digitizer_without_report_numbers_is_answered(library: ctypes.CDLL) -> None:
+    frames = [IDLE, (0.1, report({1: 0.1})), (0.2, report({2: 0.6}))]
+    without = recording_of([(time_s, data[1:]) for time_s, data in frames])
+    descriptor = application(*(finger() for _ in range(SLOTS)), CONTACT_COUNT, report_id=None)
+    found = both(library, replace(without, descriptor=descriptor), TOUCH, is_complete=True)
+    assert found.answered == len(found.clicks) == 2
+
+
+def test_a_report_that_is_cut_off_brings_nothing(library: ctypes.CDLL) -> None:
+    frames = [IDLE, (0.1, report({1: 0.1})[:8]), (0.2, report({2: 0.6}))]
+    found = both(library, recording_of(frames), TOUCH, is_complete=True)
+    assert found.answered == len(found.clicks) == 1
+
+
 def run_many_contacts(folder: str) -> None:
     """More contacts than the compiled step has room for come, lift one after another, and come in parts of frames.
 
