@@ -243,11 +243,9 @@ class Loop:
         session = self._session
         session.send()
         self._dispatcher.settle_if_written()
-        if readable is None or session.port.fileno() in readable:
+        if readable is None or session.port.fileno() in readable or session.must_receive():
             for event in session.receive():
                 self._act_on(event)
-        else:
-            session.check_patience()
         self._reconnection.greet_again_if_stopped()
 
     def _act_on(self, event: Event) -> None:

@@ -213,9 +213,13 @@ class Link:
                 events.append(event)
         return events
 
+    def is_overdue(self, now_ns: int) -> bool:
+        """Whether the device has been silent for longer than patience, as far as `receive` was told."""
+        return self._patience_end_ns is not None and now_ns >= self._patience_end_ns
+
     def poll(self, now_ns: int) -> None:
         """Raises LinkLostError when the device has been silent for too long."""
-        if self._patience_end_ns is None or now_ns < self._patience_end_ns:
+        if not self.is_overdue(now_ns):
             return
         state = self.state
         self.disconnect()

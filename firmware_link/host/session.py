@@ -66,9 +66,12 @@ class Session:
         self.link.poll(now_ns)
         return events
 
-    def check_patience(self) -> None:
-        """In place of `receive` where nothing has come; raises LinkLostError when the device is silent for too long."""
-        self.link.poll(self._monotonic_ns())
+    def must_receive(self) -> bool:
+        """Whether to `receive` although nothing had come when the loop woke up: only that calls a device silent.
+
+        A host that stalled since then finds what the device said in the meantime.
+        """
+        return self.link.is_overdue(self._monotonic_ns())
 
     def send(self) -> None:
         """The second half of `exchange`: write what is due."""

@@ -147,7 +147,7 @@ class VirtualLine:
         self._to_host = [item for item in self._to_host if item[0] > self.time_ns]
         return data
 
-    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> None:
+    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Sequence[int] | None:
         assert (readable, writable) in ([((-1,), ()), ((-1,), (-1,))] if self.is_open else [((), ())])
         self.waits += 1
         assert until_ns is not None or self._to_host or self._to_device, "the loop would wait for ever"
@@ -158,6 +158,7 @@ class VirtualLine:
                 self._run_to(min(end_ns, self._next_ns()))
         while self.time_ns < end_ns and not self._is_readable():
             self._run_to(min([end_ns, self._next_ns(), *(time_ns for time_ns, _ in self._to_host)]))
+        return None
 
     def _is_readable(self) -> bool:
         return self.is_open and (not self.is_plugged or any(time_ns <= self.time_ns for time_ns, _ in self._to_host))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -39,6 +40,7 @@ from tests.engine.loop.rig import (
     MS,
     PATIENCE_S,
     Rig,
+    VirtualLine,
     held,
     index_of,
     recording_of,
@@ -216,6 +218,30 @@ def test_a_host_that_stalled_for_seconds_hears_the_device_before_it_calls_it_sil
     assert rig.loop.counters.reconnects == 1
     assert rig.states() == [index_of(0), 0]
     assert rig.played() == [101.0, 0.0, 101.0, 0.0]
+
+
+class AttentiveLine(VirtualLine):
+    """Says whether the port can be read; where it cannot, the stall of `stall_ns` comes only after that was found."""
+
+    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Sequence[int]:
+        stall_at_ns, self.stall_at_ns = self.stall_at_ns, None
+        super().wait(until_ns, readable, writable)
+        found = readable if self._is_readable() else ()
+        if stall_at_ns is None or self.time_ns < stall_at_ns or found:
+            self.stall_at_ns = stall_at_ns
+            return found
+        end_ns = self.time_ns + self.stall_ns
+        while self.time_ns < end_ns:
+            self._run_to(min(end_ns, self._next_ns()))
+        return found
+
+
+def test_a_host_that_stalled_after_its_port_was_empty_looks_again_before_it_calls_the_device_silent() -> None:
+    rig = Rig(recording_of(*held(0.0, 4.0, (1, 0.1)), (4.0, report(lifted=[1]))), AttentiveLine(), reconnect=True)
+    rig.line.stall_at_ns, rig.line.stall_ns = rig.start_ns + 300 * MS, 3_000 * MS
+    rig.run()
+    assert rig.loop.counters.reconnects == 1
+    assert rig.states() == [index_of(0), 0]
 
 
 def test_after_a_stall_effects_are_caught_up_with_in_order_and_the_last_state_is_sent() -> None:

@@ -101,6 +101,8 @@ def test_a_device_that_says_nothing_is_given_up() -> None:
     session, clock = session_on(SlowPort())
     session.connect()
     session.exchange()
+    assert not session.must_receive()
     clock.now_ns = 60_000 * MS
+    assert session.must_receive()
     with pytest.raises(LinkLostError):
-        session.check_patience()
+        session.receive()
