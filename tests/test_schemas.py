@@ -1,0 +1,147 @@
+"""The JSON schemas of device and rule files have the reader's keys, and refuse only what the reader refuses."""
+
+import copy
+import json
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+import tomlkit
+
+from engine.device import Device
+from engine.device.toml_table import TomlTable
+from engine.effects.rule_file import parse_effects
+from firmware_link.protocol.errors import TactableError
+from tactable.shipped import find_device
+
+TABLES = Path(__file__).parent.parent / "tables"
+DEVICE, EFFECTS = (
+    json.loads((TABLES / "schemas" / f"{name}.schema.json").read_text()) for name in ("device", "effects")
+)
+ZONES = """
+[[zone]]
+name = "one"
+start = "0 %"
+stop = "50 %"
+"""
+RULES = """
+[[effect]]
+name = "all"
+envelope = [["click", "20 dB"], ["50 ms", "quiet"], ["held", "full scale"]]
+[[rule]]
+on = "hold"
+effect = "all"
+after = "1 s"
+zones = ["I"]
+[[rule]]
+on = "drag"
+effect = "all"
+every = "1 mm"
+region = ["45 mm", "60 %"]
+"""
+Path_ = tuple[str | int, ...]
+
+
+def with_zones() -> str:
+    text = find_device("reference-a").text.replace("count = 5 # equal; or [[zone]] tables with name, start, stop\n", "")
+    return text.replace('inferred = ["count", "hysteresis"]', "") + ZONES
+
+
+def read_device(text: str) -> None:
+    Device.parse(text, "text")
+
+
+def read_rules(text: str) -> None:
+    parse_effects(text, "text", find_device("reference-a"))
+
+
+CASES = [
+    *[(DEVICE, read_device, find_device(name).text) for name in ("reference-a", "reference-d", "reference-t")],
+    (DEVICE, read_device, with_zones()),
+    *[(EFFECTS, read_rules, path.read_text()) for path in sorted((TABLES / "effects").glob("*.toml"))],
+    (EFFECTS, read_rules, RULES),
+]
+
+
+def refuses(schema: Any, values: Any) -> bool:
+    return not jsonschema.Draft202012Validator(schema).is_valid(values)
+
+
+@pytest.mark.parametrize("schema", [DEVICE, EFFECTS], ids=["device", "effects"])
+def test_it_is_a_schema(schema: Any) -> None:
+    jsonschema.Draft202012Validator.check_schema(schema)
+
+
+@pytest.mark.parametrize(("schema", "read", "text"), CASES)
+def test_what_is_shipped_is_valid(schema: Any, read: Any, text: str) -> None:
+    read(text)
+    jsonschema.validate(tomllib.loads(text), schema)
+
+
+def test_it_has_the_keys_that_the_reader_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    known: dict[str, set[str]] = {}
+
+    def note(self: TomlTable) -> None:
+        known.setdefault(f"{type(self).__name__} {self.path.partition('[')[0]}", set()).update(self.known)
+
+    monkeypatch.setattr(TomlTable, "refuse_rest", note)
+    for _, read, text in CASES:
+        read(text)
+    for table, schema in (("DeviceTable", DEVICE), ("_RuleTable", EFFECTS)):
+        parts = {key: part.get("items", part) for key, part in schema["properties"].items()}
+        for key, part in parts.items():
+            if "properties" in part:
+                assert set(part["properties"]) - {"inferred"} == known[f"{table} {key}"], key
+    assert set(EFFECTS["properties"]) == known["_RuleTable "]
+    assert set(DEVICE["properties"]) - {"inferred", "calibration"} == known["DeviceTable "]
+
+
+def leaves(values: Any, path: Path_ = ()) -> Iterator[Path_]:
+    """Paths of all keys of tables."""
+    for key, value in values.items() if isinstance(values, dict) else enumerate(values):
+        if isinstance(values, dict):
+            yield (*path, key)
+        if isinstance(value, dict) or (isinstance(value, list) and value and isinstance(value[0], dict)):
+            yield from leaves(value, (*path, key))
+
+
+def changed(values: Any, path: Path_, new: Any) -> Any:
+    """A copy with another value, or without it for None."""
+    values = copy.deepcopy(values)
+    inner = values
+    for key in path[:-1]:
+        inner = inner[key]
+    if new is None:
+        del inner[path[-1]]
+        if isinstance(inner.get("inferred"), list) and path[-1] in inner["inferred"]:
+            inner["inferred"].remove(path[-1])
+    else:
+        inner[path[-1]] = new
+    return values
+
+
+def is_read(read: Any, values: Any) -> bool:
+    try:
+        read(tomlkit.dumps(values))
+    except TactableError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize(("schema", "read", "text"), [CASES[0], CASES[3], CASES[-1]], ids=["device", "zones", "rules"])
+def test_what_it_refuses_the_reader_refuses(schema: Any, read: Any, text: str) -> None:
+    values = tomllib.loads(text)
+    for path in leaves(values):
+        without = changed(values, path, None)
+        # Which keys go together, such as `after` with "hold", only the reader knows.
+        if path[-1] not in ("after", "every", "count", "zone", "zones", "region"):
+            assert refuses(schema, without) is not is_read(read, without), path
+        for new in (7, "7", "seven mm", True, [], ["1 mm"], {"a": 1}, "3 dB", "1 mm", "x"):
+            other = changed(values, path, new)
+            if refuses(schema, other):
+                assert not is_read(read, other), (path, new)
+    misspelt = values | {"nmae": "x"}
+    assert refuses(schema, misspelt) and not is_read(read, misspelt)
