@@ -36,7 +36,8 @@ def check_size(device: Device, path: Path) -> None:
     """Raise TableError for a table that neither the disk of `path` nor the memory of this machine has room for."""
     remedy = "make the sweep coarser (sweep.step, sweep.amplitude_steps, sweep.phase_steps)"
     folder = path.absolute().parent
-    wanted, free = table_bytes(device), shutil.disk_usage(folder).free if folder.is_dir() else math.inf
+    disk = shutil.disk_usage(folder) if folder.is_dir() else None
+    wanted, free = table_bytes(device), math.inf if disk is None or not disk.total else disk.free  # 0: it does not say
     if wanted > free:
         raise TableError(
             f"{path}: a table of {device.name} takes {_size_text(wanted)}, and {_size_text(free)} are free there: "

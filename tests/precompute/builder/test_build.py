@@ -73,7 +73,7 @@ def test_a_table_without_room_is_refused_before_it_is_begun(
     for before, after in changes.items():
         text = text.replace(before, after)
     if "memory" in message:
-        monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=1 << 60))
+        monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(total=1 << 60, free=1 << 60))
     with pytest.raises(TableError, match=message):
         build_table(Device.parse(text, "great"), tmp_path / "great.nc")
     assert list(tmp_path.iterdir()) == []

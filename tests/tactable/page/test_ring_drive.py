@@ -37,6 +37,16 @@ def test_a_steady_drive_is_the_one_solved_for_the_positions_from_when_it_was_wri
     assert [channel.frequency_hz for channel in event.channels] == pytest.approx(solved.frequencies_hz, abs=5e-3)
 
 
+def test_on_a_board_of_another_full_scale_the_bar_moves_as_the_board_does(table: Table) -> None:
+    """Commands are fractions of the board's full scale, and the page's bar has the table's."""
+    full_scales_m = [2.6e-6 for _ in table.device.actuators]
+    plain, scaled = (RingDrive(table, RESOLUTION_HZ, full_m) for full_m in (None, full_scales_m))
+    record = record_of(table, FINGERS, 1_000_000)
+    (own,), (board,) = plain.events([record]), scaled.events([record])
+    for channel, moved, actuator in zip(own.channels, board.channels, table.device.actuators, strict=True):
+        assert moved.amplitude == pytest.approx(channel.amplitude * 2.6e-6 / actuator.full_scale_m)
+
+
 def test_a_click_is_the_waveform_of_the_nearest_places(table: Table, drive: RingDrive) -> None:
     record = record_of(table, FINGERS, 1_000_000, is_click=True)
     (event,) = drive.events([record])
