@@ -30,7 +30,7 @@ from tests.engine.loop.fast.scripts import (
 )
 from tests.engine.loop.rig import DEVICE, Rig
 from tests.engine.made_entries import LEVEL_DB
-from tests.engine.touch.descriptors import CONTACT_COUNT, application, finger
+from tests.engine.touch.descriptors import BLOB, CONTACT_COUNT, application, finger
 
 GAPS = device_with_gaps()
 CLICKS = {device: varied_clicks(device) for device in (DEVICE, GAPS)}
@@ -224,10 +224,11 @@ def test_the_last_contact_of_a_digitizer_that_counts_from_one_is_answered(librar
 
 
 def test_a_contact_that_hovers_feels_nothing_until_it_touches(library: ctypes.CDLL) -> None:
-    """The second flag is In Range: without the first the contact is there, and does not touch."""
+    """The second flag is In Range: without the first the contact of a Windows 8 panel is there, and does not touch."""
     hover = report({1: 0.1}).replace(b"\x03", b"\x02", 1)
     frames = [IDLE, (0.1, hover), (0.15, report({1: 0.1})), (0.2, hover), (0.3, report({2: 0.6}))]
-    found = both(library, recording_of(frames), TOUCH, is_complete=True)
+    panel = application(*(finger() for _ in range(SLOTS)), CONTACT_COUNT, BLOB)
+    found = both(library, replace(recording_of(frames), descriptor=panel), TOUCH, is_complete=True)
     assert found.answered == len(found.clicks) == 2
 
 
@@ -240,7 +241,8 @@ def test_a_digitizer_without_report_numbers_is_answered(library: ctypes.CDLL) ->
 
 
 def test_a_report_that_is_cut_off_brings_nothing(library: ctypes.CDLL) -> None:
-    frames = [IDLE, (0.1, report({1: 0.1})[:8]), (0.2, report({2: 0.6}))]
+    """Behind its end lies the report before, whose contact count would make it whole."""
+    frames = [IDLE, (0.1, report({1: 0.1})), (0.2, report({}, [1])), (0.3, report({2: 0.6})[:8])]
     found = both(library, recording_of(frames), TOUCH, is_complete=True)
     assert found.answered == len(found.clicks) == 1
 
