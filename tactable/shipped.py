@@ -1,4 +1,4 @@
-"""Files that travel with the program, by name: device descriptions and the demo's recording; and the cache folder."""
+"""Files that travel with the program, by name: devices, their tables, the demo's recording; and the cache folder."""
 
 import os
 from pathlib import Path
@@ -15,6 +15,12 @@ def device_folder() -> Path:
     """Folder of the shipped descriptions: inside an installed package, in tables/ of a checkout."""
     installed = _HERE / "devices"
     return installed if installed.is_dir() else _HERE.parent / "tables" / "devices"
+
+
+def ready_folder() -> Path:
+    """Folder of the shipped tables (tactable.rig.ready), likewise."""
+    installed = _HERE / "ready"
+    return installed if installed.is_dir() else _HERE.parent / "tables" / "ready"
 
 
 def shipped_names() -> list[str]:

@@ -12,8 +12,8 @@ from engine.render.board_fit import BoardFit, fit_board
 from engine.render.chosen_basis import choose_basis, scaled
 from engine.render.clicks import RenderedClicks
 from engine.render.limits import link_configuration
-from engine.render.renderer import Renderer, WhenNotAchieved
-from engine.render.steady_drives import SteadyDrives
+from engine.render.renderer import Renderer, Steady, WhenNotAchieved
+from engine.render.steady_drives import SteadyDrives, ZoneDrives
 from engine.table import Table
 from firmware_link.host.link_values import Capabilities, LinkConfiguration
 from firmware_link.protocol.basis import Basis
@@ -45,6 +45,8 @@ def render_table(
     capabilities: Capabilities,
     when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN,
     bit_rate_hz: int = 115_200,
+    *,
+    solves: bool = True,
 ) -> Rendering:
     """Fit a table to the rules and a device; raises RendererError and LimitError where they do not fit together."""
     device, clicks = table.device, table.clicks
@@ -54,7 +56,11 @@ def render_table(
     basis = choose_basis(clicks.basis if effects.have_clicks else None, capabilities, bit_rate_hz, lease_ms)
     basis = scaled(basis, fit.scales)
     refuses = when_not_achieved is WhenNotAchieved.REFUSE
-    steady = SteadyDrives(device, capabilities, table.receptances, refuses, fit.scales)
+    steady: Steady = (
+        SteadyDrives(device, capabilities, table.receptances, refuses, fit.scales)
+        if solves
+        else ZoneDrives(table, capabilities, refuses, fit.scales)
+    )
     renderer = Renderer(capabilities, steady, RenderedClicks(clicks, basis, refuses), effects.levels_db)
     return Rendering(
         device,

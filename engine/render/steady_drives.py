@@ -1,7 +1,8 @@
 """Steady drives as commands: solved for the exact positions when they are wanted, clamped, encoded, and remembered.
 
 Optima are sharp and responses are smooth (docs/theory.md#steady-drives-at-positions), so no drive is tabulated: the
-table holds the receptances, and a solve takes less time than a report of most digitizers.
+table holds the receptances, and a solve takes less time than a report of most digitizers. Only until the kernels of
+the solver are compiled, once on a machine, a page plays the tabulated drives of zones in their place.
 """
 
 from collections.abc import Sequence
@@ -9,8 +10,9 @@ from dataclasses import replace
 
 from engine.device import Device
 from engine.render.commands import SILENCE, DriveCommand, Rendered, RendererError
-from engine.render.limits import clamp
+from engine.render.limits import Solved, clamp
 from engine.steady import Receptances
+from engine.table import Table
 from engine.touch import Placement
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import encode_drive
@@ -59,11 +61,36 @@ class SteadyDrives:
         solved = self._solver.solve(placement.position_m, placement.is_felt, level_db)
         if self._refuses and not solved.achieved:
             return Rendered(SILENCE, is_achieved=False)
-        channels = [
-            replace(channel, amplitude=min(1.0, channel.amplitude * scale))
-            for channel, scale in zip(clamp(solved, self._device).channels, self._scales, strict=True)
-        ]
-        return Rendered(DriveCommand(encode_drive(channels, self._resolution_hz)), solved.achieved)
+        return Rendered(_command(solved, self._device, self._scales, self._resolution_hz), solved.achieved)
+
+
+class ZoneDrives:
+    """The table's drives for the zones that fingers are in: `SteadyDrives` where no kernel is compiled yet.
+
+    A state without an entry is silence.
+    """
+
+    def __init__(self, table: Table, capabilities: Capabilities, refuses: bool, scales: Sequence[float]) -> None:
+        self._table, self._resolution_hz, self._refuses = table, capabilities.frequency_resolution_hz, refuses
+        self._scales = tuple(scales)
+
+    def prepare(self) -> None:
+        """Nothing: the table holds all of it."""
+
+    def rendered(self, placement: Placement, level_db: float) -> Rendered:
+        """The drive of these fingers' zones at this level."""
+        entry = self._table.entry_at(placement.state_on(self._table.device), level_db)
+        if entry is None or (self._refuses and not entry.achieved):
+            return Rendered(SILENCE, is_achieved=False)
+        return Rendered(_command(entry, self._table.device, self._scales, self._resolution_hz), entry.achieved)
+
+
+def _command(solved: Solved, device: Device, scales: Sequence[float], resolution_hz: float) -> DriveCommand:
+    channels = [
+        replace(channel, amplitude=min(1.0, channel.amplitude * scale))
+        for channel, scale in zip(clamp(solved, device).channels, scales, strict=True)
+    ]
+    return DriveCommand(encode_drive(channels, resolution_hz))
 
 
 def _check_frequencies(device: Device, receptances: Receptances, capabilities: Capabilities) -> None:

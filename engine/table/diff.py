@@ -242,6 +242,8 @@ def _plain(value: Any) -> Value:
 
 
 def _compare_responses(before: Table, after: Table, tolerance: Tolerance) -> tuple[list[str], dict[str, float]]:
+    if before.is_shipped or after.is_shipped:
+        return [], {}  # a shipped table holds none
     axes = ("frequency", "actuator", "position")
     own, other = ([table.values("responses", axis) for axis in axes] for table in (before, after))
     for what, a, b in zip(("frequencies", "actuators", "places"), own, other, strict=True):

@@ -142,5 +142,7 @@ TEXT_ATTRIBUTES = (
     "code_version", "created", "objective", "made_for", "spread_over", "source", "outdated", "click_options",
     "responses_file", "responses_sha256", "modelled",
 )  # fmt: skip
-WHOLE_ATTRIBUTES = ("format_revision", "clicks_up_to", "clicks_are_coarse")
+IS_SHIPPED = "is_shipped"
+"""Attribute of a table that holds entries and clicks alone, made to be small."""
+WHOLE_ATTRIBUTES = ("format_revision", "clicks_up_to", "clicks_are_coarse", IS_SHIPPED)
 REAL_ATTRIBUTES = ("click_pitch_m", "click_tolerance_m")

@@ -21,6 +21,7 @@ from engine.table.entry import DEFAULT_LEVEL_DB, Entry, played_at
 from engine.table.error import TableError
 from engine.table.file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes
 from engine.table.receptance_columns import read_receptances
+from engine.table.schema import IS_SHIPPED
 from engine.table.soundness import check_contents, check_values
 from engine.touch import Placement, ZoneState, state_index
 from engine.touch.places import Places
@@ -55,8 +56,7 @@ class Table:
             self._by_state.setdefault(entry.index, []).append(entry)
         self.clicks = live.clicks
         """The tabulated clicks, one for each placement at the places; a table may have none."""
-        self.receptances = live.receptances
-        """What steady drives at any positions are solved from."""
+        self._receptances = live.receptances
 
     @classmethod
     def open(
@@ -104,6 +104,18 @@ class Table:
         for group in found:
             writer.copy(group, self._file.groups[group])
         return bool(found)
+
+    @property
+    def receptances(self) -> Receptances:
+        """What steady drives at any positions are solved from. Raises TableError where the table was made without."""
+        if self._receptances is None:
+            raise TableError(f"{self.path}: has no receptances, as tables that are shipped have none; build it")
+        return self._receptances
+
+    @property
+    def is_shipped(self) -> bool:
+        """Whether the table was made to be shipped: it has entries and clicks, no responses, receptances or sweeps."""
+        return IS_SHIPPED in self.attributes
 
     def values(self, group: str, name: str) -> Values:
         """A whole array by its group and name, such as "responses" and "frequency"."""
@@ -264,7 +276,7 @@ class _LiveParts(NamedTuple):
     """The parts that a live engine plays from, read through h5py: h5netcdf takes 5 ms for each variable it opens."""
 
     clicks: Clicks
-    receptances: Receptances
+    receptances: Receptances | None
 
 
 def _read_inside(path: Path, sealed: bool, verify: bool) -> tuple[Device, _LiveParts]:
@@ -281,7 +293,8 @@ def _read_inside(path: Path, sealed: bool, verify: bool) -> tuple[Device, _LiveP
             clicks = read_clicks(file["clicks"], length_m, float(file.attrs["click_tolerance_m"][0]))
         else:
             clicks = Clicks.of(Places.every(length_m, pitch_m), [])
-        return device, _LiveParts(clicks, read_receptances(file["receptances"]))
+        receptances = None if IS_SHIPPED in file.attrs else read_receptances(file["receptances"])
+        return device, _LiveParts(clicks, receptances)
 
 
 def _as_table_error(path: Path, error: Exception) -> TableError:

@@ -38,15 +38,18 @@ _SILENT = 1e-15
 
 
 class ClickTabulator:
-    """Makes the table rows of one device's clicks, solved with these options."""
+    """Makes the table rows of one device's clicks, solved with these options.
 
-    def __init__(self, device: Device, options: ClickOptions) -> None:
+    modes: of the nominal plant; None: as many as the band needs, which takes compiled kernels to count.
+    """
+
+    def __init__(self, device: Device, options: ClickOptions, modes: int | None = None) -> None:
         self.basis = click_basis(device, options)
         self._device, self._lengths_s = device, options.lengths_s
         self._tolerance_m = device.spread.finger_position_m if options.tolerance_m is None else options.tolerance_m
         self._wanted_level_db = np.inf if options.wanted_db is None else options.wanted_db
         self._levels_db = (*device.levels_db, np.inf)
-        self._modes = compute_basis(assemble(device))
+        self._modes = compute_basis(assemble(device), modes)
         self._filter = threshold_filter(EVALUATION_RATE_HZ)
         self._plant_of = lru_cache(maxsize=4)(self._make_plant)
         """The nominal plant with fingers at a tuple of positions; clicks with the same fingers come together."""

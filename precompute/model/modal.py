@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from engine.device import Finger
 from engine.device.file import CLICKS_TOP_HZ
 from precompute.model.assembly import Plant, assemble, dense
-from precompute.model.response import solve_response
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -102,6 +101,8 @@ def truncation_errors(basis: Basis, frequency_hz: Array) -> Array:
 
     Accelerations at a finger in the middle of every zone per unit force at each actuator, all fingers on the bar.
     """
+    from precompute.model.response import solve_response  # it compiles kernels, which known modes do not need
+
     device, omega = basis.plant.device, 2 * np.pi * frequency_hz
     plant = assemble(device) if basis.plant.is_measured else basis.plant  # fingers join no measured responses
     middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])

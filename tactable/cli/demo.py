@@ -1,5 +1,6 @@
 """Commands that need no hardware: the demo, and the emulated firmware on a serial port. Both say SIMULATED."""
 
+import os
 import secrets
 from dataclasses import asdict
 from pathlib import Path
@@ -73,22 +74,36 @@ def report_demo(
     from tactable.figures.file import check_paths
     from tactable.rig.demo import demo_json, run_demo, table_for
     from tactable.rig.demo_page import print_demo
+    from tactable.rig.ready import cached_table, compare_with_shipped, open_shipped
 
     check_paths(figure, None)
     recording = read_recording(recording_path or DEMO_RECORDING)
     effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, device)
-    path = table_path or cache_folder() / f"{device.name}-{device.fingerprint[:12]}.nc"
+    path = table_path or cached_table(device, cache_folder())
+    shipped, shipped_s = open_shipped(device, path), _processor_s()
     with shown_progress(as_json) as progress:
         table = table_for(device, path, progress)
+    beside: dict[str, Any] | None = None
+    if shipped is not None:
+        found, built_s = compare_with_shipped(shipped, table), _processor_s()
+        shipped.close()
+        beside = {"usable_after_processor_s": shipped_s, "built_after_processor_s": built_s, **found.as_json()}
+        remark(f"shipped table: usable after {shipped_s:.1f} s of processor time; the same built here: {built_s:.1f} s")
+        remark(f"compared with the shipped one: {found.text}")
     with table:
         report = run_demo(table, recording, effects)
     draw_demo(report, figure)
     if as_json:
-        print_json({**demo_json(report), "figure": str(figure)})
+        print_json({**demo_json(report), "figure": str(figure), "shipped_table": beside})
     else:
         print_demo(OUT, report, figure)
     if not report.agrees:
         raise typer.Exit(EXIT_DOUBTFUL)
+
+
+def _processor_s() -> float:
+    """Processor time of this command and its processes that have ended."""
+    return sum(os.times()[:4])
 
 
 def emulate(

@@ -7,16 +7,18 @@ import json
 from dataclasses import fields, replace
 from functools import cached_property
 from math import inf
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from engine.steady.cases import TOLERANCE_M
-from engine.steady.solver import SteadySolver
 from engine.table import ClickEntry, Table, TableError
 from engine.table.click import ClickFinger, played_at
 from engine.touch import Placement
 from precompute.clicks import DEFAULT_OPTIONS, Click, ClickOptions, ClickSolver
 from precompute.clicks.baselines import solve_baseline
 from precompute.clicks.columns import ClickTabulator
+
+if TYPE_CHECKING:  # its kernels are compiled when it is imported
+    from engine.steady.solver import SteadySolver
 
 
 class ClickSource:
@@ -36,10 +38,13 @@ class ClickSource:
 
     @cached_property
     def _tabulator(self) -> ClickTabulator:
-        return ClickTabulator(self.table.device, self.options)
+        modes = self.table.attributes.get("modes")  # counting them takes compiled kernels
+        return ClickTabulator(self.table.device, self.options, None if modes is None else int(modes.item()))
 
     @cached_property
-    def _steady(self) -> SteadySolver:
+    def _steady(self) -> "SteadySolver":
+        from engine.steady.solver import SteadySolver
+
         return SteadySolver(self.table.device, self.table.receptances)
 
     def holds(self, placement: Placement) -> bool:

@@ -33,8 +33,8 @@ from tactable.page.processes.firmware import Applied, decode_applied
 from tactable.page.scene import device_json
 from tactable.page.tables import Builder, order_for
 from tactable.page.view import View
-from tactable.rig.demo import open_cached
 from tactable.rig.emulate import configuration_of
+from tactable.rig.ready import compare_with_shipped, is_outdated, open_cached
 from tactable.shipped import find_device
 
 SHORTEST_BACK_OFF_S, LONGEST_BACK_OFF_S = 0.25, 5.0
@@ -130,7 +130,10 @@ class DemoBackend:
         self._reader: RingReader | None = None
         self.view: View | None = None
         """The view of the browsers; None until the engine runs."""
-        self._plays: Choice | None = None
+        self._plays: tuple[Choice, bool] | None = None
+        """The choice that plays, and whether kernels are compiled for it."""
+        self._compared: dict[str, Any] | None = None
+        """What a table that was built here is beside the shipped one."""
         self._table: Table | None = None
         self._boot: tuple[int, int] = (0, 0)
         self._rings = 0
@@ -159,7 +162,12 @@ class DemoBackend:
             "restarts": self.restarts,
             "building": to_plain(building),
             "clicks": 0 if table is None else len(table.clicks),
-            "plays": None if self._plays is None else self._plays.as_json(),
+            "plays": None if self._plays is None else self._plays[0].as_json(),
+            "is_shipped": table is not None and table.is_shipped,
+            "is_outdated": table is not None and is_outdated(table),
+            "is_coarse": table is not None and "clicks_are_coarse" in table.attributes,
+            "has_kernels": self._plays is not None and self._plays[1],
+            "compared": self._compared,
         }
 
     def touch(self, browser: int, events: Sequence[PointerEvent]) -> None:
@@ -201,7 +209,7 @@ class DemoBackend:
                 self._boot, view.zero_ns = boot, applied.host_ns_at_device_zero
                 view.bar.begin(applied.until_us)
             view.read(reader.read())
-            view.bar.take(applied.events)
+            view.take(applied.events)
             messages += view.move(applied.until_us, is_loaded=self._choice.is_loaded)
         picture = view.picture()
         return [*messages, encode_picture(picture)], bool(picture.fingers) or view.is_moving
@@ -254,25 +262,26 @@ class DemoBackend:
         order = order_for(choice.device, device, self._cache)
         table = self._table
         has_all = table is not None and table.path == order.path and table.fingerprint == device.fingerprint
-        if has_all:
+        if has_all and self._builder.has_compiled:
             self._builder.stop()
-        else:
+        elif not has_all:
             had_built = self._builder.has_built(order)
             table = await asyncio.to_thread(open_cached, device, order.path)
             if (table is None or table.path != order.path) and self._builder.has_built(order) and not had_built:
                 self._news.set()  # the table was finished during the look: look again
-            elif table is None or table.path != order.path:
-                self._builder.ask(order)
             if table is None:
+                self._builder.ask(order)
                 self._status = "building" if self.view is None else self._status
                 return
-            if self._table is not None and _is_same(table, self._table):
+            if self._table is not None and self._table is not table and _is_same(table, self._table):
                 table.close()
                 table = self._table
-        if self._plays is not None and table is self._table and replace(choice, is_loaded=True) == self._plays:
-            return
         assert table is not None
-        await self._change_over(choice, device, table)
+        wanted = replace(choice, is_loaded=True), self._builder.has_compiled
+        if table is not self._table or wanted != self._plays:
+            await self._change_over(choice, device, table)
+        if table.path != order.path or not self._builder.has_compiled:
+            self._builder.ask(order)  # only now: what there is plays first
 
     async def _change_over(self, choice: Choice, device: Device, table: Table) -> None:
         if self._firmware is None or self.view is None or self.view.table.fingerprint != table.fingerprint:
@@ -282,23 +291,34 @@ class DemoBackend:
         if self._engine is None:
             self._rings += 1
             self._engine = await _Engine.start(self._work / f"ring-{os.getpid()}-{self._rings}")
-        order = Order(table.path, self._firmware.port, choice, self._offers.rule_file)
+        has_kernels = self._builder.has_compiled
+        order = Order(table.path, self._firmware.port, choice, self._offers.rule_file, has_kernels)
         await self._engine.play(order)
         if self._reader is None:
             self._reader = RingReader(self._engine.ring, from_start=True)
         resolution_hz = configuration_of(device).frequency_resolution_uhz * 1e-6
         before = self.view
-        view = View(table, LiveBar(device) if before is None else before.bar, resolution_hz)
+        bar = LiveBar(device) if before is None else before.bar
+        view = await asyncio.to_thread(View, table, bar, resolution_hz, has_kernels=has_kernels)
         if before is None:
             self._boot = (0, 0)
         else:
             view.zero_ns = before.zero_ns
+        await self._compare(device, table)
         if self._table is not None and self._table is not table:
             self._table.close()
-        self.view, self._table, self._plays = view, table, replace(choice, is_loaded=True)
+        self.view, self._table, self._plays = view, table, (replace(choice, is_loaded=True), has_kernels)
         self._pointers.feed(self._engine.feed)
         self._status, self._trouble = "running", ""
         self.scene_number += 1
+
+    async def _compare(self, device: Device, table: Table) -> None:
+        """Compare a table with coarse clicks that was built here with the shipped one, once it takes its place."""
+        before = self._table
+        if before is None or not before.is_shipped or before.fingerprint != table.fingerprint or table.is_shipped:
+            return
+        found = await asyncio.to_thread(compare_with_shipped, before, table)
+        self._compared = {"device": device.name, **found.as_json()}
 
     async def _end_rig(self) -> None:
         self._pointers.feed(None)

@@ -59,7 +59,7 @@ class LiveBackend:
         """Read the ring and advance the bar."""
         view, records = self._view, list(self._reader.read())
         view.read(records)
-        view.bar.take(self._drive.events(records))
+        view.take(self._drive.events(records))
         messages = view.move((time.monotonic_ns() - BEHIND_NS) / _NS_PER_US, is_loaded=True)
         picture = view.picture()
         return [*messages, encode_picture(picture)], bool(picture.fingers) or view.is_moving

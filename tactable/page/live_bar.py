@@ -67,7 +67,7 @@ class LiveBar:
         self.device = device
         self.now_us = 0.0
         self.grid_m = np.linspace(0.0, device.bar.length_m, POINTS)
-        self._basis = compute_basis(assemble(device)).lowest(MODES)
+        self._basis = compute_basis(assemble(device), MODES)
         self._taps = threshold_filter(RATE_HZ)
         silent = tuple(ChannelTarget(0.0, 0.0, None) for _ in device.actuators)
         self._silence = DriveEvent(0, Cause.NEW_SESSION, None, device.limits.slew_per_s, silent)

@@ -145,8 +145,8 @@ class Picture:
     """The present state. On the wire: the fixed part, then fingers, made fingers, channels, levels, counted levels.
 
     fixed: f64 time_s, 6 u32 counters, u32 command, f32 age_s, f32 wanted_db, 5 u32 last_ns, 5 u32 median_ns,
-    u32 latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing, 4 is_provisional), then u8 of fingers, made fingers,
-    channels and levels.
+    u32 latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing, 4 is_provisional, 8 is_late), then u8 of fingers, made
+    fingers, channels and levels.
     finger: u32 number, u8 zone (255: none), u8 role, f32 position_m, f32 level_db, f32 felt_db.
     made finger: u32 number (0xFFFFFFFF: none), u8 zone, u8 role, f32 position_m, i16 promised and i16 simulated of
     0.01 dB (-32768: none).
@@ -174,6 +174,8 @@ class Picture:
     """The command still drives."""
     is_provisional: bool
     """The command is a steady drive in place of a click that was not solved in time."""
+    is_late: bool
+    """The machine stalled during the command, or the firmware never had it in time: what it did is not judged."""
     fingers: tuple[FingerPicture, ...]
     made: tuple[MadePicture, ...]
     """The fingers that the last command was made for."""
@@ -205,7 +207,7 @@ def encode_picture(picture: Picture) -> bytes:
         *picture.median_ns,
         picture.latencies,
         picture.drive,
-        picture.is_loaded | picture.is_playing << 1 | picture.is_provisional << 2,
+        picture.is_loaded | picture.is_playing << 1 | picture.is_provisional << 2 | picture.is_late << 3,
         *counts,
     )
     fingers = [_finger_bytes(finger) for finger in picture.fingers]

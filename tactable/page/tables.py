@@ -9,6 +9,7 @@ from engine.device import Device
 from firmware_link.child import ChildError
 from tactable.page.processes.asynchronous import AsyncChild
 from tactable.page.processes.build import BuildOrder
+from tactable.rig.ready import cached_table
 
 
 @dataclass(frozen=True)
@@ -26,17 +27,14 @@ def order_for(device_name: str, device: Device, folder: Path) -> BuildOrder:
     return BuildOrder(device_name, cached_table(device, folder))
 
 
-def cached_table(device: Device, folder: Path) -> Path:
-    """Path of the cached table of a device."""
-    return folder / f"{device.name}-{device.fingerprint[:12]}.nc"
-
-
 class Builder:
     """Builds one table at a time in a child process; calls `on_change` whenever its state changed."""
 
     def __init__(self, on_change: Callable[[], None]) -> None:
         self.now: Building | None = None
         """The build under way, or why no table is built."""
+        self.has_compiled = False
+        """Whether a build has compiled the kernels, so that other processes load them at once."""
         self._on_change = on_change
         self._order: BuildOrder | None = None
         self._built = set[BuildOrder]()
@@ -89,7 +87,9 @@ class Builder:
     async def _follow(self, child: AsyncChild, order: BuildOrder) -> None:
         while True:
             answer = await child.read()
-            if "step" in answer:
+            if "compiled" in answer:
+                self.has_compiled = True
+            elif "step" in answer:
                 self.now = Building(order.device, answer["step"], answer["fraction"])
             elif Path(answer["usable"]) == order.path:
                 self._built.add(order)

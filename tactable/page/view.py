@@ -15,9 +15,10 @@ from engine.table import Table
 from engine.touch import Placement, Touch
 from engine.touch.finger_tracker import ZoneEdges
 from engine.touch.placement import CLOSEST_M
+from firmware_link.emulator import DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S
 from firmware_link.protocol.messages import decode_drive
-from tactable.page.live_bar import POINTS, RATE_HZ, BarFinger, LiveBar, Moved
+from tactable.page.live_bar import LONGEST_STEP_S, POINTS, RATE_HZ, BarFinger, LiveBar, Moved
 from tactable.page.messages import (
     LOWEST_DB,
     ChannelPicture,
@@ -42,6 +43,8 @@ LOUDER_DB = 12.0
 LOUDEST_LEVEL_DB = 40.0
 """The wanted level that is assumed for a command at full scale."""
 LATENCIES = 64
+LOST_S = 0.3
+"""A click that the firmware has not taken so long after it was written was refused as late."""
 _MOTION_RATE_HZ = 3000
 _STAGES = len(Stage) - 1
 _FULL_SCALE = 32_767
@@ -70,16 +73,21 @@ class _Command:
     """Length of a click; infinite for a steady drive."""
     simulated_db: dict[int, float] = field(default_factory=dict)
     ended_us: float = math.inf
+    sequence: int | None = None
+    """Sequence number of its frame."""
+    is_stalled: bool = False
+    """Whether a part of its time was left out, the machine having stalled."""
 
 
 class View:
     """The run of one table. Times are those of the device; `zero_ns` is host time at the device's zero."""
 
-    def __init__(self, table: Table, bar: LiveBar, frequency_resolution_hz: float) -> None:
+    def __init__(self, table: Table, bar: LiveBar, frequency_resolution_hz: float, *, has_kernels: bool = True) -> None:
         self.table, self.bar = table, bar
+        self._promises_steady = has_kernels and not table.is_shipped
         self.zero_ns = 0
         self._promises, self._edges = Promises(table), ZoneEdges(table.device)
-        self._promises.prepare()
+        self._promises.prepare(steady=self._promises_steady)
         self._click_length_s = max((click.length_s for click in table.clicks[:1]), default=DEFAULT_CLICK_NS / 1e9)
         self._resolution_hz = frequency_resolution_hz
         self._touches: tuple[Touch, ...] = ()
@@ -98,6 +106,7 @@ class View:
         """The command whose motion is captured next."""
         self._capture_us = math.inf
         self._sounds: dict[int, NDArray[np.int16]] = {}
+        self._taken_us: dict[int, float] = {}  # by sequence number, when the firmware last took it
 
     def read(self, records: Iterable[Record]) -> None:
         """Take records of the ring."""
@@ -127,10 +136,11 @@ class View:
                 channels = (ChannelPicture(0.0, click.amplitude, 0.0),) * len(self.table.device.actuators)
                 promised_db, length_s = promise.level_db.tolist(), click.length_s
         else:
-            _, promise = self._promises.of_drive(placement, level_db)
             drive = decode_drive(record.drive, self._resolution_hz)[: len(self.table.device.actuators)]
             channels = tuple(ChannelPicture(c.frequency_hz, c.amplitude, c.phase_rad) for c in drive)
-            promised_db, length_s = promise.level_db.tolist(), math.inf
+            length_s = math.inf
+            if self._promises_steady:  # that of a zone is not for these positions
+                promised_db = self._promises.of_drive(placement, level_db)[1].level_db.tolist()
         self._command = _Command(
             number=self._commands,
             placement=placement,
@@ -143,16 +153,24 @@ class View:
             promised_db=promised_db,
             length_s=length_s,
             ended_us=at_us + length_s * US_PER_S,
+            sequence=record.drive_sequence,
         )
         self._counted_db, self._felt_db = np.full(POINTS, LOWEST_DB), {}
         if self._captured is None:
             self._captured, self._capture_us = self._command, at_us + CAPTURE_AFTER_S * US_PER_S
+
+    def take(self, events: Sequence[DriveEvent]) -> None:
+        """Take what the firmware drove."""
+        self.bar.take(events)
+        self._taken_us |= {event.sequence: event.device_time_us for event in events if event.sequence is not None}
 
     def move(self, until_us: float, *, is_loaded: bool) -> list[bytes]:
         """Advance the bar; returns MOTION messages of moments to be shown slowed."""
         self._is_loaded = is_loaded
         self.bar.touch([BarFinger(touch.contact_id, touch.position_m) for touch in self._touches], is_loaded=is_loaded)
         start_us = self.bar.now_us
+        if until_us - start_us > LONGEST_STEP_S * US_PER_S and self._command is not None:
+            self._command.is_stalled |= start_us < self._command.ended_us
         self._take(self.bar.advance(until_us), start_us)
         return self._capture()
 
@@ -228,12 +246,21 @@ class View:
             is_loaded=self._is_loaded,
             is_playing=command is not None and now_us < command.ended_us,
             is_provisional=command is not None and command.is_provisional,
+            is_late=command is not None and self._is_late(command),
             fingers=tuple(self._finger(touch) for touch in self._touches),
             made=() if command is None else self._made(command),
             channels=() if command is None else command.channels,
             levels_db=self._levels_db,
             counted_db=self._counted_db,
         )
+
+    def _is_late(self, command: _Command) -> bool:
+        """Whether what a command did cannot be judged; a steady drive that is there already causes no event."""
+        if command.is_stalled or command.drive is not Drive.CLICK or command.sequence is None:
+            return command.is_stalled
+        # Sequence numbers come again after 256 commands.
+        taken_us = self._taken_us.get(command.sequence, -math.inf)
+        return taken_us < command.at_us - US_PER_S and self.bar.now_us > command.at_us + LOST_S * US_PER_S
 
     def _finger(self, touch: Touch) -> FingerPicture:
         number, command = touch.contact_id, self._command

@@ -5,7 +5,6 @@ them, what was promised for these positions. JSON keys that begin with `measured
 are kept, since programs read them.
 """
 
-import contextlib
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,13 +18,12 @@ from engine.device import Device
 from engine.effects import DEFAULT_EFFECTS, Effects
 from engine.loop import Stage
 from engine.plain import to_plain
-from engine.table import Table, TableError
+from engine.table import Table
 from engine.touch import Placement
 from engine.touch.finger_tracker import ZoneEdges
 from engine.touch.sources.recording import Recording
 from firmware_link.emulator import DriveEvent
 from precompute.builder.build import Coarse, Progress, build_table
-from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
 from precompute.parallel.pool import available_cores
@@ -33,6 +31,7 @@ from tactable.explain.words import placement_json, zone_lists
 from tactable.rig.bar import ENVELOPE_S, Felt, SimulatedBar
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
 from tactable.rig.promises import Promises
+from tactable.rig.ready import early_path, open_cached
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
 
 MOST_DRIVES = 40
@@ -76,7 +75,7 @@ def table_for(device: Device, path: Path, progress: Progress) -> Table:
     Such a table is there after half a minute of processor time; the page of the demo builds the fine one.
     """
     found = open_cached(device, path)
-    if found is not None and found.clicks:
+    if found is not None and found.clicks and not found.is_shipped:
         return found
     if found is not None:
         found.close()
@@ -84,19 +83,6 @@ def table_for(device: Device, path: Path, progress: Progress) -> Table:
     early, workers = early_path(path), available_cores()
     build_table(device, early, coarse=Coarse.ONLY, workers=workers, progress=progress)
     return Table.open(early, device=device, verify=False)
-
-
-def early_path(path: Path) -> Path:
-    """Path of a table while its clicks are coarse, or there are none yet."""
-    return path.with_name(f"{path.stem}-early{path.suffix}")
-
-
-def open_cached(device: Device, path: Path) -> Table | None:
-    """The table at `path`, else the early one beside it; None where neither is usable."""
-    for each in (path, early_path(path)):
-        with contextlib.suppress(TableError):
-            return Table.open(each, device=device, code_fingerprint=code_fingerprint(), verify=False)
-    return None
 
 
 def run_demo(table: Table, recording: Recording, effects: Effects = DEFAULT_EFFECTS) -> DemoReport:

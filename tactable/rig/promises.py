@@ -2,23 +2,26 @@
 
 A steady drive is solved for the positions from receptances between places; its promise is computed apart from that, by
 finite elements at the drive's own frequency. A click is the table's for the nearest places; what it gives at the
-positions follows from its waveform, in the nominal plant.
+positions follows from its waveform, in the nominal plant. Only promises of steady drives take compiled kernels.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from engine.steady import SteadyDrive
-from engine.steady.solver import SteadySolver
 from engine.table import ClickEntry, Table
 from engine.table.click import played_at
 from engine.touch import Placement
 from precompute.model.assembly import assemble
-from precompute.model.response import solve_response
 from precompute.model.threshold import detection_threshold
 from tactable.explain.click_source import ClickSource
+
+if TYPE_CHECKING:
+    from engine.steady.solver import SteadySolver
 
 Array = NDArray[np.float64]
 
@@ -37,16 +40,25 @@ class Promises:
 
     def __init__(self, table: Table) -> None:
         self._table, self._source = table, ClickSource(table)
-        self._solver, self._plant = SteadySolver(table.device, table.receptances), assemble(table.device)
+        self._plant = assemble(table.device)
 
-    def prepare(self) -> None:
-        """Load or compile what promises take: up to a second."""
-        self._solver.prepare()
+    @cached_property
+    def _solver(self) -> "SteadySolver":
+        from engine.steady.solver import SteadySolver
+
+        return SteadySolver(self._table.device, self._table.receptances)
+
+    def prepare(self, *, steady: bool = True) -> None:
+        """Load what promises take, up to a second; those of `steady` drives compile their kernels where need be."""
+        if steady:
+            self._solver.prepare()
         for click in self._table.clicks[:1]:
             self._source.fingers_of(click, click.placement)
 
     def of_drive(self, placement: Placement, level_db: float) -> tuple[SteadyDrive, Promise]:
         """The steady drive of a placement, as a run solves it, and its promise."""
+        from precompute.model.response import solve_response
+
         drive = self._solver.solve(placement.position_m, placement.is_felt, level_db)
         hz, device = np.array([drive.frequency_hz]), self._table.device
         loaded = self._plant.with_fingers(placement.position_m, device.finger)

@@ -49,6 +49,8 @@ class LiveOptions:
     """The processor of the affinity; None: the last."""
     fast: ctypes.CDLL | None = None
     """The compiled step, used where the source has packets; None: the Python loop answers all reports."""
+    solves: bool = True
+    """Steady drives are solved for positions, by compiled kernels; False: those of zones are played."""
 
 
 def fast_library() -> ctypes.CDLL | None:
@@ -87,7 +89,8 @@ class Live:
         self.timing = Timing()
         greeting = Link(link_configuration(table.device, options.bit_rate_hz))
         self.capabilities = connect(Session(greeting, port, clock.now_ns), clock)
-        rendering = render_table(table, effects, self.capabilities, options.when_not_achieved, options.bit_rate_hz)
+        fits = effects, self.capabilities, options.when_not_achieved, options.bit_rate_hz
+        rendering = render_table(table, *fits, solves=options.solves)
         self.renderer = rendering.renderer
         self.fit = rendering.fit
         """How the first table's amplitudes are played on the board."""

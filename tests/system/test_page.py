@@ -26,8 +26,8 @@ from tactable.page.live_bar import LiveBar
 from tactable.page.messages import encode_picture
 from tactable.page.ring_drive import RingDrive
 from tactable.page.server import listen_at
-from tactable.page.tables import cached_table
 from tactable.page.view import View
+from tactable.rig.ready import cached_table
 from tactable.shipped import find_device
 from tests.precompute.builder.test_build import SMALL
 from tests.tactable.click_table import build_click_table
@@ -190,7 +190,7 @@ def opened(
 
     page.on("console", note)
     page.on("pageerror", lambda error: visit.complaints.append(str(error)))
-    page.goto(demo.url)
+    page.goto(demo.url + "#no-tour")
     visit.wait("window.tactable?.scene?.plays && tactable.wire.picture.levelCount > 0")
     try:
         yield visit
@@ -441,7 +441,7 @@ def test_an_hour_of_the_server_leaves_nothing_behind(tmp_path: Path) -> None:
             begun = record_of(table, placement, at_ns, is_click=bool(number % 4))
             ended = record_of(table, placement, at_ns + 100_000_000, level_db=None)
             for record in (begun, ended):
-                view.bar.take(drive.events([record]))
+                view.take(drive.events([record]))
                 view.read([record])
                 for _ in range(2):
                     view.move(view.bar.now_us + 250_000, is_loaded=True)

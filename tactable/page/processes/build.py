@@ -1,4 +1,4 @@
-"""Child process that builds a table for the page: steady drives at once, then coarse clicks, then fine ones."""
+"""Child process that compiles kernels for the page, then builds its table: coarse clicks first, then fine ones."""
 
 import os
 import signal
@@ -6,11 +6,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from engine.device import Device
 from engine.files import rename_durably
 from firmware_link.child import Parent
-from precompute.builder.build import COARSE_IN_PLACE, Coarse, build_table
-from precompute.parallel.pool import available_cores
-from tactable.rig.demo import early_path, open_cached
+from tactable.rig.kernels import compile_kernels
+from tactable.rig.ready import early_path, open_cached
 from tactable.shipped import find_device
 
 
@@ -27,19 +27,40 @@ class BuildOrder:
 
 
 def build(order: BuildOrder, parent: Parent) -> None:
-    """Build it; say {"step", "fraction"} as it goes on, and {"usable": path} for each usable table."""
+    """Build it, unless it is there; kernels come first.
+
+    Says {"step", "fraction"} as it goes on, {"compiled": true} once, and {"usable": path} for each usable table.
+    """
     device, early = find_device(order.device), early_path(order.path)
+    _compile(device, parent)
+    parent.say({"compiled": True})
+    from precompute.builder.build import COARSE_IN_PLACE, Coarse, build_table
+    from precompute.parallel.pool import available_cores
+
     order.path.parent.mkdir(parents=True, exist_ok=True)
 
     def progress(step: str, fraction: float) -> None:
         parent.say({"usable": str(early)} if step == COARSE_IN_PLACE else {"step": step, "fraction": fraction})
 
-    if open_cached(device, order.path) is None:
+    found = open_cached(device, order.path)
+    if found is not None and found.path == order.path:
+        parent.say({"usable": str(order.path)})
+        return
+    if found is None:  # a shipped table has clicks, and an early one what this would make
         build_table(device, early, clicks_up_to=0, coarse=Coarse.ONLY, workers=available_cores(), progress=progress)
         parent.say({"usable": str(early)})
     build_table(device, early, coarse=Coarse.FIRST, workers=available_cores(), progress=progress)
     rename_durably(early, order.path)
     parent.say({"usable": str(order.path)})
+
+
+def _compile(device: Device, parent: Parent) -> None:
+    """Compile what play and builds take; the first click that is solved compiles the kernels of clicks."""
+
+    def on_module(module: str, number: int, count: int) -> None:
+        parent.say({"step": f"compiling {module}, {number} of {count}", "fraction": (number - 1) / count})
+
+    compile_kernels(on_module, device)
 
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:

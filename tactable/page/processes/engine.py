@@ -30,17 +30,21 @@ class Order:
     port: str
     choice: Choice
     rule_file: Path | None
+    has_kernels: bool
+    """Whether the kernels are compiled: without them clicks of the table and drives of zones are played."""
 
     def as_json(self) -> dict[str, Any]:
         """A line to the process."""
         rule_file = None if self.rule_file is None else str(self.rule_file)
-        return {"table": str(self.table), "port": self.port, "choice": self.choice.as_json(), "rule_file": rule_file}
+        plain = {"table": str(self.table), "port": self.port, "choice": self.choice.as_json(), "rule_file": rule_file}
+        return {**plain, "has_kernels": self.has_kernels}
 
 
 def decode_order(order: dict[str, Any]) -> Order:
     """The order of a line."""
     rule_file = None if order["rule_file"] is None else Path(order["rule_file"])
-    return Order(Path(order["table"]), order["port"], Choice.from_json(order["choice"]), rule_file)
+    choice = Choice.from_json(order["choice"])
+    return Order(Path(order["table"]), order["port"], choice, rule_file, order["has_kernels"])
 
 
 class _NextOrder:
@@ -61,11 +65,18 @@ def _run(order: Order, pipe: int, ring: RingWriter, parent: Parent) -> None:
     clock = SystemClock()
     with Table.open(order.table, verify=False) as table, ExitStack() as stack:
         effects = effects_of(order.choice, table.device, order.rule_file)
-        options = LiveOptions(effects, WhenNotAchieved.GO_ON, reconnect=True, bit_rate_hz=PTY_BIT_RATE_HZ)
+        options = LiveOptions(
+            effects,
+            WhenNotAchieved.GO_ON,
+            reconnect=True,
+            bit_rate_hz=PTY_BIT_RATE_HZ,
+            solves=order.has_kernels and not table.is_shipped,
+        )
         port = SerialPort(order.port)
         reopening = ReopeningPort(lambda: SerialPort(order.port), port)
         stack.callback(reopening.close)
-        solving = stack.enter_context(ClickProcess(order.table)) if table.clicks and effects.have_clicks else None
+        solves_clicks = order.has_kernels and table.clicks and effects.have_clicks
+        solving = stack.enter_context(ClickProcess(order.table)) if solves_clicks else None
         live = Live(table, PointerSource(pipe), port, clock, options, ring, reopening=reopening, solving=solving)
         parent.say({"clicks": live.clicks})
         live.run(_NextOrder(parent))

@@ -2,6 +2,7 @@
 
 import { Bar } from "./bar.js";
 import { Fingers } from "./fingers.js";
+import { Courses, outcomeOf } from "./outcome.js";
 import { Panel, byId } from "./panel.js";
 import { Sound } from "./sound.js";
 import { Wire } from "./wire.js";
@@ -9,7 +10,7 @@ import { Wire } from "./wire.js";
 const PANEL_MS = 125;
 const HEARD_AFTER_MS = 550; // The server captures the sound 0.4 s after a command.
 
-let scene = null, heard = 0, panel_ms = 0, isDrawn = false;
+let scene = null, heard = 0, panel_ms = 0, isDrawn = false, isWelcomed = false;
 const sound = new Sound();
 const wire = new Wire({
   scene(found) {
@@ -19,11 +20,15 @@ const wire = new Wire({
     fingers.zones = found.device.zones.map((zone) => (zone.start_m + zone.stop_m) / 2 / found.device.length_m);
   },
   picture() { bar.dirty = true; },
-  motion(motion) { bar.show(motion); },
+  motion(motion) {
+    bar.show(motion);
+    byId("courses").toggleAttribute("data-has", courses.take(motion, scene.device.length_m));
+  },
   sound(found) { sound.play(found); },
   state(text, isUp) { panel.state(text, isUp); },
 });
 const panel = new Panel(wire);
+const courses = new Courses(byId("course"), wire.picture);
 const bar = new Bar(byId("bar"), wire.picture);
 const fingers = new Fingers(byId("bar"), wire, () => bar.place());
 
@@ -32,11 +37,41 @@ for (let number = 1; number <= 10; number++) ear.add(new Option(`${number}`, `${
 
 byId("keep").addEventListener("change", (event) => { fingers.keeps = event.target.checked; });
 byId("lift").addEventListener("click", () => fingers.liftAll());
-byId("show-me").addEventListener("click", () => {
+function startTour() {
   const zones = scene?.device.zones, length_m = scene?.device.length_m;
   if (!zones) return;
   const middle = (zone) => (zone.start_m + zone.stop_m) / 2 / length_m;
   fingers.startTour(middle(zones[Math.max(zones.length - 2, 0)]), middle(zones[0]));
+}
+
+// The tour begins by itself once something plays, unless somebody touched first; `#no-tour` in the address leaves it out.
+function welcome() {
+  if (isWelcomed || !scene?.plays || scene.mode !== "demo") return;
+  isWelcomed = true;
+  if (location.hash !== "#no-tour" && !fingers.down.size) startTour();
+}
+
+// One sentence: the outcome of the last command; the tour's own words before the first and at its end.
+function tell() {
+  const outcome = byId("outcome"), found = outcomeOf(wire.picture);
+  const text = fingers.says ?? found ?? (wire.picture.command ? null : "Touch the bar.");
+  if (text === null || outcome.textContent === text) return;
+  outcome.textContent = text;
+  outcome.toggleAttribute("data-tour", fingers.says !== null);
+}
+
+new ResizeObserver(() => courses.draw()).observe(byId("course"));
+byId("show-me").addEventListener("click", startTour);
+byId("slowed").addEventListener("input", (event) => {
+  bar.slowed = Math.round(5 * 40 ** (event.target.value / 100)); // 5 to 200 times, even in ratio.
+  byId("slowed-text").textContent = `${bar.slowed}×`;
+});
+byId("slowed").dispatchEvent(new Event("input"));
+byId("save").addEventListener("click", () => {
+  const link = document.createElement("a");
+  link.href = bar.picture_url();
+  link.download = `tactable-${scene?.device.name ?? "bar"}.png`;
+  link.click();
 });
 byId("hear").addEventListener("click", () => { sound.wake(); wire.listen(Number(ear.value)); });
 byId("always").addEventListener("change", () => sound.wake());
@@ -59,11 +94,13 @@ function frame(now_ms) {
     panel_ms = now_ms;
     panel.update(wire.picture, wire.received);
     listen();
+    welcome();
+    tell();
   }
   requestAnimationFrame(frame);
 }
 
 // For tests, and for the console of the browser.
-window.tactable = { wire, bar, fingers, panel, sound, get scene() { return scene; } };
+window.tactable = { wire, bar, courses, fingers, panel, sound, get scene() { return scene; } };
 wire.connect();
 requestAnimationFrame(frame);

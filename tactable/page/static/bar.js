@@ -1,7 +1,6 @@
 // Draws the bar: zones, fingers, the level along it above the threshold, and its motion, slowed.
 
 export const Role = { NONE: 0, QUIET: 1, FELT: 2 };
-export const SLOWED = 50;
 // What a command asks of a finger, by role.
 export const ORDERS = { [Role.QUIET]: "to rest", [Role.FELT]: "to feel" };
 const LOWEST_DB = -20, HIGHEST_DB = 40;
@@ -40,6 +39,7 @@ export class Bar {
     this._bend = new Float32Array(256);
     this._motion = null;
     this._motionStart_ms = 0;
+    this.slowed = 50;
     this._slots = Array.from({ length: SLOTS }, () =>
       ({ number: -1, position_m: 0, level_db: 0, role: 0, seen_ms: -1e9 }));
     this._labels = new Float32Array(3 * SLOTS);
@@ -79,6 +79,18 @@ export class Bar {
   }
 
   set device(device) { this._device = device; this._motion = null; this.dirty = true; }
+
+  // The picture as it is, on paper: a canvas is transparent.
+  picture_url() {
+    const copy = document.createElement("canvas");
+    copy.width = this.canvas.width;
+    copy.height = this.canvas.height;
+    const c = copy.getContext("2d");
+    c.fillStyle = this._colour.paper;
+    c.fillRect(0, 0, copy.width, copy.height);
+    c.drawImage(this.canvas, 0, 0);
+    return copy.toDataURL("image/png");
+  }
 
   // Position of the bar in the canvas, for pointers.
   place() { return { left: this._left, width: this._right - this._left, height: this._height }; }
@@ -136,7 +148,7 @@ export class Bar {
   _move(now_ms) {
     const motion = this._motion;
     if (!motion) return false;
-    const once_ms = 1000 * motion.steps * motion.step_s * SLOWED, pause_ms = motion.isClick ? PAUSE_MS : 0;
+    const once_ms = 1000 * motion.steps * motion.step_s * this.slowed, pause_ms = motion.isClick ? PAUSE_MS : 0;
     const since_ms = now_ms - this._motionStart_ms;
     const passes = !motion.isClick && this.picture.isPlaying && this.picture.command === motion.command ? Infinity : PASSES;
     if (since_ms < 0 || since_ms > passes * (once_ms + pause_ms)) {
@@ -275,8 +287,62 @@ export class Bar {
     c.strokeStyle = colour.level;
     c.lineWidth = 2;
     c.lineJoin = "round";
+    c.globalAlpha = isFresh(this.picture) ? 0.3 : 1;
     this._countedPath(c);
     c.stroke();
+    c.globalAlpha = 1;
+    if (isFresh(this.picture)) this._drawGaps(c);
+  }
+
+  // Where no finger is nothing needs to rest: the line is faded and the ground hatched there, and whole under fingers.
+  _drawGaps(c) {
+    const colour = this._colour, gaps = this._gaps();
+    c.save();
+    c.beginPath();
+    c.rect(this._left, this._top - 2, this._right - this._left, this._floor - this._top + 4);
+    for (const [from, to] of gaps) c.rect(to, this._top - 2, from - to, this._floor - this._top + 4);
+    c.clip("evenodd");
+    this._countedPath(c);
+    c.stroke();
+    c.restore();
+    c.save();
+    c.beginPath();
+    for (const [from, to] of gaps) c.rect(from, this._top, to - from, this._floor - this._top);
+    c.clip();
+    c.strokeStyle = colour.muted;
+    c.globalAlpha = 0.16;
+    c.lineWidth = 1;
+    const height = this._floor - this._top;
+    c.beginPath();
+    for (let x = this._left - height; x < this._right; x += 11) { c.moveTo(x, this._floor); c.lineTo(x + height, this._top); }
+    c.stroke();
+    c.restore();
+    c.font = `12px ${colour.font}`;
+    c.textAlign = "center";
+    c.textBaseline = "alphabetic";
+    const text = "no finger here: may move", width = c.measureText(text).width + 12;
+    for (const [from, to] of gaps) {
+      if (to - from < width + 8) continue;
+      c.fillStyle = colour.paper;
+      c.globalAlpha = 0.85;
+      c.fillRect((from + to - width) / 2, this._floor - 22, width, 17);
+      c.globalAlpha = 1;
+      c.fillStyle = colour.muted;
+      c.fillText(text, (from + to) / 2, this._floor - 9);
+    }
+  }
+
+  // Stretches of the canvas, from and to, without a finger of the last command.
+  _gaps() {
+    const { made, madeCount } = this.picture, half = (FINGERTIP_M / 2 / this._device.length_m) * (this._right - this._left);
+    const at = made.slice(0, madeCount).map((finger) => this._x(finger.position_m)).sort((a, b) => a - b), gaps = [];
+    let from = this._left;
+    for (const x of at) {
+      if (x - half > from) gaps.push([from, x - half]);
+      from = Math.max(from, x + half);
+    }
+    if (from < this._right) gaps.push([from, this._right]);
+    return gaps;
   }
 
   // The line of what counts, through the level of every finger too: where one rests the bar may be still between points.
@@ -332,7 +398,7 @@ export class Bar {
     c.textAlign = "right";
     c.fillStyle = colour.muted;
     if (this._motion) {
-      const what = this._narrow ? `slowed ${SLOWED}×` : `the bar's acceleration, slowed ${SLOWED} times`;
+      const what = this._narrow ? `slowed ${this.slowed}×` : `the bar's acceleration, slowed ${this.slowed} times`;
       c.fillText(`${what}: ${this._motionAt_ms.toFixed(0)} ms`, this._right, this._floor + 16);
     }
   }

@@ -20,6 +20,7 @@ export class Fingers {
     this._keys = new Map();
     this._next = 1;
     this._tour = [];
+    this.says = null; // What the tour says in place of the outcome.
     for (const name of ["pointerdown", "pointermove", "pointerup", "pointercancel"])
       canvas.addEventListener(name, (event) => this[`_${name}`](event));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
@@ -161,18 +162,22 @@ export class Fingers {
   startTour(resting, tapping, taps = 4) {
     this.liftAll();
     let rests, taps_ = null;
+    this.says = "Finger 1 comes first, and rests.";
     const steps = [[0, () => { rests = this._press(resting, MIDDLE, false); }]];
+    steps.push([1300, () => { this.says = "Finger 2 taps: only finger 2 is to feel it."; }]);
+    steps.push([2000, () => { this.says = null; }]);
     for (let i = 0; i < taps; i++) {
       steps.push([1400 + 2600 * i, () => { taps_ = this._press(tapping, MIDDLE, false); }]);
       steps.push([2500 + 2600 * i, () => { this._release(taps_, Phase.UP); }]);
     }
-    steps.push([1800 + 2600 * taps, () => { this._release(rests, Phase.UP); this._tour = []; }]);
+    steps.push([1800 + 2600 * taps, () => { this._release(rests, Phase.UP); this._tour = []; this.says = "Your turn: touch the bar."; }]);
     this._tour = steps.map(([after_ms, act]) => setTimeout(() => { act(); this._sent(); }, after_ms));
   }
 
   get isTouring() { return this._tour.length > 0; }
 
   stopTour() {
+    this.says = null;
     if (!this._tour.length) return;
     this._tour.forEach(clearTimeout);
     this._tour = [];

@@ -141,10 +141,14 @@ export class Panel {
     if (building?.error) parts.push(`The table of ${building.device} was not built: ${building.error}`);
     else if (building) {
       const percent = Math.round(100 * building.fraction);
-      const what_now = building.step === "coarse clicks" ? "; until they are there, steady drives take their place"
-        : building.step === "clicks" ? "; until they are there, coarse ones play" : ", once; it is kept";
-      parts.push(`Building the table of ${building.device}: ${building.step}, ${percent} %${what_now}`);
+      const what = `${building.step}, ${percent} %`;
+      if (scene.is_shipped) {
+        const older = scene.is_outdated ? ", which older code made" : "";
+        parts.push(`The shipped table plays${older}; this machine builds the same one now: ${what}`);
+      } else if (building.step === "clicks") parts.push(`Building finer clicks: ${what}; until they are there, coarse ones play`);
+      else parts.push(`Building the table of ${building.device}, once: ${what}`);
     }
+    if (scene.compared?.device === scene.device.name) parts.push(`The table built here plays: ${scene.compared.text}`);
     notice.hidden = !parts.length;
     say(notice, parts.join(" · "));
   }

@@ -3,17 +3,21 @@
 from dataclasses import replace
 from functools import cache
 from math import inf
+from pathlib import Path
 
 import pytest
 
 from engine.render import SILENCE, DriveCommand, RendererError
-from engine.render.steady_drives import SteadyDrives
+from engine.render.steady_drives import SteadyDrives, ZoneDrives
 from engine.steady import Receptances
 from engine.steady.solver import SteadySolver
+from engine.table import Table
 from engine.touch import Placement
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import decode_drive
 from precompute.entries.at_positions import SteadyDesigner
+from tests.engine.made_entries import entry_of
+from tests.engine.made_table import write_table
 from tests.precompute.devices import shipped
 
 DEVICE = shipped("reference-a")
@@ -61,3 +65,16 @@ def test_a_frequency_that_the_firmware_would_move_is_refused(low_hz: float, high
     capabilities = replace(CAPABILITIES, frequency_minimum_hz=low_hz, frequency_maximum_hz=high_hz)
     with pytest.raises(RendererError, match=r"the connected device plays .* Hz: narrow the actuators' bands"):
         drives_of(capabilities=capabilities)
+
+
+def test_without_kernels_the_drive_of_the_fingers_zones_is_played(tmp_path: Path) -> None:
+    first, _, _, fourth, _ = ((zone.start_m + zone.stop_m) / 2 for zone in DEVICE.zones)
+    placement = Placement((first, fourth), (True, False))
+    entry = entry_of(DEVICE, placement.zone_states(DEVICE))
+    with Table.open(write_table(tmp_path / "bar.nc", DEVICE, [entry])) as table:
+        drives = ZoneDrives(table, CAPABILITIES, refuses=True, scales=(1.0, 1.0))
+        command, is_achieved = drives.rendered(placement, entry.wanted_level_db)
+        assert isinstance(command, DriveCommand) and is_achieved == entry.achieved
+        for channel, amplitude in zip(decode_drive(command.drive, 0.01), entry.amplitudes, strict=True):
+            assert channel.amplitude == pytest.approx(amplitude, abs=1e-5)
+        assert drives.rendered(Placement((first,), (True,)), 20.0) == (SILENCE, False)

@@ -15,8 +15,7 @@ from engine.touch.sources.pointer import Phase, PointerEvent
 from tactable.page.choices import Choice, offered
 from tactable.page.demo_backend import DemoBackend
 from tactable.page.messages import Drive, Kind, Picture, Role
-from tactable.page.tables import cached_table
-from tactable.rig.demo import early_path
+from tactable.rig.ready import cached_table, early_path
 from tactable.shipped import find_device
 from tests.precompute.builder.test_build import SMALL
 
@@ -77,9 +76,9 @@ class Rig:
 
 
 @contextmanager
-def running(folder: Path) -> Iterator[Rig]:
-    """A backend that runs whenever its rig does something, and is over at the end."""
-    name = str(folder / "small.toml")
+def running(folder: Path, name: str | None = None) -> Iterator[Rig]:
+    """A backend that runs whenever its rig does something, and is over at the end; by default of the small bar."""
+    name = name or str(folder / "small.toml")
     loop = asyncio.new_event_loop()
     backend = DemoBackend(Choice(name), find_device(name), offered(name), folder / "cache", folder)
     runs = loop.create_task(backend.run())
@@ -201,3 +200,13 @@ def test_a_missing_table_is_built_and_plays_steady_drives_before_it_has_clicks(t
         with pytest.raises(ProcessLookupError):
             os.kill(process, 0)
     assert not list(tmp_path.glob("ring-*"))
+
+
+def test_a_shipped_device_plays_clicks_and_drives_of_zones_before_anything_is_compiled(tmp_path: Path) -> None:
+    with running(tmp_path, "reference-a") as own:
+        own.wait(lambda: own.backend.scene()["status"] == "running")
+        first = own.backend.scene()
+        own.press(replace(FIRST, x=0.1))
+        picture = own.until(lambda picture: picture.command > 0 and picture.drive is Drive.CLICK)
+    assert (first["is_shipped"], first["has_kernels"], first["clicks"] > 100) == (True, False, True)
+    assert picture.made[0].promised_db is not None

@@ -49,6 +49,7 @@ PICTURE = Picture(
     is_loaded=True,
     is_playing=True,
     is_provisional=False,
+    is_late=False,
     fingers=(FingerPicture(3, None, Role.NONE, 0.125, 20.5, 21.5), FingerPicture(4, 2, Role.QUIET, 0.25, -60.0, -3.0)),
     made=(MadePicture(4, 2, Role.QUIET, 0.25, -4.5, None), MadePicture(None, None, Role.FELT, 0.5, 20.0, 19.5)),
     channels=(ChannelPicture(183.25, 0.5, -1.0),),

@@ -55,7 +55,7 @@ class Rig:
         at_ns = round(1000 * self.view.bar.now_us) + 1000  # a stamp of 0 is none
         how = {"is_click": is_click, "is_provisional": is_provisional, "is_sent": is_sent}
         record = record_of(self.table, placement, at_ns, level_db=level_db, **how)
-        self.view.bar.take(self._drive.events([record]))
+        self.view.take(self._drive.events([record]))
         self.view.read([record])
 
     def go_on(self, seconds: float) -> None:
@@ -180,7 +180,7 @@ def test_a_stall_over_two_clicks_gives_the_second_no_level_of_the_first(table: T
             record_of(table, PAIR, first_ns, is_click=True),
             record_of(table, TURNED, first_ns + 400_000_000, is_click=True),
         ]
-        rig.view.bar.take(rig._drive.events(records))
+        rig.view.take(rig._drive.events(records))
         rig.view.read(records)
         end_us = rig.view.bar.now_us + 0.8e6
         while rig.view.bar.now_us < end_us:
@@ -189,6 +189,20 @@ def test_a_stall_over_two_clicks_gives_the_second_no_level_of_the_first(table: T
         found.append([*(finger.felt_db for finger in picture.fingers), *picture.counted_db])
     assert found[0] == pytest.approx(found[1], abs=0.05)
     assert found[1][1] > found[1][0] + 10  # the second finger felt the second click, the first one rested
+
+
+def test_what_a_stall_cut_off_and_what_the_firmware_refused_is_not_judged(rig: Rig) -> None:
+    rig.play(0.5, is_click=True)
+    assert not rig.view.picture().is_late
+    rig.tell(TURNED, is_click=True)
+    rig.view.move(rig.view.bar.now_us + 2.5e6, is_loaded=True)
+    assert rig.view.picture().is_late
+    at_ns = round(1000 * rig.view.bar.now_us) + 1000
+    rig.view.read([record_of(rig.table, PAIR, at_ns, is_click=True)._replace(drive_sequence=77)])
+    rig.go_on(0.2)
+    assert not rig.view.picture().is_late  # its event may still come
+    rig.go_on(0.2)
+    assert rig.view.picture().is_late
 
 
 def test_latencies_are_those_of_commands_that_a_report_caused(rig: Rig) -> None:

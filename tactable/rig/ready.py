@@ -1,0 +1,164 @@
+"""Tables that travel with the program, so that a page plays at once: made, unpacked, and compared with one built here.
+
+A shipped table holds the entries and coarse clicks of a shipped device, compressed: what a page needs that plays clicks
+and the drives of zones. Responses, receptances and sweeps are left out, since they are large. The page builds the table
+on the user's machine meanwhile, compares the clicks with the shipped ones one by one, and changes over.
+
+It is played only where its device fingerprint is that of the device. The fingerprint of its code may be an older one:
+every promise on the page is computed anew from the waveform, by this code, and so is the motion of the bar, and limits
+are those of the device. The page then says that the table is older. A quick test solves samples of every shipped table
+again, so that a commit which changes numbers fails it, and a long one solves all of them.
+
+`python -m tactable.rig.ready` makes the shipped tables again; that takes minutes.
+"""
+
+import contextlib
+import lzma
+import sys
+import tempfile
+import zlib
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from engine.device import Device
+from engine.files import replace_file
+from engine.table import Table, TableError
+from engine.table.diff import compare_tables
+from engine.table.file import TableWriter
+from engine.table.schema import IS_SHIPPED
+from precompute.builder.code_fingerprint import code_fingerprint
+from tactable.shipped import find_device, ready_folder, shipped_names
+
+_GROUPS = ("entries", "clicks")
+REMAKE = "python -m tactable.rig.ready"
+
+
+def cached_table(device: Device, folder: Path) -> Path:
+    """Path of the cached table of a device."""
+    return folder / f"{device.name}-{device.fingerprint[:12]}.nc"
+
+
+def early_path(path: Path) -> Path:
+    """Path of a table while its clicks are coarse, or there are none yet."""
+    return path.with_name(f"{path.stem}-early{path.suffix}")
+
+
+def open_cached(device: Device, path: Path) -> Table | None:
+    """The table at `path`, else the early one beside it if that has clicks, else the shipped one, else any early one.
+
+    None where none of them is of this device. All but the shipped one must be of this code, too.
+    """
+    early = None
+    for each in (path, early_path(path)):
+        with contextlib.suppress(TableError):
+            early = Table.open(each, device=device, code_fingerprint=code_fingerprint(), verify=False)
+            if early.clicks:
+                return early
+    shipped = open_shipped(device, path)
+    if shipped is None:
+        return early
+    if early is not None:
+        early.close()
+    return shipped
+
+
+def open_shipped(device: Device, path: Path) -> Table | None:
+    """The shipped table of a device, unpacked beside `path`; None where there is none of this device and format."""
+    packed = packed_path(device.name)
+    if not packed.is_file():
+        return None
+    content = packed.read_bytes()
+    unpacked = path.with_name(f"{path.stem}-shipped-{zlib.crc32(content):08x}{path.suffix}")
+    with contextlib.suppress(TableError):
+        return Table.open(unpacked, device=device, verify=False)
+    unpacked.parent.mkdir(parents=True, exist_ok=True)
+    with replace_file(unpacked) as partial:
+        partial.write_bytes(lzma.decompress(content))
+    with contextlib.suppress(TableError):
+        return Table.open(unpacked, device=device)
+    unpacked.unlink()
+    return None
+
+
+def is_outdated(table: Table) -> bool:
+    """Whether a table was made by other code than this."""
+    return bool(table.attributes["code_fingerprint"] != code_fingerprint())
+
+
+def packed_path(device_name: str) -> Path:
+    """Path of the packed table that is shipped for a device."""
+    return ready_folder() / f"{device_name}.nc.xz"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A table that was built here beside the shipped one: counts of what is in both and of what differs audibly.
+
+    worst: the largest difference in words, "" where nothing differs by more than a tenth of a decibel.
+    """
+
+    entries: int
+    clicks: int
+    changed: int
+    worst: str
+
+    @property
+    def text(self) -> str:
+        """What was found, in a sentence."""
+        compared = " and ".join([*([f"{self.entries} entries"] if self.entries else []), f"{self.clicks} clicks"])
+        if not self.changed:
+            return f"all {compared} are as shipped, within 0.1 dB"
+        return f"{self.changed} of {compared} differ from the shipped ones, most {self.worst}"
+
+    def as_json(self) -> dict[str, Any]:
+        """The counts, and the sentence."""
+        return {**asdict(self), "text": self.text}
+
+
+def compare_with_shipped(shipped: Table, built: Table) -> Comparison:
+    """Compare click by click, and entry by entry where the table has entries: the first one of a build has none."""
+    diff = compare_tables(shipped, built)
+    parts = (diff.entries, diff.clicks) if built.entries else (diff.clicks,)
+    changed = [state for part in parts for state in part.changed]
+    alone = [name for part in parts for name in (*part.vanished, *part.appeared)]
+    worst = "; ".join(alone[:1])
+    if changed:
+        state = max(changed, key=lambda each: each.severity)
+        figure = max(state.figures, key=lambda each: each.size)
+        worst = f"{figure.figure} by {figure.size:.2g} {figure.unit}"
+    return Comparison(diff.entries.compared, diff.clicks.compared, len(changed) + len(alone), worst)
+
+
+def pack(built: Table, path: Path) -> None:
+    """Write the table to ship of a built one."""
+    kept = {key: value for key, value in built.attributes.items() if not key.startswith(("_", "format"))}
+    with tempfile.TemporaryDirectory() as folder:
+        small = Path(folder) / "small.nc"
+        with TableWriter(small) as writer:
+            plain = {key: value.item() if hasattr(value, "item") else value for key, value in kept.items()}
+            writer.describe({**plain, IS_SHIPPED: 1})
+            built.copy_groups(writer, _GROUPS)
+        path.write_bytes(lzma.compress(small.read_bytes(), preset=9 | lzma.PRESET_EXTREME))
+
+
+def main(names: list[str]) -> None:
+    """Make the shipped tables of these devices again, by default of all."""
+    from precompute.builder.build import build_table
+    from precompute.clicks import DEFAULT_OPTIONS
+    from precompute.parallel.pool import available_cores
+
+    ready_folder().mkdir(exist_ok=True)
+    for name in names or shipped_names():
+        device = find_device(name)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "built.nc"
+            build_table(device, path, click_options=DEFAULT_OPTIONS.coarse, workers=available_cores())
+            with Table.open(path, device=device) as built:
+                pack(built, packed_path(name))
+        sys.stdout.write(f"{packed_path(name)}: {packed_path(name).stat().st_size / 1e6:.2f} MB\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,108 @@
+"""Processor time of a demo's page from its start to its first picture, its first click and the table built here.
+
+`python -m tests.system.first_minute [TACTABLE]` runs `tactable demo` with empty caches, by default of this environment.
+All processes of the demo count. The build begins once the page plays, and counts too.
+"""
+
+import asyncio
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import websockets
+from websockets.typing import Origin
+
+from engine.touch.sources.pointer import Phase, PointerEvent
+from tactable.page.messages import Kind, encode_touches
+
+_COMMAND_AT = 2 + 8 + 6 * 4  # of a PICTURE: head, time, counters
+_LEVELS_AT = _COMMAND_AT + 4 + 4 + 4 + 11 * 4 + 2 + 3
+_TICK = os.sysconf("SC_CLK_TCK")
+
+
+def processor_s(process: int) -> float:
+    """Processor time of a process, its children that have ended, and all that it started and that run."""
+    total_s = 0.0
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            name, fields = stat.parent.name, stat.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(name) == process or _descends(int(fields[1]), process):
+            total_s += sum(map(int, fields[11:15])) / _TICK
+    return total_s
+
+
+def _descends(process: int, ancestor: int) -> bool:
+    while process > 1:
+        if process == ancestor:
+            return True
+        try:
+            process = int(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[1])
+        except OSError:
+            return False
+    return False
+
+
+async def _watch(address: str, demo: int, *, to_the_end: bool) -> None:
+    where = urlsplit(address)
+    url, origin = f"ws://{where.netloc}{where.path}socket", Origin(f"http://{where.netloc}")
+    start_s, told, commands = time.monotonic(), set[str](), 0
+
+    def tell(what: str) -> None:
+        if what not in told:
+            told.add(what)
+            took = f"{processor_s(demo):6.1f} s of processor time, {time.monotonic() - start_s:6.1f} s"
+            print(f"{took}  {what}", flush=True)  # noqa: T201  # it reports
+
+    async with websockets.connect(url, origin=origin) as socket:
+        plays = False
+        while True:
+            message = await socket.recv()
+            assert isinstance(message, bytes)
+            if message[1] == Kind.SCENE:
+                scene = json.loads(message[2:])
+                plays = scene["plays"] is not None
+                if scene.get("building"):
+                    tell(scene["building"]["step"].partition(",")[0])
+                if scene.get("compared"):
+                    tell(f"own table: {scene['compared']['text']}")
+                    if not to_the_end:
+                        return
+                if plays and scene["building"] is None and "first click" in told and scene.get("has_kernels"):
+                    tell("fine table")
+                    return
+            elif message[1] == Kind.PICTURE and plays:
+                if message[_LEVELS_AT]:
+                    tell("first picture")
+                commands = int.from_bytes(message[_COMMAND_AT : _COMMAND_AT + 4], "little")
+                if commands:
+                    tell("first click")
+                phase = Phase.MOVE if "touched" in told else Phase.DOWN
+                await socket.send(encode_touches([PointerEvent(1, 0.1, 0.5, phase)]))
+
+
+def main(tactable: str, *, to_the_end: bool) -> None:
+    """Run the demo and print what came when."""
+    with tempfile.TemporaryDirectory() as folder:
+        caches = {"XDG_CACHE_HOME": folder, "NUMBA_CACHE_DIR": f"{folder}/kernels"}
+        with subprocess.Popen(
+            [tactable, "demo", "--no-open"], env={**os.environ, **caches}, stderr=subprocess.PIPE, text=True
+        ) as demo:
+            assert demo.stderr is not None
+            url = next(word for word in demo.stderr.readline().split() if word.startswith("http"))
+            print(f"{processor_s(demo.pid):6.1f} s of processor time           address")  # noqa: T201
+            try:
+                asyncio.run(_watch(url, demo.pid, to_the_end=to_the_end))
+            finally:
+                demo.terminate()
+
+
+if __name__ == "__main__":
+    words = [word for word in sys.argv[1:] if not word.startswith("-")]
+    main(words[0] if words else str(Path(sys.executable).parent / "tactable"), to_the_end="--to-the-end" in sys.argv)

@@ -1,0 +1,115 @@
+"""Laws of shipped tables: of this device, small, and what a build here comes to."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from engine.device import Device
+from engine.table import Table, TableError
+from engine.table.diff import Tolerance, click_figures, entry_figures
+from precompute.builder.build import build_table
+from precompute.builder.incremental import BuildOptions
+from precompute.clicks import DEFAULT_OPTIONS
+from precompute.clicks.tabulated import tabulate_clicks
+from precompute.entries.solver import EntrySolver
+from precompute.model.assembly import assemble
+from tactable.rig import ready
+from tactable.rig.ready import (
+    REMAKE,
+    compare_with_shipped,
+    early_path,
+    is_outdated,
+    open_cached,
+    open_shipped,
+    pack,
+    packed_path,
+)
+from tactable.shipped import find_device, shipped_names
+from tests.precompute.builder.test_build import SMALL
+from tests.tactable.click_table import build_click_table
+
+
+@pytest.fixture(scope="module")
+def built(click_table: Path) -> Iterator[Table]:
+    with Table.open(click_table) as table:
+        yield table
+
+
+@pytest.fixture
+def shipped(built: Table, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache, in front of a program that ships the small table."""
+    (tmp_path / "ready").mkdir()
+    monkeypatch.setattr(ready, "packed_path", lambda name: tmp_path / "ready" / f"{name}.nc.xz")
+    pack(built, tmp_path / "ready" / f"{built.device.name}.nc.xz")
+    return tmp_path / "cache" / "bar.nc"
+
+
+def test_a_shipped_table_plays_what_it_was_made_of_and_says_what_it_lacks(built: Table, shipped: Path) -> None:
+    table = open_cached(built.device, shipped)
+    assert table is not None and table.is_shipped and table.path != shipped
+    found = compare_with_shipped(table, built)
+    assert (found.entries, found.clicks, found.changed) == (len(built.entries), len(built.clicks), 0)
+    assert "as shipped" in found.text
+    with pytest.raises(TableError, match=r"no receptances.*build it"):
+        _ = table.receptances
+    table.close()
+
+
+def test_a_table_that_was_built_here_comes_first(built: Table, shipped: Path) -> None:
+    with open_shipped(built.device, shipped) or pytest.fail("is shipped"):
+        pass
+    early_path(shipped).write_bytes(built.path.read_bytes())
+    table = open_cached(built.device, shipped)
+    assert table is not None and not table.is_shipped
+    table.close()
+
+
+def test_of_another_device_it_is_not_played_and_of_older_code_it_is_called_outdated(
+    built: Table, shipped: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = Device.parse(SMALL.replace("count = 3", "count = 4"), built.device.name)
+    assert open_cached(other, shipped) is None
+    assert not list(shipped.parent.glob("*-shipped*"))
+    with open_shipped(built.device, shipped) or pytest.fail("is shipped") as table:
+        assert not is_outdated(table)
+        monkeypatch.setattr(ready, "code_fingerprint", lambda: "0" * 64)
+        assert is_outdated(table)
+
+
+def test_what_differs_audibly_is_counted_and_named(built: Table, shipped: Path, tmp_path: Path) -> None:
+    one_finger = build_click_table(tmp_path, clicks_up_to=1)
+    with open_shipped(built.device, shipped) or pytest.fail("is shipped") as table, Table.open(one_finger) as other:
+        found = compare_with_shipped(table, other)
+    assert found.changed == len(built.clicks) - len(other.clicks) > 0
+    assert f"{found.changed} of" in found.text
+
+
+@pytest.mark.parametrize("name", shipped_names())
+def test_samples_of_a_shipped_table_are_what_this_code_solves(name: str, tmp_path: Path) -> None:
+    device = find_device(name)
+    assert packed_path(name).stat().st_size < 1_000_000
+    remedy = f"{name}: numbers have changed: remake the shipped tables with `{REMAKE} {name}`, which takes minutes"
+    with open_shipped(device, tmp_path / "table.nc") or pytest.fail(remedy) as table:
+        options = BuildOptions.of(table)
+        own = [entry for entry in table.entries if entry.index == table.entries[7].index]
+        solver = EntrySolver(assemble(device), options.objective, options.made_for)
+        entries = zip(own, solver.solve(own[0].states), strict=True)
+        click = table.clicks[len(table.clicks) // 2]
+        places, key = table.places, table.places.key(click.placement)
+        clicks = [
+            (click, found) for found, _ in tabulate_clicks(device, options.click_options.coarse, places, [key], 1)
+        ]
+    figures = [figure for pair in entries for figure in entry_figures(*pair, same_actuators=True)]
+    figures += [figure for pair in clicks for figure in click_figures(*pair, same_actuators=True)]
+    assert not [figure for figure in figures if figure[3] > Tolerance().limit(figure[0])], remedy
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", shipped_names())
+def test_a_shipped_table_is_what_a_build_makes(name: str, tmp_path: Path) -> None:
+    """Other processors round otherwise, which is not heard."""
+    device = find_device(name)
+    build_table(device, tmp_path / "built.nc", click_options=DEFAULT_OPTIONS.coarse)
+    with Table.open(tmp_path / "built.nc") as here, open_shipped(device, tmp_path / "t.nc") or pytest.fail() as table:
+        assert compare_with_shipped(table, here).changed == 0
