@@ -109,3 +109,10 @@ def test_a_value_that_a_table_marks_as_absent_is_refused(place: int) -> None:
     values[place] = (None, values[place][1])  # type: ignore[assignment]  # what a broken table gives
     with pytest.raises(LimitError, match="the table is broken"):
         clamp(entry_of(values[0], values[1], *values[2]), REFERENCE)
+
+
+@pytest.mark.parametrize("missing", ["frequencies_hz", "amplitudes", "phases_rad"])
+def test_a_drive_whose_columns_have_different_lengths_is_refused(missing: str) -> None:
+    whole = entry_of((150.0, 150.0), (0.1, 0.1))
+    with pytest.raises(LimitError, match="build the table for this device"):
+        clamp(replace(whole, **{missing: (1.0,)}), REFERENCE)  # type: ignore[arg-type]  # a column of them

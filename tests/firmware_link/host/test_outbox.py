@@ -130,3 +130,15 @@ def test_a_click_that_is_held_back_never_goes_out_and_the_time_fits_eight_bytes(
     box.holds_clicks = True
     _, click_from_ns = box.free_from_ns(0)
     assert click_from_ns == 2**63 - 1
+
+
+def test_a_new_session_knows_of_no_click_of_the_one_before() -> None:
+    box = outbox()
+    for number in range(2):
+        box.put(click(200_000))
+        assert isinstance(next_of(box, number * MS), Play)
+    assert box.free_from_ns(2 * MS)[1] > 2 * MS
+    clock = DeviceClock()
+    clock.update(Exchange(0, 0, 0, 0))
+    box.start(SILENCE, LEASE_MS, clock)
+    assert box.free_from_ns(2 * MS)[1] == 2 * MS
