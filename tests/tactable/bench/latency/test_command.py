@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,14 @@ DEVICE = find_device("reference-a")
 HAS_COMPILER = any(map(shutil.which, ("cc", "gcc", "clang")))
 # As root of a busy machine: what else runs must be able to go on.
 GENTLE = ("--realtime", "collector,switch-interval")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def few_reports_in_process() -> Iterator[None]:
+    """A tenth of what the bench takes, where each run of it would repeat the same measurement for seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tactable.bench.latency.report._IN_PROCESS_REPORTS", 400)
+        yield
 
 
 @pytest.fixture(scope="module")
