@@ -1,5 +1,6 @@
 """Laws of the C core: those of every device, and that it does what its Python twin does."""
 
+import ctypes
 import os
 import subprocess
 import sys
@@ -7,8 +8,19 @@ from pathlib import Path
 
 import pytest
 
-from tests.firmware_link.conformance import HANG_UP_LAWS, LAWS, WAVE_LAWS, HangUpLaw, Law, WaveLaw
-from tests.firmware_link.firmware.compiled_core import LIBRARY, CompiledTier, make, need
+from firmware_link.protocol.framing import EMERGENCY_STOP
+from tests.firmware_link.conformance import (
+    HANG_UP_LAWS,
+    LAWS,
+    LOUD,
+    RAMP_US,
+    WAVE_LAWS,
+    HangUpLaw,
+    Host,
+    Law,
+    WaveLaw,
+)
+from tests.firmware_link.firmware.compiled_core import LIBRARY, CompiledTier, core_library, make, need
 
 ROOT = Path(__file__).parents[3]
 
@@ -47,7 +59,28 @@ def test_with_room_for_its_actuators_only_the_c_core_stays_within_its_arrays(tmp
     # Without a runtime: what is out of bounds ends the process.
     make(tmp_path, "host", "ACTUATORS=2", "SANITIZE=undefined -fsanitize-undefined-trap-on-error")
     environment = os.environ | {"TACTABLE_CORE_LIBRARY": str(tmp_path / LIBRARY)}
-    command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", __file__, "-k", "keeps"]
+    command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", __file__, "-k", "keeps or voltage"]
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-4_000:] + done.stderr[-4_000:]
     assert "[100%]" in done.stdout
+
+
+def test_high_voltage_is_allowed_while_armed_and_until_what_sounds_has_faded() -> None:
+    """Cut off at once, the actuators would jump; kept on, a bar that nothing drives would stay live."""
+    tier = CompiledTier()
+
+    def allows_high_voltage() -> bool:
+        allows = core_library().tactable_device_allows_high_voltage
+        allows.restype, allows.argtypes = ctypes.c_bool, (ctypes.c_void_p,)
+        return bool(allows(tier._firmware._host))
+
+    assert not allows_high_voltage()
+    host = Host(tier).ready()
+    assert allows_high_voltage()
+    host.set(host.drive(*LOUD))
+    tier.wait(RAMP_US)
+    tier.write(EMERGENCY_STOP)
+    tier.wait(RAMP_US // 2)
+    assert allows_high_voltage()
+    tier.wait(RAMP_US)
+    assert not allows_high_voltage()
