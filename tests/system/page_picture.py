@@ -10,18 +10,18 @@ from playwright.sync_api import Page, sync_playwright
 
 _SIZE = (1280, 1190)
 _COMMAND = [str(Path(sys.executable).parent / "tactable"), "demo", "--no-open"]
-_PLAYS = "window.tactable?.scene?.plays && tactable.scene.clicks > 0 && !tactable.scene.building"
+_PLAYS = "window.tactable?.scene?.plays && tactable.scene.clicks > 0"
 
 
 def draw(path: Path, command: list[str]) -> None:
-    """Wait for the table of the demo, put a finger into IV, tap I with another, and take the page's picture."""
+    """Wait until the demo plays, put a finger into IV, tap I with another, and take the page's picture."""
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as demo, sync_playwright() as playwright:
         assert demo.stderr is not None
         url = next(word for word in demo.stderr.readline().split() if word.startswith("http"))
         words = ["--no-sandbox"] if os.geteuid() == 0 else []
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=words)
         page = browser.new_page(viewport={"width": _SIZE[0], "height": _SIZE[1]}, color_scheme="light")
-        page.goto(url)
+        page.goto(url + "#no-tour")
         _wait(page, _PLAYS)
         page.keyboard.down("4")
         _wait(page, "tactable.wire.picture.fingerCount === 1 && tactable.wire.picture.age_s > 3")
