@@ -11,13 +11,7 @@ from engine.loop.fast.layout import c_header
 from engine.loop.fast.library import SOURCE
 from tests.firmware_link.firmware.compiled_core import need
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(
-        not os.environ.get("TACTABLE_SYSTEM"),
-        reason="TACTABLE_SYSTEM is not set: the sanitizers take half a minute",
-    ),
-]
+pytestmark = pytest.mark.system
 
 ROOT = Path(__file__).parents[2]
 FAST = "tests/engine/loop/fast"
