@@ -50,7 +50,7 @@ def test_the_compiled_step_does_nothing_undefined(tmp_path: Path) -> None:
     need("cc")
     done = run_under_sanitizers(SOURCE, tmp_path)
     assert done.returncode == 0, done.stdout[-4_000:] + done.stderr[-4_000:]
-    assert "[100%]" in done.stdout
+    assert " passed" in done.stdout
 
 
 def test_a_step_that_reads_beyond_its_memory_is_found(tmp_path: Path) -> None:
