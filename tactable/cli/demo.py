@@ -32,7 +32,8 @@ def demo(
     headless: Annotated[bool, typer.Option("--headless", help="No page: play recorded touches and report.")] = False,
     no_open: Annotated[bool, typer.Option("--no-open", help="Print the page's address and open no browser.")] = False,
     host: Annotated[
-        str | None, typer.Option("--host", help="Bind the page to this address instead of 127.0.0.1.")
+        str | None,
+        typer.Option("--host", help="Bind the page to this address instead of 127.0.0.1, and print a QR code of it."),
     ] = None,
     page_port: Annotated[int, typer.Option("--page-port", min=0, max=65_535, help="The page's port; 0: any.")] = 0,
     as_json: AsJson = False,

@@ -2,9 +2,11 @@
 
 import asyncio
 import contextlib
+import ipaddress
 import os
 import re
 import signal
+import socket
 import tempfile
 import webbrowser
 from collections.abc import Callable, Mapping
@@ -22,6 +24,12 @@ from tactable.page.server import PageBackend, listen_at, serve
 from tactable.shipped import cache_folder
 
 _MEMORY = Path("/dev/shm")
+_ELSEWHERE = ("192.0.2.1", "2001:db8::1")
+"""Addresses for documentation, which nobody has."""
+_IP = re.compile(r"[0-9.]+|.*:.*")
+_QUIET = 2
+"""Light modules around a QR code."""
+_BLOCKS = {(False, False): " ", (True, False): "▀", (False, True): "▄", (True, True): "█"}
 _TOKEN = r"[A-Za-z0-9_-]{32,}"
 Say = Callable[[str], None]
 
@@ -95,8 +103,33 @@ def token_for(port: int) -> str:
 
 def announcement(access: AccessPolicy) -> list[str]:
     """The lines that are printed once the page is served."""
-    lines = [f"the page: {access.url}  (Ctrl-C ends)"]
+    url = access.url_at(reachable(access.host))
+    lines = [f"the page: {url}  (Ctrl-C ends)"]
     if not access.is_loopback:
         warning = "everybody who reaches this machine and knows the address can use the page; nothing is encrypted"
-        lines.append(f"WARNING: bound to {access.host}: {warning}")
+        lines += [f"WARNING: bound to {access.host}: {warning}", "for a phone or a tablet in the same network:"]
+        lines += qr_code(url)
     return lines
+
+
+def reachable(host: str) -> str:
+    """Where others reach a server that is bound to `host`: for all addresses, that of the way out of this machine."""
+    if not ipaddress.ip_address(socket.gethostbyname(host) if not _IP.fullmatch(host) else host).is_unspecified:
+        return host
+    family, other = (socket.AF_INET6, _ELSEWHERE[1]) if ":" in host else (socket.AF_INET, _ELSEWHERE[0])
+    with socket.socket(family, socket.SOCK_DGRAM) as way:
+        try:
+            way.connect((other, 9))  # of a datagram socket: it asks the routes, and sends nothing
+        except OSError:
+            return LOOPBACK[1] if ":" in host else LOOPBACK[0]
+        return str(way.getsockname()[0])
+
+
+def qr_code(text: str) -> list[str]:
+    """Lines of a QR code in half blocks, light on the dark ground of most terminals."""
+    import segno  # only an address for others needs it
+
+    rows = [tuple(not module for module in row) for row in segno.make(text, micro=False).matrix_iter(border=_QUIET)]
+    rows += [(False,) * len(rows[0])] * (len(rows) % 2)
+    pairs = zip(rows[::2], rows[1::2], strict=True)
+    return ["".join(_BLOCKS[upper, lower] for upper, lower in zip(*pair, strict=True)) for pair in pairs]

@@ -44,9 +44,12 @@ class AccessPolicy:
 
     @property
     def url(self) -> str:
-        """The address to open."""
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"http://{host}:{self.port}/{self.token}/"
+        """The address to open on this machine."""
+        return self.url_at(self.host)
+
+    def url_at(self, host: str) -> str:
+        """The address to open where the server is known as `host`."""
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/{self.token}/"
 
     @property
     def is_loopback(self) -> bool:

@@ -5,12 +5,13 @@ import webbrowser
 from pathlib import Path
 
 import pytest
+import segno
 from typer.testing import CliRunner
 
 from tactable.cli import demo as cli
 from tactable.cli.main import app
 from tactable.page import opening
-from tactable.page.opening import announcement, has_browser, token_for
+from tactable.page.opening import announcement, has_browser, qr_code, reachable, token_for
 from tactable.page.security import AccessPolicy
 
 SCREEN = {"DISPLAY": ":0"}
@@ -120,9 +121,27 @@ def test_a_report_and_a_page_are_not_asked_for_at_once(shown: list[opening.Addre
 def test_only_a_page_that_others_reach_has_a_warning() -> None:
     (line,) = announcement(AccessPolicy("127.0.0.1", 8000, "secret"))
     assert "http://127.0.0.1:8000/secret/" in line
-    _, warning = announcement(AccessPolicy("0.0.0.0", 8000, "secret"))
-    assert "WARNING" in warning
-    assert "secret" not in warning
+    own = reachable("0.0.0.0")
+    address, warning, words, *code = announcement(AccessPolicy("0.0.0.0", 8000, "secret"))
+    assert own != "0.0.0.0" and f"http://{own}:8000/secret/" in address
+    assert "WARNING" in warning and "phone" in words
+    assert not any("secret" in line for line in (warning, words, *code))
+    assert code == qr_code(f"http://{own}:8000/secret/")
+
+
+def test_a_qr_code_has_its_modules_two_to_a_character() -> None:
+    text = "http://192.0.2.7:8000/secret/"
+    halves = {" ": (1, 1), "▀": (0, 1), "▄": (1, 0), "█": (0, 0)}
+    lines = [[halves[each] for each in line] for line in qr_code(text)]
+    rows = [[each[half] for each in line] for line in lines for half in (0, 1)]
+    wanted = [list(row) for row in segno.make(text, micro=False).matrix_iter(border=2)]
+    assert rows[: len(wanted)] == wanted
+    assert all(len(line) <= 80 for line in lines)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "::1", "192.0.2.7", "localhost"])
+def test_a_page_that_is_bound_to_one_address_is_reached_there(host: str) -> None:
+    assert reachable(host) == host
 
 
 def test_the_token_of_a_stated_port_is_kept_for_its_user_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
