@@ -173,7 +173,13 @@ def _number(name: str) -> int:
 
 @contextmanager
 def opened(
-    demo: Demo, browser: Browser, size: tuple[int, int] = DESKTOP, scheme: str = "light", *, has_touch: bool = True
+    demo: Demo,
+    browser: Browser,
+    size: tuple[int, int] = DESKTOP,
+    scheme: str = "light",
+    *,
+    has_touch: bool = True,
+    link: str = "#no-tour",
 ) -> Iterator[Visit]:
     """The page, once the engine runs; it must not complain of anything."""
     width, height = size
@@ -190,7 +196,7 @@ def opened(
 
     page.on("console", note)
     page.on("pageerror", lambda error: visit.complaints.append(str(error)))
-    page.goto(demo.url + "#no-tour")
+    page.goto(demo.url + link)
     visit.wait("window.tactable?.scene?.plays && tactable.wire.picture.levelCount > 0")
     try:
         yield visit
@@ -358,6 +364,21 @@ def test_the_tour_shows_a_felt_and_a_quiet_finger(demo: Demo, browser: Browser) 
         assert felt["promised"] > quiet["promised"]
         visit.ask("tactable.fingers.liftAll()")
         visit.until("p.fingerCount === 0")
+
+
+def test_a_link_shows_the_same_switches_and_fingers(demo: Demo, browser: Browser) -> None:
+    with opened(demo, browser) as visit:
+        choose(visit, source="click", quiet_zones=[], level_db=20)
+    asked = "#source=steady&level=10&quiet=II&fingers=230.0,40.0&device=nobody&rules=none"
+    with opened(demo, browser, link=asked) as visit:
+        visit.wait("tactable.scene.plays?.source === 'steady' && tactable.scene.plays.level_db === 10")
+        made = visit.until("p.fingerCount === 2 && p.madeCount === 2")["made"]
+        assert sorted(finger["position_m"] for finger in made) == pytest.approx([0.04, 0.23], abs=1e-3)
+        kept = "#device=small.toml&source=steady&rules=touch&level=10&quiet=II&fingers=230.0,40.0"
+        visit.wait(f"location.hash === '{kept}'")
+        visit.page.click("#lift")
+        visit.wait("!location.hash.includes('fingers')")
+        choose(visit, source="click", quiet_zones=[], level_db=20)
 
 
 def test_it_is_drawn_at_once_and_sixty_times_a_second_with_ten_fingers(

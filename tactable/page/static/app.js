@@ -4,13 +4,14 @@ import { Bar } from "./bar.js";
 import { Fingers } from "./fingers.js";
 import { Courses, outcomeOf } from "./outcome.js";
 import { Panel, byId } from "./panel.js";
+import { linkOf, readLink } from "./permalink.js";
 import { Sound } from "./sound.js";
 import { Wire } from "./wire.js";
 
 const PANEL_MS = 125;
 const HEARD_AFTER_MS = 550; // The server captures the sound 0.4 s after a command.
 
-let scene = null, heard = 0, panel_ms = 0, isDrawn = false, isWelcomed = false;
+let scene = null, heard = 0, panel_ms = 0, isDrawn = false, isWelcomed = false, link = null;
 const sound = new Sound();
 const wire = new Wire({
   scene(found) {
@@ -44,11 +45,27 @@ function startTour() {
   fingers.startTour(middle(zones[Math.max(zones.length - 2, 0)]), middle(zones[0]));
 }
 
-// The tour begins by itself once something plays, unless somebody touched first; `#no-tour` in the address leaves it out.
+// Once something plays, the fingers of the link come, or else the tour; not where somebody touched first. `#no-tour` in
+// the address leaves it out.
 function welcome() {
-  if (isWelcomed || !scene?.plays || scene.mode !== "demo") return;
+  if (!scene || scene.mode !== "demo") return;
+  if (link === null) {
+    link = readLink(location.hash, scene);
+    if (Object.keys(link.switches).length) wire.choose(link.switches);
+  }
+  if (isWelcomed || !scene.plays) return;
+  if (link.switches.device !== undefined && scene.plays.device !== link.switches.device) return;
   isWelcomed = true;
-  if (location.hash !== "#no-tour" && !fingers.down.size) startTour();
+  if (fingers.down.size) return;
+  if (link.fingers.length) fingers.place(link.fingers.map((at_m) => Math.min(at_m / scene.device.length_m, 1)));
+  else if (location.hash !== "#no-tour") startTour();
+}
+
+// The address says what is chosen and which fingers stay, so that it can be passed on.
+function linkScene() {
+  if (!isWelcomed || !scene || fingers.isTouring) return;
+  const found = linkOf(scene.choice, fingers.staying.map((x) => x * scene.device.length_m));
+  if (found !== location.hash && location.hash !== "#no-tour") history.replaceState(null, "", found);
 }
 
 // One sentence: the outcome of the last command; the tour's own words before the first and at its end.
@@ -96,6 +113,7 @@ function frame(now_ms) {
     listen();
     welcome();
     tell();
+    linkScene();
   }
   requestAnimationFrame(frame);
 }

@@ -133,6 +133,19 @@ export class Fingers {
 
   get anyKept() { return [...this.down.values()].some((finger) => finger.kept); }
 
+  // Where the fingers that stay are, in the order in which they came down.
+  get staying() { return [...this.down.values()].filter((finger) => finger.kept).map((finger) => finger.x); }
+
+  // Put fingers down that stay, one after another, so that each is a touch beside those before it.
+  place(places) {
+    this.stopTour();
+    this._tour = places.map((x, i) => setTimeout(() => {
+      this._press(x, MIDDLE, true);
+      if (i === places.length - 1) this._tour = [];
+      this._sent();
+    }, 1400 * i));
+  }
+
   // Keys 1 to 9 put a finger on the middle of that zone while the key is down.
   set zones(middles) { this._middles = middles; }
 
