@@ -133,6 +133,7 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
             lambda boot_id: EmulatedFirmware(replace(configuration, boot_id=boot_id)), plan, arguments["seed"]
         ),
         announcement.point_to,
+        announcement.close,
     )
     with termination_descriptor() as termination:
         parent.say({"port": server.path, "host_ns_at_device_zero": server.host_ns_at_zero})

@@ -24,14 +24,17 @@ HOST_POLL_MS = 10
 class PseudoTerminalServer(Generic[C]):
     """Serves one device on a pseudo-terminal with one poll loop and the monotonic clock.
 
-    `on_port` is told the name of each terminal: a new one whenever the port was unplugged.
+    `on_port` is told the name of each terminal: a new one whenever the port was unplugged. `on_gone` is told before the
+    terminal goes, since its name may belong to somebody else at once.
     """
 
-    def __init__(self, device: FaultyDevice[C], on_port: Callable[[str], None]) -> None:
+    def __init__(
+        self, device: FaultyDevice[C], on_port: Callable[[str], None], on_gone: Callable[[], None] = lambda: None
+    ) -> None:
         self.device = device
         self.path = ""
         self.host_ns_at_zero = time.monotonic_ns()
-        self._on_port = on_port
+        self._on_port, self._on_gone = on_port, on_gone
         self._master: int | None = None
         self._next: tuple[int, str] | None = None
         self._has_host = False
@@ -143,6 +146,7 @@ class PseudoTerminalServer(Generic[C]):
     def _unplug(self) -> None:
         # Opened while the old name is still taken: the port comes back under another.
         self._next = _open_terminal()
+        self._on_gone()
         self._let_go()
 
     def _let_go(self) -> None:

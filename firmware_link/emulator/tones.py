@@ -30,6 +30,7 @@ S_PER_US = 1e-6
 _SILENT = 0.5 / FULL_SCALE_WORD
 # What comes just when a crossfade ends does not wait; the end of a crossfade is a sum, and rounded.
 _ROUNDING_US = 1e-3
+_SHORTEST_US = 1e-3  # a stretch without a length is over; dividing by less overflows after minutes
 
 
 @dataclass(frozen=True)
@@ -206,7 +207,7 @@ def _evaluate(stretches: NDArray[np.float64], times_us: NDArray[np.float64]) -> 
     index = np.searchsorted(stretches[0], times_us, side="right") - 1
     _, begun_us, length_us, amplitude, goal, fading, *oscillators = stretches[:, np.maximum(index, 0)]
     # A stretch without a length begins at its goal.
-    w = np.clip((times_us - begun_us) / np.maximum(length_us, 1e-300), 0.0, 1.0)
+    w = np.clip((times_us - begun_us) / np.maximum(length_us, _SHORTEST_US), 0.0, 1.0)
     w[times_us >= begun_us + length_us] = 1.0
     new, old = (
         np.sin(math.tau * (turns + frequency_hz * (times_us - at_us) * S_PER_US))

@@ -26,7 +26,7 @@ class Announced:
 
 
 class Announcement:
-    """One emulator's link, until `close`."""
+    """One emulator's link, from `point_to` until `close`; it may point again."""
 
     def __init__(self, link: Path) -> None:
         self.link = link
@@ -34,7 +34,7 @@ class Announcement:
         link.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
 
     def point_to(self, port: str) -> None:
-        """Lead to this port from now on; the link is replaced, so that it always leads somewhere.
+        """Lead to this port from now on.
 
         Raises LinkError where something else has the name.
         """

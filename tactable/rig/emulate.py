@@ -59,18 +59,21 @@ def emulate(
             announcement.point_to(port)
         on_start(Emulated(port, str(announcements[-1].link), configuration.number_of_actuators, seed))
 
+    def on_gone() -> None:
+        for announcement in announcements:
+            announcement.close()
+
     def start(boot_id: int) -> EmulatedFirmware | CompiledFirmware:
         booted = replace(configuration, boot_id=boot_id)
         return EmulatedFirmware(booted) if library is None else CompiledFirmware(library, booted, keeps_samples=False)
 
     try:
         with termination_descriptor() as termination:
-            server = PseudoTerminalServer(FaultyDevice(start, plan, seed), on_port)
+            server = PseudoTerminalServer(FaultyDevice(start, plan, seed), on_port, on_gone)
             server.serve([termination])
             server.close()
     finally:
-        for announcement in announcements:
-            announcement.close()
+        on_gone()
     cores = [boot.core for boot in server.device.boots]
     counters = [asdict(core.counters) | asdict(core.framing_counters) for core in cores]
     return {"simulated": True, "boots": counters, "faults": server.device.fault_counts()}

@@ -25,7 +25,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("built")
     text = (device_folder() / "reference-a.toml").read_text(encoding="utf-8")
     (folder / "bar.toml").write_text(text.replace('step = "1 Hz"', 'step = "8 Hz"'), encoding="utf-8")
-    few = ("--clicks-up-to", "1", "--pitch", "140 mm", "--coarse")
+    few = ("--clicks-up-to", "1", "--pitch", "140 mm")
     done = tactable("build", "bar.toml", "-o", "bar.nc", *few, "--json", folder=folder)
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)

@@ -51,7 +51,8 @@ def test_a_click_of_more_fingers_is_solved_for_their_places_as_a_run_does(source
 
 def test_what_a_click_gives_elsewhere_is_not_what_it_gives_at_its_places(source: ClickSource) -> None:
     click = source.click_of(Placement.named(source.table.device, ["I"], ["III"]))
-    assert source.fingers_of(click, click.placement) == click.fingers
+    found = [each.level_db for each in source.fingers_of(click, click.placement)]
+    assert found == pytest.approx([each.level_db for each in click.fingers], abs=1e-6)  # basis and modes are rounded
     moved = Placement(tuple(at_m + 5e-3 for at_m in click.placement.position_m), click.placement.is_felt)
     assert source.fingers_of(click, moved)[1].level_db > click.fingers[1].level_db + 1
 

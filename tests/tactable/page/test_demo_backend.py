@@ -93,6 +93,8 @@ def running(folder: Path, name: str | None = None) -> Iterator[Rig]:
 @pytest.fixture(scope="module")
 def shared(folder: Path) -> Iterator[Rig]:
     with running(folder) as rig:
+        # Kernels are compiled first; then a new run begins, for which fingers that are down come at once.
+        rig.wait(lambda: bool(rig.backend.scene()["has_kernels"]))
         yield rig
 
 
