@@ -135,6 +135,8 @@ class DemoBackend:
         self._compared: dict[str, Any] | None = None
         """What a table that was built here is beside the shipped one."""
         self._table: Table | None = None
+        self._is_between = False
+        """Whether one run ends and the next begins."""
         self._boot: tuple[int, int] = (0, 0)
         self._rings = 0
         self._status, self._trouble = "starting", ""
@@ -200,7 +202,7 @@ class DemoBackend:
         """Advance the bar to the present, as the firmware drove it."""
         self._pointers.repeat(time.monotonic_ns())
         view, firmware, reader = self.view, self._firmware, self._reader
-        if view is None or firmware is None or reader is None:
+        if view is None or firmware is None or reader is None or self._is_between:
             return [], False
         messages = []
         for applied in firmware.ask():
@@ -293,9 +295,6 @@ class DemoBackend:
             self._engine = await _Engine.start(self._work / f"ring-{os.getpid()}-{self._rings}")
         has_kernels = self._builder.has_compiled
         order = Order(table.path, self._firmware.port, choice, self._offers.rule_file, has_kernels)
-        await self._engine.play(order)
-        if self._reader is None:
-            self._reader = RingReader(self._engine.ring, from_start=True)
         resolution_hz = configuration_of(device).frequency_resolution_uhz * 1e-6
         before = self.view
         bar = LiveBar(device) if before is None else before.bar
@@ -304,17 +303,25 @@ class DemoBackend:
             self._boot = (0, 0)
         else:
             view.zero_ns = before.zero_ns
-        await self._compare(device, table)
-        if self._table is not None and self._table is not table:
-            self._table.close()
+        # What the next run does from its first moment on is for the next view: the one before reads no more.
+        self._is_between = True
+        try:
+            await self._engine.play(order)
+        finally:
+            self._is_between = False
+        if self._reader is None:
+            self._reader = RingReader(self._engine.ring, from_start=True)
+        shown = self._table
         self.view, self._table, self._plays = view, table, (replace(choice, is_loaded=True), has_kernels)
+        await self._compare(device, shown, table)
+        if shown is not None and shown is not table:
+            shown.close()
         self._pointers.feed(self._engine.feed)
         self._status, self._trouble = "running", ""
         self.scene_number += 1
 
-    async def _compare(self, device: Device, table: Table) -> None:
-        """Compare a table with coarse clicks that was built here with the shipped one, once it takes its place."""
-        before = self._table
+    async def _compare(self, device: Device, before: Table | None, table: Table) -> None:
+        """Compare a table with coarse clicks that was built here with the shipped one, once it took its place."""
         if before is None or not before.is_shipped or before.fingerprint != table.fingerprint or table.is_shipped:
             return
         found = await asyncio.to_thread(compare_with_shipped, before, table)

@@ -4,17 +4,21 @@ import asyncio
 import os
 import shutil
 import signal
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from engine.touch.sources.pointer import Phase, PointerEvent
+from tactable.page import demo_backend
 from tactable.page.choices import Choice, offered
 from tactable.page.demo_backend import DemoBackend
 from tactable.page.messages import Drive, Kind, Picture, Role
+from tactable.page.view import View
 from tactable.rig.ready import cached_table, early_path
 from tactable.shipped import find_device
 from tests.precompute.builder.test_build import SMALL
@@ -144,6 +148,24 @@ def test_switches_change_over_without_a_new_process(rig: Rig) -> None:
     assert (picture.drive, picture.wanted_db, picture.is_playing) == (Drive.STEADY, 10.0, True)
     assert [finger.role for finger in picture.fingers] == [Role.FELT, Role.QUIET]
     assert rig.backend.process_ids == processes
+
+
+def test_fingers_that_rest_while_one_run_follows_another_play_in_both(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class SlowView(View):
+        """A view that is made while something is compiled, as the first one with kernels is."""
+
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+            time.sleep(0.5)
+
+    monkeypatch.setattr(demo_backend, "View", SlowView)
+    rig.choose(source="steady", quiet_zones=["III"])
+    rig.press(FIRST, LAST)
+    rig.until(lambda picture: picture.is_playing and picture.wanted_db == 20 and _is_first_felt(picture))
+    rig.choose(level_db=10)
+    rig.until(lambda picture: picture.is_playing and picture.wanted_db == 10 and _is_first_felt(picture))
 
 
 def test_fingers_that_load_nothing_break_the_promise(rig: Rig) -> None:
