@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # device files need the units of pint, which `tactable list` does not
     from engine.device import Device
+    from engine.effects import Effect
 
 _HERE = Path(__file__).parent
 DEMO_RECORDING = _HERE / "rig" / "demo.hid"
@@ -26,6 +27,14 @@ def ready_folder() -> Path:
 def shipped_names() -> list[str]:
     """Names of the shipped devices."""
     return sorted(path.stem for path in device_folder().glob("*.toml"))
+
+
+def named_effects() -> "dict[str, Effect]":
+    """The effects of the vocabulary that rule files and programs may name."""
+    from engine.effects import read_vocabulary
+
+    installed = _HERE / "vocabulary.toml"
+    return read_vocabulary(installed if installed.is_file() else _HERE.parent / "tables" / "vocabulary.toml")
 
 
 def find_device(name_or_path: str) -> "Device":

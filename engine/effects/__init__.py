@@ -1,7 +1,7 @@
 """Rules that decide what each finger feels, and the player that follows them."""
 
 from engine.effects.player import EffectPlayer
-from engine.effects.rule_file import read_effects
+from engine.effects.rule_file import read_effects, read_vocabulary
 from engine.effects.rules import DEFAULT_EFFECTS, Effect, EffectError, Effects, Rule, Segment, Trigger
 
 __all__ = [
@@ -14,4 +14,5 @@ __all__ = [
     "Segment",
     "Trigger",
     "read_effects",
+    "read_vocabulary",
 ]

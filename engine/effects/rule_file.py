@@ -1,12 +1,15 @@
-"""Reads a rule file in TOML (tables/EFFECTS.md); every error names key, value and what was expected."""
+"""Reads rule files and the vocabulary in TOML (tables/EFFECTS.md); errors name key, value and what was expected."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from engine.device import Device
 from engine.device.toml_table import HIGHEST_LEVEL_DB, TomlTable, read_text
 from engine.effects.rules import FULL_SCALE_DB, Effect, EffectError, Effects, Rule, Segment, Trigger
 
 CLICK, HELD, FULL_SCALE, QUIET = "click", "held", "full scale", "quiet"
+NO_EFFECTS: Mapping[str, Effect] = MappingProxyType({})
 _SHORTEST_S, _LEAST_TRAVEL_M = 1e-3, 1e-4  # finer than any digitizer reports
 
 
@@ -14,24 +17,42 @@ class _RuleTable(TomlTable):
     family = EffectError
 
 
-def read_effects(path: Path, device: Device) -> Effects:
-    """Read and validate a rule file for a device, whose zones it names. Raises EffectError; OSError without a file."""
-    return parse_effects(read_text(path, EffectError), str(path), device)
+def read_effects(path: Path, device: Device, named: Mapping[str, Effect] = NO_EFFECTS) -> Effects:
+    """Read and validate a rule file for a device, whose zones it names. Raises EffectError; OSError without a file.
+
+    `named` are effects that its rules may name beside its own; an effect of the file replaces one of the same name.
+    """
+    return parse_effects(read_text(path, EffectError), str(path), device, named)
 
 
-def parse_effects(text: str, source: str, device: Device) -> Effects:
+def parse_effects(text: str, source: str, device: Device, named: Mapping[str, Effect] = NO_EFFECTS) -> Effects:
     """Validate the rules in `text`; `source` names it in errors. Raises EffectError."""
     top = _RuleTable.parse(text, source)
+    parts = top.tables("effect") if "effect" in top.left else []
+    rule_parts = top.tables("rule")
+    top.known.append("effect")
+    top.refuse_rest()
+    effects = {**named, **_read_effects(parts)}
+    return Effects(tuple(_read_rule(part, effects, device) for part in rule_parts))
+
+
+def read_vocabulary(path: Path) -> dict[str, Effect]:
+    """Read a file of effects without rules, by name. Raises EffectError; OSError without a file."""
+    top = _RuleTable.parse(read_text(path, EffectError), str(path))
+    effects = _read_effects(top.tables("effect"))
+    top.refuse_rest()
+    return effects
+
+
+def _read_effects(parts: list[_RuleTable]) -> dict[str, Effect]:
     effects: dict[str, Effect] = {}
-    for part in top.tables("effect"):
+    for part in parts:
         effect = Effect(part.name("name"), _read_envelope(part))
         if effect.name in effects:
             raise part.error("name", effect.name, "another effect has this name")
         effects[effect.name] = effect
         part.refuse_rest()
-    rules = tuple(_read_rule(part, effects, device) for part in top.tables("rule"))
-    top.refuse_rest()
-    return Effects(rules)
+    return effects
 
 
 def _read_envelope(part: _RuleTable) -> tuple[Segment, ...]:

@@ -20,7 +20,7 @@ from tactable.cli.options import (
     read_level,
     read_option,
 )
-from tactable.shipped import DEMO_RECORDING, find_device
+from tactable.shipped import DEMO_RECORDING, find_device, named_effects
 
 
 def sweep(device_name: DeviceOption = "reference-a", as_json: AsJson = False) -> None:
@@ -201,5 +201,5 @@ def step(
     with open_table(table_path) as table:
         rules = dict(RULES)
         if effects_path is not None:
-            rules[effects_path.name] = read_effects(effects_path, table.device)
+            rules[effects_path.name] = read_effects(effects_path, table.device, named_effects())
         show(run_step_bench(table, read, rules), as_json, print_step_bench)

@@ -10,7 +10,7 @@ import typer
 
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, print_json, remark, say, shown_progress
 from tactable.cli.options import AsJson, DeviceOption, EffectsPath
-from tactable.shipped import DEMO_RECORDING, cache_folder, find_device
+from tactable.shipped import DEMO_RECORDING, cache_folder, find_device, named_effects
 
 if TYPE_CHECKING:
     from engine.device import Device
@@ -79,7 +79,7 @@ def report_demo(
 
     check_paths(figure, None)
     recording = read_recording(recording_path or DEMO_RECORDING)
-    effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, device)
+    effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, device, named_effects())
     path = table_path or cached_table(device, cache_folder())
     shipped, shipped_s = open_shipped(device, path), _processor_s()
     with shown_progress(as_json) as progress:

@@ -35,7 +35,7 @@ from tactable.run.click_process import ClickProcess
 from tactable.run.live import Live, LiveOptions
 from tactable.run.ring_recorder import recorder_of, ring_for
 from tactable.run.table_watch import TableWatch, Watched, identity_of
-from tactable.shipped import cache_folder, find_device
+from tactable.shipped import cache_folder, find_device, named_effects
 
 _NS_PER_S = 1_000_000_000
 
@@ -113,7 +113,7 @@ def run(
     device = None if device_name is None else find_device(device_name)
     with Table.open(table_path, device=device) as table, ExitStack() as stack:
         compile_steady_solver(remark)
-        effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, table.device)
+        effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, table.device, named_effects())
         options = LiveOptions(
             effects, when_not_achieved, reconnect, bit_rate_hz, real_time_steps(steps), fast=_compiled(fast)
         )

@@ -12,7 +12,7 @@ from engine.effects.rules import FULL_SCALE_DB
 from engine.plain import to_plain
 from engine.table.entry import DEFAULT_LEVEL_DB
 from firmware_link.protocol.errors import TactableError
-from tactable.shipped import shipped_names
+from tactable.shipped import named_effects, shipped_names
 
 DRAG_STEP_M = 0.01
 HOLD_NS = 500_000_000
@@ -132,7 +132,7 @@ def _one_of(name: str, value: Any, positions: tuple[Any, ...]) -> Any:
 def effects_of(choice: Choice, device: Device, rule_file: Path | None) -> Effects:
     """The rules of a choice. Raises EffectError where its file does not suit the device; OSError without it."""
     if choice.rules is Rules.FILE and rule_file is not None:
-        return read_effects(rule_file, device)
+        return read_effects(rule_file, device, named_effects())
     is_click = choice.source is Source.CLICK
     feel = Effect("feel", (_segment(choice, is_click),))
     on = Trigger(choice.rules.value)
