@@ -18,6 +18,8 @@ Everything is evaluated on the damped lines of `precompute.model.damped_lines`, 
 the courses with those of the time-domain plant.
 """
 
+from functools import lru_cache
+
 import numpy as np
 import scipy.linalg
 from numba import njit
@@ -59,7 +61,10 @@ class SampledPlants:
         bars = [calibrated.bar for calibrated in scenarios.calibrated]
         mass_damping = np.array([bar.mass_damping_per_s for bar in bars])
         stiffness_damping = np.array([bar.stiffness_damping_s for bar in bars])
-        self._pole = _poles(lines.s_per_s, square_omega, mass_damping, stiffness_damping)
+        self._pole = np.empty((*square_omega.shape, 2, len(lines.s_per_s)), np.float32)
+        own_damping = mass_damping[:, None] + stiffness_damping[:, None] * square_omega
+        s_per_s = lines.s_per_s
+        _fill_poles(s_per_s.real.copy(), s_per_s.imag.copy(), square_omega, own_damping, self._pole)
         stiffness, damping, mass, full_scale_m, position_m = (
             np.array([[getattr(actuator, key) for actuator in each.actuators] for each in scenarios.calibrated])
             for key in ("stiffness_n_per_m", "damping_n_s_per_m", "mass_kg", "full_scale_m", "position_m")
@@ -121,6 +126,7 @@ def count_modes(device: Device, lines: DampedLines) -> int:
     return most
 
 
+@lru_cache(maxsize=4)
 def output_factor(lines: DampedLines) -> Complex:
     """Factor (line,) from displacement to weighted acceleration: s^2, the threshold filter, linear interpolation.
 
@@ -176,14 +182,20 @@ def _mass_kg_per_m(device: Device) -> float:
     return bar.density_kg_per_m3 * bar.width_m * bar.thickness_m
 
 
-def _poles(s: Complex, square_omega: Array, mass_damping_per_s: Array, stiffness_damping_s: Array) -> Single:
-    """1 / (s^2 + c s + omega^2): real and imaginary parts (scenario, mode, 2, line)."""
-    pole = np.empty((*square_omega.shape, 2, len(s)), np.float32)
-    for index, square in enumerate(square_omega):
-        damping = mass_damping_per_s[index] + stiffness_damping_s[index] * square
-        value = 1 / (s**2 + damping[:, None] * s + square[:, None])
-        pole[index, :, 0], pole[index, :, 1] = value.real, value.imag
-    return pole
+@njit(nogil=True, cache=True, error_model="numpy")
+def _fill_poles(real: Array, imag: Array, square_omega: Array, damping: Array, pole: Single) -> None:
+    """Fill pole (scenario, mode, 2, line) with 1 / (s^2 + c s + omega^2), s = real + j imag (line,).
+
+    square_omega, damping (scenario, mode): omega^2 and c.
+    """
+    for i in range(len(square_omega)):
+        for m in range(square_omega.shape[1]):
+            square, c = square_omega[i, m], damping[i, m]
+            for k in range(len(real)):
+                a = real[k] * real[k] - imag[k] * imag[k] + c * real[k] + square
+                b = imag[k] * (2 * real[k] + c)
+                scale = 1 / (a * a + b * b)
+                pole[i, m, 0, k], pole[i, m, 1, k] = a * scale, -b * scale
 
 
 @njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
@@ -204,78 +216,95 @@ def _fill_transfer(
     separate arrays along the lines, so that the loops over lines become vector instructions.
     """
     scenarios, fingers, actuators, count = out.shape
-    places = actuators + fingers
+    places, modes = shape.shape[1:]
+    pairs = places * (places + 1) // 2
     real, imag = s.real.copy(), s.imag.copy()
     factor_real, factor_imag = factor.real.copy(), factor.imag.copy()
-    g, h = np.empty((places, places, count), np.float32), np.empty((places, places, count), np.float32)
+    weight, g = np.empty((pairs, modes), np.float32), np.empty((pairs, 2, count), np.float32)
+    column, space = np.empty((places, 2, count), np.float32), np.empty((4, count), np.float32)
     for i in range(scenarios):
-        _sum_modes(pole[i], shape[i], g, h)
+        # Receptances of the bar with springs and masses: sums over modes, for all pairs of places as one product.
+        for p in range(places):
+            for q in range(p, places):
+                for m in range(modes):
+                    weight[_pair(p, q, places), m] = shape[i, p, m] * shape[i, q, m]
+        np.dot(weight, pole[i].reshape((modes, 2 * count)), g.reshape((pairs, 2 * count)))
         for j in range(actuators):
-            _add_impedance(g, h, j, 0, real, imag, np.float32(0.0), damper[i, j], np.float32(0.0))
+            _attach(g, j, actuators, real, imag, np.float32(0.0), damper[i, j], np.float32(0.0), column, space)
         for f in range(fingers):
-            # Between two actuators nothing is needed once their own dampers are in.
             stiffness, damping, mass = impedance[i, f]
-            _add_impedance(g, h, actuators + f, actuators, real, imag, stiffness, damping, mass)
+            _attach(g, actuators + f, actuators, real, imag, stiffness, damping, mass, column, space)
         for f in range(fingers):
             for n in range(actuators):
                 spring, rate = force[i, n]
+                own = g[_pair(n, actuators + f, places)]
                 for k in range(count):
                     a, b = spring + rate * real[k], rate * imag[k]
                     x, y = a * factor_real[k] - b * factor_imag[k], a * factor_imag[k] + b * factor_real[k]
-                    real_part = x * g[n, actuators + f, k] - y * h[n, actuators + f, k]
-                    out[i, f, n, k] = complex(real_part, x * h[n, actuators + f, k] + y * g[n, actuators + f, k])
+                    real_part = x * own[0, k] - y * own[1, k]
+                    out[i, f, n, k] = complex(real_part, x * own[1, k] + y * own[0, k])
+
+
+@njit(error_model="numpy", inline="always")
+def _pair(one: int, other: int, places: int) -> int:
+    """Index of a pair of places in the upper triangle."""
+    low, high = min(one, other), max(one, other)
+    return low * places - low * (low - 1) // 2 + high - low
 
 
 @njit(fastmath=True, error_model="numpy", inline="always")
-def _sum_modes(pole: Single, shape: Single, g: Single, h: Single) -> None:
-    """Receptances g + j h (place, place, line), upper triangle: sums over modes of the bar with springs and masses."""
-    for p in range(len(shape)):
-        for q in range(p, len(shape)):
-            g[p, q], h[p, q] = 0.0, 0.0
-            for m in range(shape.shape[1]):
-                weight = shape[p, m] * shape[q, m]
-                for k in range(g.shape[2]):
-                    g[p, q, k] += weight * pole[m, 0, k]
-                    h[p, q, k] += weight * pole[m, 1, k]
-
-
-@njit(fastmath=True, error_model="numpy", inline="always")
-def _add_impedance(
+def _attach(
     g: Single,
-    h: Single,
     j: int,
-    first: int,
+    actuators: int,
     real: Single,
     imag: Single,
     stiffness: np.float32,
     damping: np.float32,
     mass: np.float32,
+    column: Single,
+    space: Single,
 ) -> None:
     """Attach z = stiffness + damping s + mass s^2 at place j: G becomes G - G_j z / (1 + z G_jj) G_j^T.
 
-    g + j h (place, place, line), upper triangle; pairs of places that are both before `first` are left as they are.
+    g (pair, 2, line). Only what is needed later is computed: between actuators and fingers, and with places after j.
+    column (place, 2, line) and space (4, line) are overwritten.
     """
-    places, count = g.shape[0], g.shape[2]
-    column_real, column_imag = np.empty((places, count), np.float32), np.empty((places, count), np.float32)
-    u, v = np.empty(count, np.float32), np.empty(count, np.float32)
-    c, d = np.empty(count, np.float32), np.empty(count, np.float32)
+    places = len(column)
+    own_real, own_imag, c, d, u, v = column[j, 0], column[j, 1], space[0], space[1], space[2], space[3]
     for p in range(places):
-        low, high = min(p, j), max(p, j)
-        column_real[p], column_imag[p] = g[low, high], h[low, high]
+        column[p] = g[_pair(p, j, places)]
     # u + j v = z / (1 + z G_jj)
-    for k in range(count):
+    for k in range(len(u)):
         a = stiffness + damping * real[k] + mass * (real[k] * real[k] - imag[k] * imag[k])
         b = imag[k] * (damping + 2 * mass * real[k])
-        x = 1 + a * column_real[j, k] - b * column_imag[j, k]
-        y = a * column_imag[j, k] + b * column_real[j, k]
+        x = 1 + a * own_real[k] - b * own_imag[k]
+        y = a * own_imag[k] + b * own_real[k]
         scale = 1 / (x * x + y * y)
         u[k], v[k] = (a * x + b * y) * scale, (b * x - a * y) * scale
-    # c + j d = G_pj (u + j v)
     for p in range(places):
-        for k in range(count):
-            c[k] = column_real[p, k] * u[k] - column_imag[p, k] * v[k]
-            d[k] = column_real[p, k] * v[k] + column_imag[p, k] * u[k]
-        for q in range(max(p, first), places):
-            for k in range(count):
-                g[p, q, k] -= c[k] * column_real[q, k] - d[k] * column_imag[q, k]
-                h[p, q, k] -= c[k] * column_imag[q, k] + d[k] * column_real[q, k]
+        # c + j d = G_pj (u + j v)
+        _multiply(column[p], u, v, c, d)
+        for q in range(p, places):
+            if q > j or (p < actuators and q >= actuators):
+                _subtract_product(column[q], c, d, g[_pair(p, q, places)])
+
+
+@njit(fastmath=True, error_model="numpy", inline="always")
+def _multiply(x: Single, u: Single, v: Single, c: Single, d: Single) -> None:
+    """Fill c + j d with x (2, line) times u + j v; one loop for each part, so that both become vector instructions."""
+    real, imag = x[0], x[1]
+    for k in range(len(u)):
+        c[k] = real[k] * u[k] - imag[k] * v[k]
+    for k in range(len(u)):
+        d[k] = real[k] * v[k] + imag[k] * u[k]
+
+
+@njit(fastmath=True, error_model="numpy", inline="always")
+def _subtract_product(x: Single, c: Single, d: Single, out: Single) -> None:
+    """Subtract x (2, line) times c + j d from out (2, line)."""
+    real, imag, out_real, out_imag = x[0], x[1], out[0], out[1]
+    for k in range(len(c)):
+        out_real[k] -= real[k] * c[k] - imag[k] * d[k]
+    for k in range(len(c)):
+        out_imag[k] -= real[k] * d[k] + imag[k] * c[k]

@@ -49,10 +49,14 @@ class DampedLines:
         growth: NDArray[np.float32] = np.exp(SIGMA_PER_S * np.arange(self.size) / self.rate_hz).astype(np.float32)
         return growth
 
+    @cached_property
+    def decay(self) -> Array:
+        """exp(-sigma t) at every sample of a period, (time,)."""
+        return np.asarray(np.exp(-SIGMA_PER_S * (np.arange(self.size) / self.rate_hz)))
+
     def transform(self, course: Array) -> Complex32:
         """Lines (..., line) of courses (..., time) that begin at time 0 and end within the period."""
-        time_s = np.arange(course.shape[-1]) / self.rate_hz
-        spectrum = scipy.fft.rfft(course * np.exp(-SIGMA_PER_S * time_s), self.size)
+        spectrum = scipy.fft.rfft(course * self.decay[: course.shape[-1]], self.size)
         return spectrum[..., : len(self.s_per_s)].astype(np.complex64)
 
     def period(self, spectrum: Complex32, oversampling: int = 1) -> NDArray[np.float32]:
@@ -62,6 +66,8 @@ class DampedLines:
 
     def course(self, spectrum: Complex32, oversampling: int = 1) -> NDArray[np.float32]:
         """Courses (..., time) of spectra (..., line): `oversampling` samples for each of `steps`."""
-        time_s = np.arange(oversampling * self.steps) / (oversampling * self.rate_hz)
-        growth = np.exp(SIGMA_PER_S * time_s).astype(np.float32)
-        return self.period(spectrum, oversampling)[..., : oversampling * self.steps] * growth
+        steps = oversampling * self.steps
+        if oversampling == 1:
+            return self.period(spectrum)[..., :steps] * self.growth[:steps]
+        time_s = np.arange(steps) / (oversampling * self.rate_hz)
+        return self.period(spectrum, oversampling)[..., :steps] * np.exp(SIGMA_PER_S * time_s).astype(np.float32)
