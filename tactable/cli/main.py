@@ -51,6 +51,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
         "Play": {
             "demo": Entry("demo:demo", "Show the whole chain, SIMULATED: as a page to touch, or as a report."),
             "run": Entry("run:run", "Play a table: turn touches into commands for the firmware."),
+            "play": Entry("play:play", "Hold one drive by hand: a frequency, amplitude and phase for each actuator."),
             "emulate": Entry("demo:emulate", "Emulate the firmware on a serial port, SIMULATED."),
         },
         "Understand": {

@@ -1,0 +1,136 @@
+"""One armed device that plays the drives it is told, for as long as `wait` is called, and then falls silent.
+
+Theory of operation. The lease of a drive is renewed only inside `wait`, by the same link as in a run, so that a program
+that hangs renews nothing and the board falls silent by itself. ARM carries the greatest amplitude that will be asked
+for, so that the board refuses more whatever this program does. Leaving the `with` block ramps to zero and latches the
+board by STOP, whether the block ended by itself, by an error or by Ctrl-C.
+"""
+
+import contextlib
+from collections.abc import Container, Sequence
+from dataclasses import replace
+from types import TracebackType
+from typing import Self
+
+from engine.device import Device
+from engine.loop import Clock, connect
+from engine.render import Drive, link_configuration
+from engine.render.board_fit import fit_board
+from firmware_link.emulator import BOARD_EMULATED
+from firmware_link.host.link import Link
+from firmware_link.host.link_values import Event, FaultReceived, LinkConfiguration, LinkState
+from firmware_link.host.session import Port, Session
+from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.messages import encode_drive
+
+_BLOCKED_LINE_NS = 5_000_000
+"""A line that takes nothing is tried again this often."""
+
+
+class DrivenDevice:
+    """Greets and arms the board of `device` for amplitudes of at most `most` (fractions of full scale), by actuator.
+
+    Raises LinkError where no fitting board answers and where it stops itself, RendererError for a board that cannot
+    play the device's displacements.
+    """
+
+    def __init__(
+        self, device: Device, port: Port, clock: Clock, most: Sequence[float], bit_rate_hz: int = 115_200
+    ) -> None:
+        self.clock, self._device = clock, device
+        self.session = Session(Link(_limited(device, bit_rate_hz, None, most)), port, clock.now_ns)
+        self.capabilities = connect(self.session, clock)
+        self.fit = fit_board(device, self.capabilities)
+        if set(self.fit.scales) != {1.0}:
+            self.session.link.reconfigure(_limited(device, bit_rate_hz, self.fit.scales, most))
+            connect(self.session, clock)
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether an emulated firmware answers."""
+        return self.capabilities.board == BOARD_EMULATED
+
+    @property
+    def applied_device_us(self) -> int | None:
+        """Device time at which the board applied the last drive; None until STATUS has confirmed it."""
+        link = self.session.link
+        if link.status is None or link.drive_sequence is None:
+            return None
+        return link.status.applied_time_us if link.status.applied_sequence == link.drive_sequence else None
+
+    def play(self, drive: Drive) -> None:
+        """Hold this drive from the next `wait` on, in place of the one before."""
+        channels = [
+            replace(channel, amplitude=min(1.0, channel.amplitude * scale))
+            for channel, scale in zip(drive.channels, self.fit.scales, strict=True)
+        ]
+        self.session.link.set_drive(encode_drive(channels, self.capabilities.frequency_resolution_hz))
+
+    def silence(self) -> None:
+        """Ramp to zero with the next `wait` and stay armed."""
+        self.session.link.set_silent()
+
+    def wait(self, until_ns: int, watched: Sequence[int] = ()) -> bool:
+        """Keep the drive alive until this time, or until a watched descriptor can be read; whether one can.
+
+        Raises LinkError when the port is lost or the board has stopped itself.
+        """
+        while self.clock.now_ns() < until_ns:
+            readable = self._exchange(until_ns, watched)
+            if readable is not None and any(descriptor in readable for descriptor in watched):
+                return True
+        return False
+
+    def arm_again(self) -> None:
+        """Greet and arm a board that has stopped itself; it is silent then. Raises LinkError."""
+        connect(self.session, self.clock)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        # An error of the block says more than that the port was lost on the way out.
+        with contextlib.suppress(LinkError) if error is not None else contextlib.nullcontext():
+            self._stop()
+
+    def _stop(self) -> None:
+        session = self.session
+        session.link.stop(self.clock.now_ns())
+        while session.link.state is LinkState.STOPPING:
+            session.send()
+            self._wait_for_port(None, ())
+            session.receive()
+
+    def _exchange(self, until_ns: int, watched: Sequence[int]) -> Container[int] | None:
+        """One pass: write what is due, wait, take in what came."""
+        self.session.send()
+        readable = self._wait_for_port(until_ns, watched)
+        events = self.session.receive()
+        self.session.send()
+        if self.session.link.state is not LinkState.READY:
+            raise LinkError(f"the board stopped itself{_reason(events)}: see to the cause, then start again")
+        return readable
+
+    def _wait_for_port(self, until_ns: int | None, watched: Sequence[int]) -> Container[int] | None:
+        session, now_ns = self.session, self.clock.now_ns()
+        due_ns = now_ns + _BLOCKED_LINE_NS if session.wants_to_write() else session.link.next_deadline_ns()
+        ends_ns = [time_ns for time_ns in (due_ns, until_ns) if time_ns is not None]
+        port = session.port.fileno()
+        writable = (port,) if session.wants_to_write() else ()
+        return self.clock.wait(min(ends_ns, default=None), (port, *watched), writable)
+
+
+def _limited(
+    device: Device, bit_rate_hz: int, scales: Sequence[float] | None, most: Sequence[float]
+) -> LinkConfiguration:
+    """The device's limits, with amplitudes of at most `most`."""
+    configuration = link_configuration(device, bit_rate_hz, scales)
+    factors = scales or (1.0,) * len(most)
+    limits = tuple(min(1.0, least * factor) for least, factor in zip(most, factors, strict=True))
+    return replace(configuration, amplitude_limits=limits)
+
+
+def _reason(events: Sequence[Event]) -> str:
+    return "".join(f" ({event.fault.name})" for event in events if isinstance(event, FaultReceived))

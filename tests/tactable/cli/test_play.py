@@ -1,0 +1,72 @@
+"""The command `play`: one drive by hand, on an emulated firmware of another process, and how it refuses."""
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from firmware_link.emulator import Cause
+from firmware_link.emulator.process import RunningEmulator, run_emulator
+from tests.tactable.cli.in_process import run_here
+
+TACTABLE = str(Path(sys.executable).parent / "tactable")
+DRIVE = ("--frequency", "150,130", "--amplitude", "20 %,5 %", "--phase", "0deg,90deg")
+
+
+@pytest.fixture
+def emulator() -> Iterator[RunningEmulator]:
+    with run_emulator() as running:
+        yield running
+
+
+def test_a_drive_is_played_for_its_time_and_its_levels_are_told(tmp_path: Path, emulator: RunningEmulator) -> None:
+    done = run_here(tmp_path, "play", "reference-a", "--port", emulator.port, *DRIVE, "--for", "0.3 s", "--json")
+    assert done.returncode == 0, done.stderr
+    assert "SIMULATED firmware" in done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["simulated_firmware"]
+    assert summary["duration_s"] >= 0.3
+    assert len(summary["simulated_bar"]["level_db"]) == len(summary["simulated_bar"]["position_m"]) == 11
+    events = emulator.stop().events
+    assert [round(channel.frequency_hz) for channel in events[0].channels] == [150, 130]
+    assert not any(channel.amplitude for channel in events[-1].channels)
+
+
+def test_ctrl_c_silences(emulator: RunningEmulator) -> None:
+    words = [TACTABLE, "play", "reference-a", "--port", emulator.port, "--frequency", "150", "--amplitude", "20 %"]
+    with subprocess.Popen(words, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stderr is not None
+        assert "Ctrl-C ends" in process.stderr.readline()
+        while not emulator.log().events:
+            assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate()
+    assert process.returncode == 0
+    assert "then silent" in out
+    events = emulator.stop().events
+    assert not any(channel.amplitude for channel in events[-1].channels)
+    assert events[-1].cause in (Cause.STOP, Cause.SILENT_HOST)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "text"),
+    [
+        ("--amplitude", "120 %", "ask for 0 to 100 % of full scale"),
+        ("--frequency", "30", "ask for 60 to 300 Hz"),
+        ("--frequency", "150,130,90", "one for each of left,right"),
+        ("--frequency", "-,-", "no actuator moves"),
+        ("--phase", "90", "such as 90deg"),
+        ("--amplitude", "0.2", "has no unit"),
+    ],
+)
+def test_what_cannot_be_played_is_refused_before_the_port_is_opened(
+    tmp_path: Path, option: str, value: str, text: str
+) -> None:
+    given = {"--port": "nowhere", "--frequency": "150", "--amplitude": "20 %"} | {option: value}
+    done = run_here(tmp_path, "play", "reference-a", *(word for pair in given.items() for word in pair))
+    assert done.returncode == 1
+    assert text in done.stderr

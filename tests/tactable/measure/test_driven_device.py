@@ -1,0 +1,96 @@
+"""The law of a device that is driven by hand: held while the program waits, silent in every other case."""
+
+from dataclasses import replace
+
+import pytest
+
+from engine.render import LimitError
+from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware
+from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.messages import DeviceState
+from tactable.measure import AskedDrive, DrivenDevice, check_drive
+from tests.engine.loop.rig import DEVICE, MS, VirtualLine
+
+FIFTH = AskedDrive((150.0, 130.0), (0.2, 0.05), (0.0, 1.0))
+MOST = (0.2, 0.2)
+
+
+def held_for(line: VirtualLine, duration_ns: int, asked: AskedDrive = FIFTH) -> None:
+    with DrivenDevice(DEVICE, line, line, MOST) as driven:
+        driven.play(check_drive(asked, DEVICE))
+        driven.wait(line.now_ns() + duration_ns)
+
+
+def test_a_drive_is_held_as_asked_and_ends_in_silence() -> None:
+    line = VirtualLine()
+    held_for(line, 2_000 * MS)
+    played, stopped = line.firmware.drive_log
+    assert played.cause is Cause.SET
+    asked = zip(FIFTH.frequencies_hz, FIFTH.amplitudes, FIFTH.phases_rad, strict=True)
+    for channel, (hz, amplitude, phase_rad) in zip(played.channels, asked, strict=True):
+        assert channel.frequency_hz == pytest.approx(hz)
+        assert channel.amplitude == pytest.approx(amplitude, abs=1e-5)
+        assert channel.phase_rad == pytest.approx(phase_rad, abs=1e-4)
+    assert stopped.cause is Cause.STOP
+    assert stopped.device_time_us - played.device_time_us == pytest.approx(2_000_000, abs=5_000)
+    assert line.firmware.state is DeviceState.LATCHED
+    assert line.firmware.counters.trips == 0
+
+
+def test_the_board_itself_refuses_more_than_it_was_armed_for() -> None:
+    line = VirtualLine()
+    with DrivenDevice(DEVICE, line, line, (0.1, 0.1)) as driven:
+        driven.play(check_drive(FIFTH, DEVICE))
+        driven.wait(line.now_ns() + 100 * MS)
+    amplitudes = [channel.amplitude for channel in line.firmware.drive_log[0].channels]
+    assert amplitudes == pytest.approx([0.1, 0.05], abs=1e-5)
+
+
+def test_a_board_of_another_full_scale_gets_the_displacements_that_were_asked_for() -> None:
+    full_scales_pm = (2 * 520_000, 520_000)
+    firmware = EmulatedFirmware(DeviceConfiguration(0x5EED, full_scales_pm=full_scales_pm))
+    line = VirtualLine(firmware=firmware)
+    held_for(line, 100 * MS)
+    amplitudes = [channel.amplitude for channel in firmware.drive_log[0].channels]
+    assert amplitudes == pytest.approx([0.1, 0.05], abs=1e-5)
+
+
+def test_an_error_of_the_program_silences_too() -> None:
+    line = VirtualLine()
+    with pytest.raises(ZeroDivisionError), DrivenDevice(DEVICE, line, line, MOST) as driven:
+        driven.play(check_drive(FIFTH, DEVICE))
+        driven.wait(line.now_ns() + 100 * MS)
+        raise ZeroDivisionError
+    assert line.firmware.drive_log[-1].cause is Cause.STOP
+
+
+def test_a_board_that_stops_itself_ends_the_wait_and_can_be_armed_again() -> None:
+    line = VirtualLine()
+    with DrivenDevice(DEVICE, line, line, MOST) as driven:
+        driven.play(check_drive(FIFTH, DEVICE))
+        driven.wait(line.now_ns() + 100 * MS)
+        line.stall_at_ns = line.now_ns()
+        with pytest.raises(LinkError, match="stopped itself"):
+            driven.wait(line.now_ns() + 2_000 * MS)
+        assert line.firmware.drive_log[-1].channels[0].amplitude == 0
+        driven.arm_again()
+        driven.play(check_drive(FIFTH, DEVICE))
+        driven.wait(line.now_ns() + 100 * MS)
+        assert line.firmware.state is DeviceState.DRIVING
+
+
+@pytest.mark.parametrize(
+    ("asked", "text"),
+    [
+        (replace(FIFTH, amplitudes=(0.2, 1.2)), r"actuator right: an amplitude of 120 % .* ask for 0 to 100 %"),
+        (replace(FIFTH, frequencies_hz=(150.0, 301.0)), r"actuator right: 301 Hz .* ask for 60 to 300 Hz"),
+    ],
+)
+def test_what_is_beyond_a_limit_is_refused_by_name(asked: AskedDrive, text: str) -> None:
+    with pytest.raises(LimitError, match=text):
+        check_drive(asked, DEVICE)
+
+
+def test_a_still_actuator_may_have_any_frequency() -> None:
+    still = AskedDrive((150.0, 0.0), (0.2, 0.0), (0.0, 0.0))
+    assert check_drive(still, DEVICE).channels[1].amplitude == 0
