@@ -1,18 +1,22 @@
 """Rules that decide what each finger feels, and the player that follows them."""
 
+from engine.effects.control import ControlStep, Outcome, TriggeredEffect
 from engine.effects.player import EffectPlayer
 from engine.effects.rule_file import read_effects, read_vocabulary
 from engine.effects.rules import DEFAULT_EFFECTS, Effect, EffectError, Effects, Rule, Segment, Trigger
 
 __all__ = [
     "DEFAULT_EFFECTS",
+    "ControlStep",
     "Effect",
     "EffectError",
     "EffectPlayer",
     "Effects",
+    "Outcome",
     "Rule",
     "Segment",
     "Trigger",
+    "TriggeredEffect",
     "read_effects",
     "read_vocabulary",
 ]

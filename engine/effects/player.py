@@ -14,6 +14,11 @@ waits for. A new effect of a finger replaces the one before. Roles and precedenc
 - Fingers closer than engine.touch.placement.CLOSEST_M are one finger to the bar, which feels if one of them does.
 - Of more than engine.touch.placement.MOST_FINGERS the felt ones are placed first, then those that came first.
 
+Programs (`control`). A program changes the rules, triggers effects and keeps fingers quiet. New rules act on what
+fingers do from then on. An effect under way goes on if its rule still covers where it began, at its new levels if only
+these changed. Otherwise it is cut: a click plays to its end, and all else ends at once. A finger at rest waits for a
+hold only once for each rule, so that a change elsewhere on the bar begins no second one.
+
 A finger is placed where it came down. It follows the touch once that is FOLLOW_M away, so that the jitter of a resting
 finger changes nothing.
 
@@ -25,9 +30,11 @@ clock.
 import math
 from collections.abc import Sequence
 
+from engine.effects.control import ControlStep, Outcome, TriggeredEffect
+from engine.effects.play import Play
 from engine.effects.rules import Effects, Rule, Trigger
 from engine.touch import Placement, Touch
-from engine.touch.placement import MOST_FINGERS, merged
+from engine.touch.placement import CLOSEST_M, MOST_FINGERS, merged
 
 FOLLOW_M = 0.5e-3
 """A finger that drives are made for is followed once it is farther away than this; drives allow for 1 mm."""
@@ -35,6 +42,7 @@ STILL_M = 2e-3
 """A finger that stays within this distance of its resting place is still: a fingertip rolls by a millimetre."""
 DEFAULT_CLICK_NS = 30_000_000
 """Length of a click for which the table states none."""
+_NO_CONTACT = -1
 DRAG_REST_NS = 100_000_000
 """A drag ends when the finger has not travelled the next distance within this time."""
 
@@ -54,10 +62,7 @@ class EffectPlayer:
         """When the click that is felt now began; None: the drive is steady."""
         self.next_change_ns: int | None = None
         """When `advance` is due; None: time alone changes nothing."""
-        self._touch_rules, self._hold_rules = effects.of(Trigger.TOUCH), effects.of(Trigger.HOLD)
-        self._lift_rules, self._drag_rules = effects.of(Trigger.LIFT), effects.of(Trigger.DRAG)
-        self.follows_moves = bool(self._hold_rules or self._drag_rules)
-        """Whether a finger that moves may begin or end an effect."""
+        self._set_rules(effects)
         self.fingers: dict[int, Finger] = {}
         """The fingers that touch, by contact id."""
         self.lifted: list[Finger] = []
@@ -67,6 +72,14 @@ class EffectPlayer:
         """Length of the clicks that begin from now on."""
         self.joined = self.left_out = 0
         """Fingers of the placement that are one to the bar with another, and fingers that it has no room for."""
+
+    def _set_rules(self, effects: Effects) -> None:
+        self.effects = effects
+        """The rules in force."""
+        self._touch_rules, self._hold_rules = effects.of(Trigger.TOUCH), effects.of(Trigger.HOLD)
+        self._lift_rules, self._drag_rules = effects.of(Trigger.LIFT), effects.of(Trigger.DRAG)
+        self.follows_moves = bool(self._hold_rules or self._drag_rules)
+        """Whether a finger that moves may begin or end an effect."""
 
     def take(self, touches: Sequence[Touch], time_ns: int) -> bool:
         """Set the fingers that touch from now on; False where the placement certainly did not change."""
@@ -94,21 +107,106 @@ class EffectPlayer:
         """Begin and end what is due by `time_ns`."""
         for finger in (*self.fingers.values(), *self.lifted):
             if finger.hold_rule is not None and finger.hold_ns <= time_ns:
-                finger.play = self._begin(finger.hold_rule, finger.hold_ns, None)
+                self._begin(finger, finger.hold_rule, finger.hold_ns, None)
                 finger.hold_rule = None
             if finger.play is not None:
                 finger.play.advance(time_ns)
-        self.lifted = [finger for finger in self.lifted if finger.play and finger.play.change_ns is not None]
+        self._forget_ended()
         self._settle()
 
-    def _begin(self, rule: Rule, start_ns: int, condition_end_ns: int | None) -> "_Play":
-        return _Play(rule, start_ns, condition_end_ns, self.click_length_ns)
+    def control(self, step: ControlStep, time_ns: int) -> Outcome:
+        """Take what a program asks for at `time_ns`; what is due by then was taken before."""
+        outcome = Outcome.DONE
+        if step.effects is not None:
+            self._change_rules(step.effects, time_ns)
+        if step.ended_owner is not None:
+            for finger in (*self.fingers.values(), *self.lifted):
+                if finger.play is not None and finger.play.owner == step.ended_owner:
+                    finger.play.cut()
+        for contact_id, is_quiet in step.roles:
+            if not self._set_role(contact_id, is_quiet, time_ns):
+                outcome = Outcome.NO_FINGER
+        if step.trigger is not None:
+            outcome = self._trigger(step.trigger, time_ns)
+        self._forget_ended()
+        self._settle()
+        return outcome
+
+    def _change_rules(self, effects: Effects, time_ns: int) -> None:
+        drag_before = {
+            contact_id: _distance_of(_first(self._drag_rules, finger.touch))
+            for contact_id, finger in self.fingers.items()
+        }
+        self._set_rules(effects)
+        for finger in (*self.fingers.values(), *self.lifted):
+            play = finger.play
+            if play is not None and play.trigger is not None:
+                rule = _first(effects.of(play.trigger), play.began_at)
+                if rule is None or not play.goes_on_as(rule.effect):
+                    play.cut()
+        for contact_id, finger in self.fingers.items():
+            hold_rule, before = _first(self._hold_rules, finger.touch), finger.rest_rule
+            if _wait_of(hold_rule) != _wait_of(before):
+                self._rest(finger, time_ns)
+            else:
+                finger.rest_rule = hold_rule
+                finger.hold_rule = None if finger.hold_rule is None else hold_rule
+            drag_rule = _first(self._drag_rules, finger.touch)
+            if _distance_of(drag_rule) != drag_before[contact_id]:
+                finger.mark_m = finger.touch.position_m
+
+    def _set_role(self, contact_id: int, is_quiet: bool, time_ns: int) -> bool:
+        """Whether the finger is there."""
+        finger = self.fingers.get(contact_id)
+        if finger is not None and finger.is_kept_quiet is not is_quiet:
+            finger.is_kept_quiet = is_quiet
+            if is_quiet and finger.play is not None:
+                finger.play.cut()
+            finger.mark_m = finger.touch.position_m
+            self._rest(finger, time_ns)
+        return finger is not None
+
+    def _trigger(self, asked: TriggeredEffect, time_ns: int) -> Outcome:
+        finger = self._finger_of(asked)
+        if finger is None and asked.position_m is None:
+            return Outcome.NO_FINGER
+        if finger is not None and finger.is_kept_quiet:
+            return Outcome.QUIET
+        if finger is None:
+            assert asked.position_m is not None
+            # A later effect at a place takes the place of the earlier one, so their number is bounded by the bar.
+            self.lifted = [
+                each
+                for each in self.lifted
+                if each.touch.contact_id != _NO_CONTACT or abs(each.held_m - asked.position_m) >= CLOSEST_M
+            ]
+            finger = Finger(Touch(_NO_CONTACT, asked.position_m, None))
+            self.lifted.append(finger)
+        finger.play = Play(asked.effect, finger.touch, time_ns, None, self.click_length_ns, owner=asked.owner)
+        return Outcome.DONE
+
+    def _finger_of(self, asked: TriggeredEffect) -> "Finger | None":
+        """The finger that a trigger names, or the one that touches at its place."""
+        if asked.contact_id is not None:
+            return self.fingers.get(asked.contact_id)
+        position_m = asked.position_m
+        assert position_m is not None
+        near = [each for each in self.fingers.values() if abs(each.held_m - position_m) < CLOSEST_M]
+        return min(near, key=lambda each: abs(each.held_m - position_m), default=None)
+
+    def _forget_ended(self) -> None:
+        """Drop the lifted fingers whose effect has ended."""
+        self.lifted = [finger for finger in self.lifted if finger.play and finger.play.change_ns is not None]
+
+    def _begin(self, finger: "Finger", rule: Rule, start_ns: int, condition_end_ns: int | None) -> None:
+        touch, length_ns = finger.touch, self.click_length_ns
+        finger.play = Play(rule.effect, touch, start_ns, condition_end_ns, length_ns, trigger=rule.on)
 
     def _put_down(self, touch: Touch, time_ns: int) -> None:
         finger = self.fingers[touch.contact_id] = Finger(touch)
         rule = _first(self._touch_rules, touch)
         if rule is not None:
-            finger.play = self._begin(rule, time_ns, None)
+            self._begin(finger, rule, time_ns, None)
         if self._hold_rules:
             self._rest(finger, time_ns)
 
@@ -122,7 +220,7 @@ class EffectPlayer:
 
     def _drag(self, finger: "Finger", time_ns: int) -> None:
         position_m = finger.touch.position_m
-        rule = _first(self._drag_rules, finger.touch)
+        rule = None if finger.is_kept_quiet else _first(self._drag_rules, finger.touch)
         if rule is None:
             finger.mark_m = position_m
             return
@@ -130,21 +228,23 @@ class EffectPlayer:
         if steps:
             # Marks stay in place on the bar: a finger that moves back meets the same marks again.
             finger.mark_m += steps * rule.every_m
-            finger.play = self._begin(rule, time_ns, time_ns + DRAG_REST_NS)
+            self._begin(finger, rule, time_ns, time_ns + DRAG_REST_NS)
 
     def _rest(self, finger: "Finger", time_ns: int) -> None:
         """Start the time of a hold here; it runs until the finger moves on."""
         finger.rest_m = finger.touch.position_m
-        finger.hold_rule = _first(self._hold_rules, finger.touch)
+        finger.rest_rule = _first(self._hold_rules, finger.touch)
+        finger.hold_rule = None if finger.is_kept_quiet else finger.rest_rule
         if finger.hold_rule is not None:
             finger.hold_ns = time_ns + finger.hold_rule.after_ns
 
     def _lift_all_but(self, here: set[int], time_ns: int) -> None:
         for contact_id in self.fingers.keys() - here:
             finger = self.fingers.pop(contact_id)
-            rule = _first(self._lift_rules, finger.touch)
+            rule = None if finger.is_kept_quiet else _first(self._lift_rules, finger.touch)
             if rule is not None:
-                finger.hold_rule, finger.play = None, self._begin(rule, time_ns, None)
+                finger.hold_rule = None
+                self._begin(finger, rule, time_ns, None)
                 self.lifted.append(finger)
 
     def _settle(self) -> None:
@@ -181,71 +281,25 @@ class EffectPlayer:
         return Placement(position_m, is_felt)
 
 
-class _Play:
-    """An effect under way: its present level, whether that is a click, and when it changes."""
-
-    __slots__ = (
-        "_click_length_ns",
-        "_condition_end_ns",
-        "_is_held",
-        "_segments",
-        "change_ns",
-        "click_ns",
-        "level_db",
-        "trigger",
-    )
-
-    def __init__(self, rule: Rule, start_ns: int, condition_end_ns: int | None, click_length_ns: int) -> None:
-        self.trigger = rule.on
-        self._click_length_ns = click_length_ns
-        self.level_db: float | None = None
-        self.click_ns: int | None = None
-        self.change_ns: int | None = start_ns
-        self._condition_end_ns = condition_end_ns
-        self._segments = iter(rule.effect.envelope)
-        self._is_held = False
-        self._begin_next(start_ns)
-
-    def advance(self, time_ns: int) -> None:
-        while self.change_ns is not None and self.change_ns <= time_ns:
-            self._begin_next(self.change_ns)
-
-    def end_condition(self, time_ns: int) -> None:
-        """The event has ended: a held segment ends now, segments of a stated duration play to their end."""
-        self._condition_end_ns = time_ns
-        if self._is_held:
-            self._begin_next(time_ns)
-
-    def _begin_next(self, start_ns: int) -> None:
-        segment = next(self._segments, None)
-        self.level_db = self.change_ns = self.click_ns = None
-        self._is_held = segment is not None and segment.duration_ns is None and not segment.is_click
-        if segment is None:
-            return
-        if segment.is_click:
-            self.click_ns = start_ns
-            self.level_db, self.change_ns = segment.level_db, start_ns + self._click_length_ns
-        elif segment.duration_ns is not None:
-            self.level_db, self.change_ns = segment.level_db, start_ns + segment.duration_ns
-        elif self._condition_end_ns is None or self._condition_end_ns > start_ns:
-            self.level_db, self.change_ns = segment.level_db, self._condition_end_ns
-
-
 class Finger:
     """One finger, its effect under way, and the hold that it waits for."""
 
-    __slots__ = ("held_m", "hold_ns", "hold_rule", "mark_m", "play", "rest_m", "touch")
+    __slots__ = ("held_m", "hold_ns", "hold_rule", "is_kept_quiet", "mark_m", "play", "rest_m", "rest_rule", "touch")
 
     def __init__(self, touch: Touch) -> None:
         self.touch = touch
         self.held_m = touch.position_m
         """Where it is placed."""
-        self.play: _Play | None = None
+        self.play: Play | None = None
         self.mark_m = touch.position_m
         """The position at which the last distance of a drag was complete."""
         self.rest_m = touch.position_m
+        self.rest_rule: Rule | None = None
+        """The rule on HOLD that covered it when it came to rest."""
         self.hold_rule: Rule | None = None
         """The hold that begins if the finger stays at `rest_m`."""
+        self.is_kept_quiet = False
+        """Whether a program keeps it quiet, whatever its rules say."""
         self.hold_ns = 0
         """When that hold begins; undefined without `hold_rule`."""
 
@@ -255,3 +309,13 @@ def _first(rules: tuple[Rule, ...], touch: Touch) -> Rule | None:
         if rule.covers(touch):
             return rule
     return None
+
+
+def _wait_of(rule: Rule | None) -> tuple[int, str] | None:
+    """What a finger at rest waits for: rules with the same wait and the same effect's name are one wait."""
+    return None if rule is None else (rule.after_ns, rule.effect.name)
+
+
+def _distance_of(rule: Rule | None) -> float | None:
+    """The distance between the marks of a drag."""
+    return None if rule is None else rule.every_m

@@ -81,20 +81,23 @@ class Effects:
     """The rules of a run, in order: for each trigger the first rule that covers the finger wins."""
 
     rules: tuple[Rule, ...]
+    others: tuple[Effect, ...] = ()
+    """Effects without a rule that a program may play: what a run prepares for these, it has at hand."""
 
     @property
     def levels_db(self) -> tuple[float, ...]:
-        """All levels of all effects, rising."""
+        """All levels of all effects, rising; infinite: full scale."""
         segments = self._segments()
         return tuple(sorted({segment.level_db for segment in segments if segment.level_db is not None}))
 
     @property
     def have_clicks(self) -> bool:
-        """Whether any rule plays clicks."""
+        """Whether any effect has clicks."""
         return any(segment.is_click for segment in self._segments())
 
     def _segments(self) -> Iterator[Segment]:
-        return (segment for rule in self.rules for segment in rule.effect.envelope)
+        effects = (*(rule.effect for rule in self.rules), *self.others)
+        return (segment for effect in effects for segment in effect.envelope)
 
     def of(self, trigger: Trigger) -> tuple[Rule, ...]:
         """The rules on one trigger, in order."""

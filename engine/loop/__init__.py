@@ -1,6 +1,7 @@
 """One thread from report to command: the pure pipeline, the loop around it, and what observes them."""
 
 from engine.loop.awaited_clicks import ClickSolving
+from engine.loop.control import ControlSlot
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.latency import LatencyRecorder, Stage
 from engine.loop.loop import Clock, Loop, StopRequest, SystemClock, connect
@@ -14,6 +15,7 @@ __all__ = [
     "ClickSolving",
     "Clock",
     "CommandRecord",
+    "ControlSlot",
     "Dispatcher",
     "Fate",
     "LatencyRecorder",

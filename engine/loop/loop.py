@@ -1,7 +1,8 @@
 """The loop: one thread that waits once for touches, the link and time, and runs the pipeline for each report.
 
 One pass is: wait; read every report that is there and run the pipeline on it; let time act; write the newest command;
-take in what the device says; look for a new table; notify the observer. The order carries the guarantees:
+take in what the device says; look for a new table and for a step of a program; notify the observer. The order carries
+the guarantees:
 
 - *Latest wins.* After a stall the ring of hidraw holds up to 63 reports. All are taken before anything is written, so a
   device gets one fresh command and no stale ones.
@@ -19,6 +20,7 @@ from collections.abc import Container, Sequence
 from typing import Protocol
 
 from engine.loop.awaited_clicks import AwaitedClicks, ClickSolving
+from engine.loop.control import Controls, ControlSlot
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.observer import CommandRecord, Fate, Observer
 from engine.loop.pipeline import Pipeline
@@ -90,7 +92,8 @@ class Loop:
     `observer` gets a record for each report and each change that time brought. With `reconnect` a device that
     stopped itself is greeted and armed again; with `reopening` a lost port is waited for while touches are read
     (`engine.loop.reconnect`). With `updates` the loop changes to each table that comes (`engine.loop.table_swap`), and
-    with `solving` it gets the clicks that no table holds (`engine.loop.awaited_clicks`).
+    with `solving` it gets the clicks that no table holds (`engine.loop.awaited_clicks`). With `control` programs decide
+    who feels what (`engine.loop.control`).
     """
 
     def __init__(
@@ -105,6 +108,7 @@ class Loop:
         reopening: Reopening | None = None,
         updates: Updates | None = None,
         solving: ClickSolving | None = None,
+        control: ControlSlot | None = None,
     ) -> None:
         session = dispatcher.session
         self.counters = dispatcher.counters
@@ -116,8 +120,10 @@ class Loop:
         self._swap = swap
         awaited = None if solving is None else AwaitedClicks(solving, pipeline, self.counters, self._hand_over)
         self._awaited = awaited
+        controls = None if control is None else Controls(control, pipeline, self.counters, self._hand_over)
+        self._controls = controls
         # Those that may be read beside the port.
-        others = (source.fileno(), *(each.descriptor for each in (swap, awaited) if each is not None))
+        others = (source.fileno(), *(each.descriptor for each in (swap, awaited, controls) if each is not None))
         self._others = tuple(descriptor for descriptor in others if descriptor is not None)
 
     def run(self, stop: StopRequest | None = None) -> None:
@@ -134,6 +140,8 @@ class Loop:
                 self._keep_link(readable)
                 if self._swap is not None:
                     self._swap.look(readable)
+                if self._controls is not None:
+                    self._take_control(self._controls, readable)
                 self._notify()
             self._silence()
             self._stop()
@@ -196,6 +204,17 @@ class Loop:
         if self._pipeline.due_ns <= source_time_ns:
             for command in self._pipeline.advance(source_time_ns):
                 self._hand_over(command)
+
+    def _take_control(self, controls: Controls, readable: Container[int] | None) -> None:
+        """The step of a program, and its command before the program hears of it."""
+        step = controls.take(readable)
+        if step is None:
+            return
+        source_time_ns = self._source.source_time_ns(self._now_ns())
+        self._let_time_act(source_time_ns)
+        controls.run(step, source_time_ns)
+        self._keep_link(())
+        controls.tell()
 
     def _hand_over(self, command: Command) -> None:
         """A command that no report caused."""

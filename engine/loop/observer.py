@@ -87,6 +87,8 @@ class LoopCounters:
     """Changes to another table."""
     provisional: int = 0
     """Commands that were the best known in time, in place of a click that was not solved yet."""
+    controlled: int = 0
+    """Control steps of programs."""
     learned: int = 0
     """Clicks that were solved beside the loop."""
     joined: int = 0

@@ -13,10 +13,13 @@ The journey of one touch:
 A click that the table does not hold (three fingers and more) is *awaited* where somebody solves clicks beside the loop:
 `learn` brings it. After ANSWER_WITHIN_NS the best that is known is played instead, and is marked as provisional.
 
+A program changes what is wanted between two reports: `control` takes a new set of rules, an effect to begin at a finger
+or at a place, or a finger to keep quiet.
+
 Time alone changes what is wanted, too: an effect ends, a hold begins, or a digitizer falls silent with a finger down
 and the watchdog releases it. `due_ns` says when, and `advance` does it.
 
-The pipeline is pure: it reads no clock, waits for nothing and touches no port. The same reports at the same times give
+The pipeline is pure: it reads no clock, waits for nothing and touches no port. The same steps at the same times give
 the same commands, so the loop, the simulated rig, the benchmarks and the tests all run this class. The compiled step
 (`engine.loop.fast`) computes the same commands sooner; this is the reference that each of its answers is checked
 against. The stamps are measurements and decide nothing.
@@ -27,7 +30,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from engine.device import Device
-from engine.effects import EffectPlayer, Effects
+from engine.effects import ControlStep, EffectPlayer, Effects, Outcome
 from engine.effects.player import DEFAULT_CLICK_NS
 from engine.render import Command, Renderer, Rendering
 from engine.table import ClickEntry
@@ -74,8 +77,8 @@ def open_pipeline(
 class Pipeline:
     """Decodes, tracks, plays and renders the reports of one digitizer on one bar.
 
-    Times are nanoseconds on the source's axis and must not decrease. Before each `step` the caller takes what time
-    alone brings until then from `advance`. `stamp_ns` reads the clock of the stamps; without it they are 0.
+    Times are nanoseconds on the source's axis and must not decrease. Before each `step` and `control` the caller takes
+    what time alone brings until then from `advance`. `stamp_ns` reads the clock of the stamps; without it they are 0.
     """
 
     def __init__(
@@ -99,6 +102,8 @@ class Pipeline:
         """Stamps of the last report: its frame was complete; what is wanted was known."""
         self.due_ns: float = math.inf
         """When `advance` has something to do; infinite: time alone changes nothing."""
+        self.outcome = Outcome.DONE
+        """What became of the last control step."""
         self.awaits_clicks = False
         """Whether clicks that are not known are solved beside the loop."""
         self.awaited: Placement | None = None
@@ -126,6 +131,11 @@ class Pipeline:
             return None
         self.state_ns = self._stamp_ns()
         return self._answer(frame.time_ns)
+
+    def control(self, step: ControlStep, time_ns: int) -> Command | None:
+        """Take what a program asks for; the new command, None where what is wanted stays the same."""
+        self.outcome = self.player.control(step, time_ns)
+        return self._answer(time_ns) if self._take_wanted() else None
 
     def advance(self, time_ns: int) -> Iterator[Command]:
         """Yield each command that time alone brings by `time_ns`, in order; `wanted` is what that command is for."""

@@ -129,7 +129,8 @@ class FastPath:
         self._moment = Moment(pipeline.digitizer, effects, source.packet_head, timer)
         self._moment.refit(pipeline, rendering.fast_table)
         self._address = ctypes.addressof(self._moment.fast)
-        self._rendering = pipeline.rendering
+        self._rendering, self._effects = pipeline.rendering, pipeline.player.effects
+        self._fast_table = rendering.fast_table
         self._answered: tuple[int, Answer] | None = None  # the report that was taken last, by its index
 
     def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Container[int] | None:
@@ -139,9 +140,8 @@ class FastPath:
         if packets is None:
             return self._clock.wait(until_ns, readable, writable)
         pipeline, touch = self._pipeline, self.source.fileno()
-        if pipeline.rendering is not self._rendering:
-            self._rendering = rendering = pipeline.rendering
-            self._moment.refit(pipeline, rendering.fast_table if isinstance(rendering, FastRendering) else None)
+        if pipeline.rendering is not self._rendering or pipeline.player.effects is not self._effects:
+            self._refit()
         descriptors = (packets, *(descriptor for descriptor in readable if descriptor != touch))
         now_ns = self.now_ns()
         axis_ns = self._packets.source_time_ns(now_ns) - now_ns
@@ -152,6 +152,15 @@ class FastPath:
         if fast.packet_size:
             self._take_answer()
         return [each for each, is_readable in zip(descriptors, fast.readable, strict=False) if is_readable]
+
+    def _refit(self) -> None:
+        """Answer by another table, or by the rules of a program."""
+        rendering = self._pipeline.rendering
+        if rendering is not self._rendering:
+            self._rendering = rendering
+            self._fast_table = rendering.fast_table if isinstance(rendering, FastRendering) else None
+        self._effects = self._pipeline.player.effects
+        self._moment.refit(self._pipeline, self._fast_table)
 
     def _run(self, until_ns: int) -> None:
         self._library.fast_wait(self._address, until_ns)

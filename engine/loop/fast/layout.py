@@ -17,7 +17,7 @@ CONSTANTS = {
     "MOST_FINGERS": 2,  # of a click that is looked up
     "MOST_ZONES": 16,
     "MOST_RULES": 64,
-    "MOST_WAITED": 4,
+    "MOST_WAITED": 5,  # the touches, the port, new tables, solved clicks, control steps
     "LONGEST_BODY": 250,  # of a command; up to here COBS has one block without a zero
     "PACKET_SIZE": 4096,
     "ROOM_BEHIND": 16,  # a field is read as eight bytes from the one that it begins in

@@ -43,23 +43,28 @@ class Moment:
         self.fast: Any = Fast(timer=timer, armed_ns=NONE)
         # Each look at a place of an array makes an object: they are kept.
         self._active, self._finger = [*self.fast.active], [*self.fast.finger]
-        self._rules = [rule for rule in effects.rules if rule.on in _TRIGGERS]
         self._table: FastTable | None = None
         self._levels: dict[float | None, int] = {}
-        if len(self._rules) > CONSTANTS["MOST_RULES"]:
+        if len(_rules_of(effects)) > CONSTANTS["MOST_RULES"]:
             raise FastPathError("there are too many rules for touches and lifts: the Python loop answers all reports")
         _set_digitizer(self.fast, digitizer, packet_head)
 
     def refit(self, pipeline: Pipeline, table: FastTable | None) -> None:
-        """Answer with the commands of this table from now on, on the pipeline's zones; with None only wait."""
-        self._table = table
-        if table is None:
+        """Answer with the commands of this table from now on, on the pipeline's zones and by its player's rules.
+
+        Only wait where there is no table, or where rules of a program do not fit: too many, or of other levels.
+        """
+        rules = _rules_of(pipeline.player.effects)
+        self._table = None
+        if table is None or len(rules) > CONSTANTS["MOST_RULES"]:
             return
-        fast = self.fast
         self._levels = {None: NONE} | {level_db: index for index, level_db in enumerate(table.levels_db)}
+        if any(rule.effect.envelope[0].level_db not in self._levels for rule in rules):
+            return
+        self._table, fast = table, self.fast
         _set_bar(fast, pipeline)
-        fast.rules, fast.follows_moves = len(self._rules), pipeline.player.follows_moves
-        for place, rule in zip(fast.rule, self._rules, strict=False):
+        fast.rules, fast.follows_moves = len(rules), pipeline.player.follows_moves
+        for place, rule in zip(fast.rule, rules, strict=False):
             self._set_rule(place, rule)
         _set_clicks(fast, table)
         fast.seed[CONSTANTS["SET"]] = seed_of(Set.type_byte)
@@ -93,6 +98,8 @@ class Moment:
         if not self._write_contacts(pipeline):
             return
         wanted, digitizer = pipeline.wanted, pipeline.digitizer
+        if wanted.level_db not in self._levels:
+            return
         frame = digitizer.frame
         fast.received, fast.expected, fast.ticks, fast.taken = frame.received, frame.expected, frame.ticks, frame.taken
         fast.report_ns, fast.axis_ns = digitizer.report_ns, axis_ns
@@ -107,7 +114,10 @@ class Moment:
         fast.link, fast.can_answer = dispatcher.session.port.fileno(), 1
 
     def _write_contacts(self, pipeline: Pipeline) -> bool:
-        """Write contacts and fingers; False where there are too many."""
+        """Write contacts and fingers; False where there are too many, or where programs act on them.
+
+        The step knows no finger that is kept quiet, and no level that the rules do not have.
+        """
         fast, levels, most = self.fast, self._levels, CONSTANTS["MOST_CONTACTS"]
         frame, player = pipeline.digitizer.frame, pipeline.player
         # A frame that is under way may list fewer contacts than there are fingers.
@@ -121,6 +131,8 @@ class Moment:
         for place, finger in zip(self._finger, fingers, strict=False):
             touch, play = finger.touch, finger.play
             level_db, click_ns = (None, None) if play is None else (play.level_db, play.click_ns)
+            if finger.is_kept_quiet or level_db not in levels:
+                return False
             place.contact_id, place.level = touch.contact_id, levels[level_db]
             place.position_m, place.held_m = touch.position_m, finger.held_m
             place.zone = NONE if touch.zone is None else touch.zone
@@ -130,6 +142,11 @@ class Moment:
 
 
 # ---- what stays during a run ----
+
+
+def _rules_of(effects: Effects) -> list[Rule]:
+    """The rules that the step follows."""
+    return [rule for rule in effects.rules if rule.on in _TRIGGERS]
 
 
 def _set_digitizer(fast: Any, digitizer: Digitizer, packet_head: int) -> None:

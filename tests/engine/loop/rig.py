@@ -16,6 +16,7 @@ from engine.effects.rules import burst
 from engine.loop import (
     ClickSolving,
     Clock,
+    ControlSlot,
     Dispatcher,
     Loop,
     Observer,
@@ -212,6 +213,7 @@ class Rig:
     clicks: Clicks = NO_CLICKS
     when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN
     solving: ClickSolving | None = None
+    control: ControlSlot | None = None
     library: ClassVar[ctypes.CDLL | None] = None
     """Of the fast path: the loop's tests hold with it and without."""
 
@@ -246,7 +248,13 @@ class Rig:
             )
             edges = (fast.source, fast, fast)
         self.loop = Loop(
-            pipeline, dispatcher, *edges, reconnect=self.reconnect, reopening=self.reopening, solving=self.solving
+            pipeline,
+            dispatcher,
+            *edges,
+            reconnect=self.reconnect,
+            reopening=self.reopening,
+            solving=self.solving,
+            control=self.control,
         )
 
     def run(self) -> Rig:

@@ -47,7 +47,7 @@ class VirtualFastPath(FastPath):
         fast.packet_size = fast.frame_size = fast.written = 0
         line.wait(None if until_ns == NONE else until_ns, (-1,) if line.is_open else (), ())
         now_ns = fast.read_ns = fast.written_ns = line.now_ns()
-        fast.readable[:] = (1, 1, 1, 1)
+        fast.readable[:] = (1,) * len(fast.readable)
         packet = self._packets.next_packet(now_ns)
         fast.packet_size = len(packet)
         fast.packet[: len(packet)] = packet

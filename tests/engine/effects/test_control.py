@@ -1,0 +1,163 @@
+"""Laws of what a program may ask of a player: other rules under fingers, triggered effects, fingers kept quiet."""
+
+from engine.effects import ControlStep, Effect, Effects, Outcome, Rule, Segment, Trigger, TriggeredEffect
+from engine.effects.rules import burst, click
+from engine.touch.placement import CLOSEST_M
+from tests.engine.effects.test_player import MM, MS, Story, pulse, touch
+
+HELD = pulse((None, 20.0))
+LONG = pulse((100, 20.0), (100, 10.0))
+
+
+class Controlled(Story):
+    """A story in which a program speaks, too."""
+
+    def asks(self, time_ms: float, **parts: object) -> Outcome:
+        self.until(time_ms)
+        outcome = self.player.control(ControlStep(**parts), round(time_ms * MS))  # type: ignore[arg-type]  # its fields
+        self.note(time_ms)
+        return outcome
+
+
+def story(*rules: Rule) -> Controlled:
+    return Controlled(Effects(rules))
+
+
+def region(start_mm: float, stop_mm: float, effect: Effect, on: Trigger = Trigger.TOUCH, **more: float) -> Rule:
+    after_ns, every_m = round(more.get("after_ms", 0) * MS), more.get("every_mm", 0) * MM
+    return Rule(on, effect, region_m=(start_mm * MM, stop_mm * MM), after_ns=after_ns, every_m=every_m)
+
+
+def test_new_rules_hold_for_the_next_touch() -> None:
+    seen = story(region(0, 50, burst(20.0, 20)))
+    seen.at(0, touch(1, 10))
+    seen.at(40)
+    seen.asks(50, effects=Effects((region(100, 150, burst(30.0, 20)),)))
+    seen.at(60, touch(1, 10))
+    seen.at(80)
+    seen.at(90, touch(1, 120))
+    assert seen.until(200).moments == [
+        (0, "F----", 20.0),
+        (20, "-----", None),
+        (90, "--F--", 30.0),
+        (110, "-----", None),
+    ]
+
+
+def test_a_held_effect_ends_with_its_rule_and_goes_on_with_a_rule_that_still_covers_where_it_began() -> None:
+    seen = story(region(0, 50, HELD))
+    seen.at(0, touch(1, 10))
+    seen.asks(30, effects=Effects((region(100, 150, LONG), region(5, 20, HELD))))
+    seen.asks(60, effects=Effects((region(100, 150, HELD),)))
+    assert seen.until(200).moments == [(0, "F----", 20.0), (60, "-----", None)]
+
+
+def test_a_finger_that_moved_keeps_the_effect_of_where_it_came_down() -> None:
+    seen = story(region(0, 50, HELD))
+    seen.at(0, touch(1, 10))
+    seen.at(20, touch(1, 120))
+    seen.asks(30, effects=Effects((region(0, 50, HELD), region(100, 150, LONG))))
+    assert seen.until(200).moments == [(0, "F----", 20.0), (20, "--F--", 20.0)]
+
+
+def test_other_levels_of_the_same_effect_are_felt_at_once() -> None:
+    softer = pulse((100, 14.0), (100, 4.0))
+    seen = story(region(0, 50, LONG))
+    seen.at(0, touch(1, 10))
+    seen.asks(40, effects=Effects((region(0, 50, softer),)))
+    assert seen.until(300).moments == [
+        (0, "F----", 20.0),
+        (40, "F----", 14.0),
+        (100, "F----", 4.0),
+        (200, "-----", None),
+    ]
+
+
+def test_of_an_effect_that_is_cut_the_click_plays_to_its_end_and_nothing_after_it() -> None:
+    two = Effect(
+        "two", (Segment(None, 20.0, is_click=True), Segment(40 * MS, None), Segment(None, 20.0, is_click=True))
+    )
+    seen = story(region(0, 50, two))
+    seen.at(0, touch(1, 10))
+    seen.asks(10, effects=Effects(()))
+    assert seen.until(300).moments == [(0, "F----", 20.0), (30, "-----", None)]
+    assert seen.player.next_change_ns is None
+
+
+def test_a_hold_is_waited_for_once_whatever_changes_elsewhere() -> None:
+    hold = region(0, 50, click(20.0), Trigger.HOLD, after_ms=100)
+    seen = story(hold)
+    seen.at(0, touch(1, 10))
+    for time_ms in (50, 150, 250):
+        seen.asks(time_ms, effects=Effects((hold, region(100 + time_ms, 250, HELD))))
+    assert seen.until(900).moments == [(100, "F----", 20.0), (130, "-----", None)]
+    seen.asks(1000, effects=Effects((region(0, 50, click(25.0), Trigger.HOLD, after_ms=200),)))
+    assert seen.until(2000).moments[2:] == [(1200, "F----", 25.0), (1230, "-----", None)]
+
+
+def test_a_drag_rule_that_comes_under_a_finger_counts_from_there() -> None:
+    seen = story()
+    seen.at(0, touch(1, 10))
+    seen.at(10, touch(1, 38))
+    seen.asks(20, effects=Effects((region(0, 50, burst(20.0, 5), Trigger.DRAG, every_mm=10),)))
+    seen.at(30, touch(1, 46))
+    assert seen.moments == []
+    seen.at(40, touch(1, 49))
+    assert seen.moments[0][0] == 40
+
+
+def test_a_trigger_is_felt_by_its_finger_alone() -> None:
+    seen = story()
+    seen.at(0, touch(1, 10), touch(2, 110))
+    asked = TriggeredEffect(LONG, owner=7, contact_id=2)
+    assert seen.asks(10, trigger=asked) is Outcome.DONE
+    assert seen.asks(20, trigger=TriggeredEffect(LONG, 7, contact_id=9)) is Outcome.NO_FINGER
+    assert seen.until(300).moments == [(10, "q-F--", 20.0), (110, "q-F--", 10.0), (210, "-----", None)]
+
+
+def test_a_trigger_at_a_place_goes_to_the_finger_there_or_is_felt_without_one() -> None:
+    seen = story()
+    seen.at(0, touch(1, 10))
+    assert seen.asks(10, trigger=TriggeredEffect(HELD, 7, position_m=15 * MM)) is Outcome.DONE
+    seen.at(50)
+    assert seen.moments == [(10, "F----", 20.0), (50, "-----", None)]
+    seen.asks(60, trigger=TriggeredEffect(burst(20.0, 30), 7, position_m=120 * MM))
+    assert seen.until(200).moments[2:] == [(60, "--F--", 20.0), (90, "-----", None)]
+    assert seen.player.lifted == []
+
+
+def test_later_effects_at_one_place_replace_the_earlier_ones() -> None:
+    seen = story()
+    for time_ms in range(1000):
+        place_m = 0.12 + (time_ms % 3) * CLOSEST_M / 8
+        seen.asks(time_ms, trigger=TriggeredEffect(burst(20.0, 500), 7, position_m=place_m))
+        assert len(seen.player.lifted) == 1
+
+
+def test_what_a_program_triggered_ends_with_it_and_nothing_else_does() -> None:
+    seen = story(region(0, 50, HELD))
+    seen.at(0, touch(1, 10), touch(2, 110), touch(3, 210))
+    seen.asks(10, trigger=TriggeredEffect(HELD, 7, contact_id=2))
+    seen.asks(20, trigger=TriggeredEffect(HELD, 8, contact_id=3))
+    seen.asks(30, trigger=TriggeredEffect(burst(20.0, 90), 7, position_m=160 * MM))
+    seen.asks(40, ended_owner=7)
+    assert [moment[1] for moment in seen.moments] == ["F-q-q", "F-F-q", "F-F-F", "F-FFF", "F-q-F"]
+
+
+def test_a_finger_that_is_kept_quiet_feels_nothing_until_it_may_or_comes_again() -> None:
+    tick = region(0, 250, burst(20.0, 5), Trigger.DRAG, every_mm=10)
+    lift = region(0, 250, burst(20.0, 5), Trigger.LIFT)
+    seen = story(region(0, 50, HELD), tick, lift)
+    seen.at(0, touch(1, 10))
+    assert seen.asks(10, roles=((1, True), (4, True))) is Outcome.NO_FINGER
+    seen.at(20, touch(1, 30))
+    assert seen.asks(30, trigger=TriggeredEffect(HELD, 7, contact_id=1)) is Outcome.QUIET
+    assert seen.asks(30, trigger=TriggeredEffect(HELD, 7, position_m=31 * MM)) is Outcome.QUIET
+    seen.at(40)
+    assert seen.moments == [(0, "F----", 20.0), (10, "-----", None)]
+    seen.at(50, touch(1, 10))
+    assert seen.moments[-1] == (50, "F----", 20.0)
+    seen.asks(60, roles=((1, True),))
+    assert seen.asks(70, roles=((1, False),)) is Outcome.DONE
+    seen.at(80, touch(1, 25))
+    assert seen.moments[-1] == (80, "F----", 20.0)
