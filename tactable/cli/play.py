@@ -32,8 +32,9 @@ def play(
 ) -> None:
     """Hold one drive by hand: a frequency, amplitude and phase for each actuator.
 
-    It ends with Ctrl-C or after `--for`, and stays within the limits of the device. The board is armed for this amplitude and no more, and falls silent when the command ends. With an emulated firmware
-    the levels along the untouched bar follow, SIMULATED. It has never been run on hardware.
+    It ends with Ctrl-C or after `--for`, and stays within the limits of the device. The board is armed for this
+    amplitude and no more, and falls silent when the command ends. With an emulated firmware the levels along the
+    untouched bar follow, SIMULATED. It has never been run on hardware.
     """
     from engine.loop import SystemClock
     from firmware_link.host.serial_port import SerialPort

@@ -18,7 +18,7 @@ from engine.render import Drive, link_configuration
 from engine.render.board_fit import fit_board
 from firmware_link.emulator import BOARD_EMULATED
 from firmware_link.host.link import Link
-from firmware_link.host.link_values import Event, FaultReceived, LinkConfiguration, LinkState
+from firmware_link.host.link_values import Event, FaultReceived, LinkConfiguration, LinkState, StatusReceived
 from firmware_link.host.session import Port, Session
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.messages import encode_drive
@@ -39,6 +39,8 @@ class DrivenDevice:
     ) -> None:
         self.clock, self._device = clock, device
         self.session = Session(Link(_limited(device, bit_rate_hz, None, most)), port, clock.now_ns)
+        self.applied_device_us: int | None = None
+        """Device time at which the board applied the last drive; None until STATUS has said so."""
         self.capabilities = connect(self.session, clock)
         self.fit = fit_board(device, self.capabilities)
         if set(self.fit.scales) != {1.0}:
@@ -50,20 +52,13 @@ class DrivenDevice:
         """Whether an emulated firmware answers."""
         return self.capabilities.board == BOARD_EMULATED
 
-    @property
-    def applied_device_us(self) -> int | None:
-        """Device time at which the board applied the last drive; None until STATUS has confirmed it."""
-        link = self.session.link
-        if link.status is None or link.drive_sequence is None:
-            return None
-        return link.status.applied_time_us if link.status.applied_sequence == link.drive_sequence else None
-
     def play(self, drive: Drive) -> None:
         """Hold this drive from the next `wait` on, in place of the one before."""
         channels = [
             replace(channel, amplitude=min(1.0, channel.amplitude * scale))
             for channel, scale in zip(drive.channels, self.fit.scales, strict=True)
         ]
+        self.applied_device_us = None
         self.session.link.set_drive(encode_drive(channels, self.capabilities.frequency_resolution_hz))
 
     def silence(self) -> None:
@@ -108,6 +103,10 @@ class DrivenDevice:
         self.session.send()
         readable = self._wait_for_port(until_ns, watched)
         events = self.session.receive()
+        for event in events:
+            # The STATUS of a change; later ones name the renewals of the drive.
+            if isinstance(event, StatusReceived) and event.status.applied_sequence == self.session.link.drive_sequence:
+                self.applied_device_us = event.status.applied_time_us
         self.session.send()
         if self.session.link.state is not LinkState.READY:
             raise LinkError(f"the board stopped itself{_reason(events)}: see to the cause, then start again")
