@@ -4,7 +4,8 @@ from pathlib import Path
 
 from engine.device import Device
 from engine.device.toml_table import read_text
-from precompute.measurements.csv import parse_csv
+from engine.files import replace_file
+from precompute.measurements.csv import parse_csv, write_csv
 from precompute.measurements.types import MeasurementError, Measurements
 
 _NETCDF, _UNIVERSAL = (".nc", ".nc4"), (".uff", ".unv", ".uf")
@@ -16,12 +17,9 @@ def read_measurements(path: Path | str, device: Device, sensor_mass_kg: float = 
     Raises MeasurementError; OSError if the file does not exist.
     """
     path = Path(path)
-    ending = path.suffix.lower()
+    ending = check_ending(path)
     if ending == ".csv":
         return parse_csv(read_text(path, MeasurementError), device, sensor_mass_kg, str(path))
-    if ending not in _NETCDF + _UNIVERSAL:
-        known = ", ".join((".csv", *_NETCDF, *_UNIVERSAL))
-        raise MeasurementError(f"{path}: measurements end in {known}; choose one of them")
     path.stat()  # raises OSError where the file is missing, as the CSV branch does
     if ending in _NETCDF:
         from precompute.measurements.netcdf import read_netcdf
@@ -30,3 +28,28 @@ def read_measurements(path: Path | str, device: Device, sensor_mass_kg: float = 
     from precompute.measurements.uff import read_uff
 
     return read_uff(path, device, sensor_mass_kg)
+
+
+def write_measurements(path: Path, measurements: Measurements, device: Device, comment: str) -> None:
+    """Write measurements in the format that the ending names; `comment` names their source. Raises MeasurementError."""
+    ending = check_ending(path)
+    with replace_file(path) as partial:
+        if ending == ".csv":
+            partial.write_text(write_csv(measurements, device, comment), encoding="utf-8")
+        elif ending in _NETCDF:
+            from precompute.measurements.netcdf import write_netcdf
+
+            write_netcdf(partial, measurements, device, comment)
+        else:
+            from precompute.measurements.uff import write_uff
+
+            write_uff(partial, measurements, device, comment)
+
+
+def check_ending(path: Path) -> str:
+    """The ending of a file of measurements; raises MeasurementError for one that names no format."""
+    ending = path.suffix.lower()
+    if ending not in (".csv", *_NETCDF, *_UNIVERSAL):
+        known = ", ".join((".csv", *_NETCDF, *_UNIVERSAL))
+        raise MeasurementError(f"{path}: measurements end in {known}; choose one of them")
+    return ending

@@ -1,4 +1,4 @@
-"""NetCDF files of measurements (tables/MEASUREMENTS.md), read with xarray."""
+"""NetCDF files of measurements (tables/MEASUREMENTS.md), read and written with xarray."""
 
 import re
 from pathlib import Path
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.device.quantity import QuantityError
 from precompute.measurements.columns import SIMULATED, assemble_measurements, column_names, may_be_empty, unit_scale
-from precompute.measurements.types import MeasurementError, Measurements
+from precompute.measurements.types import Kind, MeasurementError, Measurements
 
 _UDUNITS_FACTOR = re.compile(r"([A-Za-zµ%]+)(-?\d)?")
 
@@ -43,6 +43,31 @@ def read_netcdf(path: Path, device: Device, sensor_mass_kg: float) -> Measuremen
     return assemble_measurements(
         columns, device, sensor_mass_kg, str(path), lambda row: f"measurement {row}", is_simulated=is_simulated
     )
+
+
+def write_netcdf(path: Path, measurements: Measurements, device: Device, comment: str) -> None:
+    """Write measurements as `read_netcdf` reads them; `comment` names their source."""
+    row, each = ("measurement",), ("measurement", "actuator")
+    columns: dict[str, tuple[tuple[str, ...], NDArray[np.float64], str]] = {
+        "position": (row, measurements.position_m, "m"),
+        "frequency": (each, measurements.frequency_hz, "Hz"),
+        "amplitude": (each, np.abs(measurements.amplitude), "1"),
+        "phase": (each, np.angle(measurements.amplitude), "rad"),
+        "sensor_mass": (row, measurements.sensor_mass_kg, "kg"),
+        "finger_position": (row, measurements.finger_m, "m"),
+    }
+    acceleration = measurements.acceleration
+    if measurements.kind is Kind.PEAK:
+        columns["peak_acceleration"] = (row, acceleration.real, "m s-2")
+    else:
+        columns["acceleration_real"] = (row, acceleration.real, "m s-2")
+        columns["acceleration_imaginary"] = (row, acceleration.imag, "m s-2")
+    dataset = xarray.Dataset(
+        {name: (dimensions, values, {"units": unit}) for name, (dimensions, values, unit) in columns.items()},
+        coords={"actuator": [actuator.name for actuator in device.actuators]},
+        attrs={"comment": comment, **({"origin": SIMULATED} if measurements.is_simulated else {})},
+    )
+    dataset.to_netcdf(path, engine="h5netcdf")
 
 
 def _read_column(values: xarray.DataArray, column: str, unit: str, path: Path, name: str) -> NDArray[np.float64]:

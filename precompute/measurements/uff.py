@@ -1,4 +1,4 @@
-"""Universal files: frequency responses (dataset 58) at nodes (dataset 15 or 2411), read with pyuff."""
+"""Universal files: frequency responses (dataset 58) at nodes (dataset 15 or 2411), read and written with pyuff."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,6 +9,7 @@ import pyuff
 
 from engine.device import Device
 from engine.device.quantity import QuantityError, read_quantity
+from precompute.measurements.columns import SIMULATED
 from precompute.measurements.types import Kind, MeasurementError, Measurements, check_measurements
 
 _NODES = (15, 2411)
@@ -16,6 +17,7 @@ _RESPONSES, _UNITS = 58, 164
 _FREQUENCY_RESPONSE = 4
 _FREQUENCY, _ACCELERATION = 18, 12
 _SI_UNITS = 1
+_LONGEST_LINE = 80
 _NEAR = 0.01  # of the bar: how far a node may be from the actuator that it stands for
 
 
@@ -51,12 +53,84 @@ def read_uff(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
             sensor_mass_kg=np.full(len(position_m), sensor_mass_kg),
             finger_m=np.full(len(position_m), np.nan),
             acceleration=np.concatenate([value for *_, value in rows]),
-            is_simulated=False,
+            is_simulated=any(SIMULATED in str(part.get("id1")) for _, part in responses),
         ),
         device,
         str(path),
         lambda row: f"dataset {numbers[row]} (58) at {frequency_hz[row]:g} Hz",
     )
+
+
+def write_uff(path: Path, measurements: Measurements, device: Device, comment: str) -> None:
+    """Write responses as `read_uff` reads them: for each actuator at full scale, one dataset 58 for each place.
+
+    Units are told three ways, since programs differ in which they believe: dataset 164, the data type and the label.
+    Raises MeasurementError for peaks, fingers and several actuators at once, which the form cannot hold.
+    """
+    moving = abs(measurements.amplitude) > 0
+    if measurements.kind is not Kind.RESPONSE or (moving.sum(axis=1) > 1).any():
+        raise MeasurementError(f"{path}: a universal file holds complex responses of one actuator each; write .nc")
+    if (~np.isnan(measurements.finger_m)).any():
+        raise MeasurementError(f"{path}: a universal file has no finger on the bar; write .nc or .csv")
+    rows, which = np.arange(len(measurements)), moving.argmax(axis=1)
+    hz = measurements.frequency_hz[rows, which]
+    unit = measurements.acceleration / measurements.amplitude[rows, which]
+    place_m = np.unique(measurements.position_m)
+    base_m = np.array([actuator.position_m for actuator in device.actuators])
+    node_m = np.concatenate([place_m, base_m])
+    number, none = np.arange(1, len(node_m) + 1), np.zeros(len(node_m))
+    units = {"type": _UNITS, "units_code": _SI_UNITS, "units_description": "SI", "temp_mode": 1}
+    factors = dict.fromkeys(("length", "force", "temp"), 1.0) | {"temp_offset": 273.15}
+    nodes = {"type": 15, "node_nums": number, "def_cs": none + 1, "disp_cs": none + 1, "color": none + 1}
+    sets: list[dict[str, Any]] = [units | factors, nodes | {"x": node_m, "y": none, "z": none}]
+    words = comment if not measurements.is_simulated or SIMULATED in comment else f"{SIMULATED}: {comment}"
+    text = " ".join(words.split())[:_LONGEST_LINE]
+    for actuator in np.unique(which).tolist():
+        for place in range(len(place_m)):
+            chosen = np.flatnonzero((which == actuator) & (measurements.position_m == place_m[place]))
+            chosen = chosen[np.argsort(hz[chosen])]
+            if len(chosen) == 1:
+                raise MeasurementError(f"{path}: a response of one frequency is none for this form; write .nc or .csv")
+            if len(chosen):
+                nodes_of = (place + 1, len(place_m) + actuator + 1)
+                sets.append(_response_set(hz[chosen], unit[chosen], *nodes_of, text))
+    pyuff.UFF(str(path)).write_sets(sets, mode="overwrite")
+
+
+def _response_set(hz: Any, acceleration: Any, response_node: int, reference_node: int, text: str) -> dict[str, Any]:
+    """A dataset 58: acceleration (line,) over frequencies that need not be even."""
+    axes = {
+        "abscissa": (_FREQUENCY, "Frequency", "Hz"),
+        "ordinate": (_ACCELERATION, "Acceleration", "m/s^2"),
+        "orddenom": (0, "NONE", "NONE"),
+        "z_axis": (0, "NONE", "NONE"),
+    }
+    out: dict[str, Any] = {
+        "type": _RESPONSES,
+        "binary": 0,
+        "func_type": _FREQUENCY_RESPONSE,
+        "ver_num": 0,
+        "load_case_id": 0,
+        "rsp_ent_name": "NONE",
+        "rsp_node": response_node,
+        "rsp_dir": 3,
+        "ref_ent_name": "NONE",
+        "ref_node": reference_node,
+        "ref_dir": 3,
+        **{f"id{line}": text if line == 1 else "NONE" for line in range(1, 6)},
+        "ord_data_type": 6,
+        "abscissa_spacing": 0,
+        "z_axis_value": 0.0,
+        "data": acceleration,
+        "x": hz,
+        "num_pts": len(hz),
+        "abscissa_min": hz[0],
+        "abscissa_inc": 0.0,
+    }
+    for axis, (kind, label, unit) in axes.items():
+        out |= {f"{axis}_spec_data_type": kind, f"{axis}_len_unit_exp": 0, f"{axis}_force_unit_exp": 0}
+        out |= {f"{axis}_temp_unit_exp": 0, f"{axis}_axis_lab": label, f"{axis}_axis_units_lab": unit}
+    return out
 
 
 def _listed(sets: Any) -> list[Mapping[str, Any]]:

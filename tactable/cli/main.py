@@ -63,6 +63,9 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
         "Measure": {
             "plan-measurements": Entry("calibrate:plan_measurements", "Propose the readings that tell most."),
             "simulate-measurements": Entry("calibrate:simulate_measurements", "Write measurements, SIMULATED."),
+            "measure": Entry(
+                "measure:measure", "Drive the bar and record its responses along it, for calibrate and build."
+            ),
             "calibrate": Entry("calibrate:calibrate", "Fit a device to measured accelerations."),
             "bench": Entry("", "Measure speed on this machine, against floors measured beside it."),
         },

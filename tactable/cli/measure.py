@@ -1,0 +1,265 @@
+"""Command `measure`: drive the bar along a guided walk of the sensor, and write what it does."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tactable.cli.console import EXIT_DOUBTFUL, note, print_json, remark, say
+from tactable.cli.options import (
+    AsJson,
+    BitRate,
+    Change,
+    DeviceArgument,
+    OptionError,
+    SensorMass,
+    read_changes,
+    read_numbers,
+    read_option,
+)
+from tactable.shipped import find_device
+
+if TYPE_CHECKING:
+    from engine.device import Device
+    from tactable.measure.apparatus import Apparatus, ApparatusOptions
+    from tactable.measure.gravity import GravityCheck
+    from tactable.measure.sensor import SensorForm
+    from tactable.measure.stepped_sine import Reading, SteppedSineOptions
+    from tactable.measure.walk import Stop, StopRecord
+
+PortName = Annotated[
+    str, typer.Option("--port", metavar="PORT", help="The firmware's port, as `list` shows it, or `simulated`.")
+]
+SensorPath = Annotated[
+    str, typer.Option("--sensor", metavar="PIPE", help="A pipe of samples (tables/MEASUREMENTS.md), or `simulated`.")
+]
+FlawsText = Annotated[
+    str,
+    typer.Option(
+        "--flaws", metavar="SPEC", help="What is wrong with the simulated sensor, as noise=0.05m/s^2,drift=40."
+    ),
+]
+Most = Annotated[str, typer.Option(help="Greatest amplitude; the board is armed for no more.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the simulated sensor.")]
+
+
+def measure(
+    device_name: DeviceArgument,
+    output: Annotated[
+        list[Path], typer.Option("-o", "--output", help="Complex responses: .nc, .csv or .uff. Repeat for more.")
+    ],
+    port_name: PortName,
+    sensor_path: SensorPath,
+    peaks: Annotated[
+        Path | None, typer.Option("--peaks", help="Also write the magnitudes, as peaks: .csv or .nc.")
+    ] = None,
+    places: Annotated[int, typer.Option(min=1, max=1000, help="Even places of the sensor along the bar.")] = 8,
+    frequencies: Annotated[
+        str, typer.Option(help="Hz, between commas, or FROM:TO:STEP; default: 12 beside the lines of the mains.")
+    ] = "",
+    planned: Annotated[
+        int, typer.Option(min=0, max=1000, help="Instead: this many readings of plan-measurements.")
+    ] = 0,
+    least: Annotated[str, typer.Option(help="Amplitude that the walk begins with.")] = "5 %",
+    most: Most = "100 %",
+    sensor_mass: SensorMass = "2 g",
+    gravity: Annotated[bool, typer.Option("--gravity", help="First check the sensor by turning it over.")] = False,
+    keep_spoiled: Annotated[
+        bool, typer.Option("--keep-spoiled", help="Also write readings that stayed spoiled.")
+    ] = False,
+    flaws: FlawsText = "",
+    change: Change = None,
+    seed: Seed = 0,
+    bit_rate_hz: BitRate = 115_200,
+    as_json: AsJson = False,
+) -> None:
+    """Drive the bar and record its responses along it, for calibrate and build.
+
+    Each actuator plays one frequency after the other at each place, first at --least and louder only where noise or hum
+    demands it. The samples are kept in the folder OUTPUT.raw, and the same command continues after an interruption.
+    Exit status 3: some readings stayed spoiled. It has never been run on hardware.
+    """
+    from engine.plain import to_plain
+    from precompute.measurements.file import check_ending
+    from tactable.measure.apparatus import open_apparatus
+    from tactable.measure.stepped_sine import SteppedSineOptions
+    from tactable.measure.walk import RawFolder, even_walk, measure_walk, planned_walk
+
+    device, mass_kg = find_device(device_name), read_option("--sensor-mass", sensor_mass, "kg")
+    for path in [*output, *([peaks] if peaks else [])]:
+        check_ending(path)
+    options = SteppedSineOptions(read_option("--least", least, ""), read_most(device, most))
+    walk = planned_walk(device, planned, mass_kg) if planned else even_walk(device, places, read_grid(frequencies))
+    simulated = (flaws, change, seed)
+    chosen = apparatus_options(device, port_name, sensor_path, options.most, bit_rate_hz, mass_kg, simulated, gravity)
+    checked = None
+    with open_apparatus(device, chosen, _ask) as apparatus:
+        form = apparatus.sensor.form
+        settings = to_plain({"form": form, "options": options, "mass_kg": mass_kg, "flaws": chosen.flaws})
+        raw = RawFolder(output[0].with_name(f"{output[0].name}.raw"), device, walk, settings | {"seed": seed})
+        if gravity:
+            checked = _check_gravity(device, apparatus, options)
+        records = measure_walk(
+            device,
+            walk,
+            apparatus.open_driven,
+            apparatus.sensor,
+            options,
+            raw,
+            lambda stop: apparatus.guide(stop.position_m),
+            lambda stop, reading: None if as_json else _tell(device, stop, reading),
+        )
+    _write(device, form, records, mass_kg, output, peaks, keep_spoiled)
+    summary = summary_of(device, records) | {"output": [str(path) for path in output], "raw": str(raw.path)}
+    summary["gravity"] = None if checked is None else {"gain": checked.gain, "offset": checked.offset_m_per_s2}
+    if as_json:
+        print_json(summary)
+    else:
+        _print_summary(summary)
+    if summary["spoiled"]:
+        raise typer.Exit(EXIT_DOUBTFUL)
+
+
+def apparatus_options(
+    device: "Device",
+    port_name: str,
+    sensor_path: str,
+    most: float,
+    bit_rate_hz: int,
+    sensor_mass_kg: float,
+    simulated: tuple[str, list[str] | None, int],
+    has_gravity: bool = False,
+) -> "ApparatusOptions":
+    """The apparatus of the options; simulated: its flaws, its changes of the bar and its seed. Raises OptionError."""
+    from tactable.measure.apparatus import ApparatusOptions
+    from tactable.measure.simulated_bench import ConverterFlaws
+
+    flaws, change, seed = simulated
+    found = replace(ConverterFlaws.parse(flaws), has_gravity=has_gravity)
+    changes = read_changes(change, device)
+    options = ApparatusOptions(port_name, sensor_path, most, bit_rate_hz, sensor_mass_kg, found, changes, seed)
+    if options.is_simulated:
+        remark(f"{device.name}, SIMULATED: firmware, bar and sensor, in virtual time")
+    elif flaws or change:
+        raise OptionError("--flaws and --change belong to a simulated bench; leave them out")
+    return options
+
+
+def _check_gravity(device: "Device", apparatus: "Apparatus", options: "SteppedSineOptions") -> "GravityCheck":
+    """Read the sensor lying level, and turned over."""
+    from tactable.measure.gravity import check_gravity
+    from tactable.measure.stepped_sine import SteppedSine
+
+    def mean() -> float:
+        with apparatus.open_driven() as driven:
+            return SteppedSine(device, driven, apparatus.sensor, options).listen().mean
+
+    apparatus.guide(device.bar.length_m / 2)
+    level = mean()
+    apparatus.turn_over()
+    turned = mean()
+    apparatus.turn_over()
+    checked = check_gravity(level, turned, options.tolerance)
+    remark(f"gravity: gain {100 * checked.gain:+.2f} %, offset {checked.offset_m_per_s2:+.3f} m/s^2")
+    for fault in checked.faults:
+        note(fault.value)
+    return checked
+
+
+def _write(
+    device: "Device",
+    form: "SensorForm",
+    records: "tuple[StopRecord, ...]",
+    mass_kg: float,
+    output: list[Path],
+    peaks: Path | None,
+    keep_spoiled: bool,
+) -> None:
+    """Write the responses, or without their phases the peaks, to every output."""
+    from precompute.measurements import Kind
+    from precompute.measurements.file import write_measurements
+    from tactable.measure.walk import measurements_of
+
+    has_phase = all(form.loopback(actuator.name) is not None for actuator in device.actuators)
+    if not has_phase:
+        note("not every actuator has a loopback channel: phases are not known, and peaks are written")
+    kinds = [(path, Kind.RESPONSE if has_phase else Kind.PEAK) for path in output]
+    comment = f"{'SIMULATED ' if form.is_simulated else ''}tactable measure {device.name}"
+    for path, kind in [*kinds, *([(peaks, Kind.PEAK)] if peaks else [])]:
+        how = {"is_simulated": form.is_simulated, "keeps_spoiled": keep_spoiled}
+        write_measurements(path, measurements_of(records, device, mass_kg, kind, **how), device, comment)
+
+
+def read_most(device: "Device", text: str) -> float:
+    """The greatest amplitude, within the device's limit. Raises OptionError."""
+    most = read_option("--most", text, "")
+    limit = device.limits.amplitude
+    if not 0 < most <= 1:
+        raise OptionError(f"--most {text!r}: expected more than 0 and at most 100 %")
+    return min(most, limit)
+
+
+def read_grid(text: str) -> list[float] | None:
+    """Frequencies in Hz of a text such as "70,110.5" or "60:300:1"; None for an empty one. Raises OptionError."""
+    if not text:
+        return None
+    if ":" not in text:
+        return read_numbers("--frequencies", text, "70,110.5")
+    parts = read_numbers("--frequencies", text.replace(":", ","), "60:300:1")
+    if len(parts) != 3 or not parts[0] < parts[1] or not parts[2] > 0:
+        raise OptionError(f"--frequencies {text!r}: expected FROM:TO:STEP in Hz, such as 60:300:1")
+    first, last, step = parts
+    return [first + step * i for i in range(round((last - first) / step) + 1)]
+
+
+def summary_of(device: "Device", records: "tuple[StopRecord, ...]") -> dict[str, Any]:
+    """Counts, faults by name, and what is known of the converter."""
+    readings = [reading for record in records for reading in record.readings]
+    faults = [fault.name for reading in readings for fault in reading.faults]
+    late = [record.latency_s for record in records if record.latency_s is not None]
+    return {
+        "device": device.name,
+        "places": len(records),
+        "readings": len(readings),
+        "spoiled": sum(reading.is_spoiled for reading in readings),
+        "faults": {name: faults.count(name) for name in sorted(set(faults))},
+        "seconds": sum(reading.seconds for reading in readings),
+        "drift_ppm": 1e6 * readings[-1].drift,
+        "latency_s": [min(late), max(late)] if late else None,
+        "noise_m_per_s2": max(record.rest.noise for record in records),
+        "hum_m_per_s2": max(record.rest.hum for record in records),
+        "greatest_error": max((reading.error for reading in readings if not reading.is_spoiled), default=None),
+    }
+
+
+def _ask(text: str) -> None:
+    remark(text)
+    input()
+
+
+def _tell(device: "Device", stop: "Stop", reading: "Reading") -> None:
+    named = "".join(f"; {fault.name}" for fault in reading.faults)
+    say(
+        f"{1e3 * stop.position_m:6.1f} mm  {device.actuators[reading.actuator].name} {reading.frequency_hz:g} Hz at "
+        f"{100 * reading.amplitude:.3g} %: {abs(reading.acceleration):.3g} m/s^2, coherence {reading.coherence:.4f}, "
+        f"error {100 * reading.error:.2g} %{named}"
+    )
+
+
+def _print_summary(summary: dict[str, Any]) -> None:
+    from tactable.measure.faults import Fault
+
+    say(
+        f"{summary['device']}: {summary['readings']} readings at {summary['places']} places in "
+        f"{summary['seconds']:.0f} s of driving, {summary['spoiled']} spoiled"
+    )
+    late = summary["latency_s"]
+    latency = "not known" if late is None else f"{1e3 * late[0]:.1f} to {1e3 * late[1]:.1f} ms"
+    say(
+        f"converter: clock {summary['drift_ppm']:+.1f} ppm, latency {latency}; at rest noise "
+        f"{summary['noise_m_per_s2']:.2g} m/s^2, hum {summary['hum_m_per_s2']:.2g} m/s^2"
+    )
+    for name, count in summary["faults"].items():
+        say(f"{count} readings: {Fault[name].value}")
+    say(f"written: {', '.join(summary['output'])}; samples in {summary['raw']}")

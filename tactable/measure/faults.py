@@ -1,0 +1,92 @@
+"""What spoils a reading, named: clipping, noise, hum, lost samples, a clock that drifts, a bar that is not steady."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactable.measure.sensor import SensorForm
+from tactable.measure.tone_fit import ToneFit, is_beside_hum
+
+Array = NDArray[np.float64]
+
+
+class Fault(Enum):
+    """A cause that spoils readings, and its remedy."""
+
+    CLIPPING = "clipping: the sensor or converter is at its end; drive less, or take a wider range"
+    NOISE = "noise: the reading scatters; drive more, or take a quieter sensor"
+    HUM = "mains hum: as loud as the reading, or beside its frequency; earth the sensor, or move the frequency"
+    LOST_SAMPLES = "samples were lost: the converter or its program drops some; take a lower rate or a faster machine"
+    CLOCK_DRIFT = "clock drift: the converter's clock is off; the fit follows it, peaks and responses stay right"
+    NOT_STEADY = "not steady: the response still changes; wait longer, or look for something loose"
+    DISTORTION = "distortion: harmonics of the tone; drive less, or look for a rattle"
+    NO_SIGNAL = "no signal: neither sensor nor loopback shows the tone; check wiring, sensor and amplifier"
+    GAIN = "gain: gravity does not read as 9.81 m/s^2; correct the scale of the channel"
+    OFFSET = "offset: the sensor reads an acceleration at rest; harmless to responses, but it takes from the range"
+    LATENCY = "latency: samples come late; the loopback takes it out of responses"
+
+
+SPOILING = (Fault.CLIPPING, Fault.NOISE, Fault.HUM, Fault.LOST_SAMPLES, Fault.NOT_STEADY, Fault.NO_SIGNAL)
+"""Faults for which a reading is repeated, and marked where that does not help."""
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """What a reading may have of each fault.
+
+    Fractions are of the tone. hum: of a line that the window tells from the tone; beside: of one that it does not,
+    judged by the hum of the bar at rest. drift: of the clock, from which on it is told.
+    """
+
+    error: float = 0.01
+    hum: float = 1.0
+    beside: float = 0.01
+    distortion: float = 0.1
+    drift: float = 20e-6
+    clip: float = 0.98
+    """Of the greatest value."""
+    phase_step_rad: float = 0.05
+    gain: float = 0.01
+    offset_m_per_s2: float = 0.5
+    latency_s: float = 0.002
+
+
+def is_clipped(values: Array, form: SensorForm, tolerance: Tolerance) -> bool:
+    """Whether samples (sample, channel) reach the declared greatest value, or stand still at their extremes."""
+    greatest = np.nanmax(abs(values), axis=0)
+    if (greatest >= tolerance.clip * np.array(form.clips_at)).any():
+        return True
+    # Without a declared end: a sine passes its crest, a clipped one stays there for many samples.
+    acceleration = values[:, form.acceleration]
+    high, low = np.nanmax(acceleration), np.nanmin(acceleration)
+    if high == low:
+        return False
+    at_end = max(np.count_nonzero(acceleration == high), np.count_nonzero(acceleration == low))
+    return bool(at_end > max(8, 0.05 * len(acceleration)))
+
+
+def find_faults(
+    fit: ToneFit, values: Array, form: SensorForm, reference: int | None, tolerance: Tolerance, hum_at_rest: float
+) -> tuple[Fault, ...]:
+    """Faults of one steady window (sample, channel), the most serious first.
+
+    reference: index of the loopback channel, None without one. hum_at_rest: amplitude of the mains with the bar at
+    rest, m/s^2.
+    """
+    channel, found = form.acceleration, list[Fault]()
+    size = max(float(abs(fit.phasor[channel])), 1e-300)
+    steady = channel if reference is None else reference
+    if is_clipped(values, form, tolerance):
+        found.append(Fault.CLIPPING)
+    if fit.phase_step_rad(steady) > tolerance.phase_step_rad and fit.error(steady) > tolerance.error / 2:
+        found.append(Fault.LOST_SAMPLES)
+    beside = is_beside_hum(fit.frequency_hz, fit.duration_s) and hum_at_rest > tolerance.beside * size
+    if beside or fit.hum[channel] > tolerance.hum * size:
+        found.append(Fault.HUM)
+    if fit.error(channel) > tolerance.error and Fault.LOST_SAMPLES not in found:
+        found.append(Fault.NOISE)
+    if fit.distortion[channel] > tolerance.distortion * size and Fault.NOISE not in found:
+        found.append(Fault.DISTORTION)
+    return tuple(found)

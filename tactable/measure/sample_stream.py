@@ -1,0 +1,161 @@
+"""A file or a pipe of samples with a declared form: the sensor for any converter that a program can read.
+
+The stream begins with one line of JSON that declares the form; what follows are samples as little-endian float32, all
+channels of an instant beside each other (tables/MEASUREMENTS.md, *Samples*):
+
+    {"tactable_samples": 1, "sample_rate": "8 kHz", "channels": [{"name": "acceleration", "scale": "98.1 m/s^2",
+     "clips_at": 1.0}, {"name": "loopback left", "scale": "100 %"}]}
+
+`scale` says what a sample of 1 stands for, so that a converter may write volts; `clips_at` is its greatest value.
+"""
+
+import json
+import math
+import os
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from engine.device import Device
+from engine.device.quantity import QuantityError, read_quantity
+from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
+
+_VERSION = 1
+_READ_SIZE = 1 << 16
+_LONGEST_HEADER = 1 << 16
+_HEADER_KEYS = {"tactable_samples", "sample_rate", "channels", "simulated"}
+_CHANNEL_KEYS = {"name", "scale", "clips_at"}
+
+
+class SampleStream:
+    """Samples of a file, a named pipe or another descriptor; raises SensorError for a stream of another form."""
+
+    def __init__(
+        self, path: Path, device: Device, monotonic_ns: Callable[[], int] = time.monotonic_ns, patience_s: float = 10.0
+    ) -> None:
+        self._path, self._monotonic_ns = path, monotonic_ns
+        try:
+            self._descriptor = os.open(path, os.O_RDONLY)
+        except OSError as error:
+            raise SensorError(
+                f"{path}: cannot be opened ({error.strerror}); name the file or pipe of samples"
+            ) from None
+        try:
+            line, self._rest = self._read_header(patience_s)
+            self.form, self._scale = read_header(line, device, str(path))
+        except SensorError:
+            self.close()
+            raise
+        os.set_blocking(self._descriptor, False)
+
+    def fileno(self) -> int:
+        """The descriptor, to poll."""
+        return self._descriptor
+
+    def read(self) -> Block | None:
+        """What has come; None for nothing. Raises SensorError at the end of the stream."""
+        data, is_ended = self._rest, False
+        self._rest = b""
+        while True:
+            try:
+                part = os.read(self._descriptor, _READ_SIZE)
+            except BlockingIOError:
+                break
+            is_ended = not part
+            if is_ended:
+                break
+            data += part
+        size = 4 * len(self._scale)
+        whole = len(data) // size * size
+        self._rest = data[whole:]
+        if not whole:
+            if is_ended:
+                raise SensorError(
+                    f"{self._path}: the samples have ended; keep the converter running while it is measured"
+                )
+            return None
+        raw = np.frombuffer(data[:whole], "<f4").reshape(-1, len(self._scale))
+        return Block(raw * self._scale, self._monotonic_ns())
+
+    def close(self) -> None:
+        """Close the descriptor."""
+        os.close(self._descriptor)
+
+    def _read_header(self, patience_s: float) -> tuple[bytes, bytes]:
+        """The first line, and what came behind it."""
+        data, end_ns = b"", self._monotonic_ns() + int(patience_s * 1e9)
+        while b"\n" not in data:
+            part = os.read(self._descriptor, _READ_SIZE)
+            data += part
+            if not part or len(data) > _LONGEST_HEADER or self._monotonic_ns() > end_ns:
+                raise SensorError(f"{self._path}: does not begin with a line of JSON that declares the samples")
+        line, _, rest = data.partition(b"\n")
+        return line, rest
+
+
+def write_header(form: SensorForm) -> bytes:
+    """The line that declares samples in the units of the form."""
+    channels: list[dict[str, Any]] = []
+    for name, clips_at in zip(form.channels, form.clips_at, strict=True):
+        channel: dict[str, Any] = {"name": name, "scale": "1 m/s^2" if name == ACCELERATION else "100 %"}
+        channels.append(channel | ({"clips_at": clips_at} if math.isfinite(clips_at) else {}))
+    header = {
+        "tactable_samples": _VERSION,
+        "sample_rate": f"{form.sample_rate_hz!r} Hz",
+        "channels": channels,
+        "simulated": form.is_simulated,
+    }
+    return json.dumps(header).encode() + b"\n"
+
+
+def read_header(line: bytes, device: Device, source: str) -> tuple[SensorForm, np.ndarray[Any, np.dtype[np.float64]]]:
+    """The form that a header declares, and the scale (channel,) of its samples. Raises SensorError."""
+    try:
+        header = json.loads(line)
+    except ValueError:
+        header = None
+    if not isinstance(header, dict) or header.get("tactable_samples") != _VERSION:
+        raise SensorError(f'{source}: does not begin with {{"tactable_samples": {_VERSION}, ...}}; declare the samples')
+    _check_keys(header, _HEADER_KEYS, source)
+    rate_hz = _quantity(header, "sample_rate", "Hz", source)
+    channels = header.get("channels")
+    if not isinstance(channels, list) or not channels or not all(isinstance(channel, dict) for channel in channels):
+        raise SensorError(f"{source}: channels: expected a list of objects, each with name and scale")
+    names, scales, clips_at = [], [], []
+    known = (ACCELERATION, *(LOOPBACK + actuator.name for actuator in device.actuators))
+    for number, channel in enumerate(channels):
+        where = f"{source}: channels[{number}]"
+        _check_keys(channel, _CHANNEL_KEYS, where)
+        name = channel.get("name")
+        if name not in known or name in names:
+            raise SensorError(f"{where}: name: {name!r}: expected each once of {', '.join(known)}")
+        scale = _quantity(channel, "scale", "m/s^2" if name == ACCELERATION else "", where)
+        greatest = channel.get("clips_at", math.inf)
+        if not isinstance(greatest, int | float) or not greatest > 0:
+            raise SensorError(f"{where}: clips_at: {greatest!r}: expected the greatest sample, more than 0")
+        names.append(name)
+        scales.append(scale)
+        clips_at.append(greatest * scale)
+    if ACCELERATION not in names:
+        raise SensorError(f"{source}: channels: has no channel named 'acceleration'; declare which one it is")
+    form = SensorForm(rate_hz, tuple(names), tuple(clips_at), bool(header.get("simulated", False)))
+    return form, np.array(scales)
+
+
+def _check_keys(values: Mapping[str, Any], known: set[str], where: str) -> None:
+    for key in values:
+        if key not in known:
+            raise SensorError(f"{where}: {key}: is not known; known are {', '.join(sorted(known))}")
+
+
+def _quantity(values: Mapping[str, Any], key: str, unit: str, where: str) -> float:
+    try:
+        value = read_quantity(values.get(key), unit)
+    except QuantityError as error:
+        raise SensorError(f"{where}: {key}: {error}") from None
+    if not value > 0:
+        raise SensorError(f"{where}: {key}: {values[key]!r}: expected more than 0")
+    return value

@@ -1,0 +1,301 @@
+"""A bench in virtual time: the emulated firmware, the bar in time, and a sensor with its converter. SIMULATED.
+
+The bench is the port, the clock and the sensor of a measurement, so that the code that measures is the code of a real
+one. Time passes only in `wait`; half an hour at the bar takes seconds. The converter has what real ones have, each of
+it switchable: latency and its jitter, a clock that drifts, gain error, offset, noise, hum, clipping and lost samples.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device import Device
+from engine.device.quantity import QuantityError, read_quantity
+from firmware_link.emulator import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware, Synthesis
+from precompute.model.assembly import assemble
+from precompute.model.modal import compute_basis
+from precompute.model.transient import TransientPlant
+from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
+
+Array = NDArray[np.float64]
+
+PORT, SENSOR = -1, -2
+"""Stand-ins for descriptors."""
+GRAVITY_M_PER_S2 = 9.80665
+_LINE_NS = 300_000
+_MOVING_NS = 500_000_000
+_BLOCK_S = 0.05
+_PLANT_SAMPLES = 3
+"""Samples of the plant in one of the converter: straight lines at 24 kHz cost 5e-4 of a tone of 300 Hz, 0.005 dB."""
+_NS_PER_S = 1_000_000_000
+_US_PER_S = 1e6
+_PM_PER_M = 1e12
+
+
+@dataclass(frozen=True)
+class ConverterFlaws:
+    """What is wrong with a simulated converter.
+
+    drift: pace of its clock over the board's, less 1. gain: less 1. noise: root mean square. hum: amplitude of the
+    mains line at hum_hz, with a third of it at the third harmonic. clips_at: greatest magnitude of the acceleration.
+    drops_per_s: how often samples of the length drop_s are lost without a trace. has_gravity: the sensor lies level and
+    shows gravity, as sensors that pass direct current do.
+    """
+
+    latency_s: float = 0.008
+    jitter_s: float = 0.0
+    drift: float = 0.0
+    gain: float = 0.0
+    offset_m_per_s2: float = 0.0
+    noise_m_per_s2: float = 0.0
+    hum_m_per_s2: float = 0.0
+    hum_hz: float = 50.0
+    clips_at_m_per_s2: float = math.inf
+    drops_per_s: float = 0.0
+    drop_s: float = 0.003
+    has_gravity: bool = False
+
+    @classmethod
+    def parse(cls, text: str) -> "ConverterFlaws":
+        """The flaws of a text such as "noise=0.05 m/s^2, drift=40, latency=12ms"; drift in millionths, gain in %.
+
+        Raises SensorError, which names the word and the known ones.
+        """
+        found: dict[str, float] = {}
+        for part in filter(None, (part.strip() for part in text.split(","))):
+            key, _, value = (piece.strip() for piece in part.partition("="))
+            if key not in _WORDS:
+                raise SensorError(f"flaw {key!r} is not known; known are {', '.join(_WORDS)}")
+            name, unit = _WORDS[key]
+            found[name] = _read_flaw(key, value, unit)
+        return replace(cls(), **found)  # type: ignore[arg-type]  # fields of plain numbers only
+
+
+_WORDS = {
+    "latency": ("latency_s", "s"),
+    "jitter": ("jitter_s", "s"),
+    "drift": ("drift", "ppm"),
+    "gain": ("gain", ""),
+    "offset": ("offset_m_per_s2", "m/s^2"),
+    "noise": ("noise_m_per_s2", "m/s^2"),
+    "hum": ("hum_m_per_s2", "m/s^2"),
+    "mains": ("hum_hz", "Hz"),
+    "clip": ("clips_at_m_per_s2", "m/s^2"),
+    "drops": ("drops_per_s", "ppm"),
+}
+assert {name for name, _ in _WORDS.values()} <= {field.name for field in fields(ConverterFlaws)}
+
+
+class SimulatedBench:
+    """Port, clock and sensor of the bar `true`, of whose actuators `board` says the full scales. SIMULATED.
+
+    Raises SensorError for a place off the bar.
+    """
+
+    def __init__(
+        self,
+        true: Device,
+        flaws: ConverterFlaws,
+        seed: int,
+        sensor_mass_kg: float = 2e-3,
+        sample_rate_hz: float = 8_000.0,
+        board: Device | None = None,
+        has_loopback: bool = True,
+    ) -> None:
+        self._device, self._flaws, self._random = true, flaws, np.random.default_rng(seed)
+        self._sensor_mass_kg = sensor_mass_kg
+        full_scales_pm = tuple(round(a.full_scale_m * _PM_PER_M) for a in (board or true).actuators)
+        self.firmware = EmulatedFirmware(
+            DeviceConfiguration(0x5EED, len(true.actuators), LONGEST_LEASE_MS, full_scales_pm=full_scales_pm)
+        )
+        loopbacks = tuple(LOOPBACK + a.name for a in true.actuators) if has_loopback else ()
+        clips_at = (flaws.clips_at_m_per_s2, *(math.inf for _ in loopbacks))
+        self.form = SensorForm(sample_rate_hz, (ACCELERATION, *loopbacks), clips_at, is_simulated=True)
+        self._true_rate_hz = sample_rate_hz * (1 + flaws.drift)
+        self._plant = TransientPlant(compute_basis(assemble(true)), np.zeros(1), self._true_rate_hz * _PLANT_SAMPLES)
+        self._synthesis, self._taken_events = Synthesis(), 0
+        self.time_ns = 1_000 * 1_000_000
+        self._to_device: list[tuple[int, bytes]] = []
+        self._to_host: list[tuple[int, bytes]] = []
+        self._ready: list[tuple[int, Array]] = []
+        self._made_us = 0.0
+        self._stall_ns = 0
+        self.position_m = 0.0
+        self.is_turned_over = False
+        self.place(0.5 * true.bar.length_m)
+
+    # ---- what a person does at the bench ----
+
+    def place(self, position_m: float) -> None:
+        """Put the sensor here; that takes as long as the bar takes to come to rest."""
+        if not 0 <= position_m <= self._device.bar.length_m:
+            raise SensorError(f"{1e3 * position_m:g} mm is off the bar of {1e3 * self._device.bar.length_m:g} mm")
+        self._run_to(self.time_ns + _MOVING_NS)
+        self._make_samples()
+        self.position_m = position_m
+        self._plant.rest()
+        self._plant.look_at(np.array([position_m]))
+        self._plant.touch([(position_m, replace(self._device.finger, **_mass_alone(self._sensor_mass_kg)))])
+
+    def turn_over(self) -> None:
+        """Turn the sensor over, so that gravity shows with the other sign."""
+        self._make_samples()
+        self.is_turned_over = not self.is_turned_over
+
+    def stall(self, duration_ns: int) -> None:
+        """Let the host stand still for a while at its next wait."""
+        self._stall_ns = duration_ns
+
+    # ---- the clock ----
+
+    def now_ns(self) -> int:
+        """Virtual time."""
+        return self.time_ns
+
+    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Sequence[int]:  # noqa: ARG002  # a Clock
+        """Let time pass until one of `readable` can be read, or until then."""
+        end_ns = self.time_ns + _NS_PER_S if until_ns is None else until_ns
+        if self._stall_ns:
+            self._run_to(self.time_ns + self._stall_ns)
+            self._stall_ns = 0
+        while not (ready := self._ready_of(readable)) and self.time_ns < end_ns:
+            self._run_to(min(end_ns, self._next_ns(SENSOR in readable)))
+        return ready
+
+    # ---- the port ----
+
+    def fileno(self) -> int:
+        """Stand-in for the port's descriptor."""
+        return PORT
+
+    def write(self, data: bytes) -> int:
+        """Bytes for the firmware."""
+        self._to_device.append((self.time_ns + _LINE_NS, data))
+        return len(data)
+
+    def read(self) -> bytes:
+        """Bytes of the firmware."""
+        data = b"".join(data for time_ns, data in self._to_host if time_ns <= self.time_ns)
+        self._to_host = [item for item in self._to_host if item[0] > self.time_ns]
+        return data
+
+    # ---- inside ----
+
+    def _ready_of(self, readable: Sequence[int]) -> Sequence[int]:
+        found = [PORT] if any(time_ns <= self.time_ns for time_ns, _ in self._to_host) else []
+        if SENSOR in readable and self.has_samples():
+            found.append(SENSOR)
+        return [descriptor for descriptor in found if descriptor in readable]
+
+    def has_samples(self) -> bool:
+        """Whether samples have come."""
+        self._make_samples()
+        return bool(self._ready) and self._ready[0][0] <= self.time_ns
+
+    def take_samples(self) -> Array | None:
+        """The samples that have come (sample, channel); None for none."""
+        self._make_samples()
+        due = [values for time_ns, values in self._ready if time_ns <= self.time_ns]
+        self._ready = [item for item in self._ready if item[0] > self.time_ns]
+        return np.concatenate(due) if due else None
+
+    def _next_ns(self, with_sensor: bool) -> int:
+        times_ns = [time_ns for time_ns, _ in (*self._to_device, *self._to_host)]
+        deadline_us = self.firmware.next_deadline_us()
+        if deadline_us is not None:
+            times_ns.append(1000 * deadline_us)
+        if with_sensor:
+            times_ns.append(self._ready[0][0] if self._ready else self.time_ns + int(_BLOCK_S * _NS_PER_S))
+        return max(self.time_ns + 1, min(times_ns, default=self.time_ns + _NS_PER_S))
+
+    def _run_to(self, end_ns: int) -> None:
+        while self._to_device and self._to_device[0][0] <= end_ns:
+            time_ns, data = self._to_device.pop(0)
+            self._answer(self.firmware.receive(data, time_ns // 1000), time_ns)
+        self._answer(self.firmware.advance(end_ns // 1000), end_ns)
+        self.time_ns = end_ns
+
+    def _answer(self, data: bytes, time_ns: int) -> None:
+        if data:
+            self._to_host.append((time_ns + _LINE_NS, data))
+
+    def _make_samples(self) -> None:
+        """Run bar and converter up to now, block by block; a block arrives after the latency."""
+        now_us, log = self.time_ns / 1000, self.firmware.drive_log
+        self._synthesis.take(log[self._taken_events :])
+        self._taken_events = len(log)
+        while self._made_us + _BLOCK_S * _US_PER_S <= now_us:
+            stop_us = self._made_us + _BLOCK_S * _US_PER_S
+            values = self._convert(self._made_us, stop_us)
+            late_s = max(0.0, self._flaws.latency_s + self._flaws.jitter_s * self._random.standard_normal())
+            arrives_ns = int(1000 * stop_us + late_s * _NS_PER_S)
+            # A block never overtakes the one before.
+            self._ready.append((max([arrives_ns, *(time_ns for time_ns, _ in self._ready[-1:])]), values))
+            self._synthesis.forget(stop_us)
+            self._made_us = stop_us
+
+    def _convert(self, start_us: float, stop_us: float) -> Array:
+        """Samples (sample, channel) of a stretch of time, as the converter delivers them."""
+        flaws, random = self._flaws, self._random
+        rate_hz = self._plant.sample_rate_hz
+        drive = self._synthesis.displacements(start_us, stop_us, rate_hz)
+        if not drive.shape[1]:  # nothing was ever driven
+            drive = np.zeros((len(drive), len(self._device.actuators)))
+        index = math.ceil(start_us * rate_hz / _US_PER_S) + np.arange(len(drive))
+        acceleration = self._plant.accelerate(drive)[:, 0]
+        kept = index % _PLANT_SAMPLES == 0
+        time_s = index[kept] / rate_hz
+        out = acceleration[kept] * (-1.0 if self.is_turned_over else 1.0)
+        out = out + flaws.has_gravity * GRAVITY_M_PER_S2 * (-1.0 if self.is_turned_over else 1.0)
+        out = out * (1 + flaws.gain) + flaws.offset_m_per_s2
+        turns = 2 * np.pi * flaws.hum_hz * time_s
+        out = out + flaws.hum_m_per_s2 * (np.sin(turns) + np.sin(3 * turns) / 3)
+        out = out + flaws.noise_m_per_s2 * random.standard_normal(len(out))
+        if math.isfinite(flaws.clips_at_m_per_s2):
+            out = np.clip(out, -flaws.clips_at_m_per_s2, flaws.clips_at_m_per_s2)
+        values = np.column_stack([out, *drive[kept].T[: len(self.form.channels) - 1]])
+        return self._drop(values)
+
+    def _drop(self, values: Array) -> Array:
+        """Lose a run of samples now and then."""
+        flaws, count = self._flaws, len(values)
+        if self._random.random() >= flaws.drops_per_s * _BLOCK_S:
+            return values
+        lost = min(count, round(flaws.drop_s * self.form.sample_rate_hz))
+        start = int(self._random.integers(0, count - lost + 1))
+        return np.delete(values, slice(start, start + lost), axis=0)
+
+
+class SimulatedSensor:
+    """The sensor of a bench, behind the interface of all sensors."""
+
+    def __init__(self, bench: SimulatedBench) -> None:
+        self._bench, self.form = bench, bench.form
+
+    def fileno(self) -> int:
+        """Stand-in for a descriptor."""
+        return SENSOR
+
+    def read(self) -> Block | None:
+        """What has come; None for nothing."""
+        values = self._bench.take_samples()
+        return None if values is None else Block(values, self._bench.now_ns())
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def _mass_alone(mass_kg: float) -> dict[str, float]:
+    """Values of a finger that is a mass and nothing else."""
+    return {"mass_kg": mass_kg, "damping_n_s_per_m": 0.0, "stiffness_n_per_m": 0.0}
+
+
+def _read_flaw(key: str, text: str, unit: str) -> float:
+    try:
+        value = float(text) if unit == "ppm" else read_quantity(text, unit)
+    except (QuantityError, ValueError) as error:
+        raise SensorError(f"flaw {key}={text}: {error}") from None
+    return value * 1e-6 if key == "drift" else value

@@ -1,0 +1,270 @@
+"""Stepped sine: one actuator, one frequency after the other, to the complex response of the bar at the sensor.
+
+Theory of operation. A reading holds a tone until the bar is steady, fits it, and looks for what spoils it.
+
+- *Steady* means that what is still to come is small: windows are taken one after the other, and where two differ by d,
+  a transient of the slowest mode, which falls by the factor q from window to window, still has d q / (1 - q) to go. The
+  model says q; no fixed waiting time fits both ends of a band.
+- *The drive is the reference.* With a loopback channel the response is the ratio of two channels of one converter, so
+  that neither its clock nor its latency matters. Without one only magnitudes are known, and the result says so.
+- *Levels begin low and rise.* The first drive at a place is the least; only a reading that noise or hum spoils is
+  repeated at up to three times its level, and one that clips at a third. Nothing is driven above `most`. At `most`, a
+  reading that is still noisy is taken over twice as many windows.
+- A reading that stays spoiled is kept with the names of its faults, so that whoever fits it can leave it out.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device import Device
+from firmware_link.protocol.errors import LinkError
+from precompute.model.assembly import assemble
+from precompute.model.modal import compute_basis, compute_modal_model
+from tactable.measure.asked_drive import AskedDrive, check_drive
+from tactable.measure.driven_device import DrivenDevice
+from tactable.measure.faults import SPOILING, Fault, Tolerance, find_faults
+from tactable.measure.recorder import Recorder
+from tactable.measure.sensor import Sensor, SensorError
+from tactable.measure.tone_fit import ToneFit, fit_tone
+
+Array = NDArray[np.float64]
+
+STEP_OF_LEVEL = 3.0
+WINDOW_S = 0.2
+_SETTLED = 0.003
+_REST_HZ = 37.0  # beside every line of the mains
+_LATE_S = 0.1
+_ONSET = 0.05
+_LEAST_LOOPBACK = 1e-4  # of full scale
+_REARMED = 5
+_NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class SteppedSineOptions:
+    """Amplitudes are fractions of full scale; window_s: length of a window; attempts: of one reading at most."""
+
+    least: float = 0.05
+    most: float = 1.0
+    window_s: float = WINDOW_S
+    longest_settling_s: float = 6.0
+    attempts: int = 5
+    tolerance: Tolerance = field(default_factory=Tolerance)
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """The sensor with the bar at rest, m/s^2: root mean square of its noise, hum of the mains, mean."""
+
+    noise: float
+    hum: float
+    mean: float
+
+
+@dataclass(frozen=True)
+class Reading:
+    """The response at one frequency of one actuator.
+
+    acceleration: phasor in m/s^2 relative to the drive exp(j omega t) of this amplitude; real and positive where
+    no phase is known. error: relative standard error. coherence: with the loopback, 1 without. drift: of the clock.
+    """
+
+    actuator: int
+    frequency_hz: float
+    amplitude: float
+    acceleration: complex
+    error: float
+    coherence: float
+    drift: float
+    seconds: float
+    attempts: int
+    faults: tuple[Fault, ...]
+
+    @property
+    def is_spoiled(self) -> bool:
+        """Whether one of its faults makes it wrong."""
+        return any(fault in SPOILING for fault in self.faults)
+
+
+class SteppedSine:
+    """Takes readings of the sensor at one place."""
+
+    def __init__(self, device: Device, driven: DrivenDevice, sensor: Sensor, options: SteppedSineOptions) -> None:
+        self._device, self._driven, self._form, self._options = device, driven, sensor.form, options
+        self._recorder = Recorder(driven, sensor)
+        self._to_come = _share_to_come(device, options.window_s)
+        self._amplitude = options.least
+        self._rest = AtRest(0.0, 0.0, 0.0)
+        self._drift = 0.0
+        self.rearmed = 0
+        """How often the board had stopped itself and was armed again."""
+
+    def listen(self) -> AtRest:
+        """Record the bar at rest."""
+        self._driven.silence()
+        self._driven.wait(self._driven.clock.now_ns() + int(_LATE_S * _NS_PER_S))
+        self._recorder.drop()
+        values = self._recorder.take(2 * self._options.window_s)
+        fit, channel = fit_tone(_known(values), self._form.sample_rate_hz, _REST_HZ), self._form.acceleration
+        self._rest = AtRest(float(fit.rest[channel]), float(fit.hum[channel]), float(fit.mean[channel]))
+        return self._rest
+
+    def measure_latency(self) -> float | None:
+        """Seconds from a drive to the arrival of its loopback, a block of samples included; None without loopback."""
+        driven, actuators = self._driven, self._device.actuators
+        which = next(
+            (i for i, actuator in enumerate(actuators) if self._form.loopback(actuator.name) is not None), None
+        )
+        if which is None:
+            return None
+        reference, least = self._form.loopback(actuators[which].name), self._options.least
+        asked = AskedDrive.of_one(self._device, which, sum(actuators[which].band_hz) / 2, least)
+        self._recorder.drop()
+        driven.play(check_drive(asked, self._device))
+        values = self._recorder.take(_LATE_S + self._options.window_s)
+        sounding = np.flatnonzero(abs(values[:, reference]) > _ONSET * least)
+        applied_us = driven.applied_device_us
+        driven.silence()
+        if not len(sounding) or applied_us is None:
+            return None
+        clock, arrived_ns = driven.session.link.clock, self._recorder.arrival_ns(len(values) - int(sounding[0]))
+        offset_ns = clock.offset_bounds(driven.clock.now_ns()).middle_ns
+        return (arrived_ns - (1000 * applied_us - offset_ns)) / _NS_PER_S
+
+    def read(self, actuator: int, frequency_hz: float) -> tuple[Reading, Array]:
+        """Read the response to one actuator alone, and the last samples (sample, channel) that it is made of.
+
+        Raises SensorError where no samples come, LinkError where the board cannot be armed again.
+        """
+        options, start_ns, attempts, is_done, windows = self._options, self._driven.clock.now_ns(), 0, False, 2
+        while not is_done:
+            attempts, amplitude = attempts + 1, self._amplitude
+            fit, values, faults = self._hold(actuator, frequency_hz, amplitude, windows)
+            self._amplitude = self._next_amplitude(amplitude, faults)
+            if Fault.NOISE in faults and self._amplitude == amplitude:
+                windows *= 2
+            spoiled = {fault for fault in faults if fault in SPOILING}
+            # No repetition takes a line of the mains off a reading at full level.
+            is_done = attempts == options.attempts or not spoiled - (
+                {Fault.HUM} if amplitude == options.most else set()
+            )
+        channel, reference = self._form.acceleration, self._reference(actuator)
+        if reference is None:
+            acceleration, coherence = complex(abs(fit.phasor[channel])), 1.0
+        else:
+            acceleration, coherence = amplitude * fit.ratio(channel, reference), fit.coherence(channel, reference)
+        reading = Reading(
+            actuator=actuator,
+            frequency_hz=self._played_hz(frequency_hz),
+            amplitude=amplitude,
+            acceleration=acceleration,
+            error=fit.error(channel),
+            coherence=coherence,
+            drift=self._drift,
+            seconds=(self._driven.clock.now_ns() - start_ns) / _NS_PER_S,
+            attempts=attempts,
+            faults=faults,
+        )
+        return reading, values
+
+    def _next_amplitude(self, amplitude: float, faults: tuple[Fault, ...]) -> float:
+        """The level of the next drive after one with these faults."""
+        if Fault.CLIPPING in faults:
+            return max(self._options.least, amplitude / STEP_OF_LEVEL)
+        if any(fault in faults for fault in (Fault.NOISE, Fault.HUM, Fault.NO_SIGNAL)):
+            return min(self._options.most, amplitude * STEP_OF_LEVEL)
+        return amplitude
+
+    def _hold(
+        self, actuator: int, frequency_hz: float, amplitude: float, windows: int
+    ) -> tuple[ToneFit, Array, tuple[Fault, ...]]:
+        """Hold a tone until it is steady: its fit, its samples and its faults; a board that stopped is armed again."""
+        while True:
+            try:
+                return self._hold_once(actuator, frequency_hz, amplitude, windows)
+            except LinkError:
+                self.rearmed += 1
+                if self.rearmed > _REARMED:
+                    raise
+                self._driven.arm_again()
+
+    def _hold_once(
+        self, actuator: int, frequency_hz: float, amplitude: float, windows: int
+    ) -> tuple[ToneFit, Array, tuple[Fault, ...]]:
+        options, driven, hz = self._options, self._driven, self._played_hz(frequency_hz)
+        driven.play(check_drive(AskedDrive.of_one(self._device, actuator, frequency_hz, amplitude), self._device))
+        driven.wait(driven.clock.now_ns() + int(_LATE_S * _NS_PER_S))
+        self._recorder.drop()
+        before, last = self._recorder.take(options.window_s), self._recorder.take(options.window_s)
+        waited_s = 2 * options.window_s
+        while not (is_steady := self._is_steady(before, last, hz, actuator)) and waited_s < options.longest_settling_s:
+            before, last = last, self._recorder.take(options.window_s)
+            waited_s += options.window_s
+        more = [self._recorder.take(options.window_s) for _ in range(windows - 2)]
+        return self._judge(np.concatenate([before, last, *more]), hz, actuator, is_steady)
+
+    def _is_steady(self, before: Array, last: Array, hz: float, actuator: int) -> bool:
+        """Whether what is still to come after two windows is small beside the tone, or beside the noise."""
+        first, second = (self._level(self._fit(window, hz), actuator) for window in (before, last))
+        noise = 3 * self._rest.noise * math.sqrt(2 / len(last))
+        return abs(second - first) * self._to_come <= max(_SETTLED * abs(second), noise)
+
+    def _level(self, fit: ToneFit, actuator: int) -> complex:
+        """The tone with its phase to the loopback, in the units of the sensor; without loopback its magnitude."""
+        reference, channel = self._reference(actuator), self._form.acceleration
+        if reference is None or not abs(fit.phasor[reference]) > 0:
+            return complex(abs(fit.phasor[channel]))
+        return fit.ratio(channel, reference) * float(abs(fit.phasor[reference]))
+
+    def _judge(
+        self, values: Array, hz: float, actuator: int, is_steady: bool
+    ) -> tuple[ToneFit, Array, tuple[Fault, ...]]:
+        """Fit and faults of the windows that were steady; the clock's drift is followed from reading to reading."""
+        tolerance, reference = self._options.tolerance, self._reference(actuator)
+        fit = self._fit(values, hz)
+        faults = list(find_faults(fit, values, self._form, reference, tolerance, self._rest.hum))
+        if np.isnan(values).any() and Fault.LOST_SAMPLES not in faults:
+            faults.append(Fault.LOST_SAMPLES)
+        if not is_steady and Fault.LOST_SAMPLES not in faults:
+            faults.append(Fault.NOT_STEADY)
+        if reference is not None and abs(fit.phasor[reference]) < _LEAST_LOOPBACK:
+            faults.append(Fault.NO_SIGNAL)
+        elif reference is not None and Fault.LOST_SAMPLES not in faults:
+            self._drift += fit.drift(reference)
+        if abs(self._drift) > tolerance.drift:
+            faults.append(Fault.CLOCK_DRIFT)
+        return fit, values, tuple(faults)
+
+    def _fit(self, values: Array, hz: float) -> ToneFit:
+        """The fit of a tone of the board's, whose frequency a converter that runs fast sees lower."""
+        return fit_tone(_known(values), self._form.sample_rate_hz, hz / (1 + self._drift))
+
+    def _played_hz(self, frequency_hz: float) -> float:
+        """The frequency that the wire carries, which counts in steps."""
+        resolution_hz = self._driven.capabilities.frequency_resolution_hz
+        return round(frequency_hz / resolution_hz) * resolution_hz
+
+    def _reference(self, actuator: int) -> int | None:
+        return self._form.loopback(self._device.actuators[actuator].name)
+
+
+def _known(values: Array) -> Array:
+    """Samples with lost ones replaced by the mean of their channel; the loss is a fault of its own."""
+    if not np.isnan(values).any():
+        return values
+    if np.isnan(values).all(axis=0).any():
+        raise SensorError("a channel has lost all its samples: check its connection")
+    return np.where(np.isnan(values), np.nanmean(values, axis=0), values)
+
+
+def _share_to_come(device: Device, window_s: float) -> float:
+    """The slowest mode's q / (1 - q), q being what a window leaves of it; of the modes within the sweep."""
+    pole = compute_modal_model(compute_basis(assemble(device))).pole
+    hz = abs(pole.imag) / (2 * np.pi)
+    within = (hz > 0.5 * device.sweep.start_hz) & (hz < 1.2 * device.sweep.stop_hz)
+    decay_per_s = float(-pole.real[within].max()) if within.any() else math.inf
+    left = math.exp(-decay_per_s * window_s)
+    return left / (1 - left) if left < 1 else math.inf

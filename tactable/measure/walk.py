@@ -1,0 +1,232 @@
+"""A guided walk along the bar: the stops of the sensor and the tones to read there, and the run from stop to stop.
+
+The raw samples and readings of a stop are kept in a folder as soon as the stop is complete. A run that was interrupted
+goes on after the last complete stop; the folder refuses another device, walk, sensor or other options.
+"""
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device import Device
+from engine.files import replace_file
+from precompute.calibration.plan import Accuracy, Criterion, plan_first
+from precompute.measurements import Kind, MeasurementError, Measurements
+from precompute.measurements.parameters import default_names
+from precompute.measurements.simulate import even_places
+from tactable.measure.driven_device import DrivenDevice
+from tactable.measure.faults import Fault
+from tactable.measure.sensor import Sensor
+from tactable.measure.stepped_sine import WINDOW_S, AtRest, Reading, SteppedSine, SteppedSineOptions
+from tactable.measure.tone_fit import is_beside_hum
+
+Array = NDArray[np.float64]
+
+FREQUENCIES = 12
+PLACES = 8
+_FORM = 1
+_IDENTITY = "measurement.json"
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A place of the sensor, and the tones to read there: (index of the actuator, frequency in Hz)."""
+
+    position_m: float
+    tones: tuple[tuple[int, float], ...]
+
+
+@dataclass(frozen=True)
+class StopRecord:
+    """What was read at a stop. latency_s: from drive to samples, None without loopback."""
+
+    position_m: float
+    rest: AtRest
+    latency_s: float | None
+    readings: tuple[Reading, ...]
+
+
+def even_walk(device: Device, places: int, frequencies_hz: Sequence[float] | None = None) -> tuple[Stop, ...]:
+    """Every actuator at each of these frequencies within its band, at even places.
+
+    By default FREQUENCIES even ones, moved away from the lines of the mains.
+    """
+    chosen_hz = frequencies_hz
+    if chosen_hz is None:
+        chosen_hz = default_frequencies(device)
+    tones = tuple(
+        (index, hz)
+        for index, actuator in enumerate(device.actuators)
+        for hz in chosen_hz
+        if actuator.band_hz[0] <= hz <= actuator.band_hz[1]
+    )
+    if not tones:
+        raise MeasurementError(f"{device.name}: no actuator can play any of these frequencies; choose some of a band")
+    return tuple(Stop(position_m, tones) for position_m in even_places(device, places).tolist())
+
+
+def default_frequencies(device: Device) -> list[float]:
+    """Even frequencies over the sweep, each as near as it can be where no line of the mains is beside it."""
+    low_hz, high_hz = device.sweep.start_hz, device.sweep.stop_hz
+    grid_hz = np.arange(math.ceil(2 * low_hz), math.floor(2 * high_hz) + 1) / 2
+    free_hz = grid_hz[[not is_beside_hum(hz, 2 * WINDOW_S) for hz in grid_hz]]
+    even_hz = np.linspace(low_hz, high_hz, FREQUENCIES)
+    return sorted({float(free_hz[abs(free_hz - hz).argmin()]) for hz in even_hz})
+
+
+def planned_walk(device: Device, readings: int, sensor_mass_kg: float) -> tuple[Stop, ...]:
+    """The readings that `plan-measurements` proposes before any measurement, each actuator of a drive alone."""
+    plan = plan_first(device, default_names(device), {}, sensor_mass_kg, Accuracy(), readings, Criterion.VOLUME)
+    tones: dict[float, dict[tuple[int, float], None]] = {}
+    for step in plan.steps:
+        at = tones.setdefault(step.position_m, {})
+        at.update({(index, hz): None for index, hz in enumerate(step.drive_hz) if not np.isnan(hz)})
+    return tuple(Stop(position_m, tuple(sorted(tones[position_m]))) for position_m in sorted(tones))
+
+
+class RawFolder:
+    """Samples and readings by stop. Raises MeasurementError for a folder of another measurement."""
+
+    def __init__(self, path: Path, device: Device, walk: Sequence[Stop], settings: dict[str, Any]) -> None:
+        self.path = path
+        stops = [[stop.position_m, [list(tone) for tone in stop.tones]] for stop in walk]
+        identity = {"form": _FORM, "device": device.fingerprint, "stops": stops, **settings}
+        text = json.dumps(identity, indent=1)
+        path.mkdir(parents=True, exist_ok=True)
+        file = path / _IDENTITY
+        if not file.exists():
+            with replace_file(file) as partial:
+                partial.write_text(text, encoding="utf-8")
+        elif file.read_text(encoding="utf-8") != text:
+            raise MeasurementError(
+                f"{path}: holds another measurement (another device, walk, sensor or level); give another output, or "
+                "remove the folder"
+            )
+
+    def read(self, stop: Stop) -> StopRecord | None:
+        """The record of a stop; None for one that is not complete."""
+        file = self._file(stop)
+        if not file.exists():
+            return None
+        try:
+            with np.load(file, allow_pickle=False) as archive:
+                return _record_of(json.loads(str(archive["record"])))
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise MeasurementError(f"{file}: is damaged ({error}); remove it to measure this place again") from None
+
+    def write(self, stop: Stop, record: StopRecord, samples: Sequence[Array]) -> None:
+        """Keep a complete stop; samples (sample, channel) of each reading."""
+        arrays: dict[str, Any] = {f"samples_{i:03d}": each.astype(np.float32) for i, each in enumerate(samples)}
+        with replace_file(self._file(stop)) as partial, partial.open("wb") as file:
+            np.savez_compressed(file, record=json.dumps(_record_json(record)), **arrays)
+
+    def _file(self, stop: Stop) -> Path:
+        return self.path / f"{1e3 * stop.position_m:07.2f}mm.npz"
+
+
+def measure_walk(
+    device: Device,
+    walk: Sequence[Stop],
+    open_driven: Callable[[], DrivenDevice],
+    sensor: Sensor,
+    options: SteppedSineOptions,
+    raw: RawFolder,
+    guide: Callable[[Stop], None],
+    on_reading: Callable[[Stop, Reading], None],
+) -> tuple[StopRecord, ...]:
+    """Go from stop to stop; `guide` returns once the sensor lies at one. The board is armed at a stop only."""
+    records = []
+    for stop in walk:
+        record = raw.read(stop)
+        if record is None:
+            guide(stop)
+            with open_driven() as driven:
+                record, samples = _measure_stop(device, stop, driven, sensor, options, on_reading)
+            raw.write(stop, record, samples)
+        records.append(record)
+    return tuple(records)
+
+
+def _measure_stop(
+    device: Device,
+    stop: Stop,
+    driven: DrivenDevice,
+    sensor: Sensor,
+    options: SteppedSineOptions,
+    on_reading: Callable[[Stop, Reading], None],
+) -> tuple[StopRecord, list[Array]]:
+    stepped = SteppedSine(device, driven, sensor, options)
+    rest, latency_s = stepped.listen(), stepped.measure_latency()
+    readings, samples = list[Reading](), list[Array]()
+    for actuator, hz in stop.tones:
+        reading, values = stepped.read(actuator, hz)
+        on_reading(stop, reading)
+        readings.append(reading)
+        samples.append(values)
+    return StopRecord(stop.position_m, rest, latency_s, tuple(readings)), samples
+
+
+def measurements_of(
+    records: Sequence[StopRecord],
+    device: Device,
+    sensor_mass_kg: float,
+    kind: Kind,
+    *,
+    is_simulated: bool,
+    keeps_spoiled: bool = False,
+) -> Measurements:
+    """The readings as `calibrate` takes them: responses, or their magnitudes as peaks. Raises MeasurementError."""
+    rows = [
+        (record.position_m, reading)
+        for record in records
+        for reading in record.readings
+        if (keeps_spoiled or not reading.is_spoiled) and reading.acceleration != 0
+    ]
+    if not rows:
+        raise MeasurementError("no reading is usable: every one is spoiled; see to the faults that were named")
+    actuator = np.array([reading.actuator for _, reading in rows])
+    driven = actuator[:, None] == np.arange(len(device.actuators))
+    hz, amplitude = (np.array([getattr(r, key) for _, r in rows]) for key in ("frequency_hz", "amplitude"))
+    acceleration = np.array([reading.acceleration for _, reading in rows])
+    return Measurements(
+        kind=kind,
+        position_m=np.array([position_m for position_m, _ in rows]),
+        frequency_hz=np.where(driven, hz[:, None], np.nan),
+        amplitude=np.where(driven, amplitude[:, None], 0).astype(np.complex128),
+        sensor_mass_kg=np.full(len(rows), sensor_mass_kg),
+        finger_m=np.full(len(rows), np.nan),
+        acceleration=acceleration if kind is Kind.RESPONSE else abs(acceleration).astype(np.complex128),
+        is_simulated=is_simulated,
+    )
+
+
+def _record_json(record: StopRecord) -> dict[str, Any]:
+    readings = [
+        asdict(reading)
+        | {
+            "acceleration": [reading.acceleration.real, reading.acceleration.imag],
+            "faults": [fault.name for fault in reading.faults],
+        }
+        for reading in record.readings
+    ]
+    return asdict(record) | {"readings": readings}
+
+
+def _record_of(values: dict[str, Any]) -> StopRecord:
+    readings = tuple(
+        Reading(
+            **each
+            | {
+                "acceleration": complex(*each["acceleration"]),
+                "faults": tuple(Fault[name] for name in each["faults"]),
+            }
+        )
+        for each in values["readings"]
+    )
+    return StopRecord(**values | {"rest": AtRest(**values["rest"]), "readings": readings})

@@ -1,0 +1,77 @@
+"""What is written is what is read: CSV, NetCDF and universal files of responses and peaks."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from engine.device import Device
+from precompute.measurements import Kind, MeasurementError, Measurements, lay_out, read_measurements
+from precompute.measurements.file import write_measurements
+
+DEVICE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
+NAN = np.nan
+
+
+def responses(kind: Kind = Kind.RESPONSE) -> Measurements:
+    """Both actuators alone at three uneven frequencies and two places, at a fifth of full scale."""
+    drives = np.array([[70.0, NAN], [81.3, NAN], [230.5, NAN], [NAN, 70.0], [NAN, 81.3], [NAN, 230.5]])
+    layout = lay_out(drives, np.array([0.035, 0.12]), 2e-3, kind)
+    random = np.random.default_rng(1)
+    value = random.standard_normal(len(layout)) + 1j * random.standard_normal(len(layout))
+    value = value if kind is Kind.RESPONSE else abs(value).astype(np.complex128)
+    return replace(layout, amplitude=0.2 * layout.amplitude, acceleration=value)
+
+
+def sorted_rows(measurements: Measurements) -> Measurements:
+    keys = np.nan_to_num(measurements.frequency_hz)
+    return measurements.part(np.lexsort((keys[:, 0], keys[:, 1], measurements.position_m)))
+
+
+@pytest.mark.parametrize("kind", list(Kind))
+@pytest.mark.parametrize("ending", [".csv", ".nc"])
+def test_columns_come_back_as_they_were_written(tmp_path: Path, ending: str, kind: Kind) -> None:
+    written, path = responses(kind), tmp_path / f"bar{ending}"
+    write_measurements(path, written, DEVICE, "by hand")
+    read = read_measurements(path, DEVICE)
+    assert read.kind is kind
+    assert not read.is_simulated
+    for column in ("position_m", "frequency_hz", "amplitude", "sensor_mass_kg", "finger_m", "acceleration"):
+        np.testing.assert_allclose(getattr(read, column), getattr(written, column), rtol=1e-5)
+
+
+def test_a_universal_file_holds_the_responses_at_full_scale(tmp_path: Path) -> None:
+    path, written = tmp_path / "bar.uff", responses()
+    write_measurements(path, written, DEVICE, "by hand")
+    read = sorted_rows(read_measurements(path, DEVICE, 2e-3))
+    wanted = sorted_rows(written)
+    np.testing.assert_allclose(read.frequency_hz, wanted.frequency_hz)
+    np.testing.assert_allclose(read.position_m, wanted.position_m, rtol=1e-4)
+    np.testing.assert_allclose(read.acceleration, 5 * wanted.acceleration, rtol=1e-6)
+
+
+@pytest.mark.parametrize("ending", [".csv", ".nc", ".uff"])
+def test_simulated_readings_stay_marked(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"bar{ending}"
+    write_measurements(path, replace(responses(), is_simulated=True), DEVICE, "a bench")
+    assert read_measurements(path, DEVICE).is_simulated
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "text"),
+    [
+        (responses(Kind.PEAK), "complex responses of one actuator"),
+        (replace(responses(), finger_m=np.full(12, 0.1)), "no finger on the bar"),
+        (responses().part(np.array([0, 1])), "a response of one frequency"),
+    ],
+)
+def test_a_universal_file_refuses_what_it_cannot_hold(tmp_path: Path, spoilt: Measurements, text: str) -> None:
+    with pytest.raises(MeasurementError, match=text):
+        write_measurements(tmp_path / "bar.uff", spoilt, DEVICE, "by hand")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unknown_ending_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(MeasurementError, match=r"end in \.csv"):
+        write_measurements(tmp_path / "bar.xlsx", responses(), DEVICE, "by hand")

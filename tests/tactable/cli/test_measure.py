@@ -1,0 +1,116 @@
+"""The command `measure`: on a simulated bench, and over a real terminal with a real pipe of samples."""
+
+import json
+import os
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firmware_link.emulator.process import run_emulator
+from precompute.measurements import Kind, read_measurements
+from tactable.measure.sample_stream import write_header
+from tactable.measure.sensor import SensorForm
+from tests.engine.loop.rig import DEVICE
+from tests.tactable.cli.in_process import run_here
+
+SIMULATED = ("--port", "simulated", "--sensor", "simulated")
+RATE_HZ = 8_000.0
+HZ = 153.0
+RESPONSE = 3.0 - 4.0j
+LEAST = 0.05
+
+
+def test_a_simulated_bar_is_measured_into_every_form(tmp_path: Path) -> None:
+    words = ("--places", "2", "--frequencies", "170,209", "--peaks", "peaks.csv", "--gravity", "--json")
+    outputs = ("-o", "bar.nc", "-o", "bar.csv", "-o", "bar.uff")
+    done = run_here(tmp_path, "measure", "reference-a", *outputs, *SIMULATED, *words, "--flaws", "gain=2%,drift=60")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert (summary["readings"], summary["spoiled"], summary["faults"]) == (8, 0, {"CLOCK_DRIFT": 8})
+    assert summary["drift_ppm"] == pytest.approx(60, abs=1)
+    assert summary["gravity"]["gain"] == pytest.approx(0.02, abs=1e-3)
+    assert "gravity does not read as 9.81" in done.stderr
+    found = [read_measurements(tmp_path / f"bar.{ending}", DEVICE, 2e-3) for ending in ("nc", "csv", "uff")]
+    assert all(each.is_simulated and each.kind is Kind.RESPONSE and len(each) == 8 for each in found)
+    peaks = read_measurements(tmp_path / "peaks.csv", DEVICE)
+    np.testing.assert_allclose(peaks.acceleration, abs(found[0].acceleration), rtol=1e-5)
+
+
+def test_a_spoiled_reading_is_named_left_out_and_the_exit_status(tmp_path: Path) -> None:
+    words = ("--places", "1", "--frequencies", "150,209", "--flaws", "hum=1m/s^2")
+    done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.csv", *SIMULATED, *words)
+    assert done.returncode == 3, done.stderr
+    assert "2 readings: mains hum" in done.stdout
+    assert "150 Hz at 100 %" in done.stdout
+    assert len(read_measurements(tmp_path / "bar.csv", DEVICE)) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("--port", "simulated", "--sensor", "pipe"), "simulate both or neither"),
+        ((*SIMULATED, "--most", "120 %"), "at most 100 %"),
+        ((*SIMULATED, "--flaws", "hiss=1"), "known are latency"),
+        ((*SIMULATED, "--frequencies", "60:300"), "FROM:TO:STEP"),
+        ((*SIMULATED, "--frequencies", "20"), "choose some of a band"),
+        ((*SIMULATED, "-o", "bar.xlsx"), "measurements end in .csv"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused(tmp_path: Path, words: tuple[str, ...], text: str) -> None:
+    done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.nc", *words)
+    assert done.returncode == 1
+    assert text in done.stderr
+
+
+@contextmanager
+def converter(pipe: Path) -> Iterator[None]:
+    """A program that writes a tone and its loopback into a pipe at the pace of the clock."""
+    form = SensorForm(RATE_HZ, ("acceleration", "loopback left", "loopback right"), (np.inf,) * 3)
+    is_over = threading.Event()
+
+    def write() -> None:
+        sent, start_s = 0, time.monotonic()
+        with pipe.open("wb", buffering=0) as file:
+            file.write(write_header(form))
+            while not is_over.wait(0.01):
+                count = int((time.monotonic() - start_s) * RATE_HZ) - sent
+                tone = LEAST * np.exp(2j * np.pi * HZ * (sent + np.arange(count)) / RATE_HZ)
+                values = np.column_stack([(RESPONSE * tone).real, tone.real, tone.real])
+                try:
+                    file.write(values.astype("<f4").tobytes())
+                except BrokenPipeError:
+                    return
+                sent += count
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        yield
+    finally:
+        is_over.set()
+        writer.join()
+
+
+def test_a_board_on_a_terminal_and_samples_in_a_pipe_are_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pipe = tmp_path / "samples"
+    os.mkfifo(pipe)
+    monkeypatch.setattr("builtins.input", lambda: "")
+    words = ("--places", "1", "--frequencies", str(HZ), "--least", "5 %")
+    with run_emulator() as emulator, converter(pipe):
+        where = ("--port", emulator.port, "--sensor", str(pipe))
+        done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.nc", *where, *words)
+        events = emulator.stop().events
+    assert done.returncode == 0, done.stderr + done.stdout
+    assert "sensor to 5.6 mm, then Enter" in done.stderr
+    found = read_measurements(tmp_path / "bar.nc", DEVICE)
+    np.testing.assert_allclose(found.acceleration, LEAST * RESPONSE, rtol=1e-3)
+    assert not found.is_simulated
+    assert max(channel.amplitude for event in events for channel in event.channels) == pytest.approx(LEAST, abs=1e-4)
+    assert not any(channel.amplitude for channel in events[-1].channels)

@@ -1,0 +1,140 @@
+"""The stepped sine on a simulated bench: right responses, and every flaw of a converter named by what it spoils."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from precompute.measurements import Kind, lay_out
+from precompute.measurements.model import MeasurementModel
+from tactable.measure import DrivenDevice
+from tactable.measure.faults import Fault, Tolerance
+from tactable.measure.gravity import GRAVITY_M_PER_S2, check_gravity
+from tactable.measure.sensor import SensorError
+from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
+from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
+from tests.engine.loop.rig import DEVICE
+
+MASS_KG = 2e-3
+PLACE_M = 0.05
+
+
+def bench_of(flaws: str = "", **options: bool) -> SimulatedBench:
+    bench = SimulatedBench(DEVICE, ConverterFlaws.parse(flaws), 1, MASS_KG, **options)  # type: ignore[arg-type]
+    bench.place(PLACE_M)
+    return bench
+
+
+def read(bench: SimulatedBench, actuator: int, hz: float, options: SteppedSineOptions | None = None) -> Reading:
+    with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0)) as driven:
+        stepped = SteppedSine(DEVICE, driven, SimulatedSensor(bench), options or SteppedSineOptions())
+        stepped.listen()
+        return stepped.read(actuator, hz)[0]
+
+
+def true_response(reading: Reading) -> complex:
+    """What the finite elements give at the sensor with its mass on the bar, for this amplitude."""
+    drive = np.full((1, 2), np.nan)
+    drive[0, reading.actuator] = reading.frequency_hz
+    layout = lay_out(drive, np.array([PLACE_M]), MASS_KG, Kind.RESPONSE)
+    response = MeasurementModel(DEVICE, layout, ()).predict(np.zeros(0)).log_acceleration
+    return complex(reading.amplitude * np.exp(response[0]))
+
+
+@pytest.mark.parametrize(("actuator", "hz"), [(0, 70.0), (1, 209.0)])
+def test_a_reading_is_the_response_of_the_bar_with_the_sensor_on_it(actuator: int, hz: float) -> None:
+    reading = read(bench_of(), actuator, hz)
+    ratio = reading.acceleration / true_response(reading)
+    assert abs(20 * np.log10(abs(ratio))) < 0.05
+    assert abs(np.degrees(np.angle(ratio))) < 0.5
+    assert (reading.faults, reading.attempts, reading.amplitude) == ((), 1, 0.05)
+
+
+def test_neither_latency_nor_drift_of_the_clock_is_in_a_response() -> None:
+    reading = read(bench_of("latency=40ms,jitter=4ms,drift=150"), 0, 209)
+    ratio = reading.acceleration / true_response(reading)
+    assert abs(20 * np.log10(abs(ratio))) < 0.05
+    assert abs(np.degrees(np.angle(ratio))) < 0.5
+    assert reading.drift == pytest.approx(150e-6, abs=5e-6)
+    assert reading.faults == (Fault.CLOCK_DRIFT,)
+
+
+@pytest.mark.parametrize(
+    ("flaws", "hz", "fault"),
+    [
+        ("noise=3m/s^2", 110, Fault.NOISE),
+        ("hum=0.5m/s^2", 150, Fault.HUM),
+        ("clip=0.05m/s^2", 209, Fault.CLIPPING),
+        ("drops=8", 209, Fault.LOST_SAMPLES),
+    ],
+)
+def test_a_flaw_is_named_by_the_reading_that_it_spoils(flaws: str, hz: float, fault: Fault) -> None:
+    reading = read(bench_of(flaws), 0, hz, SteppedSineOptions(attempts=2))
+    assert fault in reading.faults
+    assert reading.is_spoiled
+    assert fault not in read(bench_of(), 0, hz, SteppedSineOptions(attempts=2)).faults
+
+
+def test_the_level_rises_only_where_noise_demands_it_and_never_above_the_greatest() -> None:
+    options = SteppedSineOptions(most=0.3)
+    bench = bench_of("noise=0.3m/s^2")
+    reading = read(bench, 0, 170, options)
+    assert reading.amplitude == pytest.approx(0.3)
+    amplitudes = [event.channels[0].amplitude for event in bench.firmware.drive_log]
+    assert amplitudes[0] == pytest.approx(0.05, abs=1e-4)
+    assert max(amplitudes) <= 0.3 + 1e-4
+    assert abs(20 * np.log10(abs(reading.acceleration / true_response(reading)))) < 0.3
+
+
+def test_a_reading_that_clips_is_taken_again_at_a_third() -> None:
+    bench = bench_of("noise=0.02m/s^2,clip=1m/s^2")
+    with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0)) as driven:
+        stepped = SteppedSine(DEVICE, driven, SimulatedSensor(bench), SteppedSineOptions(least=0.1))
+        stepped.listen()
+        stepped.read(0, 70)  # hardly moves the bar, and so raises the level
+        reading, _ = stepped.read(0, 209)
+    assert Fault.CLIPPING not in reading.faults
+    assert abs(reading.acceleration) < 1
+
+
+def test_without_loopback_the_magnitude_is_known_and_no_phase() -> None:
+    reading = read(bench_of(has_loopback=False), 0, 209)
+    assert reading.acceleration == pytest.approx(abs(true_response(reading)), rel=0.01)
+
+
+def test_the_latency_of_a_converter_is_measured_by_its_loopback() -> None:
+    bench = bench_of("latency=25ms")
+    with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0)) as driven:
+        latency_s = SteppedSine(DEVICE, driven, SimulatedSensor(bench), SteppedSineOptions()).measure_latency()
+    assert latency_s == pytest.approx(0.025, abs=0.003)
+
+
+def test_a_board_that_stopped_itself_is_armed_again_and_the_reading_taken_again() -> None:
+    bench = bench_of()
+    bench.stall(400_000_000)
+    with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0)) as driven:
+        stepped = SteppedSine(DEVICE, driven, SimulatedSensor(bench), SteppedSineOptions())
+        bench.stall(400_000_000)
+        reading, _ = stepped.read(0, 209)
+    assert stepped.rearmed == 1
+    assert abs(20 * np.log10(abs(reading.acceleration / true_response(reading)))) < 0.05
+
+
+def test_gravity_tells_gain_and_offset_apart() -> None:
+    flaws = replace(ConverterFlaws.parse("gain=3%,offset=0.7m/s^2"), has_gravity=True)
+    bench, means = SimulatedBench(DEVICE, flaws, 1), []
+    for _ in range(2):
+        with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0)) as driven:
+            means.append(SteppedSine(DEVICE, driven, SimulatedSensor(bench), SteppedSineOptions()).listen().mean)
+        bench.turn_over()
+    found = check_gravity(means[0], means[1], Tolerance())
+    assert found.gain == pytest.approx(0.03, abs=1e-4)
+    assert found.offset_m_per_s2 == pytest.approx(0.7, abs=1e-3)
+    assert found.faults == (Fault.GAIN, Fault.OFFSET)
+    assert check_gravity(GRAVITY_M_PER_S2, -GRAVITY_M_PER_S2, Tolerance()).faults == ()
+
+
+@pytest.mark.parametrize(("text", "said"), [("hiss=1", "known are latency"), ("noise=1", "has no unit")])
+def test_a_flaw_that_is_none_is_refused_by_name(text: str, said: str) -> None:
+    with pytest.raises(SensorError, match=said):
+        ConverterFlaws.parse(text)

@@ -1,0 +1,118 @@
+"""A walk along the bar: what is complete is kept, and the result is what calibrate takes."""
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from precompute.measurements import Kind, MeasurementError
+from precompute.measurements.model import MeasurementModel
+from tactable.measure import DrivenDevice
+from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
+from tactable.measure.stepped_sine import SteppedSineOptions
+from tactable.measure.tone_fit import is_beside_hum
+from tactable.measure.walk import (
+    RawFolder,
+    Stop,
+    StopRecord,
+    default_frequencies,
+    even_walk,
+    measure_walk,
+    measurements_of,
+    planned_walk,
+)
+from tests.engine.loop.rig import DEVICE
+
+WALK = even_walk(DEVICE, 3, [170.0, 209.0])
+OPTIONS = SteppedSineOptions()
+
+
+def walked(
+    folder: Path, walk: Sequence[Stop] = WALK, flaws: str = "", guide: Callable[[Stop], None] = lambda _: None
+) -> tuple[StopRecord, ...]:
+    bench = SimulatedBench(DEVICE, ConverterFlaws.parse(flaws), 0)
+    raw = RawFolder(folder, DEVICE, walk, {"flaws": flaws})
+
+    def go_to(stop: Stop) -> None:
+        guide(stop)
+        bench.place(stop.position_m)
+
+    def open_driven() -> DrivenDevice:
+        return DrivenDevice(DEVICE, bench, bench, (1.0, 1.0))
+
+    return measure_walk(DEVICE, walk, open_driven, SimulatedSensor(bench), OPTIONS, raw, go_to, lambda *_: None)
+
+
+def test_the_responses_of_a_walk_are_those_of_the_bar(tmp_path: Path) -> None:
+    found = measurements_of(walked(tmp_path / "raw"), DEVICE, 2e-3, Kind.RESPONSE, is_simulated=True)
+    assert len(found) == 3 * 2 * 2
+    true = np.exp(MeasurementModel(DEVICE, found, ()).predict(np.zeros(0)).log_acceleration)
+    ratio = found.acceleration / true
+    assert abs(20 * np.log10(abs(ratio))).max() < 0.05
+    assert abs(np.degrees(np.angle(ratio))).max() < 0.5
+    peaks = measurements_of(walked(tmp_path / "raw"), DEVICE, 2e-3, Kind.PEAK, is_simulated=True)
+    np.testing.assert_allclose(peaks.acceleration, abs(found.acceleration))
+
+
+def test_an_interrupted_walk_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    visited: list[float] = []
+
+    def interrupt(stop: Stop) -> None:
+        if len(visited) == 2:
+            raise KeyboardInterrupt
+        visited.append(stop.position_m)
+
+    with pytest.raises(KeyboardInterrupt):
+        walked(tmp_path / "raw", guide=interrupt)
+    before = visited.copy()
+    records = walked(tmp_path / "raw", guide=lambda stop: visited.append(stop.position_m))
+    assert visited == [stop.position_m for stop in WALK]
+    assert before == visited[:2]
+    assert [record.position_m for record in records] == visited
+    samples = np.load(sorted((tmp_path / "raw").glob("*.npz"))[0])
+    assert sorted(samples.files) == ["record", *(f"samples_{i:03d}" for i in range(4))]
+    assert samples["samples_000"].shape == (round(2 * OPTIONS.window_s * 8000), 3)
+
+
+def test_a_folder_of_another_measurement_is_refused(tmp_path: Path) -> None:
+    RawFolder(tmp_path / "raw", DEVICE, WALK, {"flaws": ""})
+    with pytest.raises(MeasurementError, match="holds another measurement"):
+        RawFolder(tmp_path / "raw", DEVICE, WALK[:2], {"flaws": ""})
+
+
+def test_a_damaged_stop_is_refused_by_name(tmp_path: Path) -> None:
+    raw = RawFolder(tmp_path / "raw", DEVICE, WALK, {})
+    (tmp_path / "raw" / f"{1e3 * WALK[0].position_m:07.2f}mm.npz").write_bytes(b"no")
+    with pytest.raises(MeasurementError, match=r"0005\.59mm\.npz: is damaged .* remove it"):
+        raw.read(WALK[0])
+
+
+def test_spoiled_readings_are_left_out_unless_they_are_wanted(tmp_path: Path) -> None:
+    records = walked(tmp_path / "raw", even_walk(DEVICE, 1, [150.0, 209.0]), "hum=1m/s^2")
+    usable = measurements_of(records, DEVICE, 2e-3, Kind.RESPONSE, is_simulated=True)
+    assert np.unique(usable.frequency_hz[~np.isnan(usable.frequency_hz)]).tolist() == [209.0]
+    every = measurements_of(records, DEVICE, 2e-3, Kind.RESPONSE, is_simulated=True, keeps_spoiled=True)
+    assert len(every) == 4
+
+
+def test_a_planned_walk_reads_what_the_plan_proposes_from_one_end_to_the_other() -> None:
+    walk = planned_walk(DEVICE, 10, 2e-3)
+    places_m = [stop.position_m for stop in walk]
+    assert places_m == sorted(set(places_m))
+    assert 10 <= sum(len(stop.tones) for stop in walk) <= 20
+    assert all(60 <= hz <= 300 for stop in walk for _, hz in stop.tones)
+
+
+def test_the_usual_frequencies_are_beside_no_line_of_the_mains() -> None:
+    found = default_frequencies(DEVICE)
+    assert len(found) == 12
+    assert not any(is_beside_hum(hz, 2 * OPTIONS.window_s) for hz in found)
+    assert math.isclose(found[0], 60, abs_tol=4)
+    assert math.isclose(found[-1], 300, abs_tol=4)
+
+
+def test_a_walk_without_a_tone_in_a_band_is_refused() -> None:
+    with pytest.raises(MeasurementError, match="choose some of a band"):
+        even_walk(DEVICE, 3, [20.0])
