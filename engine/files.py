@@ -7,8 +7,8 @@ is written through: the file that it leads to is replaced, and the link stays. D
 
 import contextlib
 import os
+import re
 import shutil
-import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -28,13 +28,14 @@ def replace_file(path: Path) -> Iterator[Path]:
     """Yield a path beside `path` to write the new content to; it replaces `path` when the block ends without error.
 
     An exception leaves the old file and nothing else. A killed process leaves the old file and its partial one, which
-    `remove_partials` deletes. The permissions of a file that is replaced are kept. Raises WriteError, also for an
-    OSError of the block.
+    the next writer of the same file deletes. The permissions of a file that is replaced are kept. Raises WriteError,
+    also for an OSError of the block.
     """
     target = written_path(path)
     if target.exists() and not target.is_file():
         raise WriteError(f"{path}: is not a plain file, and is not replaced; choose another output")
     partial = partial_path(target)
+    remove_partials(target)
     try:
         yield partial
         if target.exists():
@@ -83,20 +84,21 @@ def check_new_folder(folder: Path) -> None:
 def write_new_folder(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write the files beside `folder`, flush them, and rename their folder in one step.
 
-    A killed process leaves the whole folder or none; a folder .NAME.*.partial that it leaves beside it has no meaning.
-    Raises FolderError, and WriteError where there is no room or no permission.
+    A killed process leaves the whole folder or none, and perhaps a partial one beside it, which the next writer of the
+    same folder deletes. Raises FolderError, and WriteError where there is no room or no permission.
     """
     check_new_folder(folder)
-    parent = folder.absolute().parent
+    parent, partial = folder.absolute().parent, partial_path(folder.absolute())
+    remove_partials(folder.absolute())
+    shutil.rmtree(partial, ignore_errors=True)  # of a killed process that had the number of this one
     try:
-        partial = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".partial", dir=parent))
+        partial.mkdir()
     except OSError as error:
         raise unwritable(folder, error) from error
     try:
         for name, content in files.items():
             (partial / name).write_bytes(content)
             sync(partial / name)
-        partial.chmod(0o755)  # mkdtemp makes it readable for its owner only
         sync(partial)
         try:
             partial.rename(folder)
@@ -125,9 +127,21 @@ def partial_path(path: Path, kind: str = "partial") -> Path:
 
 def remove_partials(path: Path, kinds: tuple[str, ...] = ("partial",)) -> None:
     """Delete the partial files and folders that processes left beside `path` when they were killed."""
-    for partial in path.parent.glob(f".{path.name}.*.*"):
-        process, _, kind = partial.name.removeprefix(f".{path.name}.").partition(".")
-        if kind in kinds and process.isdigit() and not _is_alive(int(process)):
+    _remove_partials(path.parent, re.escape(path.name), kinds)
+
+
+def remove_all_partials(folder: Path) -> None:
+    """Delete what killed processes left half in a folder that only this user's commands write to, such as a cache."""
+    _remove_partials(folder, ".+", ("partial", "older", "newer"))
+
+
+def _remove_partials(folder: Path, name: str, kinds: tuple[str, ...]) -> None:
+    pattern = re.compile(rf"\.{name}\.(\d+)\.({'|'.join(kinds)})")
+    with contextlib.suppress(OSError):  # a folder that is not there or cannot be read holds nothing of ours
+        for partial in list(folder.iterdir()):
+            found = pattern.fullmatch(partial.name)
+            if found is None or _is_alive(int(found[1])):
+                continue
             if partial.is_dir() and not partial.is_symlink():
                 shutil.rmtree(partial, ignore_errors=True)
             else:

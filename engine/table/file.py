@@ -71,6 +71,7 @@ class TableWriter:
         if self.path.exists() and not self.path.is_file():
             raise TableError(f"{self.path}: is not a plain file, and is not replaced; choose another output")
         remove_leftovers(self.path)
+        self._partial.unlink(missing_ok=True)  # of a killed process that had the number of this one, as in containers
         try:
             self._spool = SpoolFile(self._partial)
         except OSError as error:

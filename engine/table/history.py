@@ -32,6 +32,7 @@ def roll_back(path: Path) -> None:
     path, previous = written_path(path), previous_of(path)
     if not previous.is_file():
         raise TableError(f"{previous}: there is no previous table; `tactable build` keeps one when it replaces another")
+    remove_leftovers(path)
     older = partial_path(path, "older")
     _copy(previous, older)
     if path.exists():

@@ -3,7 +3,6 @@
 import contextlib
 import signal
 import socket
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,6 +21,7 @@ from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.emulator.pty import PseudoTerminalServer
 from firmware_link.emulator.state import LONGEST_LEASE_MS, DeviceConfiguration
 from firmware_link.host.emulator_registry import Announcement
+from firmware_link.work_folder import work_folder
 
 _STOP_TIMEOUT_S = 10.0
 _LOG_WORD = "log"
@@ -92,8 +92,8 @@ def run_emulator(
     `faults` is a text for `parse_fault_plan`; raises FaultPlanError for another.
     """
     parse_fault_plan(faults)
-    with tempfile.TemporaryDirectory(prefix="tactable-emulator-") as folder:
-        link = Path(folder) / "port"
+    with work_folder("emulator") as folder:
+        link = folder / "port"
         arguments = {
             "actuators": number_of_actuators,
             "lease_ms": longest_lease_ms,

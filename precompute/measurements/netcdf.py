@@ -1,8 +1,15 @@
-"""NetCDF files of measurements (tables/MEASUREMENTS.md), read and written with xarray."""
+"""NetCDF files of measurements (tables/MEASUREMENTS.md), read and written with xarray.
+
+Others write these files. HDF5 would follow their links and external storage to any file of this machine, or to a pipe
+that never ends, and a small file may declare an array that fills the memory. So both are refused before xarray opens
+the file.
+"""
 
 import re
+import warnings
 from pathlib import Path
 
+import h5py
 import numpy as np
 import xarray
 from numpy.typing import NDArray
@@ -12,14 +19,21 @@ from engine.device.quantity import QuantityError
 from precompute.measurements.columns import SIMULATED, assemble_measurements, column_names, may_be_empty, unit_scale
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 
+_MOST_BYTES = 1 << 26
+"""Of one array: eight million readings."""
 _UDUNITS_FACTOR = re.compile(r"([A-Za-zµ%]+)(-?\d)?")
 
 
 def read_netcdf(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
     """Read variables over `measurement`, or over `measurement` and `actuator`. Raises MeasurementError."""
     try:
-        dataset = xarray.load_dataset(path, engine="h5netcdf")
-    except (OSError, ValueError, KeyError) as error:
+        _check_storage(path)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", xarray.SerializationWarning)  # such as of several fill values
+            dataset = xarray.load_dataset(path, engine="h5netcdf", phony_dims="sort")
+    except MeasurementError:
+        raise
+    except Exception as error:  # of a damaged file h5py and xarray raise almost every kind
         raise MeasurementError(f"{path}: not a NetCDF-4 file: {error}") from error
     known = column_names(device)
     names = [actuator.name for actuator in device.actuators]
@@ -70,7 +84,27 @@ def write_netcdf(path: Path, measurements: Measurements, device: Device, comment
     dataset.to_netcdf(path, engine="h5netcdf")
 
 
+def _check_storage(path: Path) -> None:
+    """Raise MeasurementError for an array that lies outside the file or is too large."""
+    with h5py.File(path) as file:
+        for name in file:
+            if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+                raise MeasurementError(f"{path}: {name}: is a link, which is not followed; write the values themselves")
+            array = file[name]
+            if not isinstance(array, h5py.Dataset):
+                continue
+            if array.is_virtual or array.id.get_create_plist().get_external_count():
+                raise MeasurementError(f"{path}: {name}: its values are in another file; write them into this one")
+            if array.shape is not None and array.nbytes > _MOST_BYTES:
+                raise MeasurementError(
+                    f"{path}: {name}: has shape {array.shape}, {array.nbytes / 1e6:.3g} MB; expected at most "
+                    f"{_MOST_BYTES / 1e6:.0f} MB: fewer measurements suffice"
+                )
+
+
 def _read_column(values: xarray.DataArray, column: str, unit: str, path: Path, name: str) -> NDArray[np.float64]:
+    if values.dtype.kind == "c":
+        raise MeasurementError(f"{path}: {name}: has complex values; write real and imaginary part apart")
     written = values.attrs.get("units")
     if not isinstance(written, str):
         raise MeasurementError(f"{path}: {name}: has no attribute 'units'; expected such as {unit or '1'!r}")

@@ -34,7 +34,7 @@ def read_uff(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
     for part in sets:
         if part["type"] == _UNITS and int(part["units_code"]) != _SI_UNITS:
             raise MeasurementError(f"{path}: dataset 164: units code {part['units_code']}: expected 1, SI")
-    place_m = _read_nodes(sets)
+    place_m = _read_nodes(sets, path)
     responses = [(number, part) for number, part in enumerate(sets, 1) if part["type"] == _RESPONSES]
     if not responses:
         raise MeasurementError(f"{path}: has no dataset 58; expected frequency responses")
@@ -138,12 +138,14 @@ def _listed(sets: Any) -> list[Mapping[str, Any]]:
     return [sets] if isinstance(sets, dict) else list(sets)
 
 
-def _read_nodes(sets: Sequence[Mapping[str, Any]]) -> dict[int, float]:
+def _read_nodes(sets: Sequence[Mapping[str, Any]], path: Path) -> dict[int, float]:
     """Place along the bar in metres, by node number."""
     places: dict[int, float] = {}
-    for part in sets:
+    for number, part in enumerate(sets, 1):
         if part["type"] in _NODES:
             numbers, x = np.atleast_1d(part["node_nums"]), np.atleast_1d(part["x"])
+            if len(numbers) != len(x) or not (np.isfinite(numbers).all() and np.isfinite(x).all()):
+                raise MeasurementError(f"{path}: dataset {number}: expected a number and a place of each node")
             places |= {int(number): float(place) for number, place in zip(numbers, x, strict=True)}
     return places
 

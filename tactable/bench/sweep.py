@@ -5,7 +5,6 @@ import platform
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -22,6 +21,7 @@ from rich.table import Table as Grid
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device
+from firmware_link.work_folder import work_folder
 from precompute.builder.build import MEMORY_BUDGET_BYTES, build_table
 from precompute.model.assembly import Plant, assemble
 from precompute.sweep.grid import GridResponse, compute_grid_response, zone_points
@@ -149,8 +149,8 @@ def solve_point(
 
 def _rebuild(device: Device) -> dict[str, Any]:
     """Time a whole rebuild from a changed device with warm kernels; its peak memory in a fresh process."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "table.nc"
+    with work_folder("bench") as folder:
+        path = folder / "table.nc"
         times = []
         for round_ in range(3):
             text = device.text.replace(f'name = "{device.name}"', f'name = "{device.name}-{round_}"')
@@ -159,7 +159,7 @@ def _rebuild(device: Device) -> dict[str, Any]:
             build_table(changed, path, created="bench", clicks_up_to=0)
             times.append(time.perf_counter() - start)
         size = path.stat().st_size
-        peak = _peak_memory(device, Path(folder))
+        peak = _peak_memory(device, folder)
     return {
         "rebuild_s": statistics.median(times[1:]),
         "table_file_bytes": size,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from engine.files import remove_all_partials
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, print_json, remark, say, shown_progress
 from tactable.cli.options import AsJson, DeviceOption, EffectsPath
 from tactable.shipped import DEMO_RECORDING, cache_folder, find_device, named_effects
@@ -44,6 +45,7 @@ def demo(
     takes the page's place without a browser, and with --headless, --json, --figure, --recording or --table.
     """
     device = find_device(device_name)
+    remove_all_partials(cache_folder())
     is_report = headless or as_json or any(path is not None for path in (figure, recording_path, table_path))
     is_asked_for = no_open or host is not None or page_port != 0
     if is_report and is_asked_for:

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 from threadpoolctl import threadpool_limits
 
+from engine.files import remove_all_partials
 from engine.table import Table
 from engine.table.diff import DEFAULT_LIMIT_DB, Tolerance, compare_tables
 from engine.table.entry import DEFAULT_LEVEL_DB, played_at
@@ -69,7 +70,9 @@ def _explain_entry(
     from precompute.entries.alternatives import solve_alternatives
     from tactable.explain.entry import entry_json, print_entry
 
-    tabulated = entries_on_demand(table, states, cache_folder() / "states")
+    kept = cache_folder() / "states"
+    remove_all_partials(kept)
+    tabulated = entries_on_demand(table, states, kept)
     entry = played_at(tabulated, level_db, table.device.limits.amplitude)
     rivals = solve_alternatives(plant_of(table), states, entry) if alternatives else []
     if as_json:

@@ -6,12 +6,14 @@ kernels are compiled once for this command and the processes that it starts, and
 """
 
 import atexit
+import contextlib
 import os
-import shutil
 import tempfile
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+
+from firmware_link.work_folder import work_folder
 
 _VARIABLE = "NUMBA_CACHE_DIR"
 _PACKAGE = Path(__file__).parents[2] / "precompute"
@@ -27,9 +29,9 @@ def provide_kernel_cache(package: Path = _PACKAGE, home: Path | None = None) -> 
     user = home or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     if _is_writable(package / "__pycache__") or _is_writable(user / "numba"):
         return None
-    folder = tempfile.mkdtemp(prefix="tactable-kernels-")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    os.environ[_VARIABLE] = folder
+    made = contextlib.ExitStack()
+    atexit.register(made.close)
+    os.environ[_VARIABLE] = str(made.enter_context(work_folder("kernels")))
     return (
         f"compiled kernels are not kept: neither {package} nor {user} is writable; each command compiles them again. "
         f"Set {_VARIABLE} to a folder that is"

@@ -7,7 +7,6 @@ import os
 import re
 import signal
 import socket
-import tempfile
 import webbrowser
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -17,13 +16,13 @@ import uvicorn
 
 from engine.device import Device
 from engine.files import replace_file
+from firmware_link.work_folder import work_folder
 from tactable.page.choices import Choice, Rules, offered
 from tactable.page.demo_backend import DemoBackend
 from tactable.page.security import LOOPBACK, AccessPolicy, new_token
 from tactable.page.server import PageBackend, listen_at, serve
 from tactable.shipped import cache_folder
 
-_MEMORY = Path("/dev/shm")
 _ELSEWHERE = ("192.0.2.1", "2001:db8::1")
 """Addresses for documentation, which nobody has."""
 _IP = re.compile(r"[0-9.]+|.*:.*")
@@ -59,9 +58,9 @@ def show_demo(
 ) -> None:
     """The demo as a page, until Ctrl-C. Raises OSError where the address is taken."""
     rules = Rules.TOUCH if rule_file is None else Rules.FILE
-    choice, where = Choice(device_name, rules=rules), _MEMORY if _MEMORY.is_dir() else None
-    with tempfile.TemporaryDirectory(prefix="tactable-page-", dir=where) as work:
-        backend = DemoBackend(choice, device, offered(device_name, rule_file), cache, Path(work))
+    choice = Choice(device_name, rules=rules)
+    with work_folder("page", in_memory=True) as work:
+        backend = DemoBackend(choice, device, offered(device_name, rule_file), cache, work)
         # SIGTERM ends the demo as Ctrl-C does, so that no process of the rig is left behind.
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         with contextlib.suppress(KeyboardInterrupt):

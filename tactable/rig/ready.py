@@ -15,7 +15,6 @@ again, so that a commit which changes numbers fails it, and a long one solves al
 import contextlib
 import lzma
 import sys
-import tempfile
 import zlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -27,6 +26,7 @@ from engine.table import Table, TableError
 from engine.table.diff import compare_tables
 from engine.table.file import TableWriter
 from engine.table.schema import IS_SHIPPED
+from firmware_link.work_folder import work_folder
 from precompute.builder.code_fingerprint import code_fingerprint
 from tactable.shipped import find_device, ready_folder, shipped_names
 
@@ -133,8 +133,8 @@ def compare_with_shipped(shipped: Table, built: Table) -> Comparison:
 def pack(built: Table, path: Path) -> None:
     """Write the table to ship of a built one."""
     kept = {key: value for key, value in built.attributes.items() if not key.startswith(("_", "format"))}
-    with tempfile.TemporaryDirectory() as folder:
-        small = Path(folder) / "small.nc"
+    with work_folder("pack") as folder:
+        small = folder / "small.nc"
         with TableWriter(small) as writer:
             plain = {key: value.item() if hasattr(value, "item") else value for key, value in kept.items()}
             writer.describe({**plain, IS_SHIPPED: 1})
@@ -151,8 +151,8 @@ def main(names: list[str]) -> None:
     ready_folder().mkdir(exist_ok=True)
     for name in names or shipped_names():
         device = find_device(name)
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "built.nc"
+        with work_folder("pack") as folder:
+            path = folder / "built.nc"
             build_table(device, path, click_options=DEFAULT_OPTIONS.coarse, workers=available_cores())
             with Table.open(path, device=device) as built:
                 pack(built, packed_path(name))

@@ -1,7 +1,6 @@
 """Records the reports of a run from its ring, in a child process that the loop never waits for."""
 
 import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,8 +11,8 @@ from engine.loop import RingReader, RingWriter
 from engine.touch.sources import Source
 from engine.touch.sources.recording import Recording, Report, write_recording
 from firmware_link.child import START_TIMEOUT_S, Child, Parent
+from firmware_link.work_folder import work_folder
 
-_MEMORY = Path("/dev/shm")
 # At the pace of the fastest digitizer a thousandth of the ring is written meanwhile.
 _PERIOD_S = 0.02
 _NS_PER_S = 1e9
@@ -23,15 +22,14 @@ _US_PER_S = 1e6
 @contextmanager
 def ring_for(path: Path | None, *, is_needed: bool) -> Iterator[RingWriter | None]:
     """A ring where one is wanted or needed, removed at the end; else None. Raises RingError."""
-    if path is None and not is_needed:
+    if path is not None:
+        with RingWriter(path) as ring:
+            yield ring
+    elif is_needed:
+        with work_folder("ring", in_memory=True) as folder, RingWriter(folder / "ring") as ring:
+            yield ring
+    else:
         yield None
-        return
-    where = _MEMORY if _MEMORY.is_dir() else None
-    with (
-        tempfile.TemporaryDirectory(prefix="tactable-", dir=where) as folder,
-        RingWriter(path or Path(folder) / "ring") as ring,
-    ):
-        yield ring
 
 
 @contextmanager

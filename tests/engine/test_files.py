@@ -12,7 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from engine.files import WriteError, partial_path, remove_partials, replace_file, write_new_folder
+from engine.files import (
+    WriteError,
+    partial_path,
+    remove_all_partials,
+    remove_partials,
+    replace_file,
+    write_new_folder,
+)
 
 
 def names(folder: Path) -> set[str]:
@@ -157,3 +164,33 @@ def test_a_folder_that_a_killed_process_left_is_removed(tmp_path: Path) -> None:
     (left / "layout.h").write_text("half")
     remove_partials(tmp_path / "made.so")
     assert names(tmp_path) == set()
+
+
+@pytest.mark.parametrize("process", ["one that is gone", "one that had the number of this one"])
+def test_the_next_writer_removes_what_a_killed_one_left(tmp_path: Path, process: str) -> None:
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    number = gone.pid if process == "one that is gone" else os.getpid()
+    (tmp_path / f".report.json.{number}.partial").write_text("half")
+    (tmp_path / f".made.{number}.partial").mkdir()
+    (tmp_path / f".made.{number}.partial" / "a").write_text("half")
+    (tmp_path / ".report.json.of mine.partial").write_text("mine")
+    with replace_file(tmp_path / "report.json") as partial:
+        partial.write_text("new")
+    write_new_folder(tmp_path / "made", {"a": b"1"})
+    assert names(tmp_path) == {"report.json", "made", ".report.json.of mine.partial"}
+    assert names(tmp_path / "made") == {"a"}
+
+
+def test_a_folder_of_ours_is_rid_of_everything_half_but_of_nothing_else(tmp_path: Path) -> None:
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    for name in ("a.nc", "b.json", "c.d"):
+        for kind in ("partial", "older", "newer"):
+            (tmp_path / f".{name}.{gone.pid}.{kind}").write_text("half")
+    kept = {"a.nc", f".a.nc.{os.getpid()}.partial", f".a.nc.{gone.pid}.other", f"a.nc.{gone.pid}.partial"}
+    for name in kept:
+        (tmp_path / name).write_text("whole")
+    remove_all_partials(tmp_path)
+    remove_all_partials(tmp_path / "nowhere")
+    assert names(tmp_path) == kept

@@ -20,6 +20,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 from engine.device import Device
@@ -121,10 +122,10 @@ def inject_all(writers: list[str]) -> tuple[dict[str, Counter[str]], list[str]]:
     return outcomes, faults
 
 
-def kill_all(kills: int, seed: int) -> tuple[dict[str, Counter[str]], list[str]]:
+def kill_all(names: Sequence[str], kills: int, seed: int) -> tuple[dict[str, Counter[str]], list[str]]:
     """`kills` of each work: how far it was, and the checks that failed."""
     outcomes, faults = dict[str, Counter[str]](), list[str]()
-    for name in KILLED:
+    for name in names:
         with tempfile.TemporaryDirectory() as folder, work_of(name, Path(folder)) as work:
             try:
                 reached, ended = kill_often(work, Path(folder), kills, seed)
@@ -140,11 +141,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kills", type=int, default=200, help="of each of build, calibrate, swap and fleet")
     parser.add_argument("--writer", action="append", choices=WRITERS)
+    parser.add_argument("--killed", action="append", choices=KILLED, help="only these; then no other fault")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    outcomes, faults = inject_all(options.writer or list(WRITERS))
+    outcomes, faults = ({}, []) if options.killed else inject_all(options.writer or list(WRITERS))
     if options.kills:
-        killed, damage = kill_all(options.kills, options.seed)
+        killed, damage = kill_all(options.killed or KILLED, options.kills, options.seed)
         outcomes, faults = {**outcomes, **killed}, [*faults, *damage]
     if options.json:
         print(json.dumps({"seed": options.seed, "outcomes": outcomes, "faults": faults}, indent=2))

@@ -2,9 +2,10 @@
 
     python -m tests.studies.fuzz table --seed 1 --seconds 180
 
-WHAT is one of table, device, rules, measurements, page. Each case is a whole input with one to six edits. It must be
-taken or refused by its own family of errors, within PATIENCE_S of processor time. Anything else is a fault, told with
-seed and number, and `--first NUMBER --count 1` repeats it. Cases run in child processes, so a crash is a fault, too.
+WHAT is one of table, device, rules, measurements, netcdf, uff, page. Each case is a whole input with one to six edits.
+It must be taken or refused by its own family of errors, within PATIENCE_S of processor time. Anything else is a fault,
+told with seed and number, and `--first NUMBER --count 1` repeats it. Cases run in child processes, so a crash is a
+fault, too.
 """
 
 import argparse
@@ -18,13 +19,15 @@ import tempfile
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.queues import SimpleQueue
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import h5py
 import numpy as np
+import pyuff
 
 from engine.device import Device, DeviceError
 from engine.effects import EffectError
@@ -39,6 +42,8 @@ from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_entries import entry_of, states_of
 from tests.engine.made_table import write_table
 from tests.engine.table.resealed import reseal
+from tests.precompute.measurements.test_netcdf import READ, dataset
+from tests.precompute.measurements.test_uff import nodes, response
 
 PATIENCE_S = 10
 BATCH = 50
@@ -63,6 +68,14 @@ TELLING = (
         ";",
     ),
 )
+_NUMBERS = ("0", "-1", "99999", "58", "164", "1e300", "nan", "-inf", "9" * 40, "x")
+# What an array or a label of a NetCDF file may be that none of ours is.
+_ODD: tuple[Any, ...] = (
+    *(0, -1.0, 1e300, math.nan, math.inf, "", "mm", "\x1b[2J", b"\xff\xfe", True),
+    *(np.zeros(0), np.full(6, np.nan), np.full(6, 1e300), np.arange(6), np.arange(7.0), np.zeros((6, 2))),
+    *(np.zeros((6, 3)), np.full(6, "a", "S1"), np.zeros(6, "c16"), np.zeros(6, [("a", "f8"), ("b", "i2")])),
+    h5py.Empty("f8"),
+)
 _BYTES = (0, 1, 0x7F, 0x80, 0xFF, 0x0A, 0x22, 0x2C, 0x5B, 0x5D)
 
 
@@ -73,8 +86,8 @@ class Fuzzed(NamedTuple):
     family: tuple[type[Exception], ...]
 
 
-def edited_text(rng: random.Random, text: str) -> str:
-    """One to six edits of lines and of values in them."""
+def edited_text(rng: random.Random, text: str, numbers: Sequence[str] = ()) -> str:
+    """One to six edits of lines and of values in them; with `numbers`, of words in columns too."""
     lines = text.splitlines(keepends=True)
     for _ in range(rng.randint(1, 6)):
         at = rng.randrange(len(lines)) if lines else 0
@@ -86,6 +99,9 @@ def edited_text(rng: random.Random, text: str) -> str:
         elif edit == 2 and lines:
             key, is_assigned, _ = lines[at].partition("=")
             lines[at] = f"{key}= {rng.choice(TELLING)}\n" if is_assigned else rng.choice(TELLING) + "\n"
+        elif edit == 3 and lines and numbers and lines[at].split():
+            word = rng.choice(lines[at].split())
+            lines[at] = lines[at].replace(word, rng.choice(numbers).rjust(len(word)), 1)
         elif edit == 3 and lines:
             cells = lines[at].split(",")
             cells[rng.randrange(len(cells))] = rng.choice(TELLING)
@@ -162,6 +178,76 @@ def _play_measurements(rng: random.Random, folder: Path) -> None:
     assert np.isfinite(read.acceleration[~np.isnan(read.acceleration)]).all()
 
 
+def _read_edited(path: Path) -> None:
+    """The measurements in a file, which are finite, whatever they are."""
+    read = read_measurements(path, DEVICE)
+    assert np.isfinite(read.position_m).all() and np.isfinite(read.sensor_mass_kg).all()
+    assert np.isfinite(read.acceleration).all() and np.isfinite(read.amplitude).all()
+    assert not np.isinf(read.frequency_hz).any()
+
+
+def _play_netcdf(rng: random.Random, folder: Path) -> None:
+    """Bits of the file flipped, or an array, a label or a link that no such file has."""
+    whole = folder / "whole.nc"
+    if not whole.exists():
+        dataset(READ).to_netcdf(whole, engine="h5netcdf")
+    path, content = folder / "case.nc", bytearray(whole.read_bytes())
+    if rng.random() < 0.5:
+        for _ in range(rng.choice((1, 1, 2, 4, 8))):
+            at = rng.randrange(len(content))
+            content[at] = content[at] ^ 1 << rng.randrange(8) if rng.random() < 0.7 else rng.choice(_BYTES)
+        path.write_bytes(content[: rng.randrange(len(content))] if rng.random() < 0.02 else content)
+    else:
+        path.write_bytes(content)
+        with h5py.File(path, "a") as file:
+            for _ in range(rng.choice((1, 1, 2))):
+                _edit_group(rng, file)
+    _read_edited(path)
+
+
+def _edit_group(rng: random.Random, file: h5py.File) -> None:
+    """Put something odd in the place of one array, or of one of its labels."""
+    name = rng.choice([*file, "measurement", "new one"])
+    odd: object = rng.choice(_ODD)
+    edit = rng.randrange(6)
+    if edit == 0 and name in [*file]:
+        file[name].attrs[rng.choice(("units", "_FillValue", "scale_factor", "add_offset", "dtype", "calendar"))] = odd
+        return
+    if edit == 1:
+        file.attrs[rng.choice(("source", "Conventions", "\u202e"))] = odd
+        return
+    if name in [*file]:  # a link that leads nowhere is no member to `in`
+        del file[name]
+    if edit == 2:
+        file[name] = rng.choice((h5py.ExternalLink("other.nc", "/position"), h5py.SoftLink("/nowhere"), odd))
+    elif edit == 3:
+        file.create_group(name)
+    elif edit == 4:
+        rows = rng.choice((0, 1, 6, 10**5, 10**15))
+        file.create_dataset(name, (rows,), rng.choice(("f8", "i2", "S3", "c16")), maxshape=(None,), compression="gzip")
+    else:
+        file[name] = odd
+    if rng.random() < 0.7 and isinstance(file.get(name, getlink=True), h5py.HardLink):
+        file[name].attrs["units"] = rng.choice(("mm", "Hz", "1", "m s-2", "s-2 s-2 s99", "rad", ""))
+
+
+def _play_universal(rng: random.Random, folder: Path) -> None:
+    """Edits of lines and bytes, in a file of text or of binary responses."""
+    is_binary = rng.randrange(2)
+    whole = folder / f"whole-{is_binary}.uff"
+    if not whole.exists():
+        sets = [nodes(), response(1, 8, binary=is_binary), response(2, 9, binary=is_binary)]
+        pyuff.UFF(str(whole)).write_sets(sets, "add")
+    content = whole.read_bytes()
+    if rng.random() < 0.5:
+        content = edited_bytes(rng, content)
+    else:
+        content = edited_text(rng, content.decode("latin-1"), numbers=_NUMBERS).encode("latin-1", "replace")
+    path = folder / "case.uff"
+    path.write_bytes(content)
+    _read_edited(path)
+
+
 def _play_page(rng: random.Random, _folder: Path) -> None:
     """Messages as the server takes them: decoded, and switches applied."""
     touches = [PointerEvent(rng.randrange(5), rng.random(), rng.random(), rng.choice(list(Phase))) for _ in range(3)]
@@ -183,6 +269,8 @@ FUZZED = {
     "device": Fuzzed(_play_device, (DeviceError,)),
     "rules": Fuzzed(_play_rules, (EffectError,)),
     "measurements": Fuzzed(_play_measurements, (CalibrationError,)),
+    "netcdf": Fuzzed(_play_netcdf, (CalibrationError,)),
+    "uff": Fuzzed(_play_universal, (CalibrationError,)),
     "page": Fuzzed(_play_page, (PageMessageError, ChoiceError)),
 }
 

@@ -1,6 +1,9 @@
 """Work killed (SIGKILL) at many random instants, and started again each time: what it leaves is whole, and it ends.
 
-python -m tests.studies.kill_often WHAT TIMES, WHAT one of build, calibrate, swap, fleet, fleet-processes.
+    python -m tests.studies.kill_often WHAT TIMES, WHAT one of build, calibrate, swap, fleet, fleet-processes.
+
+What is killed is a fork of a process that has imported everything and computed nothing, and leads a session of its own:
+imports would be most of the time of 200 kills. Processes that the work itself starts are new interpreters, as always.
 """
 
 import json
@@ -11,11 +14,14 @@ import signal
 import subprocess
 import sys
 import tempfile
+import textwrap
+import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Protocol
 
 from engine.device import Device
@@ -32,12 +38,12 @@ ROOT = Path(__file__).parents[2]
 CHEAP = ClickOptions(lengths_s=(0.02,), pitch_m=140e-3, scenarios=2, trimmed=6, judged=10)
 OLD, NEW = Device.parse(small_text(), "old"), Device.parse(small_text("20.5 kN/m"), "new")
 _GONE_S = 60.0
-_BEGIN = 'print("begun", flush=True)\n'
 
 
 class Work(Protocol):
-    """What is killed. `script` is the program's text, which says "begun" once it has imported what it needs."""
+    """What is killed: `imports` and then, in a fork, `script`, both the texts of a program."""
 
+    imports: str
     script: str
 
     def prepare(self, folder: Path) -> None:
@@ -67,14 +73,15 @@ def check_pair(path: Path) -> Table:
 class Build:
     """A table built in another's place, clicks and all, by two processes."""
 
-    script = f"""
+    imports = """
 from pathlib import Path
 from engine.device import Device
 from precompute.builder.build import build_table
 from tests.studies.kill_often import CHEAP
-if __name__ == "__main__":
-    {_BEGIN}    device = Device.read(Path("new.toml"))
-    build_table(device, "bar.nc", clicks_up_to=2, click_options=CHEAP, workers=2)
+"""
+    script = """
+device = Device.read(Path("new.toml"))
+build_table(device, "bar.nc", clicks_up_to=2, click_options=CHEAP, workers=2)
 """
 
     def prepare(self, folder: Path) -> None:
@@ -98,12 +105,12 @@ if __name__ == "__main__":
 class Calibrate:
     """`tactable calibrate --apply`: fitted, built, put in place, then its clicks."""
 
-    script = f"""
+    imports = """
+import precompute.calibration.calibrate, precompute.builder.build, tactable.calibration.apply
 from tactable.cli.main import app
-if __name__ == "__main__":
-    import precompute.calibration.calibrate, precompute.builder.build, tactable.calibration.apply
-    {_BEGIN}    words = "calibrate bar.toml measurements.csv -o fitted --starts 1 --apply bar.nc"
-    app(words.split(), standalone_mode=False)
+"""
+    script = """
+app("calibrate bar.toml measurements.csv -o fitted --starts 1 --apply bar.nc".split(), standalone_mode=False)
 """
     files = ("fit.png", "measurements.csv", "reference-a.toml", "report.json", "report.md")
 
@@ -137,12 +144,13 @@ if __name__ == "__main__":
 class Swap:
     """A table and the one before put in each other's place, over and over, while a run plays them."""
 
-    script = f"""
+    imports = """
 from pathlib import Path
 from engine.table.history import roll_back
-if __name__ == "__main__":
-    {_BEGIN}    for _ in range(60):
-        roll_back(Path("bar.nc"))
+"""
+    script = """
+for _ in range(60):
+    roll_back(Path("bar.nc"))
 """
 
     @contextmanager
@@ -172,17 +180,19 @@ if __name__ == "__main__":
 class Fleet:
     """Three units and a measured one, in one process or by a LocalCluster that goes down with it."""
 
+    imports = """
+from pathlib import Path
+import precompute.builder.build, precompute.calibration.calibrate
+from precompute.fleet.plan import plan_fleet
+from precompute.fleet.run import run_fleet, run_here, run_on_processes
+from precompute.fleet.units import FleetOptions
+"""
     units = 4
 
     def __init__(self, workers: int) -> None:
         self.script = f"""
-from pathlib import Path
-from precompute.fleet.plan import plan_fleet
-from precompute.fleet.run import run_fleet, run_here, run_on_processes
-from precompute.fleet.units import FleetOptions
-if __name__ == "__main__":
-    {_BEGIN}    pool = run_on_processes({workers}) if {workers} else run_here
-    run_fleet(plan_fleet(Path("bars")), FleetOptions(clicks_up_to=0), Path("out"), pool, created="2024-01-01")
+pool = run_on_processes({workers}) if {workers} else run_here
+run_fleet(plan_fleet(Path("bars")), FleetOptions(clicks_up_to=0), Path("out"), pool, created="2024-01-01")
 """
 
     def prepare(self, folder: Path) -> None:
@@ -223,44 +233,98 @@ def _put_old(folder: Path) -> None:
 def kill_often(work: Work, folder: Path, times: int, seed: int = 0) -> tuple[Counter[str], int]:
     """Kill it so often: how far it was each time, and how often it ended. Raises what its checks raise."""
     instants, reached, ended = random.Random(seed), Counter[str](), 0
-    (folder / "child.py").write_text(work.script, encoding="utf-8")
+    body = textwrap.indent(work.script, "    ")
+    (folder / "child.py").write_text(f"{work.imports}\ndef work():\n{body}\n{_SERVE}", encoding="utf-8")
     work.prepare(folder)
-    whole_s = _run(folder, None)
-    assert whole_s is not None
-    work.check_end(folder)
-    work.prepare(folder)
-    while sum(reached.values()) < times:
-        if _run(folder, instants.uniform(0.0, whole_s)) is None:
-            reached[work.check(folder)] += 1
-        else:
-            ended += 1
-            work.check_end(folder)
-            work.prepare(folder)
-    while _run(folder, None) is None:
-        pass
+    with _Started(folder) as started:
+        whole_s = started.run(None)
+        assert whole_s is not None
+        work.check_end(folder)
+        work.prepare(folder)
+        while sum(reached.values()) < times:
+            if started.run(instants.uniform(0.0, whole_s)) is None:
+                reached[work.check(folder)] += 1
+                if sum(reached.values()) % 10 == 0:
+                    print(f"{type(work).__name__}: killed {dict(reached)}, ended {ended}", file=sys.stderr, flush=True)
+            else:
+                ended += 1
+                work.check_end(folder)
+                work.prepare(folder)
+        while started.run(None) is None:
+            pass
     work.check_end(folder)
     return reached, ended + 1
 
 
-def _run(folder: Path, after_s: float | None) -> float | None:
-    """Seconds from its beginning to its end; None: it was killed so long after it had begun, and nobody is left."""
-    path = {**os.environ, "PYTHONPATH": str(ROOT)}
-    child = subprocess.Popen(
-        [sys.executable, "child.py"], cwd=folder, env=path, stdout=subprocess.PIPE, start_new_session=True
-    )
-    assert child.stdout is not None
-    line = child.stdout.readline()
-    start_s = time.monotonic()
-    try:
-        assert line == b"begun\n"
-        child.communicate(timeout=after_s)
-    except subprocess.TimeoutExpired:
-        child.send_signal(signal.SIGKILL)
-        child.communicate()
-        _wait_for_group(child.pid)
-        return None
-    assert child.returncode == 0
-    return time.monotonic() - start_s
+# The process that is forked: it says the number of each fork, and how that ended.
+_SERVE = """
+def serve():
+    import os, sys, traceback
+    while sys.stdin.readline():
+        child = os.fork()
+        if child == 0:
+            os.setsid()
+            nothing = os.open(os.devnull, os.O_RDWR)
+            os.dup2(nothing, 0)
+            os.dup2(nothing, 1)
+            try:
+                work()
+            except BaseException:
+                traceback.print_exc()
+                os._exit(1)
+            os._exit(0)
+        print(child, flush=True)
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+
+if __name__ == "__main__":
+    serve()
+"""
+
+
+class _Started:
+    """The process that is forked, for the length of a `with` block."""
+
+    def __init__(self, folder: Path) -> None:
+        # GNU's OpenMP, which numba would take, ends a fork of a process that has used it.
+        path = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_THREADING_LAYER": "workqueue"}
+        self._server = subprocess.Popen(
+            [sys.executable, "child.py"],
+            cwd=folder,
+            env=path,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self._said: SimpleQueue[int] = SimpleQueue()
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def __enter__(self) -> "_Started":
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        assert self._server.stdin is not None
+        self._server.stdin.close()
+        self._server.wait()
+
+    def _listen(self) -> None:
+        assert self._server.stdout is not None
+        for line in self._server.stdout:
+            self._said.put(int(line))
+
+    def run(self, after_s: float | None) -> float | None:
+        """Seconds from its beginning to its end; None: it was killed so long after it had begun, and nobody is left."""
+        assert self._server.stdin is not None
+        self._server.stdin.write("fork\n")
+        self._server.stdin.flush()
+        child, start_s = self._said.get(timeout=_GONE_S), time.monotonic()
+        try:
+            status = self._said.get(timeout=after_s)
+        except Empty:
+            os.kill(child, signal.SIGKILL)
+            status = self._said.get(timeout=_GONE_S)
+        _wait_for_group(child)
+        assert status in (0, -signal.SIGKILL)
+        return time.monotonic() - start_s if status == 0 else None
 
 
 def _wait_for_group(group: int) -> None:

@@ -136,7 +136,8 @@ class Tree:
         elif path.endswith(".c"):
             build = self.folder / "core_build"
             shutil.rmtree(build, ignore_errors=True)
-            make = ["make", "-C", FIRMWARE, f"BUILD={build}", f"EXTRA=../../tests/{FIRMWARE}/c/decoder.c", "host"]
+            extra = " ".join(f"../../tests/{FIRMWARE}/c/{name}.c" for name in ("decoder", "held_samples"))
+            make = ["make", "-C", FIRMWARE, f"BUILD={build}", f"EXTRA={extra}", "host"]
             if subprocess.run(make, cwd=self.folder, capture_output=True, check=False).returncode:
                 return "invalid"
             variables["TACTABLE_CORE_LIBRARY"] = str(build / "libtactable_core.so")

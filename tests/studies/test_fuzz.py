@@ -10,7 +10,7 @@ import pytest
 from engine.device import DeviceError
 from tests.studies.fuzz import FUZZED, Fuzzed, fuzz
 
-CASES = {"table": 20, "device": 100, "rules": 200, "measurements": 40, "page": 300}
+CASES = {"table": 20, "device": 100, "rules": 200, "measurements": 40, "netcdf": 40, "uff": 40, "page": 300}
 
 
 @pytest.mark.parametrize("what", FUZZED)

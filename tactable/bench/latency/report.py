@@ -4,7 +4,6 @@ import json
 import math
 import shlex
 import sys
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from engine.table import Table
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator import BOARD_EMULATED
 from firmware_link.protocol.errors import TactableError
+from firmware_link.work_folder import work_folder
 from tactable.bench.in_process import REPORTS_HZ, measure_in_process, together
 from tactable.bench.inputs import Stream, replayed, tapping
 from tactable.bench.latency.background_load import background_load
@@ -95,8 +95,7 @@ def measure(
         )
     measured: dict[Condition, list[Measured]] = {}
     stream = streams[0][1]
-    with tempfile.TemporaryDirectory(prefix="tactable-latency-") as name:
-        folder = Path(name)
+    with work_folder("latency") as folder:
         # Of a recording only the engine knows which reports bring a command, so the C program cannot answer alike.
         is_generated = stream.reports_per_command is not None
         program = build_echo_engine(folder) if plan.has_echo and is_generated else None

@@ -121,3 +121,13 @@ def test_only_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
         ".bar.nc.clicks",
         ".other.nc.1.partial",
     }
+
+
+def test_a_roll_back_removes_what_a_killed_one_left(path: Path) -> None:
+    put(path, "1")
+    put(path, "2")
+    gone = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, check=True)
+    for kind in ("older", "newer"):
+        path.with_name(f".bar.nc.{int(gone.stdout)}.{kind}").write_text("half")
+    roll_back(path)
+    assert texts(path) == {"bar.nc": "1", "bar.nc.previous": "2"}

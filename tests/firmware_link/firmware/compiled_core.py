@@ -1,5 +1,6 @@
 """The C core for tests: built once in a folder of its own, and as a tier of the conformance suite."""
 
+import ctypes
 import functools
 import os
 import shutil
@@ -16,7 +17,7 @@ from firmware_link.emulator import DeviceConfiguration
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
 
 FIRMWARE = Path(__file__).parents[3] / "firmware_link" / "firmware"
-DECODER = Path(__file__).parent / "c" / "decoder.c"
+EXTRA = " ".join(str(Path(__file__).parent / "c" / name) for name in ("decoder.c", "held_samples.c"))
 LIBRARY = "libtactable_core.so"
 FULL_OUTPUT = 32_767
 US_PER_S = 1_000_000
@@ -25,7 +26,7 @@ US_PER_S = 1_000_000
 def make(folder: Path, *arguments: str) -> str:
     """Run make in the firmware's folder; what it said. Fails the test with that where make fails."""
     done = subprocess.run(
-        ["make", "-C", str(FIRMWARE), f"BUILD={folder}", f"EXTRA={DECODER}", *arguments],
+        ["make", "-C", str(FIRMWARE), f"BUILD={folder}", f"EXTRA={EXTRA}", *arguments],
         capture_output=True,
         text=True,
         check=False,
@@ -104,3 +105,39 @@ class CompiledTier:
 
     def _device_us(self) -> int:
         return self._host_us - self._booted_us
+
+
+class WatchedTier(CompiledTier):
+    """The C core where what sounds must change only while samples are held back; see c/held_samples.c."""
+
+    def write(self, data: bytes) -> None:
+        self._said += self._firmware.advance(self._device_us())
+        core_library().held_samples_look()
+        super().write(data)
+        self._check()
+
+    def wait(self, duration_us: int) -> None:
+        """Stops before each deadline, so that no sample runs between a look and what the device does by itself."""
+        end_us = self._device_us() + duration_us
+        while (deadline_us := self._firmware.next_deadline_us() or end_us) < end_us:
+            super().wait(max(0, deadline_us - 1 - self._device_us()))
+            core_library().held_samples_look()
+            super().wait(max(1, deadline_us - self._device_us()))
+            self._check()
+        super().wait(end_us - self._device_us())
+        self._check()
+
+    def hang_up(self) -> None:
+        self._said += self._firmware.advance(self._device_us())
+        core_library().held_samples_look()
+        super().hang_up()
+        self._check()
+
+    def _boot(self) -> CompiledFirmware:
+        firmware = super()._boot()
+        core_library().held_samples_watch(ctypes.c_void_p(firmware._host))
+        return firmware
+
+    @staticmethod
+    def _check() -> None:
+        assert core_library().held_samples_faults() == 0, "what sounds changed while samples were not held back"

@@ -20,14 +20,14 @@ from tests.firmware_link.conformance import (
     Law,
     WaveLaw,
 )
-from tests.firmware_link.firmware.compiled_core import LIBRARY, CompiledTier, core_library, make, need
+from tests.firmware_link.firmware.compiled_core import LIBRARY, CompiledTier, WatchedTier, core_library, make, need
 
 ROOT = Path(__file__).parents[3]
 
 
 @pytest.mark.parametrize("law", [*LAWS, *WAVE_LAWS, *HANG_UP_LAWS], ids=lambda law: law.__name__)
 def test_the_c_core_keeps(law: Law | WaveLaw | HangUpLaw) -> None:
-    law(CompiledTier())
+    law(WatchedTier())
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,9 @@
 """Laws of the NetCDF form: the same measurements as from CSV, in any unit; what is wrong is named."""
 
+import os
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import xarray
@@ -51,6 +53,10 @@ def test_the_same_is_read_as_was_written(tmp_path: Path) -> None:
         (lambda d: d.assign(position=d.position.assign_attrs(units="kg")), "position: '1 kg' is a mass"),
         (lambda d: d.drop_vars("peak_acceleration"), "expected either a column 'peak acceleration'"),
         (lambda d: d.assign(position=(("measurement",), ["a"] * 6, {"units": "mm"})), "position: could not convert"),
+        (
+            lambda d: d.assign(position=d.position.astype(complex).assign_attrs(units="mm")),
+            "position: has complex values",
+        ),
     ],
 )
 def test_what_is_wrong_is_named(change: object, message: str, tmp_path: Path) -> None:
@@ -71,3 +77,39 @@ def test_another_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x.nc").write_text("no NetCDF")
     with pytest.raises(MeasurementError, match="not a NetCDF-4 file"):
         read_netcdf(tmp_path / "x.nc", DEVICE, 0.0)
+
+
+def test_a_link_is_refused_before_it_is_followed(tmp_path: Path) -> None:
+    """To a pipe it would wait for ever; to another file it would read what the user did not name."""
+    os.mkfifo(tmp_path / "pipe")
+    for link in (h5py.ExternalLink("pipe", "/position"), h5py.SoftLink("/frequency")):
+        path = written(dataset(READ), tmp_path)
+        with h5py.File(path, "a") as file:
+            del file["sensor_mass"]
+            file["sensor_mass"] = link
+        with pytest.raises(MeasurementError, match="sensor_mass: is a link, which is not followed"):
+            read_netcdf(path, DEVICE, 0.0)
+
+
+@pytest.mark.parametrize("is_virtual", [True, False])
+def test_values_in_another_file_are_refused(is_virtual: bool, tmp_path: Path) -> None:
+    (tmp_path / "secret").write_bytes(bytes(48))
+    path = written(dataset(READ), tmp_path)
+    with h5py.File(path, "a") as file:
+        if is_virtual:
+            layout = h5py.VirtualLayout((6,), "f8")
+            layout[:] = h5py.VirtualSource(str(tmp_path / "secret.nc"), "position", (6,))
+            file.create_virtual_dataset("finger_position", layout)
+        else:
+            file.create_dataset("finger_position", (6,), "f8", external=[(str(tmp_path / "secret"), 0, 48)])
+    with pytest.raises(MeasurementError, match="finger_position: its values are in another file"):
+        read_netcdf(path, DEVICE, 0.0)
+
+
+def test_an_array_that_fills_the_memory_is_refused_by_its_size(tmp_path: Path) -> None:
+    path = written(dataset(READ), tmp_path)
+    with h5py.File(path, "a") as file:
+        file.create_dataset("finger_position", (10**12,), "f8", chunks=True)
+    assert path.stat().st_size < 1e6
+    with pytest.raises(MeasurementError, match=r"finger_position: has shape .*, 8e\+06 MB; expected at most 67 MB"):
+        read_netcdf(path, DEVICE, 0.0)

@@ -108,3 +108,12 @@ def test_another_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x.uff").write_bytes(b"\x00\x01 no universal file \xff" * 9)
     with pytest.raises(MeasurementError, match=r"x\.uff"):
         read_uff(tmp_path / "x.uff", DEVICE, 0.0)
+
+
+def test_nodes_whose_places_are_cut_off_are_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, nodes(), response(1, 8))
+    lines = path.read_text(encoding="ascii").splitlines(keepends=True)
+    for cut in (lines[3][:20] + "\n", lines[3].replace(lines[3].split()[4], "nan".rjust(len(lines[3].split()[4])))):
+        path.write_text("".join([*lines[:3], cut, *lines[4:]]), encoding="ascii")
+        with pytest.raises(MeasurementError):
+            read_uff(path, DEVICE, 0.0)
