@@ -287,6 +287,7 @@ class _Started:
     def __init__(self, folder: Path) -> None:
         # GNU's OpenMP, which numba would take, ends a fork of a process that has used it.
         path = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_THREADING_LAYER": "workqueue"}
+        path["PYTHONWARNINGS"] = "ignore::UserWarning:multiprocessing.resource_tracker"  # of what it cleans up
         self._server = subprocess.Popen(
             [sys.executable, "child.py"],
             cwd=folder,
@@ -296,15 +297,18 @@ class _Started:
             text=True,
         )
         self._said: SimpleQueue[int] = SimpleQueue()
-        threading.Thread(target=self._listen, daemon=True).start()
+        self._listener = threading.Thread(target=self._listen, daemon=True)
+        self._listener.start()
 
     def __enter__(self) -> "_Started":
         return self
 
     def __exit__(self, *unused: object) -> None:
-        assert self._server.stdin is not None
+        assert self._server.stdin is not None and self._server.stdout is not None
         self._server.stdin.close()
         self._server.wait()
+        self._listener.join()
+        self._server.stdout.close()
 
     def _listen(self) -> None:
         assert self._server.stdout is not None
