@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from precompute.calibration.device_text import calibrated_device as calibrated_device
     from precompute.measurements.file import read_measurements as read_measurements
     from precompute.sampling.devices import sample_devices as sample_devices
+    from tactable.control.client import connect as connect
+    from tactable.control.client import connect_async as connect_async
     from tactable.research.bar import modes as modes
     from tactable.research.bar import placement as placement
     from tactable.research.bar import response as response
@@ -48,6 +50,8 @@ _HOMES = {
     "calibrate": "precompute.calibration.calibrate",
     "calibrated_device": "precompute.calibration.device_text",
     "compare_tables": "engine.table.diff",
+    "connect": "tactable.control.client",
+    "connect_async": "tactable.control.client",
     "encode_drive": "firmware_link.protocol.messages",
     "find_device": "tactable.shipped",
     "modes": "tactable.research.bar",
@@ -72,6 +76,8 @@ __all__ = [
     "calibrate",
     "calibrated_device",
     "compare_tables",
+    "connect",
+    "connect_async",
     "encode_drive",
     "find_device",
     "modes",

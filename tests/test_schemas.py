@@ -90,12 +90,12 @@ def test_it_has_the_keys_that_the_reader_takes(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(TomlTable, "refuse_rest", note)
     for _, read, text in CASES:
         read(text)
-    for table, schema in (("DeviceTable", DEVICE), ("_RuleTable", EFFECTS)):
+    for table, schema in (("DeviceTable", DEVICE), ("RuleTable", EFFECTS)):
         parts = {key: part.get("items", part) for key, part in schema["properties"].items()}
         for key, part in parts.items():
             if "properties" in part:
                 assert set(part["properties"]) - {"inferred"} == known[f"{table} {key}"], key
-    assert set(EFFECTS["properties"]) == known["_RuleTable "]
+    assert set(EFFECTS["properties"]) == known["RuleTable "]
     assert set(DEVICE["properties"]) - {"inferred", "calibration"} == known["DeviceTable "]
 
 

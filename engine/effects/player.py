@@ -307,7 +307,7 @@ class Finger:
 def _first(rules: tuple[Rule, ...], touch: Touch) -> Rule | None:
     for rule in rules:
         if rule.covers(touch):
-            return rule
+            return rule if rule.effect.envelope else None
     return None
 
 

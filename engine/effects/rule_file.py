@@ -13,7 +13,9 @@ NO_EFFECTS: Mapping[str, Effect] = MappingProxyType({})
 _SHORTEST_S, _LEAST_TRAVEL_M = 1e-3, 1e-4  # finer than any digitizer reports
 
 
-class _RuleTable(TomlTable):
+class RuleTable(TomlTable):
+    """A table of a rule file; its errors are EffectErrors."""
+
     family = EffectError
 
 
@@ -27,27 +29,27 @@ def read_effects(path: Path, device: Device, named: Mapping[str, Effect] = NO_EF
 
 def parse_effects(text: str, source: str, device: Device, named: Mapping[str, Effect] = NO_EFFECTS) -> Effects:
     """Validate the rules in `text`; `source` names it in errors. Raises EffectError."""
-    top = _RuleTable.parse(text, source)
+    top = RuleTable.parse(text, source)
     parts = top.tables("effect") if "effect" in top.left else []
     rule_parts = top.tables("rule")
     top.known.append("effect")
     top.refuse_rest()
     effects = {**named, **_read_effects(parts)}
-    return Effects(tuple(_read_rule(part, effects, device) for part in rule_parts))
+    return Effects(tuple(read_rule(part, effects, device) for part in rule_parts))
 
 
 def read_vocabulary(path: Path) -> dict[str, Effect]:
     """Read a file of effects without rules, by name. Raises EffectError; OSError without a file."""
-    top = _RuleTable.parse(read_text(path, EffectError), str(path))
+    top = RuleTable.parse(read_text(path, EffectError), str(path))
     effects = _read_effects(top.tables("effect"))
     top.refuse_rest()
     return effects
 
 
-def _read_effects(parts: list[_RuleTable]) -> dict[str, Effect]:
+def _read_effects(parts: list[RuleTable]) -> dict[str, Effect]:
     effects: dict[str, Effect] = {}
     for part in parts:
-        effect = Effect(part.name("name"), _read_envelope(part))
+        effect = Effect(part.name("name"), read_envelope(part))
         if effect.name in effects:
             raise part.error("name", effect.name, "another effect has this name")
         effects[effect.name] = effect
@@ -55,7 +57,8 @@ def _read_effects(parts: list[_RuleTable]) -> dict[str, Effect]:
     return effects
 
 
-def _read_envelope(part: _RuleTable) -> tuple[Segment, ...]:
+def read_envelope(part: RuleTable) -> tuple[Segment, ...]:
+    """The segments of the key `envelope`."""
     pairs = part.take("envelope")
     if not isinstance(pairs, list) or not pairs:
         raise part.error(
@@ -67,7 +70,7 @@ def _read_envelope(part: _RuleTable) -> tuple[Segment, ...]:
     return segments
 
 
-def _read_segment(part: _RuleTable, pair: object) -> Segment:
+def _read_segment(part: RuleTable, pair: object) -> Segment:
     if not isinstance(pair, list) or len(pair) != 2:
         raise part.error(
             "envelope", pair, 'expected a duration and a level such as ["click", "20 dB"] or ["50 ms", "20 dB"]'
@@ -83,7 +86,7 @@ def _read_segment(part: _RuleTable, pair: object) -> Segment:
     return Segment(round(1e9 * duration_s), _read_level(part, level))
 
 
-def _read_level(part: _RuleTable, text: object) -> float | None:
+def _read_level(part: RuleTable, text: object) -> float | None:
     if text == QUIET:
         return None
     if text == FULL_SCALE:
@@ -94,14 +97,15 @@ def _read_level(part: _RuleTable, text: object) -> float | None:
     return part.level_db("envelope", text)
 
 
-def _read_rule(part: _RuleTable, effects: dict[str, Effect], device: Device) -> Rule:
+def read_rule(part: RuleTable, effects: Mapping[str, Effect], device: Device) -> Rule:
+    """A rule, whose effect is one of `effects`."""
     on = Trigger(part.word("on", tuple(Trigger)))
     effect = effects[part.word("effect", tuple(effects))]
     last = effect.envelope[-1]
     if on is Trigger.LIFT and last.duration_ns is None and not last.is_click:
         held = f"its envelope ends with {HELD!r}, but a finger that has left holds nothing: give it a duration"
         raise part.error("effect", effect.name, held)
-    zones, region_m = _read_place(part, device)
+    zones, region_m = read_place(part, device)
     rule = Rule(
         on,
         effect,
@@ -114,8 +118,8 @@ def _read_rule(part: _RuleTable, effects: dict[str, Effect], device: Device) -> 
     return rule
 
 
-def _read_place(part: _RuleTable, device: Device) -> tuple[frozenset[int] | None, tuple[float, float] | None]:
-    """Zones, or a region, or neither: everywhere."""
+def read_place(part: RuleTable, device: Device) -> tuple[frozenset[int] | None, tuple[float, float] | None]:
+    """Zones, or start and stop of a region in metres, or neither: everywhere."""
     if "zones" in part.left and "region" in part.left:
         raise part.error("region", part.left["region"], "give either zones or a region")
     part.known += ["zones", "region"]
@@ -123,7 +127,7 @@ def _read_place(part: _RuleTable, device: Device) -> tuple[frozenset[int] | None
     return zones, _read_region(part, device) if "region" in part.left else None
 
 
-def _read_zones(part: _RuleTable, device: Device) -> frozenset[int]:
+def _read_zones(part: RuleTable, device: Device) -> frozenset[int]:
     names = part.left.pop("zones")
     if not isinstance(names, list) or not names:
         raise part.error("zones", names, "expected a list of zones such as ['I', 'III']; without the key: everywhere")
@@ -134,7 +138,7 @@ def _read_zones(part: _RuleTable, device: Device) -> frozenset[int]:
     return frozenset(map(known.index, names))
 
 
-def _read_region(part: _RuleTable, device: Device) -> tuple[float, float]:
+def _read_region(part: RuleTable, device: Device) -> tuple[float, float]:
     ends = part.left.pop("region")
     if not isinstance(ends, list) or len(ends) != 2:
         raise part.error("region", ends, "expected two positions such as ['40 mm', '60 %']")

@@ -45,7 +45,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Effect:
-    """An envelope of levels over time, from the event on."""
+    """An envelope of levels over time, from the event on; empty: no effect begins, which leaves a place out."""
 
     name: str
     envelope: tuple[Segment, ...]

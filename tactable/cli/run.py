@@ -4,7 +4,7 @@ import ctypes
 import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,6 +28,8 @@ from tactable.cli.console import ERRORS, OUT, note, remark, show
 from tactable.cli.kernel_cache import compile_steady_solver
 from tactable.cli.options import AsJson, BitRate, EffectsPath, TableArgument
 from tactable.cli.touch import machine_of
+from tactable.control.client import default_socket
+from tactable.control.slot import ControlOf, ControlProcess
 from tactable.digitizers.record import opened, stop_at_signal
 from tactable.doctor.touch import Machine
 from tactable.page.attach import PageOf, page_of
@@ -99,6 +101,14 @@ def run(
     page: Annotated[bool, typer.Option("--page", help="Show the run to browsers, by another process.")] = False,
     page_host: Annotated[str, typer.Option("--page-host", help="Bind the page to this address.")] = "127.0.0.1",
     page_port: Annotated[int, typer.Option("--page-port", min=0, max=65_535, help="The page's port; 0: any.")] = 0,
+    control: Annotated[
+        bool,
+        typer.Option("--control", help="Let programs decide who feels what, by another process."),
+    ] = False,
+    control_socket: Annotated[
+        Path | None,
+        typer.Option(help="The Unix socket of --control; default: tactable-control.sock in $XDG_RUNTIME_DIR."),
+    ] = None,
     fast: Annotated[
         bool, typer.Option("--fast-path/--no-fast-path", help="Answer reports in one compiled step where it can.")
     ] = True,
@@ -114,11 +124,13 @@ def run(
     with Table.open(table_path, device=device) as table, ExitStack() as stack:
         compile_steady_solver(remark)
         effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, table.device, named_effects())
+        if control:  # what programs may name is at hand from the start
+            effects = replace(effects, others=tuple(named_effects().values()))
         options = LiveOptions(
             effects, when_not_achieved, reconnect, bit_rate_hz, real_time_steps(steps), fast=_compiled(fast)
         )
         source, bus = stack.enter_context(_opened(machine_of(context), touch))
-        ring = stack.enter_context(ring_for(ring_path, is_needed=page or recording_path is not None))
+        ring = stack.enter_context(ring_for(ring_path, is_needed=page or control or recording_path is not None))
         stop = stack.enter_context(stop_at_signal())
         port = SerialPort(port_name, bit_rate_hz)
         name = stable_name_of(port_name) if reconnect else port_name
@@ -135,7 +147,14 @@ def run(
             stack.enter_context(ClickProcess(table_path)) if solve and effects.have_clicks and table.clicks else None
         )
         watching = watched if watch else None
-        live = Live(table, source, port, clock, options, ring, found_again, watching, solving)
+        slot = None
+        if control and ring is not None:
+            served = ControlOf(control_socket or default_socket(), ring.path, table_path, effects)
+            slot = stack.enter_context(ControlProcess(served))
+        live = Live(table, source, port, clock, options, ring, found_again, watching, solving, control=slot)
+        if slot is not None:
+            for line in slot.lines:
+                note(line)
         if ring is not None and recording_path is not None:
             stack.enter_context(recorder_of(ring.path, recording_path, source, bus))
         if ring is not None and page:
@@ -244,6 +263,7 @@ def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
         "clicks_solved": counters.learned,
         "joined_fingers": counters.joined,
         "fingers_left_out": counters.left_out,
+        "control_steps": counters.controlled,
         "changes_of_table": counters.swaps,
         "losses_of_the_port": counters.losses,
         "reconnects": counters.reconnects,
@@ -265,6 +285,7 @@ def _print_summary(summary: dict[str, Any]) -> None:
         "clicks_solved",
         "joined_fingers",
         "fingers_left_out",
+        "control_steps",
         "changes_of_table",
         "losses_of_the_port",
         "reconnects",

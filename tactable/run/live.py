@@ -9,6 +9,7 @@ from engine.effects import DEFAULT_EFFECTS, Effects
 from engine.loop import (
     ClickSolving,
     Clock,
+    ControlSlot,
     Dispatcher,
     Loop,
     Observer,
@@ -66,7 +67,7 @@ class Live:
 
     With `reopening` a run outlasts the loss of its port: the device is greeted and armed again once it is back. With
     `watch`, called with the device's capabilities, it changes to new tables; with `solving` it gets the clicks that the
-    table does not hold. `observer` gets the records of the run
+    table does not hold, with `control` the steps of programs. `observer` gets the records of the run
     beside its own `timing`. The parts hold the counters, during the run and after it. Raises what they raise:
     DigitizerError, DescriptorError, LinkError, LimitError, RendererError.
     """
@@ -83,6 +84,7 @@ class Live:
         watch: Callable[[Capabilities], Updates] | None = None,
         solving: ClickSolving | None = None,
         fast_path: Callable[..., FastPath] = FastPath,
+        control: ControlSlot | None = None,
     ) -> None:
         effects = options.effects
         self.wants_clicks = effects.have_clicks
@@ -125,6 +127,7 @@ class Live:
             reopening=reopening,
             updates=None if watch is None else watch(self.capabilities),
             solving=solving if self.clicks else None,
+            control=control,
         )
 
     @property

@@ -29,7 +29,8 @@ from firmware_link.host.link_values import Capabilities
 LOOK_S = 0.3
 """Time between two looks at the file."""
 _READ_BYTES = 1 << 16
-_WORD = struct.Struct("<Q")
+WORD = struct.Struct("<Q")
+"""The size that leads a message."""
 # A child that fails writes a line of text as its last words, whose first bytes are a larger number.
 _MOST_BYTES = 1 << 40
 # Arrays begin at multiples of it, as NumPy lays them out.
@@ -63,7 +64,7 @@ class Messages:
         self._descriptor = descriptor
         os.set_blocking(descriptor, False)
         self._is_size = True
-        self._expect(_WORD.size)
+        self._expect(WORD.size)
 
     def read(self) -> memoryview | None:
         """Read at most 64 KiB; a message once its last part has come. Raises EOFError at the end of the messages."""
@@ -77,7 +78,7 @@ class Messages:
         if self._received < len(self._expected):
             return None
         whole, is_size = self._expected, self._is_size
-        size = _WORD.unpack(whole)[0] if is_size else _WORD.size
+        size = WORD.unpack(whole)[0] if is_size else WORD.size
         if size > _MOST_BYTES:
             raise EOFError
         self._is_size = not is_size
@@ -166,19 +167,19 @@ def _packed(rendering: Rendering) -> bytes:
     data = pickle.dumps(rendering, protocol=pickle.HIGHEST_PROTOCOL, buffer_callback=buffers.append)
     parts = [memoryview(data), *(buffer.raw() for buffer in buffers)]
     words = [len(parts), *(part.nbytes for part in parts)]
-    packed = bytearray(b"".join(map(_WORD.pack, words)))
+    packed = bytearray(b"".join(map(WORD.pack, words)))
     for part in parts:
         packed += bytes(-len(packed) % _ALIGNMENT)
         packed += part
-    return _WORD.pack(len(packed)) + packed
+    return WORD.pack(len(packed)) + packed
 
 
 def _unpacked(packed: memoryview) -> Rendering:
     """The rendering of what `_packed` gave, without the first size; its arrays stay in this memory."""
-    (count,) = _WORD.unpack_from(packed)
-    parts, at = [], _WORD.size * (1 + count)
+    (count,) = WORD.unpack_from(packed)
+    parts, at = [], WORD.size * (1 + count)
     for number in range(1, 1 + count):
-        (size,) = _WORD.unpack_from(packed, _WORD.size * number)
+        (size,) = WORD.unpack_from(packed, WORD.size * number)
         at += -at % _ALIGNMENT
         parts.append(packed[at : at + size])
         at += size

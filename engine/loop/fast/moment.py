@@ -6,7 +6,7 @@ Both are written into one structure of `engine.loop.fast.layout`, field by field
 from collections.abc import Sequence
 from typing import Any
 
-from engine.effects import Effects, Rule, Trigger
+from engine.effects import Effects, Rule, Segment, Trigger
 from engine.effects.player import FOLLOW_M
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.fast.layout import CONSTANTS, NONE, Fast
@@ -22,6 +22,7 @@ from engine.touch.report_plan import NumberBits, ReportPlan, SlotPlan
 from firmware_link.protocol.messages import Play, Set, seed_of
 
 _NEVER_NS = (1 << 63) - 1
+_QUIET = Segment(None, None)
 # A field is read as eight bytes from the one that it begins in.
 _WIDEST_FIELD = 56
 _KEYS = {
@@ -59,7 +60,7 @@ class Moment:
         if table is None or len(rules) > CONSTANTS["MOST_RULES"]:
             return
         self._levels = {None: NONE} | {level_db: index for index, level_db in enumerate(table.levels_db)}
-        if any(rule.effect.envelope[0].level_db not in self._levels for rule in rules):
+        if any(_first_segment(rule).level_db not in self._levels for rule in rules):
             return
         self._table, fast = table, self.fast
         _set_bar(fast, pipeline)
@@ -71,7 +72,7 @@ class Moment:
         fast.seed[CONSTANTS["PLAY"]] = seed_of(Play.type_byte)
 
     def _set_rule(self, place: Any, rule: Rule) -> None:
-        first = rule.effect.envelope[0]
+        first = _first_segment(rule)
         place.trigger, place.is_click = _TRIGGERS[rule.on], first.is_click
         place.level = self._levels[first.level_db]
         place.zones = NONE if rule.zones is None else sum(1 << zone for zone in rule.zones)
@@ -142,6 +143,11 @@ class Moment:
 
 
 # ---- what stays during a run ----
+
+
+def _first_segment(rule: Rule) -> Segment:
+    """What the rule's effect begins with; quiet where it has no segment."""
+    return rule.effect.envelope[0] if rule.effect.envelope else _QUIET
 
 
 def _rules_of(effects: Effects) -> list[Rule]:

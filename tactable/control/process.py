@@ -1,0 +1,191 @@
+"""The control process: serves programs beside a run, at a Unix socket.
+
+It has its own interpreter, so that nothing that programs send takes time from the loop; the two share the ring, which
+the loop writes anyway, and the slot of `tactable.control.slot`.
+"""
+
+import asyncio
+import base64
+import contextlib
+import os
+import pickle
+import socket
+import stat
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+from engine.effects import ControlStep, Outcome
+from engine.loop import RingReader
+from engine.printable import printable
+from engine.table import Table, TableError
+from firmware_link.child import ChildError, Parent
+from tactable.control.events import Events
+from tactable.control.requests import MOST_BYTES, ControlError
+from tactable.control.scene import Scene
+from tactable.control.server import ControlServer
+from tactable.control.slot import ControlOf
+from tactable.run.table_watch import LOOK_S, WORD, identity_of
+from tactable.shipped import named_effects
+
+_READ_BYTES = 1 << 16
+EVENTS_EVERY_S = 0.004
+"""Time between two looks at the ring while a program wants events."""
+_NICE = 2
+
+
+class _LoopSlot:
+    """The loop's slot: one step at a time, and the word that it was taken."""
+
+    def __init__(self, parent: Parent) -> None:
+        self._parent = parent
+        self.is_open = asyncio.Event()
+        self.has_ended = asyncio.Event()
+        self._outcome: asyncio.Future[Outcome] | None = None
+        asyncio.get_running_loop().add_reader(parent.fileno(), self._hear)
+
+    async def hand_over(self, step: ControlStep) -> Outcome:
+        """Give a step to the loop and wait for its outcome. Raises ControlError when the run has ended."""
+        await self.is_open.wait()
+        if self.has_ended.is_set():
+            raise ControlError("run: the run has ended")
+        data = pickle.dumps(step, protocol=pickle.HIGHEST_PROTOCOL)
+        self._outcome = asyncio.get_running_loop().create_future()
+        self._parent.say_bytes(WORD.pack(len(data)) + data)
+        return await self._outcome
+
+    def _hear(self) -> None:
+        document = self._parent.read()
+        if document is None:
+            asyncio.get_running_loop().remove_reader(self._parent.fileno())
+            self.is_open.set()
+            self.has_ended.set()
+            if self._outcome is not None and not self._outcome.done():
+                self._outcome.set_exception(ControlError("run: the run has ended"))
+        elif "go" in document:
+            self.is_open.set()
+        elif self._outcome is not None and not self._outcome.done():
+            self._outcome.set_result(Outcome(document["outcome"]))
+
+
+class _StreamConnection:
+    """A program at the Unix socket."""
+
+    def __init__(self, writer: asyncio.StreamWriter) -> None:
+        self._writer = writer
+
+    def send(self, line: bytes) -> None:
+        if not self._writer.is_closing():
+            self._writer.write(line)
+
+    async def drain(self) -> None:
+        await self._writer.drain()
+
+    def unread_bytes(self) -> int:
+        return self._writer.transport.get_write_buffer_size()
+
+
+async def _lines_of(reader: asyncio.StreamReader) -> AsyncIterator[bytes]:
+    """Lines without their ends; of one that is too long its first part, which is refused for its length."""
+    kept, is_too_long = bytearray(), False
+    while data := await reader.read(_READ_BYTES):
+        kept += data
+        *lines, rest = kept.split(b"\n")
+        for line in lines:
+            if not is_too_long:
+                yield bytes(line)
+            is_too_long = False
+        kept = rest
+        if len(kept) > MOST_BYTES:
+            if not is_too_long:
+                yield bytes(kept)
+            kept, is_too_long = bytearray(), True
+
+
+def listening_socket(path: Path) -> socket.socket:
+    """A Unix socket that only its user reaches, in place of one that an ended run left. Raises ChildError."""
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if path.parent.stat().st_uid not in (0, os.getuid()):
+        raise ChildError(f"{path.parent}: belongs to another user: choose another place with --control-socket")
+    if path.exists():
+        if not stat.S_ISSOCK(path.stat().st_mode):
+            raise ChildError(f"{path}: is no socket: choose another place for the control socket")
+        with socket.socket(socket.AF_UNIX) as other:
+            try:
+                other.connect(str(path))
+            except OSError:
+                path.unlink()
+            else:
+                raise ChildError(f"{path}: another run listens there: choose another place with --control-socket")
+    listening = socket.socket(socket.AF_UNIX)
+    before = os.umask(0o177)
+    try:
+        listening.bind(str(path))
+    except OSError as error:
+        listening.close()
+        raise ChildError(f"{path}: no control socket can be made there ({error}): choose another place") from error
+    finally:
+        os.umask(before)
+    listening.listen()
+    return listening
+
+
+async def _publish(server: ControlServer, events: Events, reader: RingReader, table_path: Path) -> None:
+    """Send events until cancelled; another table at the same path is adopted, as the run adopts it."""
+    clock, identity = asyncio.get_running_loop().time, identity_of(table_path)
+    look_s = clock()
+    while True:
+        await asyncio.sleep(EVENTS_EVERY_S if server.has_listeners else 10 * EVENTS_EVERY_S)
+        server.publish(events.read(reader.read()))
+        if clock() < look_s:
+            continue
+        look_s = clock() + LOOK_S
+        with contextlib.suppress(OSError, TableError):  # being replaced, or not usable: the run ignores it too
+            found = identity_of(table_path)
+            if found != identity:
+                identity, before = found, events.table
+                events.table = await asyncio.to_thread(Table.open, table_path)
+                before.close()
+
+
+async def _serve(served: ControlOf, table: Table, reader: RingReader, parent: Parent) -> None:
+    slot = _LoopSlot(parent)
+    scene = Scene(served.effects, named_effects())
+    events = Events(table, scene.top_region_at)
+    server = ControlServer(scene, table.device, slot.hand_over, events.fingers)
+    writers = set[asyncio.StreamWriter]()
+
+    async def converse(stream: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writers.add(writer)
+        try:
+            with contextlib.suppress(ConnectionError):
+                await server.converse(_lines_of(stream), _StreamConnection(writer))
+                await writer.drain()
+        finally:
+            writers.discard(writer)
+            writer.close()
+
+    listening = listening_socket(served.socket)
+    try:
+        unix = await asyncio.start_unix_server(converse, sock=listening)
+        publishing = asyncio.create_task(_publish(server, events, reader, served.table))
+        ended = asyncio.create_task(slot.has_ended.wait())
+        parent.say({"lines": [f"control: {printable(str(served.socket))}"]})
+        done, _ = await asyncio.wait([publishing, ended], return_when=asyncio.FIRST_COMPLETED)
+        publishing.cancel()
+        unix.close()
+        for writer in list(writers):
+            writer.close()
+        for task in done:
+            task.result()
+    finally:
+        served.socket.unlink(missing_ok=True)
+
+
+def main(parent: Parent, arguments: dict[str, Any]) -> None:
+    """Say where programs reach the run, then serve them until it ends."""
+    os.nice(_NICE)  # the loop comes first
+    served = pickle.loads(base64.b64decode(arguments["served"]))  # from our own process
+    assert isinstance(served, ControlOf)
+    with RingReader(served.ring) as reader, Table.open(served.table, verify=False) as table:
+        asyncio.run(_serve(served, table, reader, parent))

@@ -1,0 +1,273 @@
+"""Messages of programs to requests: lines of JSON, checked key by key (tables/schemas/control.schema.json).
+
+Quantities carry units and rules have the keys of rule files, so that both are learnt once. A wrong message is refused
+by a ControlError, whose text names the key, its value and what was expected.
+"""
+
+import json
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from engine.device import Device
+from engine.device.toml_table import HIGHEST_LEVEL_DB
+from engine.effects import Effect, EffectError, Rule
+from engine.effects.rule_file import RuleTable, read_envelope, read_place, read_rule
+from firmware_link.protocol.errors import TactableError
+
+VERSION = 1
+"""Of the messages; `hello` states it."""
+MOST_BYTES = 16_384
+"""Limit of a line."""
+MOST_SEGMENTS = 16
+MOST_RULES = 8
+"""Of one region."""
+GREATEST_ID = (1 << 53) - 1
+DEFAULT_LEASE_S, SHORTEST_LEASE_S, LONGEST_LEASE_S = 5.0, 0.1, 3600.0
+STREAMS = ("touches", "played")
+
+
+class ControlError(TactableError, ValueError):
+    """A message that is refused; the text names key, value and what was expected."""
+
+
+@dataclass(frozen=True)
+class Hello:
+    """The first message: who speaks, and for how long what it holds outlasts its silence."""
+
+    name: str
+    lease_s: float
+
+
+@dataclass(frozen=True)
+class Region:
+    """A stretch of the bar or some zones, with rules in place of those of the rule file."""
+
+    name: str
+    rules: tuple[Rule, ...]
+    zones: frozenset[int] | None
+    region_m: tuple[float, float] | None
+    is_enabled: bool
+    """False: nothing is felt in it."""
+    level_change_db: float
+    stays: bool
+    """It outlasts the program's lease."""
+
+
+@dataclass(frozen=True)
+class RemoveRegion:
+    """A region ends."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class DefineEffect:
+    """An effect that later messages of all programs may name."""
+
+    effect: Effect
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What holds for the whole bar while the program's lease lasts."""
+
+    is_enabled: bool = True
+    """False: nothing is felt."""
+    uses_rule_file: bool = True
+    """Whether the rules that the run began with hold where no region is."""
+    level_change_db: float = 0.0
+
+
+@dataclass(frozen=True)
+class TriggerRequest:
+    """An effect now, at a finger (`contact_id`) or at a place."""
+
+    effect: Effect
+    contact_id: int | None
+    position_m: float | None
+
+
+@dataclass(frozen=True)
+class StopRequest:
+    """What the program triggered ends."""
+
+
+@dataclass(frozen=True)
+class RoleRequest:
+    """A finger is kept quiet until it lifts or the lease ends, or follows its rules again."""
+
+    contact_id: int
+    is_quiet: bool
+
+
+@dataclass(frozen=True)
+class Subscribe:
+    """The streams of events that the program gets from now on."""
+
+    streams: frozenset[str]
+
+
+@dataclass(frozen=True)
+class Ping:
+    """Only renews the lease."""
+
+
+Request = (
+    Hello
+    | Region
+    | RemoveRegion
+    | DefineEffect
+    | Settings
+    | TriggerRequest
+    | StopRequest
+    | RoleRequest
+    | Subscribe
+    | Ping
+)
+
+
+def decode_line(line: bytes) -> tuple[int | None, dict[str, Any]]:
+    """The id of a message, None without one, and its other keys. Raises ControlError for what is no message."""
+    if len(line) > MOST_BYTES:
+        raise ControlError(f"message: {len(line)} bytes; expected at most {MOST_BYTES}: send it in parts")
+    try:
+        values = json.loads(line, parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:
+        raise ControlError(f"message: not JSON: {error}; expected one object a line") from None
+    if not isinstance(values, dict):
+        raise ControlError(f"message: {type(values).__name__}; expected an object with the key 'type'")
+    number = values.pop("id", None)
+    if number is not None and (type(number) is not int or not 0 <= number <= GREATEST_ID):
+        raise ControlError(f"id: {number!r:.40}: expected a whole number from 0 to {GREATEST_ID}")
+    return number, values
+
+
+def read_request(values: Mapping[str, Any], device: Device, effects: Mapping[str, Effect]) -> Request:
+    """The request in the keys of a message; `effects` are those it may name. Raises ControlError."""
+    part = RuleTable("message", "", dict(values))
+    try:
+        part.path = kind = part.word("type", tuple(_READERS))
+        request = _READERS[kind](part, device, effects)
+        part.refuse_rest()
+    except EffectError as error:
+        raise ControlError(str(error)) from None
+    return request
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name} is no number of JSON")
+
+
+def _read_hello(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> Hello:
+    version = part.integer("version", 1, 1 << 31)
+    if version != VERSION:
+        raise part.error("version", version, f"this run speaks version {VERSION}: use a client of that version")
+    lease_s = part.quantity("lease", "s", least=SHORTEST_LEASE_S, default=f"{DEFAULT_LEASE_S} s")
+    if lease_s > LONGEST_LEASE_S:
+        raise part.error("lease", f"{lease_s:g} s", f"expected at most {LONGEST_LEASE_S:g} s")
+    return Hello(part.name("name"), lease_s)
+
+
+def _read_region(part: RuleTable, device: Device, effects: Mapping[str, Effect]) -> Region:
+    name = part.name("name")
+    zones, region_m = read_place(part, device)
+    if zones is None and region_m is None:
+        raise part.error("region", None, "expected two positions such as ['40 mm', '60 %'], or 'zones'")
+    tables = part.take("rules")
+    if not isinstance(tables, list) or not 1 <= len(tables) <= MOST_RULES:
+        raise part.error("rules", tables, f"expected 1 to {MOST_RULES} rules, each with 'on' and 'effect'")
+    rules = []
+    for number, table in enumerate(tables):
+        rule = read_rule(RuleTable(part.source, f"region.rules[{number}]", table), effects, device)
+        if rule.zones is not None or rule.region_m is not None:
+            raise part.error("rules", table, "the place is the region's: leave 'zones' and 'region' out of its rules")
+        rules.append(replace(rule, zones=zones, region_m=region_m))
+    is_enabled, stays = part.flag("enabled", True), part.flag("stays", False)
+    return Region(name, tuple(rules), zones, region_m, is_enabled, _read_change(part), stays)
+
+
+def _read_remove(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> RemoveRegion:
+    return RemoveRegion(part.name("name"))
+
+
+def _read_define(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> DefineEffect:
+    effect = Effect(part.name("name"), read_envelope(part))
+    if len(effect.envelope) > MOST_SEGMENTS:
+        raise part.error("envelope", len(effect.envelope), f"expected at most {MOST_SEGMENTS} segments")
+    return DefineEffect(effect)
+
+
+def _read_settings(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> Settings:
+    return Settings(part.flag("enabled", True), part.flag("rule_file", True), _read_change(part))
+
+
+def _read_trigger(part: RuleTable, device: Device, effects: Mapping[str, Effect]) -> TriggerRequest:
+    effect = effects[part.word("effect", tuple(effects))]
+    effect = changed(effect, _read_change(part))
+    if ("finger" in part.left) == ("at" in part.left):
+        raise part.error("finger", part.left.get("finger"), "give either a finger or 'at', a place such as '40 mm'")
+    if "finger" in part.left:
+        return TriggerRequest(effect, part.integer("finger", 0, GREATEST_ID), None)
+    last = effect.envelope[-1]
+    if last.duration_ns is None and not last.is_click:
+        raise part.error("effect", effect.name, "is held, but at a place no finger holds it: give a finger")
+    return TriggerRequest(effect, None, part.position("at", device.bar.length_m))
+
+
+def _read_stop(_part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> StopRequest:
+    return StopRequest()
+
+
+def _read_role(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> RoleRequest:
+    return RoleRequest(part.integer("finger", 0, GREATEST_ID), part.word("role", ("quiet", "by rules")) == "quiet")
+
+
+def _read_subscribe(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> Subscribe:
+    streams = part.take("to")
+    if not isinstance(streams, list) or any(each not in STREAMS for each in streams):
+        raise part.error("to", streams, f"expected a list of {', '.join(STREAMS)}; empty: no events")
+    return Subscribe(frozenset(streams))
+
+
+def _read_ping(_part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> Ping:
+    return Ping()
+
+
+_READERS: Mapping[str, Callable[[RuleTable, Device, Mapping[str, Effect]], Request]] = {
+    "hello": _read_hello,
+    "region": _read_region,
+    "remove": _read_remove,
+    "define": _read_define,
+    "settings": _read_settings,
+    "trigger": _read_trigger,
+    "stop": _read_stop,
+    "role": _read_role,
+    "subscribe": _read_subscribe,
+    "ping": _read_ping,
+}
+
+
+def _read_change(part: RuleTable) -> float:
+    """A change of levels such as "-6 dB"."""
+    text = part.take("level_change", "0 dB")
+    match = re.fullmatch(r"([+-]?[0-9]+(?:\.[0-9]*)?) ?dB", text) if isinstance(text, str) else None
+    change_db = float(match[1]) if match is not None else math.nan
+    if not abs(change_db) <= HIGHEST_LEVEL_DB:
+        raise part.error("level_change", text, f"expected -{HIGHEST_LEVEL_DB:g} to {HIGHEST_LEVEL_DB:g} dB: '-6 dB'")
+    return change_db
+
+
+def changed(effect: Effect, change_db: float) -> Effect:
+    """The effect with other levels, kept from 0 to HIGHEST_LEVEL_DB; full scale stays, and a pause stays a pause."""
+    if not change_db:
+        return effect
+    segments = [
+        segment
+        if segment.level_db is None or math.isinf(segment.level_db)
+        else replace(segment, level_db=min(max(segment.level_db + change_db, 0.0), HIGHEST_LEVEL_DB))
+        for segment in effect.envelope
+    ]
+    return Effect(effect.name, tuple(segments))

@@ -1,0 +1,263 @@
+"""The control server: programs that speak, their leases, and one step at a time to the loop.
+
+Theory of operation
+-------------------
+A program is a connection. Its messages are taken one after another, and each is
+answered before the next one is read: a program that floods the channel waits for itself alone. A message that changes
+something becomes a control step. Steps go to the loop one by one, each after the outcome of the one before, so that
+neither many programs nor large scenes queue up in front of the loop.
+
+Each program has a lease, renewed by whatever it sends. A program that is silent for longer, or whose connection ends,
+loses what it holds (`tactable.control.scene`), and the loop gets the step that ends it. Events are sent as far as a
+program takes them: of one that reads too slowly they are dropped and counted, and it is told how many.
+"""
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from typing import Any, Protocol
+
+from engine.device import Device
+from engine.effects import ControlStep, Outcome, TriggeredEffect
+from precompute.model.threshold import THRESHOLD_NAME
+from tactable.control.requests import (
+    VERSION,
+    ControlError,
+    DefineEffect,
+    Hello,
+    Ping,
+    Region,
+    RemoveRegion,
+    Request,
+    RoleRequest,
+    Settings,
+    StopRequest,
+    Subscribe,
+    TriggerRequest,
+    decode_line,
+    read_request,
+)
+from tactable.control.scene import Scene
+
+MOST_PROGRAMS = 16
+MOST_UNREAD_BYTES = 262_144
+"""Events are dropped for a program that leaves more than this unread."""
+_GREETING = '{"type": "hello", "version": 1, "name": "my program"}'
+HandOver = Callable[[ControlStep], Awaitable[Outcome]]
+
+
+class Connection(Protocol):
+    """The way back to one program."""
+
+    def send(self, line: bytes) -> None:
+        """Send a line; never waits."""
+
+    async def drain(self) -> None:
+        """Wait until the program has taken enough of what was sent."""
+
+    def unread_bytes(self) -> int:
+        """What was sent and not taken yet."""
+
+
+class _Program:
+    """One connected program, and what it holds beside its regions."""
+
+    def __init__(self, number: int, connection: Connection) -> None:
+        self.number, self.connection = number, connection
+        self.hello: Hello | None = None
+        self.streams: frozenset[str] = frozenset()
+        self.quiet = set[int]()
+        self.has_triggered = False
+        self.lost_events = 0
+        self.timer: asyncio.TimerHandle | None = None
+
+
+class ControlServer:
+    """All programs of one run. `hand_over` gives a step to the loop and returns its outcome."""
+
+    def __init__(
+        self, scene: Scene, device: Device, hand_over: HandOver, fingers: Callable[[], list[dict[str, Any]]]
+    ) -> None:
+        self.scene = scene
+        self._device, self._hand_over, self._fingers = device, hand_over, fingers
+        self._programs: dict[int, _Program] = {}
+        self._opened = 0
+        self._one_step = asyncio.Lock()
+        self._endings = set[asyncio.Task[None]]()
+
+    # ---- programs ----
+
+    async def converse(self, lines: AsyncIterator[bytes], connection: Connection) -> None:
+        """Answer the messages of one program until it ends; then end what it holds."""
+        if len(self._programs) == MOST_PROGRAMS:
+            connection.send(_encode(_refusal(None, f"run: {MOST_PROGRAMS} programs are connected: end one of them")))
+            return
+        self._opened += 1
+        program = self._programs[self._opened] = _Program(self._opened, connection)
+        try:
+            async for line in lines:
+                self._renew(program)
+                connection.send(_encode(await self._answer(program, line)))
+                await connection.drain()
+        finally:
+            del self._programs[program.number]
+            if program.timer is not None:
+                program.timer.cancel()
+            await self._end_lease(program)
+
+    def publish(self, events: Iterable[dict[str, Any]]) -> None:
+        """Send events to the programs that want them."""
+        for event in events:
+            stream, line = event["event"], b""
+            for program in self._programs.values():
+                if stream in program.streams:
+                    line = line or _encode(event)
+                    self._send_event(program, line)
+
+    @property
+    def has_listeners(self) -> bool:
+        """Whether any program wants events."""
+        return any(program.streams for program in self._programs.values())
+
+    def _send_event(self, program: _Program, line: bytes) -> None:
+        if program.connection.unread_bytes() > MOST_UNREAD_BYTES:
+            program.lost_events += 1
+            return
+        if program.lost_events:
+            program.connection.send(_encode({"event": "lost", "count": program.lost_events}))
+            program.lost_events = 0
+        program.connection.send(line)
+
+    # ---- leases ----
+
+    def _renew(self, program: _Program) -> None:
+        if program.timer is not None:
+            program.timer.cancel()
+        if program.hello is not None:
+            later = asyncio.get_running_loop().call_later
+            program.timer = later(program.hello.lease_s, self._expire, program)
+
+    def _expire(self, program: _Program) -> None:
+        ending = asyncio.ensure_future(self._end_lease(program))
+        self._endings.add(ending)
+        ending.add_done_callback(self._endings.discard)
+        if program.connection.unread_bytes() <= MOST_UNREAD_BYTES:
+            program.connection.send(_encode({"event": "lease ended"}))
+
+    async def _end_lease(self, program: _Program) -> None:
+        had_rules = self.scene.end_lease(program.number)
+        roles = tuple((finger, False) for finger in sorted(program.quiet))
+        if had_rules or roles or program.has_triggered:
+            program.quiet.clear()
+            owner = program.number if program.has_triggered else None
+            program.has_triggered = False
+            with contextlib.suppress(ControlError):  # the run has ended
+                await self._step(roles=roles, ended_owner=owner, has_rules=had_rules)
+
+    # ---- messages ----
+
+    async def _answer(self, program: _Program, line: bytes) -> dict[str, Any]:
+        number = None
+        try:
+            number, values = decode_line(line)
+            request = read_request(values, self._device, self.scene.effects)
+            if program.hello is None and not isinstance(request, Hello):
+                raise ControlError(f"type: {values['type']!r}: the first message must be a hello: {_GREETING}")
+            return {"answer": number, "ok": True, **await self._act(program, request)}
+        except ControlError as error:
+            return _refusal(number, str(error))
+
+    async def _act(self, program: _Program, request: Request) -> dict[str, Any]:
+        """Do what a message asks; the values of its answer. Raises ControlError."""
+        scene = self.scene
+        match request:
+            case Hello():
+                program.hello = request
+                self._renew(program)
+                return self._welcome(program)
+            case Region():
+                scene.set_region(request, program.number)
+                await self._step(has_rules=True)
+            case RemoveRegion():
+                scene.remove_region(request.name)
+                await self._step(has_rules=True)
+            case DefineEffect():
+                scene.define(request.effect)
+            case Settings():
+                scene.set_settings(program.number, request)
+                await self._step(has_rules=True)
+            case TriggerRequest():
+                await self._trigger(program, request)
+            case RoleRequest():
+                await self._set_role(program, request)
+            case StopRequest() if program.has_triggered:
+                program.has_triggered = False
+                await self._step(ended_owner=program.number)
+            case Subscribe():
+                program.streams = request.streams
+                return {"fingers": self._fingers()}
+            case StopRequest() | Ping():
+                pass
+        return {}
+
+    def _welcome(self, program: _Program) -> dict[str, Any]:
+        device, hello = self._device, program.hello
+        assert hello is not None
+        return {
+            "version": VERSION,
+            "program": program.number,
+            "lease_s": hello.lease_s,
+            "device": device.name,
+            "length_m": device.bar.length_m,
+            "threshold": THRESHOLD_NAME,
+            "zones": [{"name": zone.name, "start_m": zone.start_m, "stop_m": zone.stop_m} for zone in device.zones],
+            "effects": list(self.scene.effects),
+            "regions": list(self.scene.regions),
+        }
+
+    async def _trigger(self, program: _Program, request: TriggerRequest) -> None:
+        if not self.scene.is_enabled:
+            raise ControlError("trigger.type: 'trigger': a program has switched feeling off: it must set enabled again")
+        program.has_triggered = True
+        effect = TriggeredEffect(request.effect, program.number, request.contact_id, request.position_m)
+        outcome = await self._step(trigger=effect)
+        if outcome is Outcome.NO_FINGER:
+            raise self._no_finger("trigger.finger", request.contact_id)
+        if outcome is Outcome.QUIET:
+            raise ControlError("trigger.finger: this finger is kept quiet by a program: give it the role 'by rules'")
+
+    async def _set_role(self, program: _Program, request: RoleRequest) -> None:
+        if request.is_quiet:
+            program.quiet.add(request.contact_id)
+        else:
+            program.quiet.discard(request.contact_id)
+        outcome = await self._step(roles=((request.contact_id, request.is_quiet),))
+        if outcome is Outcome.NO_FINGER:
+            program.quiet.discard(request.contact_id)
+            raise self._no_finger("role.finger", request.contact_id)
+
+    def _no_finger(self, key: str, contact_id: int | None) -> ControlError:
+        there = ", ".join(str(each["finger"]) for each in self._fingers()) or "none does"
+        return ControlError(f"{key}: {contact_id}: does not touch the bar; of these that do: {there}")
+
+    async def _step(
+        self,
+        *,
+        has_rules: bool = False,
+        ended_owner: int | None = None,
+        roles: tuple[tuple[int, bool], ...] = (),
+        trigger: TriggeredEffect | None = None,
+    ) -> Outcome:
+        """Give the loop one step, with the rules of the scene as it is when its turn comes."""
+        async with self._one_step:
+            effects = self.scene.rules() if has_rules else None
+            return await self._hand_over(ControlStep(effects, ended_owner, roles, trigger))
+
+
+def _refusal(number: int | None, text: str) -> dict[str, Any]:
+    return {"answer": number, "ok": False, "error": text}
+
+
+def _encode(document: dict[str, Any]) -> bytes:
+    return json.dumps(document, allow_nan=False).encode() + b"\n"

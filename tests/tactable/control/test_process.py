@@ -1,0 +1,183 @@
+"""The control channel end to end: a run on an emulated firmware, and programs at its Unix socket."""
+
+import asyncio
+import json
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+import tactable
+from engine.touch.sources.recording import write_recording
+from firmware_link.emulator import Cause
+from firmware_link.emulator.process import RunningEmulator, run_emulator
+from tactable.control.client import Client, ClientError
+from tactable.rig.virtual_digitizer import Stroke, make_recording
+from tactable.shipped import find_device
+from tests.engine.made_entries import entry_of, felt_states
+from tests.engine.made_table import write_table
+
+TACTABLE = str(Path(sys.executable).parent / "tactable")
+DEVICE = find_device("reference-a")
+NO_RULES = '[[effect]]\nname = "none"\nenvelope = [["held", "quiet"]]\n[[rule]]\non = "touch"\neffect = "none"\n'
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A table, a rule file by which nothing is felt, and a finger that rests at 20 % of the bar for a minute."""
+    folder = tmp_path_factory.mktemp("control")
+    write_table(folder / "bar.nc", DEVICE, [entry_of(DEVICE, felt_states(DEVICE)[0])], response=0.05)
+    (folder / "none.toml").write_text(NO_RULES, encoding="utf-8")
+    write_recording(make_recording((Stroke(0.0, 60.0, 0.2, 0.2),)), folder / "rests.hid")
+    return folder
+
+
+@dataclass
+class Running:
+    process: "subprocess.Popen[str]"
+    emulator: RunningEmulator
+    socket: Path
+
+    def connect(self, **more: float) -> Client:
+        return tactable.connect(self.socket, name="a test", lease_s=more.get("lease_s"))
+
+    def end(self) -> tuple[dict[str, object], list[str]]:
+        """The summary, and what the device played: "drive", "silence" or "click"."""
+        self.process.send_signal(signal.SIGINT)
+        told, said = self.process.communicate()
+        assert self.process.returncode == 0, said
+        played = []
+        for event in self.emulator.stop().events:
+            if event.cause in (Cause.SET, Cause.PLAY):
+                sounds = any(channel.amplitude for channel in event.channels)
+                played.append("click" if event.waveform is not None else "drive" if sounds else "silence")
+        return json.loads(told), played
+
+
+@pytest.fixture
+def running(folder: Path, tmp_path: Path) -> Iterator[Running]:
+    """A run with a finger that rests, once that has come."""
+    with run_emulator() as emulator, started(folder, tmp_path, emulator) as running:
+        with running.connect() as client:
+            if not client.subscribe("touches"):
+                next(client.events(30.0))
+        yield running
+
+
+@contextmanager
+def started(folder: Path, tmp_path: Path, emulator: RunningEmulator) -> Iterator[Running]:
+    path = tmp_path / "control.sock"
+    words = ["bar.nc", "--touch", "rests.hid", "--port", emulator.port, "--reconnect", "--effects", "none.toml"]
+    command = [TACTABLE, "run", *words, "--json", "--control", "--control-socket", str(path)]
+    with subprocess.Popen(command, cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stderr is not None
+        said = ""
+        while "Ctrl-C ends" not in said:
+            said = process.stderr.readline()
+            assert process.poll() is None and said
+        yield Running(process, emulator, path)
+        if process.poll() is None:
+            process.kill()
+
+
+def finger_of(client: Client) -> int:
+    (finger,) = client.subscribe("touches", "played")
+    number = finger["finger"]
+    assert isinstance(number, int)
+    return number
+
+
+def test_a_program_triggers_an_effect_and_hears_what_was_played(running: Running) -> None:
+    with running.connect() as client:
+        assert client.run["device"] == "reference-a" and "press" in client.run["effects"]
+        finger = finger_of(client)
+        client.trigger("buzz", finger=finger)
+        event = next(each for each in client.events(30.0) if each["event"] == "played")
+        assert (event["kind"], event["level_db"], event["promise"]) == ("drive", 20.0, None)
+        assert [(each["finger"], each["role"]) for each in event["fingers"]] == [(finger, "felt")]
+        client.stop()
+        assert next(each for each in client.events(30.0) if each["event"] == "played")["kind"] == "silence"
+        with pytest.raises(ClientError, match=r"trigger.finger: 77: does not touch the bar; of these that do: \d"):
+            client.trigger("buzz", finger=77)
+    summary, played = running.end()
+    assert played[:2] == ["drive", "silence"] and "drive" not in played[2:]
+    assert summary["control_steps"] == 3
+    assert not running.socket.exists()
+
+
+def test_a_region_and_what_it_holds_ends_with_its_program(running: Running) -> None:
+    with running.connect() as other:
+        with running.connect() as holder:
+            other.subscribe("played")
+            holder.set_region("key", ["10 %", "30 %"], hold={"effect": "buzz", "after": "10 ms"})
+            assert other.subscribe("played")[0]["region"] == "key"
+            assert next(other.events(30.0))["kind"] == "drive"
+        assert next(other.events(30.0))["kind"] == "silence"
+        assert other.subscribe()[0]["region"] is None
+
+
+def test_a_program_that_says_nothing_loses_what_it_holds_and_a_region_that_stays_stays(running: Running) -> None:
+    with running.connect(lease_s=0.3) as holder, running.connect() as other:
+        finger = finger_of(other)
+        holder.set_region("lost", [0.0, 0.1], touch="press")
+        holder.set_region("kept", ["IV"], touch="press", stays=True)
+        holder.trigger("buzz", finger=finger)
+        kinds = [next(each for each in other.events(30.0) if each["event"] == "played")["kind"] for _ in range(2)]
+        assert kinds == ["drive", "silence"]
+        assert [each["event"] for each in holder.events(0.01)] == ["lease ended"]
+        with running.connect() as third:
+            assert third.run["regions"] == ["kept"]
+        other.remove_region("kept")
+        with pytest.raises(ClientError, match=r"remove.name: 'kept': there is no such region"):
+            other.remove_region("kept")
+
+
+def test_an_event_loop_speaks_too(running: Running) -> None:
+    async def speak() -> list[str]:
+        async with await tactable.connect_async(running.socket) as client:
+            answers = await asyncio.gather(*[client.ask({"type": "ping"}) for _ in range(20)])
+            assert len(answers) == 20
+            (finger,) = (await client.ask({"type": "subscribe", "to": ["played"]}))["fingers"]
+            await client.ask({"type": "trigger", "effect": "buzz", "finger": finger["finger"]})
+            events = client.events()
+            begun = (await anext(events))["kind"]
+            await client.ask({"type": "stop"})
+            return [begun, (await anext(events))["kind"]]
+
+    assert asyncio.run(speak()) == ["drive", "silence"]
+
+
+def test_what_is_no_message_gets_an_answer_and_the_next_one_is_heard(running: Running) -> None:
+    with socket.socket(socket.AF_UNIX) as program:
+        program.connect(str(running.socket))
+        program.sendall(
+            b'{"type": "ping"}\n' + b"x" * 100_000 + b'\n{"id": 3, "type": "hello", "version": 1, "name": "a"}\n'
+        )
+        program.sendall(b"[1]\n\xff\n\n" + b'{"id": 4, "type": "ping"}\n')
+        received = b""
+        while b'"answer": 4' not in received:
+            received += program.recv(65536)
+    answers = [json.loads(line) for line in received.splitlines()]
+    assert [each["answer"] for each in answers] == [None, None, 3, None, None, None, 4]
+    assert [each["ok"] for each in answers] == [False, False, True, False, False, False, True]
+
+
+def test_without_a_run_there_is_an_error_with_a_remedy(tmp_path: Path) -> None:
+    with pytest.raises(ClientError, match=r"nobody.sock: no run listens there .*tactable run ... --control"):
+        tactable.connect(tmp_path / "nobody.sock")
+
+
+def test_a_second_run_does_not_take_the_socket(running: Running, folder: Path) -> None:
+    with run_emulator() as emulator:
+        words = ["bar.nc", "--touch", "rests.hid", "--port", emulator.port, "--control"]
+        command = [TACTABLE, "run", *words, "--control-socket", str(running.socket)]
+        done = subprocess.run(command, cwd=folder, text=True, capture_output=True, check=False)
+    assert done.returncode == 1 and "another run listens there" in done.stderr
+    with running.connect() as client:
+        assert client.run["device"] == "reference-a"
