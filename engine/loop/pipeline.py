@@ -8,7 +8,8 @@ The journey of one touch:
 3. `EffectPlayer.take` follows the rules: which fingers are to feel and which are to rest, where each of them is, at
    which level, and whether that is a click. These three are what is `wanted`.
 4. `Renderer.render` gives the command: a click of the places nearest to the fingers, looked up in the table, as a PLAY,
-   or the steady drive for the fingers' own positions, solved from the table's receptances, as a SET.
+   or the steady drive for the fingers' own positions, solved from the table's receptances, as a SET. A drive that
+   follows a finger keeps its frequency where it can.
 
 A click that the table does not hold (three fingers and more) is *awaited* where somebody solves clicks beside the loop:
 `learn` brings it. After ANSWER_WITHIN_NS the best that is known is played instead, and is marked as provisional.
@@ -33,6 +34,7 @@ from engine.device import Device
 from engine.effects import ControlStep, EffectPlayer, Effects, Outcome
 from engine.effects.player import DEFAULT_CLICK_NS
 from engine.render import Command, Renderer, Rendering
+from engine.render.held import HeldDrive
 from engine.table import ClickEntry
 from engine.touch import Digitizer, FingerTracker, Placement, Touch, TouchFrame, open_digitizer
 from engine.touch.digitizer import RELEASE_AFTER_NS
@@ -114,6 +116,7 @@ class Pipeline:
         """How often something was wanted for fingers that are one to the bar, and for more fingers than are placed."""
         self._answer_ns = 0  # the latest time to answer the touch whose click is awaited
         self._release_ns: int | None = None  # when the watchdog releases the contacts; None without contacts
+        self._held = HeldDrive()
         self._stamp_ns = stamp_ns
 
     @property
@@ -222,7 +225,10 @@ class Pipeline:
     def _render(self) -> Command | None:
         placement, level_db, click_ns = self.wanted
         self.is_provisional = False
-        return self.renderer.render(placement, level_db, click_ns is not None)
+        held_hz = self._held.frequency_for(placement)
+        command = self.renderer.render(placement, level_db, click_ns is not None, held_hz)
+        self._held.note(placement, command)
+        return command
 
     def _best_known(self) -> Command:
         placement, level_db, _ = self.wanted

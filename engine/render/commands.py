@@ -15,6 +15,8 @@ class DriveCommand(NamedTuple):
     """Hold this drive until the next command; no bytes are silence."""
 
     drive: bytes
+    frequency_hz: float | None = None
+    """That of all actuators; None for silence, and for a drive of several frequencies."""
 
     def hand_to(self, link: Link) -> None:
         """Send this next, in place of a command that waits."""
@@ -25,6 +27,8 @@ class PlayCommand(NamedTuple):
     """Play a click once, then silence."""
 
     click: EncodedClick
+    frequency_hz: float | None = None
+    """None: a click has no frequency."""
 
     def hand_to(self, link: Link) -> None:
         """Send this next, in place of a command that waits."""

@@ -22,8 +22,8 @@ class Steady(Protocol):
     def prepare(self) -> None:
         """Load or compile what solving takes."""
 
-    def rendered(self, placement: Placement, level_db: float) -> Rendered:
-        """The drive for these fingers at this level."""
+    def rendered(self, placement: Placement, level_db: float, held_hz: float | None = None) -> Rendered:
+        """The drive for these fingers at this level; held_hz: frequency of the drive that they have, and moved."""
 
 
 class WhenNotAchieved(StrEnum):
@@ -62,8 +62,16 @@ class Renderer:
         """Load or compile what solving takes, so that no touch waits for that."""
         self._steady.prepare()
 
-    def render(self, placement: Placement | None, level_db: float | None, is_click: bool = False) -> Command | None:
+    def render(
+        self,
+        placement: Placement | None,
+        level_db: float | None,
+        is_click: bool = False,
+        held_hz: float | None = None,
+    ) -> Command | None:
         """The command for these fingers; SILENCE where none is felt or the level is refused.
+
+        held_hz: frequency of the steady drive that they have, and moved since; None: they have none.
 
         None: a click is wanted for these fingers that the table does not hold and nobody has solved yet; `fallback` has
         the best that is known meanwhile. A device that plays no clicks gets that at once.
@@ -71,7 +79,7 @@ class Renderer:
         if placement is None or level_db is None:
             return SILENCE
         if not is_click:
-            return self.fallback(placement, level_db)
+            return self._counted(self._steady.rendered(placement, level_db, held_hz))
         rendered = self.clicks.rendered(placement, level_db)
         if rendered is None:
             return None if self.clicks.is_unknown(placement) else self.fallback(placement, level_db)

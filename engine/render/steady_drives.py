@@ -41,27 +41,28 @@ class SteadyDrives:
         self._solver = SteadySolver(device, receptances)
         self._device, self._resolution_hz, self._refuses = device, capabilities.frequency_resolution_hz, refuses
         self._scales = tuple(scales)
-        self._remembered: dict[tuple[Placement, float], Rendered] = {}
+        self._remembered: dict[tuple[Placement, float, float | None], Rendered] = {}
 
     def prepare(self) -> None:
         """Load or compile what a solve needs, so that no touch waits for that."""
         self._solver.prepare()
 
-    def rendered(self, placement: Placement, level_db: float) -> Rendered:
-        """The drive for these fingers at this level."""
-        key = (placement, level_db)
+    def rendered(self, placement: Placement, level_db: float, held_hz: float | None = None) -> Rendered:
+        """The drive for these fingers at this level; held_hz as for `SteadySolver.solve`."""
+        key = (placement, level_db, held_hz)
         found = self._remembered.get(key)
         if found is None:
             if len(self._remembered) == MOST_REMEMBERED:
                 del self._remembered[next(iter(self._remembered))]
-            found = self._remembered[key] = self._solve(placement, level_db)
+            found = self._remembered[key] = self._solve(placement, level_db, held_hz)
         return found
 
-    def _solve(self, placement: Placement, level_db: float) -> Rendered:
-        solved = self._solver.solve(placement.position_m, placement.is_felt, level_db)
+    def _solve(self, placement: Placement, level_db: float, held_hz: float | None) -> Rendered:
+        solved = self._solver.solve(placement.position_m, placement.is_felt, level_db, held_hz)
         if self._refuses and not solved.achieved:
             return Rendered(SILENCE, is_achieved=False)
-        return Rendered(_command(solved, self._device, self._scales, self._resolution_hz), solved.achieved)
+        command = _command(solved, self._device, self._scales, self._resolution_hz)
+        return Rendered(command._replace(frequency_hz=solved.frequency_hz), solved.achieved)
 
 
 class ZoneDrives:
@@ -77,7 +78,7 @@ class ZoneDrives:
     def prepare(self) -> None:
         """Nothing: the table holds all of it."""
 
-    def rendered(self, placement: Placement, level_db: float) -> Rendered:
+    def rendered(self, placement: Placement, level_db: float, held_hz: float | None = None) -> Rendered:  # noqa: ARG002  # zones know no other drive
         """The drive of these fingers' zones at this level."""
         entry = self._table.entry_at(placement.state_on(self._table.device), level_db)
         if entry is None or (self._refuses and not entry.achieved):

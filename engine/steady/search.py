@@ -329,13 +329,37 @@ def _fill_power(grid_hz, hz, loaded, a, power):  # type: ignore[no-untyped-def] 
             power[c, f] = y.real * y.real + y.imag * y.imag
 
 
+@njit(types.void(REAL, _COUNT), cache=True, error_model="numpy")
+def _keep_peak(value, held):  # type: ignore[no-untyped-def]  # numba
+    """Take all frequencies off value (frequency,) but those of the peak that is uphill of the index `held`.
+
+    It is the nearest one that reaches the level.
+    """
+    count, k = len(value), held
+    for away in range(count):
+        if value[max(held - away, 0)] >= 0.0 or value[min(held + away, count - 1)] >= 0.0:
+            k = max(held - away, 0) if value[max(held - away, 0)] >= 0.0 else min(held + away, count - 1)
+            break
+    while True:
+        before, after = value[max(k - 1, 0)], value[min(k + 1, count - 1)]
+        if max(before, after) <= value[k]:
+            break
+        k += 1 if after >= before else -1
+    left, right = k, k
+    while left > 0 and value[left - 1] <= value[left]:
+        left -= 1
+    while right < count - 1 and value[right + 1] <= value[right]:
+        right += 1
+    value[:left], value[right + 1 :] = -1.0, -1.0
+
+
 @njit(
     types.void(
-        _HZ, _USABLE_AT, _LOADED, _INDEX, _COUNT, _FORMS, types.boolean, types.float64, REAL, DRIVE, _REALS
+        _HZ, _USABLE_AT, _LOADED, _INDEX, _COUNT, _FORMS, types.boolean, types.float64, _COUNT, REAL, DRIVE, _REALS
     ),
     cache=True, error_model="numpy",
 )  # fmt: skip
-def find_drive(hz, usable, loaded, order, felt, given, is_share, wanted, found, out, power):  # type: ignore[no-untyped-def]  # numba
+def find_drive(hz, usable, loaded, order, felt, given, is_share, wanted, held, found, out, power):  # type: ignore[no-untyped-def]  # numba
     """Fill out (actuator,) with the best drive, found (2,) with its frequency and its ratio, or -1: none is loud.
 
     power (case, finger): filled with the powers over threshold under all fingers, the drive's strongest actuator at 1.
@@ -343,12 +367,15 @@ def find_drive(hz, usable, loaded, order, felt, given, is_share, wanted, found, 
     hz (frequency,), usable (frequency, actuator), loaded (case, finger, actuator, 2, frequency) with the standard case
     first. order: indices of the fingers, the `felt` ones first. given (frequency, form, part): the powers under the
     fingers in that order, or with `is_share` two energies. wanted: power over threshold under the weakest felt finger
-    with the strongest actuator at 1; infinite asks for the loudest drive.
+    with the strongest actuator at 1; infinite asks for the loudest drive. held: index of a frequency whose peak alone
+    is searched; -1 for all.
     """
     count, m = len(hz), len(out)
     n = 1 if is_share else felt
     value, drive = np.empty(count), np.empty((count, m), dtype=np.complex128)
     _scan(usable, loaded, order, felt, given, n, wanted, value, drive)
+    if held >= 0:
+        _keep_peak(value, held)
     near = value.max() * (_NEAR if given.shape[1] == 2 and m <= 2 else _NEAR_SEVERAL)
     peak, peak_value = np.empty(_PEAKS, dtype=np.int64), np.full(_PEAKS, -1.0)
     for i in range(_PEAKS):

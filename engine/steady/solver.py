@@ -10,6 +10,9 @@ maximises the share of kinetic energy in the zones that hold the felt fingers. T
 the tabulated search (precompute.entries); here all actuators play one frequency, and no bound is proved.
 
 Where no drive reaches the level, the loudest one is answered and `achieved` is False. An infinite level asks for it.
+
+A drive that follows a finger keeps to its peak over frequency while that is good enough: the quiet finger feels a jump
+to another frequency (docs/theory.md), and a few dB of contrast less it does not feel.
 """
 
 from collections.abc import Sequence
@@ -35,6 +38,14 @@ _deviations = lru_cache(maxsize=4 * MOST_FINGERS)(sample_deviations)
 LEVEL_TOLERANCE_DB = 1e-3
 """As engine.table.entry has it; this package needs no table."""
 _CASES, _FEW_CASES, _FEW_FINGERS = 8, 4, 4
+_ALL = -1
+"""In place of the index of a frequency: all are searched."""
+JUMP_HZ, FOLLOWED_HZ = 2.0, 8.0
+"""A greater change of frequency is a jump; and that far a peak is followed from one position to the next."""
+_EDGE_HZ = 2.0
+"""What lies this close to the end of the search may be a slope, and no peak."""
+_ENOUGH_DB, _LESS_DB = 18.0, 6.0
+"""A peak is kept where it has this expected contrast, or at most that much less than the best peak."""
 
 
 class SteadyError(TactableError, ValueError):
@@ -73,21 +84,26 @@ class SteadySolver:
             position_m = [length_m * (finger + 0.5) / fingers for finger in range(fingers)]
             self.solve(position_m, [finger == 0 for finger in range(fingers)], 0.0)
 
-    def solve(self, positions_m: Sequence[float], felt: Sequence[bool], level_db: float) -> SteadyDrive:
+    def solve(
+        self, positions_m: Sequence[float], felt: Sequence[bool], level_db: float, held_hz: float | None = None
+    ) -> SteadyDrive:
         """The best drive for fingers at these positions, `felt` or else quiet, at a level in dB over threshold.
 
-        An infinite level asks for the loudest drive. Raises SteadyError for positions that are not on the bar, no felt
-        finger, or more than MOST_FINGERS.
+        An infinite level asks for the loudest drive. held_hz: frequency of the drive that these fingers have, which
+        moved since; its peak is kept where that is good enough. Raises SteadyError for positions that are not on the
+        bar, no felt finger, or more than MOST_FINGERS.
         """
         self._check(positions_m, felt, level_db)
         device = self.device
         deviations = self._deviations(len(positions_m))
         position_m = np.array(positions_m, dtype=np.float64)
         return self.solve_cases(
-            cases_at(position_m, deviations, device.finger, device.bar.length_m), tuple(felt), level_db
+            cases_at(position_m, deviations, device.finger, device.bar.length_m), tuple(felt), level_db, held_hz
         )
 
-    def solve_cases(self, cases: FingerCases, felt: tuple[bool, ...], level_db: float) -> SteadyDrive:
+    def solve_cases(
+        self, cases: FingerCases, felt: tuple[bool, ...], level_db: float, held_hz: float | None = None
+    ) -> SteadyDrive:
         """As `solve`, for given cases of the fingers."""
         limit, pitch_m = self.device.limits.amplitude, self.pitch_m
         impedance = np.ascontiguousarray(cases.impedance, dtype=np.float32)
@@ -115,10 +131,18 @@ class SteadySolver:
         tail = self._usable, loaded, order, len(felt_at), np.ascontiguousarray(forms.transpose(2, 0, 1)), is_share
         objective, found = "localized factor" if is_share else "contrast", np.array([0.0, -1.0])
         if not (is_flat or np.isinf(level_db)):
-            find_drive(hz, *tail, wanted, found, amplitude, power)
+            find_drive(hz, *tail, wanted, _ALL, found, amplitude, power)
+        if held_hz is not None and not is_share and found[1] >= 0 and abs(found[0] - held_hz) > JUMP_HZ:
+            kept, kept_amplitude, kept_power = np.array([0.0, -1.0]), np.empty_like(amplitude), np.empty_like(power)
+            apart_hz = abs(hz - held_hz)
+            near = self._usable & (apart_hz <= FOLLOWED_HZ + _EDGE_HZ)[:, None]
+            find_drive(hz, near, *tail[1:], wanted, int(apart_hz.argmin()), kept, kept_amplitude, kept_power)
+            enough = min(10 ** (_ENOUGH_DB / 10), found[1] * 10 ** (-_LESS_DB / 10))
+            if kept[1] >= enough and abs(kept[0] - held_hz) <= FOLLOWED_HZ:
+                found, amplitude, power = kept, kept_amplitude, kept_power
         if found[1] < 0:
             objective = "level"
-            find_drive(hz, *tail, np.inf, found, amplitude, power)
+            find_drive(hz, *tail, np.inf, _ALL, found, amplitude, power)
         found_hz, value = found.tolist()
         full_level_db = 10 * np.log10(power[0, felt_at].min() * limit**2)
         change_db = min(0.0, level_db - full_level_db)

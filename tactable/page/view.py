@@ -140,7 +140,8 @@ class View:
             channels = tuple(ChannelPicture(c.frequency_hz, c.amplitude, c.phase_rad) for c in drive)
             length_s = math.inf
             if self._promises_steady:  # that of a zone is not for these positions
-                promised_db = self._promises.of_drive(placement, level_db)[1].level_db.tolist()
+                held_hz = max(drive, key=lambda channel: channel.amplitude).frequency_hz if drive else None
+                promised_db = self._promises.of_drive(placement, level_db, held_hz)[1].level_db.tolist()
         self._command = _Command(
             number=self._commands,
             placement=placement,

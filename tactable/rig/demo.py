@@ -131,7 +131,8 @@ class Reporter:
     ) -> DriveReport:
         """Report a steady drive that the firmware got; the last two are the greatest accelerations in the run."""
         placement = wanted.placement
-        drive, promise = self._promises.of_drive(placement, wanted.level_db)
+        strongest = max(event.channels, key=lambda channel: channel.amplitude)
+        drive, promise = self._promises.of_drive(placement, wanted.level_db, strongest.frequency_hz)
         hz = np.full(len(drive.amplitudes), drive.frequency_hz)
         loaded = self._plant.with_fingers(placement.position_m, self._device.finger)
         zones = {self._edges.zone_at(placement.position_m[finger]) for finger in placement.felt} - {None}

@@ -55,11 +55,16 @@ class Promises:
         for click in self._table.clicks[:1]:
             self._source.fingers_of(click, click.placement)
 
-    def of_drive(self, placement: Placement, level_db: float) -> tuple[SteadyDrive, Promise]:
-        """The steady drive of a placement, as a run solves it, and its promise."""
+    def of_drive(
+        self, placement: Placement, level_db: float, held_hz: float | None = None
+    ) -> tuple[SteadyDrive, Promise]:
+        """The steady drive of a placement, as a run solves it, and its promise.
+
+        held_hz: frequency of the drive that is played; where the fingers moved, it may be that of an earlier one.
+        """
         from precompute.model.response import solve_response
 
-        drive = self._solver.solve(placement.position_m, placement.is_felt, level_db)
+        drive = self._solver.solve(placement.position_m, placement.is_felt, level_db, held_hz)
         hz, device = np.array([drive.frequency_hz]), self._table.device
         loaded = self._plant.with_fingers(placement.position_m, device.finger)
         unit = solve_response(loaded, hz).acceleration(np.array(placement.position_m))[0]

@@ -1,11 +1,12 @@
-"""What fingers feel while a steady drive follows one of them: ramps to zero and up again, against crossfades.
+"""What fingers feel while a steady drive follows one of them: ramps, crossfades, and crossfades that keep a frequency.
 
     python -m tests.studies.following [DEVICE [RUNS]]
 
 One finger feels 20 dB and rests; another, which is to feel nothing, moves 30 mm at 50 mm/s. A digitizer reports it 125
 times a second, and the drive is solved again when it is more than 0.5 mm from where the last one was solved for. The
-drives go through the synthesis of the firmware, and for comparison through one that ramps a channel to zero and up
-again where its phase is written, into the plant in time, whose finger moves on every 2 ms. SIMULATED.
+drives go through the synthesis of the firmware, into the plant in time, whose finger moves on every 2 ms. That is
+compared with the same drives each at its own best frequency, and with these through a synthesis that ramps a channel to
+zero and up again where its phase is written. SIMULATED.
 """
 
 import math
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.render.limits import clamp
-from engine.steady.solver import SteadySolver
+from engine.steady.solver import FOLLOWED_HZ, SteadySolver
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, synthesise
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
@@ -36,8 +37,7 @@ RATE_HZ = 24_000
 MOVED_M, SPEED_M_PER_S = 30e-3, 50e-3
 REPORT_S, FOLLOW_M = 8e-3, 0.5e-3
 SETTLED_S, PLANT_STEP_S, WINDOW_S = 0.4, 2e-3, 20e-3
-JUMP_HZ = 2.0
-"""A greater change of frequency means another drive: the optimum has moved to another one."""
+WAYS = ("ramped", "crossfaded", "crossfaded, frequency kept")
 _US_PER_S = 1e6
 _MOVE_S = MOVED_M / SPEED_M_PER_S
 
@@ -105,27 +105,29 @@ class Following:
         self._solver = SteadySolver(device, solve_place_receptances(solver.plant, solver.frequency_hz))
         self._taps = threshold_filter(RATE_HZ)[:, None]
 
-    def drives(self, run: Run) -> list[DriveEvent]:
-        """The drive that is held before the move, and those that follow."""
+    def drives(self, run: Run, *, keeps: bool) -> list[DriveEvent]:
+        """The drive that is held before the move, and those that follow: with `keeps` near the frequency before."""
         held_m = run.from_m
-        log = [self._drive(run.felt_m, held_m, 0.0)]
+        log = [self._drive(run.felt_m, held_m, 0.0, None)]
         for report in range(1, round(_MOVE_S / REPORT_S) + 1):
             at_m = run.quiet_m(report * REPORT_S)
             if abs(at_m - held_m) > FOLLOW_M:
                 held_m = at_m
-                log.append(self._drive(run.felt_m, held_m, SETTLED_S + report * REPORT_S))
+                held_hz = log[-1].channels[0].frequency_hz if keeps else None
+                log.append(self._drive(run.felt_m, held_m, SETTLED_S + report * REPORT_S, held_hz))
         return log
 
-    def _drive(self, felt_m: float, quiet_m: float, time_s: float) -> DriveEvent:
+    def _drive(self, felt_m: float, quiet_m: float, time_s: float, held_hz: float | None) -> DriveEvent:
         fingers = sorted([(felt_m, True), (quiet_m, False)])
-        solved = self._solver.solve([at_m for at_m, _ in fingers], [is_felt for _, is_felt in fingers], LEVEL_DB)
+        position_m, is_felt = [at_m for at_m, _ in fingers], [is_felt for _, is_felt in fingers]
+        solved = self._solver.solve(position_m, is_felt, LEVEL_DB, held_hz)
         targets = (ChannelTarget(c.frequency_hz, c.amplitude, c.phase_rad) for c in clamp(solved, self.device).channels)
         slew_per_s = self.device.limits.slew_per_s
         return DriveEvent(round(_US_PER_S * time_s), Cause.SET, None, slew_per_s, tuple(targets))
 
-    def feel(self, run: Run, synthesis: Synthesis) -> Felt:
+    def feel(self, run: Run, synthesis: Synthesis, *, keeps: bool = False) -> Felt:
         """Play a run; what both fingers feel while one moves."""
-        displacement = synthesis(self.drives(run), SETTLED_S + _MOVE_S)
+        displacement = synthesis(self.drives(run, keeps=keeps), SETTLED_S + _MOVE_S)
         begun, step = round(SETTLED_S * RATE_HZ), round(PLANT_STEP_S * RATE_HZ)
         plant, parts = TransientPlant(self._basis, np.zeros(0), RATE_HZ), list[Array]()
         for part in np.split(displacement, range(begun, len(displacement), step)):
@@ -140,10 +142,10 @@ class Following:
         levels = (peak[:, 1].max(), np.median(peak[:, 1]), np.percentile(power[:, 0], 5))
         return Felt(*(20 * math.log10(level) for level in levels))
 
-    def jumps(self, run: Run) -> int:
-        """How often the frequency jumps during a run."""
-        hz = [event.channels[0].frequency_hz for event in self.drives(run)]
-        return int((abs(np.diff(hz)) > JUMP_HZ).sum())
+    def jumps(self, run: Run, *, keeps: bool) -> int:
+        """How often the frequency jumps to another peak during a run."""
+        hz = [event.channels[0].frequency_hz for event in self.drives(run, keeps=keeps)]
+        return int((abs(np.diff(hz)) > FOLLOWED_HZ).sum())
 
 
 def random_runs(device: Device, count: int, seed: int = 11) -> list[Run]:
@@ -160,20 +162,23 @@ def random_runs(device: Device, count: int, seed: int = 11) -> list[Run]:
 def main() -> None:
     """Print each run, and what they have in common."""
     device = find_device(sys.argv[1] if len(sys.argv) > 1 else "reference-a")
-    following, table = Following(device), list[tuple[int, list[Felt]]]()
+    following, table = Following(device), list[tuple[bool, list[Felt]]]()
     print(f"{device.name}, SIMULATED: quiet peak, median of quiet peaks in 20 ms, felt 5 % of 20 ms, dB")
     for run in random_runs(device, int(sys.argv[2]) if len(sys.argv) > 2 else 20):
-        felt = [following.feel(run, synthesis) for synthesis in (ramped, crossfaded)]
-        table.append((following.jumps(run), felt))
+        ways = ((ramped, False), (crossfaded, False), (crossfaded, True))
+        felt = [following.feel(run, synthesis, keeps=keeps) for synthesis, keeps in ways]
+        jumps = [following.jumps(run, keeps=keeps) for keeps in (False, True)]
+        table.append((jumps[0] > 0, felt))
         places = f"felt {1e3 * run.felt_m:.0f} mm, quiet {1e3 * run.from_m:.0f} to {1e3 * run.to_m:.0f} mm"
-        print(f"{places}, {table[-1][0]} jumps: ramped {_shown(felt[:1])}; crossfaded {_shown(felt[1:])}", flush=True)
-    for name, chosen in (
-        ("without a jump of the frequency", [felt for jumps, felt in table if not jumps]),
-        ("with jumps", [felt for jumps, felt in table if jumps]),
-    ):
+        shown = "; ".join(f"{name} {_shown([each])}" for name, each in zip(WAYS, felt, strict=True))
+        print(f"{places}, jumps {jumps[0]}, where a frequency is kept {jumps[1]}: {shown}", flush=True)
+    for name, has_jumps in (("without a jump of the best frequency", False), ("with jumps", True)):
+        chosen = [felt for jumped, felt in table if jumped is has_jumps]
         if chosen:
-            ramps, crossfades = zip(*chosen, strict=True)
-            print(f"{name}, {len(chosen)} runs, medians: ramped {_shown(ramps)}; crossfaded {_shown(crossfades)}")
+            shown = "; ".join(
+                f"{way} {_shown(each)}" for way, each in zip(WAYS, zip(*chosen, strict=True), strict=True)
+            )
+            print(f"{name}, {len(chosen)} runs, medians: {shown}")
 
 
 def _shown(felt: Sequence[Felt]) -> str:

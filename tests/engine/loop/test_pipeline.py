@@ -58,6 +58,15 @@ def test_a_touch_brings_one_command_and_rest_brings_none() -> None:
     assert [command == SILENCE for *_, command in changes] == [False, True]
 
 
+def test_a_drive_that_follows_a_finger_is_told_the_frequency_before() -> None:
+    steps = [(0.1 * k, report((1, 0.1 + 0.01 * k))) for k in range(3)]
+    rig = Rig(recording_of(*steps, (0.3, report(lifted=[1])), (0.4, report((1, 0.12)))))
+    changes = played(pipeline_of(rig), rig.recording)
+    hz = rig.steady.frequency_hz(Placement.on(DEVICE, [0.1 * DEVICE.bar.length_m]))
+    assert [command.frequency_hz for *_, command in changes] == [hz, hz, hz, None, hz, None]
+    assert rig.steady.held_hz == [None, hz, hz, None]
+
+
 def test_time_ends_an_effect_and_releases_a_finger_that_went_silent() -> None:
     rig = Rig(recording_of((0.0, report((1, 0.1)))), effects=BURSTS)
     pipeline = pipeline_of(rig)

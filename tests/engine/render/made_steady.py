@@ -29,6 +29,7 @@ class MadeSteady:
     ) -> None:
         self.device, self.short_of, self.refuses, self.always_hz = device, short_of, refuses, always_hz
         self.solved: list[tuple[Placement, float]] = []
+        self.held_hz: list[float | None] = []
         self.prepared = 0
 
     def prepare(self) -> None:
@@ -41,8 +42,9 @@ class MadeSteady:
         felt = sum(1 << zone for zone, state in enumerate(states) if state is ZoneState.FELT)
         return 100.0 + felt + 0.25 * bool(placement.quiet) + 0.5 * (level_db != LEVEL_DB)
 
-    def rendered(self, placement: Placement, level_db: float) -> Rendered:
+    def rendered(self, placement: Placement, level_db: float, held_hz: float | None = None) -> Rendered:
         self.solved.append((placement, level_db))
+        self.held_hz.append(held_hz)
         states = placement.zone_states(self.device)
         is_achieved = not any(states[zone] is ZoneState.FELT for zone in self.short_of)
         if self.refuses and not is_achieved:
@@ -53,7 +55,7 @@ class MadeSteady:
             frequencies_hz=(frequency_hz,) * actuators, amplitudes=(1.0,) * actuators, phases_rad=(0.0,) * actuators
         )
         drive = encode_drive(clamp(solved, self.device).channels, RESOLUTION_HZ)
-        return Rendered(DriveCommand(drive), is_achieved)
+        return Rendered(DriveCommand(drive, frequency_hz), is_achieved)
 
 
 def made_renderer(device: Device, capabilities: Capabilities, levels_db: Sequence[float] = (LEVEL_DB,)) -> Renderer:

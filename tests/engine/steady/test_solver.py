@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from engine.device import Device, Finger
 from engine.steady import SteadyDrive
 from engine.steady.cases import FingerCases, cases_at, sample_deviations
-from engine.steady.solver import SteadyError
+from engine.steady.solver import FOLLOWED_HZ, SteadyError
 from engine.touch import ZoneState
 from engine.touch.placement import MOST_FINGERS
 from precompute.entries.at_positions import cases_in_zones
@@ -120,6 +120,29 @@ def test_a_louder_level_never_has_more_contrast() -> None:
     values = [drive.value for drive in drives if drive.objective == "contrast"]
     assert len(values) > 5 and values[-1] < values[0] - 1
     assert (np.diff(values) < 0.02).all()
+
+
+def test_a_drive_that_follows_keeps_to_its_peak_while_that_is_good_enough() -> None:
+    solver, jumps = designer_of(shipped("reference-a")).solver, [0, 0]
+    random = np.random.default_rng(5)
+    for felt_m, from_m in random.uniform(0.0, 0.24, (30, 2)).tolist():
+        if abs(felt_m - from_m) < 0.06:
+            continue
+        held_hz = free_hz = None
+        for quiet_m in np.arange(from_m, from_m + 0.03, 5e-4).tolist():
+            fingers = sorted([(felt_m, True), (quiet_m, False)])
+            asked = [at_m for at_m, _ in fingers], [is_felt for _, is_felt in fingers], 20.0
+            free, kept = solver.solve(*asked), solver.solve(*asked, held_hz)
+            assert kept.achieved == free.achieved and kept.value >= min(18.0, free.value - 6.0) - 1e-6
+            if held_hz is not None and free_hz is not None:
+                jumps[0] += abs(free.frequency_hz - free_hz) > FOLLOWED_HZ
+                jumps[1] += abs(kept.frequency_hz - held_hz) > FOLLOWED_HZ
+            # Whoever knows the drive's own frequency finds this drive again.
+            again = solver.solve(*asked, kept.frequency_hz)
+            assert again.value == pytest.approx(kept.value, abs=0.01)
+            assert again.frequency_hz == pytest.approx(kept.frequency_hz, abs=0.1)
+            held_hz, free_hz = kept.frequency_hz, free.frequency_hz
+    assert jumps[1] < 0.7 * jumps[0]
 
 
 def test_a_mirrored_bar_gets_the_mirrored_drive() -> None:
