@@ -42,7 +42,7 @@ class AwaitedClicks:
         self.descriptor = solving.fileno()
         self._solving, self._pipeline, self._counters, self._hand_over = solving, pipeline, counters, hand_over
         self._asked: Placement | None = None
-        pipeline.awaits_clicks = True
+        pipeline.answerer.awaits_clicks = True
 
     def look(self, readable: Container[int] | None) -> None:
         """Take what was solved, and ask for what is awaited; `readable` None: not known."""
@@ -54,7 +54,7 @@ class AwaitedClicks:
                     command = pipeline.learn(click)
                     if command is not None:
                         self._hand_over(command)
-        awaited = pipeline.awaited
+        awaited = pipeline.answerer.awaited
         if awaited is not None and awaited != self._asked:
             self._solving.ask(awaited, pipeline.device)
         self._asked = awaited

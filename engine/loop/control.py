@@ -40,6 +40,7 @@ class Controls:
     ) -> None:
         self.descriptor = slot.fileno()
         self._slot, self._pipeline, self._counters, self._hand_over = slot, pipeline, counters, hand_over
+        self._outcome = Outcome.DONE  # of the last step
 
     def take(self, readable: Container[int] | None) -> ControlStep | None:
         """The step that has come; `readable` None: not known."""
@@ -48,10 +49,10 @@ class Controls:
     def run(self, step: ControlStep, time_ns: int) -> None:
         """Take a step; what is due by `time_ns`, on the source's time axis, was taken before."""
         self._counters.controlled += 1
-        command = self._pipeline.control(step, time_ns)
+        self._outcome, command = self._pipeline.control(step, time_ns)
         if command is not None:
             self._hand_over(command)
 
     def tell(self) -> None:
         """Say what became of the step, after its command was written."""
-        self._slot.tell(self._pipeline.outcome)
+        self._slot.tell(self._outcome)

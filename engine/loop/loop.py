@@ -226,7 +226,7 @@ class Loop:
         placement, level_db, click_ns = pipeline.wanted
         frame, drive = None if report_index is None else pipeline.frame, dispatcher.held.drive
         is_click, touches = click_ns is not None, pipeline.touches
-        is_provisional = fate is not Fate.NONE and pipeline.is_provisional
+        is_provisional = fate is not Fate.NONE and pipeline.answerer.is_provisional
         self.counters.provisional += is_provisional
         wanted = (placement, level_db, is_click, is_provisional, touches)
         dispatcher.note(_new(CommandRecord, (stamps_ns, report_index, report, frame, *wanted, drive, fate, None)))
@@ -238,7 +238,7 @@ class Loop:
         counters.replaced = self._session.link.counters.coalesced
         digitizer = pipeline.digitizer.counters
         counters.frames, counters.lost_frames = digitizer.frames, digitizer.lost_frames
-        counters.joined, counters.left_out = pipeline.joined, pipeline.left_out
+        counters.joined, counters.left_out = pipeline.counters.joined, pipeline.counters.left_out
         if observer is not None:
             for record in records:
                 observer.observe(record, counters)
@@ -268,7 +268,7 @@ class Loop:
         self._reconnection.greet_again_if_stopped()
 
     def _act_on(self, event: Event) -> None:
-        self._reconnection.check(event, self._pipeline.renderer)
+        self._reconnection.check(event, self._pipeline.answerer.renderer)
         if self._swap is not None:
             self._swap.act_on(event)
         if isinstance(event, Armed):

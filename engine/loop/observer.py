@@ -61,11 +61,6 @@ class CommandRecord(NamedTuple):
         """When what is wanted was known; for a report that changed nothing, when it was read."""
         return self.stamps_ns[Stage.STATE] or self.stamps_ns[Stage.READ]
 
-    @property
-    def finger_positions_m(self) -> tuple[float, ...]:
-        """Where the fingers are, in the order of the frame."""
-        return tuple(touch.position_m for touch in self.touches)
-
 
 @dataclass
 class LoopCounters:

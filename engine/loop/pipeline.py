@@ -8,11 +8,9 @@ The journey of one touch:
 3. `EffectPlayer.take` follows the rules: which fingers are to feel and which are to rest, where each of them is, at
    which level, and whether that is a click. These three are what is `wanted`.
 4. `Renderer.render` gives the command: a click of the places nearest to the fingers, looked up in the table, as a PLAY,
-   or the steady drive for the fingers' own positions, solved from the table's receptances, as a SET. A drive that
-   follows a finger keeps its frequency where it can.
-
-A click that the table does not hold (three fingers and more) is *awaited* where somebody solves clicks beside the loop:
-`learn` brings it. After ANSWER_WITHIN_NS the best that is known is played instead, and is marked as provisional.
+   or the steady drive for the fingers' own positions, solved from the table's receptances, as a SET. The `Answerer`
+   asks for it: a drive that follows a finger keeps its frequency where it can, and a click that is being solved is
+   awaited for a while, until `learn` brings it.
 
 A program changes what is wanted between two reports: `control` takes a new set of rules, an effect to begin at a finger
 or at a place, or a finger to keep quiet.
@@ -28,34 +26,20 @@ against. The stamps are measurements and decide nothing.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from engine.device import Device
 from engine.effects import ControlStep, EffectPlayer, Effects, Outcome
 from engine.effects.player import DEFAULT_CLICK_NS
+from engine.loop.answerer import NOTHING, Answerer, Wanted
 from engine.render import Command, Renderer, Rendering
-from engine.render.held import HeldDrive
 from engine.table import ClickEntry
-from engine.touch import Digitizer, FingerTracker, Placement, Touch, TouchFrame, open_digitizer
+from engine.touch import Digitizer, FingerTracker, Touch, TouchFrame, open_digitizer
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources import Described
 
-ANSWER_WITHIN_NS = 25_000_000
-"""A touch waits no longer for a click that is being solved: an answer that is later is felt as late."""
-
-
-class Wanted(NamedTuple):
-    """What the fingers are to feel."""
-
-    placement: Placement | None
-    """The fingers and their roles; None: no finger feels."""
-    level_db: float | None
-    """Level under every felt finger, dB above the detection threshold; None: no finger feels."""
-    click_ns: int | None
-    """When the click began, on the source's time axis; None: what is felt is steady."""
-
-
-NOTHING = Wanted(None, None, None)
+# The hot path: half the time of calling a named tuple's class.
+_new = tuple.__new__
 
 
 def _no_stamp() -> int:
@@ -76,6 +60,16 @@ def open_pipeline(
     return Pipeline(digitizer, device, player, renderer, stamp_ns)
 
 
+@dataclass
+class PlacementCounters:
+    """How often something was wanted for fingers that do not all get a place of their own."""
+
+    joined: int = 0
+    """Some fingers were so close that they are one to the bar."""
+    left_out: int = 0
+    """There were more fingers than are placed."""
+
+
 class Pipeline:
     """Decodes, tracks, plays and renders the reports of one digitizer on one bar.
 
@@ -91,7 +85,8 @@ class Pipeline:
         renderer: Renderer,
         stamp_ns: Callable[[], int] = _no_stamp,
     ) -> None:
-        self.digitizer, self.device, self.player, self.renderer = digitizer, device, player, renderer
+        self.digitizer, self.device, self.player = digitizer, device, player
+        self.answerer = Answerer(renderer)
         self.tracker = FingerTracker(device, digitizer.surface)
         self.rendering: Rendering | None = None
         """The table that `change_table` brought; None: the pipeline still plays the first."""
@@ -104,19 +99,8 @@ class Pipeline:
         """Stamps of the last report: its frame was complete; what is wanted was known."""
         self.due_ns: float = math.inf
         """When `advance` has something to do; infinite: time alone changes nothing."""
-        self.outcome = Outcome.DONE
-        """What became of the last control step."""
-        self.awaits_clicks = False
-        """Whether clicks that are not known are solved beside the loop."""
-        self.awaited: Placement | None = None
-        """The placement, at places of the table, whose click is waited for; None: no click is."""
-        self.is_provisional = False
-        """Whether the last command is the best that was known in time, and not the click that was wanted."""
-        self.joined = self.left_out = 0
-        """How often something was wanted for fingers that are one to the bar, and for more fingers than are placed."""
-        self._answer_ns = 0  # the latest time to answer the touch whose click is awaited
+        self.counters = PlacementCounters()
         self._release_ns: int | None = None  # when the watchdog releases the contacts; None without contacts
-        self._held = HeldDrive()
         self._stamp_ns = stamp_ns
 
     @property
@@ -135,10 +119,10 @@ class Pipeline:
         self.state_ns = self._stamp_ns()
         return self._answer(frame.time_ns)
 
-    def control(self, step: ControlStep, time_ns: int) -> Command | None:
-        """Take what a program asks for; the new command, None where what is wanted stays the same."""
-        self.outcome = self.player.control(step, time_ns)
-        return self._answer(time_ns) if self._take_wanted() else None
+    def control(self, step: ControlStep, time_ns: int) -> tuple[Outcome, Command | None]:
+        """Take what a program asks for; what became of it, and the new command, None where none is due."""
+        outcome = self.player.control(step, time_ns)
+        return outcome, self._answer(time_ns) if self._take_wanted() else None
 
     def advance(self, time_ns: int) -> Iterator[Command]:
         """Yield each command that time alone brings by `time_ns`, in order; `wanted` is what that command is for."""
@@ -149,7 +133,8 @@ class Pipeline:
             if frame is not None and self._follow(frame):
                 yield from self._answers(release_ns)
         yield from self._advance_effects(time_ns)
-        if self.awaited is not None and self._answer_ns <= time_ns:
+        latest_ns = self.answerer.latest_ns
+        if latest_ns is not None and latest_ns <= time_ns:
             self._stop_waiting()
             yield self.command()
 
@@ -158,15 +143,13 @@ class Pipeline:
 
         Where the click is not known, it is the best that is, marked as provisional.
         """
-        command = self._render()
-        return self._best_known() if command is None else command
+        return self.answerer.answer_now(self.wanted)
 
     def learn(self, click: ClickEntry) -> Command | None:
         """Add a click that was solved beside the loop; its command where it is awaited, else None."""
-        self.renderer.learn(click)
-        if click.placement != self.awaited:
+        if not self.answerer.learn(click):
             return None
-        self._stop_waiting()
+        self._note_due()
         return self.command()
 
     def silence(self) -> Command | None:
@@ -179,13 +162,10 @@ class Pipeline:
 
     def change_table(self, rendering: Rendering) -> None:
         """Render another table from now on. What is wanted stays: the next `command` comes from the new table."""
-        self.rendering, self.renderer = rendering, rendering.renderer
-        self.device = rendering.device
+        self.rendering, self.device = rendering, rendering.device
+        self.answerer.change_renderer(rendering.renderer, self.wanted)
         self.tracker = FingerTracker(rendering.device, self.digitizer.surface)
         self.player.click_length_ns = rendering.click_length_ns
-        if self.awaited is not None and self.wanted.placement is not None:
-            self.awaited = self.renderer.at_places(self.wanted.placement)  # at the new table's places
-            self._note_due()
 
     def _follow(self, frame: TouchFrame) -> bool:
         """Take the fingers of a frame; whether something else is wanted."""
@@ -211,33 +191,14 @@ class Pipeline:
 
     def _answer(self, time_ns: int) -> Command | None:
         """The command for what is wanted since now; None where its click is awaited."""
-        command = self._render()
-        if command is not None:
-            return command
-        if self.awaits_clicks and self.wanted.placement is not None:
-            self.awaited = self.renderer.at_places(self.wanted.placement)
-        if self.awaited is None:
-            return self._best_known()
-        self._answer_ns = time_ns + ANSWER_WITHIN_NS
-        self._note_due()
-        return None
-
-    def _render(self) -> Command | None:
-        placement, level_db, click_ns = self.wanted
-        self.is_provisional = False
-        held_hz = self._held.frequency_for(placement)
-        command = self.renderer.render(placement, level_db, click_ns is not None, held_hz)
-        self._held.note(placement, command)
+        command = self.answerer.answer(self.wanted, time_ns)
+        if command is None:
+            self._note_due()
         return command
 
-    def _best_known(self) -> Command:
-        placement, level_db, _ = self.wanted
-        assert placement is not None and level_db is not None  # only a click may be unknown
-        self.is_provisional = True
-        return self.renderer.fallback(placement, level_db)
-
     def _stop_waiting(self) -> None:
-        self.awaited = None
+        if self.answerer.latest_ns is not None:
+            self.answerer.stop_waiting()
         self._note_due()
 
     def _take_wanted(self) -> bool:
@@ -246,17 +207,17 @@ class Pipeline:
         if wanted == self.wanted:
             self._note_due()
             return False
-        self.wanted = Wanted(*wanted)
+        self.wanted = _new(Wanted, wanted)
         if player.placement is not None:
-            self.joined += player.joined > 0
-            self.left_out += player.left_out > 0
+            self.counters.joined += player.joined > 0
+            self.counters.left_out += player.left_out > 0
         self._stop_waiting()
         return True
 
     def _note_due(self) -> None:
-        due_ns, release_ns = self.player.next_change_ns, self._release_ns
+        due_ns, release_ns, latest_ns = self.player.next_change_ns, self._release_ns, self.answerer.latest_ns
         if release_ns is not None and (due_ns is None or release_ns < due_ns):
             due_ns = release_ns
-        if self.awaited is not None and (due_ns is None or self._answer_ns < due_ns):
-            due_ns = self._answer_ns
+        if latest_ns is not None and (due_ns is None or latest_ns < due_ns):
+            due_ns = latest_ns
         self.due_ns = math.inf if due_ns is None else due_ns

@@ -18,8 +18,6 @@ SWITCH_INTERVAL_S = 1e-4
 GROUP = "realtime"
 DMA_LATENCY_RULE = f'KERNEL=="cpu_dma_latency", GROUP="{GROUP}", MODE="0660"'
 """udev rule by which members of the group may keep processors awake."""
-LIMITS_TEXT = f"@{GROUP} - rtprio 80\n@{GROUP} - memlock unlimited\n"
-"""Lines of /etc/security/limits.d by which members of the group may use SCHED_FIFO and lock memory."""
 _LIMITS_FILE = "/etc/security/limits.d/tactable.conf"
 _RULE_FILE = "/etc/udev/rules.d/70-tactable-latency.rules"
 _JOIN = f"`sudo groupadd -f {GROUP} && sudo usermod -aG {GROUP} $USER`, log in again"

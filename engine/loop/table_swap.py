@@ -48,7 +48,7 @@ class TableSwap:
         """Take a table that has come, and go on with the one that is under way; `readable` None: not known."""
         if readable is None or self.descriptor in readable:
             rendering = self._updates.poll()
-            if rendering is not None and rendering.renderer.suits_device_of(self._pipeline.renderer):
+            if rendering is not None and rendering.renderer.suits_device_of(self._pipeline.answerer.renderer):
                 self._coming, self._is_handed_over, self._needs_session = rendering, False, False
         coming, link = self._coming, self._session.link
         if coming is None or self._is_handed_over or link.state is not LinkState.READY:

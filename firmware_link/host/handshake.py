@@ -4,6 +4,7 @@ from firmware_link.host.clock import DeviceClock
 from firmware_link.host.line import Line
 from firmware_link.host.link_values import Capabilities, Greeted, LinkConfiguration, LinkState
 from firmware_link.host.memory import RETRY_NS, BasisTransfer
+from firmware_link.host.request import RepeatedRequest
 from firmware_link.protocol.basis import Basis, check_actuators
 from firmware_link.protocol.errors import LinkError, LinkLostError
 from firmware_link.protocol.framing import DELIMITER, FrameEncoder
@@ -45,30 +46,26 @@ class Handshake:
         self.arming_device_us = 0
         """Device time when the host began to arm: a fault before it belongs to an earlier session."""
         self._configuration, self._encoder, self._line = configuration, encoder, line
-        self._connected_ns = self._request_due_ns = now_ns
+        self._connected_ns = now_ns
+        self._request = RepeatedRequest(encoder, line, now_ns)
         self._greeting = HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, now_ns % 2**32)
         self._arm: Arm | None = None
         self._transfer: BasisTransfer | None = None
 
     def due_ns(self) -> int:
         """When `next_frame` has one, perhaps in the past."""
-        return self._request_due_ns if self._transfer is None else self._transfer.due_ns
+        return self._request.due_ns if self._transfer is None else self._transfer.due_ns
 
     def next_frame(self, now_ns: int) -> bytes:
         """The request of the state, where it is due; empty otherwise."""
         if self._transfer is not None:
             return self._transfer.next_frame(now_ns)
-        if now_ns < self._request_due_ns:
-            return b""
         if self.state is LinkState.GREETING:
             # The leading delimiter parts the frame from what a boot loader or modem left on the line.
-            frame = DELIMITER + self._encoder.encode(self._greeting)
-        elif self.state is LinkState.ARMING and self._arm is not None:
-            frame = self._encoder.encode(self._arm)
-        else:
-            frame = self._encoder.encode(TimeRequest(now_ns))
-        self._request_due_ns = now_ns + RETRY_NS + self._line.occupied_ns(len(frame))
-        return frame
+            return self._request.next_frame(self._greeting, RETRY_NS, now_ns, before=DELIMITER)
+        if self.state is LinkState.ARMING and self._arm is not None:
+            return self._request.next_frame(self._arm, RETRY_NS, now_ns)
+        return self._request.next_frame(TimeRequest(now_ns), RETRY_NS, now_ns)
 
     def is_answered_by(self, hello: Hello) -> bool:
         """Whether a HELLO answers this session's greeting."""
@@ -97,7 +94,7 @@ class Handshake:
 
     def clock_compared(self, clock: DeviceClock, now_ns: int) -> None:
         """Another exchange of times is in the clock: ask for the next, or arm."""
-        self._request_due_ns = now_ns
+        self._request.due_ns = now_ns
         if clock.exchanges >= FIRST_EXCHANGES:
             self.state = LinkState.ARMING
             self.arming_device_us = clock.device_time_us(now_ns)
@@ -118,7 +115,7 @@ class Handshake:
 
     def _synchronise(self, now_ns: int) -> None:
         self.state = LinkState.SYNCHRONISING
-        self._request_due_ns = now_ns
+        self._request.due_ns = now_ns
 
 
 def check_basis(capabilities: Capabilities, basis: Basis) -> None:

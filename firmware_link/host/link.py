@@ -56,6 +56,7 @@ from firmware_link.host.link_values import (
 from firmware_link.host.memory import Memory
 from firmware_link.host.outbox import Outbox
 from firmware_link.host.reports import Reports
+from firmware_link.host.request import RepeatedRequest
 from firmware_link.protocol.basis import Basis, EncodedClick
 from firmware_link.protocol.errors import LinkError, LinkLostError, MessageError
 from firmware_link.protocol.framing import FrameDecoder, FrameEncoder, FramingCounters, Signal
@@ -99,7 +100,6 @@ class Link:
         self.clock = DeviceClock()
         self._decoder = FrameDecoder()
         self._encoder = FrameEncoder()
-        self._request_due_ns = 0
         self._patience_end_ns: int | None = None
         self.reconfigure(configuration)
 
@@ -128,6 +128,7 @@ class Link:
         self.configuration = configuration
         self._line = Line(configuration.transport, configuration.bit_rate_hz)
         self._handshake = Handshake(configuration, self._encoder, self._line, 0)
+        self._request = RepeatedRequest(self._encoder, self._line, 0)  # of time in READY, to stop in STOPPING
         self._outbox = Outbox(self.counters, configuration.slew_limit_per_s, self._encoder)
         self._memory = Memory(configuration.basis, self._encoder, self._line, self._outbox)
         self._reports = Reports(self.counters, self._encoder)
@@ -185,7 +186,7 @@ class Link:
         """Ramp to zero and latch: STOP goes out before anything else, until it is acknowledged."""
         if self.state is not LinkState.DISCONNECTED:
             self._end_session(LinkState.STOPPING)
-            self._request_due_ns = self._line.free_ns = now_ns
+            self._request.due_ns = self._line.free_ns = now_ns
             self._patience_end_ns = now_ns + STOP_PATIENCE_NS
 
     def disconnect(self) -> None:
@@ -238,10 +239,10 @@ class Link:
             frames = (
                 self._outbox.next_frame(now_ns)
                 or self._memory.next_frame(now_ns)
-                or self._request_frame(EXCHANGE_PERIOD_NS, now_ns)
+                or self._request.next_frame(TimeRequest(now_ns), EXCHANGE_PERIOD_NS, now_ns)
             )
         elif self.state is LinkState.STOPPING:
-            frames = self._request_frame(STOP_RETRY_NS, now_ns)
+            frames = self._request.next_frame(Stop(), STOP_RETRY_NS, now_ns)
         elif self.state in _HANDSHAKING:
             frames = self._handshake.next_frame(now_ns)
         if self._reports.acknowledgements:
@@ -255,25 +256,17 @@ class Link:
         """When `outgoing` or `poll` has something to do without new bytes, perhaps in the past; None for never."""
         free_ns = send_ns = self._line.free_ns
         if self.state is _READY:
-            send_ns = min(self._request_due_ns, self._outbox.due_ns(free_ns))
+            send_ns = min(self._request.due_ns, self._outbox.due_ns(free_ns))
             if self._memory.due_ns is not None:
                 send_ns = min(send_ns, self._memory.due_ns)
         elif self.state is LinkState.STOPPING:
-            send_ns = self._request_due_ns
+            send_ns = self._request.due_ns
         elif self.state in _HANDSHAKING:
             send_ns = self._handshake.due_ns()
         elif not self._reports.acknowledgements:
             return None
         deadline_ns = free_ns if self._reports.acknowledgements else max(send_ns, free_ns)
         return deadline_ns if self._patience_end_ns is None else min(deadline_ns, self._patience_end_ns)
-
-    def _request_frame(self, period_ns: int, now_ns: int) -> bytes:
-        """The request that READY or STOPPING repeats, where it is due."""
-        if now_ns < self._request_due_ns:
-            return b""
-        frame = self._encoder.encode(TimeRequest(now_ns) if self.state is _READY else Stop())
-        self._request_due_ns = now_ns + period_ns + self._line.occupied_ns(len(frame))
-        return frame
 
     def _act_on(self, message: Message, sequence: int, now_ns: int) -> Event | None:
         handshake = self._handshake
@@ -309,7 +302,7 @@ class Link:
         if self.state in _HANDSHAKING and self._handshake.acknowledged(ack, now_ns):
             self.state = self._handshake.state
             if self.state is _READY:
-                self._request_due_ns = now_ns + EXCHANGE_PERIOD_NS
+                self._request.due_ns = now_ns + EXCHANGE_PERIOD_NS
                 self._outbox.lease.renewal_due_ns = now_ns
                 self._patience_end_ns = now_ns + SILENCE_NS
                 return Armed()

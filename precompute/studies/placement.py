@@ -24,8 +24,6 @@ Array = NDArray[np.float64]
 Places = tuple[float, ...]
 Progress = Callable[[float], None]
 
-MOST = 300
-"""Placements screened for each number of actuators."""
 MARGIN, APART = 0.02, 0.05
 """Fractions of the bar's length that an actuator keeps from its ends, and from the next one. ESTIMATE: their size."""
 _STEP_HZ, _FINE_STEP_HZ = 4.0, 2.0

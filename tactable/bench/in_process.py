@@ -150,7 +150,7 @@ class _MemoryFastPath(FastPath):
     def _run(self, until_ns: int) -> None:  # noqa: ARG002  # the clock is set forward instead
         fast, source, library = self._moment.fast, self._packets, self._library
         fast.packet_size = fast.frame_size = fast.written = 0
-        fast.readable[:] = (1, 1, 1, 1)
+        fast.readable[:] = (1,) * len(fast.readable)
         source.clock.wait(None, (), ())
         now_ns = fast.read_ns = fast.written_ns = source.clock.now_ns()
         report = source.read_report(now_ns)

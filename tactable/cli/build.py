@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -78,50 +79,80 @@ def build(
     A table that is there is replaced when the new one is whole; `tactable rollback` puts it back. Where it has no
     clicks of this device, a table with coarse clicks comes first, after half a minute, and a run may play it at once.
     """
-    from precompute.builder.build import COARSE_IN_PLACE, Coarse, build_table
-    from precompute.clicks import ClickOptions
-    from precompute.clicks.tabulated import MOST_TABULATED
-    from precompute.measurements.responses import read_responses
-    from precompute.parallel.pool import available_cores
+    wanted = WantedTable(
+        output=output,
+        objective=objective,
+        made_for=made_for,
+        clicks_up_to=clicks_up_to,
+        pitch_m=read_pitch(pitch),
+        is_coarse=coarse,
+        workers=workers,
+        reuses=reuse,
+        responses=responses,
+        sensor_mass_kg=read_option("--sensor-mass", sensor_mass, "kg"),
+        memory_mib=memory_mib,
+        as_json=as_json,
+    )
+    if not watch:
+        wanted.build(find_device(device_name))
+        return
+    with suppress(KeyboardInterrupt):
+        watch_device(find_device_file(device_name), wanted.build)
 
-    mass_kg = read_option("--sensor-mass", sensor_mass, "kg")
-    pitch_m = read_pitch(pitch)
 
-    def build_device(device: Device) -> None:
-        path = output or Path(f"{device.name}.nc")
-        measured = None if responses is None else read_responses(responses, device, mass_kg)
+@dataclass(frozen=True)
+class WantedTable:
+    """The table that the command line asks for, of any device; None: not given."""
+
+    output: Path | None
+    objective: str
+    made_for: MadeFor
+    clicks_up_to: int | None
+    pitch_m: float
+    is_coarse: bool
+    workers: int | None
+    reuses: bool
+    responses: Path | None
+    sensor_mass_kg: float
+    memory_mib: int
+    as_json: bool
+
+    def build(self, device: Device) -> None:
+        """Build the table of a device and print what it holds."""
+        from precompute.builder.build import COARSE_IN_PLACE, Coarse, build_table
+        from precompute.clicks import ClickOptions
+        from precompute.clicks.tabulated import MOST_TABULATED
+        from precompute.measurements.responses import read_responses
+        from precompute.parallel.pool import available_cores
+
+        path = self.output or Path(f"{device.name}.nc")
+        responses = None if self.responses is None else read_responses(self.responses, device, self.sensor_mass_kg)
         # Clicks are computed by the model in time: with measured responses only where they are asked for.
-        fingers = (0 if measured else MOST_TABULATED) if clicks_up_to is None else clicks_up_to
-        with shown_progress(as_json) as show:
+        fingers = 0 if responses else MOST_TABULATED
+        with shown_progress(self.as_json) as show:
 
             def progress(step: str, fraction: float) -> None:
                 show(step, fraction)
-                if step == COARSE_IN_PLACE and not as_json:
+                if step == COARSE_IN_PLACE and not self.as_json:
                     remark(f"{path}: usable, with coarse clicks; the fine ones follow")
 
             cost = build_table(
                 device,
                 path,
                 created=datetime.now(UTC).isoformat(timespec="seconds"),
-                objective=objective,
-                made_for=made_for,
-                clicks_up_to=fingers,
-                click_options=ClickOptions(pitch_m=pitch_m),
-                coarse=Coarse.ONLY if coarse else Coarse.FIRST,
-                workers=workers or available_cores(),
-                reuse=reuse,
-                responses=measured,
-                memory_budget_bytes=memory_mib << 20,
+                objective=self.objective,
+                made_for=self.made_for,
+                clicks_up_to=fingers if self.clicks_up_to is None else self.clicks_up_to,
+                click_options=ClickOptions(pitch_m=self.pitch_m),
+                coarse=Coarse.ONLY if self.is_coarse else Coarse.FIRST,
+                workers=self.workers or available_cores(),
+                reuse=self.reuses,
+                responses=responses,
+                memory_budget_bytes=self.memory_mib << 20,
                 progress=progress,
             )
         compile_steady_solver(remark)  # for the run that follows
-        _print_built(path, device, responses, cost, as_json)
-
-    if not watch:
-        build_device(find_device(device_name))
-        return
-    with suppress(KeyboardInterrupt):
-        watch_device(find_device_file(device_name), build_device)
+        _print_built(path, device, self.responses, cost, self.as_json)
 
 
 def rollback(table_path: TableArgument, as_json: AsJson = False) -> None:

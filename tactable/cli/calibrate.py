@@ -31,6 +31,14 @@ if TYPE_CHECKING:
     from tactable.calibration.job import CalibrationJob
 
 _MEASUREMENTS = "CSV, NetCDF or universal file (tables/MEASUREMENTS.md)"
+AppliedTable = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="TABLE",
+        help="Then rebuild this table for the calibrated bar and put it in place; a run that plays it changes over. "
+        "The same command continues after an interruption.",
+    ),
+]
 
 
 def calibrate(
@@ -53,14 +61,7 @@ def calibrate(
         bool | None,
         typer.Option(help="Also fit as the paper does, each drive alone, then the mean; default: not with --apply."),
     ] = None,
-    apply: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="TABLE",
-            help="Then rebuild this table for the calibrated bar and put it in place; a run that plays it changes "
-            "over. The same command continues after an interruption.",
-        ),
-    ] = None,
+    apply: AppliedTable = None,
     despite_doubts: Annotated[
         bool, typer.Option("--despite-doubts", help="With --apply: apply a doubtful fit too.")
     ] = False,
@@ -74,8 +75,7 @@ def calibrate(
     A new folder gets the new device file, the raw data and a report. Exit status 3: the result is doubtful.
     """
     from precompute.calibration.misfit import Loss as Losses
-    from tactable.calibration.job import CalibrationJob, calibration_json
-    from tactable.calibration.page import print_calibration
+    from tactable.calibration.job import CalibrationJob
 
     device = find_device(device_name)
     accepted, chosen = read_option("--accept", accept, ""), read_choice("--loss", loss, Losses)
@@ -94,10 +94,16 @@ def calibrate(
         accepted_misfit=accepted,
         is_strict=strict,
     )
-    if apply is not None:
-        if _apply(job, apply, despite_doubts, clicks, as_json):
-            raise typer.Exit(EXIT_DOUBTFUL)
-        return
+    doubts = _fit(job, as_json) if apply is None else _apply(job, apply, despite_doubts, clicks, as_json)
+    if doubts:
+        raise typer.Exit(EXIT_DOUBTFUL)
+
+
+def _fit(job: "CalibrationJob", as_json: bool) -> list[str]:
+    """Fit, write the folder, and print the report; the doubts."""
+    from tactable.calibration.job import calibration_json
+    from tactable.calibration.page import print_calibration
+
     fitted = job.fit(lambda _step, _fraction: None)
     job.write(fitted)
     doubts = job.doubts_of(fitted.report)
@@ -105,8 +111,7 @@ def calibrate(
         print_json(calibration_json(job, fitted.report, doubts))
     else:
         print_calibration(OUT, fitted.report, str(job.folder), doubts)
-    if doubts:
-        raise typer.Exit(EXIT_DOUBTFUL)
+    return doubts
 
 
 def _apply(job: "CalibrationJob", table: Path, despite_doubts: bool, with_clicks: bool, as_json: bool) -> list[str]:

@@ -57,11 +57,10 @@ def fleet(
 
     Exit status 3: a unit failed.
     """
-    from engine.files import replace_file
     from precompute.clicks.tabulated import MOST_TABULATED
     from precompute.fleet.plan import plan_fleet
     from precompute.fleet.run import run_fleet, run_here, run_on_processes, run_on_scheduler
-    from precompute.fleet.summary import summarise, summary_csv, summary_json
+    from precompute.fleet.summary import summarise, summary_json
     from precompute.fleet.units import FleetOptions
 
     if scheduler is not None and workers is not None:
@@ -79,24 +78,35 @@ def fleet(
     if output.exists() and source.is_dir() and output.resolve() == source.resolve():
         raise OptionError(f"--output {output}: is the folder of the units; choose another folder for the results")
     output.mkdir(parents=True, exist_ok=True)
-    for ending in (".csv", ".json"):
-        (output / f"{SUMMARY}{ending}").unlink(missing_ok=True)  # a summary means that the run was completed
+    for path in _summary_paths(output):
+        path.unlink(missing_ok=True)  # a summary means that the run was completed
     pool = run_on_scheduler(scheduler) if scheduler else run_on_processes(workers) if workers else run_here
+    created = datetime.now(UTC).isoformat(timespec="seconds")
     with shown_progress(as_json) as progress:
-        outcomes = run_fleet(
-            units, options, output, pool, created=datetime.now(UTC).isoformat(timespec="seconds"), progress=progress
-        )
+        outcomes = run_fleet(units, options, output, pool, created=created, progress=progress)
     summary = summarise(units, outcomes)
-    values = summary_json(summary)
-    for ending, text in ((".csv", summary_csv(summary)), (".json", json.dumps(values, indent=1))):
-        with replace_file(output / f"{SUMMARY}{ending}") as partial:
-            partial.write_text(text, encoding="utf-8")
+    _write_summary(summary, output)
     if as_json:
-        print_json(values)
+        print_json(summary_json(summary))
     else:
-        print_fleet(summary, output / f"{SUMMARY}.csv")
+        print_fleet(summary, _summary_paths(output)[0])
     if summary.failed:
         raise typer.Exit(EXIT_DOUBTFUL)
+
+
+def _summary_paths(output: Path) -> tuple[Path, Path]:
+    """Of the summary as CSV and as JSON."""
+    return output / f"{SUMMARY}.csv", output / f"{SUMMARY}.json"
+
+
+def _write_summary(summary: "Summary", output: Path) -> None:
+    from engine.files import replace_file
+    from precompute.fleet.summary import summary_csv, summary_json
+
+    texts = (summary_csv(summary), json.dumps(summary_json(summary), indent=1))
+    for path, text in zip(_summary_paths(output), texts, strict=True):
+        with replace_file(path) as partial:
+            partial.write_text(text, encoding="utf-8")
 
 
 def print_fleet(summary: "Summary", path: Path) -> None:

@@ -2,16 +2,17 @@
 
 import ctypes
 import math
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from engine.effects import DEFAULT_EFFECTS, read_effects
-from engine.loop import Clock, Stage, StopRequest, SystemClock, Updates
+from engine.device import Device
+from engine.effects import DEFAULT_EFFECTS, Effects, read_effects
+from engine.loop import Clock, RingWriter, Stage, StopRequest, SystemClock, Updates
 from engine.loop.fast.library import FastPathError, compile_fast_path
 from engine.loop.realtime import ALL_STEPS, Step, parse_steps
 from engine.render import WhenNotAchieved
@@ -41,6 +42,48 @@ from tactable.shipped import cache_folder, find_device, named_effects
 
 _NS_PER_S = 1_000_000_000
 
+TouchName = Annotated[
+    str, typer.Option(metavar="PANEL|RECORDING", help="A digitizer as `list` shows it, a recording, or `simulated`.")
+]
+PortName = Annotated[
+    str, typer.Option("--port", metavar="PORT", help="The firmware's serial port, as `list` shows it.")
+]
+NotAchieved = Annotated[
+    WhenNotAchieved, typer.Option("--when-not-achieved", help="What to do where the bar cannot reach a level.")
+]
+RequiredDevice = Annotated[
+    str | None, typer.Option("--device", help="Refuse the table unless it belongs to this device.")
+]
+Reconnect = Annotated[
+    bool, typer.Option("--reconnect", help="Reconnect to a device that stopped itself or was unplugged.")
+]
+RealTimeSteps = Annotated[
+    str,
+    typer.Option(
+        "--realtime",
+        metavar="STEPS",
+        help=f"all, none, or some of {', '.join(ALL_STEPS)}; all,-priority leaves one out.",
+    ),
+]
+RecordingPath = Annotated[
+    Path | None, typer.Option("--record", help="Record the touches here, by another process, as hid-recorder does.")
+]
+RingPath = Annotated[
+    Path | None,
+    typer.Option("--ring", help="Shared memory from which other processes follow the run (engine/loop/ring.py)."),
+]
+Watch = Annotated[bool, typer.Option(help="Change over to a new table that replaces this one, once it is verified.")]
+Solve = Annotated[
+    bool, typer.Option("--solve/--no-solve", help="Solve clicks that the table does not hold, in another process.")
+]
+ControlSocket = Annotated[
+    Path | None,
+    typer.Option(help="The Unix socket of --control; default: tactable-control.sock in $XDG_RUNTIME_DIR."),
+]
+FastPathWanted = Annotated[
+    bool, typer.Option("--fast-path/--no-fast-path", help="Answer reports in one compiled step where it can.")
+]
+
 
 @dataclass(frozen=True)
 class Deadline:
@@ -58,60 +101,27 @@ class Deadline:
 def run(
     context: typer.Context,
     table_path: TableArgument,
-    touch: Annotated[
-        str,
-        typer.Option(metavar="PANEL|RECORDING", help="A digitizer as `list` shows it, a recording, or `simulated`."),
-    ],
-    port_name: Annotated[
-        str, typer.Option("--port", metavar="PORT", help="The firmware's serial port, as `list` shows it.")
-    ],
+    touch: TouchName,
+    port_name: PortName,
     effects_path: EffectsPath = None,
-    when_not_achieved: Annotated[
-        WhenNotAchieved, typer.Option("--when-not-achieved", help="What to do where the bar cannot reach a level.")
-    ] = WhenNotAchieved.WARN,
+    when_not_achieved: NotAchieved = WhenNotAchieved.WARN,
     seconds: Annotated[float, typer.Option("--for", min=0.0, help="End after this time of playing.")] = math.inf,
-    device_name: Annotated[
-        str | None, typer.Option("--device", help="Refuse the table unless it belongs to this device.")
-    ] = None,
+    device_name: RequiredDevice = None,
     bit_rate_hz: BitRate = 115_200,
-    reconnect: Annotated[
-        bool, typer.Option("--reconnect", help="Reconnect to a device that stopped itself or was unplugged.")
-    ] = False,
-    steps: Annotated[
-        str,
-        typer.Option(
-            "--realtime",
-            metavar="STEPS",
-            help=f"all, none, or some of {', '.join(ALL_STEPS)}; all,-priority leaves one out.",
-        ),
-    ] = "collector",
-    recording_path: Annotated[
-        Path | None, typer.Option("--record", help="Record the touches here, by another process, as hid-recorder does.")
-    ] = None,
-    ring_path: Annotated[
-        Path | None,
-        typer.Option("--ring", help="Shared memory from which other processes follow the run (engine/loop/ring.py)."),
-    ] = None,
-    watch: Annotated[
-        bool, typer.Option(help="Change over to a new table that replaces this one, once it is verified.")
-    ] = True,
-    solve: Annotated[
-        bool, typer.Option("--solve/--no-solve", help="Solve clicks that the table does not hold, in another process.")
-    ] = True,
+    reconnect: Reconnect = False,
+    steps: RealTimeSteps = "collector",
+    recording_path: RecordingPath = None,
+    ring_path: RingPath = None,
+    watch: Watch = True,
+    solve: Solve = True,
     page: Annotated[bool, typer.Option("--page", help="Show the run to browsers, by another process.")] = False,
     page_host: Annotated[str, typer.Option("--page-host", help="Bind the page to this address.")] = "127.0.0.1",
     page_port: Annotated[int, typer.Option("--page-port", min=0, max=65_535, help="The page's port; 0: any.")] = 0,
     control: Annotated[
-        bool,
-        typer.Option("--control", help="Let programs decide who feels what, by another process."),
+        bool, typer.Option("--control", help="Let programs decide who feels what, by another process.")
     ] = False,
-    control_socket: Annotated[
-        Path | None,
-        typer.Option(help="The Unix socket of --control; default: tactable-control.sock in $XDG_RUNTIME_DIR."),
-    ] = None,
-    fast: Annotated[
-        bool, typer.Option("--fast-path/--no-fast-path", help="Answer reports in one compiled step where it can.")
-    ] = True,
+    control_socket: ControlSocket = None,
+    fast: FastPathWanted = True,
     as_json: AsJson = False,
 ) -> None:
     """Play a table: turn touches into commands for the firmware.
@@ -123,55 +133,71 @@ def run(
     device = None if device_name is None else find_device(device_name)
     with Table.open(table_path, device=device) as table, ExitStack() as stack:
         compile_steady_solver(remark)
-        effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, table.device, named_effects())
-        if control:  # what programs may name is at hand from the start
-            effects = replace(effects, others=tuple(named_effects().values()))
-        options = LiveOptions(
-            effects, when_not_achieved, reconnect, bit_rate_hz, real_time_steps(steps), fast=_compiled(fast)
-        )
+        effects = _effects(effects_path, table.device, with_others=control)
+        realtime = real_time_steps(steps)
+        options = LiveOptions(effects, when_not_achieved, reconnect, bit_rate_hz, realtime, fast=_compiled(fast))
         source, bus = stack.enter_context(_opened(machine_of(context), touch))
         ring = stack.enter_context(ring_for(ring_path, is_needed=page or control or recording_path is not None))
         stop = stack.enter_context(stop_at_signal())
         port = SerialPort(port_name, bit_rate_hz)
-        name = stable_name_of(port_name) if reconnect else port_name
-        reopening = ReopeningPort(_told(lambda: SerialPort(name, bit_rate_hz)), port)
-        stack.callback(reopening.close)
-        found_again = reopening if reconnect else None
+        reopening = stack.enter_context(closing(_reopening(port, port_name, bit_rate_hz, reconnect)))
         zones = tuple(zone.name for zone in table.device.zones)
 
         def watched(capabilities: Capabilities) -> Updates:
             asked = Watched(table_path, identity, zones, effects, capabilities, when_not_achieved, bit_rate_hz)
             return stack.enter_context(TableWatch(asked))
 
-        solving = (
-            stack.enter_context(ClickProcess(table_path)) if solve and effects.have_clicks and table.clicks else None
-        )
-        watching = watched if watch else None
-        slot = None
-        if control and ring is not None:
-            served = ControlOf(control_socket or default_socket(), ring.path, table_path, effects)
-            slot = stack.enter_context(ControlProcess(served))
+        solves = solve and effects.have_clicks and bool(table.clicks)
+        solving = stack.enter_context(ClickProcess(table_path)) if solves else None
+        found_again, watching, slot = reopening if reconnect else None, watched if watch else None, None
+        if ring is not None and control:
+            socket = control_socket or default_socket()
+            slot = stack.enter_context(ControlProcess(ControlOf(socket, ring.path, table_path, effects)))
         live = Live(table, source, port, clock, options, ring, found_again, watching, solving, control=slot)
-        if slot is not None:
-            for line in slot.lines:
-                note(line)
         if ring is not None and recording_path is not None:
             stack.enter_context(recorder_of(ring.path, recording_path, source, bus))
         if ring is not None and page:
-            board = live.capabilities
-            what = (ring.path, table_path, board.frequency_resolution_hz, board.full_scales_m)
-            shown = PageOf(*what, page_host, page_port)
-            for line in stack.enter_context(page_of(shown)):
-                note(line)
+            _note_all(stack.enter_context(page_of(_page(live, ring, table_path, page_host, page_port))))
+        _note_all([] if slot is None else slot.lines)
         _announce(source, port, live, when_not_achieved)
-        start_ns = clock.now_ns()
-        try:
-            with live.armed():
-                live.loop.run(Deadline(stop, clock, clock.now_ns() + seconds * _NS_PER_S))
-        finally:
-            where = {"table": str(table_path), "device": table.device.name, "port": port.path}
-            summary = where | run_json(live, source, clock.now_ns() - start_ns)
-            show(summary, as_json, lambda _, summary: _print_summary(summary))
+        where = {"table": str(table_path), "device": table.device.name, "port": port.path}
+        _play(live, source, clock, stop, seconds, where, as_json)
+
+
+def _play(
+    live: Live, source: Source, clock: Clock, stop: StopRequest, seconds: float, where: dict[str, Any], as_json: bool
+) -> None:
+    """Run until `stop` or for `seconds`, and print the summary in any case; `where` are its first values."""
+    start_ns = clock.now_ns()
+    try:
+        with live.armed():
+            live.loop.run(Deadline(stop, clock, clock.now_ns() + seconds * _NS_PER_S))
+    finally:
+        summary = where | run_json(live, source, clock.now_ns() - start_ns)
+        show(summary, as_json, lambda _, summary: _print_summary(summary))
+
+
+def _effects(path: Path | None, device: Device, *, with_others: bool) -> Effects:
+    """The rules of a file; with the other named effects, too, where programs may name them during the run."""
+    named = named_effects()
+    effects = DEFAULT_EFFECTS if path is None else read_effects(path, device, named)
+    return replace(effects, others=tuple(named.values())) if with_others else effects
+
+
+def _reopening(port: SerialPort, name: str, bit_rate_hz: int, reconnect: bool) -> ReopeningPort[SerialPort]:
+    """A port that can be opened again: by a name that stays where it is to be found again after an unplug."""
+    stable = stable_name_of(name) if reconnect else name
+    return ReopeningPort(_told(lambda: SerialPort(stable, bit_rate_hz)), port)
+
+
+def _note_all(lines: Iterable[str]) -> None:
+    for line in lines:
+        note(line)
+
+
+def _page(live: Live, ring: RingWriter, table_path: Path, host: str, port: int) -> PageOf:
+    board = live.capabilities
+    return PageOf(ring.path, table_path, board.frequency_resolution_hz, board.full_scales_m, host, port)
 
 
 def _compiled(is_wanted: bool) -> ctypes.CDLL | None:

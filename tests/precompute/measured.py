@@ -6,10 +6,11 @@ import numpy as np
 
 from engine.device import Device
 from precompute.measurements.parameters import with_changes
-from precompute.measurements.simulate import SENSOR_MASS_KG, Flaws, even_places, simulate_measurements
+from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
 from precompute.measurements.types import Kind, Measurements, lay_out
 
 NAN = float("nan")
+SENSOR_MASS_KG = 2e-3
 PAIRS_HZ = ((150, 130), (150, 200), (150, 230), (120, 180), (180, 210), (210, 120), (100, 250))
 TRUTH = {
     "actuator[1].stiffness": 21.3e3,

@@ -139,10 +139,3 @@ class PointerSource:
             self.silent_pointers += self._is_open
             return report[:1] + b"\0" + report[2:]
         return None
-
-
-def open_pointer_pipe() -> tuple[PointerSource, PointerFeed]:
-    """Both ends of a new pipe; a child process that is to feed gets the feed's descriptor."""
-    reading, writing = os.pipe()
-    os.set_blocking(writing, False)
-    return PointerSource(reading), PointerFeed(writing)

@@ -93,21 +93,14 @@ def measure(
         raise LatencyReportError(
             f"{table.path}: has no clicks, which the touches of this bench bring: build it with them"
         )
-    measured: dict[Condition, list[Measured]] = {}
     stream = streams[0][1]
     with work_folder("latency") as folder:
         # Of a recording only the engine knows which reports bring a command, so the C program cannot answer alike.
         is_generated = stream.reports_per_command is not None
         program = build_echo_engine(folder) if plan.has_echo and is_generated else None
         plan = replace(plan, has_echo=program is not None)
-        done = 0
         with Bench(table, dict(streams), folder, transport, program) as bench:
-            for number, load, conditions in plan.rounds(rounds):
-                with background_load(load):
-                    for condition in conditions:
-                        done += 1
-                        on_progress(f"round {number + 1}: {done} of {rounds * plan.segments_a_round}: {condition.name}")
-                        measured.setdefault(condition, []).append(bench.measure(condition, seconds, stall))
+            measured = _measure_rounds(bench, plan, seconds, rounds, stall, on_progress)
             generator_outcomes = bench.generator_outcomes
     run = Run(plan, measured)
     boards = {part.facts.get("board") for parts in measured.values() for part in parts}
@@ -133,6 +126,26 @@ def measure(
         "in_process": _in_process(table, recordings),
     }
     return to_plain(document), run
+
+
+def _measure_rounds(
+    bench: Bench,
+    plan: Plan,
+    seconds: float,
+    rounds: int,
+    stall: Stall | None,
+    on_progress: Callable[[str], None],
+) -> dict[Condition, list[Measured]]:
+    """Every segment of every round by its condition, each under the background load of its part of the round."""
+    measured: dict[Condition, list[Measured]] = {}
+    done = 0
+    for number, load, conditions in plan.rounds(rounds):
+        with background_load(load):
+            for condition in conditions:
+                done += 1
+                on_progress(f"round {number + 1}: {done} of {rounds * plan.segments_a_round}: {condition.name}")
+                measured.setdefault(condition, []).append(bench.measure(condition, seconds, stall))
+    return measured
 
 
 def _in_process(table: Table, recordings: Sequence[Path]) -> list[dict[str, Any]]:

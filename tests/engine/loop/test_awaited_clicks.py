@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from engine.device import Device
 from engine.effects import Effects, Rule, Trigger
 from engine.effects.rules import click
-from engine.loop.pipeline import ANSWER_WITHIN_NS
+from engine.loop.answerer import ANSWER_WITHIN_NS
 from engine.table import ClickEntry
 from engine.touch import Placement
 from firmware_link.emulator import Cause

@@ -159,7 +159,7 @@ def test_the_same_steps_at_the_same_times_give_the_same_commands() -> None:
         for entry, step in zip(rig.recording.reports, steps, strict=True):
             time_ns = round(1e9 * entry.time_s)
             commands += [*pipeline.advance(time_ns), pipeline.step(entry.data, time_ns)]
-            commands += [*pipeline.advance(time_ns + MS), pipeline.control(step, time_ns + MS)]
+            commands += [*pipeline.advance(time_ns + MS), pipeline.control(step, time_ns + MS)[1]]
         found.append(commands)
     assert found[0] == found[1]
     assert len([command for command in found[0] if command is not None]) > 50

@@ -87,7 +87,7 @@ def test_several_fingers_make_one_state_and_leave_one_by_one() -> None:
     assert rig.states() == [index_of(0), index_of(0, 2), index_of(2), 0]
     assert rig.played() == [101.0, 105.0, 104.0, 0.0]
     length_m = DEVICE.bar.length_m
-    positions_m = [change.finger_positions_m for change in rig.trace]
+    positions_m = [tuple(touch.position_m for touch in change.touches) for change in rig.trace]
     assert positions_m[1] == pytest.approx((0.1 * length_m, 0.5 * length_m), abs=1e-12)
     assert positions_m[3] == ()
 
@@ -270,7 +270,7 @@ def test_a_stop_request_silences_a_finger_that_still_touches() -> None:
     rig.loop.run(Watch())
     assert rig.line.time_ns < event_at_ns + 100 * MS
     assert rig.states() == [index_of(0), 0]
-    assert rig.trace[-1].finger_positions_m != ()
+    assert rig.trace[-1].touches
     assert rig.log[-1].channels[0].amplitude == 0
     assert rig.line.firmware.state is DeviceState.LATCHED
 

@@ -12,11 +12,11 @@ from rich.console import Console
 from engine.effects import read_effects
 from engine.table import Table
 from tactable.bench.step import RULES, STAGES, print_step_bench, run_step_bench
-from tactable.rig.virtual_digitizer import Stroke, make_recording
 from tactable.shipped import device_folder, find_device
 from tests.engine.made_clicks import every_click
 from tests.engine.made_entries import entry_of, felt_states
 from tests.engine.made_table import write_table
+from tests.tactable.rig.strokes import Stroke, make_recording
 
 ROUNDS = 3
 DEVICE = find_device("reference-a")

@@ -22,12 +22,12 @@ from firmware_link.emulator.process import EmulatorLog, RunningEmulator, run_emu
 from firmware_link.protocol.errors import LinkError
 from tactable.cli.main import app
 from tactable.doctor.touch import Machine
-from tactable.rig.virtual_digitizer import Stroke, make_recording
 from tactable.shipped import find_device
 from tests.engine.made_entries import entry_of, felt_states
 from tests.engine.made_table import write_table
 from tests.engine.touch.sources.fake_hid import FakeMachine
 from tests.tactable.cli.in_process import run_here
+from tests.tactable.rig.strokes import Stroke, make_recording
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 DEVICE = find_device("reference-a")

@@ -32,10 +32,11 @@ from tactable.cli.touch import map_json
 from tactable.digitizers.axis_map import FINGERTIP_MM, Stroke, digitizer_table, learn_axis
 from tactable.digitizers.record import learn_from_recording, record_source
 from tactable.doctor.touch import Machine, examine
-from tactable.rig.virtual_digitizer import DESCRIPTOR, X_MAXIMUM, Y_MAXIMUM, make_recording
-from tactable.rig.virtual_digitizer import Stroke as DrawnStroke
+from tactable.rig.virtual_digitizer import DESCRIPTOR, X_MAXIMUM, Y_MAXIMUM
 from tactable.shipped import DEMO_RECORDING, device_folder
 from tests.engine.touch.sources.fake_hid import FakeMachine, touch_report
+from tests.tactable.rig.strokes import Stroke as DrawnStroke
+from tests.tactable.rig.strokes import make_recording
 
 SURFACE = open_digitizer(DESCRIPTOR).surface
 TOUCH_MM = 279.4

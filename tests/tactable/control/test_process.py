@@ -18,10 +18,10 @@ from engine.touch.sources.recording import write_recording
 from firmware_link.emulator import Cause
 from firmware_link.emulator.process import RunningEmulator, run_emulator
 from tactable.control.client import Client, ClientError
-from tactable.rig.virtual_digitizer import Stroke, make_recording
 from tactable.shipped import find_device
 from tests.engine.made_entries import entry_of, felt_states
 from tests.engine.made_table import write_table
+from tests.tactable.rig.strokes import Stroke, make_recording
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 DEVICE = find_device("reference-a")

@@ -18,7 +18,7 @@ from websockets.typing import Origin
 from engine.touch.sources.recording import write_recording
 from firmware_link.emulator.process import RunningEmulator, run_emulator
 from tactable.page.messages import Kind
-from tactable.rig.virtual_digitizer import Stroke, make_recording
+from tests.tactable.rig.strokes import Stroke, make_recording
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 

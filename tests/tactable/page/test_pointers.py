@@ -6,8 +6,9 @@ from collections.abc import Iterator
 import pytest
 
 from engine.touch import open_digitizer
-from engine.touch.sources.pointer import Phase, PointerEvent, PointerFeed, PointerSource, open_pointer_pipe
+from engine.touch.sources.pointer import Phase, PointerEvent, PointerFeed, PointerSource
 from tactable.page.pointers import MOST_FINGERS, REPEAT_NS, SILENT_NS, Pointers
+from tests.engine.touch.sources.pointer_pipe import open_pointer_pipe
 
 
 class Rig:

@@ -24,9 +24,9 @@ from tactable.rig.demo import Reporter, find_missed
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
 from tactable.rig.promises import Promises
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
-from tactable.rig.virtual_digitizer import Stroke, make_recording
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.shared_recordings import recording_params
+from tests.tactable.rig.strokes import Stroke, make_recording
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 SHORTEST_S = 0.5

@@ -2,8 +2,9 @@
 
 from engine.touch import open_digitizer
 from engine.touch.sources.recording import read_recording
-from tactable.rig.virtual_digitizer import DEMO_STROKES, FRAME_S, X_MAXIMUM, Stroke, make_recording
+from tactable.rig.virtual_digitizer import X_MAXIMUM
 from tactable.shipped import DEMO_RECORDING
+from tests.tactable.rig.strokes import DEMO_STROKES, FRAME_S, Stroke, make_recording
 
 
 def test_the_shipped_recording_is_what_the_digitizer_makes() -> None:

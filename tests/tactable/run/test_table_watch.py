@@ -20,13 +20,13 @@ from engine.table.history import roll_back
 from engine.touch.sources.recording import write_recording
 from firmware_link.emulator import Cause
 from firmware_link.emulator.process import RunningEmulator, run_emulator
-from tactable.rig.virtual_digitizer import Stroke, make_recording
 from tactable.run.table_watch import Messages, _packed, _unpacked
 from tactable.shipped import find_device
 from tests.engine.loop.fast.scripts import varied_clicks
 from tests.engine.loop.rig import BURSTS, Rig, recording_of, report
 from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
 from tests.engine.made_table import write_table
+from tests.tactable.rig.strokes import Stroke, make_recording
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 DEVICE = find_device("reference-a")

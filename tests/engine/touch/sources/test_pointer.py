@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from engine.touch import Contact, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.sources import Source
 from engine.touch.sources.own_reports import MOST_CONTACTS, Axis, ContactReports
-from engine.touch.sources.pointer import RESOLUTION, Phase, PointerEvent, PointerFeed, PointerSource, open_pointer_pipe
+from engine.touch.sources.pointer import RESOLUTION, Phase, PointerEvent, PointerFeed, PointerSource
+from tests.engine.touch.sources.pointer_pipe import open_pointer_pipe
 
 MS = 1_000_000
 Pipe = tuple[PointerSource, PointerFeed]
