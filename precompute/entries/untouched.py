@@ -7,14 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from precompute.entries.found_drive import full_scale
 from precompute.model.assembly import Plant
-from precompute.model.frequencies import fine_frequencies, in_band
-from precompute.model.gram import compute_gram
-from precompute.model.response import solve_response
+from precompute.model.frequencies import add_resonances, fine_frequencies, in_band
+from precompute.model.modal import Basis, compute_modal_model
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+
+_PARTS = 4
+"""Parts of a step of the sweep."""
 
 
 @dataclass(frozen=True)
@@ -26,33 +27,83 @@ class BarDrive:
     amplitude: Complex
 
 
-def find_untouched_optima(plant: Plant, zones: Sequence[int]) -> tuple[BarDrive, BarDrive]:
-    """The best drive of tones of different frequencies, and the best of one frequency with phases.
+@dataclass(frozen=True)
+class UntouchedEnergy:
+    """Energies of the untouched bar, from which its optima for any zones follow.
 
-    Different frequencies: the factor is a weighted mean of the single actuators' (the mediant), so the best
-    drives one of them alone. One frequency: the greatest generalised eigenvalue of R_S a = lambda T a. Both over
-    `fine_frequencies` (docs/theory.md#objective-and-bound).
+    frequency_hz (frequency,); by_zone (frequency, zone, actuator, actuator) and total (frequency, actuator, actuator),
+    the Gram matrices of docs/theory.md#tabulated-quantities; usable (frequency, actuator): which actuators may play it.
     """
-    frequency_hz = fine_frequencies(plant)
-    gram, total = compute_gram(solve_response(plant, frequency_hz))
-    energy, usable = gram[:, list(zones)].sum(axis=1), in_band(plant.device, frequency_hz)
-    single = np.einsum("faa->fa", energy).real / np.einsum("faa->fa", total).real
-    at, actuator = np.unravel_index(np.where(usable, single, -1.0).argmax(), single.shape)
-    alone = np.eye(single.shape[1], dtype=np.complex128)[actuator]
-    together = [_greatest(R, T, usable_here) for R, T, usable_here in zip(energy, total, usable, strict=True)]
-    best = int(np.argmax([value for value, _ in together]))
-    return (
-        BarDrive("different frequencies", np.full(len(alone), frequency_hz[at]), alone),
-        BarDrive("one frequency, with phase", np.full(len(alone), frequency_hz[best]), full_scale(together[best][1])),
-    )
+
+    frequency_hz: Array
+    by_zone: Complex
+    total: Complex
+    usable: NDArray[np.bool_]
+
+    @classmethod
+    def of_plant(cls, plant: Plant) -> "UntouchedEnergy":
+        """By finite elements, over `fine_frequencies`."""
+        from precompute.model.gram import compute_gram  # these compile kernels, which modes do not need
+        from precompute.model.response import solve_response
+
+        frequency_hz = fine_frequencies(plant)
+        by_zone, total = compute_gram(solve_response(plant, frequency_hz))
+        return cls(frequency_hz, by_zone, total, in_band(plant.device, frequency_hz))
+
+    @classmethod
+    def of_modes(cls, basis: Basis) -> "UntouchedEnergy":
+        """By sums of modes, over the sweep in quarter steps and its resonances, without a compiled kernel."""
+        model, plant = compute_modal_model(basis), basis.plant
+        sweep = plant.device.sweep
+        count = _PARTS * round((sweep.stop_hz - sweep.start_hz) / sweep.step_hz) + 1
+        frequency_hz = add_resonances(plant.device, np.linspace(sweep.start_hz, sweep.stop_hz, count), model.pole)
+        s = 2j * np.pi * frequency_hz[:, None, None]
+        state = (model.spring + s * model.damper) / (s - model.pole[:, None])
+        rate = s * (model.vector[: len(basis.square_omega)] @ state)
+        columns = 2 * np.arange(len(plant.element_zone))[:, None] + np.arange(4)
+        shape, zones = basis.shape[columns], len(plant.device.zones) + 1
+        by_element = shape.transpose(0, 2, 1) @ plant.element_integral @ shape
+        integral = np.zeros((zones, *by_element.shape[1:]))
+        np.add.at(integral, plant.element_zone, by_element)
+        out = rate[:, None].conj().transpose(0, 1, 3, 2) @ integral @ rate[:, None]
+        return cls(frequency_hz, out[:, :-1], out.sum(axis=1), in_band(plant.device, frequency_hz))
+
+    def best_alone(self, zones: Sequence[int]) -> BarDrive:
+        """The best drive of tones of different frequencies.
+
+        The factor is a weighted mean of the single actuators' (the mediant), so the best drives one of them alone.
+        """
+        energy = self.by_zone[:, list(zones)].sum(axis=1)
+        single = np.einsum("faa->fa", energy).real / np.einsum("faa->fa", self.total).real
+        at, actuator = np.unravel_index(np.where(self.usable, single, -1.0).argmax(), single.shape)
+        alone = np.eye(single.shape[1], dtype=np.complex128)[actuator]
+        return BarDrive("different frequencies", np.full(len(alone), self.frequency_hz[at]), alone)
+
+    def best_together(self, zones: Sequence[int]) -> BarDrive:
+        """The best drive of one frequency: the greatest generalised eigenvalue of R_S a = lambda T a."""
+        found = self.greatest(zones)
+        best = int(np.argmax([value for value, _ in found]))
+        amplitude = found[best][1]
+        amplitude = amplitude / amplitude[abs(amplitude).argmax()]
+        return BarDrive("one frequency, with phase", np.full(len(amplitude), self.frequency_hz[best]), amplitude)
+
+    def greatest(self, zones: Sequence[int]) -> list[tuple[float, Complex]]:
+        """For each frequency the greatest share of energy in the zones, and its drive (actuator,)."""
+        energy = self.by_zone[:, list(zones)].sum(axis=1)
+        return [_greatest(*each) for each in zip(energy, self.total, self.usable, strict=True)]
+
+
+def find_untouched_optima(plant: Plant, zones: Sequence[int]) -> tuple[BarDrive, BarDrive]:
+    """The best drive of tones of different frequencies, and the best of one frequency with phases."""
+    energy = UntouchedEnergy.of_plant(plant)
+    return energy.best_alone(zones), energy.best_together(zones)
 
 
 def greatest_factors(plant: Plant) -> Array:
     """Shape (zone,): the greatest localized factor of each zone alone, one frequency for all actuators, with phase."""
-    frequency_hz = fine_frequencies(plant)
-    gram, total = compute_gram(solve_response(plant, frequency_hz))
-    usable, by_zone = in_band(plant.device, frequency_hz), gram.transpose(1, 0, 2, 3)
-    return np.array([max(_greatest(*each)[0] for each in zip(R, total, usable, strict=True)) for R in by_zone])
+    energy = UntouchedEnergy.of_plant(plant)
+    zones = range(energy.by_zone.shape[1])
+    return np.array([max(value for value, _ in energy.greatest([zone])) for zone in zones])
 
 
 def _greatest(R: Complex, T: Complex, usable: NDArray[np.bool_]) -> tuple[float, Complex]:

@@ -26,6 +26,7 @@ from firmware_link.child import ChildError, ending_text
 from tactable.page.choices import Choice, ChoiceError, Offered, changed
 from tactable.page.live_bar import LiveBar
 from tactable.page.messages import encode_picture
+from tactable.page.paper_bar import PaperBar
 from tactable.page.pointers import Pointers
 from tactable.page.processes.asynchronous import AsyncChild
 from tactable.page.processes.engine import Order
@@ -107,6 +108,13 @@ class _Engine:
         self.feed.close()
         await self.child.end()
         self.ring.unlink(missing_ok=True)
+
+
+def _view_of(table: Table, before: View | None, resolution_hz: float, *, has_kernels: bool) -> View:
+    """The view of a table; the bars of a view before it, of the same device, move on."""
+    bar = LiveBar(table.device) if before is None else before.bar
+    paper = PaperBar(table.device) if before is None else before.paper
+    return View(table, bar, resolution_hz, paper=paper, has_kernels=has_kernels)
 
 
 def _is_same(one: Table, other: Table) -> bool:
@@ -209,7 +217,7 @@ class DemoBackend:
             boot = (firmware.child.process.pid, applied.host_ns_at_device_zero)
             if boot != self._boot:
                 self._boot, view.zero_ns = boot, applied.host_ns_at_device_zero
-                view.bar.begin(applied.until_us)
+                view.begin(applied.until_us)
             view.read(reader.read())
             view.take(applied.events)
             messages += view.move(applied.until_us, is_loaded=self._choice.is_loaded)
@@ -297,8 +305,7 @@ class DemoBackend:
         order = Order(table.path, self._firmware.port, choice, self._offers.rule_file, has_kernels)
         resolution_hz = configuration_of(device).frequency_resolution_uhz * 1e-6
         before = self.view
-        bar = LiveBar(device) if before is None else before.bar
-        view = await asyncio.to_thread(View, table, bar, resolution_hz, has_kernels=has_kernels)
+        view = await asyncio.to_thread(_view_of, table, before, resolution_hz, has_kernels=has_kernels)
         if before is None:
             self._boot = (0, 0)
         else:

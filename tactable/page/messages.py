@@ -4,8 +4,8 @@ Little-endian binary frames of one WebSocket. Each begins with VERSION (u8) and 
 
     SCENE   0x01  JSON: device, switches, state of the rig; whenever one of them changes
     PICTURE 0x02  the present state, up to 60 a second, see `Picture`
-    MOTION  0x03  a moment of the moving bar, to be shown slowed: u8 points, u8 is_click, u16 steps, u32 command,
-                  f32 seconds per step, f32 m/s^2 at 32767, then i16 (step, point)
+    MOTION  0x03  a moment of the moving bars, to be shown slowed: u8 points, u8 is_click, u16 steps, u32 command,
+                  f32 seconds per step, f32 m/s^2 at 32767, then i16 (bar, step, point), ours first
     SOUND   0x04  what a finger felt: u32 finger, u32 samples per second, then i16 (sample,)
 
 From the browser:
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from engine.touch.sources.pointer import Phase, PointerEvent
 
-VERSION = 3
+VERSION = 4
 MOST_TOUCHES = 64
 MOST_CHOICE_BYTES = 2048
 MOST_BYTES = 2 + MOST_CHOICE_BYTES
@@ -141,12 +141,26 @@ class ChannelPicture:
 
 
 @dataclass(frozen=True, slots=True)
+class PaperPicture:
+    """The second bar, which the paper's drives move. On the wire as levels, counted levels, fingers, made fingers.
+
+    fingers_db (finger,): the present level, and the greatest since the last command; simulated_db (made finger,).
+    levels_db, counted_db (point,): as those of the picture. All i16 of 0.01 dB (-32768: none).
+    """
+
+    fingers_db: tuple[tuple[float, float], ...]
+    simulated_db: tuple[float | None, ...]
+    levels_db: Array
+    counted_db: Array
+
+
+@dataclass(frozen=True, slots=True)
 class Picture:
-    """The present state. On the wire: the fixed part, then fingers, made fingers, channels, levels, counted levels.
+    """The present state. On the wire: the fixed part, fingers, made fingers, channels, levels, counted levels, paper.
 
     fixed: f64 time_s, 6 u32 counters, u32 command, f32 age_s, f32 wanted_db, 5 u32 last_ns, 5 u32 median_ns,
-    u32 latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing, 4 is_provisional, 8 is_late), then u8 of fingers, made
-    fingers, channels and levels.
+    u32 latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing, 4 is_provisional, 8 is_late, 16 has a paper bar), then
+    u8 of fingers, made fingers, channels and levels.
     finger: u32 number, u8 zone (255: none), u8 role, f32 position_m, f32 level_db, f32 felt_db.
     made finger: u32 number (0xFFFFFFFF: none), u8 zone, u8 role, f32 position_m, i16 promised and i16 simulated of
     0.01 dB (-32768: none).
@@ -187,6 +201,8 @@ class Picture:
 
     The curve of the page is drawn from it. A browser that missed pictures would miss the peak of a click otherwise.
     """
+    paper: PaperPicture | None = None
+    """The second bar, where there is one."""
 
 
 def encode_scene(scene: dict[str, Any]) -> bytes:
@@ -207,15 +223,31 @@ def encode_picture(picture: Picture) -> bytes:
         *picture.median_ns,
         picture.latencies,
         picture.drive,
-        picture.is_loaded | picture.is_playing << 1 | picture.is_provisional << 2 | picture.is_late << 3,
+        _flags(picture),
         *counts,
     )
     fingers = [_finger_bytes(finger) for finger in picture.fingers]
     made = [_made_bytes(finger) for finger in picture.made]
     channels = [_CHANNEL.pack(c.frequency_hz, c.amplitude, c.phase_rad) for c in picture.channels]
-    both = np.concatenate([picture.levels_db, picture.counted_db])
-    levels = np.rint(_PER_DB * np.clip(both, LOWEST_DB, -LOWEST_DB)).astype("<i2").tobytes()
-    return b"".join((_HEAD.pack(VERSION, Kind.PICTURE), fixed, *fingers, *made, *channels, levels))
+    paper = b"" if picture.paper is None else _paper_bytes(picture.paper)
+    levels = _level_bytes(picture.levels_db, picture.counted_db)
+    return b"".join((_HEAD.pack(VERSION, Kind.PICTURE), fixed, *fingers, *made, *channels, levels, paper))
+
+
+def _flags(picture: Picture) -> int:
+    bits = (picture.is_loaded, picture.is_playing, picture.is_provisional, picture.is_late, picture.paper is not None)
+    return sum(is_set << bit for bit, is_set in enumerate(bits))
+
+
+def _level_bytes(*levels_db: Array) -> bytes:
+    together = np.clip(np.concatenate(levels_db), LOWEST_DB, -LOWEST_DB)
+    return np.rint(_PER_DB * together).astype("<i2").tobytes()
+
+
+def _paper_bytes(paper: PaperPicture) -> bytes:
+    of_fingers = [_centibels(level_db) for pair in paper.fingers_db for level_db in pair]
+    words = np.array([*of_fingers, *(_centibels(level_db) for level_db in paper.simulated_db)], "<i2")
+    return _level_bytes(paper.levels_db, paper.counted_db) + words.tobytes()
 
 
 def _finger_bytes(finger: FingerPicture) -> bytes:
@@ -237,8 +269,8 @@ def _centibels(level_db: float | None) -> int:
 
 
 def encode_motion(acceleration: Array, step_s: float, command: int, *, is_click: bool) -> bytes:
-    """Encode a MOTION of accelerations (step, point) in m/s^2."""
-    steps, points = acceleration.shape
+    """Encode a MOTION of accelerations (bar, step, point) in m/s^2."""
+    _, steps, points = acceleration.shape
     scale = max(float(abs(acceleration).max(initial=0.0)), 1e-9)
     words = np.rint(acceleration * (_WORD / scale)).astype("<i2").tobytes()
     return _HEAD.pack(VERSION, Kind.MOTION) + _MOTION.pack(points, is_click, steps, command, step_s, scale) + words

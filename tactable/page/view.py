@@ -1,112 +1,76 @@
-"""The state of one run as a browser sees it: ring records and the moving bar to pictures, motions and sounds."""
+"""The state of one run as a browser sees it: ring records and the moving bars to pictures, motions and sounds."""
 
 import math
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from engine.effects.player import DEFAULT_CLICK_NS
 from engine.loop import Stage
 from engine.loop.ring import Record, RingCounters
 from engine.table import Table
-from engine.touch import Placement, Touch
+from engine.touch import Touch
 from engine.touch.finger_tracker import ZoneEdges
-from engine.touch.placement import CLOSEST_M
 from firmware_link.emulator import DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S
-from firmware_link.protocol.messages import decode_drive
-from tactable.page.live_bar import LONGEST_STEP_S, POINTS, RATE_HZ, BarFinger, LiveBar, Moved
-from tactable.page.messages import (
-    LOWEST_DB,
-    ChannelPicture,
-    Drive,
-    FingerPicture,
-    MadePicture,
-    Picture,
-    Role,
-    encode_motion,
-    encode_sound,
-)
-from tactable.rig.promises import Promises
+from tactable.page.bar_levels import BarLevels
+from tactable.page.capture import Capture
+from tactable.page.commands import Command, CommandReader, time_of
+from tactable.page.live_bar import LONGEST_STEP_S, BarFinger, LiveBar
+from tactable.page.messages import LOWEST_DB, Drive, FingerPicture, MadePicture, PaperPicture, Picture, Role
+from tactable.page.paper_bar import PaperBar
 
-CLICK_MOTION_S = 0.09
-"""Length of the slowed moment of a click: the click, and the ringing after it."""
-STEADY_MOTION_S = 0.04
-CAPTURE_AFTER_S = 0.4
-"""A command can be seen slowed and heard this long after it; a steady one is captured repeatedly."""
-HEARD_S = 0.4
-LOUDER_DB = 12.0
-"""Distance of the wanted level from full scale in a sound."""
-LOUDEST_LEVEL_DB = 40.0
-"""The wanted level that is assumed for a command at full scale."""
 LATENCIES = 64
 LOST_S = 0.3
 """A click that the firmware has not taken so long after it was written was refused as late."""
-_MOTION_RATE_HZ = 3000
 _STAGES = len(Stage) - 1
-_FULL_SCALE = 32_767
 _NO_COUNTERS = RingCounters(0, 0, 0, 0, 0, 0)
 Stages = tuple[int, int, int, int, int]
 
 
-@dataclass
-class _Command:
-    """A drive or click that was sent, and the levels under its fingers.
+class View:
+    """The run of one table. Times are those of the device; `zero_ns` is host time at the device's zero.
 
-    fingers: by contact, the index of the finger of the placement that it is; promised_db (finger,), None: not known;
-    simulated_db by that index.
+    paper: a second bar, which the paper's drives move.
     """
 
-    number: int
-    placement: Placement
-    fingers: dict[int, int]
-    at_us: float
-    wanted_db: float
-    drive: Drive
-    is_provisional: bool
-    channels: tuple[ChannelPicture, ...]
-    promised_db: Sequence[float | None]
-    length_s: float
-    """Length of a click; infinite for a steady drive."""
-    simulated_db: dict[int, float] = field(default_factory=dict)
-    ended_us: float = math.inf
-    sequence: int | None = None
-    """Sequence number of its frame."""
-    is_stalled: bool = False
-    """Whether a part of its time was left out, the machine having stalled."""
-
-
-class View:
-    """The run of one table. Times are those of the device; `zero_ns` is host time at the device's zero."""
-
-    def __init__(self, table: Table, bar: LiveBar, frequency_resolution_hz: float, *, has_kernels: bool = True) -> None:
-        self.table, self.bar = table, bar
-        self._promises_steady = has_kernels and not table.is_shipped
+    def __init__(
+        self,
+        table: Table,
+        bar: LiveBar,
+        frequency_resolution_hz: float,
+        *,
+        paper: PaperBar | None = None,
+        has_kernels: bool = True,
+    ) -> None:
+        self.table, self.ours, self.paper = table, BarLevels(bar), paper
         self.zero_ns = 0
-        self._promises, self._edges = Promises(table), ZoneEdges(table.device)
-        self._promises.prepare(steady=self._promises_steady)
-        self._click_length_s = max((click.length_s for click in table.clicks[:1]), default=DEFAULT_CLICK_NS / 1e9)
-        self._resolution_hz = frequency_resolution_hz
+        promises_steady = has_kernels and not table.is_shipped
+        self._reader = CommandReader(table, frequency_resolution_hz, promises_steady=promises_steady)
+        self._edges = ZoneEdges(table.device)
         self._touches: tuple[Touch, ...] = ()
         self._counters = _NO_COUNTERS
         self._latencies_ns: deque[list[int]] = deque(maxlen=LATENCIES)
-        self._command: _Command | None = None
-        self._commands = 0
-        self._felt_db: dict[int, float] = {}
-        self._levels_db: NDArray[np.float64] = np.full(POINTS, LOWEST_DB)
-        self._counted_db: NDArray[np.float64] = np.full(POINTS, LOWEST_DB)
-        self._level_db: dict[int, float] = {}
-        self.is_moving = False
-        """Whether something moves now."""
+        self._command: Command | None = None
         self._is_loaded = True
-        self._captured: _Command | None = None
-        """The command whose motion is captured next."""
-        self._capture_us = math.inf
-        self._sounds: dict[int, NDArray[np.int16]] = {}
+        self._capture = Capture()
         self._taken_us: dict[int, float] = {}  # by sequence number, when the firmware last took it
+
+    @property
+    def bar(self) -> LiveBar:
+        """The bar that moves as the firmware drives it."""
+        return self.ours.bar
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether something moves now."""
+        return self.ours.is_moving
+
+    def begin(self, now_us: float) -> None:
+        """Start at rest at this time, which is that of a device that has just booted."""
+        self.bar.begin(now_us)
+        if self.paper is not None:
+            self.paper.begin(now_us)
 
     def read(self, records: Iterable[Record]) -> None:
         """Take records of the ring."""
@@ -117,48 +81,21 @@ class View:
             if all(record.stamps_ns):
                 stages = zip(record.stamps_ns, record.stamps_ns[1:], strict=False)
                 self._latencies_ns.append([later - earlier for earlier, later in stages])
-            at_us = ((record.stamps_ns[Stage.WRITTEN] or record.time_ns) - self.zero_ns) / 1e3
-            if record.level_db is not None and record.placement is not None:
-                self._begin(record, record.placement, record.level_db, at_us)
+            command = self._reader.command_of(record, self.zero_ns)
+            if command is not None:
+                self._begin(command)
             elif self._command is not None:
+                at_us = time_of(record, self.zero_ns)
                 self._command.ended_us = min(at_us, self._command.ended_us)
+                if self.paper is not None:
+                    self.paper.fall_silent(at_us)
 
-    def _begin(self, record: Record, placement: Placement, level_db: float, at_us: float) -> None:
-        self._commands += 1
-        is_click = record.is_click and not record.drive
-        promised_db: Sequence[float | None] = (None,) * len(placement.position_m)
-        if is_click:
-            found = self._promises.of_tabulated_click(placement, level_db)
-            channels: tuple[ChannelPicture, ...] = ()
-            length_s = self._click_length_s
-            if found is not None:
-                click, promise = found
-                channels = (ChannelPicture(0.0, click.amplitude, 0.0),) * len(self.table.device.actuators)
-                promised_db, length_s = promise.level_db.tolist(), click.length_s
-        else:
-            drive = decode_drive(record.drive, self._resolution_hz)[: len(self.table.device.actuators)]
-            channels = tuple(ChannelPicture(c.frequency_hz, c.amplitude, c.phase_rad) for c in drive)
-            length_s = math.inf
-            if self._promises_steady:  # that of a zone is not for these positions
-                held_hz = max(drive, key=lambda channel: channel.amplitude).frequency_hz if drive else None
-                promised_db = self._promises.of_drive(placement, level_db, held_hz)[1].level_db.tolist()
-        self._command = _Command(
-            number=self._commands,
-            placement=placement,
-            fingers=_fingers_of(record.touches, placement),
-            at_us=at_us,
-            wanted_db=level_db,
-            drive=Drive.CLICK if is_click else Drive.STEADY,
-            is_provisional=record.is_provisional,
-            channels=channels,
-            promised_db=promised_db,
-            length_s=length_s,
-            ended_us=at_us + length_s * US_PER_S,
-            sequence=record.drive_sequence,
-        )
-        self._counted_db, self._felt_db = np.full(POINTS, LOWEST_DB), {}
-        if self._captured is None:
-            self._captured, self._capture_us = self._command, at_us + CAPTURE_AFTER_S * US_PER_S
+    def _begin(self, command: Command) -> None:
+        self._command = command
+        self.ours.begin_command()
+        if self.paper is not None:
+            self.paper.play(command)
+        self._capture.begin(command)
 
     def take(self, events: Sequence[DriveEvent]) -> None:
         """Take what the firmware drove."""
@@ -166,68 +103,21 @@ class View:
         self._taken_us |= {event.sequence: event.device_time_us for event in events if event.sequence is not None}
 
     def move(self, until_us: float, *, is_loaded: bool) -> list[bytes]:
-        """Advance the bar; returns MOTION messages of moments to be shown slowed."""
-        self._is_loaded = is_loaded
+        """Advance the bars; returns MOTION messages of moments to be shown slowed."""
+        self._is_loaded, command, start_us = is_loaded, self._command, self.bar.now_us
         self.bar.touch([BarFinger(touch.contact_id, touch.position_m) for touch in self._touches], is_loaded=is_loaded)
-        start_us = self.bar.now_us
-        if until_us - start_us > LONGEST_STEP_S * US_PER_S and self._command is not None:
-            self._command.is_stalled |= start_us < self._command.ended_us
-        self._take(self.bar.advance(until_us), start_us)
-        return self._capture()
-
-    def _take(self, moved: Moved | None, start_us: float) -> None:
-        command = self._command
-        self.is_moving = moved is not None
-        is_steady = command is not None and command.drive is Drive.STEADY
-        if moved is None or command is None:
-            self._levels_db, self._level_db = np.full(POINTS, LOWEST_DB), {}
-            self._counted_db = self._levels_db if is_steady else self._counted_db
-            return
-        self._levels_db = moved.levels_db
-        # A click counts by its greatest level, a steady drive by its present one, under fingers and between them. After
-        # a stall one step may hold several commands: what was before the last one is not that one's.
-        counted_db, felt_db = self.bar.greatest_since(max(command.at_us, start_us))
-        self._counted_db = moved.power_levels_db if is_steady else np.maximum(self._counted_db, counted_db)
-        self._level_db = dict(moved.power_db if is_steady else moved.peak_db)
-        is_over = is_steady and self.bar.now_us > command.ended_us
-        for touch in self._touches:
-            level_db = self._level_db.get(touch.contact_id, LOWEST_DB)
-            now_db = level_db if is_steady else felt_db.get(touch.contact_id, LOWEST_DB)
-            self._felt_db[touch.contact_id] = max(now_db, self._felt_db.get(touch.contact_id, LOWEST_DB))
-            finger = command.fingers.get(touch.contact_id)
-            if finger is not None and not is_over:
-                command.simulated_db[finger] = level_db if is_steady else self._felt_db[touch.contact_id]
-
-    def _capture(self) -> list[bytes]:
-        command = self._captured
-        if command is None or self.bar.now_us < self._capture_us:
-            return []
-        is_click = command.drive is Drive.CLICK
-        duration_s = CLICK_MOTION_S if is_click else STEADY_MOTION_S
-        since_us = command.at_us if is_click else self._capture_us - duration_s * US_PER_S
-        every = RATE_HZ // _MOTION_RATE_HZ if is_click else RATE_HZ // _MOTION_RATE_HZ // 2
-        motion = self.bar.motion(since_us, duration_s, every)
-        self._keep_sounds(command)
-        is_on = command is self._command and self.bar.now_us < command.ended_us
-        self._captured = command if is_on else None
-        self._capture_us = self.bar.now_us + 1e6
-        if motion is None or not motion.any():
-            return []
-        return [encode_motion(motion, every / RATE_HZ, command.number, is_click=is_click)]
-
-    def _keep_sounds(self, command: _Command) -> None:
-        full_scale_db = LOUDER_DB + (command.wanted_db if math.isfinite(command.wanted_db) else LOUDEST_LEVEL_DB)
-        per_threshold = _FULL_SCALE / 10 ** (full_scale_db / 20)
-        for touch in self._touches:
-            course = self.bar.felt(touch.contact_id)
-            if course is not None:
-                heard = course[-round(HEARD_S * RATE_HZ) :] * per_threshold
-                self._sounds[touch.contact_id] = np.clip(np.rint(heard), -_FULL_SCALE, _FULL_SCALE).astype(np.int16)
+        if until_us - start_us > LONGEST_STEP_S * US_PER_S and command is not None:
+            command.is_stalled |= start_us < command.ended_us
+        self.ours.advance(until_us, self._touches, command)
+        bars = [self.bar]
+        if self.paper is not None:
+            self.paper.advance(until_us, self._touches, command, is_loaded=is_loaded)
+            bars.append(self.paper.levels.bar)
+        return self._capture.take(bars, self._touches, command)
 
     def sound(self, finger: int) -> bytes | None:
         """SOUND of the last captured command under a finger; None where the finger felt none."""
-        samples = self._sounds.get(finger)
-        return None if samples is None else encode_sound(finger, RATE_HZ, samples)
+        return self._capture.sound(finger)
 
     def picture(self) -> Picture:
         """The present state."""
@@ -251,11 +141,12 @@ class View:
             fingers=tuple(self._finger(touch) for touch in self._touches),
             made=() if command is None else self._made(command),
             channels=() if command is None else command.channels,
-            levels_db=self._levels_db,
-            counted_db=self._counted_db,
+            levels_db=self.ours.along_db,
+            counted_db=self.ours.counted_db,
+            paper=None if self.paper is None else self._paper(self.paper.levels),
         )
 
-    def _is_late(self, command: _Command) -> bool:
+    def _is_late(self, command: Command) -> bool:
         """Whether what a command did cannot be judged; a steady drive that is there already causes no event."""
         if command.is_stalled or command.drive is not Drive.CLICK or command.sequence is None:
             return command.is_stalled
@@ -266,38 +157,37 @@ class View:
     def _finger(self, touch: Touch) -> FingerPicture:
         number, command = touch.contact_id, self._command
         finger = None if command is None else command.fingers.get(number)
-        role = Role.NONE if command is None or finger is None else _role(command.placement, finger)
-        level_db, felt_db = self._level_db.get(number, LOWEST_DB), self._felt_db.get(number, LOWEST_DB)
-        return FingerPicture(number, touch.zone, role, touch.position_m, level_db, felt_db)
+        role = Role.NONE if command is None or finger is None else command.role(finger)
+        return FingerPicture(number, touch.zone, role, touch.position_m, *_levels_of(self.ours, number))
 
-    def _made(self, command: _Command) -> tuple[MadePicture, ...]:
+    def _made(self, command: Command) -> tuple[MadePicture, ...]:
         here = {touch.contact_id for touch in self._touches}
         numbers = {finger: number for number, finger in command.fingers.items() if number in here}
         return tuple(
             MadePicture(
                 number=numbers.get(finger),
                 zone=self._edges.zone_at(at_m),
-                role=_role(command.placement, finger),
+                role=command.role(finger),
                 position_m=at_m,
                 promised_db=command.promised_db[finger],
-                simulated_db=command.simulated_db.get(finger),
+                simulated_db=self.ours.simulated_db.get(finger),
             )
             for finger, at_m in enumerate(command.placement.position_m)
         )
 
+    def _paper(self, levels: BarLevels) -> PaperPicture:
+        made = () if self._command is None else self._command.placement.position_m
+        return PaperPicture(
+            fingers_db=tuple(_levels_of(levels, touch.contact_id) for touch in self._touches),
+            simulated_db=tuple(levels.simulated_db.get(finger) for finger in range(len(made))),
+            levels_db=levels.along_db,
+            counted_db=levels.counted_db,
+        )
 
-def _fingers_of(touches: Iterable[Touch], placement: Placement) -> dict[int, int]:
-    """By contact, the index of the nearest finger of a placement; a contact without one that is near is absent."""
-    found = dict[int, int]()
-    for touch in touches:
-        distance_m, finger = min((abs(at_m - touch.position_m), k) for k, at_m in enumerate(placement.position_m))
-        if distance_m < CLOSEST_M:
-            found[touch.contact_id] = finger
-    return found
 
-
-def _role(placement: Placement, finger: int) -> Role:
-    return Role.FELT if placement.is_felt[finger] else Role.QUIET
+def _levels_of(levels: BarLevels, number: int) -> tuple[float, float]:
+    """The present level of a contact, and the greatest since the last command."""
+    return levels.present_db.get(number, LOWEST_DB), levels.felt_db.get(number, LOWEST_DB)
 
 
 def _stages(values: Iterable[float]) -> Stages:

@@ -17,20 +17,24 @@ const wire = new Wire({
   scene(found) {
     scene = found;
     panel.scene = found;
-    bar.device = found.device;
+    bar.device = second.device = found.device;
     fingers.zones = found.device.zones.map((zone) => (zone.start_m + zone.stop_m) / 2 / found.device.length_m);
   },
-  picture() { bar.dirty = true; },
-  motion(motion) {
-    bar.show(motion);
-    byId("courses").toggleAttribute("data-has", courses.take(motion, scene.device.length_m));
+  picture() {
+    bar.dirty = second.dirty = true;
+    byId("paper").hidden = !wire.picture.hasPaper;
+  },
+  motions([ours, papers]) {
+    bar.show(ours);
+    if (papers) second.show(papers);
+    byId("courses").toggleAttribute("data-has", courses.take(ours, papers, scene.device.length_m));
   },
   sound(found) { sound.play(found); },
   state(text, isUp) { panel.state(text, isUp); },
 });
 const panel = new Panel(wire);
 const courses = new Courses(byId("course"), wire.picture);
-const bar = new Bar(byId("bar"), wire.picture);
+const bar = new Bar(byId("bar"), wire.picture), second = new Bar(byId("paper-bar"), wire.paper, true);
 const fingers = new Fingers(byId("bar"), wire, () => bar.place());
 
 const ear = byId("ear");
@@ -70,7 +74,7 @@ function linkScene() {
 
 // One sentence: the outcome of the last command; the tour's own words before the first and at its end.
 function tell() {
-  const outcome = byId("outcome"), found = outcomeOf(wire.picture);
+  const outcome = byId("outcome"), found = outcomeOf(wire.picture, wire.paper);
   const text = fingers.says ?? found ?? (wire.picture.command ? null : "Touch the bar.");
   if (text === null || outcome.textContent === text) return;
   outcome.textContent = text;
@@ -80,7 +84,7 @@ function tell() {
 new ResizeObserver(() => courses.draw()).observe(byId("course"));
 byId("show-me").addEventListener("click", startTour);
 byId("slowed").addEventListener("input", (event) => {
-  bar.slowed = Math.round(5 * 40 ** (event.target.value / 100)); // 5 to 200 times, even in ratio.
+  bar.slowed = second.slowed = Math.round(5 * 40 ** (event.target.value / 100)); // 5 to 200 times, even in ratio.
   byId("slowed-text").textContent = `${bar.slowed}×`;
 });
 byId("slowed").dispatchEvent(new Event("input"));
@@ -103,6 +107,7 @@ function listen() {
 
 function frame(now_ms) {
   bar.draw(now_ms);
+  if (wire.picture.hasPaper) second.draw(now_ms);
   if (scene && !isDrawn) {
     isDrawn = true;
     performance.mark("first-drawing");
@@ -119,6 +124,6 @@ function frame(now_ms) {
 }
 
 // For tests, and for the console of the browser.
-window.tactable = { wire, bar, courses, fingers, panel, sound, get scene() { return scene; } };
+window.tactable = { wire, bar, second, courses, fingers, panel, sound, get scene() { return scene; } };
 wire.connect();
 requestAnimationFrame(frame);

@@ -1,96 +1,38 @@
 // Draws the bar: zones, fingers, the level along it above the threshold, and its motion, slowed.
 
-export const Role = { NONE: 0, QUIET: 1, FELT: 2 };
+import { FINGERTIP_M, LevelPlot, Role, freshness, isFresh, line } from "./levels.js";
+
 // What a command asks of a finger, by role.
 export const ORDERS = { [Role.QUIET]: "to rest", [Role.FELT]: "to feel" };
-const LOWEST_DB = -20, HIGHEST_DB = 40;
-const FALL_DB_PER_S = 30; // A click of 30 ms stays in sight.
-const FRESH_S = 3;
 const GHOST_MS = 1500;
 const PAUSE_MS = 700;
 const PASSES = 3;
 const SLOTS = 32;
 const RADIUS = 15;
-const FINGERTIP_M = 0.016;
-
-// Whether the last command still counts.
-function isFresh(picture) { return picture.command > 0 && (picture.isPlaying || picture.age_s <= FRESH_S); }
 
 export function levelText(db) { return db <= -59.9 ? "nothing" : `${db < 0 ? "−" : ""}${Math.abs(db).toFixed(1)} dB`; }
 
 // What a finger perceives, whatever was asked for: 0 dB is the detection threshold.
 function outcomeText(db) { return db >= 0 ? "felt" : "not felt"; }
 
-function line(c, x0, y0, x1, y1) { c.beginPath(); c.moveTo(x0, y0); c.lineTo(x1, y1); c.stroke(); }
-
 function disc(c, x, y, radius) { c.beginPath(); c.arc(x, y, radius, 0, 2 * Math.PI); c.fill(); }
 
-export class Bar {
-  constructor(canvas, picture) {
-    this.canvas = canvas;
-    this.picture = picture;
+export class Bar extends LevelPlot {
+  constructor(canvas, picture, isSecond = false) {
+    super(canvas, picture, isSecond);
     this.frames = 0;
-    this.dirty = true;
-    this._context = canvas.getContext("2d");
-    this._device = null;
-    this._shown = new Float32Array(256).fill(LOWEST_DB);
-    this._counted = new Float32Array(256).fill(LOWEST_DB);
-    this._countedOf = 0;
+    this.slowed = 50;
     this._bend = new Float32Array(256);
     this._motion = null;
     this._motionStart_ms = 0;
-    this.slowed = 50;
     this._slots = Array.from({ length: SLOTS }, () =>
       ({ number: -1, position_m: 0, level_db: 0, role: 0, seen_ms: -1e9 }));
     this._labels = new Float32Array(3 * SLOTS);
     this._last_ms = 0;
     this._still = matchMedia("(prefers-reduced-motion: reduce)").matches;
-    this._dark = matchMedia("(prefers-color-scheme: dark)");
-    this._dark.addEventListener("change", () => this._readColours());
-    this._readColours();
-    new ResizeObserver(() => this._resize()).observe(canvas);
-    this._resize();
-  }
-
-  _readColours() {
-    const style = getComputedStyle(document.documentElement), colour = (name) => style.getPropertyValue(name).trim();
-    this._colour = { edge: colour("--metal-edge"), font: getComputedStyle(document.body).fontFamily };
-    for (const name of ["ink", "muted", "line", "felt", "quiet", "level", "metal", "paper"]) this._colour[name] = colour(`--${name}`);
-    this.dirty = true;
-  }
-
-  _resize() {
-    const box = this.canvas.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
-    if (!box.width) return;
-    this._width = box.width;
-    this._height = box.height;
-    this.canvas.width = Math.round(box.width * ratio);
-    this.canvas.height = Math.round(box.height * ratio);
-    this._ratio = ratio;
-    const narrow = box.width < 560;
-    this._left = narrow ? 40 : 58;
-    this._right = box.width - (narrow ? 14 : 24);
-    this._top = 26;
-    this._floor = Math.round(box.height * 0.6);
-    this._middle = Math.round(box.height * 0.765);
-    this._thick = narrow ? 9 : 11;
-    this._narrow = narrow;
-    this.dirty = true;
   }
 
   set device(device) { this._device = device; this._motion = null; this.dirty = true; }
-
-  // The picture as it is, on paper: a canvas is transparent.
-  picture_url() {
-    const copy = document.createElement("canvas");
-    copy.width = this.canvas.width;
-    copy.height = this.canvas.height;
-    const c = copy.getContext("2d");
-    c.fillStyle = this._colour.paper;
-    c.fillRect(0, 0, copy.width, copy.height);
-    c.drawImage(this.canvas, 0, 0);
-    return copy.toDataURL("image/png");
-  }
 
   // Position of the bar in the canvas, for pointers.
   place() { return { left: this._left, width: this._right - this._left, height: this._height }; }
@@ -98,13 +40,6 @@ export class Bar {
   show(motion) {
     this._motion = motion;
     this._motionStart_ms = performance.now();
-  }
-
-  _x(position_m) { return this._left + (this._right - this._left) * (position_m / this._device.length_m); }
-
-  _y(db) {
-    const share = (Math.min(Math.max(db, LOWEST_DB), HIGHEST_DB) - LOWEST_DB) / (HIGHEST_DB - LOWEST_DB);
-    return this._floor - share * (this._floor - this._top);
   }
 
   // Draw one frame, unless nothing has changed.
@@ -124,24 +59,6 @@ export class Bar {
     this._drawLevels(c);
     this._drawBar(c);
     this._drawFingers(c, now_ms);
-  }
-
-  _fall(passed_s) {
-    const { levels, counted, levelCount, command } = this.picture;
-    let falls = false;
-    if (command !== this._countedOf) {
-      this._countedOf = command;
-      this._counted.fill(LOWEST_DB);
-    }
-    for (let i = 0; i < levelCount; i++) {
-      const before = this._shown[i], fallen = Math.max(before - FALL_DB_PER_S * passed_s, LOWEST_DB);
-      // What counts has risen since the last picture: it was so loud in between, in pictures that never came here.
-      const risen = counted[i] > this._counted[i] ? counted[i] : LOWEST_DB;
-      this._counted[i] = counted[i];
-      this._shown[i] = Math.max(levels[i], risen, fallen);
-      falls ||= this._shown[i] > LOWEST_DB || before > LOWEST_DB;
-    }
-    return falls;
   }
 
   // Bend of the bar at each point, -1 to 1.
@@ -193,8 +110,9 @@ export class Bar {
       c.strokeStyle = colour.line;
       c.lineWidth = 1;
       c.beginPath();
-      for (const x of [x0, x1]) { c.moveTo(x, this._top); c.lineTo(x, this._height - 34); }
+      for (const x of [x0, x1]) { c.moveTo(x, this._top); c.lineTo(x, this._bottom); }
       c.stroke();
+      if (this._isSecond) continue;
       const middle = (x0 + x1) / 2;
       c.fillStyle = colour.ink;
       c.font = `600 14px ${colour.font}`;
@@ -222,143 +140,16 @@ export class Bar {
 
   // The fingers that the last command was made for: a band as wide as a fingertip at the position of each.
   _drawMade(c) {
-    const { made, madeCount, isPlaying, age_s } = this.picture, colour = this._colour;
-    if (!isFresh(this.picture)) return;
+    const { made, madeCount } = this.picture, colour = this._colour, fresh = freshness(this.picture);
+    if (!fresh) return;
     const half = (FINGERTIP_M / 2 / this._device.length_m) * (this._right - this._left);
-    c.globalAlpha = 0.07 + 0.15 * (isPlaying ? 1 : Math.max(0, 1 - age_s / FRESH_S));
+    c.globalAlpha = 0.07 + 0.15 * fresh;
     for (let i = 0; i < madeCount; i++) {
       c.fillStyle = made[i].role === Role.FELT ? colour.felt : colour.quiet;
       const x = this._x(made[i].position_m);
-      c.fillRect(x - half, this._top, 2 * half, this._height - this._top - 34);
+      c.fillRect(x - half, this._top, 2 * half, this._bottom - this._top);
     }
     c.globalAlpha = 1;
-  }
-
-  _drawScale(c) {
-    const colour = this._colour;
-    c.font = `11px ${colour.font}`;
-    c.textBaseline = "middle";
-    c.textAlign = "right";
-    c.fillStyle = colour.muted;
-    c.strokeStyle = colour.line;
-    c.lineWidth = 1;
-    for (let db = LOWEST_DB; db <= HIGHEST_DB; db += 20) {
-      const y = this._y(db);
-      if (db) line(c, this._left, y, this._right, y);
-      c.fillText(db < 0 ? `−${-db}` : `${db}`, this._left - 7, y);
-    }
-    c.textAlign = "left";
-    c.textBaseline = "alphabetic";
-    c.fillText(this._narrow ? "dB over threshold" : "level along the bar, dB above the detection threshold", this._left - (this._narrow ? 30 : 44), 13);
-    c.setLineDash([5, 4]);
-    c.strokeStyle = colour.ink;
-    line(c, this._left, this._y(0), this._right, this._y(0));
-    c.setLineDash([]);
-    c.fillStyle = colour.ink;
-    c.textAlign = "right";
-    c.fillText("just felt", this._right - 4, this._y(0) - 5);
-  }
-
-  _levelPath(c, values) {
-    const count = this.picture.levelCount, step = (this._right - this._left) / (count - 1);
-    c.beginPath();
-    c.moveTo(this._left, this._y(values[0]));
-    for (let i = 1; i < count; i++) c.lineTo(this._left + i * step, this._y(values[i]));
-  }
-
-  _drawLevels(c) {
-    if (this.picture.levelCount < 2) return;
-    const colour = this._colour;
-    for (const [bottom, alpha] of [[this._floor, 0.1], [this._y(0), 0.2]]) {
-      c.save();
-      c.beginPath();
-      c.rect(this._left, this._top - 2, this._right - this._left, bottom - this._top + 2);
-      c.clip();
-      this._levelPath(c, this._shown);
-      c.lineTo(this._right, this._floor);
-      c.lineTo(this._left, this._floor);
-      c.closePath();
-      c.globalAlpha = alpha;
-      c.fillStyle = colour.level;
-      c.fill();
-      c.restore();
-    }
-    // The present level is an area; what counts for the command is a line, as the server gives it.
-    c.strokeStyle = colour.level;
-    c.lineWidth = 2;
-    c.lineJoin = "round";
-    c.globalAlpha = isFresh(this.picture) ? 0.3 : 1;
-    this._countedPath(c);
-    c.stroke();
-    c.globalAlpha = 1;
-    if (isFresh(this.picture)) this._drawGaps(c);
-  }
-
-  // Where no finger is nothing needs to rest: the line is faded and the ground hatched there, and whole under fingers.
-  _drawGaps(c) {
-    const colour = this._colour, gaps = this._gaps();
-    c.save();
-    c.beginPath();
-    c.rect(this._left, this._top - 2, this._right - this._left, this._floor - this._top + 4);
-    for (const [from, to] of gaps) c.rect(to, this._top - 2, from - to, this._floor - this._top + 4);
-    c.clip("evenodd");
-    this._countedPath(c);
-    c.stroke();
-    c.restore();
-    c.save();
-    c.beginPath();
-    for (const [from, to] of gaps) c.rect(from, this._top, to - from, this._floor - this._top);
-    c.clip();
-    c.strokeStyle = colour.muted;
-    c.globalAlpha = 0.16;
-    c.lineWidth = 1;
-    const height = this._floor - this._top;
-    c.beginPath();
-    for (let x = this._left - height; x < this._right; x += 11) { c.moveTo(x, this._floor); c.lineTo(x + height, this._top); }
-    c.stroke();
-    c.restore();
-    c.font = `12px ${colour.font}`;
-    c.textAlign = "center";
-    c.textBaseline = "alphabetic";
-    const text = "no finger here: may move", width = c.measureText(text).width + 12;
-    for (const [from, to] of gaps) {
-      if (to - from < width + 8) continue;
-      c.fillStyle = colour.paper;
-      c.globalAlpha = 0.85;
-      c.fillRect((from + to - width) / 2, this._floor - 22, width, 17);
-      c.globalAlpha = 1;
-      c.fillStyle = colour.muted;
-      c.fillText(text, (from + to) / 2, this._floor - 9);
-    }
-  }
-
-  // Stretches of the canvas, from and to, without a finger of the last command.
-  _gaps() {
-    const { made, madeCount } = this.picture, half = (FINGERTIP_M / 2 / this._device.length_m) * (this._right - this._left);
-    const at = made.slice(0, madeCount).map((finger) => this._x(finger.position_m)).sort((a, b) => a - b), gaps = [];
-    let from = this._left;
-    for (const x of at) {
-      if (x - half > from) gaps.push([from, x - half]);
-      from = Math.max(from, x + half);
-    }
-    if (from < this._right) gaps.push([from, this._right]);
-    return gaps;
-  }
-
-  // The line of what counts, through the level of every finger too: where one rests the bar may be still between points.
-  _countedPath(c) {
-    const { counted, levelCount, fingers, fingerCount, drive } = this.picture, fresh = isFresh(this.picture);
-    const step_m = this._device.length_m / (levelCount - 1);
-    c.beginPath();
-    c.moveTo(this._left, this._y(counted[0]));
-    for (let i = 1; i < levelCount; i++) {
-      for (let k = 0; fresh && k < fingerCount; k++) {
-        const { position_m, role, level_db, felt_db } = fingers[k];
-        if (role === Role.NONE || position_m <= (i - 1) * step_m || position_m >= i * step_m) continue;
-        c.lineTo(this._x(position_m), this._y(drive === 1 ? level_db : felt_db));
-      }
-      c.lineTo(this._x(i * step_m), this._y(counted[i]));
-    }
   }
 
   _bendAt(share) {
@@ -373,7 +164,7 @@ export class Bar {
   _drawBar(c) {
     const colour = this._colour, width = this._right - this._left, steps = 120, half = this._thick / 2;
     for (const actuator of this._device.actuators) {
-      const x = this._x(actuator.position_m), y = this._middle + this._reach() + 12;
+      const x = this._x(actuator.position_m), y = this._middle + this._reach() + (this._isSecond ? 4 : 12);
       c.strokeStyle = colour.muted;
       c.lineWidth = 1.5;
       line(c, x, this._middle + this._bendAt((x - this._left) / width), x, y);

@@ -1,7 +1,8 @@
 // Puts the outcome of the last command into one sentence, and draws what each finger got of a click over time.
 
 import { NO_NUMBER, NOTHING } from "./wire.js";
-import { Role, levelText } from "./bar.js";
+import { levelText } from "./bar.js";
+import { Role } from "./levels.js";
 
 const SETTLED_S = { 1: 0.25, 2: 0.06 }; // By kind of drive: from then on the levels say what was felt.
 const COURSE_S = 0.06;
@@ -16,21 +17,39 @@ function listed(names) {
 
 function sentence(text) { return text.charAt(0).toUpperCase() + text.slice(1); }
 
-// The outcome of the last command in words, or null while it is not known yet.
-export function outcomeOf(picture) {
-  if (!picture.command || picture.age_s < SETTLED_S[picture.drive]) return null;
-  if (picture.isLate) return "The machine was late: not judged.";
+// The weakest felt and the strongest quiet level of a bar, dB; without quiet fingers the latter is null.
+function levelsOf(picture) {
   const made = picture.made.slice(0, picture.madeCount).filter((finger) => finger.simulated !== NOTHING);
   const felt = made.filter((finger) => finger.role === Role.FELT), quiet = made.filter((finger) => finger.role === Role.QUIET);
   if (!felt.length) return null;
+  const weakest = Math.min(...felt.map((finger) => finger.simulated)) / 100;
+  return { felt, quiet, weakest, strongest: quiet.length ? Math.max(...quiet.map((finger) => finger.simulated)) / 100 : null };
+}
+
+// What the paper's drive does at the same time, after the words for ours.
+function besides(paper) {
+  const levels = paper.hasPaper ? levelsOf(paper) : null;
+  if (!levels) return "";
+  if (levels.weakest < 0) return "; the paper’s drive is not felt";
+  if (levels.strongest === null) return `; the paper’s drive: ${levelText(levels.weakest)}`;
+  return `; the paper’s drive: ${Math.round(levels.weakest - levels.strongest)} dB`.replace("-", "−");
+}
+
+// The outcome of the last command in words, or null while it is not known yet.
+export function outcomeOf(picture, paper) {
+  if (!picture.command || picture.age_s < SETTLED_S[picture.drive]) return null;
+  if (picture.isLate) return "The machine was late: not judged.";
+  const levels = levelsOf(picture);
+  if (!levels) return null;
+  const { felt, quiet, weakest, strongest } = levels;
   const what = picture.drive === 2 ? "the click" : "the vibration", verb = felt.length > 1 ? "feel" : "feels";
-  const names = listed(felt.map(nameOf)), weakest = Math.min(...felt.map((finger) => finger.simulated)) / 100;
-  if (weakest < 0) return sentence(`${names} ${felt.length > 1 ? "do" : "does"} not feel ${what}.`);
-  if (!quiet.length) return sentence(`${names} ${verb} ${what}, ${levelText(weakest)} above threshold.`);
-  const strongest = Math.max(...quiet.map((finger) => finger.simulated)) / 100, apart = Math.round(weakest - strongest);
-  const others = listed(quiet.map(nameOf)), rest = strongest < 0 ? `, which feel${quiet.length > 1 ? "" : "s"} nothing` : "";
-  if (apart < 1) return sentence(`${names} ${verb} ${what} no more than ${others}.`);
-  return sentence(`${names} ${verb} ${what} ${apart} dB more than ${others}${rest}.`);
+  const names = listed(felt.map(nameOf));
+  if (weakest < 0) return sentence(`${names} ${felt.length > 1 ? "do" : "does"} not feel ${what}${besides(paper)}.`);
+  if (!quiet.length) return sentence(`${names} ${verb} ${what}, ${levelText(weakest)} above threshold${besides(paper)}.`);
+  const apart = Math.round(weakest - strongest), others = listed(quiet.map(nameOf));
+  const rest = strongest < 0 ? `, which feel${quiet.length > 1 ? "" : "s"} nothing` : "";
+  if (apart < 1) return sentence(`${names} ${verb} ${what} no more than ${others}${besides(paper)}.`);
+  return sentence(`${names} ${verb} ${what} ${apart} dB more than ${others}${rest}${besides(paper)}.`);
 }
 
 export class Courses {
@@ -41,20 +60,22 @@ export class Courses {
     this._courses = [];
   }
 
-  // Take the motion of the last click; whether there is a course to show.
-  take(motion, length_m) {
+  // Take the motion of the last click, and what the paper's drive did meanwhile; whether there is a course to show.
+  take(motion, papers, length_m) {
     if (!motion.isClick || motion.command !== this._picture.command) return this._courses.length > 0;
     const steps = Math.min(motion.steps, Math.round(COURSE_S / motion.step_s)), { made, madeCount } = this._picture;
     this._step_s = motion.step_s;
-    this._courses = made.slice(0, madeCount).map((finger) => {
-      const at = (finger.position_m / length_m) * (motion.points - 1), left = Math.min(Math.floor(at), motion.points - 2);
-      const values = new Float32Array(steps);
-      for (let i = 0; i < steps; i++) {
-        const here = motion.words[i * motion.points + left], next = motion.words[i * motion.points + left + 1];
-        values[i] = ((here + (next - here) * (at - left)) * motion.scale) / 32767;
-      }
-      return { name: sentence(nameOf(finger)), role: finger.role, values };
-    });
+    const courseAt = ({ points, scale, words }, position_m) => {
+      const at = (position_m / length_m) * (points - 1), left = Math.min(Math.floor(at), points - 2);
+      return Float32Array.from({ length: steps }, (_, i) => {
+        const here = words[i * points + left], next = words[i * points + left + 1];
+        return ((here + (next - here) * (at - left)) * scale) / 32767;
+      });
+    };
+    this._courses = made.slice(0, madeCount).map((finger) => ({
+      name: sentence(nameOf(finger)), role: finger.role, values: courseAt(motion, finger.position_m),
+      beside: papers ? courseAt(papers, finger.position_m) : new Float32Array(0),
+    }));
     this.draw();
     return this._courses.length > 0;
   }
@@ -68,9 +89,10 @@ export class Courses {
     const colour = (name) => style.getPropertyValue(`--${name}`).trim();
     const font = getComputedStyle(document.body).fontFamily, left = 92, right = box.width - 14, row = (box.height - 20) / this._courses.length;
     c.scale(ratio, ratio);
-    const greatest = Math.max(1e-6, ...this._courses.map(({ values }) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0)));
+    const peakOf = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
+    const greatest = Math.max(1e-6, ...this._courses.flatMap(({ values, beside }) => [peakOf(values), peakOf(beside)]));
     c.font = `12px ${font}`;
-    this._courses.forEach(({ name, role, values }, index) => {
+    this._courses.forEach(({ name, role, values, beside }, index) => {
       const middle = 4 + row * (index + 0.5), reach = 0.46 * row;
       c.strokeStyle = colour("line");
       c.lineWidth = 1;
@@ -79,12 +101,17 @@ export class Courses {
       c.textAlign = "left";
       c.textBaseline = "middle";
       c.fillText(name, 4, middle - 7);
-      const peak = values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
-      c.fillText(`${peak.toPrecision(2)} m/s²`, 4, middle + 8);
+      c.fillText(`${peakOf(values).toPrecision(2)} m/s²`, 4, middle + 8);
+      const draw = (course) => {
+        c.beginPath();
+        for (let i = 0; i < course.length; i++) c.lineTo(left + ((right - left) * i * this._step_s) / COURSE_S, middle - (reach * course[i]) / greatest);
+        c.stroke();
+      };
       c.lineWidth = 1.6;
-      c.beginPath();
-      for (let i = 0; i < values.length; i++) c.lineTo(left + ((right - left) * i * this._step_s) / COURSE_S, middle - (reach * values[i]) / greatest);
-      c.stroke();
+      draw(values);
+      c.lineWidth = 1;
+      c.strokeStyle = colour("muted");
+      draw(beside);
     });
     c.fillStyle = colour("muted");
     c.textBaseline = "alphabetic";

@@ -1,9 +1,15 @@
 // The panel below the bar: switches, promised and simulated levels, the command, latencies, counters.
 
 import { NOTHING, NO_NUMBER } from "./wire.js";
-import { ORDERS, Role } from "./bar.js";
+import { ORDERS } from "./bar.js";
+import { Role } from "./levels.js";
 
 const SOURCES = { click: "Click", steady: "Steady drive" };
+// What the second bar is, by what plays on the first.
+const PAPERS = {
+  steady: "The same fingers with the paper’s drive: the optimum of its objective for the zones, on a bar without fingers; as loud as wanted, within full scale.",
+  click: "The same fingers with the paper’s drive, switched on for as long as the click: the paper has none. It is the optimum of its objective for the zones, on a bar without fingers.",
+};
 const RULES = {
   touch: "when it touches", hold: "after resting 0.5 s", drag: "every 10 mm of a drag", lift: "when it lifts",
   file: "as the rule file says",
@@ -95,6 +101,7 @@ export class Panel {
       ? `${device.estimates} values of ${device.name} are ESTIMATES; its file names them. The threshold is good to 8 dB between people.`
       : "The threshold is good to 8 dB between people.");
     if (isDemo) this._showSwitches(scene, choice, wire);
+    say(byId("paper-title"), PAPERS[choice.source] ?? "");
     this._sayStatus();
     this._sayNotice();
   }

@@ -1,6 +1,6 @@
 // The browser's side of tactable/page/messages.py: decodes pictures, encodes touches and switches, and reconnects.
 
-export const VERSION = 3;
+export const VERSION = 4;
 export const Kind = { SCENE: 1, PICTURE: 2, MOTION: 3, SOUND: 4, TOUCHES: 0x81, CHOICE: 0x82, LISTEN: 0x83 };
 export const Phase = { DOWN: 0, MOVE: 1, UP: 2, CANCEL: 3 };
 export const NOTHING = -32768;
@@ -18,7 +18,7 @@ export function makePicture() {
   return {
     time_s: 0, counters: new Uint32Array(6), command: 0, age_s: 0, wanted_db: 0,
     last_ns: new Uint32Array(STAGES), median_ns: new Uint32Array(STAGES), latencies: 0, drive: 0,
-    isLoaded: true, isPlaying: false, isProvisional: false, isLate: false, fingerCount: 0,
+    isLoaded: true, isPlaying: false, isProvisional: false, isLate: false, hasPaper: false, fingerCount: 0,
     fingers: Array.from({ length: MOST_FINGERS }, () =>
       ({ number: 0, zone: NO_ZONE, role: 0, position_m: 0, level_db: -60, felt_db: -60 })),
     // The fingers that the last command was made for.
@@ -30,7 +30,13 @@ export function makePicture() {
   };
 }
 
-export function decodePicture(view, picture) {
+// What of a picture is another for the second bar, which the paper's drives move; all else is the picture's own.
+export function makePaper(picture) {
+  const { fingers, made } = makePicture();
+  return Object.assign(Object.create(picture), { fingers, made, levels: new Float32Array(256), counted: new Float32Array(256) });
+}
+
+export function decodePicture(view, picture, paper) {
   let at = 2;
   picture.time_s = view.getFloat64(at, true); at += 8;
   for (let i = 0; i < 6; i++, at += 4) picture.counters[i] = view.getUint32(at, true);
@@ -46,6 +52,7 @@ export function decodePicture(view, picture) {
   picture.isPlaying = Boolean(flags & 2);
   picture.isProvisional = Boolean(flags & 4);
   picture.isLate = Boolean(flags & 8);
+  picture.hasPaper = Boolean(flags & 16);
   picture.fingerCount = Math.min(view.getUint8(at++), MOST_FINGERS);
   picture.madeCount = Math.min(view.getUint8(at++), MOST_FINGERS);
   picture.channelCount = view.getUint8(at++);
@@ -75,16 +82,36 @@ export function decodePicture(view, picture) {
   }
   for (let i = 0; i < picture.levelCount; i++, at += 2) picture.levels[i] = view.getInt16(at, true) / 100;
   for (let i = 0; i < picture.levelCount; i++, at += 2) picture.counted[i] = view.getInt16(at, true) / 100;
+  if (picture.hasPaper) decodePaper(view, at, picture, paper);
 }
 
-export function decodeMotion(view) {
-  const points = view.getUint8(2), steps = view.getUint16(4, true);
-  const words = new Int16Array(points * steps);
-  for (let i = 0, at = 18; i < words.length; i++, at += 2) words[i] = view.getInt16(at, true);
-  return {
-    points, steps, words, isClick: Boolean(view.getUint8(3)), command: view.getUint32(6, true),
-    step_s: view.getFloat32(10, true), scale: view.getFloat32(14, true),
-  };
+function decodePaper(view, at, picture, paper) {
+  for (let i = 0; i < picture.levelCount; i++, at += 2) paper.levels[i] = view.getInt16(at, true) / 100;
+  for (let i = 0; i < picture.levelCount; i++, at += 2) paper.counted[i] = view.getInt16(at, true) / 100;
+  for (let i = 0; i < picture.fingerCount; i++, at += 4) {
+    const { number, zone, role, position_m } = picture.fingers[i], finger = paper.fingers[i];
+    Object.assign(finger, { number, zone, role, position_m });
+    finger.level_db = view.getInt16(at, true) / 100;
+    finger.felt_db = view.getInt16(at + 2, true) / 100;
+  }
+  for (let i = 0; i < picture.madeCount; i++, at += 2) {
+    const { number, zone, role, position_m } = picture.made[i];
+    Object.assign(paper.made[i], { number, zone, role, position_m, simulated: view.getInt16(at, true) });
+  }
+}
+
+// The same moment of every bar, ours first, in one scale.
+export function decodeMotions(view) {
+  const points = view.getUint8(2), steps = view.getUint16(4, true), motions = [];
+  for (let at = 18; at < view.byteLength; ) {
+    const words = new Int16Array(points * steps);
+    for (let i = 0; i < words.length; i++, at += 2) words[i] = view.getInt16(at, true);
+    motions.push({
+      points, steps, words, isClick: Boolean(view.getUint8(3)), command: view.getUint32(6, true),
+      step_s: view.getFloat32(10, true), scale: view.getFloat32(14, true),
+    });
+  }
+  return motions;
 }
 
 export function decodeSound(view) {
@@ -93,10 +120,11 @@ export function decodeSound(view) {
   return { finger: view.getUint32(2, true), rate_hz: view.getUint32(6, true), samples };
 }
 
-// The connection. `on` has scene(object), picture(), motion(object), sound(object), state(text, isUp).
+// The connection. `on` has scene(object), picture(), motions(list), sound(object), state(text, isUp).
 export class Wire {
   constructor(on) {
     this.picture = makePicture();
+    this.paper = makePaper(this.picture);
     this.received = 0;
     this.connections = 0;
     this._on = on;
@@ -146,11 +174,11 @@ export class Wire {
         this._on.scene(JSON.parse(new TextDecoder().decode(new Uint8Array(data, 2))));
         break;
       case Kind.PICTURE:
-        decodePicture(view, this.picture);
+        decodePicture(view, this.picture, this.paper);
         this._on.picture();
         break;
       case Kind.MOTION:
-        this._on.motion(decodeMotion(view));
+        this._on.motions(decodeMotions(view));
         break;
       case Kind.SOUND:
         this._on.sound(decodeSound(view));

@@ -3,6 +3,7 @@
 import json
 import math
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from tactable.page.messages import (
     Kind,
     MadePicture,
     PageMessageError,
+    PaperPicture,
     Picture,
     Role,
     decode_message,
@@ -140,18 +142,34 @@ def test_a_picture_lies_as_its_definition_says() -> None:
     assert len(data) == at + 88
 
 
-def test_a_motion_is_told_to_its_greatest_acceleration() -> None:
-    acceleration = np.array([[0.0, 1.0], [-2.0, 0.5], [2.0, 0.0]])
+def test_the_second_bar_lies_after_the_first() -> None:
+    paper = PaperPicture(
+        fingers_db=((1.5, 2.5), (-60.0, -3.0)),
+        simulated_db=(None, -7.25),
+        levels_db=np.array([1.0, 2.0, 99.0]),
+        counted_db=np.array([4.0, 5.0, 6.0]),
+    )
+    data, alone = encode_picture(replace(PICTURE, paper=paper)), encode_picture(PICTURE)
+    flags_at = 2 + struct.calcsize("<d6IIff5I5IIB")
+    assert (data[flags_at], alone[flags_at]) == (16 | 3, 3)
+    assert data[:flags_at] + data[flags_at + 1 : len(alone)] == alone[:flags_at] + alone[flags_at + 1 :]
+    words = struct.unpack(f"<{3 + 3 + 2 * 2 + 2}h", data[len(alone) :])
+    assert words == (100, 200, 6000, 400, 500, 600, 150, 250, -6000, -300, -32768, -725)
+
+
+def test_a_motion_is_told_to_the_greatest_acceleration_of_all_bars() -> None:
+    acceleration = np.array([[[0.0, 1.0], [-2.0, 0.5], [2.0, 0.0]], [[0.0, 4.0], [-1.0, 0.5], [2.5, 0.0]]])
     data = encode_motion(acceleration, 0.001, 5, is_click=True)
     points, is_click, steps, command, step_s, scale = struct.unpack_from("<BBHIff", data, 2)
     assert (points, is_click, steps, command) == (2, 1, 3, 5)
     assert step_s == pytest.approx(0.001)
-    words = np.frombuffer(data[18:], "<i2").reshape(3, 2)
-    assert words * scale / 32767 == pytest.approx(acceleration, abs=1e-4)
+    words = np.frombuffer(data[18:], "<i2").reshape(2, 3, 2)
+    assert words * scale / 32767 == pytest.approx(acceleration, abs=2e-4)
+    assert scale == 4.0
 
 
 def test_a_bar_at_rest_is_a_motion_too() -> None:
-    assert not any(encode_motion(np.zeros((2, 3)), 0.001, 1, is_click=False)[18:])
+    assert not any(encode_motion(np.zeros((1, 2, 3)), 0.001, 1, is_click=False)[18:])
 
 
 def test_a_sound_has_its_finger_its_rate_and_its_samples() -> None:

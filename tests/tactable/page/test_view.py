@@ -9,10 +9,11 @@ import pytest
 
 from engine.table import Table
 from engine.touch import Placement
+from tactable.page.capture import HEARD_S
 from tactable.page.live_bar import POINTS, RATE_HZ, LiveBar
 from tactable.page.messages import LOWEST_DB, Drive, Kind, Role, encode_picture
 from tactable.page.ring_drive import RingDrive
-from tactable.page.view import HEARD_S, LATENCIES, View
+from tactable.page.view import LATENCIES, View
 from tests.tactable.page.played import COUNTERS, FRAME_US, RESOLUTION_HZ, STAGE_NS, record_of
 
 PAIR = Placement((0.035, 0.22), (True, False))

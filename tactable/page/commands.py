@@ -1,0 +1,116 @@
+"""Ring records to commands as the page judges them: what was sent, for which fingers, and what they were promised."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from engine.effects.player import DEFAULT_CLICK_NS
+from engine.loop import Stage
+from engine.loop.ring import Record
+from engine.table import Table
+from engine.touch import Placement, Touch
+from engine.touch.placement import CLOSEST_M
+from firmware_link.emulator.synthesis import US_PER_S
+from firmware_link.protocol.messages import decode_drive
+from tactable.page.messages import ChannelPicture, Drive, Role
+from tactable.rig.promises import Promises
+
+
+@dataclass
+class Command:
+    """A drive or click that was sent. Times are those of the device.
+
+    fingers: by contact, the index of the finger of the placement that it is; promised_db (finger,), None: not known.
+    """
+
+    number: int
+    placement: Placement
+    fingers: dict[int, int]
+    at_us: float
+    wanted_db: float
+    drive: Drive
+    is_provisional: bool
+    channels: tuple[ChannelPicture, ...]
+    promised_db: Sequence[float | None]
+    length_s: float
+    """Length of a click; infinite for a steady drive."""
+    ended_us: float
+    sequence: int | None
+    """Sequence number of its frame."""
+    is_stalled: bool = False
+    """Whether a part of its time was left out, the machine having stalled."""
+
+    def role(self, finger: int) -> Role:
+        """What it asks of a finger of its placement."""
+        return Role.FELT if self.placement.is_felt[finger] else Role.QUIET
+
+
+class CommandReader:
+    """Makes the commands of one table; promises of steady drives take compiled kernels."""
+
+    def __init__(self, table: Table, frequency_resolution_hz: float, *, promises_steady: bool) -> None:
+        self._table, self._resolution_hz, self._promises_steady = table, frequency_resolution_hz, promises_steady
+        self._promises, self._count = Promises(table), 0
+        self._promises.prepare(steady=promises_steady)
+        self._click_length_s = max((click.length_s for click in table.clicks[:1]), default=DEFAULT_CLICK_NS / 1e9)
+
+    def command_of(self, record: Record, zero_ns: int) -> Command | None:
+        """The command that a record begins; None for silence. `zero_ns` is host time at the device's zero."""
+        placement, level_db = record.placement, record.level_db
+        if placement is None or level_db is None:
+            return None
+        self._count += 1
+        is_click = record.is_click and not record.drive
+        made = self._click(placement, level_db) if is_click else self._drive(record, placement, level_db)
+        channels, promised_db, length_s = made
+        at_us = time_of(record, zero_ns)
+        return Command(
+            number=self._count,
+            placement=placement,
+            fingers=_fingers_of(record.touches, placement),
+            at_us=at_us,
+            wanted_db=level_db,
+            drive=Drive.CLICK if is_click else Drive.STEADY,
+            is_provisional=record.is_provisional,
+            channels=channels,
+            promised_db=promised_db,
+            length_s=length_s,
+            ended_us=at_us + length_s * US_PER_S,
+            sequence=record.drive_sequence,
+        )
+
+    def _click(self, placement: Placement, level_db: float) -> "_Made":
+        found = self._promises.of_tabulated_click(placement, level_db)
+        if found is None:
+            return (), (None,) * len(placement.position_m), self._click_length_s
+        click, promise = found
+        channels = (ChannelPicture(0.0, click.amplitude, 0.0),) * len(self._table.device.actuators)
+        return channels, promise.level_db.tolist(), click.length_s
+
+    def _drive(self, record: Record, placement: Placement, level_db: float) -> "_Made":
+        drive = decode_drive(record.drive, self._resolution_hz)[: len(self._table.device.actuators)]
+        channels = tuple(ChannelPicture(c.frequency_hz, c.amplitude, c.phase_rad) for c in drive)
+        promised_db: Sequence[float | None] = (None,) * len(placement.position_m)
+        if self._promises_steady:  # that of a zone is not for these positions
+            held_hz = max(drive, key=lambda channel: channel.amplitude).frequency_hz if drive else None
+            promised_db = self._promises.of_drive(placement, level_db, held_hz)[1].level_db.tolist()
+        return channels, promised_db, math.inf
+
+
+_Made = tuple[tuple[ChannelPicture, ...], Sequence[float | None], float]
+"""Channels, promised levels and length of a command."""
+
+
+def time_of(record: Record, zero_ns: int) -> float:
+    """When the command of a record was written, in microseconds of the device."""
+    return ((record.stamps_ns[Stage.WRITTEN] or record.time_ns) - zero_ns) / 1e3
+
+
+def _fingers_of(touches: Iterable[Touch], placement: Placement) -> dict[int, int]:
+    """By contact, the index of the nearest finger of a placement; a contact without one that is near is absent."""
+    found = dict[int, int]()
+    for touch in touches:
+        distance_m, finger = min((abs(at_m - touch.position_m), k) for k, at_m in enumerate(placement.position_m))
+        if distance_m < CLOSEST_M:
+            found[touch.contact_id] = finger
+    return found
