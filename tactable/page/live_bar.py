@@ -1,4 +1,8 @@
-"""The moving bar of the page: drive events and finger positions to acceleration along the bar, live. SIMULATED."""
+"""The moving bar of the page: drive events and finger positions to acceleration along the bar, live. SIMULATED.
+
+What is simulated, filtered by the threshold and kept are the accelerations of the modes: 24 columns, whatever is looked
+at. The threshold filter is linear, so a level at any place follows from the filtered modes and the mode shapes there.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -34,7 +38,6 @@ LONGEST_STEP_S = KEPT_S
 """After a longer stall the missed time is left out: the past that is kept must hold a whole step."""
 STILL_M = 2e-4
 """A smaller move of a finger leaves the plant unchanged; a change costs as much as 20 ms of simulation."""
-_COLUMNS = POINTS + MOST_TOUCHES
 _SILENT = 10 ** (LOWEST_DB / 20)
 
 
@@ -44,6 +47,14 @@ class BarFinger:
 
     number: int
     position_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Heard:
+    """Since when a finger is on the bar, and the mode shapes (mode,) at its last position."""
+
+    since_us: float
+    row: Array
 
 
 @dataclass(frozen=True)
@@ -60,6 +71,14 @@ class Moved:
     power_db: Mapping[int, float]
 
 
+class _ModalPlant(TransientPlant):
+    """The plant whose "points" are the modes of its basis."""
+
+    def look_at(self, position_m: Array) -> None:  # noqa: ARG002  # the points of the base class
+        modes = len(self.basis.square_omega)
+        self.position_m, self._shape = np.zeros(modes), np.eye(modes)
+
+
 class LiveBar:
     """The time-domain plant of a device, on the firmware's time: `take` drive events, then `advance`."""
 
@@ -68,15 +87,14 @@ class LiveBar:
         self.now_us = 0.0
         self.grid_m = np.linspace(0.0, device.bar.length_m, POINTS)
         self._basis = compute_basis(assemble(device), MODES)
+        self._grid = self._basis.at(self.grid_m)
         self._taps = threshold_filter(RATE_HZ)
         silent = tuple(ChannelTarget(0.0, 0.0, None) for _ in device.actuators)
         self._silence = DriveEvent(0, Cause.NEW_SESSION, None, device.limits.slew_per_s, silent)
         self._synthesis = self._silent_synthesis()
         self._fingers: tuple[BarFinger, ...] = ()
-        self._columns: dict[
-            int, int
-        ] = {}  # by finger, newest last; a lifted finger keeps its column while there is room
         self._is_loaded = True
+        self._heard = dict[int, _Heard]()  # by finger, newest last; a lifted finger is kept while there is room
         self._rest()
 
     def begin(self, now_us: float) -> None:
@@ -91,11 +109,11 @@ class LiveBar:
 
     def _rest(self) -> None:
         """Put the bar at rest and forget the past."""
-        kept = round(KEPT_S * RATE_HZ)
-        self._motion, self._weighted = RollingBuffer(kept, POINTS), RollingBuffer(kept, _COLUMNS)
-        self._unweighted = np.zeros((len(self._taps) - 1, _COLUMNS))
+        kept, modes = round(KEPT_S * RATE_HZ), self._grid.shape[1]
+        self._motion, self._weighted = RollingBuffer(kept, modes), RollingBuffer(kept, modes)
+        self._unweighted = np.zeros((len(self._taps) - 1, modes))
         self._loud_us = -np.inf
-        self._plant = TransientPlant(self._basis, self.grid_m, RATE_HZ)
+        self._plant = _ModalPlant(self._basis, self.grid_m, RATE_HZ)
         self._place()
 
     def take(self, events: Sequence[DriveEvent]) -> None:
@@ -114,17 +132,13 @@ class LiveBar:
         self._place()
 
     def _place(self) -> None:
-        here = {finger.number for finger in self._fingers}
-        for number in here - self._columns.keys():
-            taken = set(self._columns.values())
-            column = next((c for c in range(POINTS, _COLUMNS) if c not in taken), None)
-            if column is None:
-                column = self._columns.pop(next(number for number in self._columns if number not in here))
-            self._columns[number] = column
-            self._weighted.forget(column)
-            self._unweighted[:, column] = 0.0
         places_m = [finger.position_m for finger in self._fingers]
-        self._plant.look_at(np.concatenate([self.grid_m, places_m]))
+        self._rows = np.concatenate([self._grid, self._basis.at(np.array(places_m))])
+        for finger, row in zip(self._fingers, self._rows[POINTS:], strict=True):
+            before = self._heard.pop(finger.number, None)
+            self._heard[finger.number] = _Heard(self.now_us if before is None else before.since_us, row)
+        while len(self._heard) > MOST_TOUCHES:
+            del self._heard[next(iter(self._heard))]
         self._plant.touch([(place_m, self.device.finger) for place_m in places_m] if self._is_loaded else ())
 
     def advance(self, until_us: float) -> Moved | None:
@@ -137,28 +151,34 @@ class LiveBar:
         displacement = self._synthesis.displacements(start_us, self.now_us, RATE_HZ)
         is_idle = not displacement.any() and start_us - self._loud_us > US_PER_S * len(self._taps) / RATE_HZ
         if is_idle or not len(displacement):
-            self._motion.push(np.zeros((len(displacement), POINTS)))
-            self._weighted.push(np.zeros((len(displacement), _COLUMNS)))
+            silence = np.zeros((len(displacement), self._grid.shape[1]))
+            self._motion.push(silence)
+            self._weighted.push(silence)
             return None
-        acceleration = np.zeros((len(displacement), _COLUMNS))
-        columns = [self._columns[finger.number] for finger in self._fingers]
-        acceleration[:, [*range(POINTS), *columns]] = self._plant.accelerate(displacement)
-        self._motion.push(acceleration[:, :POINTS])
+        acceleration = self._plant.accelerate(displacement)
+        self._motion.push(acceleration)
         self._weighted.push(self._weigh(acceleration))
-        newest = abs(self._weighted.last(len(displacement))).max(axis=0)
+        newest = self._greatest(len(displacement))
         if newest.max() > _SILENT:
             self._loud_us = self.now_us
-        power = np.sqrt(2 * np.square(self._weighted.last(round(POWER_S * RATE_HZ))).mean(axis=0))
-        numbers = [finger.number for finger in self._fingers]
+        past = self._weighted.last(round(POWER_S * RATE_HZ))
+        # The mean of a square under a shape is a quadratic form of the modes' covariance.
+        power = np.sqrt(np.maximum(2 * np.einsum("pm,pm->p", self._rows @ (past.T @ past / len(past)), self._rows), 0))
+        numbers, levels_db, powers_db = [finger.number for finger in self._fingers], decibels(newest), decibels(power)
         return Moved(
-            levels_db=decibels(newest[:POINTS]),
-            power_levels_db=decibels(power[:POINTS]),
-            peak_db=dict(zip(numbers, decibels(newest[columns]).tolist(), strict=True)),
-            power_db=dict(zip(numbers, decibels(power[columns]).tolist(), strict=True)),
+            levels_db=levels_db[:POINTS],
+            power_levels_db=powers_db[:POINTS],
+            peak_db=dict(zip(numbers, levels_db[POINTS:].tolist(), strict=True)),
+            power_db=dict(zip(numbers, powers_db[POINTS:].tolist(), strict=True)),
         )
 
+    def _greatest(self, count: int) -> Array:
+        """Greatest acceleration over threshold in the newest samples: along the bar, then under its fingers."""
+        greatest: Array = abs(self._rows @ self._weighted.last(count).T).max(axis=1, initial=0.0)
+        return greatest
+
     def _weigh(self, acceleration: Array) -> Array:
-        """Filter by the detection threshold (time, column); the past of the filter is carried over."""
+        """Filter by the detection threshold (time, mode); the past of the filter is carried over."""
         course = np.concatenate([self._unweighted, acceleration])
         self._unweighted = course[-len(self._unweighted) :].copy()
         count = scipy.fft.next_fast_len(len(course), real=True)
@@ -168,22 +188,35 @@ class LiveBar:
         return weighted
 
     def greatest_since(self, since_us: float) -> tuple[Array, dict[int, float]]:
-        """The greatest levels since a past moment, dB above threshold: (point,) along the bar, and by finger."""
+        """The greatest levels since a past moment, dB above threshold: (point,) along the bar, and by finger.
+
+        Those of the fingers are at their present positions.
+        """
         passed = min(max(_sample_at(self.now_us) - _sample_at(since_us), 0), self._weighted.kept)
-        levels_db = decibels(abs(self._weighted.last(passed)).max(axis=0, initial=0.0))
-        return levels_db[:POINTS], {number: float(levels_db[column]) for number, column in self._columns.items()}
+        levels_db = decibels(self._greatest(passed))
+        numbers = [finger.number for finger in self._fingers]
+        return levels_db[:POINTS], dict(zip(numbers, levels_db[POINTS:].tolist(), strict=True))
 
     def motion(self, since_us: float, duration_s: float, every: int) -> Array | None:
         """Acceleration (step, point) of a moment, each `every`-th sample; None where it is not over, or too old."""
         passed, count = _sample_at(self.now_us) - _sample_at(since_us), round(duration_s * RATE_HZ)
         if not count <= passed <= self._motion.kept:
             return None
-        return self._motion.last(passed)[:count:every].copy()
+        acceleration: Array = self._motion.last(passed)[:count:every] @ self._grid.T
+        return acceleration
 
     def felt(self, number: int) -> Array | None:
-        """Acceleration over threshold (time,) under a finger in the last KEPT_S; None for an unknown finger."""
-        column = self._columns.get(number)
-        return None if column is None else self._weighted.last(self._weighted.kept)[:, column].copy()
+        """Acceleration over threshold (time,) under a finger in the last KEPT_S; None for an unknown finger.
+
+        It is that at the finger's last position, and 0 before the finger came.
+        """
+        heard = self._heard.get(number)
+        if heard is None:
+            return None
+        course: Array = self._weighted.last(self._weighted.kept) @ heard.row
+        since = len(course) - (_sample_at(self.now_us) - _sample_at(heard.since_us))
+        course[: max(since, 0)] = 0.0
+        return course
 
 
 def _sample_at(time_us: float) -> int:

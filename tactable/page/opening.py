@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import uvicorn
+from threadpoolctl import threadpool_limits
 
 from engine.device import Device
 from engine.files import replace_file
@@ -63,7 +64,7 @@ def show_demo(
         backend = DemoBackend(choice, device, offered(device_name, rule_file), cache, work)
         # SIGTERM ends the demo as Ctrl-C does, so that no process of the rig is left behind.
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-        with contextlib.suppress(KeyboardInterrupt):
+        with contextlib.suppress(KeyboardInterrupt), threadpool_limits(1, "blas"):  # its threads spin on a busy machine
             asyncio.run(_serve(backend, address, say))
         signal.signal(signal.SIGTERM, before)
 

@@ -29,6 +29,9 @@ from tactable.page.live_bar import MODES, BarFinger, LiveBar
 
 Complex = NDArray[np.complex128]
 
+STEP_US = 30_000
+"""The second bar takes every second step of the first, which halves what it costs."""
+
 
 class PaperDrives:
     """The paper's drives of one device, for fingers at positions."""
@@ -102,7 +105,9 @@ class PaperBar:
         self._ends_us = math.inf
 
     def advance(self, until_us: float, touches: Sequence[Touch], command: Command | None, *, is_loaded: bool) -> None:
-        """Let the bar move until then, with the fingers of the first bar."""
+        """Let the bar move until then, with the fingers of the first bar; less than STEP_US are left for later."""
+        if 0 <= until_us - self.levels.bar.now_us < STEP_US:
+            return
         self._end_by(until_us)
         bar = self.levels.bar
         bar.touch([BarFinger(touch.contact_id, touch.position_m) for touch in touches], is_loaded=is_loaded)

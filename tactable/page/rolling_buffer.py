@@ -28,7 +28,3 @@ class RollingBuffer:
     def last(self, count: int) -> Array:
         """A view of the newest `count` samples, at most `kept`, valid until the next push."""
         return self._values[self._end - count : self._end]
-
-    def forget(self, column: int) -> None:
-        """Set one column to zero."""
-        self._values[:, column] = 0.0

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import uvicorn
+from threadpoolctl import threadpool_limits
 
 from engine.loop import RingReader
 from firmware_link.child import Parent
@@ -22,7 +23,8 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     with RingReader(Path(arguments["ring"])) as reader:
         board = arguments["frequency_resolution_hz"], arguments["full_scales_m"]
         backend = LiveBackend(reader, Path(arguments["table"]), *board)
-        asyncio.run(_serve(backend, arguments["host"], arguments["port"], parent))
+        with threadpool_limits(1, "blas"):  # its threads spin on a busy machine
+            asyncio.run(_serve(backend, arguments["host"], arguments["port"], parent))
 
 
 async def _serve(backend: LiveBackend, host: str, port: int, parent: Parent) -> None:

@@ -18,10 +18,3 @@ def test_the_newest_samples_are_there_in_order_after_zeros(lengths: list[int]) -
         everything = np.concatenate([everything, samples])
         assert kept.last(KEPT).tolist() == everything[-KEPT:].tolist()
         assert kept.last(2).tolist() == everything[-2:].tolist()
-
-
-def test_a_column_is_forgotten_alone() -> None:
-    kept = RollingBuffer(KEPT, 2)
-    kept.push(np.ones((3, 2)))
-    kept.forget(1)
-    assert kept.last(3).tolist() == [[1.0, 0.0]] * 3
