@@ -3,215 +3,48 @@
 What takes how long is reported (`-rA`), never asserted: the machine is shared.
 """
 
-import json
 import os
-import re
-import shutil
 import signal
-import subprocess
-import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, CDPSession, ConsoleMessage, Page, sync_playwright
+from playwright.sync_api import Browser
 
 from engine.table import Table
 from engine.touch import Placement
 from tactable.page.live_bar import LiveBar
 from tactable.page.messages import encode_picture
 from tactable.page.ring_drive import RingDrive
-from tactable.page.server import listen_at
 from tactable.page.view import View
-from tactable.rig.ready import cached_table
-from tactable.shipped import find_device
-from tests.precompute.builder.test_build import SMALL
+from tests.system.page import (
+    CHROMIUM,
+    CLICK,
+    DESKTOP,
+    FELT,
+    FIRST,
+    PHONE,
+    QUIET,
+    SECOND,
+    STEADY,
+    THIRD,
+    Demo,
+    Visit,
+    choose,
+    clicked,
+    is_made_for,
+    kept,
+    lift,
+    opened,
+)
 from tests.tactable.click_table import build_click_table
 from tests.tactable.page.played import RESOLUTION_HZ, record_of
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = [
     pytest.mark.system,
     pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
 ]
-TACTABLE = str(Path(sys.executable).parent / "tactable")
-# Only against a page that hangs.
-PATIENCE_S = 120
-DESKTOP, PHONE = (1280, 800), (390, 844)
 HOUR_PICTURES = 3600 * 60
-FIRST, SECOND, THIRD = 1 / 6, 3 / 6, 5 / 6
-CLICK, STEADY = 2, 1
-QUIET, FELT = 1, 2
-
-
-class Demo:
-    """`tactable demo` on a small bar whose table is there already; it can be ended and started again."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        listening, access = listen_at("127.0.0.1", 0, "")
-        listening.close()
-        self._port = access.port
-        self.process: subprocess.Popen[str] | None = None
-        self.url = self.start()
-
-    def start(self) -> str:
-        """The address of its page: of the same port it is always the same."""
-        self.process = subprocess.Popen(
-            [TACTABLE, "demo", "--device", "small.toml", "--no-open", "--page-port", str(self._port)],
-            cwd=self._folder,
-            env={**os.environ, "XDG_CACHE_HOME": str(self._folder)},
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        assert self.process.stderr is not None
-        line = self.process.stderr.readline()
-        found = re.search(r"http://\S+", line)
-        assert found, line
-        return found[0]
-
-    def stop(self) -> None:
-        assert self.process is not None
-        self.process.send_signal(signal.SIGTERM)
-        _, said = self.process.communicate()
-        assert self.process.returncode == 0, said
-
-    def children(self, name: str) -> list[int]:
-        """Its processes of a module."""
-        assert self.process is not None
-        found = subprocess.run(
-            ["ps", "-ww", "--ppid", str(self.process.pid), "-o", "pid=,args="],
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        return [int(line.split()[0]) for line in found.stdout.splitlines() if name in line]
-
-
-@pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Demo]:
-    folder = tmp_path_factory.mktemp("demo")
-    (folder / "small.toml").write_text(SMALL, encoding="utf-8")
-    (folder / "tactable").mkdir()
-    shutil.move(build_click_table(folder), cached_table(find_device(str(folder / "small.toml")), folder / "tactable"))
-    demo = Demo(folder)
-    yield demo
-    demo.stop()
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with sync_playwright() as playwright:
-        # As root, which a container often is, Chromium has no sandbox of its own.
-        words = ["--no-sandbox"] if os.geteuid() == 0 else []
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=words)
-        yield chromium
-        chromium.close()
-
-
-@dataclass
-class Visit:
-    """A page that is open, and the fingers that lie on its screen."""
-
-    page: Page
-    cdp: CDPSession
-    complaints: list[str]
-    down: dict[int, float]
-
-    def ask(self, expression: str) -> Any:
-        return self.page.evaluate(expression)
-
-    def picture(self) -> dict[str, Any]:
-        found: dict[str, Any] = self.ask(
-            """(() => { const p = tactable.wire.picture; return {
-            command: p.command, drive: p.drive, isPlaying: p.isPlaying, age_s: p.age_s,
-            latencies: p.latencies, last_ns: [...p.last_ns],
-            made: p.made.slice(0, p.madeCount).map((f) => ({...f})),
-            fingers: p.fingers.slice(0, p.fingerCount).map((f) => ({...f})) }; })()"""
-        )
-        return found
-
-    def until(self, condition: str) -> dict[str, Any]:
-        """The picture for which an expression of `p` holds."""
-        self.wait(f"(() => {{ const p = tactable.wire.picture; return {condition}; }})()")
-        return self.picture()
-
-    def wait(self, condition: str) -> None:
-        """Until it holds; asked from outside, for the page's policy lets nobody evaluate text within."""
-        end_s = time.monotonic() + PATIENCE_S
-        while not self.ask(condition):
-            assert time.monotonic() < end_s, f"{condition}: {self.ask('JSON.stringify(tactable.scene)')}"
-            self.page.wait_for_timeout(20)
-
-    def touch(self, **fingers: float | None) -> None:
-        """Fingers by name: down or moved to a fraction of the bar, or lifted by None; all of one event."""
-        before = dict(self.down)
-        self.down.update({_number(name): place for name, place in fingers.items() if place is not None})
-        lifted = [_number(name) for name, place in fingers.items() if place is None]
-        for number in lifted:
-            del self.down[number]
-        kind = "touchEnd" if lifted else "touchStart" if self.down.keys() - before else "touchMove"
-        # The end names those that lift, or nobody for all.
-        shown = {number: before[number] for number in lifted} if lifted and self.down else self.down
-        self.cdp.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": self._points(shown)})
-
-    def _points(self, fingers: dict[int, float]) -> list[dict[str, float]]:
-        left, top, width = self.ask(
-            """(() => { const p = tactable.bar.place(), box = tactable.bar.canvas.getBoundingClientRect();
-            return [box.left + p.left, box.top + 0.76 * p.height, p.width]; })()"""
-        )
-        return [{"x": left + width * place, "y": top, "id": number} for number, place in fingers.items()]
-
-
-def _number(name: str) -> int:
-    return int(name.removeprefix("f"))
-
-
-@contextmanager
-def opened(
-    demo: Demo,
-    browser: Browser,
-    size: tuple[int, int] = DESKTOP,
-    scheme: str = "light",
-    *,
-    has_touch: bool = True,
-    link: str = "#no-tour",
-) -> Iterator[Visit]:
-    """The page, once the engine runs; it must not complain of anything."""
-    width, height = size
-    context = browser.new_context(
-        viewport={"width": width, "height": height},
-        color_scheme="dark" if scheme == "dark" else "light",
-        has_touch=has_touch,
-    )
-    page = context.new_page()
-    visit = Visit(page, context.new_cdp_session(page), [], {})
-
-    def note(message: ConsoleMessage) -> None:
-        visit.complaints.append(message.text)
-
-    page.on("console", note)
-    page.on("pageerror", lambda error: visit.complaints.append(str(error)))
-    page.goto(demo.url + link)
-    visit.wait("window.tactable?.scene?.plays && tactable.wire.picture.levelCount > 0")
-    try:
-        yield visit
-        assert visit.complaints == []
-    finally:
-        context.close()
-
-
-def choose(visit: Visit, **switches: Any) -> None:
-    """By the wire, as the switches do, until it plays."""
-    visit.page.evaluate("(switches) => tactable.wire.choose(switches)", switches)
-    for name, value in switches.items():
-        visit.wait(
-            f"JSON.stringify(tactable.scene.plays?.{name}) === {json.dumps(json.dumps(value, separators=(',', ':')))}"
-        )
 
 
 def test_touches_of_several_fingers_have_their_roles_their_command_and_their_levels(
@@ -252,43 +85,6 @@ def test_two_fingers_in_one_zone_have_roles_of_their_own(demo: Demo, browser: Br
             finger["number"]: finger["role"] for finger in shown["made"]
         }
         lift(visit)
-
-
-MADE = "p.made.slice(0, p.madeCount)"
-
-
-def is_made_for(roles: str) -> str:
-    """That the last command is for fingers with these zones and roles, such as "0:2,2:1"."""
-    return f"{MADE}.map((f) => f.zone + ':' + f.role).join() === '{roles}'"
-
-
-def kept(visit: Visit, roles: str) -> dict[str, Any]:
-    """The picture in which a steady drive has become what was promised, to 0.3 dB under every finger.
-
-    Later where the machine stalls: the firmware falls silent then, and the bar begins anew.
-    """
-    return visit.until(
-        f"{is_made_for(roles)} && p.isPlaying && p.age_s > 1 && {MADE}.every((f) =>"
-        " Math.abs(Math.max(f.simulated, -2000) - Math.max(f.promised, -2000)) < 30)"
-    )
-
-
-def clicked(visit: Visit) -> dict[str, Any]:
-    """A finger rests in III, another taps I and feels a click; again where the machine stalled, which lifts fingers."""
-    for _ in range(20):
-        visit.touch(f1=THIRD)
-        visit.until("p.fingerCount === 1 && p.age_s > 2")
-        visit.touch(f2=FIRST)
-        shown = visit.until("p.fingerCount === 2 && p.age_s > 0.6")
-        if [(finger["zone"], finger["role"]) for finger in shown["made"]] == [(0, FELT), (2, QUIET)]:
-            return shown
-        lift(visit)
-    raise AssertionError("no click of two fingers came through")
-
-
-def lift(visit: Visit) -> None:
-    visit.touch(**{f"f{number}": None for number in list(visit.down)})
-    visit.until("p.fingerCount === 0")
 
 
 def test_a_click_is_felt_by_one_finger_and_not_by_the_other(demo: Demo, browser: Browser) -> None:

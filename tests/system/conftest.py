@@ -1,0 +1,35 @@
+"""The demo and the browser of the page's tests: one of each for a module."""
+
+import os
+import shutil
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, sync_playwright
+
+from tactable.rig.ready import cached_table
+from tactable.shipped import find_device
+from tests.precompute.builder.test_build import SMALL
+from tests.system.page import CHROMIUM, Demo
+from tests.tactable.click_table import build_click_table
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Demo]:
+    folder = tmp_path_factory.mktemp("demo")
+    (folder / "small.toml").write_text(SMALL, encoding="utf-8")
+    (folder / "tactable").mkdir()
+    shutil.move(build_click_table(folder), cached_table(find_device(str(folder / "small.toml")), folder / "tactable"))
+    demo = Demo(folder)
+    yield demo
+    demo.stop()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        # As root, which a container often is, Chromium has no sandbox of its own.
+        words = ["--no-sandbox"] if os.geteuid() == 0 else []
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=words)
+        yield chromium
+        chromium.close()

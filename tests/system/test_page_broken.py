@@ -1,0 +1,149 @@
+"""What was tried to break the page: stalls, a closed lid, other browsers, reloads, too many fingers, garbage.
+
+docs/page.md lists these tests. After each of them a click goes through, and the demo ends without a traceback.
+"""
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from playwright.sync_api import Browser
+
+from tests.system.page import CHROMIUM, FIRST, SECOND, THIRD, Demo, Visit, choose, lift, opened
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
+]
+STALLS_S = (0.1, 0.5, 1.0, 2.0, 5.0)
+LID_S = 10.0
+PARTS = {"engine": "processes.engine", "firmware": "processes.firmware"}
+
+
+def processes(demo: Demo, part: str) -> list[int]:
+    """The server itself, one of its processes, or all of them."""
+    assert demo.process is not None
+    if part == "all":
+        return [demo.process.pid, *demo.children("processes.")]
+    return [demo.process.pid] if part == "server" else demo.children(PARTS[part])
+
+
+@contextmanager
+def stopped(demo: Demo, part: str, seconds: float) -> Iterator[None]:
+    """Processes that stand still during the block, and for so long after it."""
+    found = processes(demo, part)
+    for process in found:
+        os.kill(process, signal.SIGSTOP)
+    try:
+        yield
+        time.sleep(seconds)
+    finally:
+        for process in found:
+            os.kill(process, signal.SIGCONT)
+
+
+def clicks_on(visit: Visit, place: float = FIRST) -> None:
+    """A new touch gets a command of its own, and its finger is there; then it lifts."""
+    visit.until("p.fingerCount === 0")
+    before = visit.picture()["command"]
+    visit.touch(f1=place)
+    visit.until(f"p.fingerCount === 1 && p.command > 0 && p.command !== {before}")
+    lift(visit)
+
+
+@pytest.mark.parametrize("part", ["engine", "firmware", "server"])
+def test_a_stall_of_any_part_loses_nothing(demo: Demo, browser: Browser, part: str) -> None:
+    with opened(demo, browser) as visit:
+        choose(visit, source="click", quiet_zones=[])
+        for seconds in STALLS_S:
+            with stopped(demo, part, seconds):
+                visit.touch(f1=SECOND)
+            visit.touch(f1=None)
+            clicks_on(visit)
+        assert visit.ask("tactable.scene.status") == "running"
+
+
+def test_a_closed_lid_loses_nothing(demo: Demo, browser: Browser) -> None:
+    with opened(demo, browser) as visit:
+        choose(visit, source="steady", quiet_zones=[])
+        visit.touch(f1=FIRST)
+        visit.until("p.fingerCount === 1 && p.isPlaying")
+        with stopped(demo, "all", LID_S):
+            pass
+        lift(visit)
+        visit.until("!p.isPlaying")
+        choose(visit, source="click")
+        clicks_on(visit)
+
+
+def test_a_second_browser_sees_the_same_and_takes_no_finger_along(demo: Demo, browser: Browser) -> None:
+    with opened(demo, browser) as visit:
+        choose(visit, source="steady", quiet_zones=[])
+        visit.touch(f1=FIRST)
+        visit.until("p.fingerCount === 1 && p.isPlaying")
+        with opened(demo, browser) as other:
+            other.until("p.fingerCount === 1 && p.isPlaying")
+            other.touch(f1=THIRD)
+            visit.until("p.fingerCount === 2")
+        visit.until("p.fingerCount === 1 && p.isPlaying")
+        lift(visit)
+        choose(visit, source="click")
+
+
+def test_a_page_that_is_loaded_again_in_mid_click_leaves_no_finger_behind(demo: Demo, browser: Browser) -> None:
+    with opened(demo, browser) as visit:
+        choose(visit, source="click", quiet_zones=[])
+        for _ in range(5):
+            visit.ask(f"tactable.wire.touch(77, 0, {FIRST}, 0.5); tactable.wire.flush()")
+            visit.page.reload()
+            visit.wait("window.tactable?.scene?.plays && tactable.wire.picture.levelCount > 0")
+        visit.until("p.fingerCount === 0")
+        clicks_on(visit)
+
+
+def test_more_fingers_than_ten_are_left_out(demo: Demo, browser: Browser) -> None:
+    with opened(demo, browser) as visit:
+        choose(visit, source="steady", quiet_zones=[])
+        visit.ask(
+            """window.many = setInterval(() => { for (let i = 0; i < 40; i++)
+            tactable.wire.touch(100 + i, 0, (i + 0.5) / 40, 0.5); tactable.wire.flush(); }, 50)"""
+        )
+        visit.until("p.fingerCount === 10")
+        visit.ask("clearInterval(window.many)")
+        visit.until("p.fingerCount === 0")  # they were not heard of for a second
+        choose(visit, source="click")
+        clicks_on(visit)
+
+
+def test_garbage_closes_its_own_connection_alone(demo: Demo, browser: Browser) -> None:
+    with opened(demo, browser) as visit:
+        choose(visit, source="click", quiet_zones=[])
+        codes = visit.ask(
+            """(async () => { const codes = [], address = location.href.split("#")[0].replace("http", "ws") + "socket";
+            const sent = ["text", new Uint8Array([]), new Uint8Array([4]), new Uint8Array([99, 0x81]),
+                new Uint8Array([4, 0x82, 123]), new Uint8Array([4, 0x81, 1, 2, 3]), new Uint8Array(5000),
+                new Uint8Array([4, 0x82, ...new Array(1500).fill(91)])];
+            for (const each of sent) codes.push(await new Promise((done) => {
+                const socket = new WebSocket(address);
+                socket.onopen = () => socket.send(each);
+                socket.onclose = (event) => done(event.code); }));
+            return codes; })()"""
+        )
+        assert codes == [1003, 1007, 1007, 4001, 1007, 1007, 1009, 1007]
+        assert visit.ask("tactable.wire.connections") == 1
+        clicks_on(visit)
+
+
+def test_switches_that_there_are_not_change_nothing_and_are_told(demo: Demo, browser: Browser) -> None:
+    with opened(demo, browser) as visit:
+        choose(visit, source="click", quiet_zones=[])
+        for wrong in ('{"device": "../../etc/passwd"}', '{"level_db": 17}', '{"nothing": 1}', '{"quiet_zones": "I"}'):
+            visit.ask(f"tactable.wire.choose({wrong})")
+            visit.wait("tactable.scene.trouble !== ''")
+            assert visit.ask("tactable.scene.plays.device") == "small.toml"
+            choose(visit, source="click")
+            visit.wait("tactable.scene.trouble === ''")
+        clicks_on(visit)
