@@ -1,1 +1,1 @@
-"""Tests: the same folders as the package."""
+"""Proofs that take long: what the model says, what things cost, and what is to be relied on."""

@@ -116,7 +116,7 @@ def test_complex_responses_are_fitted_too() -> None:
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
-    """Eight bars, 56 intervals; `tests.studies.calibration_coverage` does it for 100 of each case."""
+    """Eight bars, 56 intervals; `tests.studies.physics.calibration_coverage` does it for 100 of each case."""
     held = []
     for seed in range(8):
         random = np.random.default_rng(seed)

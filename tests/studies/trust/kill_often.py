@@ -1,6 +1,6 @@
 """Work killed (SIGKILL) at many random instants, and started again each time: what it leaves is whole, and it ends.
 
-    python -m tests.studies.kill_often WHAT TIMES, WHAT one of build, calibrate, swap, fleet, fleet-processes.
+    python -m tests.studies.trust.kill_often WHAT TIMES, WHAT one of build, calibrate, swap, fleet, fleet-processes.
 
 What is killed is a fork of a process that has imported everything and computed nothing, and leads a session of its own:
 imports would be most of the time of 200 kills. Processes that the work itself starts are new interpreters, as always.
@@ -32,9 +32,9 @@ from precompute.builder.incremental import outdated_parts
 from precompute.clicks import ClickOptions
 from precompute.fleet.work import DEVICE, OUTCOME, TABLE
 from tests.precompute.fleet.small_fleet import small_text, write_measurements, write_unit
-from tests.studies.watched_run import resting_run
+from tests.studies.trust.watched_run import resting_run
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 CHEAP = ClickOptions(lengths_s=(0.02,), pitch_m=140e-3, scenarios=2, trimmed=6, judged=10)
 OLD, NEW = Device.parse(small_text(), "old"), Device.parse(small_text("20.5 kN/m"), "new")
 _GONE_S = 60.0
@@ -77,7 +77,7 @@ class Build:
 from pathlib import Path
 from engine.device import Device
 from precompute.builder.build import build_table
-from tests.studies.kill_often import CHEAP
+from tests.studies.trust.kill_often import CHEAP
 """
     script = """
 device = Device.read(Path("new.toml"))

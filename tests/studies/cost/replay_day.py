@@ -1,6 +1,6 @@
 """Hours of recorded touch through the loop in virtual time: memory, deadlines, collections.
 
-`python -m tests.studies.replay_day --hours 24 --figure memory.png` does the day; a test does some minutes of it.
+`python -m tests.studies.cost.replay_day --hours 24 --figure memory.png` does the day; a test does some minutes of it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from tests.engine.made_entries import LEVEL_DB
 from tests.engine.render.made_steady import made_renderer
 from tests.engine.shared_recordings import RECORDINGS
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 DEVICE = Device.read(ROOT / "tables" / "devices" / "reference-a.toml")
 BURSTS = Effects((Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),))
 NS_PER_S = 1_000_000_000

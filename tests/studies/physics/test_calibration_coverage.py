@@ -7,7 +7,7 @@ import numpy as np
 
 from tests.precompute.devices import shipped
 from tests.precompute.measured import TRUTH
-from tests.studies.calibration_coverage import Case, describe, draw, draw_truth, measure_coverage
+from tests.studies.physics.calibration_coverage import Case, describe, draw, draw_truth, measure_coverage
 
 RESULT = measure_coverage((Case("reference-a", 3, 0.01), Case("reference-a", 3, 0.0, published=True)), 1)
 

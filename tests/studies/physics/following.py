@@ -1,6 +1,6 @@
 """What fingers feel while a steady drive follows one of them: ramps, crossfades, and crossfades that keep a frequency.
 
-    python -m tests.studies.following [DEVICE [RUNS]]
+    python -m tests.studies.physics.following [DEVICE [RUNS]]
 
 One finger feels 20 dB and rests; another, which is to feel nothing, moves 30 mm at 50 mm/s. A digitizer reports it 125
 times a second, and the drive is solved again when it is more than 0.5 mm from where the last one was solved for. The

@@ -6,8 +6,8 @@ import numpy as np
 
 from engine.device import Device
 from tactable.bench.latency.background_load import BackgroundLoad
-from tests.studies.table_changes import FRAME_NS, Segment, measure_changes
-from tests.studies.watched_run import touches
+from tests.studies.cost.table_changes import FRAME_NS, Segment, measure_changes
+from tests.studies.trust.watched_run import touches
 from tests.tactable.run.test_table_watch import DEVICE, write
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tactable.shipped import find_device
-from tests.studies.paper_search import BOUNDS, Archive, Choice, device_of, score
-from tests.studies.paper_statements import (
+from tests.studies.physics.paper_search import BOUNDS, Archive, Choice, device_of, score
+from tests.studies.physics.paper_statements import (
     DAMPING_OF,
     READINGS,
     STATEMENTS,
@@ -22,7 +22,7 @@ from tests.studies.paper_statements import (
     with_damping_of,
 )
 
-THEORY = Path(__file__).parents[2] / "docs" / "theory.md"
+THEORY = Path(__file__).parents[3] / "docs" / "theory.md"
 
 
 @cache

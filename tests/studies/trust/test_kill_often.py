@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.studies.kill_often import kill_often, work_of
+from tests.studies.trust.kill_often import kill_often, work_of
 
 TIMES = {"build": 3, "calibrate": 3, "swap": 5, "fleet": 2}
-"""`python -m tests.studies.kill_often WHAT 200` is the long version."""
+"""`python -m tests.studies.trust.kill_often WHAT 200` is the long version."""
 
 
 # Quick tests of the same: test_build_clicks goes on with a build, test_new_folder and fleet/test_run are killed, too.

@@ -1,11 +1,11 @@
 """Mutation testing of what safety rests on: whether a test fails when one line of it is wrong.
 
-    python -m tests.studies.mutation --seed 1 --count 400 --results mutation.jsonl
+    python -m tests.studies.trust.mutation --seed 1 --count 400 --results mutation.jsonl
 
-Mutants (tests/studies/mutants.py) of the modules below are drawn by the seed. Each is put into a copy of the tree, and
-only the tests that mirror its module run, until the first fails. It is *killed* if one does, or if it hangs; otherwise
-it *survived*. A C mutant whose object code is that of the original is *the same* and does not count, nor does one that
-does not compile. Survivors that a person has found equivalent are in equivalent_mutants.toml, each with its reason.
+Mutants (mutants.py) of the modules below are drawn by the seed. Each is put into a copy of the tree, and only the tests
+that mirror its module run, until the first fails. It is *killed* if one does, or if it hangs; otherwise it *survived*.
+A C mutant whose object code is that of the original is *the same* and does not count, nor does one that does not
+compile. Survivors that a person has found equivalent are in equivalent_mutants.toml, each with its reason.
 
 With `--results` a run that was stopped goes on where it was, and survivors run again, since tests may have been added.
 mutmut and cosmic-ray, which are well kept, know only Python: half of what is tested here is C, and one list of
@@ -32,9 +32,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from engine.loop.fast.layout import c_header
-from tests.studies.mutants import Mutant, mutants_of
+from tests.studies.trust.mutants import Mutant, mutants_of
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.toml")
 FIRMWARE, STEP = "firmware_link/firmware", "engine/loop/fast/step.c"
 WORKERS = 2

@@ -1,6 +1,6 @@
 """How far a table from measured responses is from the model's, where the model gave the responses.
 
-python -m tests.studies.measured_table STEP_HZ PLACES
+python -m tests.studies.physics.measured_table STEP_HZ PLACES
 """
 
 import sys

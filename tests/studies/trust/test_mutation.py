@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from tests.firmware_link.firmware.compiled_core import need
-from tests.studies.mutants import mutants_of
-from tests.studies.mutation import ROOT, TESTS, equivalents, run, summary
+from tests.studies.trust.mutants import mutants_of
+from tests.studies.trust.mutation import ROOT, TESTS, equivalents, run, summary
 
 PYTHON = '''"""A number: 3."""
 LIMIT = 3.0

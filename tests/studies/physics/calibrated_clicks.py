@@ -1,6 +1,6 @@
 """What a calibration brings for clicks: the spread of the bar shrinks to what the measurements leave.
 
-    python -m tests.studies.calibrated_clicks reference-a [PLACEMENTS]
+    python -m tests.studies.physics.calibrated_clicks reference-a [PLACEMENTS]
 
 A bar that differs from its description is measured (five drives at 22 points, 1 % noise) and fitted. Clicks of random
 placements of one felt and one quiet finger (± 1 mm) are then made for three states of knowledge: the described bar

@@ -1,8 +1,8 @@
 """Coverage of the 95 % intervals of a calibration on synthetic bars with known parameters. SIMULATED.
 
-`python -m tests.studies.calibration_coverage [--draws N] [--figure FILE] [--json]` proves that the intervals hold the
-true value about as often as they say, with noise and with wrong readings, and that without noise the fit is exact.
-docs/calibration-coverage.png and the table in docs/calibration.md are made with --draws 100.
+`python -m tests.studies.physics.calibration_coverage [--draws N] [--figure FILE] [--json]` proves that the intervals
+hold the true value about as often as they say, with noise and with wrong readings, and that without noise the fit is
+exact. docs/calibration-coverage.png and the table in docs/calibration.md are made with --draws 100.
 """
 
 import argparse
@@ -187,7 +187,7 @@ def draw(result: dict[str, Any], path: Path) -> None:
 
 def main() -> None:
     """Print a line for each case."""
-    parser = argparse.ArgumentParser(prog="tests.studies.calibration_coverage", description=__doc__)
+    parser = argparse.ArgumentParser(prog="tests.studies.physics.calibration_coverage", description=__doc__)
     parser.add_argument("--draws", type=int, default=10, help="bars of each case")
     parser.add_argument("--figure", type=Path, help="draw the coverage to this file")
     parser.add_argument("--json", action="store_true")

@@ -1,6 +1,6 @@
 """Fuzzers of what others write: table files, device, rule and measurement files, and messages of browsers.
 
-    python -m tests.studies.fuzz table --seed 1 --seconds 180
+    python -m tests.studies.trust.fuzz table --seed 1 --seconds 180
 
 WHAT is one of table, device, rules, measurements, netcdf, uff, page. Each case is a whole input with one to six edits.
 It must be taken or refused by its own family of errors, within PATIENCE_S of processor time. Anything else is a fault,
@@ -47,7 +47,7 @@ from tests.precompute.measurements.test_uff import nodes, response
 
 PATIENCE_S = 10
 BATCH = 50
-TABLES = Path(__file__).parents[2] / "tables"
+TABLES = Path(__file__).parents[3] / "tables"
 DEVICE = Device.read(TABLES / "devices" / "reference-a.toml")
 _FORK = multiprocessing.get_context("fork")
 # Values that break arithmetic and parsers.

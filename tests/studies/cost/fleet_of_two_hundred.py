@@ -1,6 +1,6 @@
 """A fleet of 200 small bars, five of them broken, on one process and on several, a worker killed on the way.
 
-python -m tests.studies.fleet_of_two_hundred UNITS WORKERS
+python -m tests.studies.cost.fleet_of_two_hundred UNITS WORKERS
 """
 
 import multiprocessing

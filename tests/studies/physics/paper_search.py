@@ -5,11 +5,12 @@ edges of the zones and the mesh; which actuator drove alone, which took the firs
 counts; and whether M and K of equation (2) are the bar's own or the assembled ones. Each combination of the discrete
 choices is a search of its own over the continuous values: a Latin hypercube first, then differential evolution from
 its best points, the most promising combinations for longer. A set of values is better when it keeps more statements
-(tests.studies.paper_statements), then when its worst margin is wider.
+(tests.studies.physics.paper_statements), then when its worst margin is wider.
 
-python -m tests.studies.paper_search [--seed S] [--sets N] [--json FILE] evaluates N sets of values, 300 000 by default,
-which takes about 40 minutes of one processor. The same seed and number give the same result on every machine; a budget
-of time would not.
+    python -m tests.studies.physics.paper_search [--seed S] [--sets N] [--json FILE]
+
+evaluates N sets of values, 300 000 by default, which takes about 40 minutes of one processor. The same seed and number
+give the same result on every machine; a budget of time would not.
 """
 
 import argparse
@@ -26,7 +27,7 @@ from scipy.stats import qmc
 
 from engine.device import Device, Zone
 from tactable.shipped import find_device
-from tests.studies.paper_statements import (
+from tests.studies.physics.paper_statements import (
     DAMPING_OF,
     READINGS,
     STATEMENTS,

@@ -10,7 +10,7 @@ the same drive, a significant vibration is at least a third of it, "around" is w
 greater" is 2 dB or more. The optimum of Figure 8 counts as found when some local maximum of equation (11) lies within
 0.005 of the published 0.8626. The solver of the paper is a local one, so any local maximum may be the published one.
 
-python -m tests.studies.paper_statements [DEVICE] prints them for reference-a, counted from either end.
+python -m tests.studies.physics.paper_statements [DEVICE] prints them for reference-a, counted from either end.
 """
 
 import itertools

@@ -1,8 +1,8 @@
-"""Short runs of the soak; `python -m tests.studies.soak 1800` is the long one."""
+"""Short runs of the soak; `python -m tests.studies.trust.soak 1800` is the long one."""
 
 import pytest
 
-from tests.studies.soak import COMMANDS_PER_S, Soak, check_that_counters_reconcile
+from tests.studies.trust.soak import COMMANDS_PER_S, Soak, check_that_counters_reconcile
 
 HARSH = (
     "bit_errors=1e-4,drop=0.02,duplicate=0.02,insert=0.005,lose=0.005,burst=0.005,delay=300us,jitter=1ms,"

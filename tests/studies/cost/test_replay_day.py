@@ -4,7 +4,7 @@ import pytest
 
 from engine.touch.sources.recording import read_recording
 from tactable.shipped import DEMO_RECORDING
-from tests.studies.replay_day import replay
+from tests.studies.cost.replay_day import replay
 
 
 def test_memory_stays_no_lease_runs_out_and_nothing_is_collected() -> None:

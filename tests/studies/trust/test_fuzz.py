@@ -1,4 +1,4 @@
-"""A quick run of every fuzzer; `python -m tests.studies.fuzz WHAT --seconds 180` is the long one."""
+"""A quick run of every fuzzer; `python -m tests.studies.trust.fuzz WHAT --seconds 180` is the long one."""
 
 import os
 import random
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from engine.device import DeviceError
-from tests.studies.fuzz import FUZZED, Fuzzed, fuzz
+from tests.studies.trust.fuzz import FUZZED, Fuzzed, fuzz
 
 CASES = {"table": 20, "device": 100, "rules": 200, "measurements": 40, "netcdf": 40, "uff": 40, "page": 300}
 
@@ -35,7 +35,7 @@ def _fail(rng: random.Random, _folder: Path) -> None:
 
 def test_wrong_errors_crashes_and_hangs_are_faults(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(FUZZED, "device", Fuzzed(_fail, (DeviceError,)))
-    monkeypatch.setattr("tests.studies.fuzz.PATIENCE_S", 0.05)
+    monkeypatch.setattr("tests.studies.trust.fuzz.PATIENCE_S", 0.05)
     outcomes, faults = fuzz("device", seed=2, first=0, count=20)
     assert outcomes.total() == 20 and outcomes["fault"] == len(faults) == 20 - outcomes["refused"] > 0
     words = " ".join(faults.values())

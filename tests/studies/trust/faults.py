@@ -1,11 +1,11 @@
 """Fault injection for everything that writes: full disk, read-only, no permission, kill -9; one command, all counts.
 
-    python -m tests.studies.faults --seed 1 --kills 200
+    python -m tests.studies.trust.faults --seed 1 --kills 200
 
 Each command of WRITERS runs in a mount namespace of its own, where the folder that it writes to is a small tmpfs with
 so many bytes left, is mounted read-only, or may not be written. A command that cannot write must end with exit status
 1 and one line, and the folder must be as it was before; a fleet may
-leave complete files of its own, from which it goes on. Kills are those of tests/studies/kill_often.py: at random
+leave complete files of its own, from which it goes on. Kills are those of tests/studies/trust/kill_often.py: at random
 instants of build, calibrate, swap and fleet, whose checks say that everything is whole and goes on.
 
 It needs `unshare` and `setpriv` (util-linux) and a kernel that allows a mount namespace to this user.
@@ -26,9 +26,9 @@ from pathlib import Path
 from engine.device import Device
 from precompute.builder.build import build_table
 from tests.precompute.fleet.small_fleet import small_text, write_measurements, write_unit
-from tests.studies.kill_often import kill_often, work_of
+from tests.studies.trust.kill_often import kill_often, work_of
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 WRITERS = {
     "new": "new bar --length 300mm --thickness 1mm --actuators 40mm,260mm -o {out}/bar.toml",
     "build": "build {inputs}/device.toml -o {out}/table.nc --clicks-up-to 0 --workers 1 --no-reuse",

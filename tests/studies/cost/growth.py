@@ -1,8 +1,8 @@
 """Processor time and memory of entries and clicks as the number of zones, actuators, sampled plants or length grows.
 
-`python -m tests.studies.growth entries|clicks [--device NAME] [--figure FILE] [--json]` shows that the time grows about
-in proportion to the number of states, and that memory stays bounded. Where a case has many states only some of them are
-solved, evenly chosen with those that share their fingers side by side, and the time for all is extrapolated.
+`python -m tests.studies.cost.growth entries|clicks [--device NAME] [--figure FILE] [--json]` shows that the time grows
+about in proportion to the number of states, and that memory stays bounded. Where a case has many states only some of
+them are solved, evenly chosen with those that share their fingers side by side, and the time for all is extrapolated.
 """
 
 import argparse
@@ -156,7 +156,7 @@ def draw(rows: Sequence[dict[str, Any]], title: str, path: Path) -> None:
 
 def main() -> None:
     """Print a row for each case, then the exponents."""
-    parser = argparse.ArgumentParser(prog="tests.studies.growth", description=__doc__)
+    parser = argparse.ArgumentParser(prog="tests.studies.cost.growth", description=__doc__)
     parser.add_argument("what", choices=("entries", "clicks"))
     parser.add_argument("--device", default="reference-a")
     parser.add_argument("--figure", type=Path)

@@ -1,4 +1,4 @@
-"""A quick run of the fault injection; `python -m tests.studies.faults` is the long one."""
+"""A quick run of the fault injection; `python -m tests.studies.trust.faults` is the long one."""
 
 import subprocess
 from pathlib import Path
@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from tests.firmware_link.firmware.compiled_core import need
-from tests.studies import faults
-from tests.studies.faults import conditions, inject
+from tests.studies.trust import faults
+from tests.studies.trust.faults import conditions, inject
 
 CASES = conditions(before_kib=8)
 WRITING = "import os, pathlib, sys; pathlib.Path(os.environ['OUT'], 'half').write_text('x'); {after}"

@@ -1,6 +1,6 @@
 """A session of many minutes in virtual time, with faults: nothing stale is applied, and every counter reconciles.
 
-`python -m tests.studies.soak SECONDS [FAULTS] [SEED]` gives 1000 commands a second, a tenth of them clicks of a
+`python -m tests.studies.trust.soak SECONDS [FAULTS] [SEED]` gives 1000 commands a second, a tenth of them clicks of a
 basis, and prints the figures.
 """
 

@@ -1,6 +1,6 @@
 """Time from measurements to the new table playing, and cost of a change of table to the run that plays. SIMULATED.
 
-`python -m tests.studies.table_changes [--device NAME] [--changes N] [--load idle|stress]` proves on real
+`python -m tests.studies.cost.table_changes [--device NAME] [--changes N] [--load idle|stress]` proves on real
 processes that `calibrate --apply` reaches a running `tactable run`, and that changes of table under 1000 reports a
 second lose no report and make no more commands late than the same run has without them.
 """
@@ -27,7 +27,7 @@ from precompute.builder.build import build_table
 from precompute.parallel.pool import available_cores
 from tactable.bench.latency.background_load import BackgroundLoad, background_load
 from tactable.shipped import find_device, find_device_file
-from tests.studies.watched_run import resting_run, touches, watched_run
+from tests.studies.trust.watched_run import resting_run, touches, watched_run
 
 Times = NDArray[np.int64]
 
@@ -194,7 +194,7 @@ def _quantiles(found_ns: Times) -> dict[str, float]:
 
 def main() -> None:
     """Print what was measured: the chain from measurements to playing, then the changes beside the run without."""
-    parser = argparse.ArgumentParser(prog="tests.studies.table_changes", description=__doc__)
+    parser = argparse.ArgumentParser(prog="tests.studies.cost.table_changes", description=__doc__)
     parser.add_argument("--device", default="reference-a")
     parser.add_argument("--changes", type=int, default=1000, help="changes of table while touches come, 1 s each")
     parser.add_argument(

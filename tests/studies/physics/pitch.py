@@ -1,7 +1,7 @@
 """What a click loses that was made for the nearest place of a grid, by the pitch of the grid.
 
-    python -m tests.studies.pitch reference-a
-    python -m tests.studies.pitch reference-a.nc    # the clicks of a built table
+    python -m tests.studies.physics.pitch reference-a
+    python -m tests.studies.physics.pitch reference-a.nc    # the clicks of a built table
 
 For random placements of one felt and one quiet finger, the click made for their own positions (± 1 mm) is compared with
 the one made for the nearest places of a grid, for fingers within half a pitch and 1 mm of them. Both are evaluated on

@@ -1,0 +1,1 @@
+"""Studies of what things cost: processor time, memory, and how they grow."""

@@ -1,0 +1,1 @@
+"""Studies of what the model says: its agreement with the paper, calibrations, clicks and drives."""
