@@ -548,9 +548,9 @@ hostile = pytest.mark.parametrize("value", HOSTILE.values(), ids=HOSTILE)
     [pair for pair in KEYS if pair[1] not in ("inferred", "description", "name")],
 )
 def test_a_hostile_value_is_refused_quickly(section: str, key: str, value: str) -> None:
-    started = time.monotonic()
+    started = time.process_time()
     message = refusal(changed(section, key, value))
-    assert time.monotonic() - started < 0.5
+    assert time.process_time() - started < 0.5
     assert f"{section}.{key}".strip(".") in message
 
 

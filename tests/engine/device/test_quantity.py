@@ -128,10 +128,10 @@ def test_an_unknown_unit_is_named(unit: str) -> None:
 
 @refused
 def test_hostile_text_is_refused_quickly(text: str) -> None:
-    started = time.monotonic()
+    started = time.process_time()
     with pytest.raises(QuantityError, match="expected a length such as '1 m'"):
         read_quantity(text, "m")
-    assert time.monotonic() - started < 0.5
+    assert time.process_time() - started < 0.5
 
 
 @unhurried

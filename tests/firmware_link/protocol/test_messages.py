@@ -14,8 +14,10 @@ from firmware_link.protocol.errors import MessageError
 from firmware_link.protocol.framing import encode_frame, encode_message
 from firmware_link.protocol.layout import Layout, Message
 from firmware_link.protocol.messages import (
+    MAGIC,
     MESSAGES,
     ChannelDrive,
+    HelloRequest,
     Set,
     SetFlag,
     Stop,
@@ -111,6 +113,11 @@ def test_the_table_of_the_document_is_the_definition() -> None:
     _, _, rest = PROTOCOL.partition("<!-- made by protocol_table() -->\n")
     table, _, _ = rest.partition("<!-- end -->")
     assert table == protocol_table()
+
+
+def test_the_magic_of_a_greeting_is_in_the_document() -> None:
+    assert f"The `magic` of HELLO_REQ is 0x{MAGIC:08x}, the bytes `tact` on the wire" in PROTOCOL
+    assert encode_body(HelloRequest(MAGIC, 1, 0, 0), 0)[2:6] == b"tact"
 
 
 def test_the_worked_example_of_the_document_is_true() -> None:

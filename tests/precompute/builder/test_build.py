@@ -45,10 +45,11 @@ mass = "3 g"
 full_scale = "0.8 µm"
 band = ["100 Hz", "240 Hz"]
 """
+ONE_LEVEL = SMALL.replace('"10 dB", "20 dB", "30 dB"', '"20 dB"')
 DEVICES = {
-    "two": Device.parse(SMALL, "two"),
-    "three": Device.parse(SMALL.replace("\n[zones]", f"{THIRD}\n[zones]"), "three"),
-    "one": Device.parse(SMALL[: SMALL.rindex("[[actuator]]")] + SMALL[SMALL.index("[zones]") :], "one"),
+    "two": Device.parse(SMALL.replace('"20 dB", "30 dB"', '"20 dB"'), "two"),
+    "three": Device.parse(ONE_LEVEL.replace("\n[zones]", f"{THIRD}\n[zones]"), "three"),
+    "one": Device.parse(ONE_LEVEL[: ONE_LEVEL.rindex("[[actuator]]")] + ONE_LEVEL[ONE_LEVEL.index("[zones]") :], "one"),
 }
 GROUPS = {"responses", "sweep", "coherent_sweep", "entries"}
 

@@ -16,10 +16,10 @@ from precompute.clicks.basis import EVALUATION_RATE_HZ
 from precompute.clicks.store import ClickStore
 from precompute.clicks.tabulated import tabulated_keys
 from tests.engine.made_clicks import basis_of, click_of
-from tests.precompute.builder.test_build import SMALL
+from tests.precompute.fleet.small_fleet import small_text
 
 CHEAP = ClickOptions(lengths_s=(0.02,), pitch_m=93.2e-3, scenarios=4, trimmed=10, judged=20)
-DEVICE = Device.parse(SMALL, "bar")
+DEVICE = Device.parse(small_text(), "bar")
 PLACES = Places(DEVICE.bar.length_m, 4)
 KEYS = tabulated_keys(PLACES, 2)
 CLICKS = 4 + 3 * 6  # one finger at each place, and the roles of each pair
@@ -135,7 +135,7 @@ def test_the_cost_is_of_what_was_solved_now(tmp_path: Path) -> None:
     path = tmp_path / "bar.nc"
     with_workers = build_table(DEVICE, path, click_options=CHEAP, workers=2)
     alone = build_table(DEVICE, path, click_options=CHEAP, reuse=False)
-    assert with_workers.states == 19 and with_workers.clicks == alone.clicks == CLICKS  # 3^3 - 2^3 states
+    assert with_workers.states == 5 and with_workers.clicks == alone.clicks == CLICKS  # 3^2 - 2^2 states
     assert with_workers.effort == alone.effort
     plants = sum(1 + count for count in (CHEAP.scenarios, CHEAP.trimmed, CHEAP.judged))
     assert alone.effort.plants == plants * (4 + 6)  # sets of fingers

@@ -14,11 +14,10 @@ from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import BuildOptions, Part, is_current, outdated_parts
 from precompute.clicks import ClickOptions
-from tests.precompute.builder.test_build import SMALL
+from tests.precompute.fleet.small_fleet import small_text
 
 CHEAP = ClickOptions(lengths_s=(0.02,), pitch_m=93.2e-3, scenarios=2, trimmed=6, judged=10)
-# Two zones have a quarter of the states of three.
-TEXT = SMALL.replace("count = 3", "count = 2")
+TEXT = small_text()
 DEVICE = Device.parse(TEXT, "bar")
 AS_BEFORE = {part: f"{part} as before" for part in ("responses", "entries", "clicks")}
 
@@ -56,8 +55,8 @@ CHANGES = {
     "a word": ("Aluminium bar", "Another bar", set(AS_BEFORE)),
     "the finger": ('stiffness = "1 kN/m"', 'stiffness = "0.9 kN/m"', set[str]()),
     "what is not known of fingers": ('finger = "30 %"', 'finger = "25 %"', {"responses"}),
-    "a level": ('"10 dB"', '"12 dB"', {"responses"}),
-    "the grid": ("amplitude_steps = 2", "amplitude_steps = 1", {"clicks"}),
+    "a level": ('"20 dB"', '"12 dB"', {"responses"}),
+    "the grid": ("phase_steps = 4", "phase_steps = 6", {"clicks"}),
     "zones": ("count = 2", "count = 3", set[str]()),
     "full scale": ('full_scale = "0.52', 'full_scale = "0.6', set[str]()),
 }
@@ -77,7 +76,7 @@ def test_a_part_is_computed_again_only_if_what_it_rests_on_has_changed(path: Pat
 
 
 def test_what_is_taken_over_is_what_would_be_computed(path: Path) -> None:
-    text = TEXT.replace('"10 dB"', '"12 dB"')
+    text = TEXT.replace('"20 dB"', '"12 dB"')
     assert text != TEXT
     device = Device.parse(text, "bar")
     told = build(device, path)
@@ -136,7 +135,7 @@ def test_clicks_may_be_left_for_later_and_are_marked_until_they_are_made(path: P
 
 
 def test_clicks_of_other_zones_are_not_kept_for_now(path: Path) -> None:
-    device = Device.parse(SMALL, "bar")
+    device = Device.parse(TEXT.replace("count = 2", "count = 3"), "bar")
     build(device, path, clicks_later=True)
     assert clicks_of(path) == []
     with Table.open(path, device=device) as table:

@@ -64,12 +64,12 @@ def tactable(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 
 def played(folder: Path, emulator: RunningEmulator, *words: str) -> tuple[dict[str, Any], list[bool] | None, str]:
-    """The summary, whether each drive in the firmware sounded, and what was said beside.
+    """The summary of a run in this process, whether each drive in the firmware sounded, and what was said beside.
 
     The second is None where the machine stalled: the firmware falls silent after 40 ms and latches after 250 ms.
     """
-    paths = ("bar.nc", "--touch", "two.hid", "--port", emulator.port, "--reconnect", "--json")
-    done = tactable(folder, *paths, *words)
+    paths = ("bar.nc", "--touch", "two.hid", "--port", emulator.port, "--reconnect", "--no-watch", "--json")
+    done = run_here(folder, "run", *paths, *words)
     assert done.returncode == 0, done.stderr
     summary, events = json.loads(done.stdout), emulator.stop().events
     if summary["reconnects"] or summary["link"]["coalesced"] or any(e.cause is Cause.LEASE_EXPIRED for e in events):
