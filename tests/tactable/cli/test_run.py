@@ -59,10 +59,6 @@ def emulator() -> Iterator[RunningEmulator]:
         yield running
 
 
-def tactable(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([TACTABLE, "run", *words], cwd=folder, capture_output=True, text=True, check=False)
-
-
 def played(folder: Path, emulator: RunningEmulator, *words: str) -> tuple[dict[str, Any], list[bool] | None, str]:
     """The summary of a run in this process, whether each drive in the firmware sounded, and what was said beside.
 
@@ -211,7 +207,8 @@ def test_a_zone_that_the_device_has_not_is_refused_in_one_line(folder: Path) -> 
 
 
 def test_a_recording_that_cannot_be_written_is_one_line_and_status_1(folder: Path, emulator: RunningEmulator) -> None:
-    done = tactable(folder, "bar.nc", "--touch", "two.hid", "--port", emulator.port, "--record", "missing/again.hid")
+    words = ("bar.nc", "--touch", "two.hid", "--port", emulator.port, "--no-watch", "--record", "missing/again.hid")
+    done = run_here(folder, "run", *words)
     assert done.returncode == 1
     (line,) = [line for line in done.stderr.splitlines() if line.startswith("tactable: ")]
     assert line.endswith("the recorder: missing: no such folder; create it or choose another output")
