@@ -1,7 +1,9 @@
-"""What code and documents point to exists: files, headings, and the functions named on the page of the journeys."""
+"""What code and documents point to exists: files, headings, modules, and the functions named on the pages."""
 
 import ast
+import io
 import re
+import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +16,8 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROO
 _CITED = re.compile(r"(?<![\w/.-])((?:[\w-]+/)*[A-Za-z][\w-]*\.md)(?:#([\w-]+))?")
 _NAMED = re.compile(r"\[`([\w.]+)`\]\(([^)#]+\.(?:py|c|h))\)")
 _MADE_BY_COMMANDS = {"report.md"}
+_MODULE = re.compile(r"(?<![\w./-])((?:engine|precompute|firmware_link|tactable|tests)(?:\.[A-Za-z_]\w*)+)")
+_PATH = re.compile(r"(?<![\w./-])((?:engine|precompute|firmware_link|tactable|tests|tables|docs)(?:/[\w.-]*\w)+)")
 
 
 def sources() -> Iterator[Path]:
@@ -59,6 +63,49 @@ def defined_names(path: Path) -> set[str]:
         if isinstance(node, ast.ClassDef):
             names.update(f"{node.name}.{part.name}" for part in node.body if isinstance(part, ast.FunctionDef))
     return names
+
+
+def prose_of(path: Path) -> str:
+    """What a person reads of a file: of Python its comments and docstrings, of others all of it."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix != ".py":
+        return text
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    texts = (node.value for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Expr))
+    said = [text.value for text in texts if isinstance(text, ast.Constant) and isinstance(text.value, str)]
+    return "\n".join([*said, *(token.string for token in tokens if token.type == tokenize.COMMENT)])
+
+
+def is_there(dotted: str) -> bool:
+    """Whether a dotted name leads to a module, or to a module that names what follows."""
+    parts = dotted.split(".")
+    for length in range(len(parts), 0, -1):
+        base = ROOT.joinpath(*parts[:length])
+        module = next((path for path in (base.with_suffix(".py"), base / "__init__.py") if path.is_file()), None)
+        if module is not None:
+            rest = parts[length:]
+            return not rest or re.search(rf"\b{rest[0]}\b", module.read_text(encoding="utf-8")) is not None
+    return False
+
+
+def test_every_module_and_every_path_that_is_named_exists() -> None:
+    missing = []
+    for path in sources():
+        if path.name == "CHANGELOG.md":  # it also names what is gone
+            continue
+        prose = prose_of(path)
+        missing += [f"{path.relative_to(ROOT)}: {name}" for name in _MODULE.findall(prose) if not is_there(name)]
+        missing += [f"{path.relative_to(ROOT)}: {name}" for name in _PATH.findall(prose) if not (ROOT / name).exists()]
+    assert missing == []
+
+
+def test_a_module_or_name_that_is_gone_is_found() -> None:
+    assert (
+        is_there("engine.loop.pipeline")
+        and is_there("engine.loop.pipeline.Pipeline")
+        and is_there("tactable.Device.read")
+    )
+    assert not is_there("engine.loop.vanished") and not is_there("engine.loop.pipeline.vanished")
 
 
 def test_every_document_that_is_cited_exists() -> None:

@@ -29,6 +29,7 @@ clock.
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from engine.effects.control import ControlStep, Outcome, TriggeredEffect
 from engine.effects.play import Play
@@ -45,6 +46,13 @@ DEFAULT_CLICK_NS = 30_000_000
 _NO_CONTACT = -1
 DRAG_REST_NS = 100_000_000
 """A drag ends when the finger has not travelled the next distance within this time."""
+
+
+class _RulesByTrigger(NamedTuple):
+    touch: tuple[Rule, ...]
+    hold: tuple[Rule, ...]
+    lift: tuple[Rule, ...]
+    drag: tuple[Rule, ...]
 
 
 class EffectPlayer:
@@ -76,9 +84,8 @@ class EffectPlayer:
     def _set_rules(self, effects: Effects) -> None:
         self.effects = effects
         """The rules in force."""
-        self._touch_rules, self._hold_rules = effects.of(Trigger.TOUCH), effects.of(Trigger.HOLD)
-        self._lift_rules, self._drag_rules = effects.of(Trigger.LIFT), effects.of(Trigger.DRAG)
-        self.follows_moves = bool(self._hold_rules or self._drag_rules)
+        self._rules = _RulesByTrigger(*map(effects.of, (Trigger.TOUCH, Trigger.HOLD, Trigger.LIFT, Trigger.DRAG)))
+        self.follows_moves = bool(self._rules.hold or self._rules.drag)
         """Whether a finger that moves may begin or end an effect."""
 
     def take(self, touches: Sequence[Touch], time_ns: int) -> bool:
@@ -134,7 +141,7 @@ class EffectPlayer:
 
     def _change_rules(self, effects: Effects, time_ns: int) -> None:
         drag_before = {
-            contact_id: _distance_of(_first(self._drag_rules, finger.touch))
+            contact_id: _distance_of(_first(self._rules.drag, finger.touch))
             for contact_id, finger in self.fingers.items()
         }
         self._set_rules(effects)
@@ -145,13 +152,13 @@ class EffectPlayer:
                 if rule is None or not play.goes_on_as(rule.effect):
                     play.cut()
         for contact_id, finger in self.fingers.items():
-            hold_rule, before = _first(self._hold_rules, finger.touch), finger.rest_rule
+            hold_rule, before = _first(self._rules.hold, finger.touch), finger.rest_rule
             if _wait_of(hold_rule) != _wait_of(before):
                 self._rest(finger, time_ns)
             else:
                 finger.rest_rule = hold_rule
                 finger.hold_rule = None if finger.hold_rule is None else hold_rule
-            drag_rule = _first(self._drag_rules, finger.touch)
+            drag_rule = _first(self._rules.drag, finger.touch)
             if _distance_of(drag_rule) != drag_before[contact_id]:
                 finger.mark_m = finger.touch.position_m
 
@@ -204,14 +211,14 @@ class EffectPlayer:
 
     def _put_down(self, touch: Touch, time_ns: int) -> None:
         finger = self.fingers[touch.contact_id] = Finger(touch)
-        rule = _first(self._touch_rules, touch)
+        rule = _first(self._rules.touch, touch)
         if rule is not None:
             self._begin(finger, rule, time_ns, None)
-        if self._hold_rules:
+        if self._rules.hold:
             self._rest(finger, time_ns)
 
     def _move(self, finger: "Finger", time_ns: int) -> None:
-        if self._drag_rules:
+        if self._rules.drag:
             self._drag(finger, time_ns)
         if abs(finger.touch.position_m - finger.rest_m) > STILL_M:
             self._rest(finger, time_ns)
@@ -220,7 +227,7 @@ class EffectPlayer:
 
     def _drag(self, finger: "Finger", time_ns: int) -> None:
         position_m = finger.touch.position_m
-        rule = None if finger.is_kept_quiet else _first(self._drag_rules, finger.touch)
+        rule = None if finger.is_kept_quiet else _first(self._rules.drag, finger.touch)
         if rule is None:
             finger.mark_m = position_m
             return
@@ -233,7 +240,7 @@ class EffectPlayer:
     def _rest(self, finger: "Finger", time_ns: int) -> None:
         """Start the time of a hold here; it runs until the finger moves on."""
         finger.rest_m = finger.touch.position_m
-        finger.rest_rule = _first(self._hold_rules, finger.touch)
+        finger.rest_rule = _first(self._rules.hold, finger.touch)
         finger.hold_rule = None if finger.is_kept_quiet else finger.rest_rule
         if finger.hold_rule is not None:
             finger.hold_ns = time_ns + finger.hold_rule.after_ns
@@ -241,7 +248,7 @@ class EffectPlayer:
     def _lift_all_but(self, here: set[int], time_ns: int) -> None:
         for contact_id in self.fingers.keys() - here:
             finger = self.fingers.pop(contact_id)
-            rule = None if finger.is_kept_quiet else _first(self._lift_rules, finger.touch)
+            rule = None if finger.is_kept_quiet else _first(self._rules.lift, finger.touch)
             if rule is not None:
                 finger.hold_rule = None
                 self._begin(finger, rule, time_ns, None)

@@ -160,7 +160,7 @@ class _MemoryFastPath(FastPath):
         fast.packet[: len(report)] = report
         library.fast_set_time(now_ns)
         before_ns = time.monotonic_ns()
-        is_answered = fast.can_answer and library.fast_answer(self._address)
+        is_answered = fast.can_answer and library.fast_answer(self._moment.address)
         duration_ns = time.monotonic_ns() - before_ns
         library.fast_set_time(NONE)
         if is_answered:

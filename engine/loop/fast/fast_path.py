@@ -128,7 +128,6 @@ class FastPath:
         weakref.finalize(self, os.close, timer)
         self._moment = Moment(pipeline.digitizer, effects, source.packet_head, timer)
         self._moment.refit(pipeline, rendering.fast_table)
-        self._address = ctypes.addressof(self._moment.fast)
         self._rendering, self._effects = pipeline.rendering, pipeline.player.effects
         self._fast_table = rendering.fast_table
         self._answered: tuple[int, Answer] | None = None  # the report that was taken last, by its index
@@ -163,12 +162,12 @@ class FastPath:
         self._moment.refit(self._pipeline, self._fast_table)
 
     def _run(self, until_ns: int) -> None:
-        self._library.fast_wait(self._address, until_ns)
+        self._library.fast_wait(self._moment.address, until_ns)
 
     def _take_answer(self) -> None:
         fast = self._moment.fast
-        packet = ctypes.string_at(self._address + Fast.packet.offset, fast.packet_size)
-        frame = ctypes.string_at(self._address + Fast.frame.offset, fast.frame_size)
+        packet = ctypes.string_at(self._moment.address + Fast.packet.offset, fast.packet_size)
+        frame = ctypes.string_at(self._moment.address + Fast.frame.offset, fast.frame_size)
         times_ns = (fast.read_ns, fast.frame_ns, fast.state_ns, fast.asked_ns, fast.command_ns, fast.written_ns)
         answer = self.source.taken = Answer(packet, frame, fast.written, *times_ns)
         self._answered = (self.source.report_index + 1, answer)

@@ -3,6 +3,7 @@
 Both are written into one structure of `engine.loop.fast.layout`, field by field.
 """
 
+import ctypes
 from collections.abc import Sequence
 from typing import Any
 
@@ -42,6 +43,7 @@ class Moment:
 
     def __init__(self, digitizer: Digitizer, effects: Effects, packet_head: int, timer: int) -> None:
         self.fast: Any = Fast(timer=timer, armed_ns=NONE)
+        self.address = ctypes.addressof(self.fast)
         # Each look at a place of an array makes an object: they are kept.
         self._active, self._finger = [*self.fast.active], [*self.fast.finger]
         self._table: FastTable | None = None

@@ -16,7 +16,7 @@ from tests.precompute.devices import every_device, mirrored, shipped, with_actua
 
 STANDARD_GRAVITY_M_PER_S2 = 9.80665
 TENTH_DB = 10 ** (0.1 / 20)
-"""What may lie between two frequencies (tests/precompute/model/test_resonances.py)."""
+"""What may lie between two frequencies (tests/precompute/model/test_frequencies.py)."""
 
 
 @pytest.mark.parametrize("name", every_device())

@@ -52,7 +52,7 @@ class VirtualFastPath(FastPath):
         fast.packet_size = len(packet)
         fast.packet[: len(packet)] = packet
         self._library.fast_set_time(now_ns)
-        if packet and fast.can_answer and self._library.fast_answer(self._address):
+        if packet and fast.can_answer and self._library.fast_answer(self._moment.address):
             if self._packets.has_packet(now_ns):
                 fast.frame_size = 0
             else:
