@@ -203,3 +203,19 @@ def step(
         if effects_path is not None:
             rules[effects_path.name] = read_effects(effects_path, table.device, named_effects())
         show(run_step_bench(table, read, rules), as_json, print_step_bench)
+
+
+def control(
+    table_path: OptionalTable = None,
+    rounds: Annotated[int, typer.Option(min=10, help="Touches and messages of each kind.")] = 1000,
+    as_json: AsJson = False,
+) -> None:
+    """Time a program's message to command bytes, beside touches.
+
+    Messages of a program and touches take turns in the same run, and bring the same clicks.
+    """
+    from tactable.bench.control import print_control_bench, run_control_bench
+    from tactable.bench.inputs import open_table
+
+    with open_table(table_path) as table:
+        show(run_control_bench(table, rounds), as_json, print_control_bench)

@@ -106,6 +106,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             ),
             "steady": Entry("bench:steady", "Time steady drives for fingers at any positions."),
             "step": Entry("bench:step", "Time the stages from a report to command bytes."),
+            "control": Entry("bench:control", "Time a program's message to command bytes, beside touches."),
             "latency": Entry("latency:latency", "Measure the latency from report to command."),
         },
     },

@@ -80,6 +80,10 @@ ControlSocket = Annotated[
     Path | None,
     typer.Option(help="The Unix socket of --control; default: tactable-control.sock in $XDG_RUNTIME_DIR."),
 ]
+ControlPort = Annotated[
+    int | None,
+    typer.Option(min=0, max=65_535, help="With --control also a WebSocket on this loopback port; 0: any."),
+]
 FastPathWanted = Annotated[
     bool, typer.Option("--fast-path/--no-fast-path", help="Answer reports in one compiled step where it can.")
 ]
@@ -121,6 +125,7 @@ def run(
         bool, typer.Option("--control", help="Let programs decide who feels what, by another process.")
     ] = False,
     control_socket: ControlSocket = None,
+    control_port: ControlPort = None,
     fast: FastPathWanted = True,
     as_json: AsJson = False,
 ) -> None:
@@ -152,7 +157,7 @@ def run(
         found_again, watching, slot = reopening if reconnect else None, watched if watch else None, None
         if ring is not None and control:
             socket = control_socket or default_socket()
-            slot = stack.enter_context(ControlProcess(ControlOf(socket, ring.path, table_path, effects)))
+            slot = stack.enter_context(ControlProcess(ControlOf(socket, ring.path, table_path, effects, control_port)))
         live = Live(table, source, port, clock, options, ring, found_again, watching, solving, control=slot)
         if ring is not None and recording_path is not None:
             stack.enter_context(recorder_of(ring.path, recording_path, source, bus))

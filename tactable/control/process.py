@@ -1,4 +1,4 @@
-"""The control process: serves programs beside a run, at a Unix socket.
+"""The control process: serves programs beside a run, at a Unix socket and perhaps at a WebSocket.
 
 It has its own interpreter, so that nothing that programs send takes time from the loop; the two share the ring, which
 the loop writes anyway, and the slot of `tactable.control.slot`.
@@ -25,6 +25,7 @@ from tactable.control.requests import MOST_BYTES, ControlError
 from tactable.control.scene import Scene
 from tactable.control.server import ControlServer
 from tactable.control.slot import ControlOf
+from tactable.control.web import WebControl
 from tactable.run.table_watch import LOOK_S, WORD, identity_of
 from tactable.shipped import named_effects
 
@@ -153,29 +154,38 @@ async def _serve(served: ControlOf, table: Table, reader: RingReader, parent: Pa
     scene = Scene(served.effects, named_effects())
     events = Events(table, scene.top_region_at)
     server = ControlServer(scene, table.device, slot.hand_over, events.fingers)
-    writers = set[asyncio.StreamWriter]()
+    talks: dict[asyncio.StreamWriter, asyncio.Task[None]] = {}
 
-    async def converse(stream: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        writers.add(writer)
-        try:
-            with contextlib.suppress(ConnectionError):
-                await server.converse(_lines_of(stream), _StreamConnection(writer))
-                await writer.drain()
-        finally:
-            writers.discard(writer)
-            writer.close()
+    async def talk(stream: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with contextlib.suppress(ConnectionError):
+            await server.converse(_lines_of(stream), _StreamConnection(writer))
+            await writer.drain()
+        writer.close()
+        talks.pop(writer, None)
+
+    def begin(stream: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        talks[writer] = asyncio.create_task(talk(stream, writer))
 
     listening = listening_socket(served.socket)
+    lines = [f"control: {printable(str(served.socket))}"]
+    web: WebControl | None = None
     try:
-        unix = await asyncio.start_unix_server(converse, sock=listening)
+        if served.port is not None:
+            web = WebControl(server, served.port)
+            lines.append(f"control: {web.address}")
+        unix = await asyncio.start_unix_server(begin, sock=listening)
         publishing = asyncio.create_task(_publish(server, events, reader, served.table))
         ended = asyncio.create_task(slot.has_ended.wait())
-        parent.say({"lines": [f"control: {printable(str(served.socket))}"]})
-        done, _ = await asyncio.wait([publishing, ended], return_when=asyncio.FIRST_COMPLETED)
+        beside = [publishing, ended, *([] if web is None else [asyncio.create_task(web.run())])]
+        parent.say({"lines": lines})
+        done, others = await asyncio.wait(beside, return_when=asyncio.FIRST_COMPLETED)
+        if web is not None:
+            web.end()
         publishing.cancel()
         unix.close()
-        for writer in list(writers):
-            writer.close()
+        for writer in talks:
+            writer.close()  # the talk ends as if the program had hung up
+        await asyncio.gather(*talks.values(), *others, return_exceptions=True)
         for task in done:
             task.result()
     finally:

@@ -27,6 +27,8 @@ class ControlOf:
     table: Path
     effects: Effects
     """The rules that the run begins with."""
+    port: int | None = None
+    """The loopback port of the WebSocket, 0 for any; None: only the Unix socket."""
 
 
 class ControlProcess:

@@ -1,0 +1,50 @@
+"""The engine of the control bench, a child process: a run with a control channel, on the sockets that it is given."""
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from engine.effects import DEFAULT_EFFECTS
+from engine.loop import SystemClock
+from engine.plain import to_plain
+from engine.render import WhenNotAchieved
+from engine.table import Table
+from firmware_link.child import Parent
+from tactable.bench.latency.sockets import SocketPort, SocketSource
+from tactable.control.slot import ControlOf, ControlProcess
+from tactable.run.live import Live, LiveOptions, fast_library
+from tactable.run.ring_recorder import ring_for
+from tactable.shipped import named_effects
+
+_BIT_RATE_HZ = 2_000_000
+
+
+def main(parent: Parent, arguments: dict[str, Any]) -> None:
+    """Say where programs reach the run, run until the touches end, and say what was counted."""
+    path = Path(arguments["table"])
+    effects = replace(DEFAULT_EFFECTS, others=tuple(named_effects().values()))
+    descriptor, numbers = bytes.fromhex(arguments["descriptor"]), (arguments["vendor_id"], arguments["product_id"])
+    source = SocketSource(arguments["touch"], "bench", descriptor, numbers, arguments["reports"])
+    with (
+        tempfile.TemporaryDirectory(prefix="tactable-") as folder,
+        ring_for(None, is_needed=True) as ring,
+        Table.open(path, verify=False) as table,
+    ):
+        assert ring is not None  # it is needed
+        options = LiveOptions(
+            effects,
+            WhenNotAchieved.GO_ON,
+            reconnect=True,
+            bit_rate_hz=_BIT_RATE_HZ,
+            solves=not table.is_shipped,
+            fast=fast_library() if arguments["has_fast_path"] else None,
+        )
+        served = ControlOf(Path(folder) / "control.sock", ring.path, path, effects)
+        with ControlProcess(served) as slot:
+            port = SocketPort(arguments["link"])
+            live = Live(table, source, port, SystemClock(), options, ring, control=slot)
+            with live.armed():
+                parent.say({"socket": str(served.socket)})
+                live.loop.run()
+            parent.say({"loop": to_plain(live.loop.counters), "fast_path": to_plain(live.fast_counters)})

@@ -1,0 +1,115 @@
+"""Programs in browsers: the control channel as a WebSocket on loopback, whose address holds a token.
+
+A page of any origin may connect if it knows the token, which only the run's output has: an application's page comes
+from its own server or from a file. The Host header must name this machine, so that no foreign name leads here.
+"""
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import AsyncIterator
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.routing import WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from firmware_link.child import ChildError
+from tactable.control.requests import MOST_BYTES
+from tactable.control.server import ControlServer
+from tactable.page.security import LOOPBACK, AccessPolicy, new_token
+
+_LONGEST_MESSAGE = 64 * MOST_BYTES
+"""Beyond it the WebSocket is closed; up to it a message that is too long is answered."""
+_GRACE_S = 1
+
+
+class _Browser:
+    """The way back to one program in a browser."""
+
+    def __init__(self, socket_: WebSocket) -> None:
+        self._socket = socket_
+        self._lines: asyncio.Queue[bytes] = asyncio.Queue()
+        self._unread = 0
+
+    def send(self, line: bytes) -> None:
+        self._unread += len(line)
+        self._lines.put_nowait(line)
+
+    async def drain(self) -> None:
+        await self._lines.join()
+
+    def unread_bytes(self) -> int:
+        return self._unread
+
+    async def run(self) -> None:
+        """Send what waits, until cancelled or disconnected."""
+        while True:
+            line = await self._lines.get()
+            with contextlib.suppress(WebSocketDisconnect, RuntimeError):  # it is gone: the listener ends the talk
+                await self._socket.send_text(line.decode().rstrip("\n"))
+            self._unread -= len(line)
+            self._lines.task_done()
+
+    async def messages(self) -> AsyncIterator[bytes]:
+        """What the browser sends, until it disconnects."""
+        while (message := await self._socket.receive())["type"] != "websocket.disconnect":
+            text = message.get("text")
+            yield message.get("bytes") or b"" if text is None else text.encode(errors="surrogatepass")
+
+
+class WebControl:
+    """The WebSocket of one control server; port 0 takes any free one. Raises ChildError for a port that is taken."""
+
+    def __init__(self, server: ControlServer, port: int) -> None:
+        self._server = server
+        self._listening = socket.socket()
+        self._listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            self._listening.bind((LOOPBACK[0], port))
+            self._listening.listen()
+        except OSError as error:
+            self._listening.close()
+            raise ChildError(f"port {port}: no WebSocket can be served there ({error}): choose another one") from error
+        self._access = AccessPolicy(LOOPBACK[0], self._listening.getsockname()[1], new_token())
+        app = Starlette(routes=[WebSocketRoute("/{token}/control", self._talk)])
+        config = uvicorn.Config(
+            app,
+            ws="websockets-sansio",
+            loop="asyncio",
+            lifespan="off",
+            ws_max_size=_LONGEST_MESSAGE,
+            ws_per_message_deflate=False,
+            log_level="error",
+            access_log=False,  # the token is in every path
+            timeout_graceful_shutdown=_GRACE_S,
+        )
+        self._uvicorn = uvicorn.Server(config)
+
+    @property
+    def address(self) -> str:
+        """What a program connects to."""
+        return f"ws://{self._access.host}:{self._access.port}/{self._access.token}/control"
+
+    async def run(self) -> None:
+        """Serve until `end`."""
+        await self._uvicorn.serve(sockets=[self._listening])
+
+    def end(self) -> None:
+        """Disconnect all programs and stop."""
+        self._uvicorn.should_exit = True
+
+    async def _talk(self, socket_: WebSocket) -> None:
+        host, token = socket_.headers.get("host"), socket_.path_params["token"]
+        if not self._access.admits_host(host) or not self._access.knows(token):
+            await socket_.close()  # before it is accepted: 403
+            return
+        await socket_.accept()
+        browser = _Browser(socket_)
+        sending = asyncio.create_task(browser.run())
+        try:
+            await self._server.converse(browser.messages(), browser)
+        finally:
+            sending.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await sending

@@ -1,0 +1,119 @@
+"""Sends random and hostile messages to the control channel of a real run: nothing but answers, and the run goes on.
+
+    python -m tests.studies.control_fuzz --messages 100000 --seed 1
+
+A finger taps meanwhile, five times a second. Each line must get one answer; at the end the run must have lost nothing
+and answer an honest program. Prints what was sent, done and refused.
+"""
+
+import argparse
+import json
+import random
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+from engine.touch.sources.recording import write_recording
+from firmware_link.emulator.process import run_emulator
+from tactable.control.client import connect
+from tactable.shipped import find_device
+from tests.engine.made_entries import entry_of, felt_states
+from tests.engine.made_table import write_table
+from tests.tactable.control.messages import HELLO, hostile_line
+from tests.tactable.rig.strokes import Stroke, make_recording
+
+DEVICE = find_device("reference-a")
+PROGRAMS = 4
+BATCH = 50
+TAPS = 2_000
+
+
+class Program:
+    """One connection, which sends lines by the batch and counts the answers to each."""
+
+    def __init__(self, path: Path) -> None:
+        self._socket = socket.socket(socket.AF_UNIX)
+        self._socket.connect(str(path))
+        self._socket.settimeout(60.0)
+        self._received = b""
+        self.answers: Counter[str] = Counter()
+        self.send([json.dumps(HELLO | {"lease": "60 s"}).encode()])
+
+    def send(self, lines: list[bytes]) -> None:
+        """Send lines and wait for one answer to each."""
+        self._socket.sendall(b"\n".join(lines) + b"\n")
+        missing = len(lines)
+        while missing:
+            data = self._socket.recv(1 << 20)
+            assert data, "the run has hung up"
+            *whole, self._received = (self._received + data).split(b"\n")
+            for line in whole:
+                document = json.loads(line)
+                if "event" in document:
+                    self.answers[f"event: {document['event']}"] += 1
+                    continue
+                missing -= 1
+                self.answers["done" if document["ok"] else "refused"] += 1
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def fuzz(messages: int, seed: int) -> dict[str, object]:
+    """Send the messages to a run of its own; what came back. Raises AssertionError."""
+    random_ = random.Random(seed)
+    with tempfile.TemporaryDirectory() as name, run_emulator() as emulator:
+        folder = Path(name)
+        write_table(folder / "bar.nc", DEVICE, [entry_of(DEVICE, felt_states(DEVICE)[0])], response=0.05)
+        strokes = tuple(Stroke(0.2 * tap, 0.2 * tap + 0.1, 0.1 + 0.2 * (tap % 5), 0.1) for tap in range(TAPS))
+        write_recording(make_recording(strokes), folder / "taps.hid")
+        path = folder / "control.sock"
+        words = ["run", "bar.nc", "--touch", "taps.hid", "--port", emulator.port, "--reconnect", "--json"]
+        command = [str(Path(sys.executable).parent / "tactable"), *words, "--control", "--control-socket", str(path)]
+        with subprocess.Popen(command, cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as run:
+            assert run.stderr is not None
+            while "Ctrl-C ends" not in (said := run.stderr.readline()):
+                assert said and run.poll() is None, said
+            start_s = time.monotonic()
+            programs = [Program(path) for _ in range(PROGRAMS)]
+            for batch in range(messages // BATCH):
+                programs[batch % PROGRAMS].send([hostile_line(random_) for _ in range(BATCH)])
+            duration_s = time.monotonic() - start_s
+            with connect(path) as honest:
+                honest.ping()
+            for program in programs:
+                program.close()
+            run.send_signal(signal.SIGINT)
+            told, said = run.communicate(timeout=60.0)
+            assert run.returncode == 0, said
+        summary = json.loads(told)
+        assert summary["losses_of_the_port"] == 0 and summary["digitizer"]["lost_frames"] == 0
+        assert summary["commands_mispredicted"] == 0
+        answers = sum((program.answers for program in programs), Counter[str]())
+        assert answers["done"] + answers["refused"] == BATCH * (messages // BATCH) + PROGRAMS
+        return {
+            "seed": seed,
+            "messages": messages,
+            "seconds": round(duration_s, 1),
+            **answers,
+            "control_steps": summary["control_steps"],
+            "reports": summary["reports"],
+        }
+
+
+def main() -> None:
+    """Read the options, fuzz, and print the counts."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--messages", type=int, default=100_000)
+    options.add_argument("--seed", type=int, default=1)
+    asked = options.parse_args()
+    print(json.dumps(fuzz(asked.messages, asked.seed), indent=2))
+
+
+if __name__ == "__main__":
+    main()

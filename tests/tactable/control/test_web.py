@@ -1,0 +1,78 @@
+"""The control channel as a WebSocket: the token and the Host decide who may speak, and all that is said is answered."""
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+
+import pytest
+import websockets
+from websockets.asyncio.client import connect
+from websockets.typing import Origin
+
+from firmware_link.child import ChildError
+from tactable.control.scene import Scene
+from tactable.control.server import ControlServer
+from tactable.control.web import WebControl
+from tactable.shipped import find_device, named_effects
+from tests.tactable.control.messages import HELLO, VALID
+from tests.tactable.control.test_scene import BASE
+from tests.tactable.control.test_server import FINGERS, Loop
+
+
+def run(act: Callable[[WebControl, ControlServer, Loop], Awaitable[None]]) -> None:
+    async def started() -> None:
+        loop = Loop()
+        scene = Scene(BASE, named_effects())
+        server = ControlServer(scene, find_device("reference-a"), loop.take, lambda: FINGERS)
+        web = WebControl(server, 0)
+        serving = asyncio.create_task(web.run())
+        try:
+            await act(web, server, loop)
+        finally:
+            web.end()
+            await serving
+
+    asyncio.run(started())
+
+
+def test_a_page_says_what_its_buttons_feel_like_and_loses_them_when_it_closes() -> None:
+    async def act(web: WebControl, server: ControlServer, loop: Loop) -> None:
+        async with connect(web.address, origin=Origin("null")) as page:
+            answers = []
+            for message in (HELLO, VALID[1], {"type": "subscribe", "to": ["touches"]}, {"type": "nonsense"}):
+                await page.send(json.dumps(message))
+                answers.append(json.loads(await page.recv()))
+            assert [each["ok"] for each in answers] == [True, True, True, False]
+            assert list(server.scene.regions) == ["ok"]
+            server.publish([{"event": "touches", "time_ns": 1, "fingers": FINGERS}])
+            assert json.loads(await page.recv())["fingers"] == FINGERS
+            await page.send(b"\xff")
+            assert json.loads(await page.recv())["ok"] is False
+        while server.scene.regions or len(loop.steps) < 2:
+            await asyncio.sleep(0.01)
+
+    run(act)
+
+
+@pytest.mark.parametrize("wrong", ["token", "host"])
+def test_without_the_token_or_by_a_foreign_name_nobody_speaks(wrong: str) -> None:
+    async def act(web: WebControl, server: ControlServer, _loop: Loop) -> None:
+        port = int(web.address.split(":")[2].split("/")[0])
+        address = web.address.replace("/control", "x/control")
+        if wrong == "host":
+            address = web.address.replace("127.0.0.1", "foreign.example")
+        with pytest.raises(websockets.exceptions.InvalidStatus, match="403"):
+            async with connect(address, host="127.0.0.1", port=port):
+                pass
+        assert not server.has_listeners
+
+    run(act)
+
+
+def test_a_port_that_is_taken_is_named() -> None:
+    async def act(web: WebControl, server: ControlServer, _loop: Loop) -> None:
+        taken = int(web.address.split(":")[2].split("/")[0])
+        with pytest.raises(ChildError, match=f"port {taken}: .*choose another"):
+            WebControl(server, taken)
+
+    run(act)
