@@ -19,7 +19,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Protocol
@@ -324,7 +324,8 @@ class _Started:
         try:
             status = self._said.get(timeout=after_s)
         except Empty:
-            os.kill(child, signal.SIGKILL)
+            with suppress(ProcessLookupError):  # it ended at this very instant
+                os.kill(child, signal.SIGKILL)
             status = self._said.get(timeout=_GONE_S)
         _wait_for_group(child)
         assert status in (0, -signal.SIGKILL)
