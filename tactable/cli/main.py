@@ -67,6 +67,9 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
                 "measure:measure", "Drive the bar and record its responses along it, for calibrate and build."
             ),
             "calibrate": Entry("calibrate:calibrate", "Fit a device to measured accelerations."),
+            "verify": Entry(
+                "verify:verify", "Play drives and clicks of a table, and compare a sensor with the promise."
+            ),
             "bench": Entry("", "Measure speed on this machine, against floors measured beside it."),
         },
     },

@@ -22,6 +22,7 @@ from tactable.shipped import find_device
 
 if TYPE_CHECKING:
     from engine.device import Device
+    from firmware_link.protocol.basis import Basis
     from tactable.measure.apparatus import Apparatus, ApparatusOptions
     from tactable.measure.gravity import GravityCheck
     from tactable.measure.sensor import SensorForm
@@ -80,6 +81,8 @@ def measure(
     demands it. The samples are kept in the folder OUTPUT.raw, and the same command continues after an interruption.
     Exit status 3: some readings stayed spoiled. It has never been run on hardware.
     """
+    from threadpoolctl import threadpool_limits
+
     from engine.plain import to_plain
     from precompute.measurements.file import check_ending
     from tactable.measure.apparatus import open_apparatus
@@ -94,7 +97,8 @@ def measure(
     simulated = (flaws, change, seed)
     chosen = apparatus_options(device, port_name, sensor_path, options.most, bit_rate_hz, mass_kg, simulated, gravity)
     checked = None
-    with open_apparatus(device, chosen, _ask) as apparatus:
+    # Unlimited BLAS is slower than one thread for windows of this size, and 100 times slower on a busy machine.
+    with threadpool_limits(1, "blas"), open_apparatus(device, chosen, ask) as apparatus:
         form = apparatus.sensor.form
         settings = to_plain({"form": form, "options": options, "mass_kg": mass_kg, "flaws": chosen.flaws})
         raw = RawFolder(output[0].with_name(f"{output[0].name}.raw"), device, walk, settings | {"seed": seed})
@@ -130,6 +134,7 @@ def apparatus_options(
     sensor_mass_kg: float,
     simulated: tuple[str, list[str] | None, int],
     has_gravity: bool = False,
+    clicks: "Basis | None" = None,
 ) -> "ApparatusOptions":
     """The apparatus of the options; simulated: its flaws, its changes of the bar and its seed. Raises OptionError."""
     from tactable.measure.apparatus import ApparatusOptions
@@ -138,7 +143,9 @@ def apparatus_options(
     flaws, change, seed = simulated
     found = replace(ConverterFlaws.parse(flaws), has_gravity=has_gravity)
     changes = read_changes(change, device)
-    options = ApparatusOptions(port_name, sensor_path, most, bit_rate_hz, sensor_mass_kg, found, changes, seed)
+    options = ApparatusOptions(
+        port_name, sensor_path, most, bit_rate_hz, sensor_mass_kg, found, changes, seed, clicks=clicks
+    )
     if options.is_simulated:
         remark(f"{device.name}, SIMULATED: firmware, bar and sensor, in virtual time")
     elif flaws or change:
@@ -215,15 +222,20 @@ def read_grid(text: str) -> list[float] | None:
 
 def summary_of(device: "Device", records: "tuple[StopRecord, ...]") -> dict[str, Any]:
     """Counts, faults by name, and what is known of the converter."""
+    from tactable.measure.faults import Tolerance, find_late
+
     readings = [reading for record in records for reading in record.readings]
-    faults = [fault.name for reading in readings for fault in reading.faults]
     late = [record.latency_s for record in records if record.latency_s is not None]
+    faults = [fault.name for reading in readings for fault in reading.faults]
+    faults += [fault.name for fault in find_late(late, Tolerance())]
+    repeated = [fault.name for reading in readings for fault in reading.earlier]
     return {
         "device": device.name,
         "places": len(records),
         "readings": len(readings),
         "spoiled": sum(reading.is_spoiled for reading in readings),
         "faults": {name: faults.count(name) for name in sorted(set(faults))},
+        "repeated": {name: repeated.count(name) for name in sorted(set(repeated))},
         "seconds": sum(reading.seconds for reading in readings),
         "drift_ppm": 1e6 * readings[-1].drift,
         "latency_s": [min(late), max(late)] if late else None,
@@ -233,13 +245,15 @@ def summary_of(device: "Device", records: "tuple[StopRecord, ...]") -> dict[str,
     }
 
 
-def _ask(text: str) -> None:
+def ask(text: str) -> None:
+    """Tell a person what to do, and wait for Enter."""
     remark(text)
     input()
 
 
 def _tell(device: "Device", stop: "Stop", reading: "Reading") -> None:
     named = "".join(f"; {fault.name}" for fault in reading.faults)
+    named += f"; repeated for {', '.join(fault.name for fault in reading.earlier)}" if reading.earlier else ""
     say(
         f"{1e3 * stop.position_m:6.1f} mm  {device.actuators[reading.actuator].name} {reading.frequency_hz:g} Hz at "
         f"{100 * reading.amplitude:.3g} %: {abs(reading.acceleration):.3g} m/s^2, coherence {reading.coherence:.4f}, "
@@ -261,5 +275,9 @@ def _print_summary(summary: dict[str, Any]) -> None:
         f"{summary['noise_m_per_s2']:.2g} m/s^2, hum {summary['hum_m_per_s2']:.2g} m/s^2"
     )
     for name, count in summary["faults"].items():
-        say(f"{count} readings: {Fault[name].value}")
+        of = "" if Fault[name] is Fault.LATENCY else f"{count} readings: "
+        say(f"{of}{Fault[name].value}")
+    if summary["repeated"]:
+        counts = ", ".join(f"{count} for {name}" for name, count in summary["repeated"].items())
+        say(f"repeated readings: {counts}")
     say(f"written: {', '.join(summary['output'])}; samples in {summary['raw']}")

@@ -8,6 +8,7 @@ from pathlib import Path
 from engine.device import Device
 from engine.loop import SystemClock
 from firmware_link.host.serial_port import SerialPort
+from firmware_link.protocol.basis import Basis
 from precompute.measurements.parameters import with_changes
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.sample_stream import SampleStream
@@ -32,6 +33,10 @@ class ApparatusOptions:
     flaws: ConverterFlaws = field(default_factory=ConverterFlaws)
     changes: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
+    is_fine: bool = False
+    """Whether the simulated bar has so many modes and samples that it errs by less than 0.001 dB."""
+    clicks: Basis | None = None
+    """The basis of clicks that the board is to hold."""
 
     @property
     def is_simulated(self) -> bool:
@@ -60,9 +65,14 @@ def open_apparatus(device: Device, options: ApparatusOptions, ask: Callable[[str
     most = [options.most] * len(device.actuators)
     if options.is_simulated:
         true = with_changes(device, options.changes)
-        bench = SimulatedBench(true, options.flaws, options.seed, options.sensor_mass_kg, board=device)
+        bench = SimulatedBench(
+            true, options.flaws, options.seed, options.sensor_mass_kg, board=device, is_fine=options.is_fine
+        )
         yield Apparatus(
-            SimulatedSensor(bench), lambda: DrivenDevice(device, bench, bench, most), bench.place, bench.turn_over
+            SimulatedSensor(bench),
+            lambda: DrivenDevice(device, bench, bench, most, clicks=options.clicks),
+            bench.place,
+            bench.turn_over,
         )
         return
     with (
@@ -71,7 +81,7 @@ def open_apparatus(device: Device, options: ApparatusOptions, ask: Callable[[str
     ):
         yield Apparatus(
             stream,
-            lambda: DrivenDevice(device, port, SystemClock(), most, options.bit_rate_hz),
+            lambda: DrivenDevice(device, port, SystemClock(), most, options.bit_rate_hz, options.clicks),
             lambda position_m: ask(f"sensor to {1e3 * position_m:.1f} mm, then Enter"),
             lambda: ask("turn the sensor over, then Enter"),
         )

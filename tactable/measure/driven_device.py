@@ -16,10 +16,12 @@ from engine.device import Device
 from engine.loop import Clock, connect
 from engine.render import Drive, link_configuration
 from engine.render.board_fit import fit_board
+from engine.render.chosen_basis import choose_basis, scaled
 from firmware_link.emulator import BOARD_EMULATED
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Event, FaultReceived, LinkConfiguration, LinkState, StatusReceived
 from firmware_link.host.session import Port, Session
+from firmware_link.protocol.basis import Basis
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.messages import encode_drive
 
@@ -35,7 +37,13 @@ class DrivenDevice:
     """
 
     def __init__(
-        self, device: Device, port: Port, clock: Clock, most: Sequence[float], bit_rate_hz: int = 115_200
+        self,
+        device: Device,
+        port: Port,
+        clock: Clock,
+        most: Sequence[float],
+        bit_rate_hz: int = 115_200,
+        clicks: Basis | None = None,
     ) -> None:
         self.clock, self._device = clock, device
         self.session = Session(Link(_limited(device, bit_rate_hz, None, most)), port, clock.now_ns)
@@ -43,8 +51,12 @@ class DrivenDevice:
         """Device time at which the board applied the last drive; None until STATUS has said so."""
         self.capabilities = connect(self.session, clock)
         self.fit = fit_board(device, self.capabilities)
-        if set(self.fit.scales) != {1.0}:
-            self.session.link.reconfigure(_limited(device, bit_rate_hz, self.fit.scales, most))
+        configuration = _limited(device, bit_rate_hz, self.fit.scales, most)
+        basis = choose_basis(clicks, self.capabilities, bit_rate_hz, configuration.lease_ms)
+        self.basis = scaled(basis, self.fit.scales)
+        """The functions of `clicks` that the board plays."""
+        if set(self.fit.scales) != {1.0} or self.basis.basis is not None:
+            self.session.link.reconfigure(replace(configuration, basis=self.basis.basis))
             connect(self.session, clock)
 
     @property

@@ -1,5 +1,6 @@
 """What spoils a reading, named: clipping, noise, hum, lost samples, a clock that drifts, a bar that is not steady."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -25,7 +26,7 @@ class Fault(Enum):
     NO_SIGNAL = "no signal: neither sensor nor loopback shows the tone; check wiring, sensor and amplifier"
     GAIN = "gain: gravity does not read as 9.81 m/s^2; correct the scale of the channel"
     OFFSET = "offset: the sensor reads an acceleration at rest; harmless to responses, but it takes from the range"
-    LATENCY = "latency: samples come late; the loopback takes it out of responses"
+    LATENCY = "latency: samples come late, or differ from start to start; the loopback takes it out of responses"
 
 
 SPOILING = (Fault.CLIPPING, Fault.NOISE, Fault.HUM, Fault.LOST_SAMPLES, Fault.NOT_STEADY, Fault.NO_SIGNAL)
@@ -40,7 +41,7 @@ class Tolerance:
     judged by the hum of the bar at rest. drift: of the clock, from which on it is told.
     """
 
-    error: float = 0.01
+    error: float = 0.02
     hum: float = 1.0
     beside: float = 0.01
     distortion: float = 0.1
@@ -50,7 +51,9 @@ class Tolerance:
     phase_step_rad: float = 0.05
     gain: float = 0.01
     offset_m_per_s2: float = 0.5
-    latency_s: float = 0.002
+    latency_s: float = 0.02
+    jitter_s: float = 0.004
+    """Between starts; a block of samples is about half as long."""
 
 
 def is_clipped(values: Array, form: SensorForm, tolerance: Tolerance) -> bool:
@@ -83,10 +86,20 @@ def find_faults(
     if fit.phase_step_rad(steady) > tolerance.phase_step_rad and fit.error(steady) > tolerance.error / 2:
         found.append(Fault.LOST_SAMPLES)
     beside = is_beside_hum(fit.frequency_hz, fit.duration_s) and hum_at_rest > tolerance.beside * size
-    if beside or fit.hum[channel] > tolerance.hum * size:
+    # Hum that the window tells from the tone is taken out by the fit; it spoils only what scatters.
+    is_loud = fit.hum[channel] > tolerance.hum * size and fit.error(channel) > tolerance.error
+    if beside or is_loud:
         found.append(Fault.HUM)
     if fit.error(channel) > tolerance.error and Fault.LOST_SAMPLES not in found:
         found.append(Fault.NOISE)
     if fit.distortion[channel] > tolerance.distortion * size and Fault.NOISE not in found:
         found.append(Fault.DISTORTION)
     return tuple(found)
+
+
+def find_late(latencies_s: Sequence[float], tolerance: Tolerance) -> tuple[Fault, ...]:
+    """LATENCY where samples come late, or later at one start than at another."""
+    if not latencies_s:
+        return ()
+    is_late = max(latencies_s) > tolerance.latency_s
+    return (Fault.LATENCY,) if is_late or max(latencies_s) - min(latencies_s) > tolerance.jitter_s else ()

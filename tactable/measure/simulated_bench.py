@@ -28,7 +28,7 @@ GRAVITY_M_PER_S2 = 9.80665
 _LINE_NS = 300_000
 _MOVING_NS = 500_000_000
 _BLOCK_S = 0.05
-_PLANT_SAMPLES = 3
+_PLANT_SAMPLES, _FINE_SAMPLES, _FINE_MODES = 3, 6, 96
 """Samples of the plant in one of the converter: straight lines at 24 kHz cost 5e-4 of a tone of 300 Hz, 0.005 dB."""
 _NS_PER_S = 1_000_000_000
 _US_PER_S = 1e6
@@ -104,6 +104,7 @@ class SimulatedBench:
         sample_rate_hz: float = 8_000.0,
         board: Device | None = None,
         has_loopback: bool = True,
+        is_fine: bool = False,
     ) -> None:
         self._device, self._flaws, self._random = true, flaws, np.random.default_rng(seed)
         self._sensor_mass_kg = sensor_mass_kg
@@ -115,7 +116,9 @@ class SimulatedBench:
         clips_at = (flaws.clips_at_m_per_s2, *(math.inf for _ in loopbacks))
         self.form = SensorForm(sample_rate_hz, (ACCELERATION, *loopbacks), clips_at, is_simulated=True)
         self._true_rate_hz = sample_rate_hz * (1 + flaws.drift)
-        self._plant = TransientPlant(compute_basis(assemble(true)), np.zeros(1), self._true_rate_hz * _PLANT_SAMPLES)
+        self._plant_samples = _FINE_SAMPLES if is_fine else _PLANT_SAMPLES
+        basis = compute_basis(assemble(true), _FINE_MODES if is_fine else None)
+        self._plant = TransientPlant(basis, np.zeros(1), self._true_rate_hz * self._plant_samples)
         self._synthesis, self._taken_events = Synthesis(), 0
         self.time_ns = 1_000 * 1_000_000
         self._to_device: list[tuple[int, bytes]] = []
@@ -246,7 +249,7 @@ class SimulatedBench:
             drive = np.zeros((len(drive), len(self._device.actuators)))
         index = math.ceil(start_us * rate_hz / _US_PER_S) + np.arange(len(drive))
         acceleration = self._plant.accelerate(drive)[:, 0]
-        kept = index % _PLANT_SAMPLES == 0
+        kept = index % self._plant_samples == 0
         time_s = index[kept] / rate_hz
         out = acceleration[kept] * (-1.0 if self.is_turned_over else 1.0)
         out = out + flaws.has_gravity * GRAVITY_M_PER_S2 * (-1.0 if self.is_turned_over else 1.0)

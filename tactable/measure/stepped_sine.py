@@ -20,12 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
+from firmware_link.protocol.basis import EncodedClick
 from firmware_link.protocol.errors import LinkError
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis, compute_modal_model
 from tactable.measure.asked_drive import AskedDrive, check_drive
 from tactable.measure.driven_device import DrivenDevice
-from tactable.measure.faults import SPOILING, Fault, Tolerance, find_faults
+from tactable.measure.faults import SPOILING, Fault, Tolerance, find_faults, is_clipped
 from tactable.measure.recorder import Recorder
 from tactable.measure.sensor import Sensor, SensorError
 from tactable.measure.tone_fit import ToneFit, fit_tone
@@ -82,6 +83,8 @@ class Reading:
     seconds: float
     attempts: int
     faults: tuple[Fault, ...]
+    earlier: tuple[Fault, ...] = ()
+    """Faults for which it was repeated."""
 
     @property
     def is_spoiled(self) -> bool:
@@ -99,6 +102,8 @@ class SteppedSine:
         self._amplitude = options.least
         self._rest = AtRest(0.0, 0.0, 0.0)
         self._drift = 0.0
+        self.channel = self._form.acceleration
+        """Index of the channel of the acceleration."""
         self.rearmed = 0
         """How often the board had stopped itself and was armed again."""
 
@@ -140,9 +145,11 @@ class SteppedSine:
         Raises SensorError where no samples come, LinkError where the board cannot be armed again.
         """
         options, start_ns, attempts, is_done, windows = self._options, self._driven.clock.now_ns(), 0, False, 2
+        earlier = dict[Fault, None]()
         while not is_done:
             attempts, amplitude = attempts + 1, self._amplitude
-            fit, values, faults = self._hold(actuator, frequency_hz, amplitude, windows)
+            asked = AskedDrive.of_one(self._device, actuator, frequency_hz, amplitude)
+            fit, values, faults = self.hold(asked, windows)
             self._amplitude = self._next_amplitude(amplitude, faults)
             if Fault.NOISE in faults and self._amplitude == amplitude:
                 windows *= 2
@@ -151,6 +158,8 @@ class SteppedSine:
             is_done = attempts == options.attempts or not spoiled - (
                 {Fault.HUM} if amplitude == options.most else set()
             )
+            if not is_done:
+                earlier |= dict.fromkeys(fault for fault in faults if fault in SPOILING)
         channel, reference = self._form.acceleration, self._reference(actuator)
         if reference is None:
             acceleration, coherence = complex(abs(fit.phasor[channel])), 1.0
@@ -167,6 +176,7 @@ class SteppedSine:
             seconds=(self._driven.clock.now_ns() - start_ns) / _NS_PER_S,
             attempts=attempts,
             faults=faults,
+            earlier=tuple(earlier),
         )
         return reading, values
 
@@ -178,24 +188,25 @@ class SteppedSine:
             return min(self._options.most, amplitude * STEP_OF_LEVEL)
         return amplitude
 
-    def _hold(
-        self, actuator: int, frequency_hz: float, amplitude: float, windows: int
-    ) -> tuple[ToneFit, Array, tuple[Fault, ...]]:
-        """Hold a tone until it is steady: its fit, its samples and its faults; a board that stopped is armed again."""
+    def hold(self, asked: AskedDrive, windows: int = 2) -> tuple[ToneFit, Array, tuple[Fault, ...]]:
+        """Hold a drive of one frequency until the bar is steady: its fit, its samples (sample, channel), its faults.
+
+        A board that stopped itself is armed again. Raises as `read`.
+        """
         while True:
             try:
-                return self._hold_once(actuator, frequency_hz, amplitude, windows)
+                return self._hold_once(asked, windows)
             except LinkError:
                 self.rearmed += 1
                 if self.rearmed > _REARMED:
                     raise
                 self._driven.arm_again()
 
-    def _hold_once(
-        self, actuator: int, frequency_hz: float, amplitude: float, windows: int
-    ) -> tuple[ToneFit, Array, tuple[Fault, ...]]:
-        options, driven, hz = self._options, self._driven, self._played_hz(frequency_hz)
-        driven.play(check_drive(AskedDrive.of_one(self._device, actuator, frequency_hz, amplitude), self._device))
+    def _hold_once(self, asked: AskedDrive, windows: int) -> tuple[ToneFit, Array, tuple[Fault, ...]]:
+        options, driven = self._options, self._driven
+        actuator = int(np.argmax(asked.amplitudes))
+        hz = self._played_hz(asked.frequencies_hz[actuator])
+        driven.play(check_drive(asked, self._device))
         driven.wait(driven.clock.now_ns() + int(_LATE_S * _NS_PER_S))
         self._recorder.drop()
         before, last = self._recorder.take(options.window_s), self._recorder.take(options.window_s)
@@ -205,6 +216,19 @@ class SteppedSine:
             waited_s += options.window_s
         more = [self._recorder.take(options.window_s) for _ in range(windows - 2)]
         return self._judge(np.concatenate([before, last, *more]), hz, actuator, is_steady)
+
+    def hit(self, click: EncodedClick, length_s: float) -> tuple[Array, bool]:
+        """Play a click from rest: acceleration (sample,) from before its beginning to `length_s` after, less its mean.
+
+        The second: whether samples clipped. Raises as `read`.
+        """
+        self._driven.silence()
+        self._driven.wait(self._driven.clock.now_ns() + int(self._options.longest_settling_s / 3 * _NS_PER_S))
+        self._recorder.drop()
+        self._driven.session.link.set_play(click)
+        values = _known(self._recorder.take(length_s + 2 * _LATE_S))
+        acceleration = values[:, self._form.acceleration]
+        return acceleration - np.median(acceleration), is_clipped(values, self._form, self._options.tolerance)
 
     def _is_steady(self, before: Array, last: Array, hz: float, actuator: int) -> bool:
         """Whether what is still to come after two windows is small beside the tone, or beside the noise."""

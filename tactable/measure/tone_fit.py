@@ -23,6 +23,8 @@ PARTS = 8
 MAINS_HZ = (50.0, 60.0)
 _HUM_LINES = 5
 _HARMONICS = (2, 3)
+_STANDS_OUT = 5.0
+"""Standard errors of a line's amplitude: of ten lines one is by chance that great in 10 000 windows."""
 _RESOLVED = 1.2
 """Periods of the window by which two lines must differ to be told apart."""
 
@@ -32,8 +34,8 @@ class ToneFit:
     """The tone in a window, by channel, as phasors of exp(j 2 pi f t) from the window's first sample.
 
     phasor (channel,); parts (part, channel): the same within each part of the window. hum (channel,): greatest
-    amplitude of a line of the mains. distortion (channel,): amplitude of the second and third harmonic. rest
-    (channel,): root mean square of what is left. mean (channel,).
+    amplitude of a line of the mains, 0 where noise alone could be as great. distortion (channel,): amplitude of the
+    second and third harmonic. rest (channel,): root mean square of what is left. mean (channel,).
     """
 
     frequency_hz: float
@@ -106,11 +108,17 @@ def fit_tone(values: Array, sample_rate_hz: float, frequency_hz: float) -> ToneF
         duration_s=duration_s,
         phasor=phasor,
         parts=parts,
-        hum=abs(lines[after:]).max(axis=0) if hum_hz else none,
+        hum=_above_noise(abs(lines[after:]).max(axis=0), rest, count) if hum_hz else none,
         distortion=np.sqrt((abs(lines[1:after]) ** 2).sum(axis=0)) if harmonics_hz else none,
         rest=np.sqrt((rest**2).mean(axis=0)),
         mean=solution[-1],
     )
+
+
+def _above_noise(amplitude: Array, rest: Array, count: int) -> Array:
+    """Amplitudes (channel,) of lines that stand out of the noise by more than chance, 0 for the others."""
+    floor = _STANDS_OUT * np.sqrt((rest**2).mean(axis=0) * 2 / count)
+    return np.where(amplitude > floor, amplitude, 0.0)
 
 
 def hum_lines(frequency_hz: float, duration_s: float, others_hz: list[float]) -> list[float]:

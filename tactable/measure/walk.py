@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 
 FREQUENCIES = 12
 PLACES = 8
+_CLEAR = 1.5  # windows; a reading has two or more, and a clock that drifts moves the tone a little
 _FORM = 1
 _IDENTITY = "measurement.json"
 
@@ -75,7 +76,7 @@ def default_frequencies(device: Device) -> list[float]:
     """Even frequencies over the sweep, each as near as it can be where no line of the mains is beside it."""
     low_hz, high_hz = device.sweep.start_hz, device.sweep.stop_hz
     grid_hz = np.arange(math.ceil(2 * low_hz), math.floor(2 * high_hz) + 1) / 2
-    free_hz = grid_hz[[not is_beside_hum(hz, 2 * WINDOW_S) for hz in grid_hz]]
+    free_hz = grid_hz[[not is_beside_hum(hz, _CLEAR * WINDOW_S) for hz in grid_hz]]
     even_hz = np.linspace(low_hz, high_hz, FREQUENCIES)
     return sorted({float(free_hz[abs(free_hz - hz).argmin()]) for hz in even_hz})
 
@@ -212,6 +213,7 @@ def _record_json(record: StopRecord) -> dict[str, Any]:
         | {
             "acceleration": [reading.acceleration.real, reading.acceleration.imag],
             "faults": [fault.name for fault in reading.faults],
+            "earlier": [fault.name for fault in reading.earlier],
         }
         for reading in record.readings
     ]
@@ -225,6 +227,7 @@ def _record_of(values: dict[str, Any]) -> StopRecord:
             | {
                 "acceleration": complex(*each["acceleration"]),
                 "faults": tuple(Fault[name] for name in each["faults"]),
+                "earlier": tuple(Fault[name] for name in each["earlier"]),
             }
         )
         for each in values["readings"]

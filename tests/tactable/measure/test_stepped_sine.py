@@ -77,13 +77,13 @@ def test_a_flaw_is_named_by_the_reading_that_it_spoils(flaws: str, hz: float, fa
 
 def test_the_level_rises_only_where_noise_demands_it_and_never_above_the_greatest() -> None:
     options = SteppedSineOptions(most=0.3)
-    bench = bench_of("noise=0.3m/s^2")
+    bench = bench_of("noise=1m/s^2")
     reading = read(bench, 0, 170, options)
     assert reading.amplitude == pytest.approx(0.3)
     amplitudes = [event.channels[0].amplitude for event in bench.firmware.drive_log]
     assert amplitudes[0] == pytest.approx(0.05, abs=1e-4)
     assert max(amplitudes) <= 0.3 + 1e-4
-    assert abs(20 * np.log10(abs(reading.acceleration / true_response(reading)))) < 0.3
+    assert abs(20 * np.log10(abs(reading.acceleration / true_response(reading)))) < 0.6
 
 
 def test_a_reading_that_clips_is_taken_again_at_a_third() -> None:

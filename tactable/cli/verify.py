@@ -1,0 +1,161 @@
+"""Command `verify`: play what a table holds, and compare what a sensor reads with what the table promises."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tactable.cli.console import EXIT_DOUBTFUL, OUT, note, print_json, say
+from tactable.cli.measure import FlawsText, PortName, Seed, SensorPath, apparatus_options, ask
+from tactable.cli.options import (
+    AsJson,
+    BitRate,
+    Change,
+    Level,
+    OptionError,
+    SensorMass,
+    TableArgument,
+    read_level,
+    read_option,
+)
+
+if TYPE_CHECKING:
+    from engine.table import Table
+    from tactable.measure.verify import Point
+
+
+_VERDICTS = {
+    "kept": "the bar keeps the promise",
+    "beyond": "the bar does not keep the promise",
+    "not compared": "every reading is spoiled",
+}
+
+
+def verify(
+    table_path: TableArgument,
+    port_name: PortName,
+    sensor_path: SensorPath,
+    places: Annotated[int, typer.Option(min=1, max=100, help="Even places of the sensor along the bar.")] = 4,
+    placements: Annotated[int, typer.Option(min=1, max=100, help="Random placements of two fingers.")] = 5,
+    level: Level = "20",
+    sensor_mass: SensorMass = "2 g",
+    figure: Annotated[Path | None, typer.Option("--figure", help="A picture: .png, .svg or .pdf.")] = None,
+    csv: Annotated[Path | None, typer.Option("--csv", help="The data as CSV, units in the header.")] = None,
+    flaws: FlawsText = "",
+    change: Change = None,
+    seed: Seed = 0,
+    bit_rate_hz: BitRate = 115_200,
+    as_json: AsJson = False,
+) -> None:
+    """Play drives and clicks of a table, and compare a sensor with the promise.
+
+    Steady drives and clicks of random placements are played on the untouched bar, and read point by point. The promise
+    is an interval over the bars that the table holds for possible. Exit status 3: more than a tenth of the points are
+    beyond it. It has never been run on hardware.
+    """
+    from threadpoolctl import threadpool_limits
+
+    from engine.table import Table
+    from precompute.measurements.simulate import even_places
+    from precompute.studies.anywhere import Anywhere, random_placements
+    from tactable.figures.file import check_paths
+    from tactable.measure.apparatus import open_apparatus
+    from tactable.measure.stepped_sine import SteppedSineOptions
+    from tactable.measure.verify import MOST_OUTSIDE, plan_played, verify_table
+
+    if figure is not None:
+        check_paths(figure, csv)
+    elif csv is not None:
+        raise OptionError("--csv goes with --figure; give a picture too")
+    mass_kg, level_db = read_option("--sensor-mass", sensor_mass, "kg"), read_level(level)
+    with Table.open(table_path) as table, threadpool_limits(1, "blas"):
+        device = table.device
+        most, basis = device.limits.amplitude, table.clicks.basis if table.clicks else None
+        simulated = (flaws, change, seed)
+        chosen = apparatus_options(device, port_name, sensor_path, most, bit_rate_hz, mass_kg, simulated, clicks=basis)
+        played = plan_played(table, random_placements(device, Anywhere(placements=placements, seed=seed + 1)), level_db)
+        with open_apparatus(device, chosen, ask) as apparatus:
+            options, where = SteppedSineOptions(), even_places(device, places).tolist()
+            points = verify_table(table, played, where, apparatus, options, mass_kg)
+            is_simulated = apparatus.sensor.form.is_simulated
+    summary = summary_of(table, points, is_simulated)
+    is_beyond = summary["outside"] > MOST_OUTSIDE * max(1, summary["compared"])
+    summary["verdict"] = "not compared" if not summary["compared"] else "beyond" if is_beyond else "kept"
+    if figure is not None:
+        _draw(summary, points, figure, csv)
+    if as_json:
+        print_json(summary)
+    else:
+        _print(summary)
+    if summary["verdict"] != "kept":
+        raise typer.Exit(EXIT_DOUBTFUL)
+
+
+def summary_of(table: "Table", points: "tuple[Point, ...]", is_simulated: bool) -> dict[str, Any]:
+    """Every point, and how many of those that could be compared are outside their intervals."""
+    return {
+        "table": str(table.path),
+        "device": table.device.name,
+        "simulated": is_simulated,
+        "compared": sum(not point.is_spoiled for point in points),
+        "outside": sum(point.is_outside for point in points),
+        "points": [
+            {
+                "kind": point.played.kind,
+                "finger_m": list(point.played.placement.position_m),
+                "is_felt": list(point.played.placement.is_felt),
+                "position_m": point.position_m,
+                "read_m_per_s2": point.read_m_per_s2,
+                "promised_m_per_s2": point.promised_m_per_s2,
+                "low_m_per_s2": point.low_m_per_s2,
+                "high_m_per_s2": point.high_m_per_s2,
+                "difference_db": 20 * math.log10(point.read_m_per_s2 / point.promised_m_per_s2),
+                "outside": point.is_outside,
+                "faults": [fault.name for fault in point.faults],
+            }
+            for point in points
+        ],
+    }
+
+
+def _print(summary: dict[str, Any]) -> None:
+    from rich.table import Table as Grid
+
+    grid = Grid("played", "sensor", "read", "promised", "interval", "")
+    for point in summary["points"]:
+        fingers = ", ".join(f"{1e3 * at_m:.0f}" for at_m in point["finger_m"])
+        grid.add_row(
+            f"{point['kind']} for {fingers} mm",
+            f"{1e3 * point['position_m']:.1f} mm",
+            f"{point['read_m_per_s2']:.3g} m/s^2",
+            f"{point['promised_m_per_s2']:.3g}",
+            f"{point['low_m_per_s2']:.3g} to {point['high_m_per_s2']:.3g}",
+            ", ".join(["OUTSIDE"] * point["outside"] + point["faults"]),
+        )
+    OUT.print(grid)
+    marked = " SIMULATED" if summary["simulated"] else ""
+    say(
+        f"{summary['device']}{marked}: {summary['outside']} of {summary['compared']} points beyond the promised "
+        f"interval: {_VERDICTS[summary['verdict']]}"
+    )
+    if summary["verdict"] == "beyond":
+        note("measure the bar and calibrate: it, the sensor or its scale is not what the table was made for")
+
+
+def _draw(summary: dict[str, Any], points: "tuple[Point, ...]", figure: Path, csv: Path | None) -> None:
+    import numpy as np
+
+    from tactable.figures.file import write_columns, write_picture
+    from tactable.figures.verify import plot_verification
+
+    shown = [point for point in summary["points"] if point["read_m_per_s2"] > 0]
+    keys = ("read_m_per_s2", "promised_m_per_s2", "low_m_per_s2", "high_m_per_s2")
+    read, promised, low, high = (np.array([point[key] for point in shown]) for key in keys)
+    marked = " SIMULATED" if summary["simulated"] else ""
+    title = f"{summary['device']}{marked}: {summary['outside']} of {len(points)} points beyond the promised interval"
+    is_outside = np.array([point["outside"] for point in shown], dtype=bool)
+    picture = plot_verification(title, [point["kind"] for point in shown], read, promised, low, high, is_outside)
+    write_picture(picture, figure)
+    if csv is not None:
+        write_columns(picture, csv)

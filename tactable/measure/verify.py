@@ -1,0 +1,173 @@
+"""A table's promise compared with what a sensor reads: steady drives and clicks of random placements, point by point.
+
+The untouched bar is compared, with the sensor's mass on it: fingers would load it by an amount that nobody knows. What
+is played is what a run would play for the placements. The promise at a point is an interval, the range over bars that
+the table holds for possible: those that its calibration leaves, or those within `[spread]`, each with the sensor up to
+about a millimetre beside its place. A reading adds its own error. A bar that the table describes leaves the interval at
+few points; more than MOST_OUTSIDE of them say that the bar, the sensor or the table is another.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device import Device, Finger
+from engine.table import ClickEntry, Table
+from engine.touch import Placement
+from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, encode_click
+from precompute.model.assembly import Plant, assemble
+from precompute.model.modal import compute_basis
+from precompute.model.response import solve_response
+from precompute.model.transient import TransientPlant
+from precompute.sampling.plants import sample_scenarios
+from tactable.measure.apparatus import Apparatus
+from tactable.measure.asked_drive import AskedDrive
+from tactable.measure.driven_device import DrivenDevice
+from tactable.measure.faults import SPOILING, Fault
+from tactable.measure.stepped_sine import SteppedSine, SteppedSineOptions
+
+Array = NDArray[np.float64]
+
+BARS = 40
+MOST_OUTSIDE = 0.1
+"""Share of the points that may lie outside: the range over 40 bars leaves 5 % of them outside by chance."""
+PLACE_M = 0.5e-3
+"""Standard deviation of the place of the sensor."""
+LEAST_M_PER_S2 = 0.02
+"""What a point is off at the least, by the noise of a sensor."""
+RING_S = 0.1
+_SEED = 20230247606
+_RATE_HZ = 24_000.0
+
+
+@dataclass(frozen=True)
+class Played:
+    """What is played at every place: a steady drive, or a click of the table."""
+
+    placement: Placement
+    asked: AskedDrive | None
+    click: ClickEntry | None
+
+    @property
+    def kind(self) -> str:
+        """The word drive or click."""
+        return "drive" if self.click is None else "click"
+
+
+@dataclass(frozen=True)
+class Point:
+    """One reading against its promise: peaks in m/s^2; low to high is the promised interval."""
+
+    played: Played
+    position_m: float
+    read_m_per_s2: float
+    promised_m_per_s2: float
+    low_m_per_s2: float
+    high_m_per_s2: float
+    faults: tuple[Fault, ...]
+
+    @property
+    def is_spoiled(self) -> bool:
+        """Whether a fault makes the reading wrong: it is not compared."""
+        return any(fault in SPOILING for fault in self.faults)
+
+    @property
+    def is_outside(self) -> bool:
+        """Whether the reading is beyond the promised interval."""
+        return not self.is_spoiled and not self.low_m_per_s2 <= self.read_m_per_s2 <= self.high_m_per_s2
+
+
+def plan_played(table: Table, placements: Sequence[Placement], level_db: float) -> tuple[Played, ...]:
+    """The steady drive of each placement at a level, and its click where the table has one."""
+    found = []
+    for placement in placements:
+        felt, quiet = ([placement.position_m[i] for i in which] for which in (placement.felt, placement.quiet))
+        drive = table.drive_for(felt, quiet, level_db)
+        asked = AskedDrive(drive.frequencies_hz, drive.amplitudes, drive.phases_rad)
+        found.append(Played(placement, asked, None))
+        click = table.click_at(placement, level_db) if table.clicks else None
+        if click is not None:
+            found.append(Played(placement, None, click))
+    return tuple(found)
+
+
+class PossibleBars:
+    """Bars that a table holds for possible, the nominal one first, with a sensor of a mass at a place."""
+
+    def __init__(self, device: Device, sensor_mass_kg: float, bars: int = BARS) -> None:
+        scenarios, random = sample_scenarios(device, bars, _SEED), np.random.default_rng(_SEED)
+        others = (scenarios.device_of(i) for i in range(1, len(scenarios)))
+        self._plants: list[Plant] = [assemble(each) for each in (device, *others)]
+        self._bases = [compute_basis(plant) for plant in self._plants]
+        self._off_m = np.concatenate([[0.0], PLACE_M * random.standard_normal(len(self._plants) - 1)])
+        self._sensor = Finger(mass_kg=sensor_mass_kg, damping_n_s_per_m=0.0, stiffness_n_per_m=0.0, spread=1.0)
+        self._length_m = device.bar.length_m
+
+    def peaks(self, played: Played, position_m: float) -> Array:
+        """Peak (bar,) at the sensor in m/s^2."""
+        places_m = np.clip(position_m + self._off_m, 0.0, self._length_m)
+        return np.array([self._peak(bar, played, float(place_m)) for bar, place_m in enumerate(places_m)])
+
+    def _peak(self, bar: int, played: Played, place_m: float) -> float:
+        place = np.array([place_m])
+        if played.asked is not None:
+            hz = np.array([played.asked.frequencies_hz[0]])
+            loaded = self._plants[bar].with_fingers([place_m], self._sensor)
+            unit = solve_response(loaded, hz).acceleration(place)[0, :, 0]
+            return float(abs(played.asked.phasors @ unit))
+        assert played.click is not None
+        click = played.click
+        plant = TransientPlant(self._bases[bar], place, _RATE_HZ)
+        plant.touch([(place_m, self._sensor)])
+        time_s = np.arange(round((click.length_s + RING_S) * _RATE_HZ)) / _RATE_HZ
+        samples = click.amplitude * click.samples / SAMPLE_FULL_SCALE
+        own_s = np.arange(len(samples)) / click.sample_rate_hz
+        drive = np.column_stack([np.interp(time_s, own_s, column, right=0.0) for column in samples.T])
+        return float(abs(plant.accelerate(drive)).max())
+
+
+def verify_table(
+    table: Table,
+    played: Sequence[Played],
+    position_m: Sequence[float],
+    apparatus: Apparatus,
+    options: SteppedSineOptions,
+    sensor_mass_kg: float,
+) -> tuple[Point, ...]:
+    """Play everything at every place, and compare."""
+    bars, points = PossibleBars(table.device, sensor_mass_kg), list[Point]()
+    for place_m in position_m:
+        apparatus.guide(place_m)
+        with apparatus.open_driven() as driven:
+            stepped = SteppedSine(table.device, driven, apparatus.sensor, options)
+            rest = stepped.listen()
+            for each in played:
+                found = _read(stepped, driven, each)
+                if found is None:
+                    continue
+                size, error, faults = found
+                promised = bars.peaks(each, place_m)
+                margin = 3 * error + max(LEAST_M_PER_S2, 4 * rest.noise * (each.click is not None))
+                low, high = float(promised.min()) - margin, float(promised.max()) + margin
+                point = Point(each, place_m, size, float(promised[0]), max(0.0, low), high, faults)
+                points.append(point)
+    return tuple(points)
+
+
+def _read(stepped: SteppedSine, driven: DrivenDevice, played: Played) -> tuple[float, float, tuple[Fault, ...]] | None:
+    """Peak, standard error and faults; None for a click that the board cannot play."""
+    if played.asked is not None:
+        fit, _, faults = stepped.hold(played.asked)
+        channel = stepped.channel
+        size = float(abs(fit.phasor[channel]))
+        return size, size * fit.error(channel), tuple(fault for fault in faults if fault is not Fault.NOISE)
+    assert played.click is not None
+    basis, click = driven.basis, played.click
+    number, fraction_bits = basis.sets.get(click.basis_set), click.fraction_bits - basis.halvings
+    if basis.basis is None or number is None or fraction_bits < 1:
+        return None
+    encoded = encode_click(basis.basis, number, click.weights.tolist(), fraction_bits, click.amplitude)
+    acceleration, clipped = stepped.hit(encoded, click.length_s + RING_S)
+    return float(abs(acceleration).max()), 0.0, (Fault.CLIPPING,) if clipped else ()

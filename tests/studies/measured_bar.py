@@ -1,0 +1,262 @@
+"""What a bar that was measured by stepped sine is worth: responses, fitted parameters, drives. SIMULATED.
+
+    python -m tests.studies.measured_bar [SEEDS] [--places N] [--frequencies N] [--flaws]
+
+For each seed a bar differs from its description (stiffness, full scale and damping of its actuators, Young's modulus),
+and a converter has noise, hum, latency, jitter and a clock that drifts. `measure` reads the bar through the real code,
+`calibrate` fits it, and steady drives for random placements are solved for the fitted and for the described bar; all
+are evaluated on the true bar, beside those that were solved for it. With --flaws each flaw of a converter is put in by
+itself instead, and the faults that readings name are counted.
+"""
+
+import argparse
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from engine.device import Device
+from engine.steady.solver import SteadySolver
+from engine.touch import Placement
+from precompute.calibration.calibrate import Calibration, calibrate
+from precompute.measurements import Kind, Measurements
+from precompute.measurements.model import MeasurementModel
+from precompute.measurements.parameters import with_changes
+from precompute.model.assembly import assemble
+from precompute.model.response import solve_response
+from precompute.model.threshold import detection_threshold
+from precompute.sampling.places import solve_place_receptances
+from precompute.studies.anywhere import Anywhere, random_placements
+from tactable.measure.apparatus import SIMULATED, ApparatusOptions, open_apparatus
+from tactable.measure.simulated_bench import ConverterFlaws
+from tactable.measure.stepped_sine import Reading, SteppedSineOptions
+from tactable.measure.walk import (
+    RawFolder,
+    Stop,
+    StopRecord,
+    default_frequencies,
+    even_walk,
+    measure_walk,
+    measurements_of,
+)
+from tactable.shipped import find_device
+
+Array = NDArray[np.float64]
+
+NAMES = (
+    "actuator[1].stiffness",
+    "actuator[2].stiffness",
+    "actuator.damping",
+    "actuator.full_scale",
+    "bar.stiffness_damping",
+    "bar.youngs_modulus",
+)
+SENSOR_MASS_KG = 2e-3
+LEVEL_DB = 20.0
+SINGLE_FLAWS = {
+    "none": "",
+    "noise": "noise=1m/s^2",
+    "hum": "hum=0.3m/s^2",
+    "clipping": "clip=10.5m/s^2,noise=0.01m/s^2",
+    "lost samples": "drops=4",
+    "clock drift": "drift=80",
+    "latency": "latency=60ms,jitter=5ms",
+    "gain": "gain=3%",
+    "offset": "offset=0.8m/s^2",
+}
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A bar that was measured: the readings, and the time that the board was armed."""
+
+    records: tuple[StopRecord, ...]
+    measurements: Measurements
+
+    @property
+    def readings(self) -> list[Reading]:
+        """Readings of all stops."""
+        return [reading for record in self.records for reading in record.readings]
+
+
+def true_bar(device: Device, seed: int) -> tuple[Device, dict[str, float]]:
+    """A bar that differs from its description, and the true values of what differs."""
+    random = np.random.default_rng(seed)
+    left, right, bar = device.actuators[0], device.actuators[1], device.bar
+    values = {
+        "actuator[1].stiffness": left.stiffness_n_per_m * random.uniform(0.92, 1.08),
+        "actuator[2].stiffness": right.stiffness_n_per_m * random.uniform(0.92, 1.08),
+        "actuator.damping": left.damping_n_s_per_m * random.uniform(0.7, 1.4),
+        "actuator.full_scale": left.full_scale_m * random.uniform(0.9, 1.1),
+        "bar.stiffness_damping": bar.stiffness_damping_s * random.uniform(0.7, 1.4),
+        "bar.youngs_modulus": bar.youngs_modulus_pa * random.uniform(0.97, 1.03),
+    }
+    return with_changes(device, values), values
+
+
+def flaws_of(seed: int) -> ConverterFlaws:
+    """A converter as it may be, without an error of gain, which no response can tell from the full scale."""
+    random = np.random.default_rng(1000 + seed)
+    return ConverterFlaws(
+        latency_s=float(random.uniform(0.003, 0.03)),
+        jitter_s=0.001,
+        drift=float(random.normal(0, 50e-6)),
+        offset_m_per_s2=float(random.normal(0, 0.1)),
+        noise_m_per_s2=float(random.uniform(0.005, 0.03)),
+        hum_m_per_s2=float(random.uniform(0.0, 0.05)),
+    )
+
+
+def measure_bar(
+    device: Device, changes: dict[str, float], flaws: ConverterFlaws, seed: int, walk: tuple[Stop, ...]
+) -> Measured:
+    """Measure a simulated bar as the command does."""
+    options = SteppedSineOptions()
+    simulated = {"flaws": flaws, "changes": changes, "seed": seed, "is_fine": True}
+    apparatus_options = ApparatusOptions(
+        SIMULATED,
+        SIMULATED,
+        options.most,
+        sensor_mass_kg=SENSOR_MASS_KG,
+        **simulated,  # type: ignore[arg-type]
+    )
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        open_apparatus(device, apparatus_options, lambda _: None) as apparatus,
+    ):
+        raw = RawFolder(Path(folder), device, walk, {})
+        records = measure_walk(
+            device,
+            walk,
+            apparatus.open_driven,
+            apparatus.sensor,
+            options,
+            raw,
+            lambda stop: apparatus.guide(stop.position_m),
+            lambda *_: None,
+        )
+    found = measurements_of(records, device, SENSOR_MASS_KG, Kind.RESPONSE, is_simulated=True)
+    return Measured(records, found)
+
+
+def response_errors(true: Device, measured: Measurements) -> tuple[Array, Array]:
+    """Errors (row,) in dB and degrees against the finite elements with the sensor on the bar."""
+    response = np.exp(MeasurementModel(true, measured, ()).predict(np.zeros(0)).log_acceleration)
+    ratio = measured.acceleration / response
+    return abs(20 * np.log10(abs(ratio))), abs(np.degrees(np.angle(ratio)))
+
+
+def contrasts_db(true: Device, believed: Device, placements: list[Placement]) -> Array:
+    """Contrast (placement,) on the true bar of the drives that are solved for the believed one."""
+    receptances = solve_place_receptances(assemble(believed), believed.sweep.frequency_hz)
+    solver, plant = SteadySolver(believed, receptances), assemble(true)
+    found = []
+    for placement in placements:
+        drive = solver.solve(placement.position_m, placement.is_felt, LEVEL_DB)
+        hz = np.array([drive.frequency_hz])
+        loaded = plant.with_fingers(placement.position_m, true.finger)
+        unit = solve_response(loaded, hz).acceleration(np.array(placement.position_m))[0]
+        level_db = 20 * np.log10(abs(drive.complex_amplitudes @ unit) / detection_threshold(hz))
+        is_felt = np.array(placement.is_felt)
+        found.append(level_db[is_felt].min() - level_db[~is_felt].max())
+    return np.array(found)
+
+
+def study_seed(device: Device, seed: int, walk: tuple[Stop, ...], placements: list[Placement]) -> None:
+    """Print what one bar gives."""
+    started_s = time.process_time()
+    true, values = true_bar(device, seed)
+    measured = measure_bar(device, values, flaws_of(seed), seed, walk)
+    bar_s, processor_s = sum(reading.seconds for reading in measured.readings), time.process_time() - started_s
+    error_db, error_deg = response_errors(true, measured.measurements)
+    fitted: Calibration = calibrate(device, measured.measurements, NAMES, starts=1)
+    inside = [e.low <= values[e.parameter.name] <= e.high for e in fitted.estimates]
+    off = [abs(e.value / values[e.parameter.name] - 1) for e in fitted.estimates]
+    best, after, before = (contrasts_db(true, each, placements) for each in (true, fitted.device, device))
+    kept = len(measured.measurements)
+    spoiled = [fault.name for reading in measured.readings if reading.is_spoiled for fault in reading.faults]
+    named = ", ".join(f"{spoiled.count(name)} {name}" for name in sorted(set(spoiled) - {"CLOCK_DRIFT"}))
+    db, degrees = ("/".join(f"{v:.3f}" for v in np.percentile(e, (50, 95, 100))) for e in (error_db, error_deg))
+    print(
+        f"seed {seed}: {kept} of {len(measured.readings)} readings kept (the others: {named or 'none'}), "
+        f"{bar_s:.0f} s of driving ({processor_s:.0f} s of processor); response off by (50/95/100 %) {db} dB, "
+        f"{degrees} deg; {sum(inside)} of {len(inside)} parameters within "
+        f"their intervals, off by {100 * np.median(off):.3f} % (most {100 * max(off):.3f} %); contrast (median of "
+        f"{len(placements)}) {np.median(best):.2f} dB for the true bar, lost {np.median(best - after):.3f} dB (95 %: "
+        f"{np.percentile(best - after, 95):.3f}) by the measured one, {np.median(best - before):.2f} dB (95 %: "
+        f"{np.percentile(best - before, 95):.2f}) by the description",
+        flush=True,
+    )
+
+
+def study_flaws(device: Device) -> None:
+    """Print the faults that readings name for each flaw by itself."""
+    walk = even_walk(device, 2, [104.0, 150.0, 209.0])
+    for name, text in SINGLE_FLAWS.items():
+        measured = measure_bar_named(device, text, walk)
+        print(f"{name}: {measured}", flush=True)
+
+
+def measure_bar_named(device: Device, text: str, walk: tuple[Stop, ...]) -> str:
+    """Faults by how many of the readings name them, and what the converter is found to be."""
+    from tactable.measure.faults import Tolerance, find_late
+    from tactable.measure.gravity import check_gravity
+    from tactable.measure.stepped_sine import SteppedSine
+
+    flaws = replace(ConverterFlaws.parse(text), has_gravity=True)
+    options = SteppedSineOptions()
+    chosen = ApparatusOptions(SIMULATED, SIMULATED, 1.0, sensor_mass_kg=SENSOR_MASS_KG, flaws=flaws)
+    readings, late, means = list[Reading](), list[float](), list[float]()
+    with open_apparatus(device, chosen, lambda _: None) as apparatus:
+        for _ in range(2):
+            with apparatus.open_driven() as driven:
+                means.append(SteppedSine(device, driven, apparatus.sensor, options).listen().mean)
+            apparatus.turn_over()
+        for stop in walk:
+            apparatus.guide(stop.position_m)
+            with apparatus.open_driven() as driven:
+                stepped = SteppedSine(device, driven, apparatus.sensor, options)
+                stepped.listen()
+                late.append(stepped.measure_latency() or 0.0)
+                readings += [stepped.read(*tone)[0] for tone in stop.tones]
+    names = [fault.name for reading in readings for fault in {*reading.faults, *reading.earlier}]
+    checked = check_gravity(means[0], means[1], Tolerance())
+    counted = [f"{names.count(name)} of {len(readings)} {name}" for name in sorted(set(names))]
+    counted += [f"gravity {fault.name}" for fault in checked.faults]
+    counted += [fault.name for fault in find_late(late, Tolerance())]
+    shown = ", ".join(f"{1e3 * each:.1f}" for each in late)
+    drift_ppm = 1e6 * readings[-1].drift
+    return f"{'; '.join(counted) or 'no fault'} (clock {drift_ppm:+.1f} ppm, latency {shown} ms)"
+
+
+def main() -> None:
+    """Print a line for each seed, or for each flaw."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("seeds", type=int, nargs="?", default=5)
+    parser.add_argument("--places", type=int, default=6)
+    parser.add_argument("--frequencies", type=int, default=8)
+    parser.add_argument("--flaws", action="store_true")
+    asked = parser.parse_args()
+    device = find_device("reference-a")
+    with threadpool_limits(1, "blas"):
+        if asked.flaws:
+            study_flaws(device)
+            return
+        free_hz = default_frequencies(device)
+        chosen_hz = [free_hz[round(k)] for k in np.linspace(0, len(free_hz) - 1, min(asked.frequencies, len(free_hz)))]
+        walk = even_walk(device, asked.places, chosen_hz)
+        placements = [
+            placement
+            for placement in random_placements(device, Anywhere(placements=20, seed=7))
+            if any(placement.is_felt) and not all(placement.is_felt)
+        ]
+        for seed in range(asked.seeds):
+            study_seed(device, seed, walk, placements)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,53 @@
+"""The command `verify` on a simulated bench: a bar that the table describes keeps the promise, another does not."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.tactable.cli.in_process import run_here
+
+SIMULATED = ("--port", "simulated", "--sensor", "simulated", "--places", "1", "--placements", "2")
+
+
+def test_the_bar_of_a_table_keeps_its_promise_in_drives_and_clicks(tmp_path: Path, click_table: Path) -> None:
+    files = ("--figure", "seen.png", "--csv", "seen.csv")
+    done = run_here(tmp_path, "verify", str(click_table), *SIMULATED, *files, "--flaws", "drift=40", "--json")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert (summary["verdict"], summary["outside"], summary["compared"]) == ("kept", 0, 4)
+    assert summary["simulated"]
+    assert sorted(point["kind"] for point in summary["points"]) == ["click", "click", "drive", "drive"]
+    for point in summary["points"]:
+        assert point["low_m_per_s2"] < point["promised_m_per_s2"] < point["high_m_per_s2"]
+        assert abs(point["difference_db"]) < (0.1 if point["kind"] == "drive" else 0.5)
+    assert (tmp_path / "seen.png").stat().st_size > 10_000
+    assert len((tmp_path / "seen.csv").read_text(encoding="utf-8").splitlines()) == 5
+
+
+def test_another_bar_is_beyond_the_promise_and_the_exit_status(tmp_path: Path, click_table: Path) -> None:
+    other = ("--change", "actuator.full_scale=0.8 µm")
+    done = run_here(tmp_path, "verify", str(click_table), *SIMULATED, *other)
+    assert done.returncode == 3, done.stderr
+    assert "4 of 4 points beyond the promised interval: the bar does not keep the promise" in done.stdout
+    assert "measure the bar and calibrate" in done.stderr
+
+
+def test_a_reading_that_a_fault_spoils_is_not_compared(tmp_path: Path, click_table: Path) -> None:
+    done = run_here(tmp_path, "verify", str(click_table), *SIMULATED, "--flaws", "clip=0.01m/s^2", "--json")
+    assert done.returncode == 3
+    summary = json.loads(done.stdout)
+    assert (summary["verdict"], summary["compared"]) == ("not compared", 0)
+    assert all("CLIPPING" in point["faults"] for point in summary["points"])
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [(("--level", "loud"), "expected dB above threshold"), (("--csv", "seen.csv"), "--csv goes with --figure")],
+)
+def test_what_cannot_be_verified_is_refused(
+    tmp_path: Path, click_table: Path, words: tuple[str, ...], text: str
+) -> None:
+    done = run_here(tmp_path, "verify", str(click_table), *SIMULATED, *words)
+    assert done.returncode == 1
+    assert text in done.stderr
