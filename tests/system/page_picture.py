@@ -8,7 +8,7 @@ from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
 
-_SIZE = (1280, 960)
+_SIZE = (1280, 1080)
 _COMMAND = [str(Path(sys.executable).parent / "tactable"), "demo", "--no-open"]
 _IS_TOLD = (
     "(({ made, madeCount, isLate, age_s }) => madeCount === 2 && !isLate && age_s < 1.5 && made[0].role === 2"

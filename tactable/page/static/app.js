@@ -22,7 +22,7 @@ const wire = new Wire({
   },
   picture() {
     bar.dirty = second.dirty = true;
-    byId("paper").hidden = !wire.picture.hasPaper;
+    for (const id of ["paper", "courses-paper"]) byId(id).hidden = !wire.picture.hasPaper;
   },
   motions([ours, papers]) {
     bar.show(ours);
