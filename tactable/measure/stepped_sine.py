@@ -84,7 +84,7 @@ class Reading:
     attempts: int
     faults: tuple[Fault, ...]
     earlier: tuple[Fault, ...] = ()
-    """Faults for which it was repeated."""
+    """Faults for which it was repeated, and samples lost while the bar came to rest in its tone."""
 
     @property
     def is_spoiled(self) -> bool:
@@ -104,6 +104,8 @@ class SteppedSine:
         self._drift = 0.0
         self.channel = self._form.acceleration
         """Index of the channel of the acceleration."""
+        self.lossy_windows = 0
+        """Windows in which samples were missing, beside those that a reading was made of."""
         self.rearmed = 0
         """How often the board had stopped itself and was armed again."""
 
@@ -145,7 +147,7 @@ class SteppedSine:
         Raises SensorError where no samples come, LinkError where the board cannot be armed again.
         """
         options, start_ns, attempts, is_done, windows = self._options, self._driven.clock.now_ns(), 0, False, 2
-        earlier = dict[Fault, None]()
+        earlier, lossy = dict[Fault, None](), self.lossy_windows
         while not is_done:
             attempts, amplitude = attempts + 1, self._amplitude
             asked = AskedDrive.of_one(self._device, actuator, frequency_hz, amplitude)
@@ -160,6 +162,8 @@ class SteppedSine:
             )
             if not is_done:
                 earlier |= dict.fromkeys(fault for fault in faults if fault in SPOILING)
+        if self.lossy_windows > lossy:
+            earlier[Fault.LOST_SAMPLES] = None
         channel, reference = self._form.acceleration, self._reference(actuator)
         if reference is None:
             acceleration, coherence = complex(abs(fit.phasor[channel])), 1.0
@@ -212,6 +216,7 @@ class SteppedSine:
         before, last = self._recorder.take(options.window_s), self._recorder.take(options.window_s)
         waited_s = 2 * options.window_s
         while not (is_steady := self._is_steady(before, last, hz, actuator)) and waited_s < options.longest_settling_s:
+            self._look_for_losses(last, hz, actuator)
             before, last = last, self._recorder.take(options.window_s)
             waited_s += options.window_s
         more = [self._recorder.take(options.window_s) for _ in range(windows - 2)]
@@ -229,6 +234,12 @@ class SteppedSine:
         values = _known(self._recorder.take(length_s + 2 * _LATE_S))
         acceleration = values[:, self._form.acceleration]
         return acceleration - np.median(acceleration), is_clipped(values, self._form, self._options.tolerance)
+
+    def _look_for_losses(self, window: Array, hz: float, actuator: int) -> None:
+        """Count a window in which the phase of the loopback steps; the wait for a steady bar passes over it."""
+        reference, tolerance = self._reference(actuator), self._options.tolerance
+        if reference is not None and self._fit(window, hz).phase_step_rad(reference) > tolerance.phase_step_rad:
+            self.lossy_windows += 1
 
     def _is_steady(self, before: Array, last: Array, hz: float, actuator: int) -> bool:
         """Whether what is still to come after two windows is small beside the tone, or beside the noise."""

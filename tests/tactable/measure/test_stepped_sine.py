@@ -75,6 +75,12 @@ def test_a_flaw_is_named_by_the_reading_that_it_spoils(flaws: str, hz: float, fa
     assert fault not in read(bench_of(), 0, hz, SteppedSineOptions(attempts=2)).faults
 
 
+def test_samples_that_are_lost_while_the_bar_settles_are_named_and_spoil_nothing() -> None:
+    readings = [read(bench_of(flaws), 0, 209) for flaws in ("drops=3", "")]
+    assert [Fault.LOST_SAMPLES in {*each.faults, *each.earlier} for each in readings] == [True, False]
+    assert abs(20 * np.log10(abs(readings[0].acceleration / true_response(readings[0])))) < 0.05
+
+
 def test_the_level_rises_only_where_noise_demands_it_and_never_above_the_greatest() -> None:
     options = SteppedSineOptions(most=0.3)
     bench = bench_of("noise=1m/s^2")

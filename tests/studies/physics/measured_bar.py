@@ -1,6 +1,6 @@
 """What a bar that was measured by stepped sine is worth: responses, fitted parameters, drives. SIMULATED.
 
-    python -m tests.studies.measured_bar [SEEDS] [--places N] [--frequencies N] [--flaws]
+    python -m tests.studies.physics.measured_bar [SEEDS] [--places N] [--frequencies N] [--flaws]
 
 For each seed a bar differs from its description (stiffness, full scale and damping of its actuators, Young's modulus),
 and a converter has noise, hum, latency, jitter and a clock that drifts. `measure` reads the bar through the real code,
