@@ -22,7 +22,6 @@ _WIDEST_SPREAD = 0.2
 """Standard deviation of a stiffness or a mass: five of them are still above 0."""
 _MOST_STEPS = 100_000
 _LEVELS, _MOST_LEVELS = ("10 dB", "20 dB", "30 dB"), 16
-_SHORTEST_ZONE = 1e-3
 _LEAST_DISTANCE = 1e-3
 _Part = TypeVar("_Part")
 

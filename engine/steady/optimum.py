@@ -39,7 +39,6 @@ from engine.steady.forms import (
     solve,
 )
 
-_POWER_STEPS = 30
 _CONVERGED = 1e-7
 _LOUD_STEPS = 8
 _LINE_STEPS = 12

@@ -191,6 +191,8 @@ def plan_readings(candidates: Candidates, information: Array, count: int, criter
     for _ in range(min(count, len(slope))):
         moved = slope @ covariance
         variance = np.einsum("cp,cp->c", moved, slope)
+        # A reading divides the determinant of the covariance by 1 + variance, and takes |moved|^2 / (1 + variance) from
+        # its trace (Sherman and Morrison).
         gain = variance if criterion is Criterion.VOLUME else np.einsum("cp,cp->c", moved, moved) / (1 + variance)
         best = int(np.argmax(np.where(left, gain, -1.0)))
         left[best] = False

@@ -236,7 +236,7 @@ def drive_rows(tones: Tones, amplitude: float, slew_per_s: float | None) -> Arra
     rows = list[Array]()
     for actuator in actuators:
         wave = (tones.wave * (tones.actuator == actuator)[:, None]).T
-        rows.append(wave[1:-1] / amplitude)
+        rows.append(wave[1:-1] / amplitude)  # the window is 0 at both ends
         if slew_per_s is not None:
             rows.append(np.diff(wave, axis=0) * SAMPLE_RATE_HZ / slew_per_s)
     return np.concatenate(rows)

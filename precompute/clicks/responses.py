@@ -57,6 +57,7 @@ class Responses:
     def peaks(self, waveform: Array, fingers: Sequence[int]) -> Array:
         """Greatest magnitudes (scenario, finger) of a waveform under some fingers, between samples too."""
         drive, which = self.lines.transform(waveform), list(fingers)
+        # One row for each finger of each scenario, some rows at a time to stay in the caches.
         transfer = self.transfer[:, which].reshape(-1, *self.transfer.shape[2:])
         peaks = np.empty(len(transfer), np.float32)
         for start in range(0, len(transfer), _AT_ONCE):

@@ -110,8 +110,9 @@ class ClickSolver:
         return limited
 
     def _solve(self, placement: Placement) -> Click:
-        known = self.plants_of.cache_info().misses
+        misses_before = self.plants_of.cache_info().misses
         plants, tried = self.plants_of(placement.position_m), list[Designer]()
+        # The first length that achieves what is wanted is taken.
         for length_s in self.options.lengths_s:
             designer = Designer(self.device, self.options, plants, placement, length_s)
             design = designer.design()
@@ -119,9 +120,11 @@ class ClickSolver:
             if design.achieved:
                 break
         else:
+            # No length does: of the last one, the click that passes the quiet level least.
             design = (designer.least_violation() if designer.quiet else None) or design
         click = self._evaluated(placement, length_s, PEAK, designer, design)
-        computed = (self.plants_of.cache_info().misses - known) * sum(map(len, self.scenarios))
+        # The effort counts the plants that no earlier click had left in the cache.
+        computed = (self.plants_of.cache_info().misses - misses_before) * sum(map(len, self.scenarios))
         return replace(click, effort=sum((each.effort for each in tried), Effort(plants=computed)))
 
     def _evaluated(

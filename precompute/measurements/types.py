@@ -62,10 +62,6 @@ class Measurements:
         }
         return replace(self, **chosen)
 
-    def with_acceleration(self, acceleration: Complex | Array) -> "Measurements":
-        """The same drives and places with other readings (row,)."""
-        return replace(self, acceleration=np.asarray(acceleration, dtype=np.complex128))
-
     @property
     def drive_of_row(self) -> NDArray[np.int64]:
         """Shape (row,): number of each row's drive (frequencies and amplitudes), in the order of first appearance."""

@@ -19,7 +19,6 @@ _F3 = types.Array(types.float32, 3, "C", readonly=True)
 _F4 = types.Array(types.float32, 4, "C", readonly=True)
 _I1 = types.Array(types.int64, 1, "C", readonly=True)
 _FAST = {"nnan", "nsz", "contract", "reassoc"}  # no NaN inside; the order of a sum or maximum is free
-_OUT1 = types.Array(types.float32, 1, "C")
 _OUT3 = types.Array(types.float32, 3, "C")
 _OUT4 = types.Array(types.float32, 4, "C")
 

@@ -93,7 +93,7 @@ def _draw_map(figure: SubFigure, axes: Axes, search: PlacementSearch) -> None:
 
 
 def _draw_distribution(axes: Axes, searches: Sequence[PlacementSearch]) -> None:
-    """Percent of the placements of the grid whose worst contrast is at least so much; crosses: judged."""
+    """Draw, for each number of actuators, what share of the placements reaches a worst contrast; a star: the best."""
     for search, (colour, style) in zip(searches, itertools.cycle(CURVES), strict=False):
         reached = np.sort(search.screened_db[np.isfinite(search.screened_db)])[::-1]
         share = 100 * np.arange(1, len(reached) + 1) / len(search.screened_db)

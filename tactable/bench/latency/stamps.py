@@ -64,6 +64,7 @@ def stamps_of_replaced(samples: dict[str, Times], schedule: Schedule) -> tuple[S
     is_sent = np.isin(changes_ns, ours[:, Stage.STATE])
     reports, changes_ns = reports[~is_sent], changes_ns[~is_sent]
     due_ns = np.array([schedule.time_of_ns(int(report)) for report in reports], np.int64)
+    # The next command that was written after a change answers it; NaN: none was.
     written_ns = np.append(ours[:, Stage.WRITTEN].astype(np.float64), np.nan)
     answered_ns = written_ns[np.searchsorted(ours[:, Stage.WRITTEN], changes_ns)]
     stamps = _empty(len(reports))
