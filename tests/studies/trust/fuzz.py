@@ -210,7 +210,7 @@ def _edit_group(rng: random.Random, file: h5py.File) -> None:
     name = rng.choice([*file, "measurement", "new one"])
     odd: object = rng.choice(_ODD)
     edit = rng.randrange(6)
-    if edit == 0 and name in [*file]:
+    if edit == 0 and isinstance(file.get(name, getlink=True), h5py.HardLink):
         file[name].attrs[rng.choice(("units", "_FillValue", "scale_factor", "add_offset", "dtype", "calendar"))] = odd
         return
     if edit == 1:

@@ -57,7 +57,7 @@ _HOST = tuple(f"tests/firmware_link/{name}.py" for name in ("host/test_session",
 _FINGERS = ("tests/engine/touch/test_finger_tracker.py", "tests/engine/touch/test_placement.py")
 TESTS: dict[str, tuple[str, ...]] = {
     "engine/render/limits.py": ("tests/engine/render/test_limits.py",),
-    "engine/effects/player.py": ("tests/engine/effects/test_player.py",),
+    "engine/effects/player.py": ("tests/engine/effects/test_player.py", "tests/engine/effects/test_control.py"),
     "engine/touch/finger_tracker.py": tuple(
         f"tests/engine/touch/test_{each}.py" for each in ("finger_tracker", "placement")
     ),
