@@ -76,6 +76,7 @@ def test_a_closed_lid_loses_nothing(demo: Demo, browser: Browser) -> None:
         lift(visit)
         visit.until("!p.isPlaying")
         choose(visit, source="click")
+        visit.until("p.command === 0")  # of the next run, which counts anew
         clicks_on(visit)
 
 
@@ -115,6 +116,7 @@ def test_more_fingers_than_ten_are_left_out(demo: Demo, browser: Browser) -> Non
         visit.ask("clearInterval(window.many)")
         visit.until("p.fingerCount === 0")  # they were not heard of for a second
         choose(visit, source="click")
+        visit.until("p.command === 0")  # of the next run, which counts anew
         clicks_on(visit)
 
 
