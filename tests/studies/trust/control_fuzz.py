@@ -1,6 +1,6 @@
 """Sends random and hostile messages to the control channel of a real run: nothing but answers, and the run goes on.
 
-    python -m tests.studies.control_fuzz --messages 100000 --seed 1
+    python -m tests.studies.trust.control_fuzz --messages 100000 --seed 1
 
 A finger taps meanwhile, five times a second. Each line must get one answer; at the end the run must have lost nothing
 and answer an honest program. Prints what was sent, done and refused.
