@@ -1,4 +1,4 @@
-"""Flattens a device into values by name, such as actuator[1].stiffness_n_per_m; compares them, and states them anew."""
+"""Lists the values of a device by name, such as actuator[1].stiffness_n_per_m, compares and replaces them."""
 
 import math
 import re

@@ -28,7 +28,7 @@ class ChosenBasis:
     basis: Basis | None
     sets: Mapping[int, int]
     halvings: int = 0
-    """How often the functions are halved against the table's: a PLAY has so many fraction bits less than its click."""
+    """The device's functions are the table's, halved this many times; each takes one fraction bit off a PLAY."""
 
 
 NO_BASIS = ChosenBasis(None, {})

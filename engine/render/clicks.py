@@ -38,7 +38,7 @@ class RenderedClicks:
         return self.basis.basis is not None
 
     def is_unknown(self, placement: Placement) -> bool:
-        """Whether nobody has solved the click of these fingers, which the device would play."""
+        """Whether the device plays clicks, and the click of these fingers is neither in the table nor learned."""
         key = self.clicks.places.key(placement)
         return self.are_played and self.clicks.row_of(key) is None and key not in self._learned
 

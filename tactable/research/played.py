@@ -1,5 +1,6 @@
 """What fingers at positions get of a table: a steady drive or a click, with pictures and labelled arrays."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, fields
 from html import escape
 from typing import TYPE_CHECKING, Any, Self
@@ -20,7 +21,7 @@ _SPREAD = ("nominal", "5 %", "50 %", "95 %", "worst")
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _Asked(ABC):
     """For whom it is: the table, and the positions that were asked for."""
 
     table: "Table" = field(kw_only=True, repr=False)
@@ -31,11 +32,13 @@ class _Asked:
         """`found` with its table and the placement that it was asked for."""
         return cls(**{each.name: getattr(found, each.name) for each in fields(found)}, table=table, asked=asked)
 
+    @abstractmethod
     def _words(self) -> str:
-        raise NotImplementedError
+        """The fingers that it was asked for."""
 
+    @abstractmethod
     def _summary(self) -> list[tuple[str, str]]:
-        raise NotImplementedError
+        """What it is in short: names and values."""
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self._words()}: {'; '.join(' '.join(row) for row in self._summary())}>"

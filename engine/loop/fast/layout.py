@@ -42,7 +42,8 @@ STRUCTURES = {
     "Bits": ["int64_t byte shift mask"],
     "Slot": ["Bits tip contact_id valid hover place", "int64_t sign minimum maximum"],
     "Plan": ["int64_t report_id needed_bytes slots", "Bits count scan_time", "Slot slot[MOST_SLOTS]"],
-    # A region from start_m to stop_m, or a set of zones as bits where start_m is above stop_m; any zone is NONE.
+    # Where the rule holds: between start_m and stop_m; if start_m > stop_m, in the zones whose bits are set in `zones`
+    # (NONE: in all zones).
     "Rule": ["int64_t trigger zones level is_click", "double start_m stop_m"],
     "Command": ["int64_t kind size", "uint8_t body[LONGEST_BODY]"],
     "Active": ["int64_t contact_id place tip seen"],
