@@ -1,66 +1,60 @@
-"""NetCDF files of measurements (tables/MEASUREMENTS.md), read and written with xarray.
-
-Others write these files. HDF5 would follow their links and external storage to any file of this machine, or to a pipe
-that never ends, and a small file may declare an array that fills the memory. So both are refused before xarray opens
-the file.
-"""
+"""NetCDF files of measurements (tables/MEASUREMENTS.md), read and written with xarray; netcdf_content.py opens them."""
 
 import re
-import warnings
 from pathlib import Path
 
-import h5py
 import numpy as np
-import xarray
 from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.device.quantity import QuantityError
 from precompute.measurements.columns import SIMULATED, assemble_measurements, column_names, may_be_empty, unit_scale
+from precompute.measurements.netcdf_content import Content, Variable, read_content
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 
-_MOST_BYTES = 1 << 26
-"""Of one array: eight million readings."""
 _UDUNITS_FACTOR = re.compile(r"([A-Za-zµ%]+)(-?\d)?")
 
 
 def read_netcdf(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
-    """Read variables over `measurement`, or over `measurement` and `actuator`. Raises MeasurementError."""
-    try:
-        _check_storage(path)
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", xarray.SerializationWarning)  # such as of several fill values
-            dataset = xarray.load_dataset(path, engine="h5netcdf", phony_dims="sort")
-    except MeasurementError:
-        raise
-    except Exception as error:  # of a damaged file h5py and xarray raise almost every kind
-        raise MeasurementError(f"{path}: not a NetCDF-4 file: {error}") from error
+    """Read variables over `measurement`, or over `measurement` and `actuator`. Raises MeasurementError.
+
+    HDF5 parses the file in a child process: a damaged file ends that process, or is given up after its time.
+    """
+    return measurements_of(read_content(path), path, device, sensor_mass_kg)
+
+
+def measurements_of(content: Content, path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
+    """The measurements that a file's arrays and labels are. Raises MeasurementError."""
     known = column_names(device)
     names = [actuator.name for actuator in device.actuators]
     columns: dict[str, NDArray[np.float64]] = {}
-    for name, variable in dataset.data_vars.items():
-        title = str(name).replace("_", " ")
-        if "actuator" in variable.dims:
-            if "actuator" not in dataset.coords or [str(n) for n in dataset.actuator.values] != names:
+    for variable in content.variables:
+        title = variable.name.replace("_", " ")
+        dimensions, parts = variable.dimensions, {title: variable.values}
+        if "actuator" in dimensions:
+            if content.actuators is None or [*content.actuators] != names:
                 raise MeasurementError(
                     f"{path}: actuator: expected a coordinate with {', '.join(names)}, in this order"
                 )
-            parts = {f"{title} {n}": variable.isel(actuator=i) for i, n in enumerate(names)}
-        else:
-            parts = {title: variable}
+            axis = dimensions.index("actuator")
+            dimensions = (*dimensions[:axis], *dimensions[axis + 1 :])
+            parts = {f"{title} {name}": np.take(variable.values, i, axis) for i, name in enumerate(names)}
         for column, values in parts.items():
-            if column not in known or values.dims != ("measurement",):
+            if column not in known or dimensions != ("measurement",):
                 listed = ", ".join(key.replace(" ", "_") for key in known)
-                raise MeasurementError(f"{path}: {name}: unknown variable; over 'measurement' are known {listed}")
-            columns[column] = _read_column(values, column, known[column], path, str(name))
-    is_simulated = any(SIMULATED in str(value) for value in dataset.attrs.values())
+                raise MeasurementError(
+                    f"{path}: {variable.name}: unknown variable; over 'measurement' are known {listed}"
+                )
+            columns[column] = _read_column(variable._replace(values=values), column, known[column], path)
     return assemble_measurements(
-        columns, device, sensor_mass_kg, str(path), lambda row: f"measurement {row}", is_simulated=is_simulated
+        columns, device, sensor_mass_kg, str(path), lambda row: f"measurement {row}", is_simulated=content.is_simulated
     )
 
 
 def write_netcdf(path: Path, measurements: Measurements, device: Device, comment: str) -> None:
     """Write measurements as `read_netcdf` reads them; `comment` names their source."""
+    import xarray
+
     row, each = ("measurement",), ("measurement", "actuator")
     columns: dict[str, tuple[tuple[str, ...], NDArray[np.float64], str]] = {
         "position": (row, measurements.position_m, "m"),
@@ -84,33 +78,15 @@ def write_netcdf(path: Path, measurements: Measurements, device: Device, comment
     dataset.to_netcdf(path, engine="h5netcdf")
 
 
-def _check_storage(path: Path) -> None:
-    """Raise MeasurementError for an array that lies outside the file or is too large."""
-    with h5py.File(path) as file:
-        for name in file:
-            if not isinstance(file.get(name, getlink=True), h5py.HardLink):
-                raise MeasurementError(f"{path}: {name}: is a link, which is not followed; write the values themselves")
-            array = file[name]
-            if not isinstance(array, h5py.Dataset):
-                continue
-            if array.is_virtual or array.id.get_create_plist().get_external_count():
-                raise MeasurementError(f"{path}: {name}: its values are in another file; write them into this one")
-            if array.shape is not None and array.nbytes > _MOST_BYTES:
-                raise MeasurementError(
-                    f"{path}: {name}: has shape {array.shape}, {array.nbytes / 1e6:.3g} MB; expected at most "
-                    f"{_MOST_BYTES / 1e6:.0f} MB: fewer measurements suffice"
-                )
-
-
-def _read_column(values: xarray.DataArray, column: str, unit: str, path: Path, name: str) -> NDArray[np.float64]:
+def _read_column(variable: Variable, column: str, unit: str, path: Path) -> NDArray[np.float64]:
+    name, _, written, values = variable
     if values.dtype.kind == "c":
         raise MeasurementError(f"{path}: {name}: has complex values; write real and imaginary part apart")
-    written = values.attrs.get("units")
-    if not isinstance(written, str):
+    if written is None:
         raise MeasurementError(f"{path}: {name}: has no attribute 'units'; expected such as {unit or '1'!r}")
     try:
         scale = unit_scale(_from_udunits(written), unit)
-        out = scale * np.asarray(values.values, dtype=np.float64)
+        out = scale * np.asarray(values, dtype=np.float64)
     except (QuantityError, TypeError, ValueError) as error:
         raise MeasurementError(f"{path}: {name}: {error}") from None
     bad = ~np.isfinite(out) & (True if not may_be_empty(column) else ~np.isnan(out))
