@@ -32,6 +32,7 @@ _OPTIONS = (
     "basis_capacity_bytes",
     "longest_waveform_ms",
     "longest_drive_s",
+    "board",
 )
 _SIGNATURES = {
     "host_open": (ctypes.c_void_p, _u32_p, _u32_p, ctypes.c_bool),

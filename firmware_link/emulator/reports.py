@@ -1,6 +1,6 @@
 """What an emulated device says: answers at once, STATUS and FAULT when they are due, LOG not too often."""
 
-from firmware_link.emulator.state import BOARD_EMULATED, FULL_SCALE_PM, Device
+from firmware_link.emulator.state import FULL_SCALE_PM, Device
 from firmware_link.protocol.framing import FrameEncoder, FramingCounters, encode_message
 from firmware_link.protocol.messages import (
     SCHEMA_HASH,
@@ -61,7 +61,7 @@ class Reports:
                 firmware_major=0,
                 firmware_minor=2,
                 firmware_patch=0,
-                board=BOARD_EMULATED,
+                board=configuration.board,
                 synthesis_rate_hz=configuration.synthesis_rate_hz,
                 frequency_resolution_uhz=configuration.frequency_resolution_uhz,
                 frequency_minimum=configuration.frequency_minimum,

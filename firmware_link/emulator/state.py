@@ -9,6 +9,7 @@ FULL_SCALE_PM = 520_000
 BASIS_CAPACITY_BYTES = 1 << 18
 LONGEST_WAVEFORM_MS = 1_000
 BOARD_EMULATED = 0
+BOARD_SOUND_CARD = 6
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class DeviceConfiguration:
     basis_capacity_bytes: int = BASIS_CAPACITY_BYTES
     longest_waveform_ms: int = LONGEST_WAVEFORM_MS
     longest_drive_s: int = 0
+    board: int = BOARD_EMULATED
 
     def __post_init__(self) -> None:
         if not 1 <= self.longest_lease_ms <= LONGEST_LEASE_MS:

@@ -76,8 +76,12 @@ def path_of(name: str) -> str:
 class SerialPort:
     """An open port: reads and writes what is possible at once; any failure is a LinkLostError, as after an unplug."""
 
+    notes: tuple[str, ...] = ()
+    """What a user should know of the port, one sentence each."""
+
     def __init__(self, name: str, bit_rate_hz: int = 115_200) -> None:
         self.path = path_of(name)
+        self.bit_rate_hz = bit_rate_hz
         try:
             # pyserial only finds, opens and configures: its own write() busy-waits while the line is full.
             self._serial = serial.Serial(self.path, bit_rate_hz, timeout=0, exclusive=True)

@@ -21,7 +21,12 @@ _EACH = "One value for all actuators, or one for each, between commas"
 def play(
     device_name: DeviceArgument,
     port_name: Annotated[
-        str, typer.Option("--port", metavar="PORT", help="The firmware's serial port, as `list` shows it.")
+        str,
+        typer.Option(
+            "--port",
+            metavar="PORT",
+            help="The board's port: a serial port as `list` shows it, or a sound card, audio:NAME,... (docs/audio.md).",
+        ),
     ],
     frequency: Annotated[str, typer.Option(help=f"{_EACH}, such as 150 or 150,130 Hz; - for a still actuator.")],
     amplitude: Annotated[str, typer.Option(help=f"Of full scale. {_EACH}, such as '20 %' or '20 %,5 %'.")],
@@ -37,7 +42,7 @@ def play(
     untouched bar follow, SIMULATED. It has never been run on hardware.
     """
     from engine.loop import SystemClock
-    from firmware_link.host.serial_port import SerialPort
+    from tactable.audio.port import open_port
     from tactable.digitizers.record import stop_at_signal
     from tactable.measure import DrivenDevice, check_drive
 
@@ -48,12 +53,12 @@ def play(
     clock, played_s = SystemClock(), 0.0
     with (
         stop_at_signal() as stop,
-        SerialPort(port_name, bit_rate_hz) as port,
-        DrivenDevice(device, port, clock, [max(asked.amplitudes)] * len(device.actuators), bit_rate_hz) as driven,
+        open_port(port_name, bit_rate_hz) as port,
+        DrivenDevice(device, port, clock, [max(asked.amplitudes)] * len(device.actuators), port.bit_rate_hz) as driven,
     ):
         simulated = ", SIMULATED firmware" if driven.is_simulated else ""
         remark(f"{_drive_text(device, asked)} to {port.path}{simulated}; Ctrl-C ends")
-        for text in driven.fit.notes:
+        for text in (*port.notes, *driven.fit.notes):
             note(text)
         start_ns = clock.now_ns()
         driven.play(drive)

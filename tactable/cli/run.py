@@ -25,6 +25,7 @@ from firmware_link.host.link_values import Capabilities
 from firmware_link.host.reopening import ReopeningPort, stable_name_of
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.protocol.errors import LinkError
+from tactable.audio.port import AudioPort, open_port
 from tactable.cli.console import ERRORS, OUT, note, remark, show
 from tactable.cli.kernel_cache import compile_steady_solver
 from tactable.cli.options import AsJson, BitRate, EffectsPath, TableArgument
@@ -41,12 +42,18 @@ from tactable.run.table_watch import TableWatch, Watched, identity_of
 from tactable.shipped import cache_folder, find_device, named_effects
 
 _NS_PER_S = 1_000_000_000
+OpenPort = SerialPort | AudioPort
 
 TouchName = Annotated[
     str, typer.Option(metavar="PANEL|RECORDING", help="A digitizer as `list` shows it, a recording, or `simulated`.")
 ]
 PortName = Annotated[
-    str, typer.Option("--port", metavar="PORT", help="The firmware's serial port, as `list` shows it.")
+    str,
+    typer.Option(
+        "--port",
+        metavar="PORT",
+        help="The board's port: a serial port as `list` shows it, or a sound card, audio:NAME,... (docs/audio.md).",
+    ),
 ]
 NotAchieved = Annotated[
     WhenNotAchieved, typer.Option("--when-not-achieved", help="What to do where the bar cannot reach a level.")
@@ -144,12 +151,13 @@ def run(
         source, bus = stack.enter_context(_opened(machine_of(context), touch))
         ring = stack.enter_context(ring_for(ring_path, is_needed=page or control or recording_path is not None))
         stop = stack.enter_context(stop_at_signal())
-        port = SerialPort(port_name, bit_rate_hz)
+        port = open_port(port_name, bit_rate_hz)
+        options = replace(options, bit_rate_hz=port.bit_rate_hz)
         reopening = stack.enter_context(closing(_reopening(port, port_name, bit_rate_hz, reconnect)))
         zones = tuple(zone.name for zone in table.device.zones)
 
         def watched(capabilities: Capabilities) -> Updates:
-            asked = Watched(table_path, identity, zones, effects, capabilities, when_not_achieved, bit_rate_hz)
+            asked = Watched(table_path, identity, zones, effects, capabilities, when_not_achieved, port.bit_rate_hz)
             return stack.enter_context(TableWatch(asked))
 
         solves = solve and effects.have_clicks and bool(table.clicks)
@@ -189,10 +197,10 @@ def _effects(path: Path | None, device: Device, *, with_others: bool) -> Effects
     return replace(effects, others=tuple(named.values())) if with_others else effects
 
 
-def _reopening(port: SerialPort, name: str, bit_rate_hz: int, reconnect: bool) -> ReopeningPort[SerialPort]:
+def _reopening(port: OpenPort, name: str, bit_rate_hz: int, reconnect: bool) -> ReopeningPort[OpenPort]:
     """A port that can be opened again: by a name that stays where it is to be found again after an unplug."""
     stable = stable_name_of(name) if reconnect else name
-    return ReopeningPort(_told(lambda: SerialPort(stable, bit_rate_hz)), port)
+    return ReopeningPort(_told(lambda: open_port(stable, bit_rate_hz)), port)
 
 
 def _note_all(lines: Iterable[str]) -> None:
@@ -232,14 +240,14 @@ def _opened(machine: Machine, name: str) -> Iterator[tuple[Source, int]]:
         yield found
 
 
-def _told(open_port: Callable[[], SerialPort]) -> Callable[[], SerialPort]:
-    """Wrap `open_port` with notes: one when the port cannot be opened, and one when it is open again."""
+def _told(opened_again: Callable[[], OpenPort]) -> Callable[[], OpenPort]:
+    """Wrap `opened_again` with notes: one when the port cannot be opened, and one when it is open again."""
     is_told = False
 
-    def open_and_tell() -> SerialPort:
+    def open_and_tell() -> OpenPort:
         nonlocal is_told
         try:
-            port = open_port()
+            port = opened_again()
         except LinkError as error:
             if not is_told:
                 note(f"the port is lost, and looked for until it is back or Ctrl-C: {error}")
@@ -252,10 +260,10 @@ def _told(open_port: Callable[[], SerialPort]) -> Callable[[], SerialPort]:
     return open_and_tell
 
 
-def _announce(source: Source, port: SerialPort, live: Live, when_not_achieved: WhenNotAchieved) -> None:
+def _announce(source: Source, port: OpenPort, live: Live, when_not_achieved: WhenNotAchieved) -> None:
     simulated = ", SIMULATED firmware" if live.capabilities.board == BOARD_EMULATED else ""
     ERRORS.print(f"{source.name} to {port.path}{simulated}; Ctrl-C ends", soft_wrap=True)
-    for text in live.fit.notes:
+    for text in (*port.notes, *live.fit.notes):
         note(text)
     if when_not_achieved is WhenNotAchieved.WARN:
         for level_db, clicks in live.renderer.click_shortfalls.items():

@@ -27,7 +27,7 @@ def machine_of(context: typer.Context) -> Machine:
 
 
 def list_devices(context: typer.Context, as_json: AsJson = False) -> None:
-    """List the touch digitizers and serial ports of this machine.
+    """List the touch digitizers, serial ports and sound cards of this machine.
 
     Each has a name that stays the same when it is plugged into another port.
     """
@@ -115,6 +115,7 @@ def doctor(
     """
     from tactable.doctor.layers import check_layers, measure_layers
     from tactable.doctor.machine import check_machine
+    from tactable.doctor.ports import check_cards
     from tactable.doctor.tables import check_fast_path, check_kernels, check_tables
     from tactable.doctor.touch import examine, rules_text
 
@@ -128,6 +129,7 @@ def doctor(
         return
     checks = [
         *examine(machine),
+        *check_cards(machine.cards),
         *check_machine(machine.files),
         *check_tables(tables or sorted(Path().glob("*.nc"))),
         check_kernels(),
@@ -189,6 +191,11 @@ def _print_listing(listing: dict[str, list[Any]]) -> None:
     for row in listing["serial_ports"]:
         ports.add_row(row["path"], row["stable_id"], row["description"])
     OUT.print(ports if listing["serial_ports"] else "no serial port")
+    cards = Grid("sound card", "choose it by", "outputs", "inputs", "to the output")
+    for row in listing["sound_cards"]:
+        channels = (str(row["outputs"]), str(row["inputs"]))
+        cards.add_row(row["name"], row["choose_by"], *channels, f"{row['output_latency_ms']:.1f} ms")
+    OUT.print(cards)
 
 
 def map_json(learnt: LearntAxis) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Lists the digitizers and serial ports of this machine, as rows for people and for JSON."""
+"""Lists the digitizers, serial ports and sound cards of this machine, as rows for people and for JSON."""
 
 from typing import Any
 
@@ -6,6 +6,8 @@ from engine.touch import DescriptorError, Digitizer, DigitizerError, open_digiti
 from engine.touch.sources.evdev import find_evdev_digitizers, open_evdev
 from engine.touch.sources.hid_discovery import HidDigitizer, HidSystem, find_digitizers
 from engine.touch.sources.recording import read_recording
+from tactable.audio.names import PREFIX, AudioError
+from tactable.audio.names import SIMULATED as SIMULATED_CARD
 from tactable.doctor.touch import Machine, find_problem, open_found
 from tactable.shipped import DEMO_RECORDING
 
@@ -15,7 +17,7 @@ _MARK = "SIMULATED"
 
 
 def list_devices(machine: Machine) -> dict[str, list[Any]]:
-    """Digitizers and serial ports, and problems that keep others from being found, such as a missing hidapi."""
+    """Digitizers, serial ports and sound cards, and problems that keep others from being found."""
     problems: list[str] = []
     digitizers = [*_hid_rows(machine, problems), *_evdev_rows(machine), _simulated_row()]
     ports = [
@@ -27,7 +29,33 @@ def list_devices(machine: Machine) -> dict[str, list[Any]]:
         }
         for port in machine.ports()
     ]
-    return {"digitizers": digitizers, "serial_ports": ports, "problems": problems}
+    cards = [*_card_rows(machine, problems), _simulated_card_row()]
+    return {"digitizers": digitizers, "serial_ports": ports, "sound_cards": cards, "problems": problems}
+
+
+def _card_rows(machine: Machine, problems: list[str]) -> list[dict[str, Any]]:
+    try:
+        cards = machine.cards()
+    except AudioError as error:
+        problems.append(str(error))
+        return []
+    return [
+        {
+            "name": card.name,
+            "choose_by": PREFIX + card.name,
+            "outputs": card.outputs,
+            "inputs": card.inputs,
+            "rate_hz": card.rate_hz,
+            "output_latency_ms": 1e3 * card.output_latency_s,
+            "simulated": False,
+        }
+        for card in cards
+    ]
+
+
+def _simulated_card_row() -> dict[str, Any]:
+    form = {"outputs": 2, "inputs": 0, "rate_hz": 48_000.0, "output_latency_ms": 10.0, "simulated": True}
+    return {"name": f"no card ({_MARK})", "choose_by": PREFIX + SIMULATED_CARD, **form}
 
 
 def _hid_rows(machine: Machine, problems: list[str]) -> list[dict[str, Any]]:

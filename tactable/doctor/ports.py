@@ -1,12 +1,14 @@
-"""Checks serial ports for permissions and ModemManager, and writes their udev rules."""
+"""Checks serial ports for permissions and ModemManager, and sound cards; writes the udev rules of ports."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from engine.touch.sources.hid_discovery import RULE_FILE
 from firmware_link.host.serial_port import PortDescription, permission_remedy
+from tactable.audio.interfaces import Interface
+from tactable.audio.names import AudioError
 from tactable.doctor.check import Check
 
 _IGNORED = "E:ID_MM_DEVICE_IGNORE=1"
@@ -59,6 +61,25 @@ def check_ports(ports: Sequence[PortDescription], files: SystemFiles) -> list[Ch
     if files.runs_modem_manager():
         checks += [_check_modem_manager(port, files) for port in ports if port.vendor_id is not None]
     return checks
+
+
+def check_cards(cards: Callable[[], Sequence[Interface]]) -> list[Check]:
+    """A check for each sound card with an output, or why there is none; a card is never needed."""
+    try:
+        found = [card for card in cards() if card.outputs]
+    except AudioError as error:
+        finding, _, remedy = str(error).partition(": ")
+        return [Check("sound cards", finding, f"{remedy}; only audio:... needs it", needed=False)]
+    if not found:
+        return [Check("sound cards", "none found; only audio:... needs one")]
+    return [
+        Check(
+            f"sound card {card.name}",
+            f"{card.outputs} outputs, {card.inputs} inputs, {1e3 * card.output_latency_s:.1f} ms from program to "
+            "output, as its driver says",
+        )
+        for card in found
+    ]
 
 
 def _check_permission(port: PortDescription, files: SystemFiles) -> Check:

@@ -19,18 +19,20 @@ from engine.touch.sources.hid_discovery import (
 )
 from engine.touch.sources.hidraw import read_descriptor
 from firmware_link.host.serial_port import PortDescription, find_ports
+from tactable.audio.interfaces import Interface, find_interfaces
 from tactable.doctor.check import Check
 from tactable.doctor.ports import SystemFiles, check_ports, port_rules
 
 
 @dataclass(frozen=True)
 class Machine:
-    """Access to the machine's digitizers, ports and files, which tests replace."""
+    """Access to the machine's digitizers, ports, files and sound cards, which tests replace."""
 
     hid: Callable[[], HidSystem] = load_hid_system
     evdev: Callable[[], EvdevModule | None] = load_evdev
     ports: Callable[[], Sequence[PortDescription]] = find_ports
     files: SystemFiles = field(default_factory=SystemFiles)
+    cards: Callable[[], Sequence[Interface]] = find_interfaces
 
 
 def open_found(system: HidSystem, device: HidDigitizer) -> Digitizer:

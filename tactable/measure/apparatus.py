@@ -7,9 +7,9 @@ from pathlib import Path
 
 from engine.device import Device
 from engine.loop import SystemClock
-from firmware_link.host.serial_port import SerialPort
 from firmware_link.protocol.basis import Basis
 from precompute.measurements.parameters import with_changes
+from tactable.audio.port import open_port
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.sample_stream import SampleStream
 from tactable.measure.sensor import Sensor, SensorError
@@ -76,12 +76,12 @@ def open_apparatus(device: Device, options: ApparatusOptions, ask: Callable[[str
         )
         return
     with (
-        SerialPort(options.port, options.bit_rate_hz) as port,
+        open_port(options.port, options.bit_rate_hz) as port,
         closing(SampleStream(Path(options.sensor), device)) as stream,
     ):
         yield Apparatus(
             stream,
-            lambda: DrivenDevice(device, port, SystemClock(), most, options.bit_rate_hz, options.clicks),
+            lambda: DrivenDevice(device, port, SystemClock(), most, port.bit_rate_hz, options.clicks),
             lambda position_m: ask(f"sensor to {1e3 * position_m:.1f} mm, then Enter"),
             lambda: ask("turn the sensor over, then Enter"),
         )

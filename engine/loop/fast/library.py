@@ -1,26 +1,14 @@
-"""The compiled step as a library: compiled on the spot where there is a C compiler, and loaded.
-
-Whoever can write the library can run code as its user. So it is loaded only from a folder and a file that belong to the
-user and that nobody else can write, and only if it ends in the SHA-256 of what the compiler made; loaders ignore what
-follows a library. Otherwise it is compiled anew.
-"""
+"""The compiled step as a library: compiled on the spot where there is a C compiler (`engine.c_library`), and loaded."""
 
 import ctypes
-import hashlib
-import os
-import shutil
-import stat
-import subprocess
 import sys
-import zlib
 from pathlib import Path
 
-from engine.files import partial_path, remove_partials
+from engine.c_library import CompileError, LibrarySource, compile_library
 from engine.loop.fast.layout import c_header
 from firmware_link.protocol.errors import TactableError
 
 SOURCE = Path(__file__).with_name("step.c")
-_COMPILERS = ("cc", "gcc", "clang")
 # Without contraction: a product and a sum in one step would round otherwise than Python does.
 _FLAGS = ("-O2", "-std=c11", "-ffp-contract=off", "-shared", "-fPIC")
 
@@ -33,13 +21,11 @@ def compile_fast_path(folder: Path) -> ctypes.CDLL:
     """The library in `folder`, compiled there unless it is there already. Raises FastPathError."""
     if sys.byteorder != "little":
         raise FastPathError("this machine is big-endian: its reports are answered by the Python loop")
-    made_from = SOURCE.read_bytes() + c_header().encode() + " ".join(_FLAGS).encode()
-    path = folder / f"fast_path-{zlib.crc32(made_from):08x}.so"
+    source = LibrarySource("fast_path", (SOURCE,), _FLAGS, {"layout.h": c_header()})
     try:
-        if not _is_trusted(path):
-            _compile(path)
-    except OSError as error:
-        raise FastPathError(f"{path} cannot be made: {error}; delete it") from error
+        path = compile_library(folder, source)
+    except CompileError as error:
+        raise FastPathError(f"{error}; commands then leave some 20 us sooner") from error
     return open_fast_path(path)
 
 
@@ -55,39 +41,3 @@ def open_fast_path(path: Path) -> ctypes.CDLL:
     except (OSError, AttributeError) as error:  # AttributeError: it has no such symbol
         raise FastPathError(f"{path} cannot be opened: {error}; delete it") from error
     return library
-
-
-def _is_trusted(path: Path) -> bool:
-    """Whether only this user can have written the library, and it is whole."""
-    try:
-        folder, file = path.parent.stat(), path.lstat()
-        content = path.read_bytes() if stat.S_ISREG(file.st_mode) else b""
-    except OSError:
-        return False
-    is_private = folder.st_uid == file.st_uid == os.getuid() and not (folder.st_mode & 0o077 or file.st_mode & 0o022)
-    size = hashlib.sha256().digest_size
-    return is_private and len(content) > size and hashlib.sha256(content[:-size]).digest() == content[-size:]
-
-
-def _compile(path: Path) -> None:
-    compiler = next(filter(None, map(shutil.which, _COMPILERS)), None)
-    if compiler is None:
-        raise FastPathError("no C compiler: install one (gcc) and commands leave some 20 us sooner")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.parent.chmod(0o700)  # an OSError where it is somebody else's
-    remove_partials(path)
-    folder = partial_path(path)
-    folder.mkdir()
-    try:
-        made = folder / path.name
-        (folder / "layout.h").write_text(c_header(), encoding="ascii")
-        command = [compiler, *_FLAGS, f"-I{folder}", "-o", str(made), str(SOURCE), "-lm"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise FastPathError(f"{compiler} does not compile {SOURCE.name}: {done.stderr.strip()[-500:]}")
-        content = made.read_bytes()
-        made.write_bytes(content + hashlib.sha256(content).digest())
-        made.chmod(0o700)
-        made.replace(path)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)

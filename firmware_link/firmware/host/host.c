@@ -59,7 +59,7 @@ static bool are_valid(const uint32_t options[HOST_OPTIONS])
 {
     static const uint32_t greatest[HOST_OPTIONS] = {
         UINT32_MAX, TACTABLE_ACTUATORS, TACTABLE_LONGEST_LEASE_MS, UINT16_MAX, UINT16_MAX, UINT16_MAX, UINT16_MAX,
-        UINT16_MAX, 10000000u, 1u << 30, UINT16_MAX, UINT8_MAX,
+        UINT16_MAX, 10000000u, 1u << 30, UINT16_MAX, UINT8_MAX, UINT16_MAX,
     };
     for (size_t i = 0; i < HOST_OPTIONS; i++) {
         if (options[i] > greatest[i]) {
@@ -94,6 +94,7 @@ struct host *host_open(const uint32_t options[HOST_OPTIONS], const uint32_t *ful
         .basis = basis,
         .longest_waveform_ms = (uint16_t)options[HOST_LONGEST_WAVEFORM_MS],
         .longest_drive_s = (uint8_t)options[HOST_LONGEST_DRIVE_S],
+        .board = (uint16_t)options[HOST_BOARD],
     };
     memcpy(configuration.full_scales_pm, full_scales_pm, options[HOST_NUMBER_OF_ACTUATORS] * sizeof *full_scales_pm);
     const struct tactable_hooks hooks = {host, keep_sent, do_nothing, do_nothing};

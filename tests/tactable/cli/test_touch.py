@@ -27,10 +27,13 @@ from engine.touch.sources.hidraw import open_hidraw
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import read_recording, write_recording
 from firmware_link.host.serial_port import PortDescription
+from tactable.audio.interfaces import Interface
+from tactable.audio.names import AudioError
 from tactable.cli.main import app
 from tactable.cli.touch import map_json
 from tactable.digitizers.axis_map import FINGERTIP_MM, Stroke, digitizer_table, learn_axis
 from tactable.digitizers.record import learn_from_recording, record_source
+from tactable.doctor.ports import check_cards
 from tactable.doctor.touch import Machine, examine
 from tactable.rig.virtual_digitizer import DESCRIPTOR, X_MAXIMUM, Y_MAXIMUM
 from tactable.shipped import DEMO_RECORDING, device_folder
@@ -50,12 +53,18 @@ class Bench:
     hid: FakeMachine
     ports: tuple[PortDescription, ...] = ()
     backend: str = "hidraw"
+    cards: tuple[Interface, ...] | None = ()
 
     def system(self) -> HidSystem:
         return self.hid.system(self.backend)
 
     def machine(self) -> Machine:
-        return Machine(self.system, lambda: None, lambda: self.ports)
+        return Machine(self.system, lambda: None, lambda: self.ports, cards=self.find_cards)
+
+    def find_cards(self) -> tuple[Interface, ...]:
+        if self.cards is None:
+            raise AudioError("sound cards need the library PortAudio: run `sudo apt install libportaudio2`")
+        return self.cards
 
     def run(self, *words: str) -> Result:
         return CliRunner().invoke(app, words, obj=self.machine())
@@ -90,6 +99,28 @@ def test_list_shows_size_contacts_and_a_stable_name(bench: Bench) -> None:
         }
     ]
     assert "Touch Bar" in bench.run("list").stdout
+
+
+def test_sound_cards_are_listed_with_the_text_that_chooses_them(bench: Bench) -> None:
+    bench.cards = (Interface(3, "USB: (hw:1,0)", 2, 4, 44_100.0, 0.0087, 0.0087),)
+    card, simulated = bench.json("list")["sound_cards"]
+    assert (card["choose_by"], card["outputs"], card["inputs"]) == ("audio:USB: (hw:1,0)", 2, 4)
+    assert (simulated["choose_by"], simulated["simulated"]) == ("audio:simulated", True)
+    bench.cards = None
+    assert any("libportaudio2" in problem for problem in bench.json("list")["problems"])
+
+
+def test_the_doctor_looks_at_sound_cards_and_needs_none(bench: Bench) -> None:
+    bench.cards = (Interface(3, "USB", 2, 4, 44_100.0, 0.0087, 0.0087),)
+    (check,) = check_cards(bench.machine().cards)
+    assert (check.passed, check.finding) == (
+        True,
+        "2 outputs, 4 inputs, 8.7 ms from program to output, as its driver says",
+    )
+    bench.cards = None
+    (check,) = check_cards(bench.machine().cards)
+    assert not check.needed
+    assert "libportaudio2" in check.remedy
 
 
 def test_what_is_simulated_is_marked(bench: Bench) -> None:

@@ -1,0 +1,92 @@
+"""C source files to a shared library in a cache folder: compiled on the spot, loaded only where nobody else can write.
+
+Whoever can write the library can run code as its user. So it is loaded only from a folder and a file that belong to the
+user and that nobody else can write, and only if it ends in the SHA-256 of what the compiler made; loaders ignore what
+follows a library. Otherwise it is compiled anew.
+"""
+
+import hashlib
+import os
+import shutil
+import stat
+import subprocess
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from engine.files import partial_path, remove_partials
+from firmware_link.protocol.errors import TactableError
+
+_COMPILERS = ("cc", "gcc", "clang")
+
+
+class CompileError(TactableError):
+    """A library cannot be compiled here: why, and what would help."""
+
+
+@dataclass(frozen=True)
+class LibrarySource:
+    """What a library is made of. headers: text by name of those that are generated; include: folders of the others."""
+
+    name: str
+    sources: Sequence[Path]
+    flags: Sequence[str]
+    headers: Mapping[str, str] = field(default_factory=dict)
+    include: Sequence[Path] = ()
+
+    def fingerprint(self) -> int:
+        """CRC-32 of everything that the library is made of."""
+        files = [*self.sources, *(path for folder in self.include for path in sorted(folder.glob("*.h")))]
+        parts = [*(path.read_bytes() for path in files), *map(str.encode, self.headers.values())]
+        return zlib.crc32(b"".join(parts) + " ".join(self.flags).encode())
+
+
+def compile_library(folder: Path, source: LibrarySource) -> Path:
+    """The path of the library in `folder`, compiled there unless it is there already. Raises CompileError."""
+    path = folder / f"{source.name}-{source.fingerprint():08x}.so"
+    try:
+        if not _is_trusted(path):
+            _compile(path, source)
+    except OSError as error:
+        raise CompileError(f"{path} cannot be made: {error}; delete it") from error
+    return path
+
+
+def _is_trusted(path: Path) -> bool:
+    """Whether only this user can have written the library, and it is whole."""
+    try:
+        folder, file = path.parent.stat(), path.lstat()
+        content = path.read_bytes() if stat.S_ISREG(file.st_mode) else b""
+    except OSError:
+        return False
+    is_private = folder.st_uid == file.st_uid == os.getuid() and not (folder.st_mode & 0o077 or file.st_mode & 0o022)
+    size = hashlib.sha256().digest_size
+    return is_private and len(content) > size and hashlib.sha256(content[:-size]).digest() == content[-size:]
+
+
+def _compile(path: Path, source: LibrarySource) -> None:
+    compiler = next(filter(None, map(shutil.which, _COMPILERS)), None)
+    if compiler is None:
+        raise CompileError("no C compiler: install one (gcc)")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.parent.chmod(0o700)  # an OSError where it is somebody else's
+    remove_partials(path)
+    folder = partial_path(path)
+    folder.mkdir()
+    try:
+        made = folder / path.name
+        for name, text in source.headers.items():
+            (folder / name).write_text(text, encoding="ascii")
+        include = [f"-I{each}" for each in (folder, *source.include)]
+        command = [compiler, *source.flags, *include, "-o", str(made), *map(str, source.sources), "-lm"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            names = ", ".join(each.name for each in source.sources)
+            raise CompileError(f"{compiler} does not compile {names}: {done.stderr.strip()[-500:]}")
+        content = made.read_bytes()
+        made.write_bytes(content + hashlib.sha256(content).digest())
+        made.chmod(0o700)
+        made.replace(path)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,1 @@
+"""Sound cards: one as the board that drives actuators, one as the converter of a sensor."""

@@ -1,0 +1,91 @@
+"""A sound card behind the interface of a serial port, and the one function that opens a port of either kind."""
+
+import socket
+from types import TracebackType
+from typing import Self
+
+from firmware_link.child import START_TIMEOUT_S, Child, ChildError
+from firmware_link.host.serial_port import READ_SIZE, SerialPort
+from firmware_link.protocol.errors import LinkLostError
+from tactable.audio.names import AudioError, is_audio, parse_output
+from tactable.shipped import cache_folder
+
+BIT_RATE_HZ = 8_000_000
+"""What a socket carries; so many bits take less time than a block."""
+_CHILD = "tactable.audio.output_process"
+
+
+class AudioPort:
+    """An open sound card. Any failure is a LinkLostError, as after an unplug. Raises AudioError."""
+
+    bit_rate_hz = BIT_RATE_HZ
+
+    def __init__(self, text: str) -> None:
+        output = parse_output(text)
+        self.path = f"sound card {output.name}" + (" (SIMULATED)" if output.is_simulated else "")
+        self._socket, theirs = socket.socketpair()
+        with theirs:
+            arguments = {"port": text, "wire": theirs.fileno(), "cache": str(cache_folder())}
+            self._child = Child(_CHILD, arguments, name=self.path, descriptors=(theirs.fileno(),))
+        try:
+            greeting = self._child.read(START_TIMEOUT_S)
+        except ChildError as error:
+            self.close()
+            raise AudioError(str(error)) from error
+        self.latency_s: float = greeting["latency_s"]
+        """From a block's callback to the converter, as the driver says."""
+        self.notes = (
+            f"{self.path}: {output.rate_hz / 1e3:g} kHz, a command waits up to {1e3 * greeting['block_s']:.1f} ms for "
+            f"a block and then {1e3 * self.latency_s:.1f} ms in the card, as its driver says; no sample above "
+            f"{100 * output.most:g} %",
+            "a sound card has no firmware: the lease is kept by a process of this machine, and only a limit in the "
+            "amplifier protects the actuators if the machine hangs (docs/safety.md)",
+        )
+        """What a user should know, one sentence each."""
+        self._socket.setblocking(False)
+
+    def fileno(self) -> int:
+        """The descriptor, to poll."""
+        return self._socket.fileno()
+
+    def read(self) -> bytes:
+        """Read what the board has said, perhaps nothing; raises LinkLostError when the card is gone."""
+        try:
+            data = self._socket.recv(READ_SIZE)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._gone(error) from error
+        if not data:
+            raise self._gone("its process has ended")
+        return data
+
+    def write(self, data: bytes) -> int:
+        """Write what the socket takes; returns the number of bytes, perhaps 0. Raises LinkLostError."""
+        try:
+            return self._socket.send(data)
+        except BlockingIOError:
+            return 0
+        except OSError as error:
+            raise self._gone(error) from error
+
+    def close(self) -> None:
+        """Fade, and end the process of the card; a second close does nothing."""
+        self._socket.close()
+        self._child.end()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _gone(self, reason: object) -> LinkLostError:
+        return LinkLostError(f"{self.path} is gone ({reason}): plug it in and connect again")
+
+
+def open_port(name: str, bit_rate_hz: int = 115_200) -> SerialPort | AudioPort:
+    """The port of this name: a sound card for "audio:...", else a serial port. Raises LinkError."""
+    return AudioPort(name) if is_audio(name) else SerialPort(name, bit_rate_hz)

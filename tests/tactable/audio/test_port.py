@@ -1,0 +1,98 @@
+"""A sound card behind the commands: the simulated one, fed by its process, and texts that are refused."""
+
+import json
+import time
+from pathlib import Path
+
+import pytest
+
+from firmware_link.host.link import Link
+from firmware_link.host.link_values import LinkConfiguration, LinkState
+from firmware_link.host.session import Session
+from firmware_link.protocol.errors import LinkLostError
+from firmware_link.protocol.messages import ChannelDrive, encode_drive
+from tactable.audio.interfaces import Interface, find_interfaces, select_interface
+from tactable.audio.names import AudioError
+from tactable.audio.port import AudioPort, open_port
+from tests.tactable.audio.cards import TEXT, core
+from tests.tactable.cli.in_process import run_here
+
+DRIVE = ("--frequency", "150,130", "--amplitude", "20 %,5 %", "--for", "0.2 s")
+
+
+def test_a_drive_by_hand_is_played_by_a_card(tmp_path: Path) -> None:
+    core()
+    done = run_here(tmp_path, "play", "reference-a", "--port", TEXT.replace("0.52", "0.7"), *DRIVE, "--json")
+    assert done.returncode == 0, done.stderr
+    assert "sound card simulated (SIMULATED): 48 kHz" in done.stderr
+    assert "a sound card has no firmware" in done.stderr
+    assert json.loads(done.stdout)["duration_s"] >= 0.2
+
+
+def exchange_until(session: Session, state: LinkState) -> None:
+    while session.link.state is not state:
+        session.exchange()
+
+
+def test_a_card_is_greeted_and_armed_like_a_board_and_latches_when_its_host_lets_go() -> None:
+    core()
+    with AudioPort(TEXT) as port:
+        session = Session(Link(LinkConfiguration(2, bit_rate_hz=port.bit_rate_hz)), port, time.monotonic_ns)
+        session.connect()
+        exchange_until(session, LinkState.READY)
+        assert session.link.capabilities is not None
+        assert session.link.capabilities.full_scales_m == pytest.approx((0.8 * 0.52e-6,) * 2)
+        session.link.set_drive(encode_drive([ChannelDrive(150, 0.1)] * 2, 0.01))
+        session.exchange()
+        session.link.stop(time.monotonic_ns())
+        exchange_until(session, LinkState.STOPPED)
+    with pytest.raises((LinkLostError, ValueError)):
+        port.read()
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [("audio:card", "full_scale is missing"), ("audio:simulated,full_scale=1 um,most=200 %", "no sample above 100 %")],
+)
+def test_a_card_without_its_declarations_is_refused_before_anything_starts(text: str, error: str) -> None:
+    with pytest.raises(AudioError, match=error):
+        open_port(text)
+
+
+def test_a_card_that_cannot_reach_the_limit_of_the_device_is_refused(tmp_path: Path) -> None:
+    core()
+    done = run_here(tmp_path, "play", "reference-a", "--port", "audio:simulated,full_scale=0.6um,most=50%", *DRIVE)
+    assert done.returncode == 1
+    assert "0.3 um on the connected board" in done.stderr
+
+
+def interface(index: int, name: str) -> Interface:
+    return Interface(index, name, 2, 2, 48_000.0, 0.01, 0.01)
+
+
+class FakePortAudio:
+    """What sounddevice says of one card."""
+
+    @staticmethod
+    def query_devices() -> list[dict[str, object]]:
+        low = {"default_low_output_latency": 0.0087, "default_low_input_latency": 0.0087}
+        return [
+            {
+                "name": "USB: (hw:1,0)",
+                "max_output_channels": 4,
+                "max_input_channels": 2,
+                **low,
+                "default_samplerate": 44_100.0,
+            }
+        ]
+
+
+def test_cards_are_found_by_their_name_or_a_part_of_it() -> None:
+    (found,) = find_interfaces(FakePortAudio())  # type: ignore[arg-type]
+    assert (found.name, found.outputs, found.inputs) == ("USB: (hw:1,0)", 4, 2)
+    cards = (found, interface(1, "HDA Intel: ALC (hw:0,0)"), interface(2, "HDA Intel: HDMI (hw:0,3)"))
+    assert select_interface("usb", cards) is found
+    with pytest.raises(AudioError, match=r"is the name of several: .*ALC.*HDMI"):
+        select_interface("HDA", cards)
+    with pytest.raises(AudioError, match="those that there are: USB"):
+        select_interface("nothing", cards)
