@@ -154,6 +154,16 @@ class Link:
         else:
             self.counters.dropped += 1
 
+    def glide(self, drive: bytes) -> None:
+        """Send this drive next without writing its phases: what sounds runs on at the new frequencies, without a step.
+
+        Otherwise as `set_drive`.
+        """
+        if self.state is _READY:
+            self._outbox.put_drive(drive, writes_phase=False)
+        else:
+            self.counters.dropped += 1
+
     def set_play(self, click: EncodedClick) -> None:
         """Play a click next, in place of what sounds; silence follows. Otherwise as `set_drive`.
 

@@ -60,6 +60,7 @@ class Outbox:
         self._clock = DeviceClock()
         self._slot: bytes | EncodedClick | None = None
         self._sounding: bytes | EncodedClick = b""
+        self._writes_phase = True
         self._click_end_ns = 0
         self._player = Player()
 
@@ -71,7 +72,7 @@ class Outbox:
 
     def clear(self) -> None:
         """Nothing waits and nothing sounds."""
-        self._slot, self._sounding = None, self.silent_drive
+        self._slot, self._sounding, self._writes_phase = None, self.silent_drive, True
         self._player = Player()
         self.holds_clicks = False
 
@@ -85,16 +86,18 @@ class Outbox:
         """Whether nothing waits and what sounds is silence."""
         return self._slot is None and isinstance(self._sounding, bytes) and not any(self._sounding)
 
-    def put_drive(self, drive: bytes) -> None:
+    def put_drive(self, drive: bytes, *, writes_phase: bool = True) -> None:
         """Send this drive next, in place of the command that waits; raises LinkError for a drive that is too long.
 
-        Actuators beyond those of the drive get silence.
+        Actuators beyond those of the drive get silence. Without `writes_phase` oscillators that sound run on.
         """
         size = len(self.silent_drive)
         if len(drive) != size:
             if len(drive) > size:
                 raise LinkError(f"a drive of {len(drive)} bytes; the device takes {size}")
             drive = drive.ljust(size, b"\0")
+        # A renewal of the drive before may still go out with this; it is superseded by the drive that waits.
+        self._writes_phase = writes_phase
         self.put(drive)
 
     def put(self, wanted: bytes | EncodedClick) -> None:
@@ -123,7 +126,8 @@ class Outbox:
             return self._renewal(now_ns)
         self.drive_sequence = sequence = self._encoder.next_sequence()
         if isinstance(command, bytes):
-            body = encode_set_body(self._clock_reference(now_ns), self.lease.duration_ms, command, sequence)
+            reference, lease_ms = self._clock_reference(now_ns), self.lease.duration_ms
+            body = encode_set_body(reference, lease_ms, command, sequence, writes_phase=self._writes_phase)
         else:
             body = encode_play_body(self._clock_reference(now_ns), command.play, sequence)
         return encode_frame(body)
@@ -166,8 +170,8 @@ class Outbox:
             sounding = self.silent_drive
         self._counters.renewed += 1
         self._start_drive(sounding, now_ns)
-        sequence = self._encoder.next_sequence()
-        return encode_frame(encode_set_body(reference, self.lease.duration_ms, sounding, sequence))
+        sequence, lease_ms = self._encoder.next_sequence(), self.lease.duration_ms
+        return encode_frame(encode_set_body(reference, lease_ms, sounding, sequence, writes_phase=self._writes_phase))
 
     def _start_drive(self, drive: bytes, now_ns: int) -> None:
         if self._player.end_us is not None:

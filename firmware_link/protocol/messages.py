@@ -318,12 +318,14 @@ _PLAY_HEAD = struct.Struct("<BBH")
 _WRITES_PHASE = int(SetFlag.WRITE_PHASE)
 
 
-def encode_set_body(clock_reference: int, lease_ms: int, drive: bytes, sequence: int) -> bytes:
-    """Body of a SET that writes the phase, as `encode_body` makes it, for the way from a touch to its command.
+def encode_set_body(
+    clock_reference: int, lease_ms: int, drive: bytes, sequence: int, *, writes_phase: bool = True
+) -> bytes:
+    """Body of a SET, as `encode_body` makes it, for the way from a touch to its command.
 
     The values are those of a link that is ready: they are known to fit.
     """
-    return _pack_set(sequence, clock_reference, _WRITES_PHASE, lease_ms) + drive
+    return _pack_set(sequence, clock_reference, _WRITES_PHASE if writes_phase else 0, lease_ms) + drive
 
 
 def encode_play(basis_set: int, fraction_bits: int, amplitude: int, weights: Sequence[int]) -> bytes:

@@ -15,6 +15,7 @@ from tactable.cli.options import (
     OptionError,
     SensorMass,
     read_changes,
+    read_choice,
     read_numbers,
     read_option,
 )
@@ -59,6 +60,9 @@ def measure(
     frequencies: Annotated[
         str, typer.Option(help="Hz, between commas, or FROM:TO:STEP; default: 12 beside the lines of the mains.")
     ] = "",
+    method: Annotated[
+        str, typer.Option(help="stepped: one frequency after the other. sweep: all of a band at once, by loopback.")
+    ] = "stepped",
     planned: Annotated[
         int, typer.Option(min=0, max=1000, help="Instead: this many readings of plan-measurements.")
     ] = 0,
@@ -77,9 +81,10 @@ def measure(
 ) -> None:
     """Drive the bar and record its responses along it, for calibrate and build.
 
-    Each actuator plays one frequency after the other at each place, first at --least and louder only where noise or hum
-    demands it. The samples are kept in the folder OUTPUT.raw, and the same command continues after an interruption.
-    Exit status 3: some readings stayed spoiled. It has never been run on hardware.
+    At each place each actuator plays one frequency after the other, or glides through all of them (--method sweep),
+    first at --least and louder only where noise or hum demands it. The samples are kept in the folder OUTPUT.raw, and
+    the same command continues after an interruption. Exit status 3: some readings stayed spoiled. It has
+    never been run on hardware.
     """
     from threadpoolctl import threadpool_limits
 
@@ -87,12 +92,14 @@ def measure(
     from precompute.measurements.file import check_ending
     from tactable.measure.apparatus import open_apparatus
     from tactable.measure.stepped_sine import SteppedSineOptions
-    from tactable.measure.walk import RawFolder, even_walk, measure_walk, planned_walk
+    from tactable.measure.swept_sine import SweepOptions
+    from tactable.measure.walk import Method, Methods, RawFolder, even_walk, measure_walk, planned_walk
 
     device, mass_kg = find_device(device_name), read_option("--sensor-mass", sensor_mass, "kg")
     for path in [*output, *([peaks] if peaks else [])]:
         check_ending(path)
     options = SteppedSineOptions(read_option("--least", least, ""), read_most(device, most))
+    how = Method(options, SweepOptions() if read_choice("--method", method, Methods) is Methods.SWEEP else None)
     walk = planned_walk(device, planned, mass_kg) if planned else even_walk(device, places, read_grid(frequencies))
     simulated = (flaws, change, seed)
     chosen = apparatus_options(device, port_name, sensor_path, options.most, bit_rate_hz, mass_kg, simulated, gravity)
@@ -100,19 +107,12 @@ def measure(
     # Unlimited BLAS is slower than one thread for windows of this size, and 100 times slower on a busy machine.
     with threadpool_limits(1, "blas"), open_apparatus(device, chosen, ask) as apparatus:
         form = apparatus.sensor.form
-        settings = to_plain({"form": form, "options": options, "mass_kg": mass_kg, "flaws": chosen.flaws})
+        settings = to_plain({"form": form, "method": how, "mass_kg": mass_kg, "flaws": chosen.flaws})
         raw = RawFolder(output[0].with_name(f"{output[0].name}.raw"), device, walk, settings | {"seed": seed})
         if gravity:
             checked = _check_gravity(device, apparatus, options)
         records = measure_walk(
-            device,
-            walk,
-            apparatus.open_driven,
-            apparatus.sensor,
-            options,
-            raw,
-            lambda stop: apparatus.guide(stop.position_m),
-            lambda stop, reading: None if as_json else _tell(device, stop, reading),
+            device, walk, apparatus, how, raw, lambda stop, reading: None if as_json else _tell(device, stop, reading)
         )
     _write(device, form, records, mass_kg, output, peaks, keep_spoiled)
     summary = summary_of(device, records) | {"output": [str(path) for path in output], "raw": str(raw.path)}

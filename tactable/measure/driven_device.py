@@ -66,12 +66,19 @@ class DrivenDevice:
 
     def play(self, drive: Drive) -> None:
         """Hold this drive from the next `wait` on, in place of the one before."""
+        self.applied_device_us = None
+        self.session.link.set_drive(self._encoded(drive))
+
+    def glide(self, drive: Drive) -> None:
+        """As `play`, but tones that sound run on at the new frequencies: a sweep is a dense row of these."""
+        self.session.link.glide(self._encoded(drive))
+
+    def _encoded(self, drive: Drive) -> bytes:
         channels = [
             replace(channel, amplitude=min(1.0, channel.amplitude * scale))
             for channel, scale in zip(drive.channels, self.fit.scales, strict=True)
         ]
-        self.applied_device_us = None
-        self.session.link.set_drive(encode_drive(channels, self.capabilities.frequency_resolution_hz))
+        return encode_drive(channels, self.capabilities.frequency_resolution_hz)
 
     def silence(self) -> None:
         """Ramp to zero with the next `wait` and stay armed."""

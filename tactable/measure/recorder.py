@@ -32,24 +32,43 @@ class Recorder:
         self._values, self._size = self._values[:1], 0
         self._values[0] = self._values[0][:0]
 
+    def follow(self, until_ns: int) -> None:
+        """Take in what comes until this time, while the drive changes."""
+        while self._driven.clock.now_ns() < until_ns:
+            if self._driven.wait(until_ns, (self._sensor.fileno(),)):
+                self._take_block()
+
     def take(self, seconds: float) -> Array:
         """The next window (sample, channel); it follows the one before without a gap."""
         count = round(seconds * self._sensor.form.sample_rate_hz)
         clock = self._driven.clock
         while self._size < count:
             is_there = self._driven.wait(clock.now_ns() + PATIENCE_NS, (self._sensor.fileno(),))
-            block = self._sensor.read()
-            if block is None and not is_there:
+            if not self._take_block() and not is_there:
                 raise SensorError(f"no samples for {PATIENCE_NS / _NS_PER_S:g} s: start the converter and its program")
-            if block is not None:
-                self._values.append(block.values)
-                self._size += len(block.values)
-                self._arrived_ns = block.arrived_ns
         joined = np.concatenate(self._values)
         self._values, self._size = [joined[count:]], len(joined) - count
         return joined[:count]
+
+    def _take_block(self) -> bool:
+        block = self._sensor.read()
+        if block is None:
+            return False
+        self._values.append(block.values)
+        self._size += len(block.values)
+        self._arrived_ns = block.arrived_ns
+        return True
 
     def arrival_ns(self, samples_before_end: int) -> int:
         """Host time by which the sample this far before the end of the last window had come, at an even pace."""
         behind = samples_before_end + self._size
         return self._arrived_ns - int(behind * _NS_PER_S / self._sensor.form.sample_rate_hz)
+
+
+def known_samples(values: Array) -> Array:
+    """Samples with lost ones replaced by the mean of their channel; the loss is a fault of its own."""
+    if not np.isnan(values).any():
+        return values
+    if np.isnan(values).all(axis=0).any():
+        raise SensorError("a channel has lost all its samples: check its connection")
+    return np.where(np.isnan(values), np.nanmean(values, axis=0), values)

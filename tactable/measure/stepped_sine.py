@@ -27,8 +27,8 @@ from precompute.model.modal import compute_basis, compute_modal_model
 from tactable.measure.asked_drive import AskedDrive, check_drive
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.faults import SPOILING, Fault, Tolerance, find_faults, is_clipped
-from tactable.measure.recorder import Recorder
-from tactable.measure.sensor import Sensor, SensorError
+from tactable.measure.recorder import Recorder, known_samples
+from tactable.measure.sensor import Sensor
 from tactable.measure.tone_fit import ToneFit, fit_tone
 
 Array = NDArray[np.float64]
@@ -97,11 +97,14 @@ class SteppedSine:
 
     def __init__(self, device: Device, driven: DrivenDevice, sensor: Sensor, options: SteppedSineOptions) -> None:
         self._device, self._driven, self._form, self._options = device, driven, sensor.form, options
-        self._recorder = Recorder(driven, sensor)
+        self.recorder = Recorder(driven, sensor)
+        """Takes the samples."""
         self._to_come = _share_to_come(device, options.window_s)
         self._amplitude = options.least
-        self._rest = AtRest(0.0, 0.0, 0.0)
-        self._drift = 0.0
+        self.rest = AtRest(0.0, 0.0, 0.0)
+        """The sensor with the bar at rest, as `listen` found it."""
+        self.drift = 0.0
+        """The pace of the converter's clock over the board's, less 1, as found so far."""
         self.channel = self._form.acceleration
         """Index of the channel of the acceleration."""
         self.lossy_windows = 0
@@ -113,11 +116,11 @@ class SteppedSine:
         """Record the bar at rest."""
         self._driven.silence()
         self._driven.wait(self._driven.clock.now_ns() + int(_LATE_S * _NS_PER_S))
-        self._recorder.drop()
-        values = self._recorder.take(2 * self._options.window_s)
-        fit, channel = fit_tone(_known(values), self._form.sample_rate_hz, _REST_HZ), self._form.acceleration
-        self._rest = AtRest(float(fit.rest[channel]), float(fit.hum[channel]), float(fit.mean[channel]))
-        return self._rest
+        self.recorder.drop()
+        values = self.recorder.take(2 * self._options.window_s)
+        fit, channel = fit_tone(known_samples(values), self._form.sample_rate_hz, _REST_HZ), self._form.acceleration
+        self.rest = AtRest(float(fit.rest[channel]), float(fit.hum[channel]), float(fit.mean[channel]))
+        return self.rest
 
     def measure_latency(self) -> float | None:
         """Seconds from a drive to the arrival of its loopback, a block of samples included; None without loopback."""
@@ -129,15 +132,15 @@ class SteppedSine:
             return None
         reference, least = self._form.loopback(actuators[which].name), self._options.least
         asked = AskedDrive.of_one(self._device, which, sum(actuators[which].band_hz) / 2, least)
-        self._recorder.drop()
+        self.recorder.drop()
         driven.play(check_drive(asked, self._device))
-        values = self._recorder.take(_LATE_S + self._options.window_s)
+        values = self.recorder.take(_LATE_S + self._options.window_s)
         sounding = np.flatnonzero(abs(values[:, reference]) > _ONSET * least)
         applied_us = driven.applied_device_us
         driven.silence()
         if not len(sounding) or applied_us is None:
             return None
-        clock, arrived_ns = driven.session.link.clock, self._recorder.arrival_ns(len(values) - int(sounding[0]))
+        clock, arrived_ns = driven.session.link.clock, self.recorder.arrival_ns(len(values) - int(sounding[0]))
         offset_ns = clock.offset_bounds(driven.clock.now_ns()).middle_ns
         return (arrived_ns - (1000 * applied_us - offset_ns)) / _NS_PER_S
 
@@ -164,19 +167,19 @@ class SteppedSine:
                 earlier |= dict.fromkeys(fault for fault in faults if fault in SPOILING)
         if self.lossy_windows > lossy:
             earlier[Fault.LOST_SAMPLES] = None
-        channel, reference = self._form.acceleration, self._reference(actuator)
+        channel, reference = self._form.acceleration, self.reference(actuator)
         if reference is None:
             acceleration, coherence = complex(abs(fit.phasor[channel])), 1.0
         else:
             acceleration, coherence = amplitude * fit.ratio(channel, reference), fit.coherence(channel, reference)
         reading = Reading(
             actuator=actuator,
-            frequency_hz=self._played_hz(frequency_hz),
+            frequency_hz=self.played_hz(frequency_hz),
             amplitude=amplitude,
             acceleration=acceleration,
             error=fit.error(channel),
             coherence=coherence,
-            drift=self._drift,
+            drift=self.drift,
             seconds=(self._driven.clock.now_ns() - start_ns) / _NS_PER_S,
             attempts=attempts,
             faults=faults,
@@ -200,26 +203,30 @@ class SteppedSine:
         while True:
             try:
                 return self._hold_once(asked, windows)
-            except LinkError:
-                self.rearmed += 1
-                if self.rearmed > _REARMED:
-                    raise
-                self._driven.arm_again()
+            except LinkError as error:
+                self.rearm(error)
+
+    def rearm(self, error: LinkError) -> None:
+        """Arm a board again that stopped itself; raises the error of one that does so again and again."""
+        self.rearmed += 1
+        if self.rearmed > _REARMED:
+            raise error
+        self._driven.arm_again()
 
     def _hold_once(self, asked: AskedDrive, windows: int) -> tuple[ToneFit, Array, tuple[Fault, ...]]:
         options, driven = self._options, self._driven
         actuator = int(np.argmax(asked.amplitudes))
-        hz = self._played_hz(asked.frequencies_hz[actuator])
+        hz = self.played_hz(asked.frequencies_hz[actuator])
         driven.play(check_drive(asked, self._device))
         driven.wait(driven.clock.now_ns() + int(_LATE_S * _NS_PER_S))
-        self._recorder.drop()
-        before, last = self._recorder.take(options.window_s), self._recorder.take(options.window_s)
+        self.recorder.drop()
+        before, last = self.recorder.take(options.window_s), self.recorder.take(options.window_s)
         waited_s = 2 * options.window_s
         while not (is_steady := self._is_steady(before, last, hz, actuator)) and waited_s < options.longest_settling_s:
             self._look_for_losses(last, hz, actuator)
-            before, last = last, self._recorder.take(options.window_s)
+            before, last = last, self.recorder.take(options.window_s)
             waited_s += options.window_s
-        more = [self._recorder.take(options.window_s) for _ in range(windows - 2)]
+        more = [self.recorder.take(options.window_s) for _ in range(windows - 2)]
         return self._judge(np.concatenate([before, last, *more]), hz, actuator, is_steady)
 
     def hit(self, click: EncodedClick, length_s: float) -> tuple[Array, bool]:
@@ -229,27 +236,27 @@ class SteppedSine:
         """
         self._driven.silence()
         self._driven.wait(self._driven.clock.now_ns() + int(self._options.longest_settling_s / 3 * _NS_PER_S))
-        self._recorder.drop()
+        self.recorder.drop()
         self._driven.session.link.set_play(click)
-        values = _known(self._recorder.take(length_s + 2 * _LATE_S))
+        values = known_samples(self.recorder.take(length_s + 2 * _LATE_S))
         acceleration = values[:, self._form.acceleration]
         return acceleration - np.median(acceleration), is_clipped(values, self._form, self._options.tolerance)
 
     def _look_for_losses(self, window: Array, hz: float, actuator: int) -> None:
         """Count a window in which the phase of the loopback steps; the wait for a steady bar passes over it."""
-        reference, tolerance = self._reference(actuator), self._options.tolerance
+        reference, tolerance = self.reference(actuator), self._options.tolerance
         if reference is not None and self._fit(window, hz).phase_step_rad(reference) > tolerance.phase_step_rad:
             self.lossy_windows += 1
 
     def _is_steady(self, before: Array, last: Array, hz: float, actuator: int) -> bool:
         """Whether what is still to come after two windows is small beside the tone, or beside the noise."""
         first, second = (self._level(self._fit(window, hz), actuator) for window in (before, last))
-        noise = 3 * self._rest.noise * math.sqrt(2 / len(last))
+        noise = 3 * self.rest.noise * math.sqrt(2 / len(last))
         return abs(second - first) * self._to_come <= max(_SETTLED * abs(second), noise)
 
     def _level(self, fit: ToneFit, actuator: int) -> complex:
         """The tone with its phase to the loopback, in the units of the sensor; without loopback its magnitude."""
-        reference, channel = self._reference(actuator), self._form.acceleration
+        reference, channel = self.reference(actuator), self._form.acceleration
         if reference is None or not abs(fit.phasor[reference]) > 0:
             return complex(abs(fit.phasor[channel]))
         return fit.ratio(channel, reference) * float(abs(fit.phasor[reference]))
@@ -258,9 +265,9 @@ class SteppedSine:
         self, values: Array, hz: float, actuator: int, is_steady: bool
     ) -> tuple[ToneFit, Array, tuple[Fault, ...]]:
         """Fit and faults of the windows that were steady; the clock's drift is followed from reading to reading."""
-        tolerance, reference = self._options.tolerance, self._reference(actuator)
+        tolerance, reference = self._options.tolerance, self.reference(actuator)
         fit = self._fit(values, hz)
-        faults = list(find_faults(fit, values, self._form, reference, tolerance, self._rest.hum))
+        faults = list(find_faults(fit, values, self._form, reference, tolerance, self.rest.hum))
         if np.isnan(values).any() and Fault.LOST_SAMPLES not in faults:
             faults.append(Fault.LOST_SAMPLES)
         if not is_steady and Fault.LOST_SAMPLES not in faults:
@@ -268,38 +275,34 @@ class SteppedSine:
         if reference is not None and abs(fit.phasor[reference]) < _LEAST_LOOPBACK:
             faults.append(Fault.NO_SIGNAL)
         elif reference is not None and Fault.LOST_SAMPLES not in faults:
-            self._drift += fit.drift(reference)
-        if abs(self._drift) > tolerance.drift:
+            self.drift += fit.drift(reference)
+        if abs(self.drift) > tolerance.drift:
             faults.append(Fault.CLOCK_DRIFT)
         return fit, values, tuple(faults)
 
     def _fit(self, values: Array, hz: float) -> ToneFit:
         """The fit of a tone of the board's, whose frequency a converter that runs fast sees lower."""
-        return fit_tone(_known(values), self._form.sample_rate_hz, hz / (1 + self._drift))
+        return fit_tone(known_samples(values), self._form.sample_rate_hz, hz / (1 + self.drift))
 
-    def _played_hz(self, frequency_hz: float) -> float:
+    def played_hz(self, frequency_hz: float) -> float:
         """The frequency that the wire carries, which counts in steps."""
         resolution_hz = self._driven.capabilities.frequency_resolution_hz
         return round(frequency_hz / resolution_hz) * resolution_hz
 
-    def _reference(self, actuator: int) -> int | None:
+    def reference(self, actuator: int) -> int | None:
+        """Index of the channel that records the drive of an actuator; None without one."""
         return self._form.loopback(self._device.actuators[actuator].name)
 
 
-def _known(values: Array) -> Array:
-    """Samples with lost ones replaced by the mean of their channel; the loss is a fault of its own."""
-    if not np.isnan(values).any():
-        return values
-    if np.isnan(values).all(axis=0).any():
-        raise SensorError("a channel has lost all its samples: check its connection")
-    return np.where(np.isnan(values), np.nanmean(values, axis=0), values)
-
-
-def _share_to_come(device: Device, window_s: float) -> float:
-    """The slowest mode's q / (1 - q), q being what a window leaves of it; of the modes within the sweep."""
+def slowest_decay_per_s(device: Device) -> float:
+    """Decay rate of the slowest mode within the sweep, by the model."""
     pole = compute_modal_model(compute_basis(assemble(device))).pole
     hz = abs(pole.imag) / (2 * np.pi)
     within = (hz > 0.5 * device.sweep.start_hz) & (hz < 1.2 * device.sweep.stop_hz)
-    decay_per_s = float(-pole.real[within].max()) if within.any() else math.inf
-    left = math.exp(-decay_per_s * window_s)
+    return float(-pole.real[within].max()) if within.any() else math.inf
+
+
+def _share_to_come(device: Device, window_s: float) -> float:
+    """The slowest mode's q / (1 - q), q being what a window leaves of it."""
+    left = math.exp(-slowest_decay_per_s(device) * window_s)
     return left / (1 - left) if left < 1 else math.inf

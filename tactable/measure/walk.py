@@ -6,8 +6,9 @@ goes on after the last complete stop; the folder refuses another device, walk, s
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,12 @@ from precompute.calibration.plan import Accuracy, Criterion, plan_first
 from precompute.measurements import Kind, MeasurementError, Measurements
 from precompute.measurements.parameters import default_names
 from precompute.measurements.simulate import even_places
+from tactable.measure.apparatus import Apparatus
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.faults import Fault
 from tactable.measure.sensor import Sensor
 from tactable.measure.stepped_sine import WINDOW_S, AtRest, Reading, SteppedSine, SteppedSineOptions
+from tactable.measure.swept_sine import SweepOptions, SweptSine
 from tactable.measure.tone_fit import is_beside_hum
 
 Array = NDArray[np.float64]
@@ -131,46 +134,63 @@ class RawFolder:
         return self.path / f"{1e3 * stop.position_m:07.2f}mm.npz"
 
 
+class Methods(Enum):
+    """Names of the methods."""
+
+    STEPPED = "stepped"
+    SWEEP = "sweep"
+
+
+@dataclass(frozen=True)
+class Method:
+    """How the tones of a stop are read: one after the other, or by sweeps of each actuator where there is a `sweep`."""
+
+    stepped: SteppedSineOptions
+    sweep: SweepOptions | None = None
+
+
 def measure_walk(
     device: Device,
     walk: Sequence[Stop],
-    open_driven: Callable[[], DrivenDevice],
-    sensor: Sensor,
-    options: SteppedSineOptions,
+    apparatus: Apparatus,
+    method: Method,
     raw: RawFolder,
-    guide: Callable[[Stop], None],
-    on_reading: Callable[[Stop, Reading], None],
+    on_reading: Callable[[Stop, Reading], None] = lambda _stop, _reading: None,
 ) -> tuple[StopRecord, ...]:
-    """Go from stop to stop; `guide` returns once the sensor lies at one. The board is armed at a stop only."""
+    """Go from stop to stop, the sensor guided from one to the next. The board is armed at a stop only."""
     records = []
     for stop in walk:
         record = raw.read(stop)
         if record is None:
-            guide(stop)
-            with open_driven() as driven:
-                record, samples = _measure_stop(device, stop, driven, sensor, options, on_reading)
+            apparatus.guide(stop.position_m)
+            with apparatus.open_driven() as driven:
+                stepped = SteppedSine(device, driven, apparatus.sensor, method.stepped)
+                rest, latency_s = stepped.listen(), stepped.measure_latency()
+                readings, samples = list[Reading](), list[Array]()
+                for reading, values in _read_stop(device, stop, driven, apparatus.sensor, stepped, method):
+                    on_reading(stop, reading)
+                    readings.append(reading)
+                    samples += values
+            record = StopRecord(stop.position_m, rest, latency_s, tuple(readings))
             raw.write(stop, record, samples)
         records.append(record)
     return tuple(records)
 
 
-def _measure_stop(
-    device: Device,
-    stop: Stop,
-    driven: DrivenDevice,
-    sensor: Sensor,
-    options: SteppedSineOptions,
-    on_reading: Callable[[Stop, Reading], None],
-) -> tuple[StopRecord, list[Array]]:
-    stepped = SteppedSine(device, driven, sensor, options)
-    rest, latency_s = stepped.listen(), stepped.measure_latency()
-    readings, samples = list[Reading](), list[Array]()
-    for actuator, hz in stop.tones:
-        reading, values = stepped.read(actuator, hz)
-        on_reading(stop, reading)
-        readings.append(reading)
-        samples.append(values)
-    return StopRecord(stop.position_m, rest, latency_s, tuple(readings)), samples
+def _read_stop(
+    device: Device, stop: Stop, driven: DrivenDevice, sensor: Sensor, stepped: SteppedSine, method: Method
+) -> Iterator[tuple[Reading, list[Array]]]:
+    """Each reading with the records (sample, channel) that it adds; those of a sweep come with its first reading."""
+    if method.sweep is None:
+        for actuator, hz in stop.tones:
+            reading, values = stepped.read(actuator, hz)
+            yield reading, [values]
+        return
+    swept = SweptSine(device, driven, sensor, stepped, method.stepped, method.sweep)
+    for actuator in sorted({actuator for actuator, _ in stop.tones}):
+        wanted_hz = np.array([hz for which, hz in stop.tones if which == actuator])
+        readings, records = swept.read(actuator, wanted_hz)
+        yield from zip(readings, [records, *([] for _ in readings[1:])], strict=True)
 
 
 def measurements_of(

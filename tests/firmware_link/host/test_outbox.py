@@ -13,7 +13,7 @@ from firmware_link.protocol.basis import EncodedClick
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FrameDecoder, FrameEncoder
 from firmware_link.protocol.layout import Message
-from firmware_link.protocol.messages import KeepAlive, Play, Set, decode_body, encode_play
+from firmware_link.protocol.messages import KeepAlive, Play, Set, SetFlag, decode_body, encode_play
 from tests.firmware_link.strategies import unhurried
 
 LEASE_MS = 40
@@ -110,6 +110,19 @@ def test_a_short_drive_is_filled_up_with_silence_and_a_long_one_refused() -> Non
     assert message.drive == DRIVE[:6] + bytes(6)
     with pytest.raises(LinkError, match="a drive of 18 bytes; the device takes 12"):
         box.put_drive(bytes(18))
+
+
+def test_a_drive_that_glides_writes_no_phase_at_its_renewals_either_and_the_next_drive_does() -> None:
+    box, glided = outbox(), b"\x02" * 12
+    box.put_drive(DRIVE)
+    first = next_of(box, MS)
+    box.put_drive(glided, writes_phase=False)
+    later = [next_of(box, 2 * MS), next_of(box, 2 * MS + box.lease.renewal_ns)]
+    box.put_drive(DRIVE)
+    last = next_of(box, 100 * MS)
+    assert isinstance(first, Set) and isinstance(last, Set)
+    assert [first.flags, last.flags] == [SetFlag.WRITE_PHASE] * 2
+    assert [(each.flags, each.drive) for each in later if isinstance(each, Set)] == [(SetFlag(0), glided)] * 2
 
 
 def test_of_what_waits_only_a_click_is_dropped_and_counted() -> None:

@@ -1,12 +1,12 @@
 """What a bar that was measured by stepped sine is worth: responses, fitted parameters, drives. SIMULATED.
 
-    python -m tests.studies.physics.measured_bar [SEEDS] [--places N] [--frequencies N] [--flaws]
+    python -m tests.studies.physics.measured_bar [SEEDS] [--places N] [--frequencies N] [--flaws] [--methods]
 
 For each seed a bar differs from its description (stiffness, full scale and damping of its actuators, Young's modulus),
 and a converter has noise, hum, latency, jitter and a clock that drifts. `measure` reads the bar through the real code,
 `calibrate` fits it, and steady drives for random placements are solved for the fitted and for the described bar; all
 are evaluated on the true bar, beside those that were solved for it. With --flaws each flaw of a converter is put in by
-itself instead, and the faults that readings name are counted.
+itself instead, and the faults that readings name are counted. With --methods stepped sine and sweep read the same bars.
 """
 
 import argparse
@@ -34,7 +34,9 @@ from precompute.studies.anywhere import Anywhere, random_placements
 from tactable.measure.apparatus import SIMULATED, ApparatusOptions, open_apparatus
 from tactable.measure.simulated_bench import ConverterFlaws
 from tactable.measure.stepped_sine import Reading, SteppedSineOptions
+from tactable.measure.swept_sine import SweepOptions
 from tactable.measure.walk import (
+    Method,
     RawFolder,
     Stop,
     StopRecord,
@@ -56,6 +58,8 @@ NAMES = (
     "bar.youngs_modulus",
 )
 SENSOR_MASS_KG = 2e-3
+STEPPED = Method(SteppedSineOptions())
+SWEPT = Method(SteppedSineOptions(), SweepOptions())
 LEVEL_DB = 20.0
 SINGLE_FLAWS = {
     "none": "",
@@ -112,15 +116,19 @@ def flaws_of(seed: int) -> ConverterFlaws:
 
 
 def measure_bar(
-    device: Device, changes: dict[str, float], flaws: ConverterFlaws, seed: int, walk: tuple[Stop, ...]
+    device: Device,
+    changes: dict[str, float],
+    flaws: ConverterFlaws,
+    seed: int,
+    walk: tuple[Stop, ...],
+    method: Method = STEPPED,
 ) -> Measured:
     """Measure a simulated bar as the command does."""
-    options = SteppedSineOptions()
     simulated = {"flaws": flaws, "changes": changes, "seed": seed, "is_fine": True}
     apparatus_options = ApparatusOptions(
         SIMULATED,
         SIMULATED,
-        options.most,
+        method.stepped.most,
         sensor_mass_kg=SENSOR_MASS_KG,
         **simulated,  # type: ignore[arg-type]
     )
@@ -129,16 +137,7 @@ def measure_bar(
         open_apparatus(device, apparatus_options, lambda _: None) as apparatus,
     ):
         raw = RawFolder(Path(folder), device, walk, {})
-        records = measure_walk(
-            device,
-            walk,
-            apparatus.open_driven,
-            apparatus.sensor,
-            options,
-            raw,
-            lambda stop: apparatus.guide(stop.position_m),
-            lambda *_: None,
-        )
+        records = measure_walk(device, walk, apparatus, method, raw)
     found = measurements_of(records, device, SENSOR_MASS_KG, Kind.RESPONSE, is_simulated=True)
     return Measured(records, found)
 
@@ -193,6 +192,23 @@ def study_seed(device: Device, seed: int, walk: tuple[Stop, ...], placements: li
     )
 
 
+def study_methods(device: Device, seed: int, places: int) -> None:
+    """Print seconds per bar and errors of the stepped sine at few frequencies, and of the sweep at them and at all."""
+    true, values = true_bar(device, seed)
+    few, every = even_walk(device, places), even_walk(device, places, np.arange(60.0, 300.5, 1.0).tolist())
+    for name, walk, method in (("stepped", few, STEPPED), ("sweep", few, SWEPT), ("sweep", every, SWEPT)):
+        measured = measure_bar(device, values, flaws_of(seed), seed, walk, method)
+        error_db, error_deg = response_errors(true, measured.measurements)
+        db, degrees = ("/".join(f"{v:.3f}" for v in np.percentile(e, (50, 95, 100))) for e in (error_db, error_deg))
+        print(
+            f"seed {seed}: {name}, {len(walk[0].tones)} readings a place at {places} places: "
+            f"{sum(reading.seconds for reading in measured.readings):.0f} s of driving, "
+            f"{len(measured.measurements)} of {len(measured.readings)} readings kept, "
+            f"off by (50/95/100 %) {db} dB, {degrees} deg",
+            flush=True,
+        )
+
+
 def study_flaws(device: Device) -> None:
     """Print the faults that readings name for each flaw by itself."""
     walk = even_walk(device, 2, [104.0, 150.0, 209.0])
@@ -240,11 +256,16 @@ def main() -> None:
     parser.add_argument("--places", type=int, default=6)
     parser.add_argument("--frequencies", type=int, default=8)
     parser.add_argument("--flaws", action="store_true")
+    parser.add_argument("--methods", action="store_true")
     asked = parser.parse_args()
     device = find_device("reference-a")
     with threadpool_limits(1, "blas"):
         if asked.flaws:
             study_flaws(device)
+            return
+        if asked.methods:
+            for seed in range(asked.seeds):
+                study_methods(device, seed, asked.places)
             return
         free_hz = default_frequencies(device)
         chosen_hz = [free_hz[round(k)] for k in np.linspace(0, len(free_hz) - 1, min(asked.frequencies, len(free_hz)))]

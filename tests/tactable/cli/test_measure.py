@@ -57,6 +57,7 @@ def test_a_spoiled_reading_is_named_left_out_and_the_exit_status(tmp_path: Path)
         ((*SIMULATED, "--most", "120 %"), "at most 100 %"),
         ((*SIMULATED, "--flaws", "hiss=1"), "known are latency"),
         ((*SIMULATED, "--frequencies", "60:300"), "FROM:TO:STEP"),
+        ((*SIMULATED, "--method", "chirp"), "expected one of stepped, sweep"),
         ((*SIMULATED, "--frequencies", "20"), "choose some of a band"),
         ((*SIMULATED, "-o", "bar.xlsx"), "measurements end in .csv"),
     ],

@@ -10,10 +10,13 @@ import pytest
 from precompute.measurements import Kind, MeasurementError
 from precompute.measurements.model import MeasurementModel
 from tactable.measure import DrivenDevice
+from tactable.measure.apparatus import Apparatus
 from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
 from tactable.measure.stepped_sine import SteppedSineOptions
+from tactable.measure.swept_sine import SweepOptions
 from tactable.measure.tone_fit import is_beside_hum
 from tactable.measure.walk import (
+    Method,
     RawFolder,
     Stop,
     StopRecord,
@@ -27,22 +30,28 @@ from tests.engine.loop.rig import DEVICE
 
 WALK = even_walk(DEVICE, 3, [170.0, 209.0])
 OPTIONS = SteppedSineOptions()
+STEPPED = Method(OPTIONS)
 
 
 def walked(
-    folder: Path, walk: Sequence[Stop] = WALK, flaws: str = "", guide: Callable[[Stop], None] = lambda _: None
+    folder: Path,
+    walk: Sequence[Stop] = WALK,
+    flaws: str = "",
+    guide: Callable[[float], None] = lambda _: None,
+    method: Method = STEPPED,
 ) -> tuple[StopRecord, ...]:
     bench = SimulatedBench(DEVICE, ConverterFlaws.parse(flaws), 0)
     raw = RawFolder(folder, DEVICE, walk, {"flaws": flaws})
 
-    def go_to(stop: Stop) -> None:
-        guide(stop)
-        bench.place(stop.position_m)
+    def go_to(position_m: float) -> None:
+        guide(position_m)
+        bench.place(position_m)
 
     def open_driven() -> DrivenDevice:
         return DrivenDevice(DEVICE, bench, bench, (1.0, 1.0))
 
-    return measure_walk(DEVICE, walk, open_driven, SimulatedSensor(bench), OPTIONS, raw, go_to, lambda *_: None)
+    apparatus = Apparatus(SimulatedSensor(bench), open_driven, go_to, bench.turn_over)
+    return measure_walk(DEVICE, walk, apparatus, method, raw)
 
 
 def test_the_responses_of_a_walk_are_those_of_the_bar(tmp_path: Path) -> None:
@@ -56,18 +65,29 @@ def test_the_responses_of_a_walk_are_those_of_the_bar(tmp_path: Path) -> None:
     np.testing.assert_allclose(peaks.acceleration, abs(found.acceleration))
 
 
+def test_a_swept_walk_reads_the_same_responses_of_both_actuators(tmp_path: Path) -> None:
+    walk, method = even_walk(DEVICE, 1, [170.0, 209.0, 230.0]), Method(OPTIONS, SweepOptions(2.0))
+    found = measurements_of(
+        walked(tmp_path / "raw", walk, method=method), DEVICE, 2e-3, Kind.RESPONSE, is_simulated=True
+    )
+    assert len(found) == 2 * 3
+    true = np.exp(MeasurementModel(DEVICE, found, ()).predict(np.zeros(0)).log_acceleration)
+    np.testing.assert_allclose(found.acceleration, true, rtol=0.01)
+    assert len(np.load(tmp_path / "raw" / "0005.59mm.npz").files) == 1 + 2 * 2  # two sweeps of each actuator
+
+
 def test_an_interrupted_walk_goes_on_where_it_stopped(tmp_path: Path) -> None:
     visited: list[float] = []
 
-    def interrupt(stop: Stop) -> None:
+    def interrupt(position_m: float) -> None:
         if len(visited) == 2:
             raise KeyboardInterrupt
-        visited.append(stop.position_m)
+        visited.append(position_m)
 
     with pytest.raises(KeyboardInterrupt):
         walked(tmp_path / "raw", guide=interrupt)
     before = visited.copy()
-    records = walked(tmp_path / "raw", guide=lambda stop: visited.append(stop.position_m))
+    records = walked(tmp_path / "raw", guide=visited.append)
     assert visited == [stop.position_m for stop in WALK]
     assert before == visited[:2]
     assert [record.position_m for record in records] == visited

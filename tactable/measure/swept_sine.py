@@ -1,0 +1,259 @@
+"""Swept sine: one actuator glides through its band, to the complex responses of the bar at the sensor at once.
+
+Theory of operation. The board plays one frequency at a time. A SET that leaves the phase alone lets the oscillator run
+on at another frequency, so a dense row of them, STEP_NS apart, is one tone that glides: the bar never settles, and no
+frequency of the band is left out. Lease, slew and amplitude limits hold as in a run, and no message is added to the
+wire. When each SET came does not matter, since the drive is recorded beside the acceleration by a loopback channel and
+the response is the quotient of the two records (`sweep_fit`). Without that channel there is no sweep.
+
+- *Levels begin low and rise*, as for the stepped sine: a sweep in which noise hides a wanted frequency is repeated at
+  three times its level up to `most`, one that clips at a third, one that lost samples at its own.
+- *Repeats*: the sweep that was good is repeated at its level. The coherence is that of the repeats, and responses that
+  differ by more than their errors allow are not steady.
+- The converter's clock is compared with the board's on a held tone first, since a resonance is narrower than what a
+  clock that is off moves it by.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device import Device
+from engine.render import Drive
+from firmware_link.protocol.errors import LinkError
+from tactable.measure.asked_drive import AskedDrive, check_drive
+from tactable.measure.driven_device import DrivenDevice
+from tactable.measure.faults import Fault, is_clipped
+from tactable.measure.recorder import known_samples
+from tactable.measure.sensor import Sensor, SensorError
+from tactable.measure.stepped_sine import (
+    STEP_OF_LEVEL,
+    Reading,
+    SteppedSine,
+    SteppedSineOptions,
+    slowest_decay_per_s,
+)
+from tactable.measure.sweep_fit import BEFORE_S, SweepFit, fit_sweep, has_jumps
+from tactable.measure.tone_fit import MAINS_HZ, fit_tone
+
+Array = NDArray[np.float64]
+
+STEP_NS = 10_000_000
+"""Between two frequencies: 0.5 Hz apart at 300 Hz and a sweep of 6 s, 0.02 rad off an even glide."""
+_MARGIN = 0.05
+"""Of a frequency: how far a sweep goes beyond the outermost wanted ones, where the band allows it."""
+_REST_S = BEFORE_S + 0.1
+_LATE_S = 0.1
+_CLOCK_S = 1.0
+_LEAST_LOOPBACK = 1e-4  # of full scale
+_LEFT_S = 6.0
+"""Time constants of the slowest mode for which the bar rings: a thousandth is left."""
+_SHORTEST_GATE_S, _LONGEST_GATE_S = 0.5, 4.0
+_HUM_LINES = 6
+_BESIDE = 1.5
+"""Widths of the gate's spectrum within which a line of the mains is beside a frequency."""
+_PARTS = 50
+"""Parts of a record that are looked at for clipping: it clips at a resonance only."""
+_STEADY = 5.0
+_NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class SweepOptions:
+    """sweep_s: from the lowest to the highest frequency; repeats: records of the level that was good, 2 or more."""
+
+    sweep_s: float = 6.0
+    repeats: int = 2
+
+
+class SweptSine:
+    """Takes the responses of the sensor at one place, beside a `SteppedSine` that has listened to the bar at rest."""
+
+    def __init__(
+        self,
+        device: Device,
+        driven: DrivenDevice,
+        sensor: Sensor,
+        stepped: SteppedSine,
+        options: SteppedSineOptions,
+        sweep: SweepOptions,
+    ) -> None:
+        self._device, self._driven, self._form, self._stepped = device, driven, sensor.form, stepped
+        self._options, self._sweep = options, sweep
+        self._gate_s = min(max(_LEFT_S / slowest_decay_per_s(device), _SHORTEST_GATE_S), _LONGEST_GATE_S)
+        self._amplitude = options.least
+        self._is_clock_known = False
+
+    def read(self, actuator: int, frequencies_hz: Array) -> tuple[list[Reading], list[Array]]:
+        """Readings at these frequencies, and the records (sample, channel) that they are made of.
+
+        Raises SensorError without a loopback channel and where no samples come, LinkError as `SteppedSine.read`.
+        """
+        reference, start_ns = self._stepped.reference(actuator), self._driven.clock.now_ns()
+        if reference is None:
+            name = self._device.actuators[actuator].name
+            raise SensorError(
+                f"a sweep needs the drive of {name} recorded beside the acceleration: add the channel 'loopback {name}'"
+                " to the samples, or measure with --method stepped"
+            )
+        if not self._is_clock_known:
+            self._compare_clocks(actuator, reference)
+        kept, earlier, attempts = list[_Take](), dict[Fault, None](), 0
+        most, is_complete = self._options.most, False
+        while not is_complete:
+            attempts += 1
+            take = self._take(actuator, reference, frequencies_hz)
+            earlier |= dict.fromkeys(take.faults)
+            if Fault.CLIPPING in take.faults:
+                # What clipped once is not tried again.
+                most = min(most, max(self._options.least, take.amplitude / STEP_OF_LEVEL))
+                self._amplitude = most
+            elif not take.faults and take.is_noisy and take.amplitude < most:
+                earlier[Fault.NOISE] = None
+                self._amplitude = min(most, take.amplitude * STEP_OF_LEVEL)
+            elif not take.faults:
+                kept.append(take)
+            # Noise at full level is averaged out as far as the attempts go.
+            wanted = self._sweep.repeats + (self._options.attempts if take.is_noisy else 0)
+            is_complete = len(kept) >= wanted or attempts == self._options.attempts + self._sweep.repeats
+        seconds = (self._driven.clock.now_ns() - start_ns) / _NS_PER_S
+        if not kept:
+            kept = [take]
+        readings = self._readings(kept, actuator, frequencies_hz)
+        share_s, named = seconds / len(readings), tuple(earlier)
+        whole = [replace(each, seconds=share_s, attempts=attempts, earlier=named) for each in readings]
+        return whole, [each.values for each in kept]
+
+    def _take(self, actuator: int, reference: int, frequencies_hz: Array) -> "_Take":
+        """One sweep at the present level; a board that stopped itself is armed again."""
+        low_hz, high_hz = self._ends(actuator, frequencies_hz)
+        stretch_s = self._sweep.sweep_s / math.log(high_hz / low_hz)
+        values = self._record(actuator, low_hz, stretch_s)
+        known, form = known_samples(values), self._form
+        drive, amplitude = known[:, reference], self._amplitude
+        fit = fit_sweep(
+            known[:, form.acceleration],
+            drive,
+            form.sample_rate_hz,
+            # A converter that runs fast sees a tone lower.
+            frequencies_hz / (1 + self._stepped.drift),
+            stretch_s,
+            self._gate_s,
+        )
+        causes = {
+            Fault.CLIPPING: any(
+                is_clipped(part, form, self._options.tolerance) for part in np.array_split(values, _PARTS)
+            ),
+            Fault.LOST_SAMPLES: bool(np.isnan(values).any()) or has_jumps(drive),
+            Fault.NO_SIGNAL: bool(abs(drive).max() < _LEAST_LOOPBACK),
+        }
+        faults = tuple(fault for fault, is_there in causes.items() if is_there)
+        return _Take(amplitude, values, fit, faults, bool((fit.error > self._options.tolerance.error).any()))
+
+    def _ends(self, actuator: int, frequencies_hz: Array) -> tuple[float, float]:
+        """Lowest and highest frequency of the sweep: beyond the wanted ones as far as the band allows."""
+        low_hz, high_hz = self._device.actuators[actuator].band_hz
+        return (
+            max(low_hz, float(frequencies_hz.min()) * (1 - _MARGIN)),
+            min(high_hz, float(frequencies_hz.max()) * (1 + _MARGIN)),
+        )
+
+    def _record(self, actuator: int, low_hz: float, stretch_s: float) -> Array:
+        """Samples (sample, channel) of one sweep, from rest to rest."""
+        while True:
+            try:
+                return self._record_once(actuator, low_hz, stretch_s)
+            except LinkError as error:
+                self._stepped.rearm(error)
+
+    def _record_once(self, actuator: int, low_hz: float, stretch_s: float) -> Array:
+        driven, recorder, sweep_s = self._driven, self._stepped.recorder, self._sweep.sweep_s
+        driven.silence()
+        driven.wait(driven.clock.now_ns() + int(_LATE_S * _NS_PER_S))
+        recorder.drop()
+        start_ns = driven.clock.now_ns() + int(_REST_S * _NS_PER_S)
+        recorder.follow(start_ns)
+        driven.play(self._drive(actuator, low_hz))
+        end_ns, now_ns = start_ns + int(sweep_s * _NS_PER_S), start_ns
+        while now_ns < end_ns:
+            recorder.follow(now_ns + STEP_NS)
+            now_ns = driven.clock.now_ns()
+            gone_s = min(now_ns - start_ns, end_ns - start_ns) / _NS_PER_S
+            driven.glide(self._drive(actuator, low_hz * math.exp(gone_s / stretch_s)))
+        driven.silence()
+        # Twice the gate, so that noise is known from where the response is not.
+        return recorder.take(max(_REST_S + sweep_s + 2 * _LATE_S + self._gate_s, 2.05 * (BEFORE_S + self._gate_s)))
+
+    def _drive(self, actuator: int, frequency_hz: float) -> Drive:
+        return check_drive(AskedDrive.of_one(self._device, actuator, frequency_hz, self._amplitude), self._device)
+
+    def _compare_clocks(self, actuator: int, reference: int) -> None:
+        """Measure the drift of the converter's clock on a tone of the board's."""
+        driven, recorder = self._driven, self._stepped.recorder
+        hz = self._stepped.played_hz(math.sqrt(math.prod(self._device.actuators[actuator].band_hz)))
+        driven.play(self._drive(actuator, hz))
+        driven.wait(driven.clock.now_ns() + int(2 * _LATE_S * _NS_PER_S))
+        recorder.drop()
+        values = known_samples(recorder.take(_CLOCK_S))
+        driven.silence()
+        fit = fit_tone(values, self._form.sample_rate_hz, hz / (1 + self._stepped.drift))
+        is_whole = fit.phase_step_rad(reference) < self._options.tolerance.phase_step_rad
+        if abs(fit.phasor[reference]) >= _LEAST_LOOPBACK and is_whole:
+            self._stepped.drift += fit.drift(reference)
+            self._is_clock_known = True
+
+    def _readings(self, kept: "list[_Take]", actuator: int, frequencies_hz: Array) -> list[Reading]:
+        """The mean of the repeats at each frequency, their coherence, and what spoils it."""
+        responses = np.array([take.fit.response for take in kept])
+        weight = np.array([take.amplitude for take in kept]) ** 2
+        mean = weight @ responses / weight.sum()
+        power = (abs(responses) ** 2).mean(axis=0)
+        coherence = abs(responses.mean(axis=0)) ** 2 / np.maximum(power, 1e-300)
+        single = np.array([take.fit.error for take in kept])
+        error = 1 / np.sqrt((1 / np.maximum(single, 1e-12) ** 2).sum(axis=0))
+        apart = abs(responses - mean).max(axis=0) / np.maximum(abs(mean), 1e-300)
+        tolerance, last = self._options.tolerance, kept[-1]
+        loud = self._hum_of(last, frequencies_hz) > tolerance.beside * abs(last.fit.response)
+        marks = {
+            Fault.HUM: loud,
+            Fault.NOISE: (error > tolerance.error) & ~loud,
+            Fault.NOT_STEADY: apart > np.maximum(tolerance.error, _STEADY * single.max(axis=0)),
+            Fault.DISTORTION: np.full(len(mean), last.fit.distortion > tolerance.distortion),
+            Fault.CLOCK_DRIFT: np.full(len(mean), abs(self._stepped.drift) > tolerance.drift),
+        }
+        return [
+            Reading(
+                actuator=actuator,
+                frequency_hz=float(hz),
+                amplitude=last.amplitude,
+                acceleration=complex(last.amplitude * mean[i]),
+                error=float(error[i]),
+                coherence=float(coherence[i]),
+                drift=self._stepped.drift,
+                seconds=0.0,
+                attempts=len(kept),
+                faults=(*last.faults, *(fault for fault, is_there in marks.items() if is_there[i])),
+            )
+            for i, hz in enumerate(frequencies_hz)
+        ]
+
+    def _hum_of(self, take: "_Take", frequencies_hz: Array) -> Array:
+        """What the hum of the bar at rest adds to the response at each frequency (frequency,), beside its lines."""
+        lines_hz = np.array([k * hz for hz in MAINS_HZ for k in range(1, _HUM_LINES)])
+        apart_hz = abs(frequencies_hz[:, None] - lines_hz).min(axis=1)
+        gate_s = self._gate_s + BEFORE_S
+        line = self._stepped.rest.hum * gate_s * self._form.sample_rate_hz / 2 / np.maximum(take.fit.drive, 1e-300)
+        return np.where(apart_hz < _BESIDE / gate_s, line, 0.0)
+
+
+@dataclass(frozen=True)
+class _Take:
+    """One sweep: its samples (sample, channel), its fit, what spoils all of it, and whether noise hides a frequency."""
+
+    amplitude: float
+    values: Array
+    fit: SweepFit
+    faults: tuple[Fault, ...]
+    is_noisy: bool

@@ -1,0 +1,62 @@
+"""The swept sine on a simulated bench: right responses in one glide, and what spoils it is named."""
+
+import numpy as np
+import pytest
+
+from tactable.measure import DrivenDevice
+from tactable.measure.faults import Fault
+from tactable.measure.sensor import SensorError
+from tactable.measure.simulated_bench import SimulatedBench, SimulatedSensor
+from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
+from tactable.measure.swept_sine import SweepOptions, SweptSine
+from tests.engine.loop.rig import DEVICE
+from tests.tactable.measure.test_stepped_sine import bench_of, true_response
+
+HZ = np.array([90.0, 150.0, 170.0, 209.0])
+OPTIONS = SteppedSineOptions(attempts=2)
+
+
+def read(bench: SimulatedBench, options: SteppedSineOptions = OPTIONS, repeats: int = 1) -> list[Reading]:
+    with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0)) as driven:
+        sensor = SimulatedSensor(bench)
+        stepped = SteppedSine(DEVICE, driven, sensor, options)
+        stepped.listen()
+        return SweptSine(DEVICE, driven, sensor, stepped, options, SweepOptions(2.0, repeats)).read(0, HZ)[0]
+
+
+def test_one_glide_reads_every_frequency_whatever_latency_and_clock_are() -> None:
+    bench = bench_of("latency=40ms,jitter=4ms,drift=150")
+    readings = read(bench)
+    ratio = np.array([reading.acceleration / true_response(reading) for reading in readings])
+    assert abs(20 * np.log10(abs(ratio))).max() < 0.05
+    assert abs(np.degrees(np.angle(ratio))).max() < 0.5
+    assert readings[0].drift == pytest.approx(150e-6, abs=5e-6)
+    assert {fault for reading in readings for fault in reading.faults} == {Fault.CLOCK_DRIFT}
+    amplitudes = [event.channels[0].amplitude for event in bench.firmware.drive_log]
+    assert max(amplitudes) == pytest.approx(OPTIONS.least, abs=1e-4)
+    assert all(event.channels[1].amplitude == 0 for event in bench.firmware.drive_log)
+
+
+def test_the_level_rises_where_noise_demands_it_and_never_above_the_greatest() -> None:
+    bench = bench_of("noise=0.1m/s^2")
+    readings = read(bench, SteppedSineOptions(most=0.12))
+    assert Fault.NOISE in readings[0].earlier
+    amplitudes = [event.channels[0].amplitude for event in bench.firmware.drive_log]
+    assert amplitudes[0] == pytest.approx(0.05, abs=1e-4)
+    assert max(amplitudes) == pytest.approx(0.12, abs=1e-4)
+    for reading in readings:
+        assert abs(reading.acceleration / true_response(reading) - 1) < max(0.01, 5 * reading.error)
+
+
+@pytest.mark.parametrize(
+    ("flaws", "fault"), [("clip=0.05m/s^2", Fault.CLIPPING), ("drops=3", Fault.LOST_SAMPLES), ("hum=1m/s^2", Fault.HUM)]
+)
+def test_a_flaw_is_named_by_what_it_spoils(flaws: str, fault: Fault) -> None:
+    readings = read(bench_of(flaws), SteppedSineOptions(attempts=0))
+    spoiled = [reading.frequency_hz for reading in readings if fault in reading.faults]
+    assert spoiled == ([150.0] if fault is Fault.HUM else HZ.tolist())
+
+
+def test_without_loopback_a_sweep_is_refused_with_the_remedy() -> None:
+    with pytest.raises(SensorError, match=r"loopback left.*--method stepped"):
+        read(bench_of(has_loopback=False))
