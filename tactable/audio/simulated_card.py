@@ -22,12 +22,15 @@ class CardFlaws:
 
     latency_s: from a block's callback to its first sample at the output. drift: pace of its clock over the host's, less
     1. jitter_s: how late a callback comes at most, less than the latency or the card runs dry. gain: less 1.
+    gaps_per_s: how often a callback comes gap_s too late.
     """
 
     latency_s: float = 0.010
     drift: float = 0.0
     jitter_s: float = 0.0
     gain: float = 0.0
+    gaps_per_s: float = 0.0
+    gap_s: float = 0.02
 
 
 class SimulatedCard:
@@ -108,4 +111,6 @@ class SimulatedCard:
         self._played.append(samples.astype(np.float64))
         self._due_us += self._period_us
         self._late_us = flaws.jitter_s * self._random.random() * _US_PER_S
+        if self._random.random() < flaws.gaps_per_s * self._period_us / _US_PER_S:
+            self._late_us += (flaws.latency_s + flaws.gap_s) * _US_PER_S
         return said

@@ -31,10 +31,18 @@ if TYPE_CHECKING:
     from tactable.measure.walk import Stop, StopRecord
 
 PortName = Annotated[
-    str, typer.Option("--port", metavar="PORT", help="The firmware's port, as `list` shows it, or `simulated`.")
+    str,
+    typer.Option(
+        "--port", metavar="PORT", help="The board's port: serial, audio:NAME,... (docs/audio.md) or `simulated`."
+    ),
 ]
 SensorPath = Annotated[
-    str, typer.Option("--sensor", metavar="PIPE", help="A pipe of samples (tables/MEASUREMENTS.md), or `simulated`.")
+    str,
+    typer.Option(
+        "--sensor",
+        metavar="SENSOR",
+        help="Sound card, audio:NAME,... (docs/audio.md), pipe of samples (tables/MEASUREMENTS.md), or `simulated`.",
+    ),
 ]
 FlawsText = Annotated[
     str,
@@ -137,10 +145,16 @@ def apparatus_options(
     clicks: "Basis | None" = None,
 ) -> "ApparatusOptions":
     """The apparatus of the options; simulated: its flaws, its changes of the bar and its seed. Raises OptionError."""
+    from tactable.audio.names import is_audio
     from tactable.measure.apparatus import ApparatusOptions
     from tactable.measure.simulated_bench import ConverterFlaws
 
     flaws, change, seed = simulated
+    if has_gravity and is_audio(sensor_path):
+        raise OptionError(
+            "--gravity: a sound card passes no direct current, so that gravity does not show; check the sensor by a "
+            "vibration calibrator, or leave --gravity out"
+        )
     found = replace(ConverterFlaws.parse(flaws), has_gravity=has_gravity)
     changes = read_changes(change, device)
     options = ApparatusOptions(

@@ -2,25 +2,34 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from engine.device import Device
 from engine.loop import SystemClock
 from firmware_link.protocol.basis import Basis
 from precompute.measurements.parameters import with_changes
+from tactable.audio.board import core_library
+from tactable.audio.names import PREFIX, is_audio, parse_input, parse_output
+from tactable.audio.names import SIMULATED as SIMULATED_CARD
 from tactable.audio.port import open_port
+from tactable.audio.simulated_card import CardFlaws, SimulatedCard
+from tactable.measure.audio_sensor import AudioSensor
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.sample_stream import SampleStream
 from tactable.measure.sensor import Sensor, SensorError
 from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
+from tactable.shipped import cache_folder
 
 SIMULATED = "simulated"
 
 
 @dataclass(frozen=True)
 class ApparatusOptions:
-    """port and sensor: names, or both "simulated"; most: amplitude that the board is armed for; the rest is simulated.
+    """port and sensor: names, or both simulated; most: amplitude that the board is armed for; the rest is simulated.
+
+    A name is a serial port or a pipe of samples, "audio:NAME,..." for a sound card, or "simulated".
 
     changes: values (SI) by parameter of the simulated bar; what `device` says stays what is believed.
     """
@@ -41,9 +50,10 @@ class ApparatusOptions:
     @property
     def is_simulated(self) -> bool:
         """Whether there is a simulated bench. Raises SensorError where only one of the two is simulated."""
-        if (self.port == SIMULATED) != (self.sensor == SIMULATED):
+        port, sensor = (_is_simulated(name) for name in (self.port, self.sensor))
+        if port != sensor:
             raise SensorError("--port and --sensor: simulate both or neither; they share one bar")
-        return self.port == SIMULATED
+        return port
 
 
 @dataclass(frozen=True)
@@ -64,10 +74,7 @@ def open_apparatus(device: Device, options: ApparatusOptions, ask: Callable[[str
     """
     most = [options.most] * len(device.actuators)
     if options.is_simulated:
-        true = with_changes(device, options.changes)
-        bench = SimulatedBench(
-            true, options.flaws, options.seed, options.sensor_mass_kg, board=device, is_fine=options.is_fine
-        )
+        bench = simulated_bench(device, options)
         yield Apparatus(
             SimulatedSensor(bench),
             lambda: DrivenDevice(device, bench, bench, most, clicks=options.clicks),
@@ -77,7 +84,7 @@ def open_apparatus(device: Device, options: ApparatusOptions, ask: Callable[[str
         return
     with (
         open_port(options.port, options.bit_rate_hz) as port,
-        closing(SampleStream(Path(options.sensor), device)) as stream,
+        closing(_open_sensor(options.sensor, device)) as stream,
     ):
         yield Apparatus(
             stream,
@@ -85,3 +92,32 @@ def open_apparatus(device: Device, options: ApparatusOptions, ask: Callable[[str
             lambda position_m: ask(f"sensor to {1e3 * position_m:.1f} mm, then Enter"),
             lambda: ask("turn the sensor over, then Enter"),
         )
+
+
+def simulated_bench(device: Device, options: ApparatusOptions) -> SimulatedBench:
+    """The bench of options that are simulated; a sound card for board and converter is one card with one clock."""
+    true, form, card = with_changes(device, options.changes), dict[str, Any](), None
+    if is_audio(options.sensor):
+        source = parse_input(options.sensor, [actuator.name for actuator in device.actuators])
+        clips_at = min(options.flaws.clips_at_m_per_s2, source.scale_m_per_s2)
+        flaws = replace(options.flaws, clips_at_m_per_s2=clips_at)
+        form = {"sample_rate_hz": float(source.rate_hz), "has_loopback": bool(source.loopbacks)}
+        form["has_sum"] = len(source.loopbacks) == 1
+    else:
+        flaws = options.flaws
+    if is_audio(options.port):
+        drift = flaws.drift if is_audio(options.sensor) else 0.0
+        card = SimulatedCard(
+            core_library(cache_folder()), parse_output(options.port), CardFlaws(drift=drift), options.seed
+        )
+    return SimulatedBench(
+        true, flaws, options.seed, options.sensor_mass_kg, board=device, is_fine=options.is_fine, card=card, **form
+    )
+
+
+def _is_simulated(name: str) -> bool:
+    return name == SIMULATED or name.split(",", 1)[0].strip() == PREFIX + SIMULATED_CARD
+
+
+def _open_sensor(name: str, device: Device) -> SampleStream:
+    return AudioSensor(name, device) if is_audio(name) else SampleStream(Path(name), device)

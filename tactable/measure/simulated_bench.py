@@ -18,6 +18,7 @@ from firmware_link.emulator import LONGEST_LEASE_MS, DeviceConfiguration, Emulat
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant
+from tactable.audio.simulated_card import SimulatedCard
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
 
 Array = NDArray[np.float64]
@@ -28,8 +29,8 @@ GRAVITY_M_PER_S2 = 9.80665
 _LINE_NS = 300_000
 _MOVING_NS = 500_000_000
 _BLOCK_S = 0.05
-_PLANT_SAMPLES, _FINE_SAMPLES, _FINE_MODES = 3, 6, 96
-"""Samples of the plant in one of the converter: straight lines at 24 kHz cost 5e-4 of a tone of 300 Hz, 0.005 dB."""
+_PLANT_HZ, _FINE_HZ, _FINE_MODES = 24_000.0, 48_000.0, 96
+"""Least rate of the plant: straight lines at 24 kHz cost 5e-4 of a tone of 300 Hz, 0.005 dB."""
 _NS_PER_S = 1_000_000_000
 _US_PER_S = 1e6
 _PM_PER_M = 1e12
@@ -92,6 +93,9 @@ assert {name for name, _ in _WORDS.values()} <= {field.name for field in fields(
 class SimulatedBench:
     """Port, clock and sensor of the bar `true`, of whose actuators `board` says the full scales. SIMULATED.
 
+    The board is an emulated firmware, or `card`. With `has_sum` one loopback channel has the outputs of all actuators,
+    and is that of each.
+
     Raises SensorError for a place off the bar.
     """
 
@@ -105,18 +109,26 @@ class SimulatedBench:
         board: Device | None = None,
         has_loopback: bool = True,
         is_fine: bool = False,
+        card: SimulatedCard | None = None,
+        has_sum: bool = False,
     ) -> None:
         self._device, self._flaws, self._random = true, flaws, np.random.default_rng(seed)
         self._sensor_mass_kg = sensor_mass_kg
-        full_scales_pm = tuple(round(a.full_scale_m * _PM_PER_M) for a in (board or true).actuators)
+        full_scales_m = [actuator.full_scale_m for actuator in (board or true).actuators]
+        full_scales_pm = tuple(round(each_m * _PM_PER_M) for each_m in full_scales_m)
         self.firmware = EmulatedFirmware(
             DeviceConfiguration(0x5EED, len(true.actuators), LONGEST_LEASE_MS, full_scales_pm=full_scales_pm)
+        )
+        self.card, self._has_sum = card, has_sum
+        self._board: EmulatedFirmware | SimulatedCard = card or self.firmware
+        self._of_card = (
+            [] if card is None else np.divide(card.output.full_scales_m[: len(full_scales_m)], full_scales_m)
         )
         loopbacks = tuple(LOOPBACK + a.name for a in true.actuators) if has_loopback else ()
         clips_at = (flaws.clips_at_m_per_s2, *(math.inf for _ in loopbacks))
         self.form = SensorForm(sample_rate_hz, (ACCELERATION, *loopbacks), clips_at, is_simulated=True)
         self._true_rate_hz = sample_rate_hz * (1 + flaws.drift)
-        self._plant_samples = _FINE_SAMPLES if is_fine else _PLANT_SAMPLES
+        self._plant_samples = math.ceil((_FINE_HZ if is_fine else _PLANT_HZ) / sample_rate_hz)
         basis = compute_basis(assemble(true), _FINE_MODES if is_fine else None)
         self._plant = TransientPlant(basis, np.zeros(1), self._true_rate_hz * self._plant_samples)
         self._synthesis, self._taken_events = Synthesis(), 0
@@ -207,7 +219,7 @@ class SimulatedBench:
 
     def _next_ns(self, with_sensor: bool) -> int:
         times_ns = [time_ns for time_ns, _ in (*self._to_device, *self._to_host)]
-        deadline_us = self.firmware.next_deadline_us()
+        deadline_us = self._board.next_deadline_us()
         if deadline_us is not None:
             times_ns.append(1000 * deadline_us)
         if with_sensor:
@@ -217,8 +229,8 @@ class SimulatedBench:
     def _run_to(self, end_ns: int) -> None:
         while self._to_device and self._to_device[0][0] <= end_ns:
             time_ns, data = self._to_device.pop(0)
-            self._answer(self.firmware.receive(data, time_ns // 1000), time_ns)
-        self._answer(self.firmware.advance(end_ns // 1000), end_ns)
+            self._answer(self._board.receive(data, time_ns // 1000), time_ns)
+        self._answer(self._board.advance(end_ns // 1000), end_ns)
         self.time_ns = end_ns
 
     def _answer(self, data: bytes, time_ns: int) -> None:
@@ -238,15 +250,15 @@ class SimulatedBench:
             # A block never overtakes the one before.
             self._ready.append((max([arrives_ns, *(time_ns for time_ns, _ in self._ready[-1:])]), values))
             self._synthesis.forget(stop_us)
+            if self.card is not None:
+                self.card.forget(stop_us)
             self._made_us = stop_us
 
     def _convert(self, start_us: float, stop_us: float) -> Array:
         """Samples (sample, channel) of a stretch of time, as the converter delivers them."""
         flaws, random = self._flaws, self._random
         rate_hz = self._plant.sample_rate_hz
-        drive = self._synthesis.displacements(start_us, stop_us, rate_hz)
-        if not drive.shape[1]:  # nothing was ever driven
-            drive = np.zeros((len(drive), len(self._device.actuators)))
+        drive = self._drive(start_us, stop_us, rate_hz)
         index = math.ceil(start_us * rate_hz / _US_PER_S) + np.arange(len(drive))
         acceleration = self._plant.accelerate(drive)[:, 0]
         kept = index % self._plant_samples == 0
@@ -259,8 +271,17 @@ class SimulatedBench:
         out = out + flaws.noise_m_per_s2 * random.standard_normal(len(out))
         if math.isfinite(flaws.clips_at_m_per_s2):
             out = np.clip(out, -flaws.clips_at_m_per_s2, flaws.clips_at_m_per_s2)
-        values = np.column_stack([out, *drive[kept].T[: len(self.form.channels) - 1]])
+        heard = np.repeat(drive.sum(axis=1, keepdims=True), drive.shape[1], axis=1) if self._has_sum else drive
+        values = np.column_stack([out, *heard[kept].T[: len(self.form.channels) - 1]])
         return self._drop(values)
+
+    def _drive(self, start_us: float, stop_us: float, rate_hz: float) -> Array:
+        """Displacements (time, actuator) of the actuators, in fractions of their full scales."""
+        count = len(self._device.actuators)
+        if self.card is not None:
+            return self.card.drive(start_us, stop_us, rate_hz)[:, :count] * self._of_card
+        drive = self._synthesis.displacements(start_us, stop_us, rate_hz)
+        return drive if drive.shape[1] else np.zeros((len(drive), count))  # nothing was ever driven
 
     def _drop(self, values: Array) -> Array:
         """Lose a run of samples now and then."""

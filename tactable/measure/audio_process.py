@@ -1,0 +1,91 @@
+"""Child process that reads a sound card and writes its samples into a pipe, in the declared form of all sensors.
+
+It is a process of its own since a callback must not wait for the computing of a measurement. What the card lost, and
+what the pipe had no room for while the measurement read nothing, is marked by NaN.
+"""
+
+import contextlib
+import fcntl
+import os
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_link.child import Parent
+from tactable.audio.board import CardPace
+from tactable.audio.interfaces import Samples, open_input
+from tactable.audio.names import AudioError, AudioInput, parse_input
+from tactable.measure.sample_stream import write_header
+from tactable.measure.sensor import ACCELERATION, LOOPBACK, SensorForm
+
+_BLOCK_S = 0.01
+_PIPE_SIZE = 1 << 20
+_LONGEST_LOSS_S = 1.0
+
+
+class Taker:
+    """The callback: picks channels, scales them to the units of the form, and writes them into a pipe."""
+
+    def __init__(self, source: AudioInput, actuators: list[str], pipe: int) -> None:
+        self.form = form_of(source, actuators)
+        self._columns = [source.acceleration, *_loopback_columns(source, actuators)]
+        scales = [source.scale_m_per_s2, *[source.loopback_scale] * (len(self._columns) - 1)]
+        self._scales = np.array(scales, np.float32)
+        self._pipe, self._pace = pipe, CardPace(source.rate_hz)
+        self._longest = round(_LONGEST_LOSS_S * source.rate_hz)
+        self._unwritten = write_header(self.form)
+        self._was_full = False
+        os.set_blocking(pipe, False)
+        with contextlib.suppress(OSError):  # not every user may have so much
+            fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE_SIZE)
+
+    def take(self, data: Samples, frames: int, overflowed: bool) -> None:
+        """Take a block (sample, channel) of the card."""
+        lost = min(self._pace.lost(time.monotonic_ns(), frames, ran_dry=overflowed), self._longest)
+        self._write()
+        if self._unwritten:  # nobody reads: this block is lost
+            self._was_full = True
+            return
+        # Where nobody read, how long does not matter: one mark says that samples do not follow each other.
+        marks = max(lost, int(overflowed), int(self._was_full))
+        self._was_full = False
+        block = np.vstack([self._marked(marks), data[:, self._columns] * self._scales])
+        self._unwritten = block.astype("<f4").tobytes()
+        self._write()
+
+    def _marked(self, count: int) -> NDArray[np.float32]:
+        return np.full((count, len(self._columns)), np.nan, np.float32)
+
+    def _write(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            while self._unwritten:
+                self._unwritten = self._unwritten[os.write(self._pipe, self._unwritten) :]
+
+
+def form_of(source: AudioInput, actuators: list[str]) -> SensorForm:
+    """The form of the samples of a card; a loopback that has all outputs is that of every actuator."""
+    loopbacks = tuple(LOOPBACK + name for name in actuators) if source.loopbacks else ()
+    clips_at = (source.scale_m_per_s2, *[source.loopback_scale] * len(loopbacks))
+    return SensorForm(source.rate_hz, (ACCELERATION, *loopbacks), clips_at, source.is_simulated)
+
+
+def _loopback_columns(source: AudioInput, actuators: list[str]) -> list[int]:
+    return list(source.loopbacks) * (len(actuators) if len(source.loopbacks) == 1 else 1)
+
+
+def main(parent: Parent, arguments: dict[str, Any]) -> None:
+    """Read the card until the parent asks for the end; the first line says that it runs."""
+    source = parse_input(arguments["sensor"], arguments["actuators"])
+    taker = Taker(source, arguments["actuators"], arguments["pipe"])
+    channels = max(source.acceleration, *source.loopbacks, 0) + 1
+    stream = open_input(source.name, channels, source.rate_hz, round(_BLOCK_S * source.rate_hz), taker.take)
+    try:
+        stream.start()
+    except Exception as error:
+        raise AudioError(f"{source.name}: cannot be started: {error}") from error
+    parent.say({"latency_s": stream.latency_s})
+    while parent.read() is not None:
+        pass
+    stream.stop()

@@ -1,0 +1,179 @@
+"""Measuring by a sound card: the response of the bar through card, plant and converter, and the faults of the card."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactable.audio.names import AudioError, parse_input, parse_output
+from tactable.audio.simulated_card import CardFlaws, SimulatedCard
+from tactable.measure import DrivenDevice
+from tactable.measure.apparatus import ApparatusOptions, open_apparatus
+from tactable.measure.audio_process import Taker
+from tactable.measure.audio_sensor import AudioSensor
+from tactable.measure.faults import Fault
+from tactable.measure.sample_stream import SampleStream
+from tactable.measure.sensor import SensorError
+from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
+from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
+from tests.engine.loop.rig import DEVICE
+from tests.tactable.audio.cards import core
+from tests.tactable.cli.in_process import run_here
+from tests.tactable.measure.test_stepped_sine import MASS_KG, PLACE_M, true_response
+
+PORT = "audio:simulated,full_scale=0.6 um,most=90 %"
+SENSOR = "audio:simulated,scale=98.1 m/s^2,loopback=2"
+ACTUATORS = [actuator.name for actuator in DEVICE.actuators]
+
+
+def bench_of(card: CardFlaws, flaws: str = "") -> SimulatedBench:
+    """A card that drives, and another converter whose one loopback channel has both outputs."""
+    made = SimulatedCard(core(), parse_output(PORT), card)
+    bench = SimulatedBench(DEVICE, ConverterFlaws.parse(flaws), 1, MASS_KG, card=made, has_sum=True)
+    bench.place(PLACE_M)
+    return bench
+
+
+def read(bench: SimulatedBench, actuator: int, hz: float) -> tuple[Reading, float | None]:
+    with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0)) as driven:
+        stepped = SteppedSine(DEVICE, driven, SimulatedSensor(bench), SteppedSineOptions(attempts=2))
+        stepped.listen()
+        latency_s = stepped.measure_latency()
+        return stepped.read(actuator, hz)[0], latency_s
+
+
+def errors(reading: Reading) -> tuple[float, float]:
+    """Of the response, in dB and degrees."""
+    ratio = reading.acceleration / true_response(reading)
+    return abs(20 * np.log10(abs(ratio))), abs(np.degrees(np.angle(ratio)))
+
+
+@pytest.mark.parametrize(("actuator", "hz"), [(0, 70.0), (1, 209.0)])
+def test_a_response_through_a_card_is_that_of_the_bar(actuator: int, hz: float) -> None:
+    db, degrees = errors(read(bench_of(CardFlaws()), actuator, hz)[0])
+    assert db < 0.05
+    assert degrees < 0.5
+
+
+def test_two_starts_with_other_latencies_give_the_same_response() -> None:
+    starts = [
+        read(bench_of(CardFlaws(latency_s=out_s), f"latency={in_ms}ms"), 1, 209)
+        for out_s, in_ms in ((0.006, 5), (0.012, 9))
+    ]
+    latencies_s = [latency_s for _, latency_s in starts if latency_s is not None]
+    assert latencies_s[1] - latencies_s[0] == pytest.approx(0.010, abs=0.006)  # a block is 5 ms
+    for reading, _ in starts:
+        db, degrees = errors(reading)
+        assert db < 0.05
+        assert degrees < 0.5
+
+
+def test_the_clocks_of_two_cards_differ_and_their_drift_is_estimated() -> None:
+    reading, _ = read(bench_of(CardFlaws(drift=100e-6, jitter_s=0.003), "drift=-50"), 0, 209)
+    # The tone is 100 millionths higher than asked for; the converter counts 50 fewer samples of it in a second.
+    assert reading.drift == pytest.approx(-150e-6, abs=10e-6)
+    assert reading.faults == (Fault.CLOCK_DRIFT,)
+    db, degrees = errors(reading)
+    assert db < 0.2  # 209 Hz is on the flank of a narrow resonance
+    assert degrees < 1.5
+
+
+def test_a_card_with_another_gain_is_seen_by_the_loopback() -> None:
+    """What the loopback records is what the actuators get, so that a card that plays 1 dB too much spoils nothing."""
+    db, _ = errors(read(bench_of(CardFlaws(gain=0.122)), 0, 110)[0])
+    assert db < 0.05
+
+
+def test_gaps_of_the_card_are_named_by_the_reading_that_they_spoil() -> None:
+    faults = []
+    for card in (CardFlaws(gaps_per_s=5), CardFlaws()):
+        bench = bench_of(card)
+        reading, _ = read(bench, 0, 209)
+        assert bench.card is not None
+        assert (bench.card.gaps > 0) == (card.gaps_per_s > 0)
+        faults.append({*reading.faults, *reading.earlier})
+    assert faults[0] & {Fault.NOISE, Fault.NOT_STEADY, Fault.LOST_SAMPLES}
+    assert not faults[1]
+
+
+def test_nothing_is_driven_above_the_limit_of_the_card() -> None:
+    bench = bench_of(CardFlaws(), "noise=3m/s^2")
+    reading, _ = read(bench, 0, 170)
+    assert reading.amplitude > 0.1  # the level has risen
+    assert bench.card is not None
+    assert abs(bench.card.drive(0, bench.now_ns() / 1e3, 48_000)).max() <= np.float32(0.9)
+
+
+def test_one_simulated_card_for_both_is_a_bench() -> None:
+    core()
+    options = ApparatusOptions(PORT, SENSOR, 0.5, sensor_mass_kg=MASS_KG)
+    with open_apparatus(DEVICE, options, print) as apparatus:
+        form = apparatus.sensor.form
+        assert (form.sample_rate_hz, form.channels) == (48_000.0, ("acceleration", "loopback left", "loopback right"))
+        apparatus.guide(PLACE_M)
+        with apparatus.open_driven() as driven:
+            assert driven.is_simulated
+            assert driven.capabilities.full_scales_m[0] == pytest.approx(0.54e-6)
+
+
+def test_gravity_is_no_check_of_a_card(tmp_path: Path) -> None:
+    words = ("-o", "bar.csv", "--port", PORT, "--sensor", SENSOR, "--gravity")
+    done = run_here(tmp_path, "measure", "reference-a", *words)
+    assert done.returncode == 1
+    assert "a sound card passes no direct current" in done.stderr
+
+
+# ---- the converter's process ------------------------------------------------------------------------------
+
+
+def stream_of(blocks: list[tuple[np.ndarray[tuple[int, int], np.dtype[np.float32]], bool]]) -> SampleStream:
+    """What the sensor reads of blocks (sample, channel) that the callback took, with whether some were lost before."""
+    reader, writer = os.pipe()
+    taker = Taker(parse_input("audio:card,acceleration=2,scale=50 m/s^2,loopback=1", ACTUATORS), ACTUATORS, writer)
+    for data, overflowed in blocks:
+        taker.take(data, len(data), overflowed)
+    os.close(writer)
+    stream = SampleStream(Path(f"/proc/self/fd/{reader}"), DEVICE)
+    os.close(reader)
+    return stream
+
+
+def test_samples_of_a_card_come_in_the_units_of_the_form_and_losses_are_marked() -> None:
+    data = np.array([[0.5, 0.1], [0.25, -0.2]], np.float32)
+    stream = stream_of([(data, False), (data, True)])
+    assert stream.form.clips_at == pytest.approx((50.0, 1.0, 1.0))
+    block = stream.read()
+    assert block is not None
+    lost = [bool(np.isnan(row).all()) for row in block.values]
+    assert lost[:2] == lost[-2:] == [False, False]
+    assert all(lost[2:-2])
+    assert len(lost) > 4
+    assert block.values[0] == pytest.approx([5.0, 0.5, 0.5])  # the one loopback is that of both actuators
+    stream.close()
+
+
+def test_a_card_that_nobody_reads_loses_whole_blocks_and_says_so() -> None:
+    reader, writer = os.pipe()
+    taker = Taker(parse_input("audio:card,scale=50 m/s^2", ACTUATORS), ACTUATORS, writer)
+    for _ in range(400):
+        taker.take(np.zeros((4_800, 1), np.float32), 4_800, False)
+    stream = SampleStream(Path(f"/proc/self/fd/{reader}"), DEVICE)
+    first = stream.read()
+    taker.take(np.ones((4_800, 1), np.float32), 4_800, False)
+    taker.take(np.ones((4_800, 1), np.float32), 4_800, False)
+    second = stream.read()
+    assert first is not None
+    assert second is not None
+    assert not np.isnan(first.values).any()
+    assert np.isnan(second.values).sum() == 1
+    for descriptor in (reader, writer):
+        os.close(descriptor)
+    stream.close()
+
+
+def test_a_card_that_cannot_be_opened_is_named() -> None:
+    with pytest.raises((SensorError, AudioError), match=r"no sound card|sound cards need"):
+        AudioSensor("audio:no such card,scale=9.81 m/s^2", DEVICE)
+    with pytest.raises(AudioError, match="scale is missing"):
+        AudioSensor("audio:card", DEVICE)
