@@ -96,6 +96,7 @@ def build_table(
     responses: MeasuredResponses | None = None,
     memory_budget_bytes: int = MEMORY_BUDGET_BYTES,
     progress: Progress = _no_progress,
+    accept: Callable[[Path], None] = lambda _: None,
 ) -> BuildCost:
     """Compute, write and verify the table of `device`; only then it takes the place of what was at `path`.
 
@@ -108,8 +109,9 @@ def build_table(
     them from inputs that have not changed. With `clicks_later` its clicks are taken over whatever has changed, marked
     as outdated (builder.incremental); a build without it makes them. The table that was at `path` is kept as the
     previous one; a build that `completes` it keeps the one before. With `responses` the bar moves as it was measured,
-    while the effect of fingers, rise times and clicks remain the model's. Returns what it took; processes of a given
-    `pool` go on, and so are not counted.
+    while the effect of fingers, rise times and clicks remain the model's. `accept` gets the complete file before it
+    takes its place, and refuses it by an exception. Returns what it took; processes of a given `pool` go on, and so are
+    not counted.
 
     Raises TableError if the table cannot be written or disk or memory have no room for it, and for an unknown objective
     or number of fingers; DeviceError for a device that was changed in what its text, which a table holds, cannot state;
@@ -128,7 +130,17 @@ def build_table(
     with threadpool_limits(1, "blas"), remembered_interrupt() as check:  # unpinned BLAS: 100 times slower when busy
         checked = _checked(progress, check)
         builder = _Builder(
-            device, path, options, workers, pool, clicks_later, completes, responses, memory_budget_bytes, checked
+            device,
+            path,
+            options,
+            workers,
+            pool,
+            clicks_later,
+            completes,
+            responses,
+            memory_budget_bytes,
+            checked,
+            accept,
         )
         builder.build_steps(created or datetime.now(UTC).isoformat(timespec="seconds"), coarse, reuse)
     progress("done", 1.0)
@@ -181,6 +193,7 @@ class _Builder:
     responses: MeasuredResponses | None
     memory_budget_bytes: int
     progress: Progress
+    accept: Callable[[Path], None]
     cost: BuildCost = field(default_factory=BuildCost)
     is_coarse: bool = False
 
@@ -273,6 +286,7 @@ class _Builder:
 
     def _check(self, written: Path) -> None:
         Table.open(written, device=self.device, code_fingerprint=self.options.code_fingerprint, verify=False).close()
+        self.accept(written)
         self.progress("put in place", 0.99)
 
     @contextmanager

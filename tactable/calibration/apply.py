@@ -3,11 +3,12 @@
 Theory of operation. The table is looked at before anything is fitted, so that a table that cannot be rebuilt is
 refused at once. The table is then built for the calibrated device with the options of its first build; its clicks,
 which take minutes, stay as they were and are marked as outdated, so that a run changes over after seconds. `complete`
-remakes them. Every step recognises its own finished work (the folder by what was asked for, the table by its
-fingerprints), so the same command continues after an interruption and does nothing twice.
+remakes them. Before a table takes its place it may be played on the bar (`verify`): one whose promise the bar does not
+keep is doubtful, and the one before stays. Every step recognises its own finished work (the folder by what was asked
+for, the table by its fingerprints), so the same command continues after an interruption and does nothing twice.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from engine.device import Device
 from engine.table import Table, TableError
 from engine.table.diff import TableDiff, compare_tables
 from engine.table.history import previous_of
+from firmware_link.protocol.errors import TactableError
 from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import BuildOptions, is_compatible, is_current, outdated_parts
@@ -24,6 +26,13 @@ from precompute.entries.solver import prepare_entries
 from precompute.parallel.pool import WorkerPool, available_cores
 from tactable.calibration.job import CalibrationJob
 from tactable.calibration.step_times import Progress, StepTimes
+
+Verify = Callable[[Path], str]
+"""Plays a finished table on the bar before it takes its place; the doubt that remains, empty for none."""
+
+
+class PromiseError(TactableError):
+    """The bar does not keep what a new table promises; the message says how far."""
 
 
 class TableTarget:
@@ -50,14 +59,17 @@ class TableTarget:
         with Table.open(self.path, verify=False) as table:
             return is_current(table, device, self._options)
 
-    def put_in_place(self, device: Device, progress: Progress, pool: WorkerPool) -> None:
-        """Build the table for `device` as it was built before; its clicks stay as they were. Raises TableError."""
-        self._build(device, progress, pool, clicks_later=True)
+    def put_in_place(self, device: Device, progress: Progress, pool: WorkerPool, verify: Verify | None = None) -> None:
+        """Build the table for `device` as it was built before; its clicks stay as they were.
 
-    def complete(self, device: Device, progress: Progress) -> float:
-        """Remake the outdated parts; the seconds that it took. Raises TableError."""
+        Raises TableError, PromiseError for a table that `verify` refuses.
+        """
+        self._build(device, progress, pool, verify, clicks_later=True)
+
+    def complete(self, device: Device, progress: Progress, verify: Verify | None = None) -> float:
+        """Remake the outdated parts; the seconds that it took. Raises as `put_in_place`."""
         times = StepTimes(progress, "clicks")
-        self._build(device, times.tell, None, clicks_later=False)
+        self._build(device, times.tell, None, verify, clicks_later=False)
         return times.total_s
 
     def outdated(self) -> str:
@@ -73,7 +85,15 @@ class TableTarget:
         with Table.open(before, verify=False) as own, Table.open(self.path, verify=False) as other:
             return compare_tables(own, other)
 
-    def _build(self, device: Device, progress: Progress, pool: WorkerPool | None, *, clicks_later: bool) -> None:
+    def _build(
+        self, device: Device, progress: Progress, pool: WorkerPool | None, verify: Verify | None, *, clicks_later: bool
+    ) -> None:
+        def accept(written: Path) -> None:
+            if verify is not None:
+                progress("verify on the bar", 0.98)
+                if doubt := verify(written):
+                    raise PromiseError(doubt)
+
         build_table(
             device,
             self.path,
@@ -86,6 +106,7 @@ class TableTarget:
             clicks_later=clicks_later,
             completes=not clicks_later,
             progress=progress,
+            accept=accept,
         )
 
 
@@ -106,10 +127,13 @@ class Applied:
     """Time of each step."""
 
 
-def apply_fit(job: CalibrationJob, table: Path, despite_doubts: bool, progress: Progress) -> Applied:
+def apply_fit(
+    job: CalibrationJob, table: Path, despite_doubts: bool, progress: Progress, verify: Verify | None = None
+) -> Applied:
     """Fit, build the table for the calibrated device and put it in place; a finished step is not repeated.
 
-    A doubtful fit leaves the table, unless `despite_doubts`. Raises what its steps raise.
+    A doubtful fit, and a table that `verify` refuses, leave the table, unless `despite_doubts`. Raises what its steps
+    raise.
     """
     with _waiting_pool() as pool:
         times = StepTimes(progress, "start")
@@ -123,8 +147,11 @@ def apply_fit(job: CalibrationJob, table: Path, despite_doubts: bool, progress: 
         doubts = job.doubts_of(report)
         applied = Applied(target, device, report, doubts, bool(doubts) and not despite_doubts)
         if not applied.is_refused and not target.is_in_place(device):
-            target.put_in_place(device, times.tell, pool)
-            applied = replace(applied, in_place_after_s=times.total_s, seconds=times.read())
+            try:
+                target.put_in_place(device, times.tell, pool, None if despite_doubts else verify)
+                applied = replace(applied, in_place_after_s=times.total_s, seconds=times.read())
+            except PromiseError as refused:
+                applied = replace(applied, doubts=[*doubts, str(refused)], is_refused=True)
         times.tell("report", 1.0)
         if kept is None:  # after the table: the report's picture takes as long as the fit
             job.write(fitted)

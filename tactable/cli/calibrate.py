@@ -1,5 +1,8 @@
 """Commands around calibration: plan and simulate measurements, fit a device to them, apply the fit to a table."""
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,9 +12,21 @@ import typer
 from engine.files import replace_file
 from engine.table.history import previous_of
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, print_json, say, show, shown_progress
+from tactable.cli.measure import (
+    FlawsText,
+    MethodName,
+    Most,
+    PortName,
+    SensorPath,
+    ask,
+    read_most,
+    tell_reading,
+    with_simulation,
+)
 from tactable.cli.options import (
     Also,
     AsJson,
+    BitRate,
     Change,
     DeviceArgument,
     Drives,
@@ -28,7 +43,11 @@ from tactable.cli.options import (
 from tactable.shipped import find_device
 
 if TYPE_CHECKING:
+    from engine.device import Device
+    from tactable.calibration.apply import Verify
     from tactable.calibration.job import CalibrationJob
+    from tactable.measure.apparatus import ApparatusOptions
+    from tactable.measure.circle import Circle
 
 _MEASUREMENTS = "CSV, NetCDF or universal file (tables/MEASUREMENTS.md)"
 AppliedTable = Annotated[
@@ -68,16 +87,33 @@ def calibrate(
     clicks: Annotated[
         bool, typer.Option(help="With --apply: remake the clicks once the rest is in place. Takes some minutes.")
     ] = True,
+    measures: Annotated[
+        bool,
+        typer.Option(
+            "--measure", help="First measure the bar into MEASUREMENTS; with --apply verify the table before it counts."
+        ),
+    ] = False,
+    port_name: PortName = "",
+    sensor_path: SensorPath = "",
+    places: Annotated[int, typer.Option(min=2, max=1000, help="With --measure: places of the sensor.")] = 8,
+    method: MethodName = "stepped",
+    most: Most = "100 %",
+    flaws: FlawsText = "",
+    change: Change = None,
+    bit_rate_hz: BitRate = 115_200,
     as_json: AsJson = False,
 ) -> None:
-    """Fit a device to measured accelerations.
+    """Fit a device to measured accelerations, and measure them first if asked to.
 
-    A new folder gets the new device file, the raw data and a report. Exit status 3: the result is doubtful.
+    A new folder gets the new device file, the raw data and a report. Exit status 3: the result is doubtful, and a table
+    to which it should be applied is left as it was.
     """
     from precompute.calibration.misfit import Loss as Losses
     from tactable.calibration.job import CalibrationJob
 
     device = find_device(device_name)
+    if not measures and (port_name or sensor_path or flaws or change):
+        raise OptionError("--port, --sensor, --flaws and --change belong to --measure; add it, or leave them out")
     accepted, chosen = read_option("--accept", accept, ""), read_choice("--loss", loss, Losses)
     names, bounds = read_parameters(device, fit, also)
     job = CalibrationJob(
@@ -94,9 +130,51 @@ def calibrate(
         accepted_misfit=accepted,
         is_strict=strict,
     )
-    doubts = _fit(job, as_json) if apply is None else _apply(job, apply, despite_doubts, clicks, as_json)
+    with ExitStack() as stack:
+        circle = None
+        if measures:
+            named = _apparatus(device, apply, port_name, sensor_path, read_most(device, most), bit_rate_hz)
+            named = replace(named, sensor_mass_kg=job.sensor_mass_kg or read_option("--sensor-mass", "2 g", "kg"))
+            bench = with_simulation(device, named, flaws, change, seed)
+            circle = stack.enter_context(_at_the_bar(device, bench, places, method))
+            circle.measure(measurements_path, lambda *at: None if as_json else tell_reading(device, *at))
+        if apply is None:
+            doubts = _fit(job, as_json)
+        else:
+            doubts = _apply(job, apply, despite_doubts, clicks, as_json, None if circle is None else circle.verify)
     if doubts:
         raise typer.Exit(EXIT_DOUBTFUL)
+
+
+def _apparatus(
+    device: "Device", table: Path | None, port: str, sensor: str, most: float, bit_rate_hz: int
+) -> "ApparatusOptions":
+    """The apparatus, with the clicks of the table that will be verified. Raises OptionError, TableError."""
+    from engine.table import Table
+    from tactable.calibration.apply import TableTarget
+    from tactable.measure.apparatus import ApparatusOptions
+
+    if not port or not sensor:
+        raise OptionError("--measure needs --port and --sensor, each a name or `simulated`")
+    basis = None
+    if table is not None:
+        TableTarget(table, device)  # one that cannot be rebuilt is refused before anybody walks along the bar
+        with Table.open(table, verify=False) as opened:
+            basis = opened.clicks.basis if opened.clicks else None
+    return ApparatusOptions(port, sensor, most, bit_rate_hz, clicks=basis)
+
+
+@contextmanager
+def _at_the_bar(device: "Device", options: "ApparatusOptions", places: int, method: str) -> Iterator["Circle"]:
+    """The circle of a calibration, its apparatus open."""
+    from tactable.measure.apparatus import open_apparatus
+    from tactable.measure.circle import Circle
+    from tactable.measure.stepped_sine import SteppedSineOptions
+    from tactable.measure.walk import Methods, even_walk, named_method
+
+    with open_apparatus(device, options, ask) as apparatus:
+        how = named_method(read_choice("--method", method, Methods), SteppedSineOptions(most=options.most))
+        yield Circle(device, apparatus, options, even_walk(device, places), how)
 
 
 def _fit(job: "CalibrationJob", as_json: bool) -> list[str]:
@@ -114,15 +192,17 @@ def _fit(job: "CalibrationJob", as_json: bool) -> list[str]:
     return doubts
 
 
-def _apply(job: "CalibrationJob", table: Path, despite_doubts: bool, with_clicks: bool, as_json: bool) -> list[str]:
+def _apply(
+    job: "CalibrationJob", table: Path, despite_doubts: bool, with_clicks: bool, as_json: bool, verify: "Verify | None"
+) -> list[str]:
     """Apply the calibration to a table, and print it; the doubts for which the table was left as it was."""
-    from tactable.calibration.apply import apply_fit
+    from tactable.calibration.apply import PromiseError, apply_fit
     from tactable.calibration.job import calibration_json
     from tactable.calibration.page import print_applied, print_calibration, print_clicks
     from tactable.explain.diff import print_short_diff, short_diff_json
 
     with shown_progress(as_json) as progress:
-        applied = apply_fit(job, table, despite_doubts, progress)
+        applied = apply_fit(job, table, despite_doubts, progress, verify)
     document = calibration_json(job, applied.report, applied.doubts) | {"applied": {"table": str(table)}}
     if not as_json:
         print_calibration(OUT, applied.report, str(job.folder), applied.doubts)
@@ -135,7 +215,13 @@ def _apply(job: "CalibrationJob", table: Path, despite_doubts: bool, with_clicks
             say(f"complete comparison: tactable diff {previous_of(table)} {table}")
         if outdated and with_clicks:
             with shown_progress(as_json) as progress:
-                clicks_s = target.complete(applied.device, progress)
+                try:
+                    clicks_s = target.complete(applied.device, progress, verify)
+                except PromiseError as refused:
+                    doubt = f"clicks: {refused}; the table has the new drives and the clicks of before"
+                    applied.doubts.append(doubt)
+        if applied.doubts and not as_json and not despite_doubts:
+            say(f"DOUBTFUL: {applied.doubts[-1]}")
         if not as_json:
             print_clicks(OUT, table, outdated, clicks_s)
         document["applied"] |= {
@@ -147,7 +233,7 @@ def _apply(job: "CalibrationJob", table: Path, despite_doubts: bool, with_clicks
         }
     if as_json:
         print_json(document)
-    return applied.doubts if applied.is_refused else []
+    return applied.doubts if not despite_doubts else []
 
 
 def plan_measurements(

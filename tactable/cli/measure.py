@@ -23,7 +23,6 @@ from tactable.shipped import find_device
 
 if TYPE_CHECKING:
     from engine.device import Device
-    from firmware_link.protocol.basis import Basis
     from tactable.measure.apparatus import Apparatus, ApparatusOptions
     from tactable.measure.gravity import GravityCheck
     from tactable.measure.sensor import SensorForm
@@ -50,6 +49,10 @@ FlawsText = Annotated[
         "--flaws", metavar="SPEC", help="What is wrong with the simulated sensor, as noise=0.05m/s^2,drift=40."
     ),
 ]
+MethodName = Annotated[
+    str,
+    typer.Option("--method", help="stepped: one frequency after the other. sweep: all of a band at once, by loopback."),
+]
 Most = Annotated[str, typer.Option(help="Greatest amplitude; the board is armed for no more.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the simulated sensor.")]
 
@@ -68,9 +71,7 @@ def measure(
     frequencies: Annotated[
         str, typer.Option(help="Hz, between commas, or FROM:TO:STEP; default: 12 beside the lines of the mains.")
     ] = "",
-    method: Annotated[
-        str, typer.Option(help="stepped: one frequency after the other. sweep: all of a band at once, by loopback.")
-    ] = "stepped",
+    method: MethodName = "stepped",
     planned: Annotated[
         int, typer.Option(min=0, max=1000, help="Instead: this many readings of plan-measurements.")
     ] = 0,
@@ -98,19 +99,25 @@ def measure(
 
     from engine.plain import to_plain
     from precompute.measurements.file import check_ending
-    from tactable.measure.apparatus import open_apparatus
+    from tactable.audio.names import is_audio
+    from tactable.measure.apparatus import ApparatusOptions, open_apparatus
     from tactable.measure.stepped_sine import SteppedSineOptions
-    from tactable.measure.swept_sine import SweepOptions
-    from tactable.measure.walk import Method, Methods, RawFolder, even_walk, measure_walk, planned_walk
+    from tactable.measure.walk import Methods, RawFolder, even_walk, measure_walk, named_method, planned_walk
 
     device, mass_kg = find_device(device_name), read_option("--sensor-mass", sensor_mass, "kg")
     for path in [*output, *([peaks] if peaks else [])]:
         check_ending(path)
     options = SteppedSineOptions(read_option("--least", least, ""), read_most(device, most))
-    how = Method(options, SweepOptions() if read_choice("--method", method, Methods) is Methods.SWEEP else None)
+    how = named_method(read_choice("--method", method, Methods), options)
     walk = planned_walk(device, planned, mass_kg) if planned else even_walk(device, places, read_grid(frequencies))
-    simulated = (flaws, change, seed)
-    chosen = apparatus_options(device, port_name, sensor_path, options.most, bit_rate_hz, mass_kg, simulated, gravity)
+    named = ApparatusOptions(port_name, sensor_path, options.most, bit_rate_hz, mass_kg)
+    chosen = with_simulation(device, named, flaws, change, seed)
+    if gravity and is_audio(sensor_path):
+        raise OptionError(
+            "--gravity: a sound card passes no direct current, so that gravity does not show; check the sensor by a "
+            "vibration calibrator, or leave --gravity out"
+        )
+    chosen = replace(chosen, flaws=replace(chosen.flaws, has_gravity=gravity))
     checked = None
     # Unlimited BLAS is slower than one thread for windows of this size, and 100 times slower on a busy machine.
     with threadpool_limits(1, "blas"), open_apparatus(device, chosen, ask) as apparatus:
@@ -120,9 +127,14 @@ def measure(
         if gravity:
             checked = _check_gravity(device, apparatus, options)
         records = measure_walk(
-            device, walk, apparatus, how, raw, lambda stop, reading: None if as_json else _tell(device, stop, reading)
+            device,
+            walk,
+            apparatus,
+            how,
+            raw,
+            lambda *at: None if as_json else tell_reading(device, *at),
         )
-    _write(device, form, records, mass_kg, output, peaks, keep_spoiled)
+    write_records(device, form, records, mass_kg, output, peaks, keep_spoiled)
     summary = summary_of(device, records) | {"output": [str(path) for path in output], "raw": str(raw.path)}
     summary["gravity"] = None if checked is None else {"gain": checked.gain, "offset": checked.offset_m_per_s2}
     if as_json:
@@ -133,38 +145,17 @@ def measure(
         raise typer.Exit(EXIT_DOUBTFUL)
 
 
-def apparatus_options(
-    device: "Device",
-    port_name: str,
-    sensor_path: str,
-    most: float,
-    bit_rate_hz: int,
-    sensor_mass_kg: float,
-    simulated: tuple[str, list[str] | None, int],
-    has_gravity: bool = False,
-    clicks: "Basis | None" = None,
+def with_simulation(
+    device: "Device", options: "ApparatusOptions", flaws: str, change: list[str] | None, seed: int
 ) -> "ApparatusOptions":
-    """The apparatus of the options; simulated: its flaws, its changes of the bar and its seed. Raises OptionError."""
-    from tactable.audio.names import is_audio
-    from tactable.measure.apparatus import ApparatusOptions
+    """The options with the flaws, the changes of the bar and the seed of a simulated bench. Raises OptionError."""
     from tactable.measure.simulated_bench import ConverterFlaws
 
-    flaws, change, seed = simulated
-    if has_gravity and is_audio(sensor_path):
-        raise OptionError(
-            "--gravity: a sound card passes no direct current, so that gravity does not show; check the sensor by a "
-            "vibration calibrator, or leave --gravity out"
-        )
-    found = replace(ConverterFlaws.parse(flaws), has_gravity=has_gravity)
-    changes = read_changes(change, device)
-    options = ApparatusOptions(
-        port_name, sensor_path, most, bit_rate_hz, sensor_mass_kg, found, changes, seed, clicks=clicks
-    )
     if options.is_simulated:
         remark(f"{device.name}, SIMULATED: firmware, bar and sensor, in virtual time")
     elif flaws or change:
         raise OptionError("--flaws and --change belong to a simulated bench; leave them out")
-    return options
+    return replace(options, flaws=ConverterFlaws.parse(flaws), changes=read_changes(change, device), seed=seed)
 
 
 def _check_gravity(device: "Device", apparatus: "Apparatus", options: "SteppedSineOptions") -> "GravityCheck":
@@ -188,7 +179,7 @@ def _check_gravity(device: "Device", apparatus: "Apparatus", options: "SteppedSi
     return checked
 
 
-def _write(
+def write_records(
     device: "Device",
     form: "SensorForm",
     records: "tuple[StopRecord, ...]",
@@ -265,7 +256,8 @@ def ask(text: str) -> None:
     input()
 
 
-def _tell(device: "Device", stop: "Stop", reading: "Reading") -> None:
+def tell_reading(device: "Device", stop: "Stop", reading: "Reading") -> None:
+    """Print one reading with what spoiled it."""
     named = "".join(f"; {fault.name}" for fault in reading.faults)
     named += f"; repeated for {', '.join(fault.name for fault in reading.earlier)}" if reading.earlier else ""
     say(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, note, print_json, say
-from tactable.cli.measure import FlawsText, PortName, Seed, SensorPath, apparatus_options, ask
+from tactable.cli.measure import FlawsText, PortName, Seed, SensorPath, ask, with_simulation
 from tactable.cli.options import (
     AsJson,
     BitRate,
@@ -60,9 +60,9 @@ def verify(
     from precompute.measurements.simulate import even_places
     from precompute.studies.anywhere import Anywhere, random_placements
     from tactable.figures.file import check_paths
-    from tactable.measure.apparatus import open_apparatus
+    from tactable.measure.apparatus import ApparatusOptions, open_apparatus
     from tactable.measure.stepped_sine import SteppedSineOptions
-    from tactable.measure.verify import MOST_OUTSIDE, plan_played, verify_table
+    from tactable.measure.verify import plan_played, verdict_of, verify_table
 
     if figure is not None:
         check_paths(figure, csv)
@@ -72,16 +72,15 @@ def verify(
     with Table.open(table_path) as table, threadpool_limits(1, "blas"):
         device = table.device
         most, basis = device.limits.amplitude, table.clicks.basis if table.clicks else None
-        simulated = (flaws, change, seed)
-        chosen = apparatus_options(device, port_name, sensor_path, most, bit_rate_hz, mass_kg, simulated, clicks=basis)
+        named = ApparatusOptions(port_name, sensor_path, most, bit_rate_hz, mass_kg, clicks=basis)
+        chosen = with_simulation(device, named, flaws, change, seed)
         played = plan_played(table, random_placements(device, Anywhere(placements=placements, seed=seed + 1)), level_db)
         with open_apparatus(device, chosen, ask) as apparatus:
             options, where = SteppedSineOptions(), even_places(device, places).tolist()
             points = verify_table(table, played, where, apparatus, options, mass_kg)
             is_simulated = apparatus.sensor.form.is_simulated
     summary = summary_of(table, points, is_simulated)
-    is_beyond = summary["outside"] > MOST_OUTSIDE * max(1, summary["compared"])
-    summary["verdict"] = "not compared" if not summary["compared"] else "beyond" if is_beyond else "kept"
+    summary["verdict"] = verdict_of(points)
     if figure is not None:
         _draw(summary, points, figure, csv)
     if as_json:

@@ -156,6 +156,14 @@ def verify_table(
     return tuple(points)
 
 
+def verdict_of(points: Sequence[Point]) -> str:
+    """Whether the promise is kept, as a word: kept, beyond (more points than chance allows), or not compared."""
+    compared, outside = sum(not point.is_spoiled for point in points), sum(point.is_outside for point in points)
+    if not compared:
+        return "not compared"
+    return "beyond" if outside > MOST_OUTSIDE * compared else "kept"
+
+
 def _read(stepped: SteppedSine, driven: DrivenDevice, played: Played) -> tuple[float, float, tuple[Fault, ...]] | None:
     """Peak, standard error and faults; None for a click that the board cannot play."""
     if played.asked is not None:

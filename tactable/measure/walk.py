@@ -149,6 +149,11 @@ class Method:
     sweep: SweepOptions | None = None
 
 
+def named_method(name: Methods, stepped: SteppedSineOptions) -> Method:
+    """The method of a name, with the usual sweeps."""
+    return Method(stepped, SweepOptions() if name is Methods.SWEEP else None)
+
+
 def measure_walk(
     device: Device,
     walk: Sequence[Stop],

@@ -13,7 +13,11 @@ from engine.table import Table
 from engine.table.history import previous_of
 from precompute.builder.build import build_table
 from precompute.builder.incremental import Part, outdated_parts
+from precompute.calibration.misfit import Loss
 from precompute.clicks.options import ClickOptions
+from precompute.measurements.parameters import paper_names
+from tactable.calibration.apply import apply_fit
+from tactable.calibration.job import CalibrationJob
 from tactable.cli.console import EXIT_DOUBTFUL
 from tactable.cli.main import app
 from tests.precompute.builder.test_build import SMALL
@@ -105,6 +109,44 @@ def test_a_doubtful_fit_leaves_the_table_unless_it_is_wanted_all_the_same(folder
     assert (folder / "new" / "report.md").is_file()
     assert apply(*strict, "--despite-doubts").exit_code == 0
     assert previous_of(folder / "bar.nc").read_bytes() == before
+
+
+def test_a_table_that_the_bar_does_not_keep_is_not_put_in_place_nor_is_one_whose_test_was_interrupted(
+    folder: Path,
+) -> None:
+    job = CalibrationJob(
+        device=Device.read(folder / "bar.toml"),
+        measurements=folder / "measured.csv",
+        folder=folder / "new",
+        names=paper_names(DEVICE),
+        bounds={},
+        loss=Loss.ROBUST,
+        sensor_mass_kg=0.0,
+        starts=1,
+        seed=0,
+        compares=False,
+        accepted_misfit=0.2,
+        is_strict=False,
+    )
+    before, played = (folder / "bar.nc").read_bytes(), list[str]()
+
+    def interrupted(written: Path) -> str:
+        with Table.open(written) as table:
+            played.append(table.device.name)
+        raise KeyboardInterrupt
+
+    def is_unchanged() -> bool:
+        others = [path.name for path in folder.iterdir() if "bar.nc" in path.name]
+        return (folder / "bar.nc").read_bytes() == before and others == ["bar.nc"]
+
+    with pytest.raises(KeyboardInterrupt):
+        apply_fit(job, folder / "bar.nc", False, lambda *_: None, interrupted)
+    assert played == [DEVICE.name] and is_unchanged() and not (folder / "new").exists()
+    applied = apply_fit(job, folder / "bar.nc", False, lambda *_: None, lambda _: "3 of 4 points are beyond")
+    assert applied.is_refused and applied.doubts == ["3 of 4 points are beyond"] and is_unchanged()
+    assert (folder / "new" / "report.json").is_file()
+    kept = apply_fit(job, folder / "bar.nc", False, lambda *_: None, lambda _: "")
+    assert not kept.is_refused and previous_of(folder / "bar.nc").read_bytes() == before
 
 
 def test_measurements_in_the_wrong_unit_are_doubted_and_not_applied(folder: Path) -> None:

@@ -1,0 +1,83 @@
+"""The circle of a calibration: the bar is measured before the fit, and plays the new table before that is put in place.
+
+Theory of operation. Each step leaves the table that a run plays as it was: the measurement writes its own file, the fit
+its own folder, the build a file beside the table. Only a table that the bar was seen to keep is renamed into place. So
+Ctrl-C at any instant leaves the old table, a board that is silent, and what was complete; the same command goes on from
+there. Drives are verified before the first change of the table, clicks before the second.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from engine.device import Device
+from engine.plain import to_plain
+from engine.table import Table
+from precompute.builder.incremental import outdated_parts
+from precompute.measurements import Kind, MeasurementError
+from precompute.measurements.file import check_ending, write_measurements
+from precompute.measurements.simulate import even_places
+from precompute.studies.anywhere import Anywhere, random_placements
+from tactable.measure.apparatus import Apparatus, ApparatusOptions
+from tactable.measure.stepped_sine import Reading, SteppedSineOptions
+from tactable.measure.verify import plan_played, verdict_of, verify_table
+from tactable.measure.walk import Method, RawFolder, Stop, measure_walk, measurements_of
+
+LEVEL_DB = 20.0
+PLACES, PLACEMENTS = 3, 5
+_DOUBTS = {
+    "kept": "",
+    "beyond": "the bar does not keep what the new table promises: {outside} of {compared} points are beyond it",
+    "not compared": "the new table could not be verified on the bar: every reading is spoiled",
+}
+
+
+@dataclass(frozen=True)
+class Circle:
+    """An apparatus at the bar of `device`, and how the bar is measured; `options` opened the apparatus."""
+
+    device: Device
+    apparatus: Apparatus
+    options: ApparatusOptions
+    walk: Sequence[Stop]
+    method: Method
+
+    def measure(self, path: Path, on_reading: Callable[[Stop, Reading], None]) -> None:
+        """Measure the bar into a file of complex responses; one that this measurement wrote before is kept.
+
+        Raises MeasurementError where no reading is usable, where a drive is not recorded and for a file of another
+        measurement, SensorError and LinkError.
+        """
+        check_ending(path)
+        form, options = self.apparatus.sensor.form, self.options
+        if any(form.loopback(actuator.name) is None for actuator in self.device.actuators):
+            raise MeasurementError(
+                "an actuator has no loopback channel: add it, or take peaks by `measure` and fit them"
+            )
+        raw = path.with_name(f"{path.name}.raw")
+        if path.exists() and not raw.is_dir():
+            raise MeasurementError(f"{path}: exists and was not measured by this command; give another file")
+        known = {"form": form, "method": self.method, "mass_kg": options.sensor_mass_kg, "flaws": options.flaws}
+        folder = RawFolder(raw, self.device, self.walk, to_plain(known) | {"seed": options.seed})
+        with threadpool_limits(1, "blas"):
+            records = measure_walk(self.device, self.walk, self.apparatus, self.method, folder, on_reading)
+        if not path.exists():
+            how = {"is_simulated": form.is_simulated}
+            found = measurements_of(records, self.device, options.sensor_mass_kg, Kind.RESPONSE, **how)
+            comment = f"{'SIMULATED ' if form.is_simulated else ''}tactable calibrate --measure {self.device.name}"
+            write_measurements(path, found, self.device, comment)
+
+    def verify(self, written: Path) -> str:
+        """Play a table's drives, and its clicks unless they are outdated; the doubt that remains, empty for none."""
+        asked = Anywhere(placements=PLACEMENTS, seed=self.options.seed + 1)
+        with Table.open(written, verify=False) as table, threadpool_limits(1, "blas"):
+            played = plan_played(table, random_placements(table.device, asked), LEVEL_DB)
+            if outdated_parts(table):
+                played = tuple(each for each in played if each.click is None)
+            places_m = even_places(table.device, PLACES).tolist()
+            options, mass_kg = SteppedSineOptions(), self.options.sensor_mass_kg
+            points = verify_table(table, played, places_m, self.apparatus, options, mass_kg)
+        compared, outside = sum(not point.is_spoiled for point in points), sum(point.is_outside for point in points)
+        return _DOUBTS[verdict_of(points)].format(outside=outside, compared=compared)

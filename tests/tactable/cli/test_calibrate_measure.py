@@ -1,0 +1,81 @@
+"""`calibrate --measure --apply`: from a bar that changed to a table that the bar was seen to keep, in one command."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from engine.device import Device
+from engine.table import Table
+from engine.table.history import previous_of
+from precompute.builder.build import build_table
+from tactable.cli.console import EXIT_DOUBTFUL
+from tests.precompute.builder.test_build import SMALL
+from tests.tactable.cli.in_process import run_here
+
+WORDS = ("calibrate", "bar.toml", "bar-measured.nc", "-o", "new", "--starts", "1", "--measure", "--apply", "bar.nc")
+BENCH = ("--port", "simulated", "--sensor", "simulated", "--method", "sweep", "--places", "3", "--json")
+CHANGED = ("--change", "actuator[1].stiffness=20.5 kN/m")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "bar.toml").write_text(SMALL, encoding="utf-8")
+    build_table(Device.parse(SMALL, "bar.toml"), folder / "bar.nc", created="at first", clicks_up_to=0)
+    return folder
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path) -> Path:
+    for path in made.iterdir():
+        shutil.copy(path, tmp_path)
+    return tmp_path
+
+
+@pytest.mark.long
+def test_a_bar_that_changed_is_measured_fitted_built_for_verified_and_the_table_put_in_place(folder: Path) -> None:
+    before = (folder / "bar.nc").read_bytes()
+    done = run_here(folder, *WORDS, *BENCH, *CHANGED, "--flaws", "noise=0.01m/s^2,drift=30")
+    assert done.returncode == 0, done.stderr + done.stdout
+    said = json.loads(done.stdout)
+    assert {"fit", "verify on the bar", "put in place"} <= said["applied"]["seconds"].keys()
+    with Table.open(folder / "bar.nc") as table:
+        assert table.device.actuators[0].stiffness_n_per_m == pytest.approx(20.5e3, rel=5e-3)
+    assert previous_of(folder / "bar.nc").read_bytes() == before
+    measured, placed = (folder / "bar-measured.nc").read_bytes(), (folder / "bar.nc").read_bytes()
+    again = run_here(folder, *WORDS, *BENCH, *CHANGED, "--flaws", "noise=0.01m/s^2,drift=30")
+    assert again.returncode == 0, again.stderr
+    assert (folder / "bar-measured.nc").read_bytes() == measured and (folder / "bar.nc").read_bytes() == placed
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("--port", "simulated"), "--measure needs --port and --sensor"),
+        ((*BENCH, "--method", "chirp"), "expected one of stepped, sweep"),
+        ((*BENCH, "--most", "0 %"), "expected more than 0"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_and_the_table_left(folder: Path, words: tuple[str, ...], text: str) -> None:
+    before = (folder / "bar.nc").read_bytes()
+    done = run_here(folder, *WORDS, *words)
+    assert done.returncode == 1
+    assert text in done.stderr
+    assert (folder / "bar.nc").read_bytes() == before and not (folder / "new").exists()
+
+
+def test_a_port_without_measure_is_refused(folder: Path) -> None:
+    done = run_here(folder, "calibrate", "bar.toml", "m.csv", "--port", "simulated")
+    assert done.returncode == 1
+    assert "belong to --measure" in done.stderr
+
+
+@pytest.mark.long
+def test_a_bar_that_no_parameter_describes_leaves_the_table(folder: Path) -> None:
+    before = (folder / "bar.nc").read_bytes()
+    done = run_here(folder, *WORDS, *BENCH, "--change", "actuator[1].mass=14 g", "--fit", "actuator.full_scale")
+    assert done.returncode == EXIT_DOUBTFUL, done.stderr
+    assert json.loads(done.stdout)["doubts"]
+    assert (folder / "bar.nc").read_bytes() == before
