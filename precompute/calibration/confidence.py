@@ -5,6 +5,13 @@ the scatter of its gradient. Outliers and the shape of the loss count in it, whi
 ignore. It includes a prior, uniform within the bounds of each parameter; without it a parameter that the data leave
 open would have no finite variance.
 
+Complex responses differ in quality, by a hundred where a reading beside a node hardly stands out of the noise, and the
+real and the imaginary part of one go wrong together. So for them the scatter of the gradient is summed reading by
+reading (White, Econometrica 48, 1980, with the leverages of HC3). A few readings may then carry a parameter, and their
+scatter is known as badly as few readings know it: Student's degrees of freedom are those of the parameter that has the
+fewest (Satterthwaite). `tests/studies/physics/uneven_readings.py` has the share of intervals that hold, for this and
+for errors that are taken as even, as they still are for peaks.
+
 Where a parameter is known to 5 % or better the cost is nearly a parabola, and its interval is the value plus and minus
 Student's quantile times the standard error. Beyond, the interval is the profile of the cost: the parameter is moved and
 held, all others are refitted, until the cost has risen by what the quantile allows. Profiles cost some refits, but hold
@@ -30,6 +37,10 @@ _PROBES = 12
 _CLOSE = 0.02  # of the standard deviations at an interval's end
 _RANK = 1e-14
 _NOTHING = 1e-300
+_FEWEST = 3
+"""Degrees of freedom at the least."""
+_LEAST_FREEDOM = 0.1
+"""A reading that alone determines a parameter says nothing of its own error; its residual counts ten times at most."""
 
 
 @dataclass(frozen=True)
@@ -66,10 +77,10 @@ class Confidence:
 
 def compute_confidence(fit: Fit) -> Confidence:
     """Confidence in a fit, by the sandwich covariance for its loss."""
-    information, curvature = _absolute(fit) if fit.loss is Loss.L1 else _squares(fit)
-    prior = np.array([parameter.prior for parameter in fit.problem.misfit.parameters])
     data, parameters = fit.misfit.log_slope.shape
-    return Confidence(information, curvature, prior, data - parameters)
+    information, curvature, *fewer = _absolute(fit) if fit.loss is Loss.L1 else _squares(fit)
+    prior = np.array([parameter.prior for parameter in fit.problem.misfit.parameters])
+    return Confidence(information, curvature, prior, min([data - parameters, *fewer]))
 
 
 def compute_intervals(fit: Fit, confidence: Confidence) -> Array:
@@ -116,15 +127,43 @@ def _between(inner: tuple[float, float], outer: tuple[float, float], wanted: flo
     return inner[0] + min(max(share, 0.1), 0.9) * (outer[0] - inner[0])
 
 
-def _squares(fit: Fit) -> tuple[Array, Array]:
-    """Huber's covariance of an M-estimator: (J^T J)^-1 mean psi^2 / (mean psi')^2."""
+def _squares(fit: Fit) -> tuple[Array, Array] | tuple[Array, Array, int]:
+    """Huber's covariance of an M-estimator: (J^T J)^-1 mean psi^2 / (mean psi')^2; of responses, reading by reading."""
     slope, u = fit.misfit.log_slope / fit.noise, fit.misfit.log_residual / fit.noise
     data, parameters = slope.shape
     weight = 1 / (1 + (u / CAUCHY) ** 2) if fit.loss is Loss.ROBUST else np.ones(data)
     bend = weight**2 * (1 - (u / CAUCHY) ** 2) if fit.loss is Loss.ROBUST else np.ones(data)
     spread = max(float(((weight * u) ** 2).sum()) / (data - parameters), (SMALLEST_NOISE / fit.noise) ** 2)
     gram, mean = slope.T @ slope, max(float(bend.mean()), 0.1)
+    if not fit.problem.misfit.is_peak:
+        least = (SMALLEST_NOISE / fit.noise) ** 2
+        information, freedom = _by_reading(slope, weight * u, least)
+        return information * mean**2, gram * mean, freedom
     return gram * mean**2 / spread, gram * mean
+
+
+def _by_reading(slope: Array, gradient: Array, least: float) -> tuple[Array, int]:
+    """Information A B^-1 A of uneven readings, and degrees of freedom.
+
+    A = J^T J, and B is the sum over the readings of their own squared gradients.
+
+    slope (datum, parameter) and gradient (datum,), psi: all real parts before all imaginary ones.
+    least: square of the noise that a reading has at the least, in units of that of the fit.
+    """
+    # Columns differ by decades; a parameter without effect would spoil the inverse.
+    scale = np.maximum(np.linalg.norm(slope, axis=0), _NOTHING)
+    unit = slope / scale
+    A = unit.T @ unit
+    leverage = np.einsum("ij,jk,ik->i", unit, np.linalg.pinv(A, rcond=_RANK), unit)
+    own = unit * (gradient / np.maximum(1 - leverage, _LEAST_FREEDOM))[:, None]
+    real, imaginary = np.split(own, 2)
+    both = real + imaginary
+    scatter = both.T @ both + least * A
+    information: Array = A @ np.linalg.pinv(scatter, rcond=_RANK) @ A * np.outer(scale, scale)
+    # Share (reading, parameter) of each reading in the variance; a squared chi-squared of two is 2 times its mean's.
+    share = (both @ np.linalg.pinv(A, rcond=_RANK)) ** 2 + _NOTHING
+    freedom = 2 * share.sum(axis=0) ** 2 / (share**2).sum(axis=0)
+    return information, max(_FEWEST, int(freedom.min()))
 
 
 def _absolute(fit: Fit) -> tuple[Array, Array]:

@@ -40,7 +40,7 @@ class MisfitModel:
     """The misfit of measurements as a function of the coordinates of parameters (parameter,)."""
 
     def __init__(self, model: MeasurementModel, measurements: Measurements, parameters: tuple[Parameter, ...]) -> None:
-        self._model, self._is_peak = model, measurements.kind is Kind.PEAK
+        self._model, self.is_peak = model, measurements.kind is Kind.PEAK
         self._measured = measurements.acceleration
         self._log_measured = np.log(measurements.acceleration)
         self._last: tuple[Array, Misfit] | None = None
@@ -73,7 +73,7 @@ class MisfitModel:
     def _data(self, value: NDArray[np.complex128]) -> Array:
         """Data along the first axis from the rows."""
         real: Array = value.real
-        return real.copy() if self._is_peak else np.concatenate([real, value.imag])
+        return real.copy() if self.is_peak else np.concatenate([real, value.imag])
 
 
 def _wrapped(angle_rad: Array) -> Array:

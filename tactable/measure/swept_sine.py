@@ -6,8 +6,8 @@ frequency of the band is left out. Lease, slew and amplitude limits hold as in a
 wire. When each SET came does not matter, since the drive is recorded beside the acceleration by a loopback channel and
 the response is the quotient of the two records (`sweep_fit`). Without that channel there is no sweep.
 
-- *Levels begin low and rise*, as for the stepped sine: a sweep in which noise hides a wanted frequency is repeated at
-  three times its level up to `most`, one that clips at a third, one that lost samples at its own.
+- *Levels begin low and rise*, as for the stepped sine: a sweep in which noise hides many wanted frequencies is
+  repeated at three times its level up to `most`, one that clips at a third, one that lost samples at its own.
 - *Repeats*: the sweep that was good is repeated at its level. The coherence is that of the repeats, and responses that
   differ by more than their errors allow are not steady.
 - The converter's clock is compared with the board's on a held tone first, since a resonance is narrower than what a
@@ -57,6 +57,8 @@ _BESIDE = 1.5
 _PARTS = 50
 """Parts of a record that are looked at for clipping: it clips at a resonance only."""
 _STEADY = 5.0
+_FEW = 0.05
+"""Of the frequencies: noise that hides fewer, where the bar hardly moves, is named and raises no level."""
 _NS_PER_S = 1_000_000_000
 
 
@@ -150,7 +152,8 @@ class SweptSine:
             Fault.NO_SIGNAL: bool(abs(drive).max() < _LEAST_LOOPBACK),
         }
         faults = tuple(fault for fault, is_there in causes.items() if is_there)
-        return _Take(amplitude, values, fit, faults, bool((fit.error > self._options.tolerance.error).any()))
+        is_noisy = float((fit.error > self._options.tolerance.error).mean()) > _FEW
+        return _Take(amplitude, values, fit, faults, is_noisy)
 
     def _ends(self, actuator: int, frequencies_hz: Array) -> tuple[float, float]:
         """Lowest and highest frequency of the sweep: beyond the wanted ones as far as the band allows."""
@@ -250,7 +253,7 @@ class SweptSine:
 
 @dataclass(frozen=True)
 class _Take:
-    """One sweep: its samples (sample, channel), its fit, what spoils all of it, and whether noise hides a frequency."""
+    """One sweep: its samples (sample, channel), its fit, what spoils all of it, whether noise hides many of it."""
 
     amplitude: float
     values: Array
