@@ -14,8 +14,10 @@ from engine.loop.fast.library import FastPathError, compile_fast_path, open_fast
 
 # Consoles made with it would keep that width, whatever a test says.
 os.environ.pop("COLUMNS", None)
-settings.register_profile("tactable", deadline=None)
-settings.load_profile("tactable")
+# Laws are searched by Hypothesis with few examples each time somebody runs `pytest`, and by five times as many with the
+# long tests, as `.ci/run` does.
+settings.register_profile("quick", deadline=None, max_examples=20)
+settings.register_profile("long", deadline=None, max_examples=100)
 
 SLOWEST = ("tests/test_house.py", "tests/tactable/rig/test_demo.py", "tests/test_docs.py", "tests/test_notebooks.py")
 """Files that a run begins with, so that the workers end together."""
@@ -31,7 +33,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile kernels in another order in each worker, so that with an empty cache each compiles a part of them."""
+    """Choose the examples of Hypothesis, and compile kernels in another order in each worker.
+
+    So with an empty cache each worker compiles a part of the kernels.
+    """
+    settings.load_profile("quick" if "not long" in config.getoption("markexpr") else "long")
     worker = getattr(config, "workerinput", {}).get("workerid")
     if worker is not None:
         for name in KERNELS if worker == "gw0" else reversed(KERNELS):

@@ -22,6 +22,8 @@ from tests.documents import (
 from tests.small_device import small_text
 
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
+DEAR = ("calibration.md", "figures.md")
+"""Pages that take half a minute: they are run with the long tests, and each of their commands is checked at once."""
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +35,10 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=[pytest.mark.long] if path.name in DEAR else [], id=path.name) for path in PAGES],
+)
 def test_every_command_and_snippet_runs(
     path: Path, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -49,6 +54,15 @@ def test_every_command_and_snippet_runs(
     with Page(folder) as page:
         for block in read_blocks(path):
             page.run(block)
+
+
+@pytest.mark.parametrize("name", DEAR)
+def test_every_command_of_a_page_that_takes_long_exists_with_its_options(name: str) -> None:
+    blocks = [block for block in read_blocks(ROOT / "docs" / name) if block.language in ("sh", "console")]
+    commands = [command for block in blocks for command in read_commands(block) if command.words[:1] == ["tactable"]]
+    assert len(commands) > 4
+    for command in commands:
+        check_command(command)
 
 
 @pytest.mark.parametrize("path", [ROOT / "README.md", *PAGES], ids=lambda path: path.name)

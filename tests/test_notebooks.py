@@ -7,6 +7,7 @@ import pytest
 from tests.notebooks import NOTEBOOKS, pictures_of, read_notebook, run_notebook, texts_of
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_it_comes_to_what_it_is_kept_with(path: Path, tmp_path: Path) -> None:
     kept, found = read_notebook(path), run_notebook(path, tmp_path)
@@ -15,7 +16,8 @@ def test_it_comes_to_what_it_is_kept_with(path: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_it_imports_nothing_of_the_project_but_its_public_names(path: Path) -> None:
+def test_it_is_kept_with_its_pictures_and_imports_public_names_only(path: Path) -> None:
     code = "\n".join(cell.source for cell in read_notebook(path).cells if cell.cell_type == "code")
     assert "from tactable import" in code
+    assert pictures_of(read_notebook(path)) >= 2
     assert not any(name in code for name in ("engine.", "precompute.", "firmware_link.", "tactable."))

@@ -34,7 +34,7 @@ def open_fast_path(path: Path) -> ctypes.CDLL:
     try:
         library = ctypes.CDLL(str(path))
         library.fast_wait.argtypes = (ctypes.c_void_p, ctypes.c_int64)
-        library.fast_wait.restype = library.fast_answer.restype = ctypes.c_int64
+        library.fast_wait.restype, library.fast_answer.restype = None, ctypes.c_int64
         library.fast_answer.argtypes = (ctypes.c_void_p,)
         library.fast_set_time.argtypes = (ctypes.c_int64,)
         library.fast_start()

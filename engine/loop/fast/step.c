@@ -360,7 +360,7 @@ static void warm(Fast *fast) {
 }
 
 /* Wait until a descriptor can be read, a signal comes, or `until_ns` (NONE: without end), and answer a report. */
-int64_t fast_wait(Fast *fast, int64_t until_ns) {
+void fast_wait(Fast *fast, int64_t until_ns) {
     /* Wait for the descriptors and the timer. */
     struct pollfd waited[MOST_WAITED + 1];
     fast->packet_size = fast->frame_size = fast->written = 0;
@@ -371,26 +371,25 @@ int64_t fast_wait(Fast *fast, int64_t until_ns) {
     waited[fast->waited] = (struct pollfd){.fd = (int)fast->timer, .events = POLLIN};
     if (until_ns != fast->armed_ns) arm(fast, until_ns);
     warm(fast);
-    if (poll(waited, (nfds_t)fast->waited + 1, -1) < 0) return DECLINED;
+    if (poll(waited, (nfds_t)fast->waited + 1, -1) < 0) return;
     if (waited[fast->waited].revents) {
         uint64_t expired;
         fast->armed_ns = read((int)fast->timer, &expired, sizeof expired) == sizeof expired ? NONE : fast->armed_ns;
     }
     for (int i = 0; i < fast->waited; i++) fast->readable[i] = waited[i].revents != 0;
     /* Read the report; the first descriptor is that of the touches. */
-    if (!fast->readable[0]) return DECLINED;
+    if (!fast->readable[0]) return;
     const ssize_t size = read((int)fast->touch, fast->packet, PACKET_SIZE);
     fast->read_ns = now_ns();
-    if (size <= 0) return DECLINED; /* the loop reads again and handles the error */
+    if (size <= 0) return; /* the loop reads again and handles the error */
     fast->packet_size = size;
-    if (!fast->can_answer || fast_answer(fast) != ANSWERED) return DECLINED;
+    if (!fast->can_answer || fast_answer(fast) != ANSWERED) return;
     /* After a stall there are more reports: nothing stale is sent. */
     if (is_readable(fast->touch)) {
         fast->frame_size = 0;
-        return DECLINED;
+        return;
     }
     const ssize_t written = write((int)fast->link, fast->frame, (size_t)fast->frame_size);
     fast->written_ns = now_ns();
     fast->written = written < 0 ? 0 : written;
-    return ANSWERED;
 }

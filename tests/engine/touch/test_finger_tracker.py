@@ -170,6 +170,20 @@ def test_hysteresis_is_per_contact_and_ends_with_the_touch() -> None:
     assert zones(at(past_edge, 1)) == [1]
 
 
+def test_the_farthest_place_within_the_hysteresis_still_belongs_to_the_zone_before() -> None:
+    edges = ZoneEdges(REFERENCE)
+    assert edges.zone_at(edges.stops_m[1] + edges.hysteresis_m, 1) == 1
+    assert edges.zone_at(edges.starts_m[1] - edges.hysteresis_m, 1) == 1
+
+
+def test_a_contact_that_the_digitizer_hands_out_again_is_the_same_finger() -> None:
+    tracker, rests, moves = FingerTracker(REFERENCE, SURFACE), at(195, 1), at(700, 2)
+    first = tracker.track(frame_of(rests, moves))
+    again = tracker.track(frame_of(rests, at(720, 2)))
+    assert again[0] is first[0]
+    assert again[1].position_m > first[1].position_m
+
+
 def test_a_hovering_finger_touches_nothing_and_forgets_its_zone() -> None:
     tracker = FingerTracker(REFERENCE, SURFACE)
     tracker.track(frame_of(at(195)))

@@ -1,9 +1,11 @@
 """Laws of the C frames: the decoder accepts, refuses and counts as the Python one does, whatever comes."""
 
+import ctypes
 import itertools
 from pathlib import Path
 
 import pytest
+from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -26,6 +28,21 @@ pieces = st.one_of(
     st.binary(max_size=300),
     st.sampled_from([DELIMITER, EMERGENCY_STOP, EMERGENCY_STOP[1:]]),
 )
+
+
+# Runs of 254 bytes without a zero, and a byte more or less, are where the code of a run is full.
+runs = st.lists(st.sampled_from([1, 100, 253, 254, 255, 508, 509]).map(lambda size: b"\5" * size), max_size=4)
+
+
+@unhurried
+@given(st.one_of(st.binary(max_size=700), runs.map(b"\0".join)))
+def test_bytes_are_stuffed_as_cobs_does_and_come_back(data: bytes) -> None:
+    encode, decode = core_library().cobs_encode, core_library().cobs_decode
+    encode.restype, decode.restype = ctypes.c_size_t, ctypes.c_bool
+    out, size = ctypes.create_string_buffer(len(data) + len(data) // 254 + 2), ctypes.c_size_t()
+    size.value = encode(data, ctypes.c_size_t(len(data)), out)
+    assert out.raw[: size.value] == cobs.encode(data)
+    assert decode(out, ctypes.byref(size)) and out.raw[: size.value] == data
 
 
 @unhurried

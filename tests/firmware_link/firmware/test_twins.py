@@ -54,7 +54,7 @@ CONFIGURATION = DeviceConfiguration(
 CLICKS = Clicks(2_000, [hump(1.0, -0.5), hump(0.5, 0.9, duration_us=7_000)])
 TRANSFER = list(transfer_messages(CLICKS.basis.data))
 # C writes 16 bits and moves amplitudes from sample to sample, so what changes may come two steps of the slew late.
-EXAMPLES = int(os.environ.get("TACTABLE_EXAMPLES", "300"))
+EXAMPLES = int(os.environ.get("TACTABLE_EXAMPLES", 3 * settings().max_examples))
 TOLERANCE = 3 * SLEW_PER_S / RATE_HZ + 1e-3
 
 

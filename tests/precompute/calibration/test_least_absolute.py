@@ -11,7 +11,7 @@ from tests.precompute.devices import unhurried
 Array = NDArray[np.float64]
 FAR = np.full(3, 10.0)
 seeds = st.integers(0, 2**32 - 1)
-few = settings(unhurried, max_examples=25)
+few = settings(unhurried, max_examples=settings().max_examples // 3)
 
 
 def curve(seed: int, data: int = 40) -> tuple[Array, Array]:

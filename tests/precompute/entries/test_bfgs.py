@@ -14,7 +14,7 @@ from tests.precompute.entries.problems import powers, random_forms, random_probl
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-few = settings(deadline=None, max_examples=30)
+few = settings(deadline=None, max_examples=settings().max_examples // 3)
 seeds = st.integers(0, 2**32 - 1)
 counts = st.tuples(st.integers(1, 3), st.integers(1, 3), st.integers(1, 3))
 actuator_counts = st.integers(1, 4)

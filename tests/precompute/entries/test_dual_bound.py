@@ -13,7 +13,7 @@ from precompute.entries.objective import Problem
 from precompute.entries.search import Search
 from tests.precompute.entries.problems import random_drives, random_problem, ratios
 
-few = settings(deadline=None, max_examples=20)
+few = settings(deadline=None, max_examples=settings().max_examples // 3)
 seeds = st.integers(0, 2**32 - 1)
 counts = st.tuples(st.integers(1, 3), st.integers(1, 3), st.integers(1, 3))
 actuator_counts = st.integers(1, 3)

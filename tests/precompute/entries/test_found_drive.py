@@ -10,7 +10,7 @@ from precompute.entries.found_drive import FoundDrive, evaluate_drive, full_scal
 from tests.precompute.entries.problems import random_drives, random_problem, ratios
 
 Complex = NDArray[np.complex128]
-few = settings(deadline=None, max_examples=30)
+few = settings(deadline=None, max_examples=settings().max_examples // 3)
 seeds = st.integers(0, 2**32 - 1)
 actuator_counts = st.integers(1, 4)
 

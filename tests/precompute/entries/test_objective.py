@@ -26,7 +26,7 @@ from tests.precompute.entries.problems import random_drives, random_forms, rando
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 States = tuple[ZoneState, ...]
-few = settings(deadline=None, max_examples=30)
+few = settings(deadline=None, max_examples=settings().max_examples // 3)
 seeds = st.integers(0, 2**32 - 1)
 actuator_counts = st.integers(1, 3)
 FREE, QUIET, FELT = ZoneState

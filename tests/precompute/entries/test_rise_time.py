@@ -73,7 +73,7 @@ def assert_between(found: Array, course: Array, final: Array) -> None:
 
 @both_devices
 @any_drive
-@pytest.mark.parametrize("touched", [False, True])
+@pytest.mark.parametrize("touched", [pytest.param(False, marks=pytest.mark.long), True])
 def test_t90_is_the_time_after_which_the_acceleration_stays_within_a_tenth(
     device: Device, drive: str, touched: bool
 ) -> None:

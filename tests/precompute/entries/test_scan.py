@@ -10,7 +10,7 @@ from precompute.entries.scan import scan, scan_pairs
 from precompute.entries.search import pack_directions, pack_forms, search_directions
 from tests.precompute.entries.problems import random_forms, random_problem
 
-few = settings(deadline=None, max_examples=30)
+few = settings(deadline=None, max_examples=settings().max_examples // 3)
 seeds = st.integers(0, 2**32 - 1)
 counts = st.tuples(st.integers(1, 3), st.integers(1, 3), st.integers(1, 3))
 actuator_counts = st.integers(1, 4)

@@ -24,7 +24,7 @@ from tests.precompute.entries.problems import random_drives, random_problem, rat
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-few = settings(deadline=None, max_examples=25)
+few = settings(deadline=None, max_examples=settings().max_examples // 3)
 seeds = st.integers(0, 2**32 - 1)
 counts = st.tuples(st.integers(1, 3), st.integers(1, 3), st.integers(1, 3))
 FREE, QUIET, FELT = ZoneState

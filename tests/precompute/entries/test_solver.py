@@ -67,8 +67,8 @@ def random_cases(count: int) -> list[tuple[str, str, int]]:
 
 CASES = random_cases(STATES)
 any_case = pytest.mark.parametrize("case", CASES, ids=["{} {} level {}".format(*case) for case in CASES])
-RIVALLED = [pytest.param(case, marks=() if 2 <= number < 6 else pytest.mark.long) for number, case in enumerate(CASES)]
-"""Rivals of one device after the other are tried on the quick ones; of each there is one."""
+RIVALLED = [pytest.param(each, marks=() if each in CASES[2:5] else pytest.mark.long) for each in CASES]
+"""Rivals are tried on one case of each device at once, and on the others with the long tests."""
 
 
 @cache

@@ -6,14 +6,17 @@ import contextlib
 import ctypes
 import socket
 import struct
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
 from engine.effects import DEFAULT_EFFECTS
 from engine.loop import Dispatcher, SystemClock, open_pipeline
 from engine.loop.fast.fast_path import FastPath
+from engine.loop.fast.session import FastSession
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator import Cause
 from tactable.bench.latency.sockets import SocketPort
@@ -55,24 +58,54 @@ class Sockets(Packets):
         return self._descriptor
 
 
-@pytest.mark.parametrize("waiting", [1, 2])
-def test_a_report_that_is_not_the_last_is_left_to_the_loop(library: ctypes.CDLL, waiting: int) -> None:
+class Ends(NamedTuple):
+    """A fast path on sockets, and their ends: ours and its own for touches, ours and its own for the device."""
+
+    fast: FastPath
+    session: FastSession
+    ours: socket.socket
+    touch: socket.socket
+    device: socket.socket
+    port: socket.socket
+
+
+@contextlib.contextmanager
+def on_sockets(library: ctypes.CDLL) -> Iterator[Ends]:
+    """A fast path that waits on the system, without a loop."""
     rig = Rig(recording_of((0.0, report())), effects=DEFAULT_EFFECTS, clicks=CLICKS)
-    kind = socket.SOCK_SEQPACKET
     with contextlib.ExitStack() as stack:
-        pairs = [socket.socketpair(socket.AF_UNIX, kind) for _ in range(2)]
+        pairs = [socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(2)]
         (ours, touch), (device, port) = [[stack.enter_context(end) for end in pair] for pair in pairs]
         source, clock, session = Sockets(touch.fileno()), SystemClock(), rig.session
         session.port = SocketPort(port.fileno())
         pipeline = open_pipeline(source, DEVICE, DEFAULT_EFFECTS, rig.renderer)
         dispatcher = Dispatcher(session, clock.now_ns)
         fast = FastPath(library, source, pipeline, dispatcher, clock, DEFAULT_EFFECTS, rig.rendering)
+        yield Ends(fast, session, ours, touch, device, port)
+
+
+@pytest.mark.parametrize("after_ns", [-(10**18), 0, 20_000_000])
+def test_a_wait_without_a_report_ends_at_its_time_and_not_before(library: ctypes.CDLL, after_ns: int) -> None:
+    with on_sockets(library) as (fast, session, _, touch, _, port):
+        for _ in range(2):  # the timer is set again
+            until_ns = max(0, fast.now_ns() + after_ns)
+            readable = fast.wait(until_ns, (touch.fileno(), port.fileno()), ())
+            assert fast.now_ns() >= until_ns
+            assert readable == [] and session.answer is None
+
+
+@pytest.mark.parametrize("waiting", [1, 2])
+def test_a_report_that_is_not_the_last_is_left_to_the_loop(library: ctypes.CDLL, waiting: int) -> None:
+    with on_sockets(library) as (fast, session, ours, touch, device, port):
+        source = fast.source
         for place in (0.1, 0.5)[:waiting]:
-            ours.send(struct.pack("<qq", clock.now_ns(), 0) + report((1, place)))
+            ours.send(struct.pack("<qq", fast.now_ns(), 0) + report((1, place)))
+        sent_ns = fast.now_ns()
         readable = fast.wait(None, (touch.fileno(), port.fileno()), ())
         device.setblocking(False)
         assert readable is not None and touch.fileno() in readable and port.fileno() not in readable
-        assert fast.source.taken is not None
+        assert source.taken is not None
+        assert sent_ns <= source.taken.read_ns <= fast.now_ns()
         if waiting == 1:
             assert session.answer is not None
             assert session.answer.frame == device.recv(4096)
