@@ -1,11 +1,13 @@
 """Reads rule files and the vocabulary in TOML (tables/EFFECTS.md); errors name key, value and what was expected."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
 from engine.device import Device
 from engine.device.toml_table import HIGHEST_LEVEL_DB, TomlTable, read_text
+from engine.effects.files import Converted, Fate, read_effect_file
+from engine.effects.files.conversion import FULL_LEVEL_DB
 from engine.effects.rules import FULL_SCALE_DB, Effect, EffectError, Effects, Rule, Segment, Trigger
 
 CLICK, HELD, FULL_SCALE, QUIET = "click", "held", "full scale", "quiet"
@@ -19,42 +21,84 @@ class RuleTable(TomlTable):
     family = EffectError
 
 
-def read_effects(path: Path, device: Device, named: Mapping[str, Effect] = NO_EFFECTS) -> Effects:
+def _tell_nobody(_text: str) -> None:
+    """The default of `tell`."""
+
+
+def read_effects(
+    path: Path, device: Device, named: Mapping[str, Effect] = NO_EFFECTS, tell: Callable[[str], None] = _tell_nobody
+) -> Effects:
     """Read and validate a rule file for a device, whose zones it names. Raises EffectError; OSError without a file.
 
     `named` are effects that its rules may name beside its own; an effect of the file replaces one of the same name.
+    `tell` gets a line for each effect file of which not every event is played.
     """
-    return parse_effects(read_text(path, EffectError), str(path), device, named)
+    return parse_effects(read_text(path, EffectError), str(path), device, named, path.parent, tell)
 
 
-def parse_effects(text: str, source: str, device: Device, named: Mapping[str, Effect] = NO_EFFECTS) -> Effects:
-    """Validate the rules in `text`; `source` names it in errors. Raises EffectError."""
+def parse_effects(
+    text: str,
+    source: str,
+    device: Device,
+    named: Mapping[str, Effect] = NO_EFFECTS,
+    folder: Path | None = None,
+    tell: Callable[[str], None] = _tell_nobody,
+) -> Effects:
+    """Validate the rules in `text`; `source` names it in errors. Raises EffectError.
+
+    Effect files are looked up in `folder`; None: the text may name none.
+    """
     top = RuleTable.parse(text, source)
     parts = top.tables("effect") if "effect" in top.left else []
     rule_parts = top.tables("rule")
     top.known.append("effect")
     top.refuse_rest()
-    effects = {**named, **_read_effects(parts)}
+    effects = {**named, **_read_effects(parts, folder, tell)}
     return Effects(tuple(read_rule(part, effects, device) for part in rule_parts))
 
 
 def read_vocabulary(path: Path) -> dict[str, Effect]:
     """Read a file of effects without rules, by name. Raises EffectError; OSError without a file."""
     top = RuleTable.parse(read_text(path, EffectError), str(path))
-    effects = _read_effects(top.tables("effect"))
+    effects = _read_effects(top.tables("effect"), path.parent, _tell_nobody)
     top.refuse_rest()
     return effects
 
 
-def _read_effects(parts: list[RuleTable]) -> dict[str, Effect]:
+def _read_effects(parts: list[RuleTable], folder: Path | None, tell: Callable[[str], None]) -> dict[str, Effect]:
     effects: dict[str, Effect] = {}
     for part in parts:
-        effect = Effect(part.name("name"), read_envelope(part))
+        name = part.name("name")
+        if "file" in part.left:
+            effect = _effect_of_file(part, name, folder, tell)
+        else:
+            effect = Effect(name, read_envelope(part))
+            part.known += ["file", "level"]
         if effect.name in effects:
             raise part.error("name", effect.name, "another effect has this name")
         effects[effect.name] = effect
         part.refuse_rest()
     return effects
+
+
+def _effect_of_file(part: RuleTable, name: str, folder: Path | None, tell: Callable[[str], None]) -> Effect:
+    """The effect of the keys `file` and `level`, in place of an envelope."""
+    file_name = part.take("file")
+    level_db = part.level_db("level", part.take("level", f"{FULL_LEVEL_DB:g} dB"))
+    if not isinstance(file_name, str) or folder is None:
+        raise part.error("file", file_name, "expected the name of an effect file beside this rule file")
+    try:
+        converted = read_effect_file(folder / file_name, name, level_db)
+    except OSError as error:
+        raise part.error("file", file_name, f"an effect file that can be read ({error.strerror})") from None
+    if converted.number(Fate.KEPT) < len(converted.reports):
+        tell(loss_text(converted, folder / file_name))
+    return converted.effect
+
+
+def loss_text(converted: Converted, path: Path) -> str:
+    """One line that says how much of an effect file is played."""
+    return f"effect {converted.name}: {converted.summary} (`tactable effects check {path}` says which)"
 
 
 def read_envelope(part: RuleTable) -> tuple[Segment, ...]:

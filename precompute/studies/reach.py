@@ -13,6 +13,7 @@ from precompute.model.threshold import detection_threshold
 
 Array = NDArray[np.float64]
 
+STANDARD_GRAVITY_M_PER_S2 = 9.80665
 _CHUNK = 64  # frequencies at a time: fields of 150 columns in 256 elements take 80 MB
 
 
@@ -50,6 +51,20 @@ def compute_reach(plant: Plant, position_m: Array, finger: Finger | None = None)
         one_tone_hz=frequency_hz[together.argmax(axis=0)],
         level_db=10 * np.log10(np.maximum(one_power, own_power)),
     )
+
+
+def compute_acceleration_curves(plant: Plant, position_m: Array, finger: Finger | None = None) -> tuple[Array, Array]:
+    """Frequencies (frequency,) in Hz, 1 Hz apart in the bands, and peak accelerations (frequency, place) in g.
+
+    All actuators play one frequency in phase at the place, each within its band and its limits.
+    """
+    bands = [actuator.band_hz for actuator in plant.device.actuators]
+    first, last = np.ceil(min(low for low, _ in bands)), np.floor(max(high for _, high in bands))
+    frequency_hz = np.arange(first, last + 1)
+    each = _accelerations(plant, frequency_hz, position_m, finger) * plant.device.limits.amplitude
+    each[~in_band(plant.device, frequency_hz)] = 0.0
+    curves: Array = each.sum(axis=1) / STANDARD_GRAVITY_M_PER_S2
+    return frequency_hz, curves
 
 
 def _accelerations(plant: Plant, frequency_hz: Array, position_m: Array, finger: Finger | None) -> Array:

@@ -42,6 +42,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "new": Entry("new:new", "Write a device file for your bar; what you do not give is marked as an estimate."),
             "check": Entry("device:check", "Validate a device file, and say what follows from it."),
             "modes": Entry("device:modes", "List the modes of a bar, untouched and under a finger."),
+            "effects": Entry("", "Read effect files of other makers, and write them."),
         },
         "Build": {
             "build": Entry("build:build", "Build the table of a device; an interrupted build continues."),
@@ -90,6 +91,14 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "reach": Entry("plot:reach", "Draw the greatest acceleration and level of each place of the bar."),
             "distance": Entry("plot:distance", "Draw clicks of two fingers anywhere against their distance."),
             "click-study": Entry("plot:click_study", "Draw what one click gains from its length and its scenarios."),
+        },
+    },
+    "effects": {
+        "Effect files": {
+            "check": Entry("effects:check", "Read an effect file, and say of each event whether and how it is played."),
+            "show": Entry("effects:show", "Draw an effect file, and the clicks and drives that are played for it."),
+            "export": Entry("effects:export", "Write an effect as an MPEG haptic file (.hjif)."),
+            "curve": Entry("effects:curve", "Write the greatest acceleration of places by frequency, as for Android."),
         },
     },
     "study": {

@@ -193,7 +193,7 @@ def _play(
 def _effects(path: Path | None, device: Device, *, with_others: bool) -> Effects:
     """The rules of a file; with the other named effects, too, where programs may name them during the run."""
     named = named_effects()
-    effects = DEFAULT_EFFECTS if path is None else read_effects(path, device, named)
+    effects = DEFAULT_EFFECTS if path is None else read_effects(path, device, named, note)
     return replace(effects, others=tuple(named.values())) if with_others else effects
 
 

@@ -98,6 +98,17 @@ def trigger_message(effect: str, finger: int | None, at: str | float | None, lev
     return message
 
 
+def file_message(name: str, path: Path | str, level: str | None) -> Document:
+    """The definition of an effect by an effect file. Raises ClientError for a file that is no JSON."""
+    path = Path(path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        raise ClientError(f"{path}: is no effect file: {error}") from error
+    more = {} if level is None else {"level": level}
+    return {"type": "define", "name": name, "format": path.suffix.removeprefix(".").lower(), "content": content, **more}
+
+
 def position_text(position: str | float) -> str:
     """A position with its unit; a number is in metres."""
     return position if isinstance(position, str) else f"{position:.9f} m"
@@ -185,6 +196,14 @@ class Client:
     def define(self, name: str, envelope: Sequence[Sequence[str]]) -> None:
         """Define an effect by its segments, as in a rule file: `[["click", "20 dB"], ["50 ms", "10 dB"]]`."""
         self.ask({"type": "define", "name": name, "envelope": [list(each) for each in envelope]})
+
+    def define_from_file(self, name: str, path: Path | str, level: str | None = None) -> list[Document]:
+        """Define an effect by an effect file (.ahap, .haptic, .hjif); what became of each of its events.
+
+        level: that of the file's intensity 1, such as "25 dB".
+        """
+        events: list[Document] = self.ask(file_message(name, path, level))["events"]
+        return events
 
     def trigger(
         self, effect: str, *, finger: int | None = None, at: str | float | None = None, level_change: str = "0 dB"

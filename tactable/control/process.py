@@ -145,7 +145,12 @@ async def _publish(server: ControlServer, events: Events, reader: RingReader, ta
             found = identity_of(table_path)
             if found != identity:
                 identity, before = found, events.table
-                events.table = await asyncio.to_thread(Table.open, table_path)
+                adopted = await asyncio.to_thread(Table.open, table_path)
+                if [zone.name for zone in adopted.device.zones] != [zone.name for zone in before.device.zones]:
+                    adopted.close()  # the run refuses it (tactable.run.table_watch)
+                    continue
+                events.table = adopted
+                server.adopt(adopted.device)
                 before.close()
 
 

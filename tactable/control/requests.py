@@ -14,6 +14,9 @@ from typing import Any
 from engine.device import Device
 from engine.device.toml_table import HIGHEST_LEVEL_DB
 from engine.effects import Effect, EffectError, Rule
+from engine.effects.files import FORMATS, Converted, decode_effect_file
+from engine.effects.files.conversion import FULL_LEVEL_DB
+from engine.effects.files.json_part import Part
 from engine.effects.rule_file import RuleTable, read_envelope, read_place, read_rule
 from firmware_link.protocol.errors import TactableError
 
@@ -65,9 +68,11 @@ class RemoveRegion:
 
 @dataclass(frozen=True)
 class DefineEffect:
-    """An effect that later messages of all programs may name."""
+    """An effect that later messages of all programs may name, until the program's lease ends."""
 
     effect: Effect
+    converted: Converted | None = None
+    """What became of the events, where it came as an effect file."""
 
 
 @dataclass(frozen=True)
@@ -194,10 +199,22 @@ def _read_remove(part: RuleTable, _device: Device, _effects: Mapping[str, Effect
 
 
 def _read_define(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> DefineEffect:
-    effect = Effect(part.name("name"), read_envelope(part))
+    name = part.name("name")
+    if "format" in part.left:
+        return _read_effect_file(part, name)
+    effect = Effect(name, read_envelope(part))
+    part.known += ["format", "content", "level"]
     if len(effect.envelope) > MOST_SEGMENTS:
         raise part.error("envelope", len(effect.envelope), f"expected at most {MOST_SEGMENTS} segments")
     return DefineEffect(effect)
+
+
+def _read_effect_file(part: RuleTable, name: str) -> DefineEffect:
+    """An effect whose content is that of an effect file, in place of an envelope."""
+    file_format = part.word("format", tuple(FORMATS))
+    level_db = part.level_db("level", part.take("level", f"{FULL_LEVEL_DB:g} dB"))
+    converted = decode_effect_file(Part("define.content", "", part.take("content")), file_format, name, level_db)
+    return DefineEffect(converted.effect, converted)
 
 
 def _read_settings(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> Settings:

@@ -2,8 +2,8 @@
 
 The newest region lies on top. Where a region is, neither the regions below it nor the rules of the run hold, not even
 for an event that it has no rule for. What a program holds ends with its lease: its settings, its triggered effects, its
-quiet fingers, and its regions but for those that stay. A program that sets a region anew takes it over. Effects that a
-program defined stay, because regions may name them.
+quiet fingers, the effects that it defined, and its regions but for those that stay. A program that sets a region or
+defines an effect anew takes it over. A region keeps the effects that it was set with, whatever becomes of their names.
 """
 
 from dataclasses import replace
@@ -26,6 +26,7 @@ class Scene:
         """The lowest first."""
         self.owners: dict[str, int] = {}
         """The program that holds a region; a region that stays has none once that is gone."""
+        self._definers: dict[str, int] = {}
         self._base, self._named = base, frozenset(named)
         self._settings: dict[int, Settings] = {}
         self._changed: dict[tuple[Effect, float], Effect] = {}
@@ -43,13 +44,16 @@ class Scene:
             raise ControlError(f"remove.name: {name!r}: there is no such region; expected one of: {known}")
         del self.regions[name], self.owners[name]
 
-    def define(self, effect: Effect) -> None:
-        """Add an effect. Raises ControlError for a name that the run has, and for too many."""
+    def define(self, effect: Effect, owner: int) -> None:
+        """Add an effect, until its program's lease ends.
+
+        Raises ControlError for a name that the run has, and for too many.
+        """
         if effect.name in self._named:
             raise ControlError(f"define.name: {effect.name!r}: the run has such an effect: choose another name")
-        if effect.name not in self.effects and len(self.effects) - len(self._named) == MOST_DEFINED:
+        if effect.name not in self.effects and len(self._definers) == MOST_DEFINED:
             raise ControlError(f"define.name: {effect.name!r}: there are {MOST_DEFINED} of them: define one anew")
-        self.effects[effect.name] = effect
+        self.effects[effect.name], self._definers[effect.name] = effect, owner
 
     def set_settings(self, owner: int, settings: Settings) -> None:
         """What a program wants of the whole bar."""
@@ -60,6 +64,8 @@ class Scene:
         mine = [name for name, holder in self.owners.items() if holder == owner and not self.regions[name].stays]
         for name in mine:
             self.remove_region(name)
+        for name in [name for name, definer in self._definers.items() if definer == owner]:
+            del self.effects[name], self._definers[name]
         return self._settings.pop(owner, None) is not None or bool(mine)
 
     @property

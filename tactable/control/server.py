@@ -7,7 +7,8 @@ answered before the next one is read: a program that floods the channel waits fo
 something becomes a control step. Steps go to the loop one by one, each after the outcome of the one before, so that
 neither many programs nor large scenes queue up in front of the loop.
 
-Each program has a lease, renewed by whatever it sends. A program that is silent for longer, or whose connection ends,
+Each program has a lease, renewed by whatever it sends. A connection that never greets has none, and is closed after
+GREET_WITHIN_S. A program that is silent for longer, or whose connection ends,
 loses what it holds (`tactable.control.scene`), and the loop gets the step that ends it. Events are sent as far as a
 program takes them: of one that reads too slowly they are dropped and counted, and it is told how many.
 """
@@ -43,6 +44,8 @@ from tactable.control.scene import Scene
 MOST_PROGRAMS = 16
 MOST_UNREAD_BYTES = 262_144
 """Events are dropped for a program that leaves more than this unread."""
+GREET_WITHIN_S = 10.0
+"""A connection without a hello for so long is closed, so that it takes no program's place."""
 _GREETING = '{"type": "hello", "version": 1, "name": "my program"}'
 HandOver = Callable[[ControlStep], Awaitable[Outcome]]
 
@@ -77,9 +80,15 @@ class ControlServer:
     """All programs of one run. `hand_over` gives a step to the loop and returns its outcome."""
 
     def __init__(
-        self, scene: Scene, device: Device, hand_over: HandOver, fingers: Callable[[], list[dict[str, Any]]]
+        self,
+        scene: Scene,
+        device: Device,
+        hand_over: HandOver,
+        fingers: Callable[[], list[dict[str, Any]]],
+        greet_within_s: float = GREET_WITHIN_S,
     ) -> None:
         self.scene = scene
+        self._greet_within_s = greet_within_s
         self._device, self._hand_over, self._fingers = device, hand_over, fingers
         self._programs: dict[int, _Program] = {}
         self._opened = 0
@@ -96,10 +105,16 @@ class ControlServer:
         self._opened += 1
         program = self._programs[self._opened] = _Program(self._opened, connection)
         try:
-            async for line in lines:
-                self._renew(program)
-                connection.send(_encode(await self._answer(program, line)))
-                await connection.drain()
+            async with asyncio.timeout(self._greet_within_s) as limit:
+                async for line in lines:
+                    self._renew(program)
+                    connection.send(_encode(await self._answer(program, line)))
+                    await connection.drain()
+                    if program.hello is not None:
+                        limit.reschedule(None)
+        except TimeoutError:
+            text = f"run: no hello within {self._greet_within_s:g} s: the connection is closed"
+            connection.send(_encode(_refusal(None, text)))
         finally:
             del self._programs[program.number]
             if program.timer is not None:
@@ -128,6 +143,10 @@ class ControlServer:
             program.connection.send(_encode({"event": "lost", "count": program.lost_events}))
             program.lost_events = 0
         program.connection.send(line)
+
+    def adopt(self, device: Device) -> None:
+        """Read positions and zones on another device from now on: the run has changed over to its table."""
+        self._device = device
 
     # ---- leases ----
 
@@ -183,7 +202,9 @@ class ControlServer:
                 scene.remove_region(request.name)
                 await self._step(has_rules=True)
             case DefineEffect():
-                scene.define(request.effect)
+                scene.define(request.effect, program.number)
+                if request.converted is not None:
+                    return {"events": [report.plain() for report in request.converted.reports]}
             case Settings():
                 scene.set_settings(program.number, request)
                 await self._step(has_rules=True)

@@ -109,6 +109,9 @@ class WebControl:
         sending = asyncio.create_task(browser.run())
         try:
             await self._server.converse(browser.messages(), browser)
+            with contextlib.suppress(TimeoutError, RuntimeError, WebSocketDisconnect):  # it is gone already
+                await asyncio.wait_for(browser.drain(), _GRACE_S)
+                await socket_.close()
         finally:
             sending.cancel()
             with contextlib.suppress(asyncio.CancelledError):

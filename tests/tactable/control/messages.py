@@ -26,6 +26,13 @@ VALID: list[dict[str, Any]] = [
     },
     {"type": "remove", "name": "ok"},
     {"type": "define", "name": "mine", "envelope": [["click", "20 dB"], ["50 ms", "quiet"], ["held", "full scale"]]},
+    {
+        "type": "define",
+        "name": "filed",
+        "format": "ahap",
+        "level": "20 dB",
+        "content": {"Pattern": [{"Event": {"Time": 0.1, "EventType": "HapticTransient", "EventParameters": []}}]},
+    },
     {"type": "settings", "enabled": True, "rule_file": False, "level_change": "+3.5 dB"},
     {"type": "trigger", "effect": "click", "finger": 3},
     {"type": "trigger", "effect": "error", "at": "120 mm", "level_change": "6 dB"},

@@ -52,6 +52,21 @@ def test_what_a_program_holds_ends_with_its_lease() -> None:
     assert not scene.end_lease(1)
 
 
+def test_effects_end_with_the_program_that_defined_them_and_regions_keep_theirs() -> None:
+    scene = Scene(BASE, NAMED)
+    for name, owner in (("mine", 1), ("taken over", 1), ("taken over", 2)):
+        scene.define(Effect(name, NAMED["tick"].envelope), owner)
+    rule = Rule(Trigger.TOUCH, scene.effects["mine"], None, (0.0, 0.1))
+    scene.set_region(Region("kept", (rule,), None, (0.0, 0.1), True, 0.0, True), 1)
+    scene.end_lease(1)
+    assert set(scene.effects) - set(NAMED) == {"taken over"}
+    assert felt_at(scene, 50) == 10.0
+    for number in range(MOST_DEFINED - 1):
+        scene.define(Effect(f"e{number}", NAMED["press"].envelope), 3)
+    scene.end_lease(3)
+    scene.define(Effect("room again", NAMED["press"].envelope), 2)
+
+
 def test_one_program_switches_everything_off_until_its_lease_ends() -> None:
     scene = Scene(BASE, NAMED)
     scene.set_settings(1, Settings())
@@ -82,8 +97,8 @@ def test_a_scene_has_bounds() -> None:
     with pytest.raises(ControlError, match="remove one first"):
         scene.set_region(region("one more", 0, 50), 1)
     for number in range(MOST_DEFINED):
-        scene.define(Effect(f"e{number}", NAMED["press"].envelope))
+        scene.define(Effect(f"e{number}", NAMED["press"].envelope), 1)
     with pytest.raises(ControlError, match="define one anew"):
-        scene.define(Effect("one more", NAMED["press"].envelope))
+        scene.define(Effect("one more", NAMED["press"].envelope), 1)
     with pytest.raises(ControlError, match="choose another name"):
-        scene.define(NAMED["press"])
+        scene.define(NAMED["press"], 1)

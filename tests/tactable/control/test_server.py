@@ -141,6 +141,48 @@ def test_one_program_too_many_is_told_so() -> None:
     run(act)
 
 
+def test_a_connection_that_never_greets_is_closed_and_one_that_greeted_is_not() -> None:
+    async def act(server: ControlServer, _loop: Loop) -> None:
+        server._greet_within_s = 0.05
+        silent, babbling, greeting = Line(), Line(), Line()
+        talk = asyncio.create_task(server.converse(lines_of(HELLO, forever=True), greeting))
+        await server.converse(lines_of(forever=True), silent)
+        await server.converse(lines_of({"type": "ping"}, forever=True), babbling)
+        assert [each["error"] for each in silent.said] == ["run: no hello within 0.05 s: the connection is closed"]
+        assert len(babbling.said) == 2 and "no hello" in babbling.said[1]["error"]
+        assert len(server._programs) == 1 and not talk.done()
+        talk.cancel()
+        await asyncio.gather(talk, return_exceptions=True)
+
+    run(act)
+
+
+def test_an_effect_file_is_defined_with_a_report_and_its_name_ends_with_the_program() -> None:
+    async def act(server: ControlServer, _loop: Loop) -> None:
+        line = Line()
+        content = json.loads((ROOT / "tables" / "effects" / "knock.ahap").read_text(encoding="utf-8"))
+        define = {"type": "define", "name": "knock", "format": "ahap", "content": content}
+        await server.converse(lines_of(HELLO, define, {"type": "trigger", "effect": "knock", "finger": 3}), line)
+        assert [each["fate"] for each in line.said[1]["events"]] == ["kept", "kept", "kept"]
+        assert line.said[2]["ok"] and "knock" not in server.scene.effects
+
+    run(act)
+
+
+def test_after_a_change_of_table_positions_are_those_of_the_new_device() -> None:
+    async def act(server: ControlServer, loop: Loop) -> None:
+        server.adopt(find_device("reference-t"))
+        line = Line()
+        await server.converse(lines_of(HELLO, VALID[1]), line)
+        device = find_device("reference-t")
+        assert line.said[0]["device"] == "reference-t"
+        assert [zone["stop_m"] for zone in line.said[0]["zones"]] == [zone.stop_m for zone in device.zones]
+        rules = loop.steps[0].effects
+        assert rules is not None and rules.rules[0].region_m == pytest.approx((0.01, 0.3 * device.bar.length_m))
+
+    run(act)
+
+
 def test_a_finger_that_is_not_there_is_named_with_those_that_are() -> None:
     async def act(server: ControlServer, _loop: Loop) -> None:
         line = Line()

@@ -1,0 +1,55 @@
+"""Meta's haptic clips (.haptic) to events.
+
+A clip has one envelope of the amplitude and one of the frequency, both straight lines between points. A point of the
+amplitude may have an emphasis, which is a transient. Each stretch of the envelope above 0 is one continuous event.
+"""
+
+from itertools import pairwise
+
+from engine.effects.files.json_part import Part, clipped
+from engine.effects.files.pattern import Event, Kind, Pattern
+from engine.effects.rules import EffectError
+
+FORMAT = "haptic"
+
+
+def read_haptic(document: Part) -> Pattern:
+    """The events of a clip. Raises EffectError."""
+    major = document.need("version").need("major")
+    if major.number() != 1:
+        raise major.error("1: no other version of this format is known")
+    envelopes = document.need("signals").need("continuous").need("envelopes")
+    has_frequency = bool(envelopes.list_of("frequency"))
+    unused = ("curve of the frequency",) if has_frequency else ()
+    points: list[tuple[float, float]] = []
+    transients = []
+    for part in envelopes.need("amplitude").items():
+        time_s = part.need("time").time_s()
+        if points and time_s < points[-1][0]:
+            raise EffectError(f"{part.source}: {part.path}.time: {time_s:g}: expected no time before the last point's")
+        points.append((time_s, clipped(part.need("amplitude").number())))
+        if (emphasis := part.get("emphasis")) is not None:
+            peak = clipped(emphasis.need("amplitude").number())
+            frequency = emphasis.get("frequency")
+            more = () if frequency is None else (f"frequency {frequency.number():g} of 1",)
+            transients.append(Event(f"amplitude[{len(points) - 1}].emphasis", Kind.TRANSIENT, ((time_s, peak),), more))
+    metadata = document.get("metadata")
+    project = None if metadata is None else metadata.get("project")
+    description = "" if project is None else project.text()
+    return Pattern(FORMAT, description, (*transients, *_stretches(points, unused)))
+
+
+def _stretches(points: list[tuple[float, float]], unused: tuple[str, ...]) -> list[Event]:
+    """The stretches of an envelope above 0; one that touches 0 between two of its points is two."""
+    runs: list[list[int]] = []
+    for number, (before, after) in enumerate(pairwise(points)):
+        if before[1] == after[1] == 0:
+            continue
+        if runs and runs[-1][-1] == number and before[1] > 0:
+            runs[-1].append(number + 1)
+        else:
+            runs.append([number, number + 1])
+    return [
+        Event(f"amplitude[{run[0]}..{run[-1]}]", Kind.CONTINUOUS, tuple(points[number] for number in run), unused)
+        for run in runs
+    ]

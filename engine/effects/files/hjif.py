@@ -1,0 +1,142 @@
+"""MPEG's haptic interchange format (.hjif, ISO/IEC 23090-31) to events.
+
+A file has perceptions, these have channels with a place on the body, and these have bands with effects at positions in
+ticks. In a band of transients each keyframe is one; in a band of vectorial waves an effect is a sine whose amplitude
+and frequency follow its keyframes; a band of curves has the signal itself, whose size stands for the amplitude. Bands
+of wavelets hold coded samples and are not played. Known from the files and the reader of the reference software
+(github.com/MPEGGroup/HapticReferenceSoftware); a negative position is written there as a 16-bit one without its sign.
+"""
+
+from collections.abc import Iterator, Mapping
+
+from engine.effects.files.json_part import LONGEST_S, Part, clipped
+from engine.effects.files.pattern import Event, Kind, Pattern
+
+FORMAT = "hjif"
+DEFAULT_TICKS_PER_S = 1000
+_VIBRATIONS = ("Vibrotactile", "Vibration", "Other")
+_MOST_EVENTS = 20_000
+_DEEPEST = 8
+"""Composite effects in one another."""
+Library = Mapping[int, Part]
+
+
+def read_hjif(document: Part) -> Pattern:
+    """The events of a file. Raises EffectError."""
+    timescale = document.get("timescale")
+    ticks_per_s = DEFAULT_TICKS_PER_S if timescale is None else timescale.number()
+    if timescale is not None and not 0 < ticks_per_s <= 1e6:
+        raise timescale.error("1 to 1 000 000 ticks a second")
+    description = document.get("description")
+    events: list[Event] = []
+    for perception in document.need("perceptions").items():
+        modality = perception.get("perception_modality")
+        word = "Vibrotactile" if modality is None else modality.text()
+        library = {
+            round(part.need("id").number()): part for part in perception.list_of("effect_library") if part.get("id")
+        }
+        for channel in perception.list_of("channels") or perception.list_of("tracks"):
+            for event in _Channel(channel, word, library, ticks_per_s).events():
+                events.append(event)
+                if len(events) > _MOST_EVENTS:
+                    raise channel.error(f"at most {_MOST_EVENTS} events in a file")
+    return Pattern(FORMAT, "" if description is None else description.text(), tuple(events))
+
+
+class _Channel:
+    """One channel of a perception, while it is read."""
+
+    def __init__(self, part: Part, modality: str, library: Library, ticks_per_s: float) -> None:
+        self._part, self._modality, self._library, self._ticks_per_s = part, modality, library, ticks_per_s
+        gain = part.get("gain")
+        self._gain = 1.0 if gain is None else gain.number()
+        self._place = _place_of(part)
+
+    def events(self) -> Iterator[Event]:
+        """All of its events."""
+        for band in self._part.list_of("bands"):
+            band_type = band.need("band_type").text()
+            for effect in band.list_of("effects"):
+                yield from self._effect(effect, band_type, 0.0, 0)
+
+    def _effect(self, part: Part, band_type: str, start_ticks: float, depth: int) -> Iterator[Event]:
+        position = part.get("position")
+        own_ticks = start_ticks + (0.0 if position is None else _signed(position))
+        effect_type = part.get("effect_type")
+        word = "Basis" if effect_type is None else effect_type.text()
+        if word == "Reference":
+            number = part.need("id")
+            found = self._library.get(round(number.number()))
+            if found is None or depth == _DEEPEST:
+                raise number.error("an effect of the library, and none that refers to itself")
+            inner = Part(part.source, part.path, found.value)
+            yield from self._effect(inner, band_type, own_ticks - _own_position(found), depth + 1)
+        elif word == "Composite":
+            if depth == _DEEPEST:
+                raise part.error(f"at most {_DEEPEST} effects in one another")
+            inner_effects = part.list_of("composition") or part.list_of("effects")
+            for each in inner_effects:
+                yield from self._effect(each, band_type, own_ticks, depth + 1)
+        else:
+            yield from self._basis(part, band_type, own_ticks)
+
+    def _basis(self, part: Part, band_type: str, start_ticks: float) -> Iterator[Event]:
+        at_s = self._seconds(part, start_ticks)
+        if self._modality not in _VIBRATIONS:
+            yield Event(part.path, Kind.OTHER, ((at_s, 0.0),), reason=f"{self._modality} is no vibration")
+            return
+        if band_type not in ("Transient", "VectorialWave", "Curve"):
+            yield Event(part.path, Kind.OTHER, ((at_s, 0.0),), reason=f"a band of {band_type} holds coded samples")
+            return
+        points, frequencies = [], []
+        for keyframe in part.list_of("keyframes"):
+            offset, amplitude = keyframe.get("relative_position"), keyframe.get("amplitude_modulation")
+            ticks = start_ticks + (0.0 if offset is None else _signed(offset))
+            frequency = keyframe.get("frequency_modulation")
+            if frequency is not None:
+                frequencies.append(frequency.number())
+            if amplitude is not None:
+                size = clipped(abs(amplitude.number() * self._gain))
+                points.append((self._seconds(keyframe, ticks), size, keyframe, frequency))
+        if band_type == "Transient":
+            for time_s, size, keyframe, frequency in points:
+                of_one = [] if frequency is None else [frequency.number()]
+                yield Event(keyframe.path, Kind.TRANSIENT, ((time_s, size),), self._unused(of_one))
+        elif points:
+            course = tuple(sorted(((time_s, size) for time_s, size, *_ in points), key=lambda point: point[0]))
+            more = ("the signal's own course",) if band_type == "Curve" else ()
+            yield Event(part.path, Kind.CONTINUOUS, course, (*self._unused(frequencies), *more))
+
+    def _seconds(self, part: Part, ticks: float) -> float:
+        """A time; one before the start is at the start, as it can be played no earlier."""
+        time_s = max(0.0, ticks / self._ticks_per_s)
+        if time_s > LONGEST_S:
+            raise part.error(f"at most {LONGEST_S:g} s")
+        return time_s
+
+    def _unused(self, frequencies: list[float]) -> tuple[str, ...]:
+        texts = []
+        if frequencies:
+            low, high = min(frequencies), max(frequencies)
+            texts.append(f"frequency {low:g} Hz" if low == high else f"frequency {low:g} to {high:g} Hz")
+        return (*texts, self._place) if self._place else tuple(texts)
+
+
+def _signed(part: Part) -> float:
+    ticks = part.number()
+    return ticks - 65_536 if 32_768 <= ticks < 65_536 and ticks == round(ticks) and "relative" in part.path else ticks
+
+
+def _own_position(effect: Part) -> float:
+    position = effect.get("position")
+    return 0.0 if position is None else position.number()
+
+
+def _place_of(channel: Part) -> str:
+    """The place that a channel is for, in words."""
+    description = channel.get("description")
+    name = "" if description is None else description.text()
+    mask, vertices = channel.get("body_part_mask"), channel.get("vertices")
+    where = [] if mask is None else [f"body parts {round(mask.number()):#x}"]
+    where += [] if vertices is None else [f"{len(list(vertices.items()))} vertices"]
+    return f"place {', '.join([*([name] if name else []), *where])}" if name or where else ""

@@ -1,0 +1,87 @@
+"""A part of a JSON document that is read key by key; an error names file, place, value and what was expected."""
+
+import json
+import reprlib
+from collections.abc import Iterator
+from typing import Any
+
+from engine.effects.rules import EffectError
+
+LONGEST_S = 120.0
+"""Of an effect file, so that a slip in a time does not become a table of gigabytes."""
+
+_GREATEST = 1e300
+
+
+class Part:
+    """A value of a JSON document, and where it stands."""
+
+    def __init__(self, source: str, path: str, value: Any) -> None:
+        self.source, self.path, self.value = source, path, value
+
+    @classmethod
+    def parse(cls, text: str, source: str) -> "Part":
+        """The whole of a document. Raises EffectError."""
+        try:
+            return cls(source, "", json.loads(text, parse_constant=_refuse_constant))
+        except (ValueError, RecursionError) as error:
+            raise EffectError(f"{source}: not JSON: {error}") from None
+
+    def error(self, expected: str) -> EffectError:
+        """Make the error for this value; the caller raises it."""
+        return EffectError(f"{self.source}: {self.path or 'document'}: {reprlib.repr(self.value)}: expected {expected}")
+
+    def get(self, key: str) -> "Part | None":
+        """The value of a key; None without it, or where it is null."""
+        if not isinstance(self.value, dict):
+            raise self.error("an object")
+        value = self.value.get(key)
+        return None if value is None else Part(self.source, f"{self.path}.{key}" if self.path else key, value)
+
+    def need(self, key: str) -> "Part":
+        """The value of a key that must be there."""
+        part = self.get(key)
+        if part is None:
+            raise self.error(f"an object with the key {key!r}")
+        return part
+
+    def items(self) -> Iterator["Part"]:
+        """The values of a list."""
+        if not isinstance(self.value, list):
+            raise self.error("a list")
+        for number, value in enumerate(self.value):
+            yield Part(self.source, f"{self.path}[{number}]", value)
+
+    def list_of(self, key: str) -> list["Part"]:
+        """The values of the list at a key; none without the key."""
+        part = self.get(key)
+        return [] if part is None else list(part.items())
+
+    def number(self) -> float:
+        """A number that is finite."""
+        value = self.value
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _GREATEST:
+            raise self.error("a number")
+        return float(value)
+
+    def time_s(self) -> float:
+        """A time from 0 to LONGEST_S."""
+        value = self.number()
+        if not 0 <= value <= LONGEST_S:
+            raise self.error(f"0 to {LONGEST_S:g} s")
+        return value
+
+    def text(self) -> str:
+        """A text."""
+        if not isinstance(self.value, str):
+            raise self.error("a text")
+        return self.value
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name} is no number of JSON")
+
+
+def clipped(intensity: float) -> float:
+    """An intensity from 0 to 1, as the players of these formats clip it."""
+    return min(max(intensity, 0.0), 1.0)

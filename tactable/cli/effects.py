@@ -1,0 +1,213 @@
+"""Commands `effects ...`: effect files of other makers read, shown and written, and what a place of a bar can do."""
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from engine.effects import Effect, EffectError, Segment
+from engine.effects.files import FORMATS, Converted, Fate, read_effect_file
+from engine.effects.files.conversion import FULL_LEVEL_DB
+from engine.effects.rules import NS_PER_MS
+from engine.files import replace_file
+from tactable.cli.console import EXIT_DOUBTFUL, print_json, say
+from tactable.cli.options import AsJson, DeviceArgument, OptionError, names_in, read_level, read_option
+from tactable.shipped import find_device, named_effects
+
+_ENDINGS = ", ".join(f".{each}" for each in FORMATS)
+EffectFile = Annotated[Path, typer.Argument(metavar="FILE", help=f"An effect file; ends in {_ENDINGS}.")]
+FullLevel = Annotated[
+    str, typer.Option("--level", help="Level of the file's greatest intensity, 1, in dB above threshold.")
+]
+_DEFAULT_LEVEL = f"{FULL_LEVEL_DB:g}"
+
+
+def check(path: EffectFile, level: FullLevel = _DEFAULT_LEVEL, as_json: AsJson = False) -> None:
+    """Read an effect file, and say of each event whether and how it is played.
+
+    An event is kept, changed (in time or length, or interrupted), joined with another event's click, or lost. What no
+    event keeps is listed too: the placement of the fingers decides the frequency, and the rules decide the place.
+    Exit status 3 says that an event is lost.
+    """
+    full_level_db = _read_level(level)
+    converted = read_effect_file(path, path.stem, full_level_db)
+    if as_json:
+        print_json(_plain(converted, full_level_db))
+    else:
+        _print(converted)
+    if converted.number(Fate.LOST):
+        raise typer.Exit(EXIT_DOUBTFUL)
+
+
+def show(
+    path: EffectFile,
+    picture_path: Annotated[Path, typer.Option("-o", "--output", help="The picture; ends in .png, .svg or .pdf.")],
+    level: FullLevel = _DEFAULT_LEVEL,
+    data_path: Annotated[Path | None, typer.Option("--csv", help="The segments as CSV.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Draw an effect file, and the clicks and drives that are played for it."""
+    from tactable.figures.effect_file import plot_effect_file
+    from tactable.figures.file import check_paths, write_columns, write_picture
+
+    check_paths(picture_path, data_path)
+    full_level_db = _read_level(level)
+    picture = plot_effect_file(read_effect_file(path, path.stem, full_level_db), full_level_db)
+    write_picture(picture, picture_path)
+    if data_path is not None:
+        write_columns(picture, data_path)
+    if as_json:
+        print_json(picture.summary)
+    else:
+        say(picture.caption)
+
+
+def export(
+    name: Annotated[str, typer.Argument(metavar="EFFECT", help="A named effect such as press, or an effect file.")],
+    path: Annotated[Path, typer.Option("-o", "--output", help="The file to write; ends in .hjif.")],
+    device_name: Annotated[str | None, typer.Option("--device", help="The bar that it is for.")] = None,
+    at: Annotated[str | None, typer.Option("--at", help="The place on that bar, such as 40 mm.")] = None,
+    level: FullLevel = _DEFAULT_LEVEL,
+    hold: Annotated[str, typer.Option(help="Length of a segment that lasts while the finger rests.")] = "1 s",
+) -> None:
+    """Write an effect as an MPEG haptic file (.hjif).
+
+    With --device and --at its place and the frequency that moves this place most are in it.
+    """
+    from engine.effects.files.hjif_out import encode_hjif
+
+    if path.suffix.lower() != ".hjif":
+        raise OptionError(f"--output {path}: expected a name that ends in .hjif; no other format is written")
+    if (device_name is None) != (at is None):
+        raise OptionError("--device and --at go together, such as --device reference-a --at 40mm")
+    effect, full_level_db = _effect(name, level), _read_level(level)
+    highest_db = max(s.level_db for s in effect.envelope if s.level_db is not None)
+    if math.isfinite(highest_db):
+        full_level_db = max(full_level_db, highest_db)
+    place = None if device_name is None or at is None else _place(device_name, at)
+    document = encode_hjif(effect, full_level_db, round(1e3 * read_option("--hold", hold, "s")), place)
+    with replace_file(path) as made:
+        made.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    say(f"{path}: {effect.name}; amplitude 1 stands for {full_level_db:g} dB")
+
+
+def curve(
+    device_name: DeviceArgument,
+    at: Annotated[str, typer.Option("--at", help="Places such as 40mm,140mm; default: the middle of each zone.")] = "",
+    path: Annotated[Path | None, typer.Option("-o", "--output", help="A .json file; default: print.")] = None,
+    under_finger: Annotated[bool, typer.Option("--finger/--no-finger", help="With the device's finger there.")] = True,
+) -> None:
+    """Write the greatest acceleration of places by frequency, as for Android.
+
+    Each place has a list of frequencyHz and maxOutputAccelerationGs (peak, in g) as in android.hardware.vibrator's
+    FrequencyAccelerationMapEntry: what all actuators together give there at full scale.
+    """
+    import numpy as np
+
+    from precompute.model.assembly import assemble
+    from precompute.studies.reach import compute_acceleration_curves
+
+    device = find_device(device_name)
+    middles = [0.5 * (zone.start_m + zone.stop_m) for zone in device.zones]
+    places_m = [read_option("--at", each, "m") for each in names_in(at)] or middles
+    for place_m in places_m:
+        if not 0 <= place_m <= device.bar.length_m:
+            raise OptionError(
+                f"--at {1e3 * place_m:g} mm is off the bar, which is {1e3 * device.bar.length_m:g} mm long"
+            )
+    finger = device.finger if under_finger else None
+    hz, g = compute_acceleration_curves(assemble(device), np.array(places_m), finger)
+    document = {
+        "device": device.name,
+        "fingerprint": device.fingerprint,
+        "finger": under_finger,
+        "estimated": list(device.inferred),
+        "places": [
+            {
+                "at_m": place_m,
+                "frequencyToOutputAccelerationMap": [
+                    {"frequencyHz": float(f), "maxOutputAccelerationGs": float(f"{value:.6g}")}
+                    for f, value in zip(hz, column, strict=True)
+                ],
+            }
+            for place_m, column in zip(places_m, g.T, strict=True)
+        ],
+    }
+    if path is None:
+        print_json(document)
+        return
+    with replace_file(path) as made:
+        made.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    say(f"{path}: {len(places_m)} places of {device.name}, {hz[0]:g} to {hz[-1]:g} Hz; computed, not measured")
+
+
+def _read_level(text: str) -> float:
+    level_db = read_level(text)
+    if math.isinf(level_db):
+        raise OptionError(f"--level {text!r}: expected dB above threshold, such as 25: an intensity needs a level")
+    return level_db
+
+
+def _effect(name: str, level: str) -> Effect:
+    """A named effect, or that of a file. Raises EffectError."""
+    named = named_effects()
+    if name in named:
+        return named[name]
+    if not Path(name).is_file():
+        raise EffectError(f"{name}: is neither an effect file nor a named effect; named are {', '.join(named)}")
+    return read_effect_file(Path(name), Path(name).stem, _read_level(level)).effect
+
+
+def _place(device_name: str, at: str) -> Any:
+    import numpy as np
+
+    from engine.effects.files.hjif_out import BarPlace
+    from precompute.model.assembly import assemble
+    from precompute.studies.reach import compute_reach
+
+    device = find_device(device_name)
+    at_m = read_option("--at", at, "m")
+    if not 0 <= at_m <= device.bar.length_m:
+        raise OptionError(f"--at {at}: is off the bar, which is {1e3 * device.bar.length_m:g} mm long")
+    reach = compute_reach(assemble(device), np.array([at_m]), device.finger)
+    bands = [actuator.band_hz for actuator in device.actuators]
+    band_hz = (min(low for low, _ in bands), max(high for _, high in bands))
+    return BarPlace(device.name, at_m, band_hz, float(reach.one_tone_hz[0]))
+
+
+def _plain(converted: Converted, full_level_db: float) -> dict[str, Any]:
+    return {
+        "effect": converted.name,
+        "format": converted.pattern.format,
+        "description": converted.pattern.description,
+        "full_level_db": full_level_db,
+        "counts": {str(fate): converted.number(fate) for fate in Fate},
+        "envelope": [_segment_text(segment) for segment in converted.segments],
+        "events": [report.plain() for report in converted.reports],
+    }
+
+
+def _segment_text(segment: Segment) -> list[str]:
+    """A segment as a rule file states it."""
+    duration = "click" if segment.is_click else f"{(segment.duration_ns or 0) // NS_PER_MS} ms"
+    return [duration, "quiet" if segment.level_db is None else f"{segment.level_db:g} dB"]
+
+
+def _print(converted: Converted) -> None:
+    say(f"{converted.name} ({converted.pattern.format}): {converted.summary}")
+    for report in converted.reports:
+        event = report.event
+        without = [f"without {', '.join(event.unused)}"] if event.unused else []
+        what = "; ".join([*([report.played] if report.played else []), *report.notes, *without])
+        say(f"  {1e3 * event.start_s:7.0f} ms  {event.kind:<10}  {report.fate:<7}  {what}  ({event.source})")
+    unused = dict.fromkeys(each.split(" ")[0] for report in converted.reports for each in report.event.unused)
+    reasons = {
+        "sharpness": "sharpness: the placement of the fingers decides the frequency",
+        "frequency": "frequency: the placement of the fingers decides it",
+        "curve": "curve of frequency or sharpness: the placement of the fingers decides the frequency",
+        "place": "place: the rule that names the effect decides which finger feels it",
+    }
+    for each in unused:
+        say(f"  {reasons.get(each, each)}")

@@ -1,0 +1,208 @@
+"""Laws of the three readers: events as the formats say, and errors that name file, place and value."""
+
+import copy
+import json
+import random
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from engine.effects import EffectError
+from engine.effects.files import read_effect_file
+from engine.effects.files.ahap import read_ahap
+from engine.effects.files.haptic import read_haptic
+from engine.effects.files.hjif import read_hjif
+from engine.effects.files.json_part import Part
+from engine.effects.files.pattern import Kind
+
+SHIPPED = Path(__file__).parents[4] / "tables" / "effects"
+FILES = [SHIPPED / name for name in ("knock.ahap", "drop.haptic", "pulse.hjif")]
+
+
+def part(document: Any) -> Part:
+    return Part("some file", "", document)
+
+
+def test_ahap_curves_multiply_the_intensity_from_their_first_point_on() -> None:
+    event = {
+        "EventType": "HapticContinuous",
+        "Time": 1.0,
+        "EventDuration": 1.0,
+        "EventParameters": [{"ParameterID": "HapticIntensity", "ParameterValue": 0.8}],
+    }
+    points = [{"Time": 0.0, "ParameterValue": 1.0}, {"Time": 0.5, "ParameterValue": 0.5}]
+    curve = {"ParameterID": "HapticIntensityControl", "Time": 1.2, "ParameterCurveControlPoints": points}
+    step = {"ParameterID": "HapticIntensityControl", "Time": 1.9, "ParameterValue": 0.25}
+    pattern = read_ahap(part({"Pattern": [{"Event": event}, {"ParameterCurve": curve}, {"Parameter": step}]}))
+    (read,) = pattern.events
+    sizes = dict(read.points)
+    assert [sizes[at] for at in (1.0, 1.2, 1.7)] == pytest.approx([0.8, 0.8, 0.4])
+    assert [sizes[at] for at in (1.9, 2.0)] == pytest.approx([0.1, 0.1])
+    assert read.points[-3][1] == pytest.approx(0.4)  # a microsecond before the step
+
+
+def test_ahap_clips_has_defaults_and_names_what_it_cannot_play() -> None:
+    sound = {"EventType": "AudioCustom", "Time": 0.5}
+    loud = {
+        "EventType": "HapticTransient",
+        "EventParameters": [
+            {"ParameterID": "HapticIntensity", "ParameterValue": 7},
+            {"ParameterID": "HapticSharpness", "ParameterValue": 0.4},
+            {"ParameterID": "DecayTime", "ParameterValue": 0.2},
+        ],
+    }
+    bare = {"EventType": "HapticTransient", "Time": 1}
+    dynamic = {"Parameter": {"ParameterID": "HapticSharpnessControl", "Time": 0, "ParameterValue": 0.1}}
+    events = read_ahap(part({"Pattern": [{"Event": each} for each in (sound, loud, bare)] + [dynamic]})).events
+    assert [event.kind for event in events] == [Kind.OTHER, Kind.TRANSIENT, Kind.TRANSIENT, Kind.OTHER]
+    assert (
+        events[0].reason == "AudioCustom is no vibration" and events[3].reason == "HapticSharpnessControl is not kept"
+    )
+    assert events[1].points == ((0.0, 1.0),) and events[1].unused == ("sharpness 0.4", "DecayTime 0.2")
+    assert events[2].points == ((1.0, 1.0),)
+
+
+def clip(*amplitude: dict[str, Any]) -> Part:
+    signals = {"continuous": {"envelopes": {"amplitude": list(amplitude)}}}
+    return part({"version": {"major": 1}, "signals": signals})
+
+
+def test_a_clip_has_its_emphases_and_its_stretches_above_0() -> None:
+    emphasis = {"amplitude": 0.9, "frequency": 0.7}
+    levels = [(0, 0.0), (0.1, 0.2), (0.2, 0.0), (0.3, 0.0), (0.4, 0.0), (0.5, 0.5), (0.6, 0.0), (0.7, 0.6)]
+    points: list[dict[str, Any]] = [{"time": at, "amplitude": size} for at, size in levels]
+    points[3]["emphasis"] = emphasis
+    events = read_haptic(clip(*points)).events
+    assert [(event.source, event.kind) for event in events] == [
+        ("amplitude[3].emphasis", Kind.TRANSIENT),
+        ("amplitude[0..2]", Kind.CONTINUOUS),
+        ("amplitude[4..6]", Kind.CONTINUOUS),
+        ("amplitude[6..7]", Kind.CONTINUOUS),
+    ]
+    assert events[0].points == ((0.3, 0.9),) and events[0].unused == ("frequency 0.7 of 1",)
+    assert events[1].points == ((0.0, 0.0), (0.1, 0.2), (0.2, 0.0))
+
+
+def hjif(band_type: str, *effects: dict[str, Any], library: list[dict[str, Any]] | None = None) -> dict[str, Any]:
+    band = {"band_type": band_type, "effects": list(effects)}
+    channel = {"id": 0, "description": "Left hand", "gain": 0.5, "body_part_mask": 2, "bands": [band]}
+    perception = {"perception_modality": "Vibrotactile", "effect_library": library or [], "channels": [channel]}
+    return {"timescale": 2000, "description": "made", "perceptions": [perception]}
+
+
+def keyframe(at: int, size: float, **more: float) -> dict[str, float]:
+    return {"relative_position": at, "amplitude_modulation": size, **more}
+
+
+def test_hjif_keyframes_of_transients_are_one_event_each_with_the_gain_of_the_channel() -> None:
+    effect = {"position": 100, "keyframes": [keyframe(0, 1.0, frequency_modulation=90), keyframe(50, -0.5)]}
+    events = read_hjif(part(hjif("Transient", effect))).events
+    assert [event.points for event in events] == [((0.05, 0.5),), ((0.075, 0.25),)]
+    assert events[0].unused == ("frequency 90 Hz", "place Left hand, body parts 0x2")
+    assert events[1].source.endswith("keyframes[1]")
+
+
+def test_hjif_references_stand_for_effects_of_the_library_and_positions_before_0_for_the_start() -> None:
+    kept = {"id": 4, "position": 7, "keyframes": [keyframe(65534, 1.0), keyframe(0, 0.0), keyframe(200, 0.8)]}
+    asked = [{"effect_type": "Reference", "id": 4, "position": at} for at in (0, 400)]
+    events = read_hjif(part(hjif("VectorialWave", *asked, library=[kept]))).events
+    assert events[0].points == ((0.0, 0.5), (0.0, 0.0), (0.1, 0.4))
+    assert events[1].points == ((0.199, 0.5), (0.2, 0.0), (0.3, 0.4))
+
+
+def test_hjif_composite_effects_are_read_and_those_that_contain_themselves_refused() -> None:
+    inner = {"position": 20, "keyframes": [keyframe(0, 1.0), keyframe(20, 1.0)]}
+    composite = {"effect_type": "Composite", "position": 40, "composition": [inner]}
+    (event,) = read_hjif(part(hjif("Curve", composite))).events
+    assert (event.start_s, event.stop_s) == (0.03, 0.04) and "the signal's own course" in event.unused
+    circle = {"effect_type": "Reference", "id": 1, "position": 0}
+    with pytest.raises(EffectError, match="none that refers to itself"):
+        read_hjif(part(hjif("Curve", circle, library=[circle])))
+
+
+@pytest.mark.parametrize(("modality", "band_type", "reason"), [
+    ("Force", "VectorialWave", "Force is no vibration"),
+    ("Vibrotactile", "WaveletWave", "a band of WaveletWave holds coded samples"),
+])  # fmt: skip
+def test_hjif_that_is_no_course_of_vibration_is_named(modality: str, band_type: str, reason: str) -> None:
+    document = hjif(band_type, {"position": 0, "keyframes": []})
+    document["perceptions"][0]["perception_modality"] = modality
+    (event,) = read_hjif(part(document)).events
+    assert event.kind is Kind.OTHER and event.reason == reason
+
+
+@pytest.mark.parametrize(("name", "text", "expected"), [
+    ("a.ahap", "{", r"a.ahap: not JSON"),
+    ("a.ahap", "[" * 100_000, r"a.ahap: not JSON"),
+    ("a.ahap", '{"Pattern": NaN}', r"NaN is no number of JSON"),
+    ("a.ahap", "[]", r"a.ahap: document: \[\]: expected an object"),
+    ("a.ahap", '{"Pattern": [{"Event": {"EventType": "HapticTransient", "Time": -1}}]}', r"Event.Time: -1: "),
+    ("a.ahap", '{"Pattern": [{"Event": {"EventType": "HapticTransient", "Time": 1e9}}]}', r"expected 0 to 120 s"),
+    ("a.ahap", '{"Pattern": [{"Event": {"EventType": 7}}]}', r"EventType: 7: expected a text"),
+    ("a.haptic", '{"version": {"major": 2}}', r"version.major: 2: expected 1"),
+    ("a.haptic", '{"version": {"major": 1}}', r"expected an object with the key 'signals'"),
+    ("a.hjif", '{"timescale": 0, "perceptions": []}', r"timescale: 0: expected 1 to"),
+    ("a.hjif", '{"perceptions": [{"channels": [{"bands": 3}]}]}', r"bands: 3: expected a list"),
+    ("a.wav", "", r"a.wav: ends in '.wav'; expected .ahap, .haptic, .hjif"),
+])  # fmt: skip
+def test_what_is_wrong_is_refused_by_file_place_and_value(tmp_path: Path, name: str, text: str, expected: str) -> None:
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    with pytest.raises(EffectError, match=expected):
+        _ = read_effect_file(tmp_path / name, "x").effect
+
+
+def test_times_of_a_clip_rise() -> None:
+    with pytest.raises(EffectError, match=r"amplitude\[1\].time: 0.1: expected no time before the last point's"):
+        read_haptic(clip({"time": 0.2, "amplitude": 1}, {"time": 0.1, "amplitude": 1}))
+
+
+def edited(values: Any, random_: random.Random) -> Any:
+    """The document with one value somewhere replaced or removed."""
+    values = copy.deepcopy(values)
+    inner = values
+    while True:
+        keys = list(inner) if isinstance(inner, dict) else list(range(len(inner)))
+        if not keys:
+            return values
+        key = random_.choice(keys)
+        if not isinstance(inner[key], dict | list) or not inner[key] or random_.random() < 0.1:
+            odd: tuple[Any, ...] = (
+                None,
+                -1,
+                1e300,
+                1e-300,
+                "",
+                "x",
+                [],
+                {},
+                [[]],
+                True,
+                [{}],
+                10**400,
+                65535,
+                "Reference",
+            )
+            inner[key] = copy.deepcopy(random_.choice(odd))
+            return values
+        inner = inner[key]
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_edited_files_are_read_or_refused_in_words(path: Path, tmp_path: Path) -> None:
+    whole, random_, refused = json.loads(path.read_text(encoding="utf-8")), random.Random(5), 0
+    assert read_effect_file(path, path.stem).effect.envelope
+    for _ in range(400):
+        document = edited(whole, random_)
+        if random_.random() < 0.3:
+            document = edited(document, random_)
+        case = tmp_path / path.name
+        case.write_text(json.dumps(document), encoding="utf-8")
+        try:
+            made = read_effect_file(case, "case")
+        except EffectError as error:
+            refused += 1
+            assert 0 < len(str(error)) < 600
+        else:
+            assert all(segment.is_click or (segment.duration_ns or 0) > 0 for segment in made.segments)
+    assert refused > 20

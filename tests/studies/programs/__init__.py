@@ -1,0 +1,1 @@
+"""Studies of what programs and their files get."""
