@@ -91,6 +91,10 @@ ControlPort = Annotated[
     int | None,
     typer.Option(min=0, max=65_535, help="With --control also a WebSocket on this loopback port; 0: any."),
 ]
+ControlOsc = Annotated[
+    int | None,
+    typer.Option(min=0, max=65_535, help="With --control also Open Sound Control on this loopback port; 0: any."),
+]
 FastPathWanted = Annotated[
     bool, typer.Option("--fast-path/--no-fast-path", help="Answer reports in one compiled step where it can.")
 ]
@@ -133,6 +137,7 @@ def run(
     ] = False,
     control_socket: ControlSocket = None,
     control_port: ControlPort = None,
+    control_osc: ControlOsc = None,
     fast: FastPathWanted = True,
     as_json: AsJson = False,
 ) -> None:
@@ -165,7 +170,8 @@ def run(
         found_again, watching, slot = reopening if reconnect else None, watched if watch else None, None
         if ring is not None and control:
             socket = control_socket or default_socket()
-            slot = stack.enter_context(ControlProcess(ControlOf(socket, ring.path, table_path, effects, control_port)))
+            served = ControlOf(socket, ring.path, table_path, effects, control_port, control_osc)
+            slot = stack.enter_context(ControlProcess(served))
         live = Live(table, source, port, clock, options, ring, found_again, watching, solving, control=slot)
         if ring is not None and recording_path is not None:
             stack.enter_context(recorder_of(ring.path, recording_path, source, bus))

@@ -11,6 +11,7 @@ import os
 import pickle
 import socket
 import stat
+import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from engine.printable import printable
 from engine.table import Table, TableError
 from firmware_link.child import ChildError, Parent
 from tactable.control.events import Events
+from tactable.control.osc import PREFIX, OscControl
 from tactable.control.requests import MOST_BYTES, ControlError
 from tactable.control.scene import Scene
 from tactable.control.server import ControlServer
@@ -174,10 +176,14 @@ async def _serve(served: ControlOf, table: Table, reader: RingReader, parent: Pa
     listening = listening_socket(served.socket)
     lines = [f"control: {printable(str(served.socket))}"]
     web: WebControl | None = None
+    osc: OscControl | None = None
     try:
         if served.port is not None:
             web = WebControl(server, served.port)
             lines.append(f"control: {web.address}")
+        if served.osc_port is not None:
+            osc = OscControl(server)
+            lines.append(f"control: osc://127.0.0.1:{await osc.open(served.osc_port)}{PREFIX}...")
         unix = await asyncio.start_unix_server(begin, sock=listening)
         publishing = asyncio.create_task(_publish(server, events, reader, served.table))
         ended = asyncio.create_task(slot.has_ended.wait())
@@ -187,6 +193,10 @@ async def _serve(served: ControlOf, table: Table, reader: RingReader, parent: Pa
         if web is not None:
             web.end()
         publishing.cancel()
+        if osc is not None:
+            await osc.close()
+            if osc.messages:
+                sys.stderr.write(f"note: {osc.summary}\n")
         unix.close()
         for writer in talks:
             writer.close()  # the talk ends as if the program had hung up

@@ -28,7 +28,9 @@ class ControlOf:
     effects: Effects
     """The rules that the run begins with."""
     port: int | None = None
-    """The loopback port of the WebSocket, 0 for any; None: only the Unix socket."""
+    """The loopback port of the WebSocket, 0 for any; None: no WebSocket."""
+    osc_port: int | None = None
+    """The loopback port of Open Sound Control, 0 for any; None: none."""
 
 
 class ControlProcess:

@@ -1,0 +1,226 @@
+"""Programs that speak Open Sound Control: datagrams to a loopback port become messages of the control channel.
+
+Each sender, an address and a port, is a program of its own with a lease of LEASE_S, renewed by whatever it sends. A
+sender that is silent for its lease is forgotten, and what it held ends. Answers and events go back to the sender's
+port; one that does not listen there misses them, so refusals are counted and told at the end of the run too. OSC has
+no token: any program of this machine may send.
+"""
+
+import asyncio
+import json
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from typing import Any
+
+from engine.printable import printable
+from firmware_link.child import ChildError
+from tactable.control.osc_codec import OscError, Value, decode_osc, encode_osc
+from tactable.control.requests import VERSION
+from tactable.control.server import ControlServer
+from tactable.page.security import LOOPBACK
+
+LEASE_S = 30.0
+PREFIX = "/tactable/"
+_MOST_WAITING = 256
+"""Messages of one sender that were not answered yet; more are refused."""
+Peer = tuple[str, int]
+
+
+def message_of(address: str, values: Sequence[Value]) -> dict[str, Any]:
+    """The message of an OSC address and its arguments. Raises OscError, which says what is expected."""
+    name = address.removeprefix(PREFIX)
+    if name == address or name not in _MESSAGES:
+        raise OscError(f"{address}: expected one of {', '.join(PREFIX + each for each in _MESSAGES)}")
+    expected, make = _MESSAGES[name]
+    try:
+        return make(values)
+    except (ValueError, TypeError, IndexError, KeyError):
+        raise OscError(f"{address}: {list(values)!r:.80}: expected {expected}") from None
+
+
+def _number(value: Value) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e9:
+        raise ValueError(value)
+    return float(value)
+
+
+def _place(value: Value) -> str:
+    return f"{_number(value):.6f} mm"
+
+
+def _change(values: Sequence[Value]) -> dict[str, str]:
+    return {"level_change": f"{_number(values[0]):+.2f} dB"} if values else {}
+
+
+def _trigger(values: Sequence[Value]) -> dict[str, Any]:
+    effect, finger, *change = values
+    return {"type": "trigger", "effect": effect, "finger": round(_number(finger)), **_change(change)}
+
+
+def _trigger_at(values: Sequence[Value]) -> dict[str, Any]:
+    effect, at_mm, *change = values
+    return {"type": "trigger", "effect": effect, "at": _place(at_mm), **_change(change)}
+
+
+def _region(values: Sequence[Value]) -> dict[str, Any]:
+    name, start_mm, stop_mm, *rules = values
+    if not rules or len(rules) % 2:
+        raise ValueError(rules)
+    listed = [{"on": on, "effect": effect} for on, effect in zip(rules[::2], rules[1::2], strict=True)]
+    return {"type": "region", "name": name, "region": [_place(start_mm), _place(stop_mm)], "rules": listed}
+
+
+def _settings(values: Sequence[Value]) -> dict[str, Any]:
+    enabled, rule_file, *change = values
+    return {"type": "settings", "enabled": bool(enabled), "rule_file": bool(rule_file), **_change(change)}
+
+
+def _quiet(values: Sequence[Value]) -> dict[str, Any]:
+    finger, quiet = values
+    return {"type": "role", "finger": round(_number(finger)), "role": "quiet" if quiet else "by rules"}
+
+
+def _json(values: Sequence[Value]) -> dict[str, Any]:
+    (text,) = values
+    if not isinstance(text, str):
+        raise TypeError
+    message = json.loads(text)
+    if not isinstance(message, dict):
+        raise TypeError
+    return message
+
+
+_MESSAGES: Mapping[str, tuple[str, Callable[[Sequence[Value]], dict[str, Any]]]] = {
+    "trigger": ("effect, finger, and a change of level in dB if wanted", _trigger),
+    "trigger_at": ("effect, place in mm, and a change of level in dB if wanted", _trigger_at),
+    "region": ("name, start and stop in mm, then pairs of event and effect such as touch press", _region),
+    "remove": ("the name of a region", lambda values: {"type": "remove", "name": values[0]}),
+    "settings": ("enabled, rule_file (0 or 1), and a change of level in dB if wanted", _settings),
+    "quiet": ("finger, and 1 for quiet or 0 for by rules", _quiet),
+    "stop": ("nothing", lambda _: {"type": "stop"}),
+    "ping": ("nothing", lambda _: {"type": "ping"}),
+    "subscribe": ("touches, played, both or nothing", lambda values: {"type": "subscribe", "to": list(values)}),
+    "json": ("a message of the control channel as text", _json),
+}
+
+
+class _Sender:
+    """One sender: its messages as lines, and the way back to it."""
+
+    def __init__(self, owner: "OscControl", peer: Peer) -> None:
+        self._owner, self._peer = owner, peer
+        self._lines: asyncio.Queue[bytes] = asyncio.Queue(_MOST_WAITING)
+        self._asked = deque([f"{PREFIX}hello"])
+        hello = {"type": "hello", "version": VERSION, "name": f"OSC {peer[1]}", "lease": f"{LEASE_S:g} s"}
+        self._lines.put_nowait(json.dumps(hello).encode())
+
+    def take(self, address: str, message: dict[str, Any]) -> None:
+        """Put a message into the line. Raises OscError where too many wait."""
+        try:
+            self._lines.put_nowait(json.dumps(message).encode())
+        except asyncio.QueueFull:
+            raise OscError(f"{address}: {_MOST_WAITING} messages wait for their answers: send fewer") from None
+        self._asked.append(address)
+
+    async def lines(self) -> AsyncIterator[bytes]:
+        """Lines as they come, until the sender is silent for its lease."""
+        while True:
+            try:
+                yield await asyncio.wait_for(self._lines.get(), LEASE_S)
+            except TimeoutError:
+                return
+
+    def send(self, line: bytes) -> None:
+        document = json.loads(line)
+        if "answer" in document:
+            address = self._asked.popleft() if self._asked else ""
+            if address == f"{PREFIX}hello" and document["ok"]:
+                return
+            self._owner.answer(self._peer, address, document.get("error"))
+        elif document["event"] == "touches":
+            fingers = [value for each in document["fingers"] for value in (each["finger"], 1e3 * each["at_m"])]
+            self._owner.send(self._peer, "touches", fingers)
+        elif document["event"] == "played":
+            level_db = -1.0 if document["level_db"] is None else float(document["level_db"])
+            self._owner.send(self._peer, "played", [document["kind"], level_db])
+        else:
+            self._owner.send(self._peer, "event", [json.dumps(document)])
+
+    async def drain(self) -> None:
+        """A datagram is gone at once."""
+
+    def unread_bytes(self) -> int:
+        return 0
+
+
+class OscControl(asyncio.DatagramProtocol):
+    """The OSC port of one control server; `open` binds it."""
+
+    def __init__(self, server: ControlServer) -> None:
+        self._server = server
+        self._transport: asyncio.DatagramTransport | None = None
+        self._senders: dict[Peer, tuple[_Sender, asyncio.Task[None]]] = {}
+        self.messages = self.refused = 0
+        self.last_error = ""
+
+    async def open(self, port: int) -> int:
+        """Bind the port on loopback, 0 for any; the port. Raises ChildError for one that is taken."""
+        loop = asyncio.get_running_loop()
+        try:
+            self._transport, _ = await loop.create_datagram_endpoint(lambda: self, local_addr=(LOOPBACK[0], port))
+        except OSError as error:
+            raise ChildError(f"port {port}: no OSC can be heard there ({error}): choose another one") from error
+        bound: int = self._transport.get_extra_info("sockname")[1]
+        return bound
+
+    @property
+    def summary(self) -> str:
+        """What was heard, for the end of the run."""
+        last = f"; the last: {printable(self.last_error)}" if self.last_error else ""
+        return f"OSC: {self.messages} messages, {self.refused} refused{last}"
+
+    async def close(self) -> None:
+        """End all senders and the port."""
+        tasks = [task for _, task in self._senders.values()]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        if self._transport is not None:
+            self._transport.close()
+
+    def datagram_received(self, data: bytes, addr: Peer) -> None:
+        """Take the messages of one datagram; whatever is wrong with one is answered."""
+        try:
+            messages = decode_osc(data)
+        except OscError as error:
+            self.messages += 1
+            self.answer(addr, "", str(error))
+            return
+        for address, values in messages:
+            self.messages += 1
+            try:
+                message = message_of(address, values)
+                self._sender(addr).take(address, message)
+            except (OscError, ValueError, TypeError) as error:
+                self.answer(addr, address, str(error))
+
+    def answer(self, peer: Peer, address: str, error: str | None) -> None:
+        """Tell a sender what became of a message."""
+        if error is not None:
+            self.refused += 1
+            self.last_error = error
+        self.send(peer, "answer", [address, error is None, error or ""])
+
+    def send(self, peer: Peer, name: str, values: Sequence[Value]) -> None:
+        """Send a message to a sender's port."""
+        if self._transport is not None and not self._transport.is_closing():
+            self._transport.sendto(encode_osc(PREFIX + name, values), peer)
+
+    def _sender(self, peer: Peer) -> _Sender:
+        known = self._senders.get(peer)
+        if known is None:
+            sender = _Sender(self, peer)
+            talk = asyncio.ensure_future(self._server.converse(sender.lines(), sender))
+            talk.add_done_callback(lambda _: self._senders.pop(peer, None))
+            known = self._senders[peer] = (sender, talk)
+        return known[0]

@@ -1,0 +1,156 @@
+"""Open Sound Control: bytes as the specification has them, messages of the channel, and an answer to every sender."""
+
+import asyncio
+import json
+import random
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactable.control.osc import _MESSAGES, PREFIX, OscControl, message_of
+from tactable.control.osc_codec import OscError, Value, decode_osc, encode_osc
+from tactable.control.requests import read_request
+from tactable.control.scene import Scene
+from tactable.control.server import ControlServer
+from tactable.shipped import find_device, named_effects
+from tests.tactable.control.test_requests import MESSAGE
+from tests.tactable.control.test_scene import BASE
+from tests.tactable.control.test_server import FINGERS, Loop
+
+VALUES = st.one_of(
+    st.integers(-(1 << 31), (1 << 31) - 1), st.floats(width=32, allow_nan=False), st.booleans(), st.none(),
+    st.binary(max_size=9), st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=9),
+)  # fmt: skip
+ASKED: dict[str, list[Value]] = {
+    "trigger": ["press", 3, -6.0],
+    "trigger_at": ["error", 120.5],
+    "region": ["ok", 20, 60.0, "touch", "press", "lift", "release"],
+    "remove": ["ok"],
+    "settings": [1, False, 3],
+    "quiet": [3, 1],
+    "stop": [],
+    "ping": [],
+    "subscribe": ["touches", "played"],
+    "json": ['{"type": "ping"}'],
+}
+
+
+def test_the_examples_of_the_specification() -> None:
+    assert encode_osc("/oscillator/4/frequency", [440.0]).hex() == (
+        "2f6f7363696c6c61746f722f342f6672657175656e6379002c66000043dc0000"
+    )
+    whole = bytes.fromhex("2f666f6f000000002c69697366660000000003e8ffffffff68656c6c6f0000003f9df3b640b5b22d")
+    ((address, values),) = decode_osc(whole)
+    assert (address, values[:3]) == ("/foo", [1000, -1, "hello"])
+    assert values[3:] == pytest.approx([1.234, 5.678])
+    assert encode_osc(address, values) == whole
+
+
+@given(st.lists(VALUES, max_size=8))
+def test_what_is_written_is_read(values: list[Value]) -> None:
+    data = encode_osc("/a/b", values)
+    assert len(data) % 4 == 0 and decode_osc(data) == [("/a/b", values)]
+    bundle = b"#bundle\0" + bytes(8) + 2 * (len(data).to_bytes(4, "big") + data)
+    assert decode_osc(bundle) == 2 * [("/a/b", values)]
+
+
+def test_other_bytes_are_read_or_refused_in_words() -> None:
+    random_, refused = random.Random(7), 0
+    for _ in range(3000):
+        data = bytearray(encode_osc("/tactable/trigger", ["press", 3, -6.0, True, b"abc"]))
+        if random_.random() < 0.3:
+            data = bytearray(b"#bundle\0" + bytes(8) + len(data).to_bytes(4, "big") + data)
+        for _ in range(random_.choice((1, 2, 4))):
+            data[random_.randrange(len(data))] = random_.randrange(256)
+        try:
+            decode_osc(bytes(data[: random_.randrange(len(data) + 1)]))
+        except OscError as error:
+            refused += 1
+            assert str(error)
+    assert refused > 500
+    nested = encode_osc("/x", [])
+    for _ in range(9):
+        nested = b"#bundle\0" + bytes(8) + len(nested).to_bytes(4, "big") + nested
+    with pytest.raises(OscError, match="deep"):
+        decode_osc(nested)
+
+
+@pytest.mark.parametrize("name", _MESSAGES)
+def test_each_address_is_a_message_of_the_channel(name: str) -> None:
+    message = message_of(PREFIX + name, ASKED[name])
+    MESSAGE.validate(message)
+    read_request(message, find_device("reference-a"), named_effects())
+
+
+@pytest.mark.parametrize(
+    ("address", "values", "expected"),
+    [
+        ("/tactable/tap", [], "expected one of /tactable/trigger, "),
+        ("/other", [], "expected one of /tactable/trigger, "),
+        ("/tactable/trigger", ["press"], r"\['press'\]: expected effect, finger"),
+        ("/tactable/trigger", ["press", "x"], "expected effect, finger"),
+        ("/tactable/region", ["ok", 1, 2, "touch"], "then pairs of event and effect"),
+        ("/tactable/json", ["[]"], "expected a message of the control channel"),
+    ],
+)
+def test_what_is_wrong_is_refused_by_address_and_expectation(address: str, values: list[Value], expected: str) -> None:
+    with pytest.raises(OscError, match=expected):
+        message_of(address, values)
+
+
+class Sender(asyncio.DatagramProtocol):
+    """A program of another kind, with a port of its own."""
+
+    def __init__(self) -> None:
+        self.heard: asyncio.Queue[tuple[str, list[Value]]] = asyncio.Queue()
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:  # noqa: ARG002  # asyncio's
+        for message in decode_osc(data):
+            self.heard.put_nowait(message)
+
+
+def test_every_sender_is_a_program_that_is_answered_and_hears_what_it_asked_for() -> None:
+    async def act() -> None:
+        loop = Loop()
+        server = ControlServer(Scene(BASE, named_effects()), find_device("reference-a"), loop.take, lambda: FINGERS)
+        osc = OscControl(server)
+        peer = ("127.0.0.1", await osc.open(0))
+        first, second = Sender(), Sender()
+        ways = [
+            (await asyncio.get_running_loop().create_datagram_endpoint(lambda: each, remote_addr=peer))[0]  # noqa: B023
+            for each in (first, second)
+        ]
+        asked: list[tuple[str, list[Value]]] = [
+            ("region", ASKED["region"]),
+            ("trigger", ["tick", 3]),
+            ("trigger", ["tick", 9]),
+            ("trigger", ["x"]),
+        ]
+        for name, values in asked:
+            ways[0].sendto(encode_osc(PREFIX + name, values))
+        said = [await first.heard.get() for _ in asked]
+        assert all(address == f"{PREFIX}answer" for address, _ in said)
+        by_text = {str(values[2])[:40]: values[:2] for _, values in said}
+        assert sorted(str(values[1]) for _, values in said) == ["False", "False", "True", "True"]
+        assert "trigger.finger: 9: does not touch the ba" in by_text
+        assert list(server.scene.regions) == ["ok"] and len(loop.steps) == 3
+        ways[1].sendto(encode_osc(f"{PREFIX}subscribe", ["touches", "played"]))
+        assert (await second.heard.get())[1][1] is True
+        server.publish([{"event": "touches", "time_ns": 1, "fingers": FINGERS}])
+        assert await second.heard.get() == (f"{PREFIX}touches", [3, 50.0])
+        ways[1].sendto(b"nonsense")
+        assert (await second.heard.get())[1][1] is False
+        assert osc.summary.startswith("OSC: 6 messages, 3 refused; the last: byte 0: a text without an end")
+        await osc.close()
+        assert server.scene.regions == {} and first.heard.empty()
+        for way in ways:
+            way.close()
+
+    asyncio.run(act())
+
+
+def test_a_definition_fits_as_text() -> None:
+    message = {"type": "define", "name": "mine", "envelope": [["click", "20 dB"]]}
+    assert message_of(f"{PREFIX}json", [json.dumps(message)]) == message
