@@ -12,6 +12,7 @@ from engine.effects.rules import FULL_SCALE_DB
 from engine.plain import to_plain
 from engine.table.entry import DEFAULT_LEVEL_DB
 from firmware_link.protocol.errors import TactableError
+from tactable.page.hand import Channels, HandDrive, HandError, first_channels, read_channels
 from tactable.shipped import named_effects, shipped_names
 
 DRAG_STEP_M = 0.01
@@ -30,6 +31,8 @@ class Source(StrEnum):
     """The click for the fingers."""
     STEADY = "steady"
     """The steady drive for the fingers, as long as one touches that is to feel."""
+    HAND = "hand"
+    """A drive by hand, whatever touches."""
 
 
 class Rules(StrEnum):
@@ -54,6 +57,8 @@ class Choice:
     quiet_zones: tuple[str, ...] = ()
     is_loaded: bool = True
     """Whether the fingers load the simulated bar."""
+    hand: Channels | None = None
+    """The drive by hand; None until it was first chosen."""
 
     def as_json(self) -> dict[str, Any]:
         """The switches as plain values; a level of None is full scale."""
@@ -70,6 +75,7 @@ class Choice:
             level_db=level_db,
             quiet_zones=tuple(values["quiet_zones"]),
             is_loaded=values["is_loaded"],
+            hand=None if values["hand"] is None else tuple((hz, part, degrees) for hz, part, degrees in values["hand"]),
         )
 
 
@@ -91,6 +97,11 @@ def offered(device_name: str, rule_file: Path | None = None) -> Offered:
     return Offered(tuple(dict.fromkeys((device_name, *shipped_names()))), rule_file)
 
 
+def hand_of(choice: Choice) -> HandDrive | None:
+    """The drive by hand that a choice plays; None where fingers decide."""
+    return None if choice.source is not Source.HAND or choice.hand is None else HandDrive(choice.hand)
+
+
 def changed(choice: Choice, switches: Mapping[str, Any], device: Device, offers: Offered) -> Choice:
     """The choice after these switches moved; another device starts without quiet zones. Raises ChoiceError."""
     for name, value in switches.items():
@@ -102,9 +113,20 @@ def _moved(choice: Choice, name: str, value: Any, device: Device, offers: Offere
     match name:
         case "device":
             other: str = _one_of(name, value, offers.devices)
-            return replace(choice, device=other, quiet_zones=() if other != choice.device else choice.quiet_zones)
+            if other == choice.device:
+                return choice
+            # The actuators and their bands are others.
+            kept = Source.CLICK if choice.source is Source.HAND else choice.source
+            return replace(choice, device=other, quiet_zones=(), source=kept, hand=None)
         case "source":
-            return replace(choice, source=Source(_one_of(name, value, tuple(Source))))
+            source = Source(_one_of(name, value, tuple(Source)))
+            is_first = source is Source.HAND and choice.hand is None
+            return replace(choice, source=source, hand=first_channels(device) if is_first else choice.hand)
+        case "hand":
+            try:
+                return replace(choice, hand=None if value is None else read_channels(value, device))
+            except HandError as error:
+                raise ChoiceError(str(error)) from error
         case "rules":
             return replace(choice, rules=Rules(_one_of(name, value, offers.rules)))
         case "level_db":

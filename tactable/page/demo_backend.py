@@ -23,7 +23,7 @@ from engine.plain import to_plain
 from engine.table import Table
 from engine.touch.sources.pointer import PointerEvent, PointerFeed
 from firmware_link.child import ChildError, ending_text
-from tactable.page.choices import Choice, ChoiceError, Offered, changed
+from tactable.page.choices import Choice, ChoiceError, Offered, Source, changed, hand_of
 from tactable.page.live_bar import LiveBar
 from tactable.page.messages import encode_picture
 from tactable.page.paper_bar import PaperBar
@@ -302,10 +302,15 @@ class DemoBackend:
             self._rings += 1
             self._engine = await _Engine.start(self._work / f"ring-{os.getpid()}-{self._rings}")
         has_kernels = self._builder.has_compiled
+        played = None if self._plays is None else self._plays[0].source
+        hand = hand_of(choice)
         order = Order(table.path, self._firmware.port, choice, self._offers.rule_file, has_kernels)
         resolution_hz = configuration_of(device).frequency_resolution_uhz * 1e-6
         before = self.view
-        view = await asyncio.to_thread(_view_of, table, before, resolution_hz, has_kernels=has_kernels)
+        if before is not None and hand is not None and played is Source.HAND and table is self._table:
+            view = before  # another drive by hand, as the sliders move
+        else:
+            view = await asyncio.to_thread(_view_of, table, before, resolution_hz, has_kernels=has_kernels)
         if before is None:
             self._boot = (0, 0)
         else:
@@ -323,7 +328,9 @@ class DemoBackend:
         await self._compare(device, shown, table)
         if shown is not None and shown is not table:
             shown.close()
-        self._pointers.feed(self._engine.feed)
+        if hand is not None:
+            view.play_by_hand(hand)
+        self._pointers.feed(self._engine.feed if hand is None else None)
         self._status, self._trouble = "running", ""
         self.scene_number += 1
 

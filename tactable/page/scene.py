@@ -7,12 +7,16 @@ from engine.plain import to_plain
 
 
 def device_json(device: Device) -> dict[str, Any]:
-    """Name, length, zones, actuators, and how many of its values are estimates."""
+    """Name, length, zones, actuators, greatest amplitude, and how many of its values are estimates."""
     return {
         "name": device.name,
         "description": device.description,
         "length_m": device.bar.length_m,
         "zones": to_plain(device.zones),
-        "actuators": [{"name": each.name, "position_m": each.position_m} for each in device.actuators],
+        "actuators": [
+            {"name": each.name, "position_m": each.position_m, "band_hz": list(each.band_hz)}
+            for each in device.actuators
+        ],
+        "most": device.limits.amplitude,
         "estimates": len(device.estimated_values),
     }

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from engine.device import Device
 from engine.loop import RingWriter, SystemClock
 from engine.render import WhenNotAchieved
 from engine.table import Table
@@ -16,7 +17,9 @@ from engine.touch.sources.pointer import PointerSource
 from firmware_link.child import Parent
 from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.serial_port import SerialPort
-from tactable.page.choices import Choice, effects_of
+from tactable.page.choices import Choice, effects_of, hand_of
+from tactable.page.hand import HandDrive
+from tactable.page.processes.by_hand import DrivenByHand
 from tactable.rig.rig import PTY_BIT_RATE_HZ
 from tactable.run.click_process import ClickProcess
 from tactable.run.live import Live, LiveOptions
@@ -57,13 +60,18 @@ class _NextOrder:
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
     """Play orders until the page asks for the end; says a line for each run."""
     with RingWriter(Path(arguments["ring"])) as ring:
-        while (order := parent.read()) is not None:
-            _run(decode_order(order), arguments["pointer_pipe"], ring, parent)
+        found = parent.read()
+        while found is not None:
+            found = _run(decode_order(found), arguments["pointer_pipe"], ring, parent) or parent.read()
 
 
-def _run(order: Order, pipe: int, ring: RingWriter, parent: Parent) -> None:
+def _run(order: Order, pipe: int, ring: RingWriter, parent: Parent) -> dict[str, Any] | None:
+    """Play an order until the next one has come; returns that where it was read already."""
     clock = SystemClock()
     with Table.open(order.table, verify=False) as table, ExitStack() as stack:
+        hand = hand_of(order.choice)
+        if hand is not None:
+            return _play_by_hand(order, hand, table.device, parent)
         effects = effects_of(order.choice, table.device, order.rule_file)
         options = LiveOptions(
             effects,
@@ -80,3 +88,19 @@ def _run(order: Order, pipe: int, ring: RingWriter, parent: Parent) -> None:
         live = Live(table, PointerSource(pipe), port, clock, options, ring, reopening=reopening, solving=solving)
         parent.say({"clicks": live.clicks})
         live.run(_NextOrder(parent))
+        return None
+
+
+def _play_by_hand(order: Order, hand: HandDrive, device: Device, parent: Parent) -> dict[str, Any] | None:
+    """Hold a drive, and the next ones by hand without a break; returns the first order that is another."""
+    with SerialPort(order.port) as port:
+        driven = DrivenByHand(device, port, SystemClock(), PTY_BIT_RATE_HZ)
+        while True:
+            parent.say({"clicks": 0})
+            driven.hold(hand, parent.has_spoken, parent.fileno())
+            found = parent.read()
+            following = None if found is None else decode_order(found)
+            next_hand = None if following is None else hand_of(following.choice)
+            if following is None or next_hand is None or (following.table, following.port) != (order.table, order.port):
+                return found
+            hand = next_hand

@@ -2,6 +2,7 @@
 
 import { Bar } from "./bar.js";
 import { Fingers } from "./fingers.js";
+import { Hand } from "./hand.js";
 import { Courses, outcomeOf } from "./outcome.js";
 import { Panel, byId } from "./panel.js";
 import { linkOf, readLink } from "./permalink.js";
@@ -17,6 +18,7 @@ const wire = new Wire({
   scene(found) {
     scene = found;
     panel.scene = found;
+    hand.scene = found;
     bar.device = second.device = found.device;
     fingers.zones = found.device.zones.map((zone) => (zone.start_m + zone.stop_m) / 2 / found.device.length_m);
   },
@@ -33,6 +35,8 @@ const wire = new Wire({
   state(text, isUp) { panel.state(text, isUp); },
 });
 const panel = new Panel(wire);
+const hand = new Hand(byId("hand"), (channels) => wire.choose({ hand: channels }));
+byId("hand").addEventListener("submit", (event) => event.preventDefault());
 const courses = new Courses(byId("course"), wire.picture);
 const bar = new Bar(byId("bar"), wire.picture), second = new Bar(byId("paper-bar"), wire.paper, true);
 const fingers = new Fingers(byId("bar"), wire, () => bar.place());
@@ -75,7 +79,7 @@ function linkScene() {
 // One sentence: the outcome of the last command; the tour's own words before the first and at its end.
 function tell() {
   const outcome = byId("outcome"), found = outcomeOf(wire.picture, wire.paper);
-  const text = fingers.says ?? found ?? (wire.picture.command ? null : "Touch the bar.");
+  const text = fingers.says ?? hand.says(wire.picture) ?? found ?? (wire.picture.command ? null : "Touch the bar.");
   if (text === null || outcome.textContent === text) return;
   outcome.textContent = text;
   outcome.toggleAttribute("data-tour", fingers.says !== null);

@@ -4,7 +4,7 @@ import { NOTHING, NO_NUMBER } from "./wire.js";
 import { ORDERS } from "./bar.js";
 import { Role } from "./levels.js";
 
-const SOURCES = { click: "Click", steady: "Steady drive" };
+const SOURCES = { click: "Click", steady: "Steady drive", hand: "By hand" };
 // What the second bar is, by what plays on the first.
 const PAPERS = {
   steady: "The same fingers with the paper’s drive: the optimum of its objective for the zones, on a bar without fingers; as loud as wanted, within full scale.",
@@ -96,6 +96,7 @@ export class Panel {
     say(badge, isDemo ? "SIMULATED: digitizer, firmware and bar" : "SIMULATED: the bar's motion");
     byId("switches").hidden = !isDemo;
     for (const id of ["actions", "hint"]) byId(id).hidden = !isDemo;
+    for (const id of ["hint", "show-me"]) byId(id).hidden ||= choice.source === "hand"; // Touches play nothing then.
     say(byId("last-key"), `${Math.min(device.zones.length, 9)}`);
     say(byId("estimates"), device.estimates
       ? `${device.estimates} values of ${device.name} are ESTIMATES; its file names them. The threshold is good to 8 dB between people.`
@@ -123,7 +124,10 @@ export class Panel {
     check(byId("devices"), (value) => value === choice.device);
     check(byId("zones"), (value) => !choice.quiet_zones.includes(value));
     byId("loaded").checked = choice.is_loaded;
-    for (const id of ["source", "level", "zones"]) byId(id).disabled = choice.rules === "file";
+    const isHand = choice.source === "hand", isFile = choice.rules === "file";
+    byId("source").disabled = isFile;
+    byId("rules").disabled = isHand;
+    for (const id of ["level", "zones"]) byId(id).disabled = isHand || isFile;
   }
 
   _sayStatus() {
@@ -190,9 +194,10 @@ export class Panel {
     let text = "none yet";
     if (picture.command) {
       const now = picture.isPlaying ? "plays" : `${picture.age_s.toFixed(1)} s ago`;
+      const byHand = scene.choice?.source === "hand" && !picture.madeCount;
       const steady = picture.isProvisional ? "steady drive, since the click was not solved yet" : "steady drive solved for these positions";
       const what = isClick ? "click, as weights of the firmware's basis" : steady;
-      text = `${what}, for ${picture.madeCount === 1 ? "one finger" : `${picture.madeCount} fingers`}, ${level}; ${now}`;
+      text = byHand ? "steady drive by hand, for no finger; the firmware renews it by lease" : `${what}, for ${picture.madeCount === 1 ? "one finger" : `${picture.madeCount} fingers`}, ${level}; ${now}`;
     }
     say(byId("command"), text);
     const { actuators } = scene.device, found = rows(byId("channels").tBodies[0], actuators.length, 4);

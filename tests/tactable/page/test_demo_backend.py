@@ -11,9 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from engine.device import Device
 from engine.touch.sources.pointer import Phase, PointerEvent
+from tactable.measure import AskedDrive
+from tactable.measure.bar_levels import simulate_levels
 from tactable.page import demo_backend
 from tactable.page.choices import Choice, offered
 from tactable.page.demo_backend import DemoBackend
@@ -177,6 +181,32 @@ def test_fingers_that_load_nothing_break_the_promise(rig: Rig) -> None:
     free = rig.until(lambda picture: picture.time_s > freed_s + 3.0)
     assert free.made[0].simulated_db is not None and loaded.made[0].simulated_db is not None
     assert abs(free.made[0].simulated_db - loaded.made[0].simulated_db) > 0.5
+
+
+def _is_as_modelled(picture: Picture, device: Device) -> bool:
+    """Whether the levels along the bar are those of the model for the drive that is shown."""
+    channels = [(c.frequency_hz, c.amplitude, c.phase_rad) for c in picture.channels]
+    asked = AskedDrive(*(tuple(values) for values in zip(*channels, strict=True)))
+    places_m = np.linspace(0.0, device.bar.length_m, len(picture.counted_db))
+    modelled_db = simulate_levels(device, asked, places_m).level_db
+    return bool(abs(picture.counted_db - modelled_db)[modelled_db > 0].max() < 0.5)
+
+
+def test_a_drive_by_hand_moves_the_bar_by_its_sliders_and_fingers_play_again_afterwards(rig: Rig) -> None:
+    processes, device = rig.backend.process_ids, find_device(rig.backend.scene()["choice"]["device"])
+    rig.choose(source="hand")
+    low = rig.until(lambda picture: picture.command > 0 and _is_as_modelled(picture, device))
+    assert (low.drive, low.is_playing, low.made, low.paper) == (Drive.STEADY, True, (), None)
+    rig.choose(hand=[[actuator.band_hz[0], 0.5 * device.limits.amplitude, 0.0] for actuator in device.actuators])
+    rig.choose(hand=[[c.frequency_hz, 2 * c.amplitude, 90.0 * i] for i, c in enumerate(low.channels)])
+    high = rig.until(lambda picture: picture.command == low.command + 2 and _is_as_modelled(picture, device))
+    assert high.channels[-1].phase_rad > 1
+    assert rig.backend.process_ids == processes
+    rig.choose(source="click")
+    rig.press(FIRST)
+    picture = rig.until(lambda picture: picture.drive is Drive.CLICK and picture.age_s > 0.5)
+    assert len(picture.made) == 1
+    assert picture.paper is not None
 
 
 def test_a_switch_that_there_is_not_is_told_and_changes_nothing(rig: Rig) -> None:
