@@ -1,24 +1,13 @@
-"""The sound cards of this machine, by PortAudio, and a simulated one that takes samples at the pace of the clock."""
+"""The sound cards of this machine, by PortAudio; without arrays, since `list` shows them."""
 
 import contextlib
 import os
-import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from tactable.audio.names import SIMULATED, AudioError
-
-Samples = NDArray[np.float32]
-Callback = Callable[[Samples, int, bool], None]
-"""Called with a block (sample, channel) to fill or to take, its number of samples, and whether some were lost."""
-_NS_PER_S = 1_000_000_000
+from tactable.audio.names import AudioError
 
 
 @dataclass(frozen=True)
@@ -34,24 +23,10 @@ class Interface:
     input_latency_s: float
 
 
-class Stream(Protocol):
-    """A running stream of a card."""
-
-    @property
-    def latency_s(self) -> float:
-        """From the callback to the converter or back, as the driver says."""
-
-    def start(self) -> None:
-        """Call back from now on, in a thread of the stream."""
-
-    def stop(self) -> None:
-        """Play what was handed over, and call back no more."""
-
-
 def load_portaudio() -> ModuleType:
     """The module sounddevice. Raises AudioError with the remedy where it or the library PortAudio is not installed."""
     try:
-        with _quiet():
+        with quiet():
             import sounddevice
     except ModuleNotFoundError:
         raise AudioError("sound cards need sounddevice: run `pip install 'tactable[audio]'`") from None
@@ -91,105 +66,8 @@ def select_interface(name: str, interfaces: tuple[Interface, ...]) -> Interface:
     raise AudioError(f"sound card {name!r} is the name of several: take more of the name of one of {names}")
 
 
-def open_output(name: str, channels: int, rate_hz: int, block: int, callback: Callback) -> Stream:
-    """A stream that plays what `callback` fills in; a simulated one for that name. Raises AudioError."""
-    if name == SIMULATED:
-        return SimulatedStream(channels, rate_hz, block, callback)
-    return _PortAudioStream(name, channels, rate_hz, block, callback, is_input=False)
-
-
-def open_input(name: str, channels: int, rate_hz: int, block: int, callback: Callback) -> Stream:
-    """A stream that hands what it records to `callback`. Raises AudioError; no recording is simulated here."""
-    return _PortAudioStream(name, channels, rate_hz, block, callback, is_input=True)
-
-
-class _PortAudioStream:
-    """A stream in one direction, float32."""
-
-    def __init__(
-        self, name: str, channels: int, rate_hz: int, block: int, callback: Callback, *, is_input: bool
-    ) -> None:
-        module = load_portaudio()
-        card = select_interface(name, find_interfaces(module))
-        most = card.inputs if is_input else card.outputs
-        if channels > most:
-            what = "inputs" if is_input else "outputs"
-            raise AudioError(f"{card.name}: has {most} {what}, channel {channels} is asked for; take another channel")
-        self.name = card.name
-
-        def called(data: Samples, frames: int, _: Any, status: Any) -> None:
-            callback(data, frames, bool(status.input_overflow if is_input else status.output_underflow))
-
-        make, latency = (module.InputStream, "high") if is_input else (module.OutputStream, "low")
-        try:
-            with _quiet():
-                self._stream = make(
-                    samplerate=rate_hz,
-                    blocksize=block,
-                    device=card.index,
-                    channels=channels,
-                    dtype="float32",
-                    latency=latency,
-                    callback=called,
-                )
-        except module.PortAudioError as error:
-            raise AudioError(
-                f"{card.name}: does not open at {rate_hz} Hz ({error}); close other programs that use it, or take "
-                "another rate"
-            ) from error
-
-    @property
-    def latency_s(self) -> float:
-        """As the driver says."""
-        return float(self._stream.latency)
-
-    def start(self) -> None:
-        """Call back from now on."""
-        self._stream.start()
-
-    def stop(self) -> None:
-        """Play what was handed over, and call back no more."""
-        self._stream.stop()
-        self._stream.close()
-
-
-class SimulatedStream:
-    """A card that is not there: it asks for a block whenever one of two has been played, and hears nothing. SIMULATED.
-
-    A block that comes later than that is a gap, as with a real card.
-    """
-
-    def __init__(self, channels: int, rate_hz: int, block: int, callback: Callback) -> None:
-        self._shape, self._block_ns, self._callback = (block, channels), block * _NS_PER_S // rate_hz, callback
-        self._has_ended = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-
-    @property
-    def latency_s(self) -> float:
-        """Two blocks."""
-        return 2 * self._block_ns / _NS_PER_S
-
-    def start(self) -> None:
-        """Call back from now on."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Call back no more."""
-        self._has_ended.set()
-        self._thread.join()
-
-    def _run(self) -> None:
-        due_ns = time.monotonic_ns()
-        while not self._has_ended.wait(max(0.0, (due_ns - time.monotonic_ns()) / _NS_PER_S)):
-            ran_dry = time.monotonic_ns() > due_ns + 2 * self._block_ns
-            if ran_dry:
-                due_ns = time.monotonic_ns()
-            self._callback(np.zeros(self._shape, np.float32), self._shape[0], ran_dry)
-            due_ns += self._block_ns
-
-
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Keep what ALSA writes about cards that are not there off the standard error."""
     kept = os.dup(2)
     with Path(os.devnull).open("wb") as nothing:

@@ -10,7 +10,6 @@ stands for, and the greatest sample, have no default: without them the text is r
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from engine.device.quantity import QuantityError, read_quantity
 from firmware_link.protocol.errors import LinkError
 
 PREFIX = "audio:"
@@ -156,6 +155,8 @@ def _rate(text: str, words: Mapping[str, str]) -> int:
 
 
 def _quantity(text: str, key: str, value: str, unit: str) -> float:
+    from engine.device.quantity import QuantityError, read_quantity  # `list` names cards, and needs no arrays for that
+
     try:
         found = read_quantity(value.strip(), unit)
     except QuantityError as error:

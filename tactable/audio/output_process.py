@@ -16,8 +16,8 @@ from typing import Any
 
 from firmware_link.child import Parent
 from tactable.audio.board import AudioBoard, CardPace, Samples, core_library
-from tactable.audio.interfaces import open_output
 from tactable.audio.names import AudioError, AudioOutput, parse_output
+from tactable.audio.streams import open_output
 
 _READ_SIZE = 1 << 16
 _FADING_S = 1.0

@@ -32,7 +32,9 @@ class Entry(NamedTuple):
 COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
     "": {
         "Set up": {
-            "list": Entry("touch:list_devices", "List the touch digitizers and serial ports of this machine."),
+            "list": Entry(
+                "touch:list_devices", "List the touch digitizers, serial ports and sound cards of this machine."
+            ),
             "doctor": Entry("touch:doctor", "Check whether touches can be read and commands written, and how fast."),
             "map": Entry("touch:map_axis", "Learn how the digitizer lies on the bar from one finger drawn along it."),
             "record": Entry("touch:record", "Record what a digitizer reports."),
@@ -67,7 +69,9 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "measure": Entry(
                 "measure:measure", "Drive the bar and record its responses along it, for calibrate and build."
             ),
-            "calibrate": Entry("calibrate:calibrate", "Fit a device to measured accelerations."),
+            "calibrate": Entry(
+                "calibrate:calibrate", "Fit a device to measured accelerations, and measure them first if asked to."
+            ),
             "verify": Entry(
                 "verify:verify", "Play drives and clicks of a table, and compare a sensor with the promise."
             ),

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from firmware_link.child import Parent
 from tactable.audio.board import CardPace
-from tactable.audio.interfaces import Samples, open_input
 from tactable.audio.names import AudioError, AudioInput, parse_input
+from tactable.audio.streams import Samples, open_input
 from tactable.measure.sample_stream import write_header
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, SensorForm
 
