@@ -23,6 +23,8 @@ class Dispatcher:
         self.counters = LoopCounters()
         self.session = session
         self.held = SILENCE
+        self.play = b""
+        """The PLAY of the last command that was handed over; empty where that is no click."""
         self._now_ns = now_ns
         self._records: list[CommandRecord] = []
         self._pending: CommandRecord | None = None
@@ -52,7 +54,7 @@ class Dispatcher:
             return Fate.SAME
         link = self.session.link
         self._sent_before = link.counters.sent
-        self.held = command if isinstance(command, DriveCommand) else SILENCE
+        self.held, self.play = (command, b"") if isinstance(command, DriveCommand) else (SILENCE, command.click.play)
         command.hand_to(link)
         return Fate.WAITING
 

@@ -229,7 +229,8 @@ class Loop:
         is_provisional = fate is not Fate.NONE and pipeline.answerer.is_provisional
         self.counters.provisional += is_provisional
         wanted = (placement, level_db, is_click, is_provisional, touches)
-        dispatcher.note(_new(CommandRecord, (stamps_ns, report_index, report, frame, *wanted, drive, fate, None)))
+        play = dispatcher.play if fate is Fate.WAITING else b""
+        dispatcher.note(_new(CommandRecord, (stamps_ns, report_index, report, frame, *wanted, drive, fate, None, play)))
 
     def _notify(self) -> None:
         """Give the records of the pass to the observer, after its command was written."""

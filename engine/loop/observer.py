@@ -55,6 +55,8 @@ class CommandRecord(NamedTuple):
     fate: Fate
     drive_sequence: int | None
     """Sequence of the SET or PLAY; None unless it was written."""
+    play: bytes = b""
+    """The PLAY of a click that this record's command is, behind its clock reference; empty for all else."""
 
     @property
     def time_ns(self) -> int:

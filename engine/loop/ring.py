@@ -20,7 +20,7 @@ from engine.touch.placement import MOST_FINGERS
 from firmware_link.protocol.errors import TactableError
 
 MAGIC = b"tactring"
-REVISION = 2
+REVISION = 3
 MOST_TOUCHES = 16
 SLOTS = 4096
 """Half a second of the fastest digitizer, 8000 reports a second; 4 MiB."""
@@ -33,8 +33,8 @@ _HEAD_SIZE = 64
 # CRC-32 of the rest, then the number of the record, from 1
 _GUARD = struct.Struct("<IIQ")
 # six stamps, report index, level, is_click, is_provisional, sequence, counters, the fingers that feel as bits, then how
-# many of fingers, touches, drive and report; no finger stands for no placement
-_FIXED = struct.Struct("<6qqd??h6QHBBHH")
+# many of fingers, touches, drive, play and report; no finger stands for no placement
+_FIXED = struct.Struct("<6qqd??h6QHBBHHH")
 _FINGERS = [struct.Struct(f"<{count}d") for count in range(MOST_FINGERS + 1)]
 _TOUCH = struct.Struct("<qdb")
 _NO_LEVEL = float("-inf")
@@ -85,6 +85,8 @@ class Record(NamedTuple):
     """The drive that the device holds from then on, as on the wire; empty for silence."""
     report: bytes
     """As the device sent it, cut where it does not fit."""
+    play: bytes = b""
+    """The PLAY of a click that was written, behind its clock reference; empty for all else."""
 
     @property
     def time_ns(self) -> int:
@@ -114,11 +116,11 @@ class RingWriter:
 
     def observe(self, record: CommandRecord, counters: LoopCounters) -> None:
         """Write a record, in place of the oldest where all slots are taken."""
-        touches, drive, report = record.touches, record.drive, record.report
+        touches, drive, play, report = record.touches, record.drive, record.play, record.report
         placement = _NO_FINGER if record.placement is None else record.placement
         position_m = placement.position_m
         count, fingers = min(len(touches), MOST_TOUCHES), _FINGERS[len(position_m)]
-        room = _SLOT_SIZE - _GUARD.size - _FIXED.size - fingers.size - count * _TOUCH.size - len(drive)
+        room = _SLOT_SIZE - _GUARD.size - _FIXED.size - fingers.size - count * _TOUCH.size - len(drive) - len(play)
         body = b"".join(
             (
                 _FIXED.pack(
@@ -138,11 +140,13 @@ class RingWriter:
                     len(position_m),
                     count,
                     len(drive),
+                    len(play),
                     min(len(report), room),
                 ),
                 fingers.pack(*position_m),
                 *[_TOUCH.pack(t[0], t[1], _NONE if t[2] is None else t[2]) for t in touches[:count]],
                 drive,
+                play,
                 report[:room],
             )
         )
@@ -228,10 +232,11 @@ class RingReader:
 def _decode(body: bytes) -> Record:
     values = _FIXED.unpack_from(body)
     stamps, (index, level_db, is_click, is_provisional, sequence), counters = values[:6], values[6:11], values[11:17]
-    felt, fingers, count, drive_size, report_size = values[17:]
+    felt, fingers, count, drive_size, play_size, report_size = values[17:]
     fingers_end = _FIXED.size + _FINGERS[fingers].size
     touches_end = fingers_end + count * _TOUCH.size
     drive_end = touches_end + drive_size
+    play_end = drive_end + play_size
     return Record(
         stamps_ns=stamps,
         report_index=None if index == _NONE else index,
@@ -246,7 +251,8 @@ def _decode(body: bytes) -> Record:
             for number, position_m, zone in _TOUCH.iter_unpack(body[fingers_end:touches_end])
         ),
         drive=body[touches_end:drive_end],
-        report=body[drive_end : drive_end + report_size],
+        report=body[play_end : play_end + report_size],
+        play=body[drive_end:play_end],
     )
 
 

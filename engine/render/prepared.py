@@ -46,9 +46,14 @@ def render_table(
     when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN,
     bit_rate_hz: int = 115_200,
     *,
-    solves: bool = True,
+    has_kernels: bool = True,
+    without_clicks_ns: int = DEFAULT_CLICK_NS,
 ) -> Rendering:
-    """Fit a table to the rules and a device; raises RendererError and LimitError where they do not fit together."""
+    """Fit a table to the rules and a device; raises RendererError and LimitError where they do not fit together.
+
+    has_kernels: the kernels that solve steady drives may be loaded; without them drives are solved in NumPy.
+    without_clicks_ns: how long a steady drive takes the place of a click where the table has none.
+    """
     device, clicks = table.device, table.clicks
     fit = fit_board(device, capabilities)
     configuration = link_configuration(device, bit_rate_hz, fit.scales)
@@ -57,16 +62,16 @@ def render_table(
     basis = scaled(basis, fit.scales)
     refuses = when_not_achieved is WhenNotAchieved.REFUSE
     steady: Steady = (
-        SteadyDrives(device, capabilities, table.receptances, refuses, fit.scales)
-        if solves
-        else ZoneDrives(table, capabilities, refuses, fit.scales)
+        ZoneDrives(table, capabilities, refuses, fit.scales)
+        if table.is_shipped
+        else SteadyDrives(device, capabilities, table.receptances, refuses, fit.scales, has_kernels=has_kernels)
     )
     renderer = Renderer(capabilities, steady, RenderedClicks(clicks, basis, refuses), effects.levels_db)
     return Rendering(
         device,
         renderer,
         replace(configuration, basis=basis.basis),
-        DEFAULT_CLICK_NS if clicks.basis is None else _longest_ns(clicks.basis),
+        without_clicks_ns if clicks.basis is None else _longest_ns(clicks.basis),
         fit,
     )
 

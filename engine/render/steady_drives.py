@@ -1,17 +1,19 @@
 """Steady drives as commands: solved for the exact positions when they are wanted, clamped, encoded, and remembered.
 
 Optima are sharp and responses are smooth (docs/theory.md#steady-drives-at-positions), so no drive is tabulated: the
-table holds the receptances, and a solve takes less time than a report of most digitizers. Only until the kernels of
-the solver are compiled, once on a machine, a page plays the tabulated drives of zones in their place.
+table holds the receptances, and a solve takes less time than a report of most digitizers. Until the kernels of the
+solver are compiled, once on a machine, a page solves in NumPy (engine.steady.plain). Only a table that was shipped has
+no receptances; from it the tabulated drives of zones are played.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Protocol
 
 from engine.device import Device
 from engine.render.commands import SILENCE, DriveCommand, Rendered, RendererError
 from engine.render.limits import Solved, clamp
-from engine.steady import Receptances
+from engine.steady import Receptances, SteadyDrive
 from engine.table import Table
 from engine.touch import Placement
 from firmware_link.host.link_values import Capabilities
@@ -20,11 +22,23 @@ from firmware_link.protocol.messages import encode_drive
 MOST_REMEMBERED = 4096
 
 
+class Solver(Protocol):
+    """What solves steady drives."""
+
+    def prepare(self) -> None:
+        """Load or compile what a solve needs."""
+
+    def solve(
+        self, positions_m: Sequence[float], felt: Sequence[bool], level_db: float, held_hz: float | None = None
+    ) -> SteadyDrive:
+        """The drive for fingers at positions, as engine.steady.solver.SteadySolver has it."""
+
+
 class SteadyDrives:
     """The steady drives of one table for one connected device; silence for a level out of reach with `refuses`.
 
-    `scales` are those of `board_fit`, by actuator. Raises RendererError for a device that does not play every
-    frequency that a drive may have.
+    `scales` are those of `board_fit`, by actuator; with `has_kernels` compiled kernels solve, else NumPy does. Raises
+    RendererError for a device that does not play every frequency that a drive may have.
     """
 
     def __init__(
@@ -34,11 +48,11 @@ class SteadyDrives:
         receptances: Receptances,
         refuses: bool,
         scales: Sequence[float],
+        *,
+        has_kernels: bool = True,
     ) -> None:
-        from engine.steady.solver import SteadySolver  # Numba takes half a second, and not every command solves
-
         _check_frequencies(device, receptances, capabilities)
-        self._solver = SteadySolver(device, receptances)
+        self._solver = _solver_of(device, receptances, has_kernels=has_kernels)
         self._device, self._resolution_hz, self._refuses = device, capabilities.frequency_resolution_hz, refuses
         self._scales = tuple(scales)
         self._remembered: dict[tuple[Placement, float, float | None], Rendered] = {}
@@ -65,8 +79,19 @@ class SteadyDrives:
         return Rendered(command._replace(frequency_hz=solved.frequency_hz), solved.achieved)
 
 
+def _solver_of(device: Device, receptances: Receptances, *, has_kernels: bool) -> Solver:
+    """The compiled solver, whose Numba takes half a second to load, or the one in NumPy."""
+    if not has_kernels:
+        from engine.steady.plain import PlainSolver
+
+        return PlainSolver(device, receptances)
+    from engine.steady.solver import SteadySolver
+
+    return SteadySolver(device, receptances)
+
+
 class ZoneDrives:
-    """The table's drives for the zones that fingers are in: `SteadyDrives` where no kernel is compiled yet.
+    """The table's drives for the zones that fingers are in: `SteadyDrives` for a table without receptances.
 
     A state without an entry is silence.
     """

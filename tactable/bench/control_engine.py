@@ -37,7 +37,6 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
             WhenNotAchieved.GO_ON,
             reconnect=True,
             bit_rate_hz=_BIT_RATE_HZ,
-            solves=not table.is_shipped,
             fast=fast_library() if arguments["has_fast_path"] else None,
         )
         served = ControlOf(Path(folder) / "control.sock", ring.path, path, effects)

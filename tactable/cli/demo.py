@@ -10,7 +10,7 @@ import typer
 
 from engine.files import remove_all_partials
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, print_json, remark, say, shown_progress
-from tactable.cli.options import AsJson, DeviceOption, EffectsPath
+from tactable.cli.options import DEVICE_HELP, AsJson, EffectsPath
 from tactable.shipped import DEMO_RECORDING, cache_folder, find_device, named_effects
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def demo(
-    device_name: DeviceOption = "reference-a",
+    device_name: Annotated[str, typer.Argument(metavar="DEVICE", help=DEVICE_HELP)] = "reference-a",
     recording_path: Annotated[
         Path | None, typer.Option("--recording", help="Touches in hid-recorder format; default: the shipped ones.")
     ] = None,

@@ -1,5 +1,6 @@
 """The switches of the page: their positions, and the effect rules that follow from them."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -16,6 +17,8 @@ from tactable.page.hand import Channels, HandDrive, HandError, first_channels, r
 from tactable.shipped import named_effects, shipped_names
 
 DRAG_STEP_M = 0.01
+_FINEST_M = 1e-5
+"""A smaller move of an actuator is none."""
 HOLD_NS = 500_000_000
 _NOTHING = Effect("nothing", (Segment(None, None),))
 
@@ -48,7 +51,11 @@ class Rules(StrEnum):
 
 @dataclass(frozen=True)
 class Choice:
-    """The position of every switch. quiet_zones: names of zones where a finger never feels."""
+    """The position of every switch.
+
+    quiet_zones: names of zones where a finger never feels. actuators_m (actuator,): where the actuators would be, none
+    for where the device file has them.
+    """
 
     device: str
     source: Source = Source.CLICK
@@ -59,6 +66,7 @@ class Choice:
     """Whether the fingers load the simulated bar."""
     hand: Channels | None = None
     """The drive by hand; None until it was first chosen."""
+    actuators_m: tuple[float, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """The switches as plain values; a level of None is full scale."""
@@ -76,6 +84,7 @@ class Choice:
             quiet_zones=tuple(values["quiet_zones"]),
             is_loaded=values["is_loaded"],
             hand=None if values["hand"] is None else tuple((hz, part, degrees) for hz, part, degrees in values["hand"]),
+            actuators_m=tuple(values["actuators_m"]),
         )
 
 
@@ -102,8 +111,17 @@ def hand_of(choice: Choice) -> HandDrive | None:
     return None if choice.source is not Source.HAND or choice.hand is None else HandDrive(choice.hand)
 
 
+def of_device(choice: Choice, name: str) -> Choice:
+    """The choice for another device: its zones, its actuators and their bands are others."""
+    kept = Source.CLICK if choice.source is Source.HAND else choice.source
+    return replace(choice, device=name, quiet_zones=(), actuators_m=(), source=kept, hand=None)
+
+
 def changed(choice: Choice, switches: Mapping[str, Any], device: Device, offers: Offered) -> Choice:
-    """The choice after these switches moved; another device starts without quiet zones. Raises ChoiceError."""
+    """The choice after these switches moved, of the device as its file has it. Raises ChoiceError.
+
+    Another device starts without quiet zones, its actuators where they are.
+    """
     for name, value in switches.items():
         choice = _moved(choice, name, value, device, offers)
     return choice
@@ -115,9 +133,7 @@ def _moved(choice: Choice, name: str, value: Any, device: Device, offers: Offere
             other: str = _one_of(name, value, offers.devices)
             if other == choice.device:
                 return choice
-            # The actuators and their bands are others.
-            kept = Source.CLICK if choice.source is Source.HAND else choice.source
-            return replace(choice, device=other, quiet_zones=(), source=kept, hand=None)
+            return of_device(choice, other)
         case "source":
             source = Source(_one_of(name, value, tuple(Source)))
             is_first = source is Source.HAND and choice.hand is None
@@ -138,9 +154,32 @@ def _moved(choice: Choice, name: str, value: Any, device: Device, offers: Offere
             if not isinstance(value, list):
                 raise ChoiceError(f"quiet_zones is {value!r}; expected a list of zones")
             return replace(choice, quiet_zones=tuple(dict.fromkeys(_one_of(name, each, names) for each in value)))
+        case "actuators_m":
+            count = len(device.actuators)
+            if not isinstance(value, list) or len(value) not in (0, count) or not all(map(_is_length, value)):
+                raise ChoiceError(f"actuators_m is {value!r}; expected {count} positions in metres, or none")
+            return replace(choice, actuators_m=tuple(float(at_m) for at_m in value))
         case "is_loaded":
             return replace(choice, is_loaded=_one_of(name, value, (True, False)))
     raise ChoiceError(f"there is no switch {name!r}; there are {', '.join(Choice('').as_json())}")
+
+
+def _is_length(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def moved(device: Device, choice: Choice) -> Device:
+    """The device with its actuators where the choice has them. Raises DeviceError where the bar has no such place."""
+    if not choice.actuators_m:
+        return device
+    pairs = zip(choice.actuators_m, device.actuators, strict=True)
+    return device.with_values(
+        {
+            f"actuator[{number}].position": f"{1e3 * at_m:.2f} mm"
+            for number, (at_m, actuator) in enumerate(pairs, 1)
+            if abs(at_m - actuator.position_m) >= _FINEST_M
+        }
+    )
 
 
 def _one_of(name: str, value: Any, positions: tuple[Any, ...]) -> Any:

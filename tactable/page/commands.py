@@ -16,6 +16,9 @@ from tactable.page.hand import HandDrive
 from tactable.page.messages import ChannelPicture, Drive, Role
 from tactable.rig.promises import Promises
 
+RINGING_S = 0.06
+"""By then after its end a click has rung down by some 20 dB."""
+
 
 @dataclass
 class Command:
@@ -40,10 +43,21 @@ class Command:
     """Sequence number of its frame."""
     is_stalled: bool = False
     """Whether a part of its time was left out, the machine having stalled."""
+    is_mixed: bool = False
+    """Whether one of its quiet fingers still felt a click of its own when it began."""
 
     def role(self, finger: int) -> Role:
         """What it asks of a finger of its placement."""
         return Role.FELT if self.placement.is_felt[finger] else Role.QUIET
+
+    def cuts(self, before: "Command | None") -> bool:
+        """Whether a finger that is quiet now was felt in a click before, which has not rung down."""
+        if before is None or before.drive is not Drive.CLICK or self.drive is not Drive.CLICK:
+            return False
+        felt = {number for number, finger in before.fingers.items() if before.placement.is_felt[finger]}
+        quiet = {number for number, finger in self.fingers.items() if not self.placement.is_felt[finger]}
+        over_us = before.at_us + (before.length_s + RINGING_S) * US_PER_S
+        return self.at_us < over_us and bool(felt & quiet)
 
 
 class CommandReader:

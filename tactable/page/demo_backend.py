@@ -8,9 +8,9 @@ ended. A process that ended is a `ChildError`: everything is ended and started a
 """
 
 import asyncio
-import contextlib
 import math
 import os
+import re
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,100 +20,35 @@ from typing import Any
 from engine.device import Device, DeviceError
 from engine.loop import RingError, RingReader
 from engine.plain import to_plain
-from engine.table import Table
-from engine.touch.sources.pointer import PointerEvent, PointerFeed
+from engine.table import Table, TableError
+from engine.touch.sources.pointer import PointerEvent
 from firmware_link.child import ChildError, ending_text
-from tactable.page.choices import Choice, ChoiceError, Offered, Source, changed, hand_of
+from tactable.page.choices import Choice, ChoiceError, Offered, Source, changed, hand_of, moved, of_device
+from tactable.page.demo_processes import EngineProcess, FirmwareProcess
 from tactable.page.live_bar import LiveBar
-from tactable.page.messages import encode_picture
+from tactable.page.messages import DroppedFile, encode_picture
 from tactable.page.paper_bar import PaperBar
 from tactable.page.pointers import Pointers
-from tactable.page.processes.asynchronous import AsyncChild
+from tactable.page.processes.build import BuildOrder
 from tactable.page.processes.engine import Order
-from tactable.page.processes.firmware import Applied, decode_applied
 from tactable.page.scene import device_json
 from tactable.page.tables import Builder, order_for
 from tactable.page.view import View
 from tactable.rig.emulate import configuration_of
-from tactable.rig.ready import compare_with_shipped, is_outdated, open_cached
+from tactable.rig.first_table import is_first, open_first_table
+from tactable.rig.ready import cached_table, compare_with_shipped, is_outdated, open_cached
 from tactable.shipped import find_device
 
 SHORTEST_BACK_OFF_S, LONGEST_BACK_OFF_S = 0.25, 5.0
-
-
-class _Firmware:
-    """The process of the emulated firmware, asked once a tick."""
-
-    def __init__(self, child: AsyncChild, port: str) -> None:
-        self.child, self.port = child, port
-        self._answers: list[Applied] = []
-        self._is_asked = False
-        self._reader = asyncio.create_task(self._read())
-
-    @classmethod
-    async def start(cls, device: Device) -> "_Firmware":
-        """Raises ChildError when it does not start."""
-        configuration = configuration_of(device)
-        module = "tactable.page.processes.firmware"
-        child = await AsyncChild.start(module, to_plain(configuration), name="the emulated firmware")
-        return cls(child, (await child.read())["port"])
-
-    async def _read(self) -> None:
-        with contextlib.suppress(ChildError):  # `_follow` sees that the child has ended
-            while True:
-                answer = await self.child.read()
-                self._is_asked = False
-                self._answers.append(decode_applied(answer))
-
-    def ask(self) -> list[Applied]:
-        """The answers since the last call; asks for the next one."""
-        answers, self._answers = self._answers, []
-        if not self._is_asked and self.child.is_running:
-            self._is_asked = True
-            self.child.write({})
-        return answers
-
-    async def end(self) -> None:
-        """End the process."""
-        self._reader.cancel()
-        await self.child.end()
-
-
-class _Engine:
-    """The process of the engine, its end of the pointers' pipe, and its ring."""
-
-    def __init__(self, child: AsyncChild, feed: PointerFeed, ring: Path) -> None:
-        self.child, self.feed, self.ring = child, feed, ring
-
-    @classmethod
-    async def start(cls, ring: Path) -> "_Engine":
-        """Start a process that waits for orders; its ring exists once the first order plays."""
-        reading, writing = os.pipe()
-        os.set_blocking(writing, False)
-        try:
-            arguments = {"pointer_pipe": reading, "ring": str(ring)}
-            module = "tactable.page.processes.engine"
-            child = await AsyncChild.start(module, arguments, name="the engine", descriptors=[reading])
-        finally:
-            os.close(reading)
-        return cls(child, PointerFeed(writing), ring)
-
-    async def play(self, order: Order) -> None:
-        """Play another order; returns once the run is ready. Raises ChildError."""
-        self.child.write(order.as_json())
-        await self.child.read()
-
-    async def end(self) -> None:
-        """End the process."""
-        self.feed.close()
-        await self.child.end()
-        self.ring.unlink(missing_ok=True)
+_UNSAFE = re.compile(r"[^\w.-]+")
+_LONGEST_NAME = 64
 
 
 def _view_of(table: Table, before: View | None, resolution_hz: float, *, has_kernels: bool) -> View:
-    """The view of a table; the bars of a view before it, of the same device, move on."""
-    bar = LiveBar(table.device) if before is None else before.bar
-    paper = PaperBar(table.device) if before is None else before.paper
+    """The view of a table; the bars of a view before it move on where they are of the same device."""
+    is_same = before is not None and before.table.fingerprint == table.fingerprint
+    bar = before.bar if before is not None and is_same else LiveBar(table.device)
+    paper = before.paper if before is not None and is_same else PaperBar(table.device)
     return View(table, bar, resolution_hz, paper=paper, has_kernels=has_kernels)
 
 
@@ -123,18 +58,22 @@ def _is_same(one: Table, other: Table) -> bool:
 
 
 class DemoBackend:
-    """Plays one choice at a time. `cache` is the folder of tables, `work` that of the ring."""
+    """Plays one choice at a time. `cache` is the folder of tables, `work` that of the ring and of what goes with it."""
 
     def __init__(self, choice: Choice, device: Device, offers: Offered, cache: Path, work: Path) -> None:
         self.scene_number = 0
         self.restarts = 0
         """Number of restarts of processes that ended by themselves."""
-        self._choice, self._device, self._offers = choice, device, offers
+        self._choice, self._offers = choice, offers
+        self._described = device
+        """The device as its file has it."""
+        self._device = moved(device, choice)
+        """The device that is to play: its actuators may have been moved."""
         self._cache, self._work = cache, work
         self._builder = Builder(self._changed)
         self._pointers = Pointers()
-        self._firmware: _Firmware | None = None
-        self._engine: _Engine | None = None
+        self._firmware: FirmwareProcess | None = None
+        self._engine: EngineProcess | None = None
         self._reader: RingReader | None = None
         self.view: View | None = None
         """The view of the browsers; None until the engine runs."""
@@ -143,6 +82,8 @@ class DemoBackend:
         self._compared: dict[str, Any] | None = None
         """What a table that was built here is beside the shipped one."""
         self._table: Table | None = None
+        self._is_outdated = False
+        """Whether older code made the shipped table that plays."""
         self._is_between = False
         """Whether one run ends and the next begins."""
         self._boot: tuple[int, int] = (0, 0)
@@ -165,7 +106,7 @@ class DemoBackend:
             "device": device_json(self._device if self.view is None or table is None else table.device),
             "devices": list(self._offers.devices),
             "rules": [rules.value for rules in self._offers.rules],
-            "levels_db": [*self._device.levels_db, None],
+            "levels_db": [*self._described.levels_db, None],
             "choice": self._choice.as_json(),
             "status": self._status,
             "trouble": self._trouble,
@@ -174,10 +115,22 @@ class DemoBackend:
             "clicks": 0 if table is None else len(table.clicks),
             "plays": None if self._plays is None else self._plays[0].as_json(),
             "is_shipped": table is not None and table.is_shipped,
-            "is_outdated": table is not None and is_outdated(table),
+            "is_outdated": self._is_outdated,
             "is_coarse": table is not None and "clicks_are_coarse" in table.attributes,
             "has_kernels": self._plays is not None and self._plays[1],
             "compared": self._compared,
+            "what_if": self._what_if(),
+        }
+
+    def _what_if(self) -> dict[str, Any] | None:
+        """The actuators that were moved, where the file has them, and the device file with their places."""
+        if self._device.fingerprint == self._described.fingerprint:
+            return None
+        pairs = zip(self._device.actuators, self._described.actuators, strict=True)
+        places = [(now.name, now.position_m, was.position_m) for now, was in pairs if now.position_m != was.position_m]
+        return {
+            "moved": [{"name": name, "position_m": at_m, "file_m": file_m} for name, at_m, file_m in places],
+            "text": self._device.text,
         }
 
     def touch(self, browser: int, events: Sequence[PointerEvent]) -> None:
@@ -191,16 +144,35 @@ class DemoBackend:
     def choose(self, switches: dict[str, Any]) -> None:
         """Move switches; an invalid switch or position changes nothing and is shown as trouble."""
         try:
-            choice = changed(self._choice, switches, self._device, self._offers)
-            if choice.device != self._choice.device:
-                self._device = find_device(choice.device)
-                if choice.level_db not in (*self._device.levels_db, math.inf):
-                    choice = replace(choice, level_db=self._device.levels_db[0])
-            self._choice, self._trouble = choice, ""
-            self._builder.forgive()
+            choice = changed(self._choice, switches, self._described, self._offers)
+            is_other = choice.device != self._choice.device
+            self._take(choice, find_device(choice.device) if is_other else self._described)
         except (ChoiceError, DeviceError) as error:
             self._trouble = str(error)
         self._changed()
+
+    def drop(self, file: DroppedFile) -> None:
+        """Play the device of a file that was dropped on the page; what is wrong with it is shown as trouble."""
+        file_name = _UNSAFE.sub("-", Path(file.name).name)[-_LONGEST_NAME:].removesuffix(".toml") + ".toml"
+        try:
+            described = Device.parse(file.text, file_name)
+            path = self._work / "dropped" / described.fingerprint[:12] / file_name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(file.text, encoding="utf-8")
+            self._take(of_device(self._choice, str(path)), described)
+            others = (each for each in self._offers.devices if Path(each).name != file_name)
+            self._offers = replace(self._offers, devices=(*others, str(path)))
+        except (DeviceError, OSError) as error:
+            self._trouble = str(error)
+        self._changed()
+
+    def _take(self, choice: Choice, described: Device) -> None:
+        """Take a choice for a device as its file has it. Raises DeviceError for places that its bar does not have."""
+        if choice.level_db not in (*described.levels_db, math.inf):
+            choice = replace(choice, level_db=described.levels_db[0])
+        self._device = moved(described, choice)
+        self._choice, self._described, self._trouble = choice, described, ""
+        self._builder.forgive()
 
     def sound(self, finger: int) -> bytes | None:
         """What a finger felt, as a SOUND message."""
@@ -239,7 +211,7 @@ class DemoBackend:
                 try:
                     await self._follow()
                     back_off_s = SHORTEST_BACK_OFF_S
-                except (ChildError, RingError, OSError) as error:
+                except (ChildError, RingError, TableError, OSError) as error:
                     self._status, self._trouble = "restarting", str(error)
                     self.restarts += 1
                     self.scene_number += 1
@@ -269,43 +241,54 @@ class DemoBackend:
             if part is not None and part.child.process.returncode is not None:
                 raise ChildError(f"{name} {ending_text(part.child.process.returncode)}")
         choice, device = self._choice, self._device
-        order = order_for(choice.device, device, self._cache)
-        table = self._table
-        has_all = table is not None and table.path == order.path and table.fingerprint == device.fingerprint
-        if has_all and self._builder.has_compiled:
-            self._builder.stop()
-        elif not has_all:
-            had_built = self._builder.has_built(order)
-            table = await asyncio.to_thread(open_cached, device, order.path)
-            if (table is None or table.path != order.path) and self._builder.has_built(order) and not had_built:
-                self._news.set()  # the table was finished during the look: look again
-            if table is None:
-                self._builder.ask(order)
-                self._status = "building" if self.view is None else self._status
-                return
-            if self._table is not None and self._table is not table and _is_same(table, self._table):
-                table.close()
-                table = self._table
-        assert table is not None
+        order = order_for(choice.device, self._described, self._cache)
+        table = await self._best_table(device, order)
         wanted = replace(choice, is_loaded=True), self._builder.has_compiled
         if table is not self._table or wanted != self._plays:
             await self._change_over(choice, device, table)
-        if table.path != order.path or not self._builder.has_compiled:
+        # For actuators that were moved kernels are compiled, and no table is built.
+        is_built = table.path == order.path or bool(choice.actuators_m)
+        if not is_built or not self._builder.has_compiled:
             self._builder.ask(order)  # only now: what there is plays first
+        elif table.path == order.path:
+            self._builder.stop()
+        if table.is_shipped:
+            self._is_outdated = await asyncio.to_thread(is_outdated, table)
+            self.scene_number += 1
+
+    async def _best_table(self, device: Device, order: BuildOrder) -> Table:
+        """The best table of a device that there is: built here, shipped, or made in a moment. Raises TableError."""
+        path, shown = cached_table(device, self._cache), self._table
+        if shown is not None and shown.path == path and shown.fingerprint == device.fingerprint:
+            return shown
+        had_built = self._builder.has_built(order)
+        table = await asyncio.to_thread(open_cached, device, path)
+        if (table is None or table.path != order.path) and self._builder.has_built(order) and not had_built:
+            self._news.set()  # the table was finished during the look: look again
+        if table is None:
+            first = self._work / f"first-{device.fingerprint[:12]}.nc"
+            if shown is not None and shown.path == first:
+                return shown
+            table = await asyncio.to_thread(open_first_table, device, first)
+        if shown is not None and _is_same(table, shown):
+            table.close()
+            return shown
+        return table
 
     async def _change_over(self, choice: Choice, device: Device, table: Table) -> None:
-        if self._firmware is None or self.view is None or self.view.table.fingerprint != table.fingerprint:
+        configuration = configuration_of(device)
+        if self._firmware is None or self._firmware.configuration != configuration:
             if self._firmware is not None:
                 await self._end_rig()
-            self._firmware = await _Firmware.start(device)
+            self._firmware = await FirmwareProcess.start(configuration)
         if self._engine is None:
             self._rings += 1
-            self._engine = await _Engine.start(self._work / f"ring-{os.getpid()}-{self._rings}")
+            self._engine = await EngineProcess.start(self._work / f"ring-{os.getpid()}-{self._rings}")
         has_kernels = self._builder.has_compiled
         played = None if self._plays is None else self._plays[0].source
         hand = hand_of(choice)
         order = Order(table.path, self._firmware.port, choice, self._offers.rule_file, has_kernels)
-        resolution_hz = configuration_of(device).frequency_resolution_uhz * 1e-6
+        resolution_hz = configuration.frequency_resolution_uhz * 1e-6
         before = self.view
         if before is not None and hand is not None and played is Source.HAND and table is self._table:
             view = before  # another drive by hand, as the sliders move
@@ -317,20 +300,25 @@ class DemoBackend:
             view.zero_ns = before.zero_ns
         # What the next run does from its first moment on is for the next view: the one before reads no more.
         self._is_between = True
+        self._pointers.feed(None)
         try:
             await self._engine.play(order)
         finally:
             self._is_between = False
+        if before is not None and view.bar is not before.bar:
+            view.begin(before.bar.now_us)
         if self._reader is None:
             self._reader = RingReader(self._engine.ring, from_start=True)
         shown = self._table
         self.view, self._table, self._plays = view, table, (replace(choice, is_loaded=True), has_kernels)
+        self._pointers.feed(self._engine.feed if hand is None else None)
         await self._compare(device, shown, table)
         if shown is not None and shown is not table:
             shown.close()
+            if is_first(shown):
+                shown.path.unlink(missing_ok=True)
         if hand is not None:
             view.play_by_hand(hand)
-        self._pointers.feed(self._engine.feed if hand is None else None)
         self._status, self._trouble = "running", ""
         self.scene_number += 1
 

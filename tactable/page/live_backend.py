@@ -12,7 +12,7 @@ from engine.render import RendererError
 from engine.table import Table, TableError
 from engine.touch.sources.pointer import PointerEvent
 from tactable.page.live_bar import LiveBar
-from tactable.page.messages import encode_picture
+from tactable.page.messages import DroppedFile, encode_picture
 from tactable.page.ring_drive import RingDrive
 from tactable.page.scene import device_json
 from tactable.page.view import View
@@ -72,6 +72,9 @@ class LiveBackend:
 
     def choose(self, switches: dict[str, Any]) -> None:
         """Ignored: a run has no switches."""
+
+    def drop(self, file: DroppedFile) -> None:
+        """Ignored: a run has one device."""
 
     def sound(self, finger: int) -> bytes | None:
         """What a finger felt, as a SOUND message."""

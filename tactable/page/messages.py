@@ -13,6 +13,7 @@ From the browser:
     TOUCHES 0x81  up to 64 times: u32 pointer, u8 phase (0 down, 1 move, 2 up, 3 cancel), f32 x, f32 y
     CHOICE  0x82  JSON of at most MOST_CHOICE_BYTES: the switches that change
     LISTEN  0x83  u32 finger, as a picture numbers it
+    DEVICE  0x84  JSON of at most MOST_DEVICE_BYTES: "name" of a device file, and its "text"
 
 Anything else is refused by a `PageMessageError`, whose `code` closes the WebSocket.
 """
@@ -30,10 +31,11 @@ from numpy.typing import NDArray
 
 from engine.touch.sources.pointer import Phase, PointerEvent
 
-VERSION = 4
+VERSION = 5
 MOST_TOUCHES = 64
 MOST_CHOICE_BYTES = 2048
-MOST_BYTES = 2 + MOST_CHOICE_BYTES
+MOST_DEVICE_BYTES = 65_536
+MOST_BYTES = 2 + MOST_DEVICE_BYTES
 """Limit of a message from a browser; a longer one closes the WebSocket before it is read."""
 LOWEST_DB = -60.0
 """The lowest level that is sent."""
@@ -66,6 +68,7 @@ class Kind(IntEnum):
     TOUCHES = 0x81
     CHOICE = 0x82
     LISTEN = 0x83
+    DEVICE = 0x84
 
 
 class CloseCode(IntEnum):
@@ -159,8 +162,8 @@ class Picture:
     """The present state. On the wire: the fixed part, fingers, made fingers, channels, levels, counted levels, paper.
 
     fixed: f64 time_s, 6 u32 counters, u32 command, f32 age_s, f32 wanted_db, 5 u32 last_ns, 5 u32 median_ns,
-    u32 latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing, 4 is_provisional, 8 is_late, 16 has a paper bar), then
-    u8 of fingers, made fingers, channels and levels.
+    u32 latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing, 4 is_provisional, 8 is_late, 16 has a paper bar,
+    32 is_mixed), then u8 of fingers, made fingers, channels and levels.
     finger: u32 number, u8 zone (255: none), u8 role, f32 position_m, f32 level_db, f32 felt_db.
     made finger: u32 number (0xFFFFFFFF: none), u8 zone, u8 role, f32 position_m, i16 promised and i16 simulated of
     0.01 dB (-32768: none).
@@ -203,6 +206,8 @@ class Picture:
     """
     paper: PaperPicture | None = None
     """The second bar, where there is one."""
+    is_mixed: bool = False
+    """A quiet finger still felt a click of its own when this one began: their levels are no comparison."""
 
 
 def encode_scene(scene: dict[str, Any]) -> bytes:
@@ -235,7 +240,8 @@ def encode_picture(picture: Picture) -> bytes:
 
 
 def _flags(picture: Picture) -> int:
-    bits = (picture.is_loaded, picture.is_playing, picture.is_provisional, picture.is_late, picture.paper is not None)
+    late, second = picture.is_late, picture.paper is not None
+    bits = (picture.is_loaded, picture.is_playing, picture.is_provisional, late, second, picture.is_mixed)
     return sum(is_set << bit for bit, is_set in enumerate(bits))
 
 
@@ -281,8 +287,16 @@ def encode_sound(finger: int, rate_hz: int, samples: NDArray[np.int16]) -> bytes
     return _HEAD.pack(VERSION, Kind.SOUND) + _SOUND.pack(finger, rate_hz) + samples.astype("<i2").tobytes()
 
 
-Asked = tuple[PointerEvent, ...] | dict[str, Any] | int
-"""A request of a browser: touches, switches, or the number of the finger to hear."""
+@dataclass(frozen=True, slots=True)
+class DroppedFile:
+    """A device file that was dropped on the page; nothing is checked yet but that it is text."""
+
+    name: str
+    text: str
+
+
+Asked = tuple[PointerEvent, ...] | dict[str, Any] | int | DroppedFile
+"""A request of a browser: touches, switches, the number of the finger to hear, or a device file."""
 
 
 def decode_message(data: bytes) -> Asked:
@@ -302,6 +316,8 @@ def decode_message(data: bytes) -> Asked:
     if kind == Kind.LISTEN and len(body) == _FINGER_NUMBER.size:
         number: int = _FINGER_NUMBER.unpack(body)[0]
         return number
+    if kind == Kind.DEVICE:
+        return _decode_device(body)
     raise PageMessageError(CloseCode.MALFORMED, f"{len(body)} bytes of kind 0x{kind:02x}: not a message of a browser")
 
 
@@ -314,6 +330,11 @@ def encode_touches(events: Sequence[PointerEvent]) -> bytes:
 def encode_choice(switches: dict[str, Any]) -> bytes:
     """Encode a CHOICE as the page's script does."""
     return _HEAD.pack(VERSION, Kind.CHOICE) + json.dumps(switches).encode()
+
+
+def encode_device(name: str, text: str) -> bytes:
+    """Encode a DEVICE as the page's script does."""
+    return _HEAD.pack(VERSION, Kind.DEVICE) + json.dumps({"name": name, "text": text}).encode()
 
 
 def encode_listen(finger: int) -> bytes:
@@ -335,10 +356,26 @@ def _decode_touch(pointer_id: int, phase: int, x: float, y: float) -> PointerEve
 
 
 def _decode_choice(body: bytes) -> dict[str, Any]:
+    if len(body) > MOST_CHOICE_BYTES:
+        raise PageMessageError(
+            CloseCode.TOO_BIG, f"{len(body)} bytes of switches; expected at most {MOST_CHOICE_BYTES}"
+        )
+    return _decode_object(body, "switches")
+
+
+def _decode_device(body: bytes) -> DroppedFile:
+    found = _decode_object(body, "a device file")
+    name, text = found.get("name"), found.get("text")
+    if not isinstance(name, str) or not isinstance(text, str) or set(found) != {"name", "text"}:
+        raise PageMessageError(CloseCode.MALFORMED, "a device file: expected its name and its text")
+    return DroppedFile(name, text)
+
+
+def _decode_object(body: bytes, what: str) -> dict[str, Any]:
     try:
-        switches = json.loads(body)
+        found = json.loads(body)
     except (ValueError, RecursionError) as error:
-        raise PageMessageError(CloseCode.MALFORMED, f"the switches are not JSON: {error}") from error
-    if not isinstance(switches, dict):
-        raise PageMessageError(CloseCode.MALFORMED, f"switches are {type(switches).__name__}; expected an object")
-    return switches
+        raise PageMessageError(CloseCode.MALFORMED, f"{what}: is not JSON: {error}") from error
+    if not isinstance(found, dict):
+        raise PageMessageError(CloseCode.MALFORMED, f"{what}: is {type(found).__name__}; expected an object")
+    return found

@@ -9,37 +9,53 @@ from engine.touch.sources.pointer import Phase, PointerEvent, PointerFeed
 MOST_FINGERS = 10
 REPEAT_NS = 30_000_000
 """A resting finger is repeated this often, because the engine releases one that is silent for 120 ms."""
+APART_NS = 150_000_000
+"""Time between fingers that come down in a run that has just begun: by then a click has rung down."""
 SILENT_NS = 1_000_000_000
 """A pressed pointer that its browser has not mentioned for this long is released."""
 
 
 @dataclass
 class _Finger:
-    """A pressed pointer: contact number, last event, when the browser sent it, and when the engine got it."""
+    """A pressed pointer: contact number, last event, when the browser sent it, and when the engine got it.
+
+    is_waiting: it is pressed, and the present run does not know it yet.
+    """
 
     number: int
     event: PointerEvent
     heard_ns: int
     sent_ns: int
+    is_waiting: bool = False
 
 
 class Pointers:
-    """Gives each pressed pointer one of ten contact numbers, and forwards its events as reports."""
+    """Gives each pressed pointer one of ten contact numbers, and forwards its events as reports.
+
+    Fingers that come down in one message are one frame: both feel. Fingers that rest while a run follows another come
+    down one after another in it, as they did: the last one feels.
+    """
 
     def __init__(self) -> None:
         self.refused = 0
         """Count of events that no engine took, and of pointers beyond the tenth."""
         self._feed: PointerFeed | None = None
         self._fingers: dict[tuple[int, int], _Finger] = {}  # by browser and pointer
+        self._next_ns = 0
+        """When the next finger that waits may come down."""
+        self._frame = list[PointerEvent]()  # fingers that came down and are not handed over yet
 
     def feed(self, feed: PointerFeed | None) -> None:
-        """Send reports to this feed from now on."""
+        """Send reports to this feed from now on: of a run that has just begun, or to none."""
         self._feed = feed
+        for finger in self._fingers.values():
+            finger.is_waiting = True
 
     def take(self, browser: int, events: Sequence[PointerEvent], now_ns: int) -> None:
         """Take events of a browser."""
         for event in events:
             self._take((browser, event.pointer_id), event, now_ns)
+        self._flush()
 
     def leave(self, browser: int) -> None:
         """Release all pointers of a browser that disconnected."""
@@ -48,6 +64,9 @@ class Pointers:
 
     def repeat(self, now_ns: int) -> None:
         """Repeat resting fingers to the engine, and release those that their browser has lost."""
+        waiting = next((finger for finger in self._fingers.values() if finger.is_waiting), None)
+        if waiting is not None and self._feed is not None and now_ns >= self._next_ns:
+            waiting.is_waiting, waiting.sent_ns, self._next_ns = False, now_ns - REPEAT_NS, now_ns + APART_NS
         for key, finger in list(self._fingers.items()):
             if now_ns - finger.heard_ns > SILENT_NS:
                 self._release(key)
@@ -76,9 +95,20 @@ class Pointers:
         self._send(finger, replace(finger.event, phase=Phase.CANCEL), finger.sent_ns)
 
     def _send(self, finger: _Finger, event: PointerEvent, now_ns: int) -> None:
+        if finger.is_waiting:
+            return
         finger.sent_ns = now_ns
+        comes_down = event.phase is Phase.DOWN
+        if not comes_down or any(each.pointer_id == finger.number for each in self._frame):
+            self._flush()
+        self._frame.append(replace(event, pointer_id=finger.number))
+        if not comes_down:
+            self._flush()
+
+    def _flush(self) -> None:
+        frame, self._frame = self._frame, []
         try:
-            if self._feed is not None:
-                self._feed.send(replace(event, pointer_id=finger.number))
+            if self._feed is not None and frame:
+                self._feed.send(*frame)
         except DigitizerError:  # the engine is ending, or does not keep up: it is watched elsewhere
-            self.refused += 1
+            self.refused += len(frame)

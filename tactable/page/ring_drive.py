@@ -1,12 +1,16 @@
 """Turns ring records into the drive events that their commands cause, for a device that does not report them."""
 
+import math
 from collections.abc import Iterable, Sequence
+
+import numpy as np
 
 from engine.loop import Record, Stage
 from engine.render.board_fit import scales_for
 from engine.table import Table
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, PlayedWaveform
-from firmware_link.protocol.messages import decode_drive
+from firmware_link.protocol.basis import weighted_sum
+from firmware_link.protocol.messages import FULL_SCALE_WORD, Play, decode_body, decode_drive, encode_play_body
 
 _NS_PER_US = 1000
 
@@ -15,8 +19,8 @@ class RingDrive:
     """Follows the commands of one run of a table.
 
     `full_scales_m` are those of the board, by actuator; None: those of the table. Every written command is taken as
-    driven: lost and late frames are not known. A click that the table does not hold was solved beside the run, and the
-    ring does not say its weights: the bar of the page rests meanwhile.
+    driven: lost and late frames are not known. A click that was solved beside the run is the sum that its PLAY asks
+    for, of the table's basis, which is the board's but for its full scale.
     """
 
     def __init__(
@@ -26,6 +30,7 @@ class RingDrive:
         self._limits, self._actuators = table.device.limits, len(table.device.actuators)
         # Commands are fractions of the board's full scale, and the bar of the page moves by those of the table.
         self._scales = (1.0,) * self._actuators if full_scales_m is None else scales_for(table.device, full_scales_m)
+        self._halvings = max(0, math.ceil(math.log2(max(self._scales))))
         self._drive = b""
 
     def events(self, records: Iterable[Record]) -> list[DriveEvent]:
@@ -48,7 +53,24 @@ class RingDrive:
         if record.level_db is None or record.placement is None or not record.is_click or record.drive:
             return None
         click = self._table.click_at(record.placement, record.level_db)
-        return None if click is None else PlayedWaveform.of(click.sample_rate_hz, click.samples, click.amplitude)
+        if click is None:
+            return self._solved(record.play)
+        return PlayedWaveform.of(click.sample_rate_hz, click.samples, click.amplitude)
+
+    def _solved(self, play: bytes) -> PlayedWaveform | None:
+        """The waveform of a PLAY; None for one of a set that the table's basis does not have."""
+        basis = self._table.clicks.basis
+        if basis is None or not play:
+            return None
+        _, message = decode_body(encode_play_body(0, play, 0))
+        assert isinstance(message, Play)
+        if message.basis_set >= len(basis.sets) or len(basis.sets[message.basis_set].actuators) != len(message.weights):
+            return None
+        bits = message.fraction_bits + self._halvings  # the board's functions are halved that many times
+        sums = weighted_sum(basis.sets[message.basis_set], message.weights, bits, self._actuators)
+        limits = np.iinfo(np.int16)
+        samples = np.clip(sums, limits.min, limits.max).astype(np.int16)
+        return PlayedWaveform.of(basis.sample_rate_hz, samples, message.amplitude / FULL_SCALE_WORD)
 
     def _channels(self, drive: bytes) -> tuple[ChannelTarget, ...]:
         limit = self._limits.amplitude

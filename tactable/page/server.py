@@ -24,7 +24,15 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from engine.touch.sources.pointer import PointerEvent
-from tactable.page.messages import MOST_BYTES, CloseCode, Kind, PageMessageError, decode_message, encode_scene
+from tactable.page.messages import (
+    MOST_BYTES,
+    CloseCode,
+    DroppedFile,
+    Kind,
+    PageMessageError,
+    decode_message,
+    encode_scene,
+)
 from tactable.page.security import HEADERS, AccessPolicy
 
 FRAME_S = 1 / 60
@@ -58,6 +66,9 @@ class PageBackend(Protocol):
 
     def choose(self, switches: dict[str, Any]) -> None:
         """Move switches."""
+
+    def drop(self, file: DroppedFile) -> None:
+        """Take a device file that was dropped on the page."""
 
     def sound(self, finger: int) -> bytes | None:
         """What a finger felt, as a SOUND message; None where it is not known."""
@@ -159,6 +170,8 @@ class PageServer:
                 self.backend.touch(number, asked)
             elif isinstance(asked, dict):
                 self.backend.choose(asked)
+            elif isinstance(asked, DroppedFile):
+                self.backend.drop(asked)
             elif (sound := self.backend.sound(asked)) is not None:
                 browser.offer(sound)
 

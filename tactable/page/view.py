@@ -92,6 +92,7 @@ class View:
                     self.paper.fall_silent(at_us)
 
     def _begin(self, command: Command) -> None:
+        command.is_mixed = command.cuts(self._command)
         self._command = command
         self.ours.begin_command()
         if self.paper is not None:
@@ -147,6 +148,7 @@ class View:
             is_playing=command is not None and now_us < command.ended_us,
             is_provisional=command is not None and command.is_provisional,
             is_late=command is not None and self._is_late(command),
+            is_mixed=command is not None and command.is_mixed,
             fingers=tuple(self._finger(touch) for touch in self._touches),
             made=() if command is None else self._made(command),
             channels=() if command is None else command.channels,

@@ -18,10 +18,10 @@ from engine.table.click import played_at
 from engine.touch import Placement
 from precompute.model.assembly import assemble
 from precompute.model.threshold import detection_threshold
-from tactable.explain.click_source import ClickSource
 
 if TYPE_CHECKING:
     from engine.steady.solver import SteadySolver
+    from tactable.explain.click_source import ClickSource
 
 Array = NDArray[np.float64]
 
@@ -39,8 +39,14 @@ class Promises:
     """Promises of one table; `prepare` loads what the first ones take."""
 
     def __init__(self, table: Table) -> None:
-        self._table, self._source = table, ClickSource(table)
+        self._table = table
         self._plant = assemble(table.device)
+
+    @cached_property
+    def _source(self) -> "ClickSource":
+        from tactable.explain.click_source import ClickSource  # a table without clicks does not need Numba
+
+        return ClickSource(self._table)
 
     @cached_property
     def _solver(self) -> "SteadySolver":

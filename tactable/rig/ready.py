@@ -40,27 +40,20 @@ def cached_table(device: Device, folder: Path) -> Path:
 
 
 def early_path(path: Path) -> Path:
-    """Path of a table while its clicks are coarse, or there are none yet."""
+    """Path of a table while its clicks are coarse."""
     return path.with_name(f"{path.stem}-early{path.suffix}")
 
 
 def open_cached(device: Device, path: Path) -> Table | None:
-    """The table at `path`, else the early one beside it if that has clicks, else the shipped one, else any early one.
+    """The table at `path`, else the early one beside it, else the shipped one; None where none is of this device.
 
-    None where none of them is of this device. All but the shipped one must be of this code, too.
+    All but the shipped one must be of this code, too.
     """
-    early = None
     for each in (path, early_path(path)):
         with contextlib.suppress(TableError):
-            early = Table.open(each, device=device, code_fingerprint=code_fingerprint(), verify=False)
-            if early.clicks:
-                return early
-    shipped = open_shipped(device, path)
-    if shipped is None:
-        return early
-    if early is not None:
-        early.close()
-    return shipped
+            if each.is_file():  # the fingerprint of the code takes half a second
+                return Table.open(each, device=device, code_fingerprint=code_fingerprint(), verify=False)
+    return open_shipped(device, path)
 
 
 def open_shipped(device: Device, path: Path) -> Table | None:

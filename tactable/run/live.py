@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from engine.effects import DEFAULT_EFFECTS, Effects
+from engine.effects.player import DEFAULT_CLICK_NS
 from engine.loop import (
     ClickSolving,
     Clock,
@@ -50,8 +51,10 @@ class LiveOptions:
     """The processor of the affinity; None: the last."""
     fast: ctypes.CDLL | None = None
     """The compiled step, used where the source has packets; None: the Python loop answers all reports."""
-    solves: bool = True
-    """Steady drives are solved for positions, by compiled kernels; False: those of zones are played."""
+    has_kernels: bool = True
+    """The kernels that solve steady drives may be loaded; False: they are solved in NumPy, which compiles nothing."""
+    without_clicks_ns: int = DEFAULT_CLICK_NS
+    """How long a steady drive takes the place of a click where the table has none."""
 
 
 def fast_library() -> ctypes.CDLL | None:
@@ -92,7 +95,9 @@ class Live:
         greeting = Link(link_configuration(table.device, options.bit_rate_hz))
         self.capabilities = connect(Session(greeting, port, clock.now_ns), clock)
         fits = effects, self.capabilities, options.when_not_achieved, options.bit_rate_hz
-        rendering = render_table(table, *fits, solves=options.solves)
+        rendering = render_table(
+            table, *fits, has_kernels=options.has_kernels, without_clicks_ns=options.without_clicks_ns
+        )
         self.renderer = rendering.renderer
         self.fit = rendering.fit
         """How the first table's amplitudes are played on the board."""

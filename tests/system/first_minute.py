@@ -1,9 +1,10 @@
 """Processor time of a demo's page from its start to its first picture, its first click and the table built here.
 
-`python -m tests.system.first_minute [TACTABLE]` runs `tactable demo` with empty caches, by default of this environment.
-All processes of the demo count. The build begins once the page plays, and counts too.
+`python -m tests.system.first_minute [DEVICE] [--tactable COMMAND] [--to-the-end]` runs `tactable demo` with empty
+caches. All processes of the demo count. The build begins once the page plays, and counts too.
 """
 
+import argparse
 import asyncio
 import json
 import os
@@ -18,10 +19,11 @@ import websockets
 from websockets.typing import Origin
 
 from engine.touch.sources.pointer import Phase, PointerEvent
-from tactable.page.messages import Kind, encode_touches
+from tactable.page.messages import Drive, Kind, encode_touches
 
 _COMMAND_AT = 2 + 8 + 6 * 4  # of a PICTURE: head, time, counters
-_LEVELS_AT = _COMMAND_AT + 4 + 4 + 4 + 11 * 4 + 2 + 3
+_DRIVE_AT = _COMMAND_AT + 4 + 4 + 4 + 11 * 4
+_LEVELS_AT = _DRIVE_AT + 2 + 3
 _TICK = os.sysconf("SC_CLK_TCK")
 
 
@@ -68,12 +70,16 @@ async def _watch(address: str, demo: int, *, to_the_end: bool) -> None:
             if message[1] == Kind.SCENE:
                 scene = json.loads(message[2:])
                 plays = scene["plays"] is not None
+                if scene.get("has_kernels"):
+                    tell("plays with compiled kernels")
                 if scene.get("building"):
                     tell(scene["building"]["step"].partition(",")[0])
                 if scene.get("compared"):
                     tell(f"own table: {scene['compared']['text']}")
                     if not to_the_end:
                         return
+                if scene["clicks"] and "first click" in told and not scene["is_shipped"] and not to_the_end:
+                    return
                 if plays and scene["building"] is None and "first click" in told and scene.get("has_kernels"):
                     tell("fine table")
                     return
@@ -82,17 +88,17 @@ async def _watch(address: str, demo: int, *, to_the_end: bool) -> None:
                     tell("first picture")
                 commands = int.from_bytes(message[_COMMAND_AT : _COMMAND_AT + 4], "little")
                 if commands:
-                    tell("first click")
+                    tell("first click" if message[_DRIVE_AT] == Drive.CLICK else "first steady drive")
                 phase = Phase.MOVE if "touched" in told else Phase.DOWN
                 await socket.send(encode_touches([PointerEvent(1, 0.1, 0.5, phase)]))
 
 
-def main(tactable: str, *, to_the_end: bool) -> None:
+def main(tactable: str, device: str, *, to_the_end: bool) -> None:
     """Run the demo and print what came when."""
     with tempfile.TemporaryDirectory() as folder:
         caches = {"XDG_CACHE_HOME": folder, "NUMBA_CACHE_DIR": f"{folder}/kernels"}
         with subprocess.Popen(
-            [tactable, "demo", "--no-open"], env={**os.environ, **caches}, stderr=subprocess.PIPE, text=True
+            [tactable, "demo", device, "--no-open"], env={**os.environ, **caches}, stderr=subprocess.PIPE, text=True
         ) as demo:
             assert demo.stderr is not None
             url = next(word for word in demo.stderr.readline().split() if word.startswith("http"))
@@ -104,5 +110,9 @@ def main(tactable: str, *, to_the_end: bool) -> None:
 
 
 if __name__ == "__main__":
-    words = [word for word in sys.argv[1:] if not word.startswith("-")]
-    main(words[0] if words else str(Path(sys.executable).parent / "tactable"), to_the_end="--to-the-end" in sys.argv)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("device", nargs="?", default="reference-a")
+    parser.add_argument("--tactable", default=str(Path(sys.executable).parent / "tactable"))
+    parser.add_argument("--to-the-end", action="store_true")
+    asked = parser.parse_args()
+    main(asked.tactable, asked.device, to_the_end=asked.to_the_end)

@@ -42,7 +42,7 @@ class Demo:
     def start(self) -> str:
         """The address of its page: of the same port it is always the same."""
         self.process = subprocess.Popen(
-            [TACTABLE, "demo", "--device", "small.toml", "--no-open", "--page-port", str(self._port)],
+            [TACTABLE, "demo", "small.toml", "--no-open", "--page-port", str(self._port)],
             cwd=self._folder,
             env={**os.environ, "XDG_CACHE_HOME": str(self._folder)},
             stderr=subprocess.PIPE,

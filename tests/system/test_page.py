@@ -17,12 +17,14 @@ from tactable.page.live_bar import LiveBar
 from tactable.page.messages import encode_picture
 from tactable.page.ring_drive import RingDrive
 from tactable.page.view import View
+from tactable.shipped import find_device_file
 from tests.system.page import (
     CHROMIUM,
     CLICK,
     DESKTOP,
     FELT,
     FIRST,
+    MADE,
     PHONE,
     QUIET,
     SECOND,
@@ -45,6 +47,10 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
 ]
 HOUR_PICTURES = 3600 * 60
+
+
+def device_file(name: str) -> str:
+    return find_device_file(name).read_text(encoding="utf-8")
 
 
 def test_touches_of_several_fingers_have_their_roles_their_command_and_their_levels(
@@ -175,6 +181,52 @@ def test_a_link_shows_the_same_switches_and_fingers(demo: Demo, browser: Browser
         visit.page.click("#lift")
         visit.wait("!location.hash.includes('fingers')")
         choose(visit, source="click", quiet_zones=[], level_db=20)
+
+
+def test_an_actuator_that_is_dragged_moves_both_bars_and_is_reset(demo: Demo, browser: Browser) -> None:
+    with opened(demo, browser, has_touch=False) as visit:
+        choose(visit, source="click", quiet_zones=[])
+        visit.page.check("#keep")
+        box = visit.page.locator("#bar").bounding_box()
+        assert box is not None
+        for count, share in enumerate((0.8, 0.2), 1):
+            visit.page.mouse.click(box["x"] + share * box["width"], box["y"] + 0.7 * box["height"])
+            visit.until(f"p.fingerCount === {count} && p.age_s > 1")
+        foot = visit.ask("(() => { const f = tactable.bar._footOf(0); return [f.x, f.y + 4]; })()")
+        visit.page.mouse.move(box["x"] + foot[0], box["y"] + foot[1])
+        visit.page.mouse.down()
+        for step in range(1, 11):
+            visit.page.mouse.move(box["x"] + foot[0] + 9 * step, box["y"] + foot[1])
+        visit.page.mouse.up()
+        visit.wait("tactable.scene.plays?.actuators_m.length === 2 && tactable.scene.what_if?.moved.length === 1")
+        # The last finger feels, which is the other one where the machine stalled.
+        roles = f"{MADE}.map((f) => f.role).sort().join() === '{QUIET},{FELT}'"
+        shown = visit.until(f"p.fingerCount === 2 && p.age_s > 0.5 && {roles}")
+        assert shown["drive"] == STEADY
+        text = visit.page.inner_text("#what-if-text")
+        assert text.startswith("What if: actuator left at") and text.endswith("(device file: 44.7 mm)")
+        assert "feels the vibration" in visit.page.inner_text("#outcome")
+        visit.page.click("#reset-actuators")
+        visit.wait("tactable.scene.what_if === null && tactable.scene.plays?.actuators_m.length === 0")
+        visit.page.click("#lift")
+        visit.until("p.fingerCount === 0")
+
+
+def test_a_device_file_that_is_dropped_plays_and_a_wrong_one_is_told(demo: Demo, browser: Browser) -> None:
+    drop = """([name, text]) => { const dataTransfer = new DataTransfer();
+        dataTransfer.items.add(new File([text], name));
+        window.dispatchEvent(new DragEvent("drop", { dataTransfer, cancelable: true })); }"""
+    text = device_file("reference-d").replace('name = "reference-d"', 'name = "dropped"')
+    with opened(demo, browser) as visit:
+        visit.page.evaluate(drop, ["wrong.toml", text.replace('length = "', 'length = "x')])
+        visit.wait("tactable.scene.trouble.startsWith('wrong.toml: bar.length: ')")
+        assert "expected a length such as" in visit.page.inner_text("#notice")
+        visit.page.evaluate(drop, ["my bar.toml", text])
+        visit.wait("tactable.scene.device.name === 'dropped' && tactable.scene.plays?.device.endsWith('/my-bar.toml')")
+        visit.touch(f1=FIRST)
+        assert visit.until("p.fingerCount === 1 && p.command > 0 && p.age_s < 0.6")["drive"] == STEADY
+        lift(visit)
+        choose(visit, device="small.toml", source="click")
 
 
 def test_it_is_drawn_at_once_and_sixty_times_a_second_with_ten_fingers(

@@ -125,9 +125,9 @@ def test_garbage_closes_its_own_connection_alone(demo: Demo, browser: Browser) -
         choose(visit, source="click", quiet_zones=[])
         codes = visit.ask(
             """(async () => { const codes = [], address = location.href.split("#")[0].replace("http", "ws") + "socket";
-            const sent = ["text", new Uint8Array([]), new Uint8Array([4]), new Uint8Array([99, 0x81]),
-                new Uint8Array([4, 0x82, 123]), new Uint8Array([4, 0x81, 1, 2, 3]), new Uint8Array(5000),
-                new Uint8Array([4, 0x82, ...new Array(1500).fill(91)])];
+            const sent = ["text", new Uint8Array([]), new Uint8Array([5]), new Uint8Array([99, 0x81]),
+                new Uint8Array([5, 0x82, 123]), new Uint8Array([5, 0x81, 1, 2, 3]), new Uint8Array(70000),
+                new Uint8Array([5, 0x82, ...new Array(1500).fill(91)])];
             for (const each of sent) codes.push(await new Promise((done) => {
                 const socket = new WebSocket(address);
                 socket.onopen = () => socket.send(each);

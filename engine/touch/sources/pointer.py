@@ -37,7 +37,7 @@ class PointerEvent:
 
 
 class PointerFeed:
-    """The page's end of the pipe; it may live in another process than the source.
+    """The page's end of the pipe; it may live in another process than the source, which has at most ten pointers.
 
     The page sends a `MOVE` of each pressed pointer at least every 50 ms, moved or not: browsers lose releases, and a
     pointer that is silent for 120 ms is taken for one.
@@ -46,15 +46,21 @@ class PointerFeed:
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
 
-    def send(self, event: PointerEvent) -> None:
-        """Hand over one event. Raises `DigitizerError` for a place that is no number, or when the engine is gone."""
-        if not (math.isfinite(event.x) and math.isfinite(event.y)):
-            raise DigitizerError(f"pointer {event.pointer_id} is at ({event.x}, {event.y}); expected two fractions")
-        x, y = (round(RESOLUTION * min(max(place, 0.0), 1.0)) for place in (event.x, event.y))
-        tip = event.phase in (Phase.DOWN, Phase.MOVE)
+    def send(self, *events: PointerEvent) -> None:
+        """Hand over events of different pointers that happened at once: they are one frame of the touch screen.
+
+        Raises `DigitizerError` for a place that is no number, or when the engine is gone.
+        """
+        reports = b""
+        for event in events:
+            if not (math.isfinite(event.x) and math.isfinite(event.y)):
+                raise DigitizerError(f"pointer {event.pointer_id} is at ({event.x}, {event.y}); expected two fractions")
+            x, y = (round(RESOLUTION * min(max(place, 0.0), 1.0)) for place in (event.x, event.y))
+            report = _REPORTS.encode([Contact(event.pointer_id, x, y, event.phase in (Phase.DOWN, Phase.MOVE))])
+            # The first report of a frame has the number of its contacts, the others 0.
+            reports += report[:-1] + bytes([0 if reports else len(events)])
         try:
-            # Shorter than PIPE_BUF: the whole report goes in, or nothing.
-            os.write(self._descriptor, _REPORTS.encode([Contact(event.pointer_id, x, y, tip)]))
+            os.write(self._descriptor, reports)  # shorter than PIPE_BUF: the whole frame goes in, or nothing
         except OSError as error:
             raise DigitizerError(f"the engine takes no touches ({error}): start it again") from error
 
@@ -137,5 +143,5 @@ class PointerSource:
             if self._is_open and now_ns - last_ns < RELEASE_AFTER_NS:
                 break
             self.silent_pointers += self._is_open
-            return report[:1] + b"\0" + report[2:]
+            return report[:1] + b"\0" + report[2:-1] + b"\1"
         return None

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,9 @@ def build(order: BuildOrder, parent: Parent) -> None:
     Says {"step", "fraction"} as it goes on, {"compiled": true} once, and {"usable": path} for each usable table.
     """
     device, early = find_device(order.device), early_path(order.path)
-    _compile(device, parent)
+    _compile(device, parent)  # SIGTERM ends it at once: there is nothing to keep yet
+    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))  # the build remembers that one
+    sys.unraisablehook = _tell_all_but_interrupts
     parent.say({"compiled": True})
     from precompute.builder.build import COARSE_IN_PLACE, Coarse, build_table
     from precompute.parallel.pool import available_cores
@@ -46,9 +49,6 @@ def build(order: BuildOrder, parent: Parent) -> None:
     if found is not None and found.path == order.path:
         parent.say({"usable": str(order.path)})
         return
-    if found is None:  # a shipped table has clicks, and an early one what this would make
-        build_table(device, early, clicks_up_to=0, coarse=Coarse.ONLY, workers=available_cores(), progress=progress)
-        parent.say({"usable": str(early)})
     build_table(device, early, coarse=Coarse.FIRST, workers=available_cores(), progress=progress)
     rename_durably(early, order.path)
     parent.say({"usable": str(order.path)})
@@ -63,9 +63,14 @@ def _compile(device: Device, parent: Parent) -> None:
     compile_kernels(on_module, device)
 
 
+def _tell_all_but_interrupts(ignored: Any) -> None:
+    """An interrupt that comes up within a finalizer is remembered, and nothing to tell."""
+    if ignored.exc_type is not KeyboardInterrupt:
+        sys.__unraisablehook__(ignored)
+
+
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
     """Build the order; SIGTERM keeps the finished clicks for the next build."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     parent.end_with_it()
     os.nice(10)  # the page comes first
     try:

@@ -24,6 +24,9 @@ from tactable.rig.rig import PTY_BIT_RATE_HZ
 from tactable.run.click_process import ClickProcess
 from tactable.run.live import Live, LiveOptions
 
+WITHOUT_CLICKS_NS = 800_000_000
+"""So long a steady drive takes the place of a click that a first table has not: long enough to become steady."""
+
 
 @dataclass(frozen=True)
 class Order:
@@ -34,7 +37,7 @@ class Order:
     choice: Choice
     rule_file: Path | None
     has_kernels: bool
-    """Whether the kernels are compiled: without them clicks of the table and drives of zones are played."""
+    """Whether the kernels are compiled: without them no click is solved beside the run, and drives are in NumPy."""
 
     def as_json(self) -> dict[str, Any]:
         """A line to the process."""
@@ -78,7 +81,8 @@ def _run(order: Order, pipe: int, ring: RingWriter, parent: Parent) -> dict[str,
             WhenNotAchieved.GO_ON,
             reconnect=True,
             bit_rate_hz=PTY_BIT_RATE_HZ,
-            solves=order.has_kernels and not table.is_shipped,
+            has_kernels=order.has_kernels,
+            without_clicks_ns=WITHOUT_CLICKS_NS,
         )
         port = SerialPort(order.port)
         reopening = ReopeningPort(lambda: SerialPort(order.port), port)

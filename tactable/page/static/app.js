@@ -1,6 +1,7 @@
 // Connects the parts of the page: the wire, the bar, the panel, fingers and sound.
 
 import { Bar } from "./bar.js";
+import { DeviceHand } from "./device.js";
 import { Fingers } from "./fingers.js";
 import { Hand } from "./hand.js";
 import { Courses, outcomeOf } from "./outcome.js";
@@ -19,7 +20,8 @@ const wire = new Wire({
     scene = found;
     panel.scene = found;
     hand.scene = found;
-    bar.device = second.device = found.device;
+    if (JSON.stringify(bar.shownDevice) !== JSON.stringify(found.device)) bar.device = second.device = found.device;
+    deviceHand.update(found);
     fingers.zones = found.device.zones.map((zone) => (zone.start_m + zone.stop_m) / 2 / found.device.length_m);
   },
   picture() {
@@ -39,7 +41,9 @@ const hand = new Hand(byId("hand"), (channels) => wire.choose({ hand: channels }
 byId("hand").addEventListener("submit", (event) => event.preventDefault());
 const courses = new Courses(byId("course"), wire.picture);
 const bar = new Bar(byId("bar"), wire.picture), second = new Bar(byId("paper-bar"), wire.paper, true);
-const fingers = new Fingers(byId("bar"), wire, () => bar.place());
+const deviceHand = new DeviceHand(wire, [bar, second]);
+deviceHand.onTrouble = (text) => panel.trouble(text);
+const fingers = new Fingers(byId("bar"), wire, () => bar.place(), deviceHand);
 
 const ear = byId("ear");
 for (let number = 1; number <= 10; number++) ear.add(new Option(`${number}`, `${number - 1}`));
@@ -128,6 +132,6 @@ function frame(now_ms) {
 }
 
 // For tests, and for the console of the browser.
-window.tactable = { wire, bar, second, courses, fingers, panel, sound, get scene() { return scene; } };
+window.tactable = { wire, bar, second, courses, fingers, hand, deviceHand, panel, sound, get scene() { return scene; } };
 wire.connect();
 requestAnimationFrame(frame);

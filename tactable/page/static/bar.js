@@ -28,11 +28,29 @@ export class Bar extends LevelPlot {
     this._slots = Array.from({ length: SLOTS }, () =>
       ({ number: -1, position_m: 0, level_db: 0, role: 0, seen_ms: -1e9 }));
     this._labels = new Float32Array(3 * SLOTS);
+    this._places = null;
     this._last_ms = 0;
     this._still = matchMedia("(prefers-reduced-motion: reduce)").matches;
   }
 
   set device(device) { this._device = device; this._motion = null; this.dirty = true; }
+
+  get shownDevice() { return this._device; }
+
+  // Where the actuators are drawn while one is dragged; null: where the device has them.
+  set places(places) { this._places = places; this.dirty = true; }
+
+  _placeOf(index) { return this._places?.[index] ?? this._device.actuators[index].position_m; }
+
+  _footOf(index) { return { x: this._x(this._placeOf(index)), y: this._middle + this._reach() + (this._isSecond ? 4 : 12) }; }
+
+  // The actuator whose foot is within `reach` of a place of the canvas; -1 for none.
+  actuatorAt(x, y, reach) {
+    if (!this._device || y < this._middle + this._thick) return -1;
+    const distances = this._device.actuators.map((_, index) => Math.abs(this._footOf(index).x - x));
+    const nearest = distances.indexOf(Math.min(...distances));
+    return distances[nearest] < reach && Math.abs(this._footOf(nearest).y + 4 - y) < reach ? nearest : -1;
+  }
 
   // Position of the bar in the canvas, for pointers.
   place() { return { left: this._left, width: this._right - this._left, height: this._height }; }
@@ -163,8 +181,8 @@ export class Bar extends LevelPlot {
 
   _drawBar(c) {
     const colour = this._colour, width = this._right - this._left, steps = 120, half = this._thick / 2;
-    for (const actuator of this._device.actuators) {
-      const x = this._x(actuator.position_m), y = this._middle + this._reach() + (this._isSecond ? 4 : 12);
+    for (let index = 0; index < this._device.actuators.length; index++) {
+      const { x, y } = this._footOf(index);
       c.strokeStyle = colour.muted;
       c.lineWidth = 1.5;
       line(c, x, this._middle + this._bendAt((x - this._left) / width), x, y);

@@ -8,8 +8,10 @@ const STILL_PX = 4;
 const MIDDLE = 0.5;
 
 export class Fingers {
-  // `place` gives {left, width, height} of the bar in the canvas, in CSS pixels.
-  constructor(canvas, wire, place) {
+  // `place` gives {left, width, height} of the bar in the canvas, in CSS pixels; `hand` takes actuators.
+  constructor(canvas, wire, place, hand) {
+    this._hand = hand;
+    this._handPointer = null;
     this.down = new Map(); // by our number: {x, y, kept, moved}
     this.keeps = false;
     this.onUse = () => {};
@@ -19,6 +21,9 @@ export class Fingers {
     this._pointers = new Map(); // browser's pointer to our number
     this._keys = new Map();
     this._next = 1;
+    // Fingers that come down together are told one by one, in one task: they are sent after it, as one frame.
+    this._soon = new MessageChannel();
+    this._soon.port1.onmessage = () => this._sent();
     this._tour = [];
     this.says = null; // What the tour says in place of the outcome.
     for (const name of ["pointerdown", "pointermove", "pointerup", "pointercancel"])
@@ -43,10 +48,16 @@ export class Fingers {
     event.preventDefault();
     this._canvas.setPointerCapture(event.pointerId);
     this.stopTour();
+    const box = this._canvas.getBoundingClientRect(), actuator = this._hand.at(event.clientX - box.left, event.clientY - box.top);
+    if (actuator >= 0 && this._handPointer === null) {
+      this._handPointer = event.pointerId;
+      this._hand.grab(actuator);
+      return;
+    }
     const [x, y] = this._at(event);
     const near = this._keptNear(x);
     this._pointers.set(event.pointerId, near ?? this._press(x, y, this.keeps || event.shiftKey));
-    this._sent();
+    this._soon.port2.postMessage(null);
   }
 
   _sent() {
@@ -67,6 +78,11 @@ export class Fingers {
   }
 
   _pointermove(event) {
+    if (event.pointerId === this._handPointer) {
+      this._hand.move(this._at(event)[0]);
+      return;
+    }
+    if (!this._pointers.size && event.pointerType === "mouse") this._pointAt(event);
     const number = this._pointers.get(event.pointerId);
     if (number === undefined) return;
     const events = event.getCoalescedEvents ? event.getCoalescedEvents() : [];
@@ -74,7 +90,21 @@ export class Fingers {
     this._wire.flush();
   }
 
+  // An actuator under the mouse says that it can be taken.
+  _pointAt(event) {
+    const box = this._canvas.getBoundingClientRect();
+    this._canvas.style.cursor = this._hand.at(event.clientX - box.left, event.clientY - box.top) >= 0 ? "ew-resize" : "";
+  }
+
+  _letGo(event) {
+    if (event.pointerId !== this._handPointer) return false;
+    this._handPointer = null;
+    this._hand.release();
+    return true;
+  }
+
   _pointerup(event) {
+    if (this._letGo(event)) return;
     const number = this._takeOut(this._pointers, event.pointerId), finger = this.down.get(number);
     if (!finger) return;
     // A kept finger is lifted by a tap on it.
@@ -85,6 +115,7 @@ export class Fingers {
   }
 
   _pointercancel(event) {
+    if (this._letGo(event)) return;
     this._release(this._takeOut(this._pointers, event.pointerId), Phase.CANCEL);
     this._wire.flush();
   }

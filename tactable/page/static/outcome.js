@@ -39,6 +39,7 @@ function besides(paper) {
 export function outcomeOf(picture, paper) {
   if (!picture.command || picture.age_s < SETTLED_S[picture.drive]) return null;
   if (picture.isLate) return "The machine was late: not judged.";
+  if (picture.isMixed) return "Two clicks overlapped: touch one finger after the other to compare them.";
   const levels = levelsOf(picture);
   if (!levels) return null;
   const { felt, quiet, weakest, strongest } = levels;

@@ -54,7 +54,7 @@ function choices(fieldset, name, options, kind, onChoose) {
 }
 
 function check(fieldset, is) {
-  for (const input of fieldset.querySelectorAll("input")) input.checked = is(JSON.parse(input.value));
+  for (const input of fieldset.querySelectorAll(".choices input")) input.checked = is(JSON.parse(input.value));
 }
 
 export class Panel {
@@ -142,6 +142,12 @@ export class Panel {
     status.dataset.kind = kind;
   }
 
+  // Say what is wrong here, in this browser, until the server says something else.
+  trouble(text) {
+    this._scene = { ...this._scene, trouble: text };
+    this._sayNotice();
+  }
+
   _sayNotice() {
     const scene = this._scene, notice = byId("notice"), parts = [];
     say(byId("command-note"), scene.clicks
@@ -156,9 +162,10 @@ export class Panel {
       if (scene.is_shipped) {
         const older = scene.is_outdated ? ", which older code made" : "";
         parts.push(`The shipped table plays${older}; this machine builds the same one now: ${what}`);
-      } else if (building.step === "clicks") parts.push(`Building finer clicks: ${what}; until they are there, coarse ones play`);
+      } else if (!scene.clicks) parts.push(`Steady drives play, solved from the bar's modes; clicks come with the table of ${building.device.split("/").at(-1).replace(/\.toml$/, "")}: ${what}`);
+      else if (building.step === "clicks") parts.push(`Building finer clicks: ${what}; until they are there, coarse ones play`);
       else parts.push(`Building the table of ${building.device}, once: ${what}`);
-    }
+    } else if (scene.status === "running" && !scene.clicks && scene.mode === "demo") parts.push("Steady drives play; this bar has no table of clicks");
     if (scene.compared?.device === scene.device.name) parts.push(`The table built here plays: ${scene.compared.text}`);
     notice.hidden = !parts.length;
     say(notice, parts.join(" · "));

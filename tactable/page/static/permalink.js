@@ -7,6 +7,7 @@ export function readLink(hash, scene) {
   const asked = new URLSearchParams(hash.slice(1)), switches = {};
   for (const name of Object.keys(NAMES)) if (asked.has(name)) switches[name] = asked.get(name);
   if (asked.has("level")) switches.level_db = asked.get("level") === "full" ? null : Number(asked.get("level"));
+  if (asked.has("actuators")) switches.actuators_m = asked.get("actuators").split(",").map((mm) => Number(mm) / 1000);
   if (asked.has("loaded")) switches.is_loaded = asked.get("loaded") !== "0";
   const zones = scene.device.zones.map(({ name }) => name);
   const isOther = switches.device !== undefined && switches.device !== scene.choice.device;
@@ -16,6 +17,7 @@ export function readLink(hash, scene) {
   if (switches.rules !== undefined && !scene.rules.includes(switches.rules)) delete switches.rules;
   if (switches.level_db !== undefined && !scene.levels_db.includes(switches.level_db)) delete switches.level_db;
   if (!["click", "steady", undefined].includes(switches.source)) delete switches.source;
+  if (switches.actuators_m?.some((at_m) => !Number.isFinite(at_m))) delete switches.actuators_m;
   const fingers = (asked.get("fingers") ?? "").split(",").filter(Boolean).map((mm) => Number(mm) / 1000);
   return { switches, fingers: fingers.filter((at_m) => Number.isFinite(at_m) && at_m >= 0).slice(0, 10) };
 }
@@ -26,6 +28,7 @@ export function linkOf(choice, fingers) {
     ...Object.keys(NAMES).map((name) => [name, choice[name]]),
     ["level", choice.level_db === null ? "full" : `${choice.level_db}`],
     ...(choice.quiet_zones.length ? [["quiet", choice.quiet_zones.join(",")]] : []),
+    ...(choice.actuators_m.length ? [["actuators", choice.actuators_m.map((at_m) => (1000 * at_m).toFixed(1)).join(",")]] : []),
     ...(choice.is_loaded ? [] : [["loaded", "0"]]),
     ...(fingers.length ? [["fingers", fingers.map((at_m) => (1000 * at_m).toFixed(1)).join(",")]] : []),
   ];

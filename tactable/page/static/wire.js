@@ -1,12 +1,13 @@
 // The browser's side of tactable/page/messages.py: decodes pictures, encodes touches and switches, and reconnects.
 
-export const VERSION = 4;
-export const Kind = { SCENE: 1, PICTURE: 2, MOTION: 3, SOUND: 4, TOUCHES: 0x81, CHOICE: 0x82, LISTEN: 0x83 };
+export const VERSION = 5;
+export const Kind = { SCENE: 1, PICTURE: 2, MOTION: 3, SOUND: 4, TOUCHES: 0x81, CHOICE: 0x82, LISTEN: 0x83, DEVICE: 0x84 };
 export const Phase = { DOWN: 0, MOVE: 1, UP: 2, CANCEL: 3 };
 export const NOTHING = -32768;
 export const NO_ZONE = 255;
 export const NO_NUMBER = 0xffffffff;
 const MOST_TOUCHES = 64;
+const MOST_BYTES = 65536;
 const MOST_FINGERS = 16;
 const STAGES = 5;
 const FIRST_BACK_OFF_MS = 250;
@@ -18,7 +19,7 @@ export function makePicture() {
   return {
     time_s: 0, counters: new Uint32Array(6), command: 0, age_s: 0, wanted_db: 0,
     last_ns: new Uint32Array(STAGES), median_ns: new Uint32Array(STAGES), latencies: 0, drive: 0,
-    isLoaded: true, isPlaying: false, isProvisional: false, isLate: false, hasPaper: false, fingerCount: 0,
+    isLoaded: true, isPlaying: false, isProvisional: false, isLate: false, hasPaper: false, isMixed: false, fingerCount: 0,
     fingers: Array.from({ length: MOST_FINGERS }, () =>
       ({ number: 0, zone: NO_ZONE, role: 0, position_m: 0, level_db: -60, felt_db: -60 })),
     // The fingers that the last command was made for.
@@ -53,6 +54,7 @@ export function decodePicture(view, picture, paper) {
   picture.isProvisional = Boolean(flags & 4);
   picture.isLate = Boolean(flags & 8);
   picture.hasPaper = Boolean(flags & 16);
+  picture.isMixed = Boolean(flags & 32);
   picture.fingerCount = Math.min(view.getUint8(at++), MOST_FINGERS);
   picture.madeCount = Math.min(view.getUint8(at++), MOST_FINGERS);
   picture.channelCount = view.getUint8(at++);
@@ -201,13 +203,19 @@ export class Wire {
     this._count = 0;
   }
 
-  choose(switches) {
-    if (!this.isUp) return;
-    const text = new TextEncoder().encode(JSON.stringify(switches));
+  choose(switches) { this._sendObject(Kind.CHOICE, switches); }
+
+  // Hand over a device file, so that its bar plays; whether it is short enough to be one.
+  drop(name, text) { return this._sendObject(Kind.DEVICE, { name, text }); }
+
+  _sendObject(kind, object) {
+    const text = new TextEncoder().encode(JSON.stringify(object));
+    if (!this.isUp || text.length > MOST_BYTES) return false;
     const message = new Uint8Array(2 + text.length);
-    message.set([VERSION, Kind.CHOICE]);
+    message.set([VERSION, kind]);
     message.set(text, 2);
     this._socket.send(message);
+    return true;
   }
 
   listen(finger) {

@@ -40,6 +40,7 @@ records = st.builds(
     touches=st.lists(touches, max_size=MOST_TOUCHES).map(tuple),
     drive=st.binary(max_size=96),
     report=st.binary(max_size=256),
+    play=st.binary(max_size=200),
 )
 PLAIN = Record((1, 2, 3, 4, 5, 6), 0, None, None, False, False, None, RingCounters(0, 0, 0, 0, 0, 0), (), b"", b"")
 

@@ -21,7 +21,7 @@ from tactable.measure.bar_levels import simulate_levels
 from tactable.page import demo_backend
 from tactable.page.choices import Choice, offered
 from tactable.page.demo_backend import DemoBackend
-from tactable.page.messages import Drive, Kind, Picture, Role
+from tactable.page.messages import Drive, DroppedFile, Kind, Picture, Role
 from tactable.page.view import View
 from tactable.rig.ready import cached_table, early_path
 from tactable.shipped import find_device
@@ -109,7 +109,7 @@ def shared(folder: Path) -> Iterator[Rig]:
 @pytest.fixture
 def rig(shared: Rig) -> Iterator[Rig]:
     """The rig as it plays at first, with no finger on it."""
-    shared.choose(source="click", quiet_zones=[], level_db=20, is_loaded=True)
+    shared.choose(source="click", quiet_zones=[], level_db=20, is_loaded=True, actuators_m=[])
     yield shared
     shared.lift()
     shared.until(lambda picture: not picture.fingers)
@@ -209,6 +209,50 @@ def test_a_drive_by_hand_moves_the_bar_by_its_sliders_and_fingers_play_again_aft
     assert picture.paper is not None
 
 
+def test_actuators_that_are_moved_drive_both_bars_from_there_until_they_are_reset(rig: Rig) -> None:
+    file = rig.backend.scene()["device"]["actuators"]
+    processes, at_m = rig.backend.process_ids, [0.075, file[1]["position_m"]]
+    rig.press(LAST)
+    rig.until(lambda picture: bool(picture.fingers))
+    rig.press(FIRST)
+    rig.until(lambda picture: len(picture.fingers) == 2)
+    rig.choose(actuators_m=at_m)
+    scene = rig.backend.scene()
+    assert scene["what_if"]["moved"] == [{"name": "left", "position_m": 0.075, "file_m": file[0]["position_m"]}]
+    assert scene["device"]["actuators"][0]["position_m"] == pytest.approx(at_m[0], abs=1e-9)
+    assert Device.parse(scene["what_if"]["text"], "saved").actuators[0].position_m == pytest.approx(at_m[0], abs=1e-9)
+    # Fingers that rest come down again one after another: the last one feels, of both bars. Where the machine stalls,
+    # a finger is lifted and comes down once more.
+    picture = rig.until(
+        lambda picture: {made.role for made in picture.made} == {Role.FELT, Role.QUIET} and picture.age_s > 0.5
+    )
+    assert (picture.drive, picture.paper is not None) == (Drive.STEADY, True)
+    assert rig.backend.process_ids == processes
+    rig.choose(actuators_m=[])
+    assert rig.backend.scene()["what_if"] is None and rig.backend.scene()["clicks"] > 0
+    rig.backend.choose({"actuators_m": [0.0, 17.0]})
+    assert "actuator[2].position: '17000.00 mm': is off the bar" in rig.backend.scene()["trouble"]
+    assert rig.backend.scene()["choice"]["actuators_m"] == []
+
+
+def test_a_device_file_that_is_dropped_plays_and_a_wrong_one_is_told_by_name_place_and_remedy(rig: Rig) -> None:
+    before = rig.backend.scene()["choice"]["device"]
+    rig.backend.drop(DroppedFile("../my bar.toml", SMALL.replace("279.4 mm", "279.4 kg")))
+    trouble = rig.backend.scene()["trouble"]
+    assert trouble.startswith("my-bar.toml: bar.length: '279.4 kg'") and "expected a length" in trouble
+    assert rig.backend.scene()["choice"]["device"] == before
+    rig.backend.drop(DroppedFile("../my bar.toml", SMALL.replace('name = "reference-a"', 'name = "dropped"')))
+    dropped = rig.backend.scene()["choice"]["device"]
+    rig.wait(lambda: (rig.backend.scene()["plays"] or {}).get("device") == dropped)
+    scene = rig.backend.scene()
+    assert (Path(dropped).name, scene["device"]["name"], scene["trouble"]) == ("my-bar.toml", "dropped", "")
+    assert dropped in scene["devices"]
+    rig.press(FIRST)
+    assert rig.until(lambda picture: picture.command > 0).drive is Drive.STEADY
+    rig.lift()
+    rig.choose(device=before)
+
+
 def test_a_switch_that_there_is_not_is_told_and_changes_nothing(rig: Rig) -> None:
     before = rig.backend.scene()["choice"]
     rig.backend.choose({"level_db": 17})
@@ -230,23 +274,27 @@ def test_a_process_that_dies_is_started_again_and_the_show_goes_on(rig: Rig, whi
     rig.until(lambda picture: picture.command > 0 and picture.age_s > 0.1)
 
 
-def test_a_missing_table_is_built_and_plays_steady_drives_before_it_has_clicks(tmp_path: Path) -> None:
+def test_a_device_without_a_table_plays_steady_drives_at_once_and_clicks_once_they_are_built(tmp_path: Path) -> None:
     """Until its coarse clicks are in place: the fine ones take minutes. Nothing of the rig is left behind."""
     (tmp_path / "small.toml").write_text(SMALL, encoding="utf-8")
-    seen, clicks = set[str | None](), set[int]()
+    seen = set[str | None]()
 
     def has_clicks(backend: DemoBackend) -> bool:
-        scene = backend.scene()
-        seen.update({scene["status"], (scene["building"] or {}).get("step")})
-        if scene["status"] == "running":
-            clicks.add(scene["clicks"])
-        return any(clicks)
+        seen.add((backend.scene()["building"] or {}).get("step"))
+        return bool(backend.scene()["clicks"])
 
     with running(tmp_path) as own:
+        own.wait(lambda: own.backend.scene()["status"] == "running")
+        first = own.backend.scene()
+        own.press(FIRST)
+        steady = own.until(lambda picture: picture.command > 0)
+        own.lift()
         own.wait(lambda: has_clicks(own.backend))
         processes = own.backend.process_ids
-    assert min(clicks) == 0 and len(clicks) == 2
-    assert {"building", "running", "coarse clicks"} <= seen
+    assert (first["has_kernels"], first["clicks"], first["choice"]["source"]) == (False, 0, "click")
+    assert (steady.drive, steady.is_playing) == (Drive.STEADY, True)
+    assert "coarse clicks" in seen
+    assert not list(tmp_path.glob("first-*"))
     path = cached_table(find_device(str(tmp_path / "small.toml")), tmp_path / "cache")
     assert early_path(path).exists() and not path.exists()
     assert len(processes) == 2

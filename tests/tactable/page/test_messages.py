@@ -13,11 +13,13 @@ from hypothesis import strategies as st
 from engine.touch.sources.pointer import Phase, PointerEvent
 from tactable.page.messages import (
     MOST_BYTES,
+    MOST_CHOICE_BYTES,
     MOST_TOUCHES,
     VERSION,
     ChannelPicture,
     CloseCode,
     Drive,
+    DroppedFile,
     FingerPicture,
     Kind,
     MadePicture,
@@ -27,6 +29,7 @@ from tactable.page.messages import (
     Role,
     decode_message,
     encode_choice,
+    encode_device,
     encode_listen,
     encode_motion,
     encode_picture,
@@ -117,7 +120,10 @@ def test_any_body_of_a_kind_is_a_message_or_refused(body: bytes, kind: Kind) -> 
         (bytes([VERSION, Kind.CHOICE]) + b"{", CloseCode.MALFORMED),
         (bytes([VERSION, Kind.CHOICE]) + b"\xff", CloseCode.MALFORMED),
         (bytes([VERSION, Kind.CHOICE]) + b"[" * 2000, CloseCode.MALFORMED),
-        (bytes([VERSION, Kind.CHOICE]) + b" " * MOST_BYTES, CloseCode.TOO_BIG),
+        (bytes([VERSION, Kind.CHOICE]) + b" " * (MOST_CHOICE_BYTES + 1), CloseCode.TOO_BIG),
+        (bytes([VERSION, Kind.DEVICE]) + b" " * MOST_BYTES, CloseCode.TOO_BIG),
+        (bytes([VERSION, Kind.DEVICE]) + b'{"name": "x.toml"}', CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.DEVICE]) + b'{"name": "x.toml", "text": 1}', CloseCode.MALFORMED),
     ],
 )
 def test_what_is_no_message_is_refused_by_a_code(data: bytes, code: CloseCode) -> None:
@@ -177,6 +183,11 @@ def test_a_sound_has_its_finger_its_rate_and_its_samples() -> None:
     data = encode_sound(3, 12_000, samples)
     assert struct.unpack_from("<II", data, 2) == (3, 12_000)
     assert np.frombuffer(data[10:], "<i2").tolist() == samples.tolist()
+
+
+@given(st.text(max_size=99), st.text(max_size=999))
+def test_a_device_file_comes_as_it_was_dropped(name: str, text: str) -> None:
+    assert decode_message(encode_device(name, text)) == DroppedFile(name, text)
 
 
 def test_a_scene_is_json_that_browsers_read() -> None:

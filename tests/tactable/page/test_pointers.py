@@ -2,12 +2,13 @@
 
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
 from engine.touch import open_digitizer
 from engine.touch.sources.pointer import Phase, PointerEvent, PointerFeed, PointerSource
-from tactable.page.pointers import MOST_FINGERS, REPEAT_NS, SILENT_NS, Pointers
+from tactable.page.pointers import APART_NS, MOST_FINGERS, REPEAT_NS, SILENT_NS, Pointers
 from tests.engine.touch.sources.pointer_pipe import open_pointer_pipe
 
 
@@ -40,6 +41,34 @@ def rig() -> Iterator[Rig]:
     yield rig
     rig.feed.close()
     rig.source.close()
+
+
+def frames_of(rig: Rig) -> list[set[int]]:
+    found = list[set[int]]()
+    while report := rig.source.read(0):
+        frame = rig._digitizer.decode_report(report, 0)
+        found += [] if frame is None else [{contact.contact_id for contact in frame.contacts}]
+    return found
+
+
+def test_fingers_of_one_message_come_down_in_one_frame_and_a_tap_within_one_is_not_lost(rig: Rig) -> None:
+    down = [PointerEvent(number, 0.1 * number, 0.5, Phase.DOWN) for number in (7, 8)]
+    rig.pointers.take(1, [*down, replace(down[0], phase=Phase.UP)], 0)
+    assert frames_of(rig) == [{0, 1}, {1}]
+
+
+def test_fingers_that_rest_come_down_one_after_another_in_the_next_run(rig: Rig) -> None:
+    rest = [PointerEvent(number, 0.1 * number, 0.5, Phase.MOVE) for number in (7, 8)]
+    rig.pointers.take(1, rest, 0)
+    assert frames_of(rig) == [{0}, {0, 1}]
+    rig._digitizer = open_digitizer(rig.source.descriptor, 0, 0)
+    rig.pointers.feed(rig.feed)
+    rig.pointers.take(1, rest, 1)  # what a browser says meanwhile makes no second finger come down
+    found = list[list[set[int]]]()
+    for now_ns in (2, 3, APART_NS + 2):
+        rig.pointers.repeat(now_ns)
+        found.append(frames_of(rig))
+    assert found == [[{0}], [], [{0}, {0, 1}]]
 
 
 def test_pointers_of_several_browsers_are_fingers_of_their_own(rig: Rig) -> None:
@@ -103,6 +132,7 @@ def test_an_engine_that_takes_nothing_breaks_nothing() -> None:
     pointers = Pointers()
     pointers.take(1, [PointerEvent(1, 0.5, 0.5, Phase.DOWN)], 0)
     pointers.feed(PointerFeed(writing))
+    pointers.repeat(0)
     source = PointerSource(reading)
     for _ in range(10_000):
         pointers.take(1, [PointerEvent(1, 0.5, 0.5, Phase.MOVE)], 0)

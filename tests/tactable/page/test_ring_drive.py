@@ -9,6 +9,7 @@ import pytest
 from engine.table import Table
 from engine.touch import Placement
 from firmware_link.emulator import Cause
+from firmware_link.protocol.basis import encode_click
 from tactable.page.ring_drive import RingDrive
 from tests.tactable.page.played import RESOLUTION_HZ, record_of
 
@@ -57,11 +58,19 @@ def test_a_click_is_the_waveform_of_the_nearest_places(table: Table, drive: Ring
     assert np.array_equal(event.waveform.samples, click.samples)
 
 
-def test_a_click_that_the_table_does_not_hold_leaves_the_bar_at_rest(table: Table, drive: RingDrive) -> None:
+def test_a_click_that_was_solved_beside_the_run_is_the_waveform_of_its_weights(table: Table, drive: RingDrive) -> None:
     three = Placement((0.03, 0.1, 0.2), (True, False, False))
-    (event,) = drive.events([record_of(table, three, 1_000_000, is_click=True)])
-    assert event.waveform is None
-    assert not any(channel.amplitude for channel in event.channels)
+    click, basis = table.click_at(FINGERS, 20.0), table.clicks.basis
+    assert click is not None and basis is not None
+    play = encode_click(basis, click.basis_set, click.weights.tolist(), click.fraction_bits, click.amplitude).play
+    asked = record_of(table, three, 1_000_000, is_click=True)
+    (event,) = drive.events([asked._replace(play=play)])
+    assert event.waveform is not None
+    assert np.array_equal(event.waveform.samples, click.samples)
+    assert event.waveform.amplitude == pytest.approx(click.amplitude, abs=1e-4)
+    (other,) = drive.events([asked])
+    assert other.waveform is None
+    assert not any(channel.amplitude for channel in other.channels)
 
 
 def test_what_was_not_sent_drives_nothing(table: Table, drive: RingDrive) -> None:

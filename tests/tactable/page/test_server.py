@@ -18,8 +18,10 @@ from tactable.page.messages import (
     MOST_BYTES,
     VERSION,
     CloseCode,
+    DroppedFile,
     Kind,
     encode_choice,
+    encode_device,
     encode_listen,
     encode_sound,
     encode_touches,
@@ -43,6 +45,7 @@ class Notes:
         self.touched: list[tuple[int, tuple[PointerEvent, ...]]] = []
         self.left: list[int] = []
         self.chosen: list[dict[str, Any]] = []
+        self.dropped: list[DroppedFile] = []
 
     def scene(self) -> dict[str, Any]:
         return {"number": self.scene_number}
@@ -62,6 +65,9 @@ class Notes:
     def choose(self, switches: dict[str, Any]) -> None:
         self.chosen.append(switches)
         self.scene_number += 1
+
+    def drop(self, file: DroppedFile) -> None:
+        self.dropped.append(file)
 
     def sound(self, finger: int) -> bytes | None:
         return SOUND if finger == 3 else None
@@ -208,6 +214,7 @@ def test_what_browsers_ask_reaches_the_show_and_goes_with_them() -> None:
             await socket.send(encode_touches([DOWN]))
             await socket.send(encode_choice({"level_db": None}))
             assert json.loads((await next_of(socket, Kind.SCENE))[2:]) == {"number": 1}
+            await socket.send(encode_device("bar.toml", "x" * 9000))
             await socket.send(encode_listen(9))
             await socket.send(encode_listen(3))
             assert await next_of(socket, Kind.SOUND) == SOUND
@@ -216,6 +223,7 @@ def test_what_browsers_ask_reaches_the_show_and_goes_with_them() -> None:
     backend = visit(visitor)
     assert backend.touched == [(1, (DOWN,))]
     assert backend.chosen == [{"level_db": None}]
+    assert backend.dropped == [DroppedFile("bar.toml", "x" * 9000)]
     assert backend.left == [1]
 
 

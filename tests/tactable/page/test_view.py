@@ -206,6 +206,16 @@ def test_what_a_stall_cut_off_and_what_the_firmware_refused_is_not_judged(rig: R
     assert rig.view.picture().is_late
 
 
+def test_a_click_that_cuts_that_of_another_finger_is_no_comparison(rig: Rig) -> None:
+    rig.play(0.02, is_click=True)
+    rig.play(0.3, placement=TURNED, is_click=True)
+    assert rig.view.picture().is_mixed
+    rig.play(0.3, is_click=True)
+    assert not rig.view.picture().is_mixed
+    rig.play(0.02, is_click=True)  # the same finger again
+    assert not rig.view.picture().is_mixed
+
+
 def test_latencies_are_those_of_commands_that_a_report_caused(rig: Rig) -> None:
     for _ in range(LATENCIES + 3):
         rig.tell(PAIR, is_click=True)

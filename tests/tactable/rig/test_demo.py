@@ -102,7 +102,7 @@ def test_promises_are_for_where_the_fingers_are_and_not_for_their_places(table: 
 
 
 def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> None:
-    built = ["--device", str(table.path.with_name("bar.toml")), "--table", str(table.path)]
+    built = [str(table.path.with_name("bar.toml")), "--table", str(table.path)]
     words = ["demo", "--json", "--figure", "demo.png", "--recording", str(DEMO_RECORDING), *built]
     done = subprocess.run([TACTABLE, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr + done.stdout

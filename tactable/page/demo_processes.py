@@ -1,0 +1,82 @@
+"""The two processes behind the demo's page: the emulated firmware, asked once a tick, and the engine with its ring."""
+
+import asyncio
+import contextlib
+import os
+from pathlib import Path
+
+from engine.plain import to_plain
+from engine.touch.sources.pointer import PointerFeed
+from firmware_link.child import ChildError
+from firmware_link.emulator import DeviceConfiguration
+from tactable.page.processes.asynchronous import AsyncChild
+from tactable.page.processes.engine import Order
+from tactable.page.processes.firmware import Applied, decode_applied
+
+
+class FirmwareProcess:
+    """The process of the emulated firmware, asked once a tick."""
+
+    def __init__(self, child: AsyncChild, port: str, configuration: DeviceConfiguration) -> None:
+        self.child, self.port, self.configuration = child, port, configuration
+        self._answers: list[Applied] = []
+        self._is_asked = False
+        self._reader = asyncio.create_task(self._read())
+
+    @classmethod
+    async def start(cls, configuration: DeviceConfiguration) -> "FirmwareProcess":
+        """Raises ChildError when it does not start."""
+        module = "tactable.page.processes.firmware"
+        child = await AsyncChild.start(module, to_plain(configuration), name="the emulated firmware")
+        return cls(child, (await child.read())["port"], configuration)
+
+    async def _read(self) -> None:
+        with contextlib.suppress(ChildError):  # `_follow` sees that the child has ended
+            while True:
+                answer = await self.child.read()
+                self._is_asked = False
+                self._answers.append(decode_applied(answer))
+
+    def ask(self) -> list[Applied]:
+        """The answers since the last call; asks for the next one."""
+        answers, self._answers = self._answers, []
+        if not self._is_asked and self.child.is_running:
+            self._is_asked = True
+            self.child.write({})
+        return answers
+
+    async def end(self) -> None:
+        """End the process."""
+        self._reader.cancel()
+        await self.child.end()
+
+
+class EngineProcess:
+    """The process of the engine, its end of the pointers' pipe, and its ring."""
+
+    def __init__(self, child: AsyncChild, feed: PointerFeed, ring: Path) -> None:
+        self.child, self.feed, self.ring = child, feed, ring
+
+    @classmethod
+    async def start(cls, ring: Path) -> "EngineProcess":
+        """Start a process that waits for orders; its ring exists once the first order plays."""
+        reading, writing = os.pipe()
+        os.set_blocking(writing, False)
+        try:
+            arguments = {"pointer_pipe": reading, "ring": str(ring)}
+            module = "tactable.page.processes.engine"
+            child = await AsyncChild.start(module, arguments, name="the engine", descriptors=[reading])
+        finally:
+            os.close(reading)
+        return cls(child, PointerFeed(writing), ring)
+
+    async def play(self, order: Order) -> None:
+        """Play another order; returns once the run is ready. Raises ChildError."""
+        self.child.write(order.as_json())
+        await self.child.read()
+
+    async def end(self) -> None:
+        """End the process."""
+        self.feed.close()
+        await self.child.end()
+        self.ring.unlink(missing_ok=True)

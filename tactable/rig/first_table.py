@@ -1,0 +1,90 @@
+"""The first table of a device, made in a moment: receptances alone, of which steady drives are solved at once.
+
+A build needs compiled kernels, which take a minute of processor time on a machine that never ran one. The bar's modes
+need none. Their sums give the receptances between places, as many modes as the moving bar of the page has, so that the
+page plays one's own device while the kernels are compiled and the table is built. Such a table has no clicks, no
+entries and no sweeps, and goes with its run.
+"""
+
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from engine.device import Device
+from engine.steady.receptances import Receptances
+from engine.table import Table
+from engine.table.file import TableWriter
+from engine.table.receptance_columns import write_receptances
+from precompute.model.assembly import assemble
+from precompute.model.frequencies import add_resonances
+from precompute.model.modal import Basis, compute_basis, compute_modal_model
+from precompute.model.threshold import detection_threshold
+
+IS_FIRST = "is_first"
+"""Attribute of a table of receptances alone."""
+MODES = 24
+"""Those of the moving bar of the page: more change its levels by less than 0.05 dB."""
+_PITCH_M = 5e-3
+_FEWEST_PLACES = 5
+
+
+def open_first_table(device: Device, path: Path) -> Table:
+    """Make the first table of a device at `path`, and open it. Raises TableError where it cannot be written."""
+    write_first_table(device, path)
+    return Table.open(path, device=device, verify=False)
+
+
+def is_first(table: Table) -> bool:
+    """Whether a table has receptances alone, and goes with its run."""
+    return IS_FIRST in table.attributes
+
+
+def write_first_table(device: Device, path: Path) -> None:
+    """Write the first table of a device; what is at `path` is replaced. Raises TableError where it cannot be."""
+    basis = compute_basis(assemble(device), MODES)
+    receptances = modal_receptances(basis)
+    with TableWriter(path, completes=True) as writer:
+        writer.describe(
+            {
+                "title": f"first table of {device.name}",
+                "Conventions": "CF-1.10",
+                "device_name": device.name,
+                "device_description": device.text,
+                "device_fingerprint": device.fingerprint,
+                "code_fingerprint": "",  # it goes with the run
+                "code_version": metadata.version("tactable"),
+                "created": datetime.now(UTC).isoformat(timespec="seconds"),
+                "click_pitch_m": receptances.pitch_m,
+                "click_tolerance_m": receptances.pitch_m / 2,
+                "clicks_are_coarse": 1,  # it has no entries either
+                IS_FIRST: 1,
+            }
+        )
+        write_receptances(writer, receptances, device)
+
+
+def modal_receptances(basis: Basis) -> Receptances:
+    """Receptances of the untouched bar at even places, from sums of its modes."""
+    plant = basis.plant
+    device, count = plant.device, len(basis.square_omega)
+    middles_m = [(zone.start_m + zone.stop_m) / 2 for zone in device.zones]
+    loads = [[], [(at_m, device.finger) for at_m in middles_m], *([(at_m, device.finger)] for at_m in middles_m)]
+    models = [compute_modal_model(basis, load) for load in loads]
+    frequency_hz = add_resonances(device, device.sweep.frequency_hz, np.concatenate([each.pole for each in models]))
+    places = max(int(np.ceil(device.bar.length_m / _PITCH_M - 1e-9)) + 1, _FEWEST_PLACES)
+    place_m = np.linspace(0.0, device.bar.length_m, places)
+    shape = basis.at(place_m)
+    s = 2j * np.pi * frequency_hz[:, None, None]
+    inverse = np.linalg.inv(np.diag(basis.square_omega) + s**2 * np.eye(count) + s * basis.damping)
+    spread = shape @ inverse  # (frequency, place, mode)
+    push = models[0].push
+    row, column = np.triu_indices(places)
+    return Receptances(
+        frequency_hz=frequency_hz,
+        threshold_m_per_s2=detection_threshold(frequency_hz),
+        place_m=place_m,
+        drive=np.ascontiguousarray((spread @ (push[:, 0] + s * push[:, 1])).transpose(1, 2, 0), dtype=np.complex64),
+        point=np.ascontiguousarray((spread @ shape.T)[:, row, column].T, dtype=np.complex64),
+    )

@@ -1,0 +1,47 @@
+"""The first table of a device: made of modes, without a compiler."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from precompute.model.assembly import assemble
+from precompute.model.modal import compute_basis
+from precompute.sampling.places import solve_place_receptances
+from tactable.rig.first_table import MODES, is_first, modal_receptances, open_first_table
+from tactable.shipped import find_device
+
+WITHOUT_A_COMPILER = """
+import sys
+from pathlib import Path
+from engine.steady.plain import PlainSolver
+from tactable.rig.first_table import open_first_table
+from tactable.shipped import find_device
+device = find_device("reference-a")
+with open_first_table(device, Path("first.nc")) as table:
+    drive = PlainSolver(device, table.receptances).solve([0.03, 0.2], [True, False], 20.0)
+assert drive.achieved and "numba" not in sys.modules
+"""
+
+
+def test_its_receptances_are_those_of_the_finite_elements() -> None:
+    plant = assemble(find_device("reference-a"))
+    modal = modal_receptances(compute_basis(plant, MODES))
+    exact = solve_place_receptances(plant, modal.frequency_hz[::9])
+    assert np.allclose(modal.place_m, exact.place_m)
+    for ours, theirs in ((modal.drive[..., ::9], exact.drive), (modal.point[:, ::9], exact.point)):
+        assert abs(ours - theirs).max() < 2e-3 * abs(theirs).max()
+
+
+def test_it_is_a_table_without_clicks_and_entries(tmp_path: Path) -> None:
+    device = find_device("reference-d")
+    with open_first_table(device, tmp_path / "first.nc") as table:
+        assert is_first(table) and table.is_coarse and not table.is_shipped
+        assert (len(table.clicks), table.entries) == (0, ())
+        assert table.device.fingerprint == device.fingerprint
+        assert table.receptances.drive.shape[1] == len(device.actuators)
+
+
+def test_it_and_its_drives_need_no_compiler(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-c", WITHOUT_A_COMPILER], cwd=tmp_path, check=True)
