@@ -110,7 +110,8 @@ def outdated_parts(table: Table) -> tuple[Part, ...]:
 
 def is_current(table: Table, device: Device, options: BuildOptions) -> bool:
     """Whether a table is what a build would make now, its outdated parts left aside."""
-    left = set(Part) - set(outdated_parts(table))
+    left_out = set() if options.clicks_up_to else {Part.CLICKS}
+    left = set(Part) - set(outdated_parts(table)) - left_out
     return table.fingerprint == device.fingerprint and all(
         table.attributes.get(part.attribute) == input_fingerprint(part, device, options) for part in left
     )

@@ -1,6 +1,7 @@
 """What a change of the device cannot affect is taken over from the table that is there, and is the same."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -132,6 +133,13 @@ def test_clicks_may_be_left_for_later_and_are_marked_until_they_are_made(path: P
         assert not outdated_parts(table)
     assert clicks_of(path) != before
     assert previous_of(path).read_bytes() == kept
+
+
+def test_a_table_that_was_to_have_no_clicks_is_current_without_them(path: Path) -> None:
+    build(DEVICE, path, clicks_up_to=0)
+    with Table.open(path) as table:
+        options = BuildOptions.of(table)
+        assert is_current(table, DEVICE, options) and not is_current(table, DEVICE, replace(options, clicks_up_to=1))
 
 
 def test_clicks_of_other_zones_are_not_kept_for_now(path: Path) -> None:
