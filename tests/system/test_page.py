@@ -201,8 +201,7 @@ def test_an_actuator_that_is_dragged_moves_both_bars_and_is_reset(demo: Demo, br
         visit.wait("tactable.scene.plays?.actuators_m.length === 2 && tactable.scene.what_if?.moved.length === 1")
         # The last finger feels, which is the other one where the machine stalled.
         roles = f"{MADE}.map((f) => f.role).sort().join() === '{QUIET},{FELT}'"
-        shown = visit.until(f"p.fingerCount === 2 && p.age_s > 0.5 && {roles}")
-        assert shown["drive"] == STEADY
+        visit.until(f"p.drive === {STEADY} && p.fingerCount === 2 && p.age_s > 0.5 && {roles}")
         text = visit.page.inner_text("#what-if-text")
         assert text.startswith("What if: actuator left at") and text.endswith("(device file: 44.7 mm)")
         assert "feels the vibration" in visit.page.inner_text("#outcome")
