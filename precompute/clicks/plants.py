@@ -217,10 +217,10 @@ def _fill_transfer(
     """
     scenarios, fingers, actuators, count = out.shape
     places, modes = shape.shape[1:]
-    pairs = places * (places + 1) // 2
+    pairs = (places * (places + 1) // 2 + 1) // 2 * 2
     real, imag = s.real.copy(), s.imag.copy()
     factor_real, factor_imag = factor.real.copy(), factor.imag.copy()
-    weight, g = np.empty((pairs, modes), np.float32), np.empty((pairs, 2, count), np.float32)
+    weight, g = np.zeros((pairs, (modes + 3) // 4 * 4), np.float32), np.empty((pairs, 2, count), np.float32)
     column, space = np.empty((places, 2, count), np.float32), np.empty((4, count), np.float32)
     for i in range(scenarios):
         # Receptances of the bar with springs and masses: sums over modes, for all pairs of places as one product.
@@ -228,7 +228,7 @@ def _fill_transfer(
             for q in range(p, places):
                 for m in range(modes):
                     weight[_pair(p, q, places), m] = shape[i, p, m] * shape[i, q, m]
-        np.dot(weight, pole[i].reshape((modes, 2 * count)), g.reshape((pairs, 2 * count)))
+        _fill_sums(weight, pole[i].reshape((modes, 2 * count)), g.reshape((pairs, 2 * count)))
         for j in range(actuators):
             _attach(g, j, actuators, real, imag, np.float32(0.0), damper[i, j], np.float32(0.0), column, space)
         for f in range(fingers):
@@ -243,6 +243,24 @@ def _fill_transfer(
                     x, y = a * factor_real[k] - b * factor_imag[k], a * factor_imag[k] + b * factor_real[k]
                     real_part = x * own[0, k] - y * own[1, k]
                     out[i, f, n, k] = complex(real_part, x * own[1, k] + y * own[0, k])
+
+
+@njit(fastmath=True, error_model="numpy", inline="always")
+def _fill_sums(weight: Single, pole: Single, out: Single) -> None:
+    """Fill out (pair, line) with weight (pair, mode) @ pole (mode, line): two pairs and four modes at a time.
+
+    Pairs are even in number; weight has columns of 0 up to a multiple of four modes.
+    """
+    last = len(pole) - 1
+    out[:] = np.float32(0.0)
+    for p in range(0, len(out), 2):
+        sums, others = out[p], out[p + 1]
+        for m in range(0, len(pole), 4):
+            one, two, three, four = pole[m], pole[min(m + 1, last)], pole[min(m + 2, last)], pole[min(m + 3, last)]
+            v, w = weight[p, m : m + 4], weight[p + 1, m : m + 4]
+            for k in range(pole.shape[1]):
+                sums[k] += v[0] * one[k] + v[1] * two[k] + v[2] * three[k] + v[3] * four[k]
+                others[k] += w[0] * one[k] + w[1] * two[k] + w[2] * three[k] + w[3] * four[k]
 
 
 @njit(error_model="numpy", inline="always")

@@ -215,7 +215,7 @@ class Program:
         if self._aims == 1:
             return np.ascontiguousarray(aims[0])
         self._pool.rows[: self._aims] = np.column_stack([aims, np.full(self._aims, -1.0)])
-        self._pool.is_fresh = False
+        self._pool.has_inverse = False
         return np.append(np.zeros(self._tones), 1.0)
 
     def _solve(self, cost: Array, floor: float) -> tuple[Array, Bound]:
@@ -264,7 +264,7 @@ class _Pool:
         self.basis = np.zeros(unknowns, np.int64)
         self.inverse = np.zeros((unknowns, unknowns))
         self.x, self.price = np.zeros(unknowns), np.zeros(unknowns)
-        self.is_fresh = False
+        self.has_inverse = False
         self.pivots = 0
 
     def add(self, rows: Array, low: float, high: float) -> None:
@@ -292,7 +292,7 @@ class _Pool:
         self.basis[:] = basis
         self.place[:] = -1
         self.place[basis] = np.arange(len(basis))
-        self.is_fresh = False
+        self.has_inverse = False
 
     def maximise(self, cost: Array, floor: float) -> Outcome:
         """Solve for cost (unknown,) from the present basis: x, price, value and basis change."""
@@ -306,13 +306,13 @@ class _Pool:
             self.basis,
             self.place,
             self.inverse,
-            self.is_fresh,
+            self.has_inverse,
             floor,
             self.x,
             self.price,
             self.value,
         )
-        self.is_fresh = outcome == Outcome.OPTIMAL
+        self.has_inverse = outcome != Outcome.FAILED
         self.pivots += pivots
         return Outcome(outcome)
 

@@ -13,9 +13,11 @@ Forrest and Goldfarb 1992; the reference frame is reset at each look at all rows
 through zero as long as the bound still falls, moving these rows to their other side (bound flipping, Maros 2003). The
 row that stops it leaves; the explicit inverse is updated by one rank-one term.
 
+An inverse costs as much as tens of pivots, so it is seldom made new: before a result counts, one step of refinement
+corrects x and the prices by what their equations leave, and only where that is not enough the inverse is made new.
+
 Looking at all rows costs more than a pivot, and only rows near their limits can enter next. So pivots work on a *hot*
-set of the rows nearest to their limits or beyond, chosen at each look at all rows. The inverse is made new every 100
-pivots and before a result is called optimal.
+set of the rows nearest to their limits or beyond, chosen at each look at all rows.
 """
 
 from enum import IntEnum
@@ -29,11 +31,13 @@ Integers = NDArray[np.int64]
 
 HOT_ROWS = 150
 PIVOTS_A_LOOK = 20
-PIVOTS_AN_INVERSE = 100
+PIVOTS_AN_INVERSE = 400
 TOLERANCE = 1e-7
 """Violation of a limit that is tolerated, relative to the scale of the row."""
 _MOST_PIVOTS = 20_000
 _SMALLEST_PIVOT = 1e-7
+_EXACT = 1e-10
+"""Error of an equation that is tolerated, relative to the scale of its row, or to the greatest cost."""
 _BINS = 64
 
 
@@ -122,16 +126,25 @@ def _choose_entering(value: Array, low: Array, high: Array, scale: Array, weight
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _choose_leaving(
-    alpha: Array, sign: float, slope: float, price: Array, target: Array, low: Array, high: Array, smallest: float
-) -> tuple[int, float, int]:
+    alpha: Array,
+    sign: float,
+    slope: float,
+    price: Array,
+    target: Array,
+    low: Array,
+    high: Array,
+    smallest: float,
+    breaking: Integers,
+    ratio: Array,
+) -> tuple[int, float, int, int]:
     """Ratio test with bound flipping, for an entering row that is alpha (unknown,) times the basic rows.
 
     sign: 1.0 where the entering row is above its limits, -1.0 below; slope: by how much. target, low, high (unknown,):
-    the limit of each basic row, and both of its limits; the targets of rows that flip are changed. Returns the leaving
-    basic row (-1 for none), the step of the prices, and how many rows were flipped.
+    the limit of each basic row, and both of its limits; the targets of rows that flip are changed. breaking, ratio
+    (unknown,) are overwritten. Returns the leaving basic row (-1 for none), the step of the prices, and from where to
+    where `breaking` holds the rows that flipped.
     """
     n = len(alpha)
-    breaking, ratio = np.empty(n, np.int64), np.empty(n)
     # Breakpoints: how far the entering price may go until the price of a basic row changes its sign.
     breaks = 0
     for k in range(n):
@@ -140,7 +153,7 @@ def _choose_leaving(
         if towards > 1e-9:
             breaking[breaks], ratio[breaks] = k, max(side * price[k], 0.0) / towards
             breaks += 1
-    flipped = 0
+    all_breaks = breaks
     while breaks > 0:
         first = int(ratio[:breaks].argmin())
         for b in range(breaks):  # of ties, the largest pivot
@@ -149,14 +162,13 @@ def _choose_leaving(
         k, step = breaking[first], ratio[first]
         loss = abs(alpha[k]) * (high[k] - low[k])
         if slope <= loss or breaks == 1:
-            return k, step, flipped
+            return k, step, breaks, all_breaks
         # The bound still falls beyond this breakpoint: the basic row goes to its other limit.
         slope -= loss
         target[k] = low[k] if target[k] == high[k] else high[k]
-        flipped += 1
         breaks -= 1
-        breaking[first], ratio[first] = breaking[breaks], ratio[breaks]
-    return -1, 0.0, flipped
+        breaking[first], ratio[first], breaking[breaks] = breaking[breaks], ratio[breaks], k
+    return -1, 0.0, 0, 0
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -172,6 +184,32 @@ def _exchange(inverse: Array, alpha: Array, leaving: int, direction: Array) -> N
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def _fill_product(weight: Array, column: Array, out: Array) -> None:
+    """Fill out (row,) with weight (unknown,) @ column (unknown, row), four unknowns at a time to spare the memory."""
+    out[:] = 0.0
+    n = len(weight)
+    for k in range(0, n - 3, 4):
+        a, b, c, d = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
+        for h in range(len(out)):
+            out[h] += (a * column[k, h] + b * column[k + 1, h]) + (c * column[k + 2, h] + d * column[k + 3, h])
+    for k in range(n - n % 4, n):
+        for h in range(len(out)):
+            out[h] += weight[k] * column[k, h]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _refine(basic: Array, inverse: Array, cost: Array, target: Array, scale: Array, x: Array, price: Array) -> bool:
+    """Correct x and price (unknown,) by what their equations leave; False where the inverse is too far off for that.
+
+    basic (unknown, unknown): the basic rows, which x holds at `target`.
+    """
+    x += np.dot(inverse, target - np.dot(basic, x))
+    price += np.dot(cost - np.dot(price, basic), inverse)
+    left, own = np.abs(target - np.dot(basic, x)) / scale, np.abs(cost - np.dot(price, basic))
+    return bool(left.max() <= _EXACT and own.max() <= _EXACT * np.abs(cost).max())
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def maximise(
     rows: Array,
     low: Array,
@@ -181,7 +219,7 @@ def maximise(
     basis: Integers,
     place: Integers,
     inverse: Array,
-    is_fresh: bool,
+    has_inverse: bool,
     floor: float,
     x: Array,
     price: Array,
@@ -190,73 +228,87 @@ def maximise(
     """Pivot until no row is beyond its limits by more than TOLERANCE of its scale, or the bound is at the floor.
 
     rows (row, unknown); low, high, scale (row,); cost (unknown,). basis (unknown,): the basic rows; place (row,):
-    position of a row in the basis, -1 for none; inverse (unknown, unknown) of rows[basis], valid if `is_fresh`.
+    position of a row in the basis, -1 for none; inverse (unknown, unknown) of rows[basis], valid if `has_inverse`.
     x, price (unknown,), value (row,) are results. Returns an Outcome and the number of pivots.
     """
     n = len(basis)
-    target = np.empty(n)  # the limit at which each basic row is held
-    alpha, direction = np.empty(n), np.empty(n)
+    target, basic_low, basic_high = np.empty(n), low[basis], high[basis]  # target: the limit that holds each basic row
+    alpha, direction, breaking, ratio = np.empty(n), np.empty(n), np.empty(n, np.int64), np.empty(n)
     hot = np.empty(HOT_ROWS, np.int64)
     smallest = 1e-10 * np.abs(cost).max()  # prices closer than this are equal
     pivots, since_inverse, is_exact = 0, PIVOTS_AN_INVERSE, False
     while True:
         if since_inverse >= PIVOTS_AN_INVERSE:
-            if not is_fresh and not invert(rows, basis, inverse):
+            if not has_inverse and not invert(rows, basis, inverse):
                 return Outcome.FAILED, pivots
-            is_fresh, is_exact, since_inverse = False, True, 0
+            is_exact, has_inverse, since_inverse = not has_inverse, False, 0
             price[:] = np.dot(cost, inverse)
             for k in range(n):
-                target[k] = high[basis[k]] if price[k] >= 0 else low[basis[k]]
+                target[k] = basic_high[k] if price[k] >= 0 else basic_low[k]
             x[:] = np.dot(inverse, target)
         # A look at all rows: which are beyond their limits or near them?
         value[:] = np.dot(rows, x)
         found, worst = _choose_hot(value, low, high, scale, place, hot)
-        if worst <= TOLERANCE:
+        is_below = np.dot(cost, x) <= floor
+        if worst <= TOLERANCE or is_below:
             if is_exact:
-                return Outcome.OPTIMAL, pivots
-            since_inverse = PIVOTS_AN_INVERSE
+                return Outcome.BELOW_FLOOR if is_below else Outcome.OPTIMAL, pivots
+            if _refine(rows[basis], inverse, cost, target, scale[basis], x, price):
+                is_exact = True
+            else:
+                since_inverse = PIVOTS_AN_INVERSE
             continue
         chosen = hot[:found]
-        hot_rows, hot_value, hot_place = rows[chosen], value[chosen], place[chosen]
+        hot_columns, hot_value, hot_place = rows[chosen].T.copy(), value[chosen], place[chosen]
         hot_low, hot_high, hot_scale, weight = low[chosen], high[chosen], scale[chosen], np.ones(found)
+        change = np.empty(found)
         for _ in range(PIVOTS_A_LOOK):
             if np.dot(cost, x) <= floor:
-                return Outcome.BELOW_FLOOR, pivots
+                break
             entering = _choose_entering(hot_value, hot_low, hot_high, hot_scale, weight, hot_place)
             if entering < 0:
                 break
             if pivots >= _MOST_PIVOTS:
                 return Outcome.FAILED, pivots
+            row = chosen[entering]
             is_above = hot_value[entering] > hot_high[entering]
             sign, limit = (1.0, hot_high[entering]) if is_above else (-1.0, hot_low[entering])
-            alpha[:] = np.dot(hot_rows[entering], inverse)
+            _fill_product(rows[row], inverse, alpha)
             slope = abs(hot_value[entering] - limit)
-            leaving, step, flipped = _choose_leaving(
-                alpha, sign, slope, price, target, low[basis], high[basis], smallest
+            leaving, step, first, last = _choose_leaving(
+                alpha, sign, slope, price, target, basic_low, basic_high, smallest, breaking, ratio
             )
             if leaving < 0:
                 return Outcome.FAILED, pivots
+            is_exact = False
+            # Where basic rows went to their other limits, x and the values follow.
+            if last > first:
+                direction[:] = 0.0
+                for k in breaking[first:last]:
+                    side = 1.0 if target[k] == basic_high[k] else -1.0
+                    for j in range(n):
+                        direction[j] += inverse[j, k] * side * (basic_high[k] - basic_low[k])
+                x += direction
+                _fill_product(direction, hot_columns, change)
+                hot_value += change
             if abs(alpha[leaving]) < _SMALLEST_PIVOT and since_inverse > 0:
                 since_inverse = PIVOTS_AN_INVERSE
                 break
             # Prices, x and values along the direction in which only the leaving row moves.
-            if flipped:
-                x[:] = np.dot(inverse, target)
-                hot_value[:] = np.dot(hot_rows, x)
             length = limit - hot_value[entering]
             pivot, entering_weight, left = alpha[leaving], weight[entering], basis[leaving]
             price -= sign * step * alpha
             price[leaving] = sign * step
             _exchange(inverse, alpha, leaving, direction)
             x += length * direction
-            change = np.dot(hot_rows, direction)
+            _fill_product(direction, hot_columns, change)
             for h in range(found):
                 hot_value[h] += length * change[h]
                 weight[h] = max(weight[h], change[h] * change[h] * entering_weight)
                 if chosen[h] == left:
                     hot_place[h], weight[h] = -1, max(entering_weight / (pivot * pivot), 1.0)
-            place[left], place[chosen[entering]], hot_place[entering] = -1, leaving, leaving
-            basis[leaving], target[leaving] = chosen[entering], limit
+            place[left], place[row], hot_place[entering] = -1, leaving, leaving
+            basis[leaving], target[leaving] = row, limit
+            basic_low[leaving], basic_high[leaving] = low[row], high[row]
             since_inverse += 1
             pivots += 1
-            is_exact = False

@@ -41,18 +41,23 @@ class WatchedCourses:
     def rows(self, numbers: Integers) -> Array:
         """Rows (row, tone) at instants given as course * samples + sample."""
         course, sample = np.divmod(numbers, self.shape[1])
-        reversed_past = np.empty((len(numbers), self._impulse.shape[1], self._taps), np.float64)
+        reversed_past = np.empty((len(numbers), self._impulse.shape[1], self._taps), np.float32)
         _gather(self._impulse, course, sample, reversed_past)
         actuators = [self.tones.actuator == actuator for actuator in range(reversed_past.shape[1])]
         out = np.empty((len(numbers), len(self.tones.actuator)))
         for actuator, own in enumerate(actuators):
-            out[:, own] = reversed_past[:, actuator] @ self.tones.wave[own, 1:-1].T
+            out[:, own] = reversed_past[:, actuator] @ self._wave[own].T
         return out
 
     @property
     def _taps(self) -> int:
         """Samples of a click without the first and the last, which are 0."""
         return int(self.tones.wave.shape[1]) - 2
+
+    @cached_property
+    def _wave(self) -> Single:
+        """The tones (tone, tap) in single precision, as the responses are."""
+        return self.tones.wave[:, 1:-1].astype(np.float32)
 
     @cached_property
     def _impulse(self) -> Single:
@@ -62,7 +67,7 @@ class WatchedCourses:
 
 
 @njit(nogil=True, cache=True)
-def _gather(impulse: Single, course: Integers, sample: Integers, out: Array) -> None:
+def _gather(impulse: Single, course: Integers, sample: Integers, out: Single) -> None:
     """Fill out (row, actuator, tap): responses at instant `sample` of `course` to samples 1, 2, ... of a waveform."""
     taps = out.shape[2]
     for i in range(len(course)):
