@@ -180,6 +180,8 @@ run_fleet(plan_fleet(Path("bars")), FleetOptions(clicks_up_to=0), Path("out"), r
 """
 
 
+# Quick are a worker that is killed, and results that are damaged, which are built again.
+@pytest.mark.long
 def test_killed_at_any_instant_it_goes_on_and_no_half_file_is_taken(tmp_path: Path) -> None:
     bars, out = tmp_path / "bars", tmp_path / "out"
     write_good(bars, (18.0, 18.5))
