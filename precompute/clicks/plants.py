@@ -11,7 +11,7 @@ the fingers differ. What does not depend on fingers is computed once for a devic
    G0(p, q, s) = sum_m phi_pm phi_qm / (s^2 + (sigma + eta omega_m^2) s + omega_m^2).
 
 A placement then costs the sums over modes between its fingers and the actuators, and one rank-one update for each
-damper and each finger z(s) = k + c s + m s^2 (Sherman and Morrison): some 30 ms for two fingers and 1000 plants.
+damper and each finger z(s) = k + c s + m s^2 (Sherman and Morrison): some 20 ms for two fingers and 1000 plants.
 Acceleration, the straight lines that the device draws between samples, and the threshold filter are one factor s.
 
 Everything is evaluated on the damped lines of `precompute.model.damped_lines`, in single precision. A test compares
