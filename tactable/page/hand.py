@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from engine.device import Device
+from firmware_link.protocol.errors import TactableError
 
 FIRST_HZ, FIRST_AMPLITUDE = 150.0, 0.2
 _MOST_DEGREES = 360.0
@@ -13,7 +14,7 @@ _ROUNDING = 1e-9
 Channels = tuple[tuple[float, float, float], ...]
 
 
-class HandError(ValueError):
+class HandError(TactableError, ValueError):
     """A drive that is none, or that is beyond a limit; the message names actuator, value and limit."""
 
 

@@ -160,6 +160,7 @@ def memory_mib() -> float:
 
 def replay(recordings: Sequence[Recording], seconds: float, pieces: int = 24) -> Day:
     """Each recording for its share of the time, in pieces; one session from the first to the last."""
+    gc.collect()  # what was left before is not of this day
     machine, day = Machine(), Day(counters=DeviceCounters())
     link = Link(link_configuration(DEVICE, 1_000_000))
     session = Session(link, machine, machine.now_ns)
