@@ -1,8 +1,11 @@
-"""Processor time and memory of entries and clicks as the number of zones, actuators, sampled plants or length grows.
+"""Processor time and memory of entries and clicks as zones, fingers, actuators, sampled plants or the length grow.
 
-`python -m tests.studies.cost.growth entries|clicks [--device NAME] [--figure FILE] [--json]` shows that the time grows
-about in proportion to the number of states, and that memory stays bounded. Where a case has many states only some of
-them are solved, evenly chosen with those that share their fingers side by side, and the time for all is extrapolated.
+`python -m tests.studies.cost.growth entries|clicks [--device NAME] [--figure FILE] [--json]` shows how the time of all
+states, or of one click, grows with each of them alone, and that memory stays bounded. Where a case has many states only
+some of them are solved, evenly chosen, and the time for all is extrapolated. Clicks are those of random placements; a
+table takes as many times longer as it has placements.
+
+`growth workers` shares the clicks of a grid of placements of a bar with eight actuators among one and two Dask workers.
 """
 
 import argparse
@@ -12,11 +15,12 @@ import resource
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
-from itertools import pairwise
+from functools import lru_cache, partial
+from itertools import combinations, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import distributed
 import matplotlib.figure
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -28,17 +32,23 @@ from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
 from precompute.entries.prediction import States, touched_zones
 from precompute.entries.solver import tabulated_states
 from precompute.parallel.pool import solve_in_processes
+from precompute.studies.anywhere import Anywhere, random_placements
 from tactable.bench.entries import STEP_HZ, time_entries
 from tactable.shipped import find_device
 
 ENTRY_ZONES, ENTRY_ACTUATORS, MOST_ENTRY_STATES = (3, 4, 5, 6, 7, 8), (2, 3, 4), 65
 CLICK_CASES = (
-    *[("zones", count) for count in (2, 3, 4, 5, 6)],
-    *[("scenarios", count) for count in (10, 20, 40, 80)],
-    *[("length_ms", length_ms) for length_ms in (10, 20, 30, 40)],
+    *[("fingers", count) for count in (1, 2, 3, 5, 8)],
+    *[("actuators", count) for count in (2, 3, 4, 8)],
+    *[("plants", count) for count in (10, 20, 40, 80)],
+    *[("ms of click", length_ms) for length_ms in (10, 20, 30, 40)],
+    *[("mm of bar", length_mm) for length_mm in (150, 300, 600)],
 )
-MOST_CLICK_STATES = 15
+CLICKS = 12
+WORKER_ACTUATORS, WORKER_PLACEMENTS, SOLVED_PLACEMENTS = 8, 2000, 60
+_APART_M = 15e-3
 Case = tuple[str, int]
+Result = TypeVar("Result")
 
 
 def measure_entries(device: Device, zones: Sequence[int], actuators: Sequence[int]) -> list[dict[str, Any]]:
@@ -53,53 +63,110 @@ def measure_entries(device: Device, zones: Sequence[int], actuators: Sequence[in
     return rows
 
 
-def measure_clicks(device: Device, options: ClickOptions, cases: Sequence[Case]) -> list[dict[str, Any]]:
-    """One row for each case, which varies one thing from the device and the options.
+def measure_clicks(device: Device, options: ClickOptions, cases: Sequence[Case], clicks: int) -> list[dict[str, Any]]:
+    """One row for each case, which varies one thing from the device, the options and two fingers: seconds of a click.
 
     Every case has a process of its own, since the memory of a process only grows.
     """
     rows = list[dict[str, Any]]()
     for case in cases:
-        rows += solve_in_processes(partial(_begin, device, options), [[case]], 1)
+        rows += solve_in_processes(partial(_begin, device, options, clicks), [[case]], 1)
     return rows
 
 
-def _begin(device: Device, options: ClickOptions) -> Callable[[Case], dict[str, Any]]:
-    return partial(_time_clicks, device, options)
+def _begin(device: Device, options: ClickOptions, clicks: int) -> Callable[[Case], dict[str, Any]]:
+    return partial(_time_clicks, device, options, clicks)
 
 
-def _time_clicks(device: Device, options: ClickOptions, case: Case) -> dict[str, Any]:
+def _time_clicks(device: Device, options: ClickOptions, clicks: int, case: Case) -> dict[str, Any]:
     varied, value = case
-    if varied == "zones":
-        device = _with_zones(device, value)
-    elif varied == "scenarios":
+    wanted = Anywhere(clicks + 1, apart_m=_APART_M)
+    if varied == "fingers":
+        wanted = replace(wanted, fingers=value)
+    elif varied == "actuators":
+        device = _with_actuators(device, value)
+    elif varied == "plants":
         options = replace(options, scenarios=value)
-    else:
+    elif varied == "ms of click":
         options = replace(options, lengths_s=(value / 1e3,))
-    states, chosen = tabulated_states(device), _chosen(device, MOST_CLICK_STATES)
-    begun_s = time.process_time()
-    solver = ClickSolver(device, options)
-    ready_s = time.process_time() - begun_s
-    plants_s, solving_s = dict[tuple[int, ...], float](), list[float]()
-    for state in chosen:
-        start_s = time.process_time()
-        placement = Placement.in_zones(device, state)
-        solver.plants_of(placement.position_m)
-        middle_s = time.process_time()
-        solver.solve(placement)
-        plants_s.setdefault(touched_zones(state), middle_s - start_s)
-        solving_s.append(time.process_time() - middle_s)
-    # States with the same fingers share their plants, which the few chosen ones seldom do.
-    groups = len({touched_zones(state) for state in states})
-    all_s = ready_s + groups * float(np.mean(list(plants_s.values()))) + len(states) * float(np.mean(solving_s))
+    else:
+        device = _with_length(device, value / 1e3)
+    solver, first_s = _timed(partial(ClickSolver, device, options))
+    warm_up, *placements = random_placements(device, wanted)
+    solver.solve(warm_up)  # kernels and libraries are loaded
+    times_s = [_timed(partial(solver.solve, placement))[1] for placement in placements]
     return {
         "series": varied,
         "value": value,
-        "states": len(states),
-        "solved": len(chosen),
-        "all_states_s": all_s,
+        "states": clicks,
+        "solved": clicks,
+        "click_s": float(np.mean(times_s)),
+        "device_s": first_s,
         "memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
+
+
+def measure_workers(
+    device: Device, options: ClickOptions, placements: Sequence[Placement], counts: Sequence[int]
+) -> list[dict[str, Any]]:
+    """One row for each number of Dask workers with one thread: seconds until all clicks are back, and those computed.
+
+    A worker's solver is made before, and its time told apart: it is the same however many placements there are.
+    """
+    rows = []
+    for workers in counts:
+        cluster = distributed.LocalCluster(  # type: ignore[no-untyped-call]
+            n_workers=workers, threads_per_worker=1, memory_limit=None, dashboard_address="127.0.0.1:0"
+        )
+        with cluster, distributed.Client(cluster) as client:  # type: ignore[no-untyped-call]
+            ready_s = max(client.run(_prepare, device, options, placements[0]).values())
+            start_s = time.perf_counter()
+            solve = partial(_time_in_worker, device, options)
+            solved_s = client.gather(client.map(solve, placements[1:], pure=False))
+            rows.append(
+                {
+                    "workers": workers,
+                    "clicks": len(placements) - 1,
+                    "wall_s": time.perf_counter() - start_s,
+                    "processor_s": sum(solved_s),
+                    "ready_s": ready_s,
+                }
+            )
+    return rows
+
+
+_solver_of = lru_cache(maxsize=1)(ClickSolver)
+"""The solver of a worker, which has one for all its clicks."""
+
+
+def _prepare(device: Device, options: ClickOptions, placement: Placement) -> float:
+    return _timed(lambda: _solver_of(device, options).solve(placement))[1]
+
+
+def _time_in_worker(device: Device, options: ClickOptions, placement: Placement) -> float:
+    return _timed(lambda: _solver_of(device, options).solve(placement))[1]
+
+
+def _timed(call: Callable[[], Result]) -> tuple[Result, float]:
+    start_s = time.process_time()
+    result = call()
+    return result, time.process_time() - start_s
+
+
+def grid_of(device: Device, count: int) -> list[Placement]:
+    """`count` placements of one felt and one quiet finger on the coarsest even grid that has as many."""
+    places = 2
+    while True:
+        at_m = np.linspace(0.0, device.bar.length_m, places).tolist()
+        found = [
+            Placement((a, b), is_felt)
+            for a, b in combinations(at_m, 2)
+            if b - a >= _APART_M
+            for is_felt in ((True, False), (False, True))
+        ]
+        if len(found) >= count:
+            return [found[i] for i in np.linspace(0, len(found) - 1, count).round().astype(int)]
+        places += 1
 
 
 def _chosen(device: Device, most: int) -> list[States]:
@@ -124,6 +191,17 @@ def _with_actuators(device: Device, count: int) -> Device:
     return replace(device, actuators=tuple(actuators))
 
 
+def _with_length(device: Device, length_m: float) -> Device:
+    """The device on a bar of another length, with actuators and zones in the same proportions."""
+    scale = length_m / device.bar.length_m
+    return replace(
+        device,
+        bar=replace(device.bar, length_m=length_m),
+        actuators=tuple(replace(each, position_m=scale * each.position_m) for each in device.actuators),
+        zones=tuple(Zone(zone.name, scale * zone.start_m, scale * zone.stop_m) for zone in device.zones),
+    )
+
+
 def exponents_of(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
     """Slope of log time over log of what varies, by series: over the number of states where that differs."""
     found = {}
@@ -131,21 +209,27 @@ def exponents_of(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
         own = [row for row in rows if row["series"] == series]
         key = "states" if len({row["states"] for row in own}) > 1 else "value"
         if len(own) > 1:
-            x, y = (np.log([row[name] for row in own]) for name in (key, "all_states_s"))
+            x, y = (np.log([row[name] for row in own]) for name in (key, _seconds_key(own[0])))
             found[series] = float(np.polyfit(x, y, 1)[0])
     return found
 
 
+def _seconds_key(row: dict[str, Any]) -> str:
+    return "click_s" if "click_s" in row else "all_states_s"
+
+
 def draw(rows: Sequence[dict[str, Any]], title: str, path: Path) -> None:
-    """Seconds for all states and memory, a panel for each series."""
+    """Seconds for all states, or for one click, and memory, a panel for each series."""
+    key = _seconds_key(rows[0])
+    label = "seconds of a click" if key == "click_s" else "seconds for all states"
     names = list(dict.fromkeys(row["series"] for row in rows))
     figure = matplotlib.figure.Figure(figsize=(3 * len(names), 3.2), layout="constrained")
     for axes, name in zip(np.atleast_1d(figure.subplots(1, len(names))), names, strict=True):
         own = [row for row in rows if row["series"] == name]
         value = [row["value"] for row in own]
-        axes.semilogy(value, [row["all_states_s"] for row in own], "o-", color="C0")
-        axes.set_xlabel(f"zones ({name})" if name.endswith("actuators") else name)
-        axes.set_ylabel("seconds for all states", color="C0")
+        axes.semilogy(value, [row[key] for row in own], "o-", color="C0")
+        axes.set_xlabel(f"zones ({name})" if key == "all_states_s" else name)
+        axes.set_ylabel(label, color="C0")
         memory = axes.twinx()
         memory.plot(value, [row["memory_mib"] for row in own], "s--", color="C1")
         memory.set_ylabel("memory in MiB", color="C1")
@@ -157,18 +241,25 @@ def draw(rows: Sequence[dict[str, Any]], title: str, path: Path) -> None:
 def main() -> None:
     """Print a row for each case, then the exponents."""
     parser = argparse.ArgumentParser(prog="tests.studies.cost.growth", description=__doc__)
-    parser.add_argument("what", choices=("entries", "clicks"))
+    parser.add_argument("what", choices=("entries", "clicks", "workers"))
     parser.add_argument("--device", default="reference-a")
+    parser.add_argument("--solved", type=int, default=SOLVED_PLACEMENTS, help="placements that the workers solve")
     parser.add_argument("--figure", type=Path)
     parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
     device = find_device(asked.device)
+    machine = f"{device.name}, {asked.what}; {platform.machine()}, Python {platform.python_version()}"
+    if asked.what == "workers":
+        grid = grid_of(_with_actuators(device, WORKER_ACTUATORS), WORKER_PLACEMENTS)
+        chosen = [grid[i] for i in np.linspace(0, len(grid) - 1, asked.solved + 1).round().astype(int)]
+        rows = measure_workers(_with_actuators(device, WORKER_ACTUATORS), DEFAULT_OPTIONS, chosen, (1, 2))
+        print(json.dumps({"machine": machine, "grid": len(grid), "rows": rows}, indent=2))
+        return
     if asked.what == "entries":
         coarse = replace(device, sweep=replace(device.sweep, step_hz=STEP_HZ))
         rows = measure_entries(coarse, ENTRY_ZONES, ENTRY_ACTUATORS)
     else:
-        rows = measure_clicks(device, DEFAULT_OPTIONS, CLICK_CASES)
-    machine = f"{device.name}, {asked.what}; {platform.machine()}, Python {platform.python_version()}"
+        rows = measure_clicks(device, DEFAULT_OPTIONS, CLICK_CASES, CLICKS)
     if asked.figure is not None:
         draw(rows, machine, asked.figure)
     if asked.json:
@@ -177,8 +268,9 @@ def main() -> None:
     print(machine)
     for row in rows:
         solved = "" if row["solved"] == row["states"] else f" (from {row['solved']})"
+        what = f"{row['states']:5d} states" if asked.what == "entries" else "a click"
         print(
-            f"{row['series']:>12} {row['value']:4d}: {row['states']:5d} states {row['all_states_s']:8.1f} s{solved}, "
+            f"{row['series']:>12} {row['value']:4d}: {what} {row[_seconds_key(row)]:8.3f} s{solved}, "
             f"{row['memory_mib']:.0f} MiB"
         )
     for series, exponent in exponents_of(rows).items():

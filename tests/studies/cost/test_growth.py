@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tests.precompute.clicks.click_cases import CHEAP
 from tests.precompute.devices import shipped, with_zones
-from tests.studies.cost.growth import draw, exponents_of, measure_clicks, measure_entries
+from tests.studies.cost.growth import draw, exponents_of, grid_of, measure_clicks, measure_entries, measure_workers
 
 DEVICE = with_zones(shipped("reference-a"), 3)
 COARSE = replace(DEVICE, sweep=replace(DEVICE.sweep, step_hz=8.0), levels_db=(20.0,))
@@ -19,14 +19,18 @@ def test_entries_of_every_number_of_zones_and_actuators_are_timed() -> None:
 
 
 def test_clicks_are_timed_in_processes_of_their_own_and_drawn(tmp_path: Path) -> None:
-    rows = measure_clicks(COARSE, replace(CHEAP, scenarios=4), (("zones", 2), ("zones", 3), ("length_ms", 10)))
-    assert [(row["series"], row["value"], row["states"]) for row in rows] == [
-        ("zones", 2, 5),
-        ("zones", 3, 19),
-        ("length_ms", 10, 19),
-    ]
-    assert all(row["all_states_s"] > 0 and row["memory_mib"] > 10 for row in rows)
-    found = exponents_of(rows)
-    assert set(found) == {"zones"} and found["zones"] > 0
+    cases = (("fingers", 1), ("fingers", 2), ("actuators", 3), ("plants", 4), ("ms of click", 10), ("mm of bar", 200))
+    rows = measure_clicks(COARSE, replace(CHEAP, scenarios=4), cases, 2)
+    assert [(row["series"], row["value"]) for row in rows] == list(cases)
+    assert all(row["click_s"] > 0 and row["memory_mib"] > 10 for row in rows)
+    assert set(exponents_of(rows)) == {"fingers"}
     draw(rows, "SIMULATED", tmp_path / "growth.png")
     assert (tmp_path / "growth.png").stat().st_size > 1000
+
+
+def test_workers_share_the_placements_of_a_grid() -> None:
+    grid = grid_of(DEVICE, 30)
+    assert len(set(grid)) == 30 and all(b - a >= 15e-3 for a, b in (each.position_m for each in grid))
+    (row,) = measure_workers(DEVICE, replace(CHEAP, scenarios=4), grid[:4], (1,))
+    assert row["workers"] == 1 and row["clicks"] == 3
+    assert row["processor_s"] > 0 and row["wall_s"] > 0 and row["ready_s"] > 0
