@@ -12,22 +12,19 @@ import argparse
 import json
 import platform
 import resource
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
-from itertools import combinations, pairwise
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-import distributed
 import matplotlib.figure
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device, Zone
 from engine.device.file import ROMAN
-from engine.touch import Placement
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
 from precompute.entries.prediction import States, touched_zones
 from precompute.entries.solver import tabulated_states
@@ -35,6 +32,7 @@ from precompute.parallel.pool import solve_in_processes
 from precompute.studies.anywhere import Anywhere, random_placements
 from tactable.bench.entries import STEP_HZ, time_entries
 from tactable.shipped import find_device
+from tests.studies.cost.click_workers import APART_M, grid_of, measure_workers, timed
 
 ENTRY_ZONES, ENTRY_ACTUATORS, MOST_ENTRY_STATES = (3, 4, 5, 6, 7, 8), (2, 3, 4), 65
 CLICK_CASES = (
@@ -46,9 +44,7 @@ CLICK_CASES = (
 )
 CLICKS = 12
 WORKER_ACTUATORS, WORKER_PLACEMENTS, SOLVED_PLACEMENTS = 8, 2000, 60
-_APART_M = 15e-3
 Case = tuple[str, int]
-Result = TypeVar("Result")
 
 
 def measure_entries(device: Device, zones: Sequence[int], actuators: Sequence[int]) -> list[dict[str, Any]]:
@@ -80,7 +76,7 @@ def _begin(device: Device, options: ClickOptions, clicks: int) -> Callable[[Case
 
 def _time_clicks(device: Device, options: ClickOptions, clicks: int, case: Case) -> dict[str, Any]:
     varied, value = case
-    wanted = Anywhere(clicks + 1, apart_m=_APART_M)
+    wanted = Anywhere(clicks + 1, apart_m=APART_M)
     if varied == "fingers":
         wanted = replace(wanted, fingers=value)
     elif varied == "actuators":
@@ -91,10 +87,10 @@ def _time_clicks(device: Device, options: ClickOptions, clicks: int, case: Case)
         options = replace(options, lengths_s=(value / 1e3,))
     else:
         device = _with_length(device, value / 1e3)
-    solver, first_s = _timed(partial(ClickSolver, device, options))
+    solver, first_s = timed(partial(ClickSolver, device, options))
     warm_up, *placements = random_placements(device, wanted)
     solver.solve(warm_up)  # kernels and libraries are loaded
-    times_s = [_timed(partial(solver.solve, placement))[1] for placement in placements]
+    times_s = [timed(partial(solver.solve, placement))[1] for placement in placements]
     return {
         "series": varied,
         "value": value,
@@ -104,69 +100,6 @@ def _time_clicks(device: Device, options: ClickOptions, clicks: int, case: Case)
         "device_s": first_s,
         "memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
-
-
-def measure_workers(
-    device: Device, options: ClickOptions, placements: Sequence[Placement], counts: Sequence[int]
-) -> list[dict[str, Any]]:
-    """One row for each number of Dask workers with one thread: seconds until all clicks are back, and those computed.
-
-    A worker's solver is made before, and its time told apart: it is the same however many placements there are.
-    """
-    rows = []
-    for workers in counts:
-        cluster = distributed.LocalCluster(  # type: ignore[no-untyped-call]
-            n_workers=workers, threads_per_worker=1, memory_limit=None, dashboard_address="127.0.0.1:0"
-        )
-        with cluster, distributed.Client(cluster) as client:  # type: ignore[no-untyped-call]
-            ready_s = max(client.run(_prepare, device, options, placements[0]).values())
-            start_s = time.perf_counter()
-            solve = partial(_time_in_worker, device, options)
-            solved_s = client.gather(client.map(solve, placements[1:], pure=False))
-            rows.append(
-                {
-                    "workers": workers,
-                    "clicks": len(placements) - 1,
-                    "wall_s": time.perf_counter() - start_s,
-                    "processor_s": sum(solved_s),
-                    "ready_s": ready_s,
-                }
-            )
-    return rows
-
-
-_solver_of = lru_cache(maxsize=1)(ClickSolver)
-"""The solver of a worker, which has one for all its clicks."""
-
-
-def _prepare(device: Device, options: ClickOptions, placement: Placement) -> float:
-    return _timed(lambda: _solver_of(device, options).solve(placement))[1]
-
-
-def _time_in_worker(device: Device, options: ClickOptions, placement: Placement) -> float:
-    return _timed(lambda: _solver_of(device, options).solve(placement))[1]
-
-
-def _timed(call: Callable[[], Result]) -> tuple[Result, float]:
-    start_s = time.process_time()
-    result = call()
-    return result, time.process_time() - start_s
-
-
-def grid_of(device: Device, count: int) -> list[Placement]:
-    """`count` placements of one felt and one quiet finger on the coarsest even grid that has as many."""
-    places = 2
-    while True:
-        at_m = np.linspace(0.0, device.bar.length_m, places).tolist()
-        found = [
-            Placement((a, b), is_felt)
-            for a, b in combinations(at_m, 2)
-            if b - a >= _APART_M
-            for is_felt in ((True, False), (False, True))
-        ]
-        if len(found) >= count:
-            return [found[i] for i in np.linspace(0, len(found) - 1, count).round().astype(int)]
-        places += 1
 
 
 def _chosen(device: Device, most: int) -> list[States]:
@@ -227,7 +160,11 @@ def draw(rows: Sequence[dict[str, Any]], title: str, path: Path) -> None:
     for axes, name in zip(np.atleast_1d(figure.subplots(1, len(names))), names, strict=True):
         own = [row for row in rows if row["series"] == name]
         value = [row["value"] for row in own]
-        axes.semilogy(value, [row[key] for row in own], "o-", color="C0")
+        axes.plot(value, [row[key] for row in own], "o-", color="C0")
+        if key == "all_states_s":
+            axes.set_yscale("log")
+        else:
+            axes.set_ylim(bottom=0)
         axes.set_xlabel(f"zones ({name})" if key == "all_states_s" else name)
         axes.set_ylabel(label, color="C0")
         memory = axes.twinx()

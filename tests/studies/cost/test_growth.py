@@ -5,7 +5,8 @@ from pathlib import Path
 
 from tests.precompute.clicks.click_cases import CHEAP
 from tests.precompute.devices import shipped, with_zones
-from tests.studies.cost.growth import draw, exponents_of, grid_of, measure_clicks, measure_entries, measure_workers
+from tests.studies.cost.click_workers import grid_of, measure_workers
+from tests.studies.cost.growth import draw, exponents_of, measure_clicks, measure_entries
 
 DEVICE = with_zones(shipped("reference-a"), 3)
 COARSE = replace(DEVICE, sweep=replace(DEVICE.sweep, step_hz=8.0), levels_db=(20.0,))
