@@ -28,6 +28,9 @@ _CONSTANTS = {
     "BASIS_CHUNK_SIZE": messages.BASIS_CHUNK_SIZE,
     "MAXIMUM_WEIGHTS": messages.MAXIMUM_WEIGHTS,
     "MAXIMUM_FRACTION_BITS": messages.MAXIMUM_FRACTION_BITS,
+    "MAXIMUM_SENSED_VALUES": messages.MAXIMUM_SENSED_VALUES,
+    "LONGEST_SENSE_MS": messages.LONGEST_SENSE_MS,
+    "ACCELEROMETER": int(messages.ACCELEROMETER),
     "EMERGENCY_STOP_RUN": framing.EMERGENCY_STOP_RUN,
 }
 _BEGINNING = """\
@@ -69,9 +72,6 @@ def _layouts_text(layouts: list[Layout]) -> str:
         f"{layout.message.type_byte:#04x}u}}"
         for layout in layouts
     )
-    by_actuator = [layout for layout in layouts if layout.most is None]
-    bound = _bound_text(by_actuator)
-    counted = max(layout.longest(0) for layout in layouts)
     sent = [layout for layout in layouts if layout.message.sender is not Sender.HOST]
     return (
         "/* How frames of one type are checked: the seed of their CRC and the length of their bodies. `length_each`\n"
@@ -79,16 +79,16 @@ def _layouts_text(layouts: list[Layout]) -> str:
         "struct tactable_layout {\n    uint32_t seed;\n    uint16_t length;\n    uint8_t length_each;\n"
         f"    uint8_t most;\n    uint8_t type;\n}};\n\n#define TACTABLE_LAYOUTS \\\n{rows}\n\n"
         "/* No body that a device sends is longer. */\n"
-        f"#define TACTABLE_SENT_BODY_BOUND(number_of_actuators) ({_bound_text(sent)})\n\n"
-        "/* No body is longer. */\n"
-        "#define TACTABLE_BODY_BOUND(number_of_actuators) \\\n"
-        f"    ({bound} > {counted}u ? {bound} : {counted}u)\n"
+        f"#define TACTABLE_SENT_BODY_BOUND(number_of_actuators) \\\n    {_bound_text(sent)}\n\n"
+        f"/* No body is longer. */\n#define TACTABLE_BODY_BOUND(number_of_actuators) \\\n    {_bound_text(layouts)}\n"
     )
 
 
 def _bound_text(layouts: list[Layout]) -> str:
-    fixed, each = max(layout.length(0) for layout in layouts), max(map(_each, layouts))
-    return f"{fixed}u + {each}u * (number_of_actuators)"
+    by_actuator = [layout for layout in layouts if layout.most is None]
+    fixed, each = max(layout.length(0) for layout in by_actuator), max(map(_each, by_actuator))
+    bound, counted = f"{fixed}u + {each}u * (number_of_actuators)", max(layout.longest(0) for layout in layouts)
+    return f"({bound} > {counted}u ? {bound} : {counted}u)"
 
 
 def _message_text(layout: Layout) -> str:

@@ -33,6 +33,9 @@ _OPTIONS = (
     "longest_waveform_ms",
     "longest_drive_s",
     "board",
+    "sensor_rate_mhz",
+    "sensor_scale_nm_per_s2",
+    "sensor_greatest",
 )
 _SIGNATURES = {
     "host_open": (ctypes.c_void_p, _u32_p, _u32_p, ctypes.c_bool),
@@ -40,6 +43,9 @@ _SIGNATURES = {
     "host_receive": (None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t, ctypes.c_uint64),
     "host_advance": (None, ctypes.c_void_p, ctypes.c_uint64),
     "host_hang_up": (None, ctypes.c_void_p, ctypes.c_uint64),
+    "host_sense": (None, ctypes.c_void_p, ctypes.c_int16),
+    "host_sense_at": (None, ctypes.c_void_p, ctypes.c_int16, _i16_p, ctypes.c_uint32),
+    "host_senses": (ctypes.c_bool, ctypes.c_void_p),
     "host_take_sent": (ctypes.c_size_t, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t),
     "host_take_samples": (ctypes.c_size_t, ctypes.c_void_p, _i16_p, ctypes.c_size_t),
     "host_next_deadline_us": (ctypes.c_uint64, ctypes.c_void_p),
@@ -109,6 +115,20 @@ class CompiledFirmware:
         now, aimed = (ctypes.c_uint16 * number)(), (ctypes.c_uint16 * number)()
         self._library.host_amplitudes(self._host, now, aimed)
         return list(zip(now, aimed, strict=True))
+
+    @property
+    def senses(self) -> bool:
+        """Whether samples of the accelerometer are wanted."""
+        return bool(self._library.host_senses(self._host))
+
+    def sense(self, acceleration: int, displacements: Sequence[int], synthesis_sample: int) -> None:
+        """Take a sample of the accelerometer in counts, with the displacements (full scale/32767) of its instant."""
+        values = (ctypes.c_int16 * len(displacements))(*displacements)
+        self._library.host_sense_at(self._host, acceleration, values, synthesis_sample % 2**32)
+
+    def sense_now(self, acceleration: int) -> None:
+        """Take a sample of the accelerometer in counts, as a board's interrupt gives it."""
+        self._library.host_sense(self._host, acceleration)
 
     def receive(self, data: bytes, now_us: int) -> bytes:
         """Take bytes that came at `now_us`; returns what the device sends until then."""

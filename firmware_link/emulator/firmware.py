@@ -3,18 +3,21 @@
 It is the reference for the firmware in C, written a second time in another language: each module has a twin of the
 same name in `firmware/core` (this one is `device`), tests run one set of laws over both and compare their outputs.
 
-    firmware → session → drive → memory → reports → lease, state        each imports only what stands to its right
+    firmware → session → drive → memory → sense → reports → lease, state     each imports only what stands to its right
 
 States: IDLE (greeted or not, nothing moves) → ARMED (drives are allowed) ⇄ DRIVING (one sounds) → LATCHED (nothing
 moves until a new handshake). The device leaves DRIVING by itself when a waveform or a lease ends, and latches by itself
 when a drive lasts too long, the host is silent, the line hangs up or an emergency stop comes.
 """
 
+from collections.abc import Sequence
+
 from firmware_link.emulator.drive import Drive
 from firmware_link.emulator.drive_log import Cause, DriveEvent, ReceivedFrame
 from firmware_link.emulator.lease import Lease
 from firmware_link.emulator.memory import Memory
 from firmware_link.emulator.reports import Reports
+from firmware_link.emulator.sense import Accelerations
 from firmware_link.emulator.session import Session
 from firmware_link.emulator.state import Device, DeviceConfiguration, DeviceCounters
 from firmware_link.protocol.framing import FrameDecoder, FramingCounters, Signal
@@ -32,7 +35,8 @@ class EmulatedFirmware:
         self._reports = Reports(self._device, self._decoder.counters)
         self._memory = Memory(self._device, self._reports)
         self._drive = Drive(self._device, self._lease, self._memory, self._reports)
-        self._session = Session(self._device, self._lease, self._drive, self._memory, self._reports)
+        self._sense = Accelerations(self._device, self._reports)
+        self._session = Session(self._device, self._lease, self._drive, self._memory, self._sense, self._reports)
 
     @property
     def state(self) -> DeviceState:
@@ -59,6 +63,15 @@ class EmulatedFirmware:
         """Every frame with a valid checksum; it grows."""
         return self._session.received
 
+    @property
+    def senses(self) -> bool:
+        """Whether samples of the accelerometer are wanted."""
+        return self._sense.end_us is not None
+
+    def sense(self, acceleration: int, displacements: Sequence[int], synthesis_sample: int) -> None:
+        """Take a sample of the accelerometer in counts, with the displacements (full scale/32767) of its instant."""
+        self._sense.take(acceleration, displacements, synthesis_sample)
+
     def receive(self, data: bytes, now_us: int) -> bytes:
         """Take bytes that came at `now_us`; returns what the device sends until then."""
         self._advance(now_us)
@@ -77,6 +90,7 @@ class EmulatedFirmware:
     def hang_up(self, now_us: int) -> bytes:
         """The host let go of the line, or pulled it; returns what the device sends until then."""
         self._advance(now_us)
+        self._sense.cut()
         if self._device.is_armed:
             self._session.latch(FaultCode.HUNG_UP, Cause.HUNG_UP)
         return self.advance(now_us)
@@ -90,6 +104,7 @@ class EmulatedFirmware:
             self._watchdog_end_us(),
             self._reports.fault_due_us,
             self._device.status_due_us,
+            self._sense.end_us,
         )
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
 
@@ -99,6 +114,7 @@ class EmulatedFirmware:
             device.now_us = max(deadline_us, device.now_us)
             self._act_on_deadlines()
         device.now_us = now_us
+        self._sense.send()
 
     def _act_on_deadlines(self) -> None:
         """Do what is due; the order is the protocol's: what comes later sees what came before."""
@@ -115,6 +131,8 @@ class EmulatedFirmware:
         if self._is_due(self._watchdog_end_us()):
             session.latch(FaultCode.SILENT_HOST, Cause.SILENT_HOST)
         self._reports.advance()
+        if self._is_due(self._sense.end_us):
+            self._sense.end()
 
     def _drive_end_us(self) -> int | None:
         return self._lease.end_us if self._drive.channels.is_driving else None

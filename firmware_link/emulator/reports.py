@@ -3,9 +3,12 @@
 from firmware_link.emulator.state import FULL_SCALE_PM, Device
 from firmware_link.protocol.framing import FrameEncoder, FramingCounters, encode_message
 from firmware_link.protocol.messages import (
+    ACCELEROMETER,
     SCHEMA_HASH,
     VERSION_MAJOR,
     VERSION_MINOR,
+    Acceleration,
+    Accelerometer,
     Ack,
     Fault,
     FaultCode,
@@ -57,7 +60,8 @@ class Reports:
                 nonce=nonce,
                 boot_id=configuration.boot_id,
                 schema_hash=SCHEMA_HASH,
-                features=Features.WAVEFORMS if configuration.basis_capacity_bytes else Features(0),
+                features=(Features.WAVEFORMS if configuration.basis_capacity_bytes else Features(0))
+                | (ACCELEROMETER if configuration.sensor_rate_mhz else Features(0)),
                 firmware_major=0,
                 firmware_minor=2,
                 firmware_patch=0,
@@ -89,6 +93,10 @@ class Reports:
         if now_us >= self._log_allowed_us:
             self._log_allowed_us = now_us + LOG_SPACING_US
             self._send(Log(level, code, value, now_us))
+
+    def send_sensed(self, message: Accelerometer | Acceleration) -> None:
+        """Say what the accelerometer is, or what it read."""
+        self._send(message)
 
     def raise_fault(self, fault: FaultCode) -> None:
         """Send FAULT from now on until it is settled."""
@@ -135,5 +143,5 @@ class Reports:
             )
         )
 
-    def _send(self, message: Hello | Ack | Time | Log | Status) -> None:
+    def _send(self, message: Hello | Ack | Time | Log | Status | Accelerometer | Acceleration) -> None:
         self._outgoing.append(self._encoder.encode(message))

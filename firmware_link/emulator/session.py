@@ -5,6 +5,7 @@ from firmware_link.emulator.drive_log import Cause, Outcome, ReceivedFrame
 from firmware_link.emulator.lease import Lease
 from firmware_link.emulator.memory import Memory
 from firmware_link.emulator.reports import Reports
+from firmware_link.emulator.sense import Accelerations
 from firmware_link.emulator.state import Device
 from firmware_link.protocol.errors import MessageError
 from firmware_link.protocol.layout import Message
@@ -23,6 +24,7 @@ from firmware_link.protocol.messages import (
     LogLevel,
     Play,
     Result,
+    Sense,
     Set,
     Stop,
     TimeRequest,
@@ -36,9 +38,12 @@ US_PER_S = 1_000_000
 class Session:
     """The states IDLE, ARMED, DRIVING and LATCHED; `received` has every frame with a valid checksum."""
 
-    def __init__(self, device: Device, lease: Lease, drive: Drive, memory: Memory, reports: Reports) -> None:
+    def __init__(
+        self, device: Device, lease: Lease, drive: Drive, memory: Memory, sense: Accelerations, reports: Reports
+    ) -> None:
         self.received: list[ReceivedFrame] = []
         self._device, self._lease, self._drive, self._memory, self._reports = device, lease, drive, memory, reports
+        self._sense = sense
 
     def act_on(self, body: bytes) -> None:
         """Act on a body that the framing accepted, and count the outcome."""
@@ -83,6 +88,8 @@ class Session:
                 return Outcome.ACCEPTED
             case BasisBegin() | BasisChunk() | BasisCommit():
                 return self._memory.keep(message, sequence)
+            case Sense():
+                return self._sense.ask(message)
             case Ack() if self._reports.settle_fault(message):
                 return Outcome.ACCEPTED
         return Outcome.REFUSED
@@ -93,6 +100,7 @@ class Session:
         device, reports, store = self._device, self._reports, self._memory.store
         self.silence(DeviceState.IDLE, Cause.NEW_SESSION)
         store.end_transfer()
+        self._sense.cut()
         reports.send_hello(request.nonce, store.held_hash)
         if not reports.was_greeted:
             reports.was_greeted = True

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from firmware_link.protocol.messages import FULL_SCALE_WORD, DeviceState
+from firmware_link.protocol.messages import FULL_SCALE_WORD, MAXIMUM_SENSED_VALUES, DeviceState
 
 LONGEST_LEASE_MS = 100
 FULL_SCALE_PM = 520_000
@@ -17,7 +17,7 @@ class DeviceConfiguration:
     """What the emulated board is; frequencies in steps of the resolution, slew in full scale a second.
 
     Without `full_scales_pm` each is FULL_SCALE_PM. A `basis_capacity_bytes` of 0 is a device without waveforms, a
-    `longest_drive_s` of 0 one without its own limit.
+    `longest_drive_s` of 0 one without its own limit, a `sensor_rate_mhz` of 0 one without an accelerometer.
     """
 
     boot_id: int
@@ -34,6 +34,9 @@ class DeviceConfiguration:
     longest_waveform_ms: int = LONGEST_WAVEFORM_MS
     longest_drive_s: int = 0
     board: int = BOARD_EMULATED
+    sensor_rate_mhz: int = 0
+    sensor_scale_nm_per_s2: int = 0
+    sensor_greatest: int = 0
 
     def __post_init__(self) -> None:
         if not 1 <= self.longest_lease_ms <= LONGEST_LEASE_MS:
@@ -42,6 +45,8 @@ class DeviceConfiguration:
             raise ValueError(f"number_of_actuators is {self.number_of_actuators}; expected 1 to 255")
         if len(self.full_scales_pm) not in (0, self.number_of_actuators):
             raise ValueError(f"{len(self.full_scales_pm)} full scales for {self.number_of_actuators} actuators")
+        if self.sensor_rate_mhz and self.number_of_actuators >= MAXIMUM_SENSED_VALUES:
+            raise ValueError(f"{self.number_of_actuators} actuators have no room in a frame of the accelerometer")
 
 
 @dataclass

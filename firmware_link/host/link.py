@@ -33,6 +33,7 @@ The same concerns lie side by side on the host, in the emulated firmware and in 
 | what sounds | outbox | drive, channels | drive, channels |
 | how long it may sound | lease | lease | lease |
 | the basis | memory | memory | memory, basis |
+| samples of the accelerometer | sensing | sense | sense, stream |
 | what the device says | reports | reports | reports |
 | clicks that play and fade | protocol/player | protocol/player | player |
 | weights to samples | | protocol/basis | click, voice |
@@ -57,6 +58,7 @@ from firmware_link.host.memory import Memory
 from firmware_link.host.outbox import Outbox
 from firmware_link.host.reports import Reports
 from firmware_link.host.request import RepeatedRequest
+from firmware_link.host.sensing import Sensing
 from firmware_link.protocol.basis import Basis, EncodedClick
 from firmware_link.protocol.errors import LinkError, LinkLostError, MessageError
 from firmware_link.protocol.framing import FrameDecoder, FrameEncoder, FramingCounters, Signal
@@ -64,6 +66,8 @@ from firmware_link.protocol.layout import Message
 from firmware_link.protocol.line_rate import EXCHANGE_PERIOD_NS
 from firmware_link.protocol.messages import (
     DRIVE_SIZE,
+    Acceleration,
+    Accelerometer,
     Ack,
     DeviceState,
     Fault,
@@ -132,6 +136,7 @@ class Link:
         self._outbox = Outbox(self.counters, configuration.slew_limit_per_s, self._encoder)
         self._memory = Memory(configuration.basis, self._encoder, self._line, self._outbox)
         self._reports = Reports(self.counters, self._encoder)
+        self._sensing = Sensing(self._encoder, self._line)
 
     def connect(self, now_ns: int) -> None:
         """Start a new session, whatever was before: greet, hand the basis over, compare clocks, arm."""
@@ -141,6 +146,7 @@ class Link:
         self._handshake = Handshake(self.configuration, self._encoder, self._line, now_ns)
         self._outbox.start(b"", self.configuration.lease_ms, self.clock)
         self._memory.end_transfer()
+        self._sensing.end()
         self._reports = Reports(self.counters, self._encoder)
         self._extend_patience(now_ns)
 
@@ -191,6 +197,16 @@ class Link:
             raise LinkError("no basis is handed over before the device is armed: configure it, or wait")
         check_basis(self.capabilities, basis)
         self._memory.replace(basis)
+
+    def start_sensing(self, now_ns: int) -> None:
+        """Ask for the samples of the device's accelerometer, as events, until the session ends.
+
+        Raises LinkError unless READY, and for a device without an accelerometer; `receive` raises it later where the
+        line does not carry the samples.
+        """
+        if self.state is not _READY or self.capabilities is None:
+            raise LinkError("no accelerometer is read before the device is armed: connect first")
+        self._sensing.start(self.capabilities.features, now_ns)
 
     def stop(self, now_ns: int) -> None:
         """Ramp to zero and latch: STOP goes out before anything else, until it is acknowledged."""
@@ -249,6 +265,7 @@ class Link:
             frames = (
                 self._outbox.next_frame(now_ns)
                 or self._memory.next_frame(now_ns)
+                or self._sensing.next_frame(now_ns)
                 or self._request.next_frame(TimeRequest(now_ns), EXCHANGE_PERIOD_NS, now_ns)
             )
         elif self.state is LinkState.STOPPING:
@@ -269,6 +286,8 @@ class Link:
             send_ns = min(self._request.due_ns, self._outbox.due_ns(free_ns))
             if self._memory.due_ns is not None:
                 send_ns = min(send_ns, self._memory.due_ns)
+            if self._sensing.due_ns is not None:
+                send_ns = min(send_ns, self._sensing.due_ns)
         elif self.state is LinkState.STOPPING:
             send_ns = self._request.due_ns
         elif self.state in _HANDSHAKING:
@@ -297,6 +316,12 @@ class Link:
                 return self._acknowledged(message, now_ns)
             case Status() | Fault() | Log():
                 return self._reported(message, sequence, now_ns)
+            case Accelerometer() if self._sensing.is_wanted and self.capabilities is not None:
+                configuration, actuators = self.configuration, self.capabilities.number_of_actuators
+                line = (configuration.transport, configuration.bit_rate_hz)
+                return self._sensing.described(message, *line, actuators, now_ns)
+            case Acceleration() if self._sensing.is_wanted:
+                return self._sensing.sensed(message, now_ns)
         self.counters.unexpected += 1
         return None
 
@@ -345,4 +370,5 @@ class Link:
     def _end_session(self, state: LinkState) -> None:
         self.state, self._patience_end_ns = state, None
         self._memory.end_transfer()
+        self._sensing.end()
         self._outbox.clear()

@@ -8,6 +8,7 @@ from firmware_link.protocol.basis import Basis
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.line_rate import Transport, command_rate_hz
 from firmware_link.protocol.messages import (
+    Acceleration,
     Arm,
     FaultCode,
     Features,
@@ -177,11 +178,43 @@ class BasisRefused:
 
 
 @dataclass(frozen=True)
+class AccelerometerDescribed:
+    """The device said what its accelerometer is: nominal rate, m/s^2 of a count, and the count where it clips.
+
+    lost: samples since the device booted that it had no room for, or did not read in time.
+    """
+
+    rate_hz: float
+    scale_m_per_s2: float
+    greatest: int
+    lost: int
+
+
+@dataclass(frozen=True)
+class AccelerationReceived:
+    """Samples of the device's accelerometer came."""
+
+    samples: Acceleration
+    host_received_ns: int
+
+
+@dataclass(frozen=True)
 class Stopped:
     """The device acknowledged STOP."""
 
 
-Event = Greeted | Armed | StatusReceived | FaultReceived | LogReceived | BasisReplaced | BasisRefused | Stopped
+Event = (
+    Greeted
+    | Armed
+    | StatusReceived
+    | FaultReceived
+    | LogReceived
+    | BasisReplaced
+    | BasisRefused
+    | AccelerometerDescribed
+    | AccelerationReceived
+    | Stopped
+)
 
 
 @dataclass

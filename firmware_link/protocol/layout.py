@@ -65,12 +65,21 @@ class Message:
     type_byte: ClassVar[int]
     sender: ClassVar[Sender]
     has_fixed_seed: ClassVar[bool]
+    is_optional: ClassVar[bool]
 
     def __init_subclass__(
-        cls, *, wire_name: str, type_byte: int, sender: Sender, has_fixed_seed: bool = False, **options: Any
+        cls,
+        *,
+        wire_name: str,
+        type_byte: int,
+        sender: Sender,
+        has_fixed_seed: bool = False,
+        is_optional: bool = False,
+        **options: Any,
     ) -> None:
         super().__init_subclass__(**options)
-        cls.wire_name, cls.type_byte, cls.sender, cls.has_fixed_seed = wire_name, type_byte, sender, has_fixed_seed
+        cls.wire_name, cls.type_byte, cls.sender = wire_name, type_byte, sender
+        cls.has_fixed_seed, cls.is_optional = has_fixed_seed, is_optional
 
     @classmethod
     def purpose(cls) -> str:

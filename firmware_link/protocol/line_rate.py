@@ -4,7 +4,14 @@ from dataclasses import dataclass
 from enum import Enum
 
 from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.messages import DRIVE_SIZE, Set, SetFlag, TimeRequest
+from firmware_link.protocol.messages import (
+    DRIVE_SIZE,
+    MAXIMUM_SENSED_VALUES,
+    Acceleration,
+    Set,
+    SetFlag,
+    TimeRequest,
+)
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
@@ -23,6 +30,10 @@ class Transport(Enum):
     USB_FULL_SPEED = "USB full speed"
     USB_HIGH_SPEED = "USB high speed"
     BLUETOOTH = "Bluetooth serial"
+
+
+# The rest is for STATUS and answers, and for an accelerometer that is faster than it says.
+SENSED_SHARE = 0.8
 
 
 @dataclass(frozen=True)
@@ -60,3 +71,11 @@ def command_rate_hz(transport: Transport, bit_rate_hz: int, number_of_actuators:
     free = 1.0 - exchange_ns / EXCHANGE_PERIOD_NS
     by_line_hz = free * NS_PER_S / occupied_ns(transport, bit_rate_hz, set_size)
     return min(by_line_hz, LONGEST_SEQUENCE_LEAD * MS_PER_S / lease_ms)
+
+
+def sensed_rate_hz(transport: Transport, bit_rate_hz: int, number_of_actuators: int) -> float:
+    """Samples a second of an accelerometer that the line carries in ACCELERATION, in SENSED_SHARE of its time."""
+    samples = MAXIMUM_SENSED_VALUES // (1 + number_of_actuators)
+    values = (0,) * samples * (1 + number_of_actuators)
+    size = len(encode_message(Acceleration(0, 0, 0, len(values), values), 0))
+    return SENSED_SHARE * samples * NS_PER_S / occupied_ns(transport, bit_rate_hz, size)

@@ -17,7 +17,7 @@ from firmware_link.protocol.errors import MessageError
 from firmware_link.protocol.layout import Counted, Layout, Message, PerActuator, Sender, Word
 
 VERSION_MAJOR = 3
-VERSION_MINOR = 0
+VERSION_MINOR = 1
 MAGIC = int.from_bytes(b"tact", "little")
 MAXIMUM_ACTUATORS = 255
 
@@ -29,6 +29,9 @@ BASIS_CHUNK_SIZE = 192
 # As many as the count of a PLAY can say: clicks of 30 ms for eleven actuators.
 MAXIMUM_WEIGHTS = 255
 MAXIMUM_FRACTION_BITS = 31
+# 32 samples of two actuators, 10 ms at 3.2 kHz: the frame is 211 bytes, and longer ones would save only 3 % of a line.
+MAXIMUM_SENSED_VALUES = 96
+LONGEST_SENSE_MS = 2_000
 
 
 class DeviceState(IntEnum):
@@ -66,6 +69,10 @@ class Features(IntFlag, boundary=KEEP):
 
     WAVEFORMS = 1
     HIGH_VOLTAGE_SENSE = 4
+
+
+# No member of the class above: its members are in the definition of HELLO, which never changes.
+ACCELEROMETER = Features(8)
 
 
 class LogLevel(IntEnum):
@@ -301,11 +308,46 @@ class Play(Message, wire_name="PLAY", type_byte=0x11, sender=Sender.HOST):
     weights: Annotated[tuple[int, ...], Counted((("weight", Word("i16", "2^-fraction_bits")),), MAXIMUM_WEIGHTS)]
 
 
+@dataclass(frozen=True)
+class Sense(Message, wire_name="SENSE", type_byte=0x12, sender=Sender.HOST, is_optional=True):
+    """Send ACCELERATION for one lease, or with a lease of 0 no longer; answered by SENSOR."""
+
+    lease_ms: Annotated[int, _U16]
+
+
+@dataclass(frozen=True)
+class Accelerometer(Message, wire_name="SENSOR", type_byte=0x13, sender=Sender.DEVICE, is_optional=True):
+    """What the accelerometer is: nominal rate, scale of a count, greatest count, and samples that the device lost."""
+
+    rate_mhz: Annotated[int, Word("u32", "mHz")]
+    scale_nm_per_s2: Annotated[int, Word("u32", "nm/s^2")]
+    greatest: Annotated[int, _U16]
+    lost: Annotated[int, _U32]
+
+
+@dataclass(frozen=True)
+class Acceleration(Message, wire_name="ACCELERATION", type_byte=0x14, sender=Sender.DEVICE, is_optional=True):
+    """Samples of the accelerometer, each followed by the displacement of every actuator at its instant.
+
+    `frame` counts the frames, and `number` the samples of the accelerometer, both since boot. `number` and
+    `synthesis_sample`, the sample of the synthesis that the actuators stood at, are those of the first sample here.
+    """
+
+    frame: Annotated[int, _U16]
+    number: Annotated[int, _U32]
+    synthesis_sample: Annotated[int, _U32]
+    number_of_values: Annotated[int, _U8]
+    values: Annotated[tuple[int, ...], Counted((("value", Word("i16")),), MAXIMUM_SENSED_VALUES)]
+
+
 MESSAGES: tuple[type[Message], ...] = tuple(Message.__subclasses__())  # in the order of this file
 
 _LAYOUTS = {message.type_byte: Layout(message) for message in MESSAGES}
 
-SCHEMA_HASH = zlib.crc32("\n".join(layout.definition for layout in _LAYOUTS.values()).encode("ascii"))
+# Without the optional messages: sides of which one does not know them understand each other in all others.
+SCHEMA_HASH = zlib.crc32(
+    "\n".join(layout.definition for layout in _LAYOUTS.values() if not layout.message.is_optional).encode("ascii")
+)
 
 
 def encode_body(message: Message, sequence: int) -> bytes:
@@ -352,7 +394,7 @@ def seed_of(type_byte: int) -> int | None:
 def has_exact_length(body: bytes, number_of_actuators: int) -> bool:
     """Whether a body of a known type is as long as that type demands.
 
-    A HELLO says its own number of actuators and a PLAY its number of weights, in the byte before what is repeated.
+    HELLO, PLAY and ACCELERATION say in the byte before what is repeated how often it is.
     """
     layout = _LAYOUTS[body[0]]
     fixed, repetitions = layout.length(0), number_of_actuators

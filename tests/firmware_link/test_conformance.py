@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware, synthesise
 from tests.firmware_link.conformance import HANG_UP_LAWS, LAWS, WAVE_LAWS, HangUpLaw, Law, WaveLaw
+from tests.firmware_link.sensing_laws import ACCELEROMETER_OF_LAWS, SENSING_LAWS, sample_instants_us
 
 SAMPLE_RATE_HZ = 20_000.0
 
@@ -29,7 +30,12 @@ class VirtualTier:
         self._said += self._firmware.receive(data, self._device_us())
 
     def wait(self, duration_us: int) -> None:
-        self._host_us += duration_us
+        end_us = self._host_us + duration_us
+        if self._firmware.senses:
+            for now_us in sample_instants_us(self._device_us(), self._device_us() + duration_us):
+                self._said += self._firmware.advance(now_us)
+                self._firmware.sense(now_us % 4_000, [0, 0], now_us * 48 // 1_000)
+        self._host_us = end_us
         self._said += self._firmware.advance(self._device_us())
 
     def read(self) -> bytes:
@@ -51,12 +57,12 @@ class VirtualTier:
 
     def _boot(self) -> EmulatedFirmware:
         self._boots += 1
-        return EmulatedFirmware(DeviceConfiguration(boot_id=0x5EED + self._boots))
+        return EmulatedFirmware(DeviceConfiguration(boot_id=0x5EED + self._boots, **ACCELEROMETER_OF_LAWS))
 
     def _device_us(self) -> int:
         return self._host_us - self._booted_us
 
 
-@pytest.mark.parametrize("law", [*LAWS, *WAVE_LAWS, *HANG_UP_LAWS], ids=lambda law: law.__name__)
+@pytest.mark.parametrize("law", [*LAWS, *WAVE_LAWS, *HANG_UP_LAWS, *SENSING_LAWS], ids=lambda law: law.__name__)
 def test_the_emulated_firmware_keeps(law: Law | WaveLaw | HangUpLaw) -> None:
     law(VirtualTier())

@@ -35,6 +35,11 @@ static inline uint8_t *put_u16(uint8_t *at, uint16_t value)
     return put_u8(put_u8(at, (uint8_t)value), (uint8_t)(value >> 8));
 }
 
+static inline uint8_t *put_i16(uint8_t *at, int16_t value)
+{
+    return put_u16(at, (uint16_t)value);
+}
+
 static inline uint8_t *put_u32(uint8_t *at, uint32_t value)
 {
     return put_u16(put_u16(at, (uint16_t)value), (uint16_t)(value >> 16));

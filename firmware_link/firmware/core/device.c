@@ -3,6 +3,7 @@
 #include "device_time.h"
 #include "reports.h"
 #include "session.h"
+#include "stream.h"
 
 /* A ramp at a slow slew may take a second; a disarmed supply does not wait for it. */
 #define LONGEST_RAMP_US 100000u
@@ -48,6 +49,9 @@ static void act_on_deadlines(struct tactable_device *device)
         session_latch(device, TACTABLE_FAULT_CODE_SILENT_HOST);
     }
     reports_advance(device);
+    if (device->sense.end_us <= device->now_us) {
+        stream_end(device);
+    }
 }
 
 void tactable_device_start(
@@ -74,6 +78,7 @@ void tactable_device_start(
     channels_start(
         &device->channels, number_of_actuators, configuration->frequency_minimum, configuration->frequency_maximum);
     player_start(&device->player);
+    sense_start(&device->sense, number_of_actuators);
     synthesis_start(
         &device->synthesis, number_of_actuators, configuration->synthesis_rate_hz, configuration->frequency_resolution_uhz);
 }
@@ -105,6 +110,7 @@ void tactable_device_advance(struct tactable_device *device, uint64_t now_us)
         deadline_us = tactable_device_next_deadline_us(device);
     }
     device->now_us = now_us;
+    stream_advance(device);
 }
 
 void tactable_device_emergency_stop(struct tactable_device *device, uint64_t now_us)
@@ -117,6 +123,7 @@ void tactable_device_emergency_stop(struct tactable_device *device, uint64_t now
 void tactable_device_hang_up(struct tactable_device *device, uint64_t now_us)
 {
     tactable_device_advance(device, now_us);
+    stream_cut(device);
     if (state_is_armed(device)) {
         session_latch(device, TACTABLE_FAULT_CODE_HUNG_UP);
     }
@@ -128,6 +135,7 @@ uint64_t tactable_device_next_deadline_us(const struct tactable_device *device)
     uint64_t deadline_us = earlier_us(device->player.end_us, drive_end_us(device));
     deadline_us = earlier_us(deadline_us, on_time_end_us(device));
     deadline_us = earlier_us(deadline_us, watchdog_end_us(device));
+    deadline_us = earlier_us(deadline_us, device->sense.end_us);
     return earlier_us(deadline_us, earlier_us(device->reports.fault_due_us, device->status_due_us));
 }
 
@@ -141,5 +149,18 @@ bool tactable_device_allows_high_voltage(const struct tactable_device *device)
 
 void tactable_device_sample(struct tactable_device *device, int16_t *displacements)
 {
+    const uint32_t sample = device->synthesis.samples;
     synthesis_sample(&device->synthesis, displacements);
+    sense_remember(&device->sense, sample, displacements);
+}
+
+void tactable_device_sense(struct tactable_device *device, int16_t acceleration)
+{
+    const uint32_t sample = device->synthesis.samples - 1u - device->configuration.sensor_delay_samples;
+    sense_take(&device->sense, acceleration, sense_recall(&device->sense, sample), sample);
+}
+
+void tactable_device_miss(struct tactable_device *device, uint32_t samples)
+{
+    sense_miss(&device->sense, samples);
 }

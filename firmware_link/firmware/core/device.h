@@ -1,7 +1,7 @@
 /* The device: bytes and time in, bytes and samples out; no allocation, no clock and no hardware of its own.
  *
- * One activity calls everything but tactable_device_sample(), which an interrupt may call between
- * `release_samples` and `hold_samples`. Times are microseconds since boot and must not run backwards.
+ * One activity calls everything but the last three functions, which one interrupt may call between `release_samples` and
+ * `hold_samples`. Times are microseconds since boot and must not run backwards.
  */
 #ifndef TACTABLE_DEVICE_H
 #define TACTABLE_DEVICE_H
@@ -32,5 +32,12 @@ bool tactable_device_allows_high_voltage(const struct tactable_device *device);
 
 /* The displacements of all actuators for the next sample, 32767 = full scale. */
 void tactable_device_sample(struct tactable_device *device, int16_t *displacements);
+
+/* Takes a sample of the board's accelerometer, in counts, that came since the last tactable_device_sample(): it belongs to
+ * the displacements that this returned, or to those of `sensor_delay_samples` before. It neither waits nor allocates. */
+void tactable_device_sense(struct tactable_device *device, int16_t acceleration);
+
+/* Counts samples that the accelerometer took and the board did not read. */
+void tactable_device_miss(struct tactable_device *device, uint32_t samples);
 
 #endif

@@ -27,10 +27,12 @@ static void send(struct tactable_device *device, uint8_t *body, const uint8_t *e
     device->hooks.send(device->hooks.context, frame, length);
 }
 
-static uint32_t features_of(const struct tactable_configuration *configuration)
+static uint32_t features_of(const struct tactable_device *device)
 {
+    const struct tactable_configuration *configuration = &device->configuration;
     uint32_t features = configuration->basis_capacity_bytes != 0 ? TACTABLE_FEATURES_WAVEFORMS : 0u;
     features |= configuration->senses_high_voltage ? TACTABLE_FEATURES_HIGH_VOLTAGE_SENSE : 0u;
+    features |= state_has_accelerometer(device) ? TACTABLE_ACCELEROMETER : 0u;
     return features;
 }
 
@@ -77,7 +79,7 @@ void reports_send_hello(struct tactable_device *device, uint32_t nonce)
         .nonce = nonce,
         .boot_id = configuration->boot_id,
         .schema_hash = TACTABLE_SCHEMA_HASH,
-        .features = features_of(configuration),
+        .features = features_of(device),
         .firmware_major = FIRMWARE_MAJOR,
         .firmware_minor = FIRMWARE_MINOR,
         .firmware_patch = FIRMWARE_PATCH,
@@ -125,6 +127,41 @@ void reports_send_log(
     const struct tactable_log log = {(uint8_t)level, (uint16_t)code, value, device->now_us};
     uint8_t body[BODY_ROOM];
     send(device, body, tactable_write_log(body, next_sequence(&device->reports), &log));
+}
+
+void reports_send_sensor(struct tactable_device *device)
+{
+    const struct tactable_configuration *configuration = &device->configuration;
+    const struct tactable_sensor sensor = {
+        .rate_mhz = configuration->sensor_rate_mhz,
+        .scale_nm_per_s2 = configuration->sensor_scale_nm_per_s2,
+        .greatest = configuration->sensor_greatest,
+        .lost = device->sense.lost,
+    };
+    uint8_t body[BODY_ROOM];
+    send(device, body, tactable_write_sensor(body, next_sequence(&device->reports), &sensor));
+}
+
+void reports_send_acceleration(struct tactable_device *device, uint32_t records)
+{
+    const uint8_t number_of_actuators = device->configuration.number_of_actuators;
+    const struct sense_record *first = sense_waiting_at(&device->sense, 0);
+    const struct tactable_acceleration acceleration = {
+        .frame = device->sense.frame,
+        .number = first->number,
+        .synthesis_sample = first->synthesis_sample,
+        .number_of_values = (uint8_t)(records * (1u + number_of_actuators)),
+    };
+    uint8_t body[BODY_ROOM];
+    uint8_t *end = tactable_write_acceleration(body, next_sequence(&device->reports), &acceleration);
+    for (uint32_t i = 0; i < records; i++) {
+        const struct sense_record *record = sense_waiting_at(&device->sense, i);
+        end = put_i16(end, record->acceleration);
+        for (uint8_t actuator = 0; actuator < number_of_actuators; actuator++) {
+            end = put_i16(end, record->displacements[actuator]);
+        }
+    }
+    send(device, body, end);
 }
 
 void reports_raise_fault(struct tactable_device *device, enum tactable_fault_code fault)

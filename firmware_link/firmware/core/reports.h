@@ -13,6 +13,12 @@ void reports_send_time(struct tactable_device *device, uint64_t host_sent_ns);
 void reports_send_log(
     struct tactable_device *device, enum tactable_log_level level, enum tactable_log_code code, uint32_t value);
 
+/* Says what the accelerometer is. */
+void reports_send_sensor(struct tactable_device *device);
+
+/* Sends the first records of the accelerometer that wait. */
+void reports_send_acceleration(struct tactable_device *device, uint32_t records);
+
 /* Sends FAULT from now on until it is settled. */
 void reports_raise_fault(struct tactable_device *device, enum tactable_fault_code fault);
 

@@ -4,6 +4,7 @@
 #include "drive.h"
 #include "memory.h"
 #include "reports.h"
+#include "stream.h"
 
 static uint16_t lesser(uint32_t one, uint32_t other)
 {
@@ -28,6 +29,7 @@ static enum outcome greet(struct tactable_device *device, const uint8_t *body)
     }
     session_silence(device, TACTABLE_DEVICE_STATE_IDLE);
     basis_end_transfer(&device->basis);
+    stream_cut(device);
     reports_send_hello(device, message.nonce);
     if (!device->reports.was_greeted) {
         device->reports.was_greeted = true;
@@ -110,6 +112,8 @@ static enum outcome dispatch(struct tactable_device *device, const uint8_t *body
     case TACTABLE_BASIS_CHUNK_TYPE:
     case TACTABLE_BASIS_COMMIT_TYPE:
         return memory_keep(device, body, sequence);
+    case TACTABLE_SENSE_TYPE:
+        return stream_ask(device, body);
     case TACTABLE_ACK_TYPE:
         return settle_fault(device, body);
     default:

@@ -7,6 +7,12 @@ bool state_is_armed(const struct tactable_device *device)
     return device->state == TACTABLE_DEVICE_STATE_ARMED || device->state == TACTABLE_DEVICE_STATE_DRIVING;
 }
 
+bool state_has_accelerometer(const struct tactable_device *device)
+{
+    const struct tactable_configuration *configuration = &device->configuration;
+    return configuration->sensor_rate_mhz != 0 && configuration->number_of_actuators < TACTABLE_MAXIMUM_SENSED_VALUES;
+}
+
 void state_enter(struct tactable_device *device, enum tactable_device_state state)
 {
     if (state == device->state) {

@@ -16,6 +16,7 @@
 #include "lease.h"
 #include "limits.h"
 #include "player.h"
+#include "sense.h"
 #include "synthesis.h"
 #include "tactable_protocol.h"
 
@@ -38,6 +39,10 @@ struct tactable_configuration {
     uint32_t basis_capacity_bytes; /* 0: no waveforms */
     uint8_t *basis;                /* basis_capacity_bytes of memory */
     uint32_t full_scales_pm[TACTABLE_ACTUATORS];
+    uint32_t sensor_rate_mhz; /* nominal; 0: no accelerometer */
+    uint32_t sensor_scale_nm_per_s2;
+    uint16_t sensor_greatest;     /* count at the end of its range */
+    uint8_t sensor_delay_samples; /* of the synthesis, from the motion to its sample; below SENSE_HISTORY */
 };
 
 #define TACTABLE_LONGEST_LEASE_MS 100u
@@ -86,6 +91,7 @@ struct tactable_device {
     struct player player;
     struct reports reports;
     struct synthesis synthesis;
+    struct sense sense;
     struct click click; /* the newest; too large for the stack of small boards */
     uint16_t high_voltage_dv;
     uint16_t slew_per_s;
@@ -97,6 +103,9 @@ struct tactable_device {
 
 /* Whether drives are allowed. */
 bool state_is_armed(const struct tactable_device *device);
+
+/* Whether the board has an accelerometer, and a frame room for a sample of it. */
+bool state_has_accelerometer(const struct tactable_device *device);
 
 /* Changes the state; STATUS says so at once. */
 void state_enter(struct tactable_device *device, enum tactable_device_state state);

@@ -14,7 +14,7 @@
 #include "bytes.h"
 
 #define TACTABLE_VERSION_MAJOR 0x3u
-#define TACTABLE_VERSION_MINOR 0x0u
+#define TACTABLE_VERSION_MINOR 0x1u
 #define TACTABLE_MAGIC 0x74636174u
 #define TACTABLE_SCHEMA_HASH 0xf6b390ddu
 #define TACTABLE_FULL_SCALE_WORD 0xffffu
@@ -23,6 +23,9 @@
 #define TACTABLE_BASIS_CHUNK_SIZE 0xc0u
 #define TACTABLE_MAXIMUM_WEIGHTS 0xffu
 #define TACTABLE_MAXIMUM_FRACTION_BITS 0x1fu
+#define TACTABLE_MAXIMUM_SENSED_VALUES 0x60u
+#define TACTABLE_LONGEST_SENSE_MS 0x7d0u
+#define TACTABLE_ACCELEROMETER 0x8u
 #define TACTABLE_EMERGENCY_STOP_RUN 0x8u
 
 /* What the firmware allows: only DRIVING has a drive, only a handshake leaves LATCHED. */
@@ -103,10 +106,14 @@ struct tactable_layout {
     {0x651fb466u, 10u, 0u, 0u, 0x0eu}, \
     {0x3cbffe4eu, 198u, 0u, 0u, 0x0fu}, \
     {0xe19d6d7cu, 6u, 0u, 0u, 0x10u}, \
-    {0xcc8c73c2u, 9u, 2u, 255u, 0x11u}
+    {0xcc8c73c2u, 9u, 2u, 255u, 0x11u}, \
+    {0xd97bc7d1u, 4u, 0u, 0u, 0x12u}, \
+    {0xbcc0ee5fu, 16u, 0u, 0u, 0x13u}, \
+    {0xca2ec2d5u, 13u, 2u, 96u, 0x14u}
 
 /* No body that a device sends is longer. */
-#define TACTABLE_SENT_BODY_BOUND(number_of_actuators) (59u + 4u * (number_of_actuators))
+#define TACTABLE_SENT_BODY_BOUND(number_of_actuators) \
+    (59u + 4u * (number_of_actuators) > 205u ? 59u + 4u * (number_of_actuators) : 205u)
 
 /* No body is longer. */
 #define TACTABLE_BODY_BOUND(number_of_actuators) \
@@ -488,6 +495,71 @@ static inline struct tactable_play_item tactable_read_play_item(const uint8_t *b
     struct tactable_play_item item;
     item.weight = (int16_t)get_u16(at + 0);
     return item;
+}
+
+/* SENSE, sent by host. Send ACCELERATION for one lease, or with a lease of 0 no longer; answered by SENSOR. */
+#define TACTABLE_SENSE_TYPE 0x12u
+
+struct tactable_sense {
+    uint16_t lease_ms;
+};
+
+static inline bool tactable_read_sense(const uint8_t *body, struct tactable_sense *message)
+{
+    message->lease_ms = get_u16(body + 2);
+    return true;
+}
+
+/* SENSOR, sent by device. What the accelerometer is: nominal rate, scale of a count, greatest count, and samples that the device lost. */
+#define TACTABLE_SENSOR_TYPE 0x13u
+
+struct tactable_sensor {
+    uint32_t rate_mhz; /* mHz */
+    uint32_t scale_nm_per_s2; /* nm/s^2 */
+    uint16_t greatest;
+    uint32_t lost;
+};
+
+static inline uint8_t *tactable_write_sensor(uint8_t *at, uint8_t sequence, const struct tactable_sensor *message)
+{
+    at = put_u8(at, TACTABLE_SENSOR_TYPE);
+    at = put_u8(at, sequence);
+    at = put_u32(at, message->rate_mhz);
+    at = put_u32(at, message->scale_nm_per_s2);
+    at = put_u16(at, message->greatest);
+    at = put_u32(at, message->lost);
+    return at;
+}
+
+/* ACCELERATION, sent by device. Samples of the accelerometer, each followed by the displacement of every actuator at its instant. */
+#define TACTABLE_ACCELERATION_TYPE 0x14u
+
+struct tactable_acceleration {
+    uint16_t frame;
+    uint32_t number;
+    uint32_t synthesis_sample;
+    uint8_t number_of_values;
+};
+
+struct tactable_acceleration_item {
+    int16_t value;
+};
+
+static inline uint8_t *tactable_write_acceleration(uint8_t *at, uint8_t sequence, const struct tactable_acceleration *message)
+{
+    at = put_u8(at, TACTABLE_ACCELERATION_TYPE);
+    at = put_u8(at, sequence);
+    at = put_u16(at, message->frame);
+    at = put_u32(at, message->number);
+    at = put_u32(at, message->synthesis_sample);
+    at = put_u8(at, message->number_of_values);
+    return at;
+}
+
+static inline uint8_t *tactable_write_acceleration_item(uint8_t *at, const struct tactable_acceleration_item *item)
+{
+    at = put_i16(at, item->value);
+    return at;
 }
 
 #endif

@@ -59,7 +59,7 @@ static bool are_valid(const uint32_t options[HOST_OPTIONS])
 {
     static const uint32_t greatest[HOST_OPTIONS] = {
         UINT32_MAX, TACTABLE_ACTUATORS, TACTABLE_LONGEST_LEASE_MS, UINT16_MAX, UINT16_MAX, UINT16_MAX, UINT16_MAX,
-        UINT16_MAX, 10000000u, 1u << 30, UINT16_MAX, UINT8_MAX, UINT16_MAX,
+        UINT16_MAX, 10000000u, 1u << 30, UINT16_MAX, UINT8_MAX, UINT16_MAX, UINT32_MAX, UINT32_MAX, UINT16_MAX,
     };
     for (size_t i = 0; i < HOST_OPTIONS; i++) {
         if (options[i] > greatest[i]) {
@@ -95,6 +95,9 @@ struct host *host_open(const uint32_t options[HOST_OPTIONS], const uint32_t *ful
         .longest_waveform_ms = (uint16_t)options[HOST_LONGEST_WAVEFORM_MS],
         .longest_drive_s = (uint8_t)options[HOST_LONGEST_DRIVE_S],
         .board = (uint16_t)options[HOST_BOARD],
+        .sensor_rate_mhz = options[HOST_SENSOR_RATE_MHZ],
+        .sensor_scale_nm_per_s2 = options[HOST_SENSOR_SCALE_NM_PER_S2],
+        .sensor_greatest = (uint16_t)options[HOST_SENSOR_GREATEST],
     };
     memcpy(configuration.full_scales_pm, full_scales_pm, options[HOST_NUMBER_OF_ACTUATORS] * sizeof *full_scales_pm);
     const struct tactable_hooks hooks = {host, keep_sent, do_nothing, do_nothing};
@@ -143,6 +146,21 @@ void host_hang_up(struct host *host, uint64_t now_us)
 {
     run_samples(host, now_us);
     tactable_device_hang_up(&host->device, now_us);
+}
+
+void host_sense(struct host *host, int16_t acceleration)
+{
+    tactable_device_sense(&host->device, acceleration);
+}
+
+void host_sense_at(struct host *host, int16_t acceleration, const int16_t *displacements, uint32_t synthesis_sample)
+{
+    sense_take(&host->device.sense, acceleration, displacements, synthesis_sample);
+}
+
+bool host_senses(const struct host *host)
+{
+    return host->device.sense.is_on;
 }
 
 size_t host_take_sent(struct host *host, uint8_t *bytes, size_t room)

@@ -21,6 +21,9 @@ enum host_option {
     HOST_LONGEST_WAVEFORM_MS,
     HOST_LONGEST_DRIVE_S,
     HOST_BOARD,
+    HOST_SENSOR_RATE_MHZ,
+    HOST_SENSOR_SCALE_NM_PER_S2,
+    HOST_SENSOR_GREATEST,
     HOST_OPTIONS,
 };
 
@@ -35,6 +38,11 @@ void host_close(struct host *host);
 void host_receive(struct host *host, const uint8_t *bytes, size_t length, uint64_t now_us);
 void host_advance(struct host *host, uint64_t now_us);
 void host_hang_up(struct host *host, uint64_t now_us);
+
+/* A sample of the accelerometer now, as a board gives it; or one of before, with its displacements and its instant. */
+void host_sense(struct host *host, int16_t acceleration);
+void host_sense_at(struct host *host, int16_t acceleration, const int16_t *displacements, uint32_t synthesis_sample);
+bool host_senses(const struct host *host);
 
 /* Takes what the device has sent since the last call, at most `room` bytes. */
 size_t host_take_sent(struct host *host, uint8_t *bytes, size_t room);

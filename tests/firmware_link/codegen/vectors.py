@@ -19,6 +19,8 @@ from firmware_link.protocol.messages import (
     SCHEMA_HASH,
     VERSION_MAJOR,
     VERSION_MINOR,
+    Acceleration,
+    Accelerometer,
     Ack,
     Arm,
     ChannelDrive,
@@ -34,6 +36,7 @@ from firmware_link.protocol.messages import (
     LogLevel,
     Play,
     Result,
+    Sense,
     Set,
     SetFlag,
     Status,
@@ -88,6 +91,9 @@ def example_messages() -> tuple[Message, ...]:
         Log(LogLevel.WARNING, LogCode.LEASE_EXPIRED, 7, 41_000),
         *transfer_messages(example_basis().data),
         *example_plays(),
+        Sense(500),
+        Accelerometer(3_200_000, 38_303_000, 4_095, 0),
+        Acceleration(65_535, 2**32 - 1, 48_000, 6, (256, 32_767, -1, -4_096, -32_767, 0)),
     )
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from firmware_link.emulator import DeviceConfiguration
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
+from tests.firmware_link.sensing_laws import ACCELEROMETER_OF_LAWS, sample_instants_us
 
 FIRMWARE = Path(__file__).parents[3] / "firmware_link" / "firmware"
 EXTRA = " ".join(str(Path(__file__).parent / "c" / name) for name in ("decoder.c", "held_samples.c"))
@@ -74,7 +75,12 @@ class CompiledTier:
         self._said += self._firmware.receive(data, self._device_us())
 
     def wait(self, duration_us: int) -> None:
-        self._host_us += duration_us
+        end_us = self._host_us + duration_us
+        if self._firmware.senses:
+            for now_us in sample_instants_us(self._device_us(), self._device_us() + duration_us):
+                self._said += self._firmware.advance(now_us)
+                self._firmware.sense_now(now_us % 4_000)
+        self._host_us = end_us
         self._said += self._firmware.advance(self._device_us())
 
     def read(self) -> bytes:
@@ -101,7 +107,8 @@ class CompiledTier:
 
     def _boot(self) -> CompiledFirmware:
         self._boots += 1
-        return CompiledFirmware(core_library(), DeviceConfiguration(boot_id=0x5EED + self._boots))
+        configuration = DeviceConfiguration(boot_id=0x5EED + self._boots, **ACCELEROMETER_OF_LAWS)
+        return CompiledFirmware(core_library(), configuration)
 
     def _device_us(self) -> int:
         return self._host_us - self._booted_us

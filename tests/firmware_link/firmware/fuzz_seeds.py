@@ -21,6 +21,7 @@ from firmware_link.protocol.messages import (
     HelloRequest,
     KeepAlive,
     Result,
+    Sense,
     Set,
     SetFlag,
     Stop,
@@ -35,7 +36,7 @@ from tests.firmware_link.virtual_rig import reference
 
 # As fuzz.c has them.
 ACTUATORS, BOOT_ID, TIME_STEP_US = 3, 7, 37
-RAW, FRAMED, SAMPLES, HANG_UP, EMERGENCY_STOP = range(5)
+RAW, FRAMED, SAMPLES, HANG_UP, EMERGENCY_STOP, SENSE = range(6)
 CLICKS = Clicks(1_000, [hump(1.0, -1.0, 0.3, duration_us=20_000)] * 2)
 HEAD = struct.Struct("<BHB")
 
@@ -97,7 +98,13 @@ def sessions() -> list[Session]:
     latched.add(EMERGENCY_STOP)
     latched.add(HANG_UP)
     raw.add(RAW, encode_message(Stop(), 9) + bytes(8))
-    return [driven, played, latched, raw]
+    sensed = armed(greeted())
+    sensed.send(Sense(0))
+    sensed.send(Sense(100))
+    for _ in range(4):
+        sensed.set(0.5, 0.5, 0.5)
+        sensed.add(SENSE, bytes(range(121)), wait_us=30_000)
+    return [driven, played, latched, raw, sensed]
 
 
 if __name__ == "__main__":

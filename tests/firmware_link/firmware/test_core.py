@@ -21,11 +21,12 @@ from tests.firmware_link.conformance import (
     WaveLaw,
 )
 from tests.firmware_link.firmware.compiled_core import LIBRARY, CompiledTier, WatchedTier, core_library, make, need
+from tests.firmware_link.sensing_laws import SENSING_LAWS
 
 ROOT = Path(__file__).parents[3]
 
 
-@pytest.mark.parametrize("law", [*LAWS, *WAVE_LAWS, *HANG_UP_LAWS], ids=lambda law: law.__name__)
+@pytest.mark.parametrize("law", [*LAWS, *WAVE_LAWS, *HANG_UP_LAWS, *SENSING_LAWS], ids=lambda law: law.__name__)
 def test_the_c_core_keeps(law: Law | WaveLaw | HangUpLaw) -> None:
     law(WatchedTier())
 

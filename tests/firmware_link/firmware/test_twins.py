@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware, synthesise
 from firmware_link.emulator.c_core import CompiledFirmware
@@ -29,6 +30,7 @@ from firmware_link.protocol.messages import (
     KeepAlive,
     Play,
     Result,
+    Sense,
     Set,
     SetFlag,
     Stop,
@@ -49,7 +51,14 @@ SLEW_PER_S = 200
 US_PER_S = 1_000_000
 RAMP_US = US_PER_S // SLEW_PER_S
 CONFIGURATION = DeviceConfiguration(
-    BOOT_ID, ACTUATORS, synthesis_rate_hz=RATE_HZ, basis_capacity_bytes=2_000, longest_drive_s=1
+    BOOT_ID,
+    ACTUATORS,
+    synthesis_rate_hz=RATE_HZ,
+    basis_capacity_bytes=2_000,
+    longest_drive_s=1,
+    sensor_rate_mhz=3_200_000,
+    sensor_scale_nm_per_s2=38_303_000,
+    sensor_greatest=4_095,
 )
 CLICKS = Clicks(2_000, [hump(1.0, -0.5), hump(0.5, 0.9, duration_us=7_000)])
 TRANSFER = list(transfer_messages(CLICKS.basis.data))
@@ -68,6 +77,7 @@ class Twins:
     sequence: int = 0
     applied: int = 0
     last: bytes = b""
+    samples: NDArray[np.int16] = field(default_factory=lambda: np.empty((0, ACTUATORS), np.int16))
 
     def send(self, message: Message, step: int = 1) -> None:
         if isinstance(message, BasisBegin):
@@ -103,8 +113,18 @@ class Twins:
             wanted = [round(channel.amplitude * FULL_SCALE_WORD) for channel in self.python.drive_log[-1].channels]
             assert [aimed for _, aimed in self.compiled.amplitudes()] == wanted
 
+    def sense(self, accelerations: list[int]) -> None:
+        """The C core knows the displacements of an instant by itself; Python is told those of C."""
+        self.samples = np.concatenate([self.samples, self.compiled.take_samples()])
+        last = len(self.samples) - 1
+        for acceleration in accelerations:
+            self.compiled.sense_now(acceleration)
+            self.python.sense(acceleration, self.samples[last].tolist() if last >= 0 else [0] * ACTUATORS, last)
+        assert self.compiled.senses == self.python.senses
+
     def compare_samples(self) -> None:
-        got = self.compiled.take_samples() / FULL_OUTPUT
+        self.samples = np.concatenate([self.samples, self.compiled.take_samples()])
+        got = self.samples / FULL_OUTPUT
         wanted = synthesise(self.python.drive_log, 0, self.now_us, RATE_HZ)
         np.testing.assert_allclose(got, wanted if wanted.size else np.zeros_like(got), rtol=0, atol=TOLERANCE)
 
@@ -177,6 +197,8 @@ ordinary: st.SearchStrategy[Step] = st.one_of(
     st.builds(_play, st.integers(0, 1), st.just(FULL_SCALE_WORD), st.just(0)),
     st.builds(_play_any, st.integers(0, 2), st.integers(0, 32), st.tuples(*[st.integers(-(2**15), 2**15 - 1)] * 2)),
     st.builds(_keep, st.sampled_from([0, 0, 1]), ages_us, sequence_steps),
+    st.sampled_from([0, 1, 20, 2_500]).map(lambda lease_ms: _send(Sense(lease_ms))),
+    st.lists(st.integers(-(2**15), 2**15 - 1), max_size=100).map(lambda counts: lambda twins: twins.sense(counts)),
 )
 rare: st.SearchStrategy[Step] = st.one_of(
     arms.map(_send),

@@ -229,7 +229,7 @@ def test_no_device_is_an_error_with_a_remedy() -> None:
 @pytest.mark.parametrize(
     ("change", "remedy"),
     [
-        ({"version_major": 2}, "protocol 2.0, this host 3.0.*install the firmware"),
+        ({"version_major": 2}, "protocol 2.1, this host 3.1.*install the firmware"),
         ({"schema_hash": 1}, "schema 00000001.*install the firmware"),
         ({"number_of_actuators": 1, "full_scales_pm": (1,)}, "drives 1 actuators, 2 are needed"),
     ],

@@ -10,7 +10,7 @@ import firmware_link
 from firmware_link.host.link_values import LinkConfiguration
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.line_rate import NS_PER_S, Transport, command_rate_hz, occupied_ns
+from firmware_link.protocol.line_rate import NS_PER_S, Transport, command_rate_hz, occupied_ns, sensed_rate_hz
 from firmware_link.protocol.messages import DRIVE_SIZE, Set, SetFlag
 from tests.firmware_link.strategies import unhurried
 
@@ -62,3 +62,12 @@ def test_a_rate_that_the_line_cannot_carry_is_refused_with_the_one_that_it_can(
     with pytest.raises(LinkError, match=reason):
         LinkConfiguration(2, transport=transport, command_rate_hz=1000)
     LinkConfiguration(2, transport=Transport.UART, bit_rate_hz=460_800, command_rate_hz=1000)
+
+
+def test_the_samples_of_an_accelerometer_that_a_line_carries_are_those_of_the_document() -> None:
+    section = PROTOCOL.partition("## Accelerometer")[2]
+    lines = [(Transport.UART, rate) for rate in (115_200, 460_800, 921_600, 1_000_000)]
+    for transport, bit_rate_hz in [*lines, (Transport.USB_FULL_SPEED, 0), (Transport.BLUETOOTH, 0)]:
+        carried = (round(sensed_rate_hz(transport, bit_rate_hz, count)) for count in (1, 2, 4, 8))
+        cells = " | ".join(f"{rate:,}".replace(",", " ") for rate in carried)
+        assert f"| {cells} |" in section

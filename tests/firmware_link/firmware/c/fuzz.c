@@ -16,7 +16,7 @@
 #define BOOT_ID 7u
 #define HEAD_SIZE 4u
 
-enum operation { RAW, FRAMED, SAMPLES, HANG_UP, EMERGENCY_STOP, OPERATIONS };
+enum operation { RAW, FRAMED, SAMPLES, HANG_UP, EMERGENCY_STOP, SENSE, OPERATIONS };
 
 static uint8_t basis[2048];
 
@@ -53,6 +53,9 @@ static void start(struct tactable_device *device)
         .longest_waveform_ms = 1000,
         .basis_capacity_bytes = sizeof basis,
         .basis = basis,
+        .sensor_rate_mhz = 3200000,
+        .sensor_greatest = 4095,
+        .sensor_delay_samples = 7,
     };
     const struct tactable_hooks hooks = {NULL, ignore_frame, do_nothing, do_nothing};
     tactable_device_start(device, &configuration, &hooks);
@@ -64,7 +67,7 @@ static void receive_framed(struct tactable_device *device, const uint8_t *bytes,
     uint8_t frame[FRAMING_FRAME_BOUND];
     const size_t size = length < FRAMING_BODY_BOUND ? length : FRAMING_BODY_BOUND;
     memcpy(body, bytes, size);
-    if (size >= 2u && body[0] >= TACTABLE_HELLO_REQ_TYPE && body[0] <= TACTABLE_PLAY_TYPE) {
+    if (size >= 2u && body[0] >= TACTABLE_HELLO_REQ_TYPE && body[0] <= TACTABLE_ACCELERATION_TYPE) {
         tactable_device_receive(device, frame, framing_encode(body, size, frame), now_us);
     }
 }
@@ -97,6 +100,15 @@ static void run(struct tactable_device *device, enum operation operation, const 
         break;
     case EMERGENCY_STOP:
         tactable_device_emergency_stop(device, now_us);
+        break;
+    case SENSE:
+        for (size_t i = 0; i + 1u < size; i += 2u) {
+            tactable_device_sense(device, (int16_t)get_u16(bytes + i));
+        }
+        tactable_device_miss(device, (uint32_t)size % 2u);
+        check(sense_waiting(&device->sense) <= SENSE_RECORDS);
+        check(device->sense.is_on || sense_waiting(&device->sense) == 0);
+        tactable_device_advance(device, now_us);
         break;
     default:
         tactable_device_advance(device, now_us);

@@ -1,0 +1,119 @@
+"""Laws of the stream of an accelerometer on the host: asked of a device that has one, held, and ended."""
+
+from dataclasses import dataclass, field
+
+import pytest
+
+from firmware_link.emulator import DeviceConfiguration
+from firmware_link.host.link_values import AccelerationReceived, AccelerometerDescribed, LinkConfiguration
+from firmware_link.host.sensing import LEASE_MS
+from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.framing import FrameDecoder
+from firmware_link.protocol.messages import ACCELEROMETER, Sense, decode_body
+from tests.firmware_link.virtual_rig import BOOT_ID, MS, STEP_NS, VirtualRig
+
+RATE_HZ = 2_000
+SENSING = DeviceConfiguration(
+    BOOT_ID, sensor_rate_mhz=1_000 * RATE_HZ, sensor_scale_nm_per_s2=38_303_000, sensor_greatest=4_095
+)
+
+
+@dataclass
+class SensingRig(VirtualRig):
+    """A rig whose device takes a sample every two steps."""
+
+    device_configuration: DeviceConfiguration = field(default_factory=lambda: SENSING)
+
+    def step(self) -> None:
+        super().step()
+        if self.now_ns % (2 * STEP_NS) < STEP_NS:
+            self.firmware.sense(self.device_us() % 4_000, [1, 2], self.device_us() * 48 // 1_000)
+
+    def sensed(self) -> list[AccelerationReceived]:
+        return [event for event in self.events if isinstance(event, AccelerationReceived)]
+
+    def samples(self) -> int:
+        return sum(event.samples.number_of_values // 3 for event in self.sensed())
+
+    def asked(self) -> list[Sense]:
+        return asked_of(self)
+
+
+def asked_of(rig: VirtualRig) -> list[Sense]:
+    """What the host asked of the accelerometer."""
+    items = FrameDecoder().receive(b"".join(data for _, data in rig.written))
+    messages = (decode_body(item)[1] for item in items if isinstance(item, bytes))
+    return [message for message in messages if isinstance(message, Sense)]
+
+
+def test_a_board_without_an_accelerometer_is_refused_and_never_asked() -> None:
+    rig = VirtualRig()
+    rig.connect()
+    with pytest.raises(LinkError, match="no accelerometer"):
+        rig.link.start_sensing(rig.now_ns)
+    rig.run(300 * MS)
+    assert not asked_of(rig)
+    assert rig.link.capabilities is not None
+    assert ACCELEROMETER not in rig.link.capabilities.features
+
+
+def test_a_host_that_does_not_ask_hears_nothing_of_the_accelerometer() -> None:
+    rig = SensingRig()
+    rig.connect()
+    rig.run(500 * MS)
+    assert not rig.sensed()
+    assert not rig.asked()
+    assert rig.link.counters.unexpected == 0
+
+
+def test_nothing_is_asked_before_the_device_is_armed() -> None:
+    with pytest.raises(LinkError, match="armed"):
+        SensingRig().link.start_sensing(0)
+
+
+def test_a_stream_is_renewed_as_long_as_it_is_wanted_and_ends_by_itself() -> None:
+    rig = SensingRig()
+    rig.connect()
+    rig.link.start_sensing(rig.now_ns)
+    rig.run(2_000 * MS)
+    described = next(event for event in rig.events if isinstance(event, AccelerometerDescribed))
+    assert (described.rate_hz, described.greatest, described.lost) == (RATE_HZ, 4_095, 0)
+    assert described.scale_m_per_s2 == pytest.approx(38.303e-3)
+    assert rig.samples() == pytest.approx(2 * RATE_HZ, rel=0.02)
+    # Asked for its form first, then for leases.
+    assert [sense.lease_ms for sense in rig.asked()][:3] == [0, LEASE_MS, LEASE_MS]
+    rig.is_host_alive = False
+    rig.run((LEASE_MS + 50) * MS)
+    assert not rig.firmware.senses
+
+
+def test_a_stream_outlives_lost_frames_of_the_host() -> None:
+    rig = SensingRig(drop_every=3)
+    rig.connect()
+    rig.link.start_sensing(rig.now_ns)
+    rig.run(2_000 * MS)
+    before = rig.samples()
+    rig.run(1_000 * MS)
+    assert rig.samples() - before == pytest.approx(RATE_HZ, rel=0.02)
+
+
+def test_a_session_that_ends_asks_no_longer() -> None:
+    rig = SensingRig()
+    rig.connect()
+    rig.link.start_sensing(rig.now_ns)
+    rig.run(100 * MS)
+    rig.link.stop(rig.now_ns)
+    asked = len(rig.asked())
+    rig.run((LEASE_MS + 100) * MS)
+    assert len(rig.asked()) == asked
+    assert not rig.firmware.senses
+
+
+def test_a_line_that_is_too_slow_is_refused_by_name_before_the_stream_begins() -> None:
+    rig = SensingRig(LinkConfiguration(2, bit_rate_hz=115_200))
+    rig.connect()
+    rig.link.start_sensing(rig.now_ns)
+    with pytest.raises(LinkError, match=r"2000 samples a second and UART at 115200 bit/s carries 1398.*--bit-rate"):
+        rig.run(200 * MS)
+    assert not rig.firmware.senses
+    assert not rig.sensed()

@@ -1,0 +1,115 @@
+"""What every device with an accelerometer keeps to, beside the laws of `conformance`: its stream is asked for and ends.
+
+A tier's accelerometer takes SAMPLE_RATE_HZ samples a second while its stream is on.
+"""
+
+import itertools
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from firmware_link.protocol.messages import (
+    ACCELEROMETER,
+    LONGEST_SENSE_MS,
+    Acceleration,
+    Accelerometer,
+    Sense,
+    Status,
+)
+from tests.firmware_link.conformance import Host, Tier
+
+SAMPLE_RATE_HZ = 1_000
+ACCELEROMETER_OF_LAWS: dict[str, Any] = {
+    "sensor_rate_mhz": 1_000 * SAMPLE_RATE_HZ,
+    "sensor_scale_nm_per_s2": 38_303_000,
+    "sensor_greatest": 4_095,
+}
+_US_PER_S = 1_000_000
+
+
+def sample_instants_us(start_us: int, stop_us: int) -> Iterator[int]:
+    """Device times after `start_us`, up to `stop_us`, at which the accelerometer of a virtual tier takes a sample."""
+    period_us = _US_PER_S // SAMPLE_RATE_HZ
+    return iter(range((start_us // period_us + 1) * period_us, stop_us + 1, period_us))
+
+
+def _sensing(tier: Tier, lease_ms: int) -> Host:
+    host = Host(tier)
+    hello = host.greet()
+    assert ACCELEROMETER in hello.features
+    host.send(Sense(lease_ms))
+    told = host.expect(Accelerometer)
+    assert told.rate_mhz == 1_000 * SAMPLE_RATE_HZ
+    assert told.scale_nm_per_s2 == ACCELEROMETER_OF_LAWS["sensor_scale_nm_per_s2"]
+    return host
+
+
+def _samples(host: Host, frame: Acceleration) -> int:
+    assert host.hello is not None
+    return frame.number_of_values // (1 + host.hello.number_of_actuators)
+
+
+def _frames(host: Host, wait_us: int) -> list[Acceleration]:
+    host.tier.wait(wait_us)
+    return [message for message in host.listen() if isinstance(message, Acceleration)]
+
+
+def sensing_law_a_device_that_is_not_asked_streams_nothing(tier: Tier) -> None:
+    host = Host(tier)
+    host.greet()
+    assert not _frames(host, 300_000)
+    host.send(Sense(0))
+    assert host.expect(Accelerometer)
+    assert not _frames(host, 300_000)
+
+
+def sensing_law_a_stream_ends_with_its_lease(tier: Tier) -> None:
+    host = _sensing(tier, 200)
+    samples = sum(_samples(host, frame) for frame in _frames(host, 400_000))
+    slack = 2 + tier.slack_us * SAMPLE_RATE_HZ // _US_PER_S
+    assert 200 - slack <= samples <= 200 + slack
+    assert not _frames(host, 200_000)
+
+
+def sensing_law_no_lease_is_longer_than_the_longest(tier: Tier) -> None:
+    host = _sensing(tier, 65_535)
+    samples = sum(_samples(host, frame) for frame in _frames(host, 1_000 * LONGEST_SENSE_MS + 300_000))
+    slack = 2 + tier.slack_us * SAMPLE_RATE_HZ // _US_PER_S
+    assert LONGEST_SENSE_MS - slack <= samples <= LONGEST_SENSE_MS + slack
+
+
+def sensing_law_frames_and_samples_are_numbered_without_a_gap(tier: Tier) -> None:
+    host = _sensing(tier, 500)
+    frames = _frames(host, 400_000)
+    assert len(frames) > 5
+    for before, after in itertools.pairwise(frames):
+        assert after.frame == (before.frame + 1) % 65_536
+        assert after.number == before.number + _samples(host, before)
+    assert host.hello is not None
+    # Both clocks count the same time, each to a sample.
+    sensed = (frames[-1].number - frames[0].number) / SAMPLE_RATE_HZ
+    played = (frames[-1].synthesis_sample - frames[0].synthesis_sample) / host.hello.synthesis_rate_hz
+    assert abs(sensed - played) < 2 / SAMPLE_RATE_HZ
+
+
+def sensing_law_a_new_session_and_a_lease_of_0_end_the_stream(tier: Tier) -> None:
+    host = _sensing(tier, 1_000)
+    assert _frames(host, 200_000)
+    host.send(Sense(0))
+    host.expect(Accelerometer)
+    assert not _frames(host, 200_000)
+    host = _sensing(tier, 1_000)
+    host.greet()
+    host.listen()
+    assert not _frames(host, 200_000)
+
+
+def sensing_law_a_stream_needs_no_armed_device_and_changes_no_state(tier: Tier) -> None:
+    host = _sensing(tier, 500)
+    host.tier.wait(150_000)
+    assert host.expect(Status).state.name == "IDLE"
+
+
+SensingLaw = Callable[[Tier], None]
+SENSING_LAWS: tuple[SensingLaw, ...] = tuple(
+    function for name, function in list(globals().items()) if name.startswith("sensing_law_")
+)
