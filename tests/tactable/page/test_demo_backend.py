@@ -28,6 +28,8 @@ from tactable.shipped import find_device
 from tests.precompute.builder.test_build import SMALL
 
 TICK_S = 1 / 60
+SHORT = SMALL.replace("279.4 mm", "80 mm")
+"""Its coarse clicks are for six places."""
 FIRST, LAST = PointerEvent(1, 1 / 6, 0.5, Phase.DOWN), PointerEvent(2, 5 / 6, 0.5, Phase.DOWN)
 
 
@@ -276,14 +278,14 @@ def test_a_process_that_dies_is_started_again_and_the_show_goes_on(rig: Rig, whi
 
 def test_a_device_without_a_table_plays_steady_drives_at_once_and_clicks_once_they_are_built(tmp_path: Path) -> None:
     """Until its coarse clicks are in place: the fine ones take minutes. Nothing of the rig is left behind."""
-    (tmp_path / "small.toml").write_text(SMALL, encoding="utf-8")
+    (tmp_path / "short.toml").write_text(SHORT, encoding="utf-8")
     seen = set[str | None]()
 
     def has_clicks(backend: DemoBackend) -> bool:
         seen.add((backend.scene()["building"] or {}).get("step"))
         return bool(backend.scene()["clicks"])
 
-    with running(tmp_path) as own:
+    with running(tmp_path, str(tmp_path / "short.toml")) as own:
         own.wait(lambda: own.backend.scene()["status"] == "running")
         first = own.backend.scene()
         own.press(FIRST)
@@ -295,7 +297,7 @@ def test_a_device_without_a_table_plays_steady_drives_at_once_and_clicks_once_th
     assert (steady.drive, steady.is_playing) == (Drive.STEADY, True)
     assert "coarse clicks" in seen
     assert not list(tmp_path.glob("first-*"))
-    path = cached_table(find_device(str(tmp_path / "small.toml")), tmp_path / "cache")
+    path = cached_table(find_device(str(tmp_path / "short.toml")), tmp_path / "cache")
     assert early_path(path).exists() and not path.exists()
     assert len(processes) == 2
     for process in processes:
