@@ -1,4 +1,4 @@
-"""C source files to a shared library in a cache folder: compiled on the spot, loaded only where nobody else can write.
+"""Compiles C source files into a shared library, keeps it in a cache folder, and loads it if nobody else can write it.
 
 Whoever can write the library can run code as its user. So it is loaded only from a folder and a file that belong to the
 user and that nobody else can write, and only if it ends in the SHA-256 of what the compiler made; loaders ignore what

@@ -36,7 +36,7 @@ class CommandRecord(NamedTuple):
     stamps_ns: Stamps
     """Clock time of each `Stage`; 0 for a stage that there was not, or before the port took the whole command."""
     report_index: int | None
-    """None for what time alone brought, and at the end of the run."""
+    """Is None where no report caused the change: a level that time changed, or the end of the run."""
     report: bytes
     """As the device sent it."""
     frame: TouchFrame | None

@@ -69,9 +69,9 @@ class Record(NamedTuple):
 
     stamps_ns: Stamps
     report_index: int | None
-    """None for a change that time alone brought."""
+    """Is None where no report caused the change, but time."""
     placement: Placement | None
-    """The fingers that the command is for, each with its role; None: none is to feel anything."""
+    """The fingers that the command is for, each with its role; None where no finger is to feel anything."""
     level_db: float | None
     is_click: bool
     is_provisional: bool
@@ -219,7 +219,7 @@ class RingReader:
         self.close()
 
     def _record(self, index: int) -> Record | None:
-        """None for one that is being overwritten."""
+        """The record, or None while it is being overwritten."""
         start = _HEAD_SIZE + index % self._slots * _SLOT_SIZE
         slot = self._memory[start : start + _SLOT_SIZE]
         checksum, size, number = _GUARD.unpack_from(slot)

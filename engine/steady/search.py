@@ -21,7 +21,7 @@ from engine.steady.optimum import (
 )
 
 _LEVEL_MARGIN = 1 + 1e-4
-"""So that smoothing does not leave a level short: 0.0004 dB."""
+"""Relative margin on a wanted level, 0.0004 dB, so that smoothing does not leave the level short."""
 _STEPS, _FIRST_STEPS = 2, 12
 _NEAR, _NEAR_SEVERAL = 0.9, 0.5
 """Peaks whose ratio is above this fraction of the best one's are refined."""

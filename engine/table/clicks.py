@@ -20,9 +20,9 @@ from firmware_link.protocol.basis import Basis
 Array = NDArray[np.float64]
 
 NO_FINGER = -1
-"""In `finger_place`, behind the last finger of a row."""
+"""Stands in `finger_place` behind the last finger of a row."""
 NO_ROW = -1
-"""In `pair`: there is no such click."""
+"""Stands in `pair` where the table holds no such click."""
 FIGURES = ("wanted_level_db", "peak_s", "residual_from_s", "residual_db", "bound_db", "gap_db")
 """Fields of an entry that are one real number."""
 
@@ -120,9 +120,10 @@ class Clicks(Sequence[ClickEntry]):
 
     @cached_property
     def pair(self) -> NDArray[np.int32]:
-        """Rows of one and two fingers, symmetric, NO_ROW where there is none: pair[one + 1, other + 1] by their codes.
+        """The row of the click of two fingers is pair[one + 1, other + 1], with their codes in either order.
 
-        A code is 2 * place + is_felt; for no finger it is -1, so that of one finger is pair[0, code + 1].
+        A code is 2 * place + is_felt. It is -1 for no finger, so the row of one finger is pair[0, code + 1]. NO_ROW
+        stands where the table holds no such click.
         """
         side = 2 * self.places.count + 1
         found = np.full((side, side), NO_ROW, dtype=np.int32)
@@ -134,7 +135,7 @@ class Clicks(Sequence[ClickEntry]):
         return found
 
     def row_of(self, key: Key) -> int | None:
-        """Row of the click of a placement by its key; None: there is none."""
+        """The row of the click of a placement, found by its key, or None if the table holds no such click."""
         if len(key) > 2:
             return self._row_of_more.get(key)
         codes = (*key, -1, -1)[:2]
@@ -146,7 +147,7 @@ class Clicks(Sequence[ClickEntry]):
         return tuple(code for code in self._code[row].tolist() if code >= 0)
 
     def at(self, key: Key) -> ClickEntry | None:
-        """The click of a placement by its key; None: there is none."""
+        """The click of a placement, found by its key, or None if the table holds no such click."""
         row = self.row_of(key)
         return None if row is None else self._entry(row)
 

@@ -1,4 +1,4 @@
-"""What is wrong with a table."""
+"""The error of tables, which names what is wrong and where."""
 
 from firmware_link.protocol.errors import TactableError
 

@@ -284,7 +284,7 @@ class Digitizer:
         frame.received = received
 
     def _admit(self, contact_id: int) -> bool:
-        """Whether there is room for a new contact; a contact that lifts keeps its room until the frame is complete."""
+        """Whether another contact can begin. A contact that lifts counts until the frame is complete."""
         if self.quirks.key is Key.CONTACT_ID:
             self.frame.taken += 1
             return self.frame.taken <= self.maximum_contacts

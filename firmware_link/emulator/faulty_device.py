@@ -113,7 +113,7 @@ class FaultyDevice(Generic[C]):
         self._advance(now_us)
 
     def next_deadline_us(self) -> int | None:
-        """Time of the next event that needs no host; None for none."""
+        """Time of the next event that needs no host, or None if no such event is due."""
         times_us = (self._next_inner_us(), self.to_host.next_us())
         return min((time_us for time_us in times_us if time_us is not None), default=None)
 

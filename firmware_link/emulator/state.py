@@ -68,10 +68,10 @@ class Device:
     state: DeviceState = DeviceState.IDLE
     counters: DeviceCounters = field(default_factory=DeviceCounters)
     status_due_us: int | None = None
-    """None until the first greeting."""
+    """Is None until the first greeting."""
     driving_since_us: int = 0
     longest_drive_us: int | None = None
-    """None: no limit."""
+    """Is None where there is no limit."""
 
     @property
     def is_armed(self) -> bool:

@@ -41,7 +41,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class FleetOptions:
-    """What is done with every unit: how it is calibrated, if it was measured, and what its table holds.
+    """The job that is done for every unit: how it is calibrated, if it was measured, and what its table holds.
 
     parameters: names of what is fitted; None: the usual six. also: names that are fitted in addition. Raises FleetError
     for an unknown objective or loss.
@@ -87,7 +87,7 @@ class Outcome:
     error: str | None = None
     fingerprint: str = ""
     table_crc32: int | None = None
-    """None: no table was built."""
+    """Is None where no table was built."""
     values: Mapping[str, Value] = field(default_factory=dict)
     figures: Mapping[str, float | None] = field(default_factory=dict)
     doubts: tuple[str, ...] = ()

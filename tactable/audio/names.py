@@ -42,7 +42,7 @@ class AudioOutput:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether there is no card."""
+        """Whether the name stands for a simulated card."""
         return self.name == SIMULATED
 
 
@@ -64,7 +64,7 @@ class AudioInput:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether there is no card."""
+        """Whether the name stands for a simulated card."""
         return self.name == SIMULATED
 
 

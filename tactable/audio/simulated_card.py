@@ -18,7 +18,7 @@ _US_PER_S = 1_000_000
 
 @dataclass(frozen=True)
 class CardFlaws:
-    """What is wrong with a card's output.
+    """The flaws of a card's output.
 
     latency_s: from a block's callback to its first sample at the output. drift: pace of its clock over the host's, less
     1. jitter_s: how late a callback comes at most, less than the latency or the card runs dry. gain: less 1.

@@ -30,7 +30,7 @@ class ControlOf:
     port: int | None = None
     """The loopback port of the WebSocket, 0 for any; None: no WebSocket."""
     osc_port: int | None = None
-    """The loopback port of Open Sound Control, 0 for any; None: none."""
+    """The loopback port of Open Sound Control, 0 for any; None: no Open Sound Control."""
 
 
 class ControlProcess:

@@ -28,7 +28,7 @@ _TINY = 1e-12
 
 @dataclass(frozen=True)
 class Rising:
-    """time_s (time,); level_db (finger, time), dB above threshold; contrast_db (time,), None: nothing is quiet."""
+    """time_s (time,); level_db (finger, time), dB above threshold; contrast_db (time,), None without a quiet finger."""
 
     time_s: Array
     level_db: Array

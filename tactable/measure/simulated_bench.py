@@ -38,7 +38,7 @@ _PM_PER_M = 1e12
 
 @dataclass(frozen=True)
 class ConverterFlaws:
-    """What is wrong with a simulated converter.
+    """The flaws of a simulated converter.
 
     drift: pace of its clock over the board's, less 1. gain: less 1. noise: root mean square. hum: amplitude of the
     mains line at hum_hz, with a third of it at the third harmonic. clips_at: greatest magnitude of the acceleration.
@@ -211,7 +211,7 @@ class SimulatedBench:
         return bool(self._ready) and self._ready[0][0] <= self.time_ns
 
     def take_samples(self) -> Array | None:
-        """The samples that have come (sample, channel); None for none."""
+        """The samples that have come (sample, channel), or None if none have."""
         self._make_samples()
         due = [values for time_ns, values in self._ready if time_ns <= self.time_ns]
         self._ready = [item for item in self._ready if item[0] > self.time_ns]
@@ -304,7 +304,7 @@ class SimulatedSensor:
         return SENSOR
 
     def read(self) -> Block | None:
-        """What has come; None for nothing."""
+        """The samples that have come (sample, channel), or None if none have."""
         values = self._bench.take_samples()
         return None if values is None else Block(values, self._bench.now_ns())
 

@@ -44,7 +44,7 @@ _RATE_HZ = 24_000.0
 
 @dataclass(frozen=True)
 class Played:
-    """What is played at every place: a steady drive, or a click of the table."""
+    """The two kinds of output that are played at every place: a steady drive, and a click of the table."""
 
     placement: Placement
     asked: AskedDrive | None

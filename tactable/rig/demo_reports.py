@@ -51,7 +51,7 @@ class _CommandReport:
 
     @property
     def in_run_db(self) -> tuple[float | None, float | None]:
-        """Levels of the greatest accelerations in the run under felt and under quiet fingers; None: there was none."""
+        """Levels of the greatest accelerations under felt and under quiet fingers; None without such fingers."""
         felt, quiet = self.placement.felt, self.placement.quiet
         return (
             self.level_db(felt[0], self.felt_m_per_s2) if felt else None,

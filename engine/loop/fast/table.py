@@ -47,7 +47,7 @@ class FastRendering(Rendering):
     """A rendered table with its clicks as the compiled step reads them."""
 
     fast_table: FastTable | None
-    """None where they are too many, or the device plays none."""
+    """The clicks for the compiled step, or None where they are too many or the device plays none."""
 
 
 def with_fast_table(rendering: Rendering, capabilities: Capabilities) -> FastRendering:

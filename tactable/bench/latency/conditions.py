@@ -49,7 +49,7 @@ class Transport:
 
     @property
     def is_sockets(self) -> bool:
-        """Whether there is no driver in between."""
+        """Whether reports come without a driver in between."""
         return self.name == "sockets"
 
     @property

@@ -25,7 +25,7 @@ from tactable.run.click_process import ClickProcess
 from tactable.run.live import Live, LiveOptions
 
 WITHOUT_CLICKS_NS = 800_000_000
-"""So long a steady drive takes the place of a click that a first table has not: long enough to become steady."""
+"""Length of the steady drive that is played where a first table holds no click yet: long enough to become steady."""
 
 
 @dataclass(frozen=True)

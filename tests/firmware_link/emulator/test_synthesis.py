@@ -177,7 +177,7 @@ def test_silence_in_a_crossfade_lets_both_oscillators_fall_together_at_the_slew(
 
 
 def test_a_phase_that_waited_when_silence_came_is_that_of_the_next_drive() -> None:
-    """So a renewal of a drive that was lost to silence needs no phases."""
+    """So a drive that was lost to silence is renewed without its phases."""
     written = (ChannelTarget(100.0, 1.0, 0.0), ChannelTarget(100.0, 1.0, 2.0))
     log = [
         event(0, *(ChannelTarget(100.0, 1.0, 0.0),) * 2),

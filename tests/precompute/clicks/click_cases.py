@@ -1,4 +1,4 @@
-"""States and cheap options that the laws of clicks are checked with."""
+"""Placements and cheap options with which the laws of clicks are checked."""
 
 from engine.device import Device
 from engine.touch import Placement, ZoneState

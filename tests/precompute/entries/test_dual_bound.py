@@ -18,7 +18,7 @@ seeds = st.integers(0, 2**32 - 1)
 counts = st.tuples(st.integers(1, 3), st.integers(1, 3), st.integers(1, 3))
 actuator_counts = st.integers(1, 3)
 quantiles = st.sampled_from([None, 0.3, 0.9])
-"""Of the sampled levels: what is wanted; None: nothing."""
+"""The levels that are wanted, of those sampled; None: no level is wanted."""
 
 
 def sampled(problem: Problem, quantile: float | None, seed: int) -> tuple[float, float]:

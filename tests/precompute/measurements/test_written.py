@@ -1,4 +1,4 @@
-"""What is written is what is read: CSV, NetCDF and universal files of responses and peaks."""
+"""Tests that CSV, NetCDF and universal files of responses and peaks are read as they were written."""
 
 from dataclasses import replace
 from pathlib import Path

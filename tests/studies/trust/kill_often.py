@@ -316,7 +316,7 @@ class _Started:
             self._said.put(int(line))
 
     def run(self, after_s: float | None) -> float | None:
-        """Seconds from its beginning to its end; None: it was killed so long after it had begun, and nobody is left."""
+        """Seconds that the program took, or None if it was killed after `after_s` and left no process."""
         assert self._server.stdin is not None
         self._server.stdin.write("fork\n")
         self._server.stdin.flush()

@@ -21,7 +21,7 @@ def region(name: str, start_mm: float, stop_mm: float, effect: str = "press", **
 
 
 def felt_at(scene: Scene, place_mm: float, on: Trigger = Trigger.TOUCH) -> float | None:
-    """Level of what a finger gets; None: nothing."""
+    """Level of what a finger gets; None where it gets nothing."""
     for rule in scene.rules().of(on):
         if rule.covers(Touch(1, 1e-3 * place_mm, 0)):
             return rule.effect.envelope[0].level_db if rule.effect.envelope else None
