@@ -2,22 +2,19 @@
 
 import errno
 import grp
-import os
 import stat
 import termios
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import serial
 from serial.tools import list_ports
 
+from firmware_link.host.descriptor_port import DescriptorPort
 from firmware_link.host.emulator_registry import find_announced
-from firmware_link.protocol.errors import LinkError, LinkLostError
+from firmware_link.protocol.errors import LinkError
 
-READ_SIZE = 4096
 _BY_ID = Path("/dev/serial/by-id")
 _RULE_FILE = "/etc/udev/rules.d/70-tactable-port.rules"  # must sort before 73-seat-late.rules
 
@@ -73,7 +70,7 @@ def path_of(name: str) -> str:
     raise LinkError(f"no serial port {name!r}: plug the device in, or choose one that `tactable list` shows")
 
 
-class SerialPort:
+class SerialPort(DescriptorPort):
     """An open port: reads and writes what is possible at once; any failure is a LinkLostError, as after an unplug."""
 
     notes: tuple[str, ...] = ()
@@ -90,52 +87,15 @@ class SerialPort:
             raise LinkError(f"cannot open {self.path} at {bit_rate_hz} bit/s: {error}{remedy}") from error
         try:
             self.low_latency = _set_low_latency(self._serial)
-            self._descriptor: int = self._serial.fileno()
-            os.set_blocking(self._descriptor, False)
+            super().__init__(self.path, self._serial.fileno())
             _report_hang_up(self._descriptor)
         except (OSError, termios.error) as error:
             self._serial.close()
             raise LinkError(f"cannot configure {self.path}: {error}") from error
 
-    def fileno(self) -> int:
-        """The descriptor, to poll."""
-        return self._descriptor
-
-    def read(self) -> bytes:
-        """Read what has come, perhaps nothing; raises LinkLostError when the port is gone."""
-        try:
-            data = os.read(self._descriptor, READ_SIZE)
-        except BlockingIOError:
-            return b""
-        except OSError as error:
-            raise self._gone(error) from error
-        if not data:
-            raise self._gone("hung up")
-        return data
-
-    def write(self, data: bytes) -> int:
-        """Write what the port takes; returns the number of bytes, perhaps 0. Raises LinkLostError when it is gone."""
-        try:
-            return os.write(self._descriptor, data)
-        except BlockingIOError:
-            return 0
-        except OSError as error:
-            raise self._gone(error) from error
-
     def close(self) -> None:
         """Close the port; a second close does nothing."""
         self._serial.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def _gone(self, reason: object) -> LinkLostError:
-        return LinkLostError(f"{self.path} is gone ({reason}): plug the device in and connect again")
 
 
 def _is_refused(error: Exception) -> bool:

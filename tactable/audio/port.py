@@ -1,12 +1,10 @@
 """A sound card behind the interface of a serial port, and the one function that opens a port of either kind."""
 
 import socket
-from types import TracebackType
-from typing import Self
 
 from firmware_link.child import START_TIMEOUT_S, Child, ChildError
-from firmware_link.host.serial_port import READ_SIZE, SerialPort
-from firmware_link.protocol.errors import LinkLostError
+from firmware_link.host.descriptor_port import DescriptorPort
+from firmware_link.host.serial_port import SerialPort
 from tactable.audio.names import AudioError, is_audio, parse_output
 from tactable.shipped import cache_folder
 
@@ -15,7 +13,7 @@ BIT_RATE_HZ = 8_000_000
 _CHILD = "tactable.audio.output_process"
 
 
-class AudioPort:
+class AudioPort(DescriptorPort):
     """An open sound card. Any failure is a LinkLostError, as after an unplug. Raises AudioError."""
 
     bit_rate_hz = BIT_RATE_HZ
@@ -42,48 +40,12 @@ class AudioPort:
             "amplifier protects the actuators if the machine hangs (docs/safety.md)",
         )
         """What a user should know, one sentence each."""
-        self._socket.setblocking(False)
-
-    def fileno(self) -> int:
-        """The descriptor, to poll."""
-        return self._socket.fileno()
-
-    def read(self) -> bytes:
-        """Read what the board has said, perhaps nothing; raises LinkLostError when the card is gone."""
-        try:
-            data = self._socket.recv(READ_SIZE)
-        except BlockingIOError:
-            return b""
-        except OSError as error:
-            raise self._gone(error) from error
-        if not data:
-            raise self._gone("its process has ended")
-        return data
-
-    def write(self, data: bytes) -> int:
-        """Write what the socket takes; returns the number of bytes, perhaps 0. Raises LinkLostError."""
-        try:
-            return self._socket.send(data)
-        except BlockingIOError:
-            return 0
-        except OSError as error:
-            raise self._gone(error) from error
+        super().__init__(self.path, self._socket.fileno())
 
     def close(self) -> None:
         """Fade, and end the process of the card; a second close does nothing."""
         self._socket.close()
         self._child.end()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def _gone(self, reason: object) -> LinkLostError:
-        return LinkLostError(f"{self.path} is gone ({reason}): plug it in and connect again")
 
 
 def open_port(name: str, bit_rate_hz: int = 115_200) -> SerialPort | AudioPort:

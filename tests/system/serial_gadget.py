@@ -11,7 +11,7 @@ from pathlib import Path
 
 from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator.process import EmulatorLog
-from firmware_link.host.serial_port import READ_SIZE
+from firmware_link.host.descriptor_port import READ_SIZE
 
 SERIAL_NUMBER = "TACTABLE-SYSTEM-TEST"
 _GADGET = Path("/sys/kernel/config/usb_gadget/tactable")

@@ -5,11 +5,10 @@ import struct
 import time
 from array import array
 
-from firmware_link.protocol.errors import LinkLostError
+from firmware_link.host.descriptor_port import READ_SIZE, DescriptorPort
 
 STAMPS = struct.Struct("<qq")
 """Leads each report on its socket: when it was due, and when it was sent, ns."""
-_READ_SIZE = 4096
 
 
 class SocketSource:
@@ -41,7 +40,7 @@ class SocketSource:
     def read(self, now_ns: int) -> bytes | None:  # noqa: ARG002  # a Source
         """The next report; the other end's close ends the source."""
         try:
-            packet = os.read(self._socket, _READ_SIZE)
+            packet = os.read(self._socket, READ_SIZE)
         except BlockingIOError:
             return None
         if not packet:
@@ -71,34 +70,8 @@ class SocketSource:
         return source_time_ns
 
 
-class SocketPort:
+class SocketPort(DescriptorPort):
     """One end of a pair of sockets as a port."""
 
     def __init__(self, descriptor: int) -> None:
-        self._socket = descriptor
-        os.set_blocking(descriptor, False)
-
-    def fileno(self) -> int:
-        """The socket."""
-        return self._socket
-
-    def read(self) -> bytes:
-        """What has come; raises LinkLostError when the other end has closed."""
-        try:
-            data = os.read(self._socket, _READ_SIZE)
-        except BlockingIOError:
-            return b""
-        except OSError as error:
-            raise LinkLostError(f"the socket is gone ({error}): start the measurement again") from error
-        if not data:
-            raise LinkLostError("the other end of the socket has closed: start the measurement again")
-        return data
-
-    def write(self, data: bytes) -> int:
-        """Number of bytes taken; raises LinkLostError when the other end has closed."""
-        try:
-            return os.write(self._socket, data)
-        except BlockingIOError:
-            return 0
-        except OSError as error:
-            raise LinkLostError(f"the socket is gone ({error}): start the measurement again") from error
+        super().__init__("the socket", descriptor)
