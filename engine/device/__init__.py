@@ -14,6 +14,7 @@ from engine.device.parts import (
     Uncertainty,
     Zone,
 )
+from engine.device.transfer import Transfer
 
 __all__ = [
     "Actuator",
@@ -26,6 +27,7 @@ __all__ = [
     "Spread",
     "Sweep",
     "TouchAxis",
+    "Transfer",
     "Uncertainty",
     "Zone",
 ]

@@ -132,6 +132,9 @@ class Device:
         values = {k: v for k, v in asdict(self).items() if k not in idle}
         if self.bar.damping_of == "bar":  # so that a file from before this key keeps its fingerprint
             del values["bar"]["damping_of"]
+        for actuator in values["actuators"]:
+            if actuator["transfer"] is None:
+                del actuator["transfer"]
         return hashlib.sha256(json.dumps(_rounded(values), sort_keys=True).encode()).hexdigest()
 
     def zone_names(self, indices: Iterable[int]) -> str:

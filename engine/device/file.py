@@ -9,7 +9,9 @@ from typing import Any, Self, TypeVar
 import numpy as np
 
 from engine.device.parts import Actuator, Bar, DeviceError, Finger, Limits, Spread, Sweep, TouchAxis, Zone
+from engine.device.quantity import QuantityError, read_angle_rad
 from engine.device.toml_table import TomlTable
+from engine.device.transfer import FEWEST_POINTS, GREATEST_GROWTH, GREATEST_MISS, Transfer
 
 ROMAN = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII", "XIII", "XIV", "XV", "XVI")
 CLICKS_TOP_HZ = 2000.0
@@ -23,6 +25,9 @@ _WIDEST_SPREAD = 0.2
 _MOST_STEPS = 100_000
 _LEVELS, _MOST_LEVELS = ("10 dB", "20 dB", "30 dB"), 16
 _LEAST_DISTANCE = 1e-3
+_MOST_POINTS = 2000
+_BEYOND_POINTS = 0.15
+"""Part of a band's ends that points may leave out: lines of the mains lie there, beside which nothing is measured."""
 _Part = TypeVar("_Part")
 
 
@@ -107,6 +112,7 @@ def read_actuators(top: DeviceTable, bar: Bar) -> tuple[Actuator, ...]:
     """The [[actuator]] tables; no two actuators share a name or a place."""
     actuators: list[Actuator] = []
     for i, part in enumerate(top.tables("actuator"), 1):
+        band_hz = _read_band(part)
         actuator = Actuator(
             name=part.name("name", f"actuator {i}"),
             position_m=part.position("position", bar.length_m),
@@ -114,7 +120,8 @@ def read_actuators(top: DeviceTable, bar: Bar) -> tuple[Actuator, ...]:
             damping_n_s_per_m=part.quantity("damping", "N*s/m"),
             mass_kg=part.quantity("mass", "kg"),
             full_scale_m=part.quantity("full_scale", "m", exclusive=True),
-            band_hz=_read_band(part),
+            band_hz=band_hz,
+            transfer=_read_transfer(part, band_hz),
         )
         for other in actuators:
             if other.name == actuator.name:
@@ -134,6 +141,52 @@ def _read_band(part: DeviceTable) -> tuple[float, float]:
     if low_hz >= high_hz:
         raise part.error("band", band, "is empty: the first frequency must be below the second")
     return low_hz, high_hz
+
+
+def _read_transfer(part: DeviceTable, band_hz: tuple[float, float]) -> Transfer | None:
+    """The points [frequency, magnitude, phase] of the key `transfer`; None where the table does not have it."""
+    part.known.append("transfer")
+    if "transfer" not in part.left:
+        return None
+    rows = part.left.pop("transfer")
+    if not (isinstance(rows, list) and all(isinstance(row, list) and len(row) == 3 for row in rows)):
+        raise part.error("transfer", rows, "expected points such as ['60 Hz', '98 %', '-5 deg'], one below the other")
+    if not FEWEST_POINTS <= len(rows) <= _MOST_POINTS:
+        raise part.error("transfer", f"{len(rows)} points", f"expected {FEWEST_POINTS} to {_MOST_POINTS}")
+    found = Transfer(
+        tuple(part.checked("transfer", row[0], "Hz", exclusive=True) for row in rows),
+        tuple(part.checked("transfer", row[1], "", exclusive=True) for row in rows),
+        tuple(_read_phase_deg(part, row[2]) for row in rows),
+    )
+    hz = found.frequency_hz
+    for before, after in itertools.pairwise(hz):
+        if after <= before:
+            raise part.error("transfer", f"{after:g} Hz", f"comes after {before:g} Hz; expected rising frequencies")
+    if hz[0] > band_hz[0] * (1 + _BEYOND_POINTS) or hz[-1] < band_hz[1] * (1 - _BEYOND_POINTS):
+        reach = f"expected points over all of the band, {band_hz[0]:g}-{band_hz[1]:g} Hz; measure more, or narrow it"
+        raise part.error("transfer", f"{hz[0]:g}-{hz[-1]:g} Hz", reach)
+    _check_causal(part, found)
+    return found
+
+
+def _read_phase_deg(part: DeviceTable, text: object) -> float:
+    try:
+        return math.degrees(read_angle_rad(text))
+    except QuantityError as error:
+        raise part.error("transfer", text, str(error)) from None
+
+
+def _check_causal(part: DeviceTable, found: Transfer) -> None:
+    """Refuse points that no causal actuator has, or that are too far apart to tell."""
+    miss, growth = found.misses(), found.growth()
+    remedy = "a delay makes phases fall with frequency: turn their sign if they rise, or measure more points"
+    if miss.max() > GREATEST_MISS:
+        worst = int(miss.argmax())
+        point = f"misses {found.frequency_hz[worst]:g} Hz by {100 * miss[worst]:.0f} %"
+        raise part.error("transfer", f"{len(miss)} points", f"the nearest causal function {point}; {remedy}")
+    if growth > GREATEST_GROWTH:
+        grown = f"only a function that grows to {growth:.0f} times the greatest of them has these points"
+        raise part.error("transfer", f"{len(miss)} points", f"{grown}; {remedy}")
 
 
 def read_zones(part: DeviceTable, top: DeviceTable, bar: Bar) -> tuple[tuple[Zone, ...], float]:

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from engine.device.transfer import Transfer
 from firmware_link.protocol.errors import TactableError
 
 
@@ -48,6 +49,8 @@ class Actuator:
     mass_kg: float
     full_scale_m: float
     band_hz: tuple[float, float]
+    transfer: Transfer | None = None
+    """From a command to the displacement of the base; None: the base moves as commanded."""
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,7 @@ _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
 # Factors joined by * · or /, one-digit exponents: pint would evaluate '5 ** 9 ** 9' for minutes.
 _FACTOR = r"[A-Za-zµμ%][A-Za-zµμ%_0]*(?:\^-?\d)?"
 _TEXT = re.compile(rf"({_NUMBER}) ?((?:1/)?{_FACTOR}(?:[*·/]{_FACTOR})*)?")
+_ANGLE = re.compile(rf"({_NUMBER}) ?(deg|rad)")
 _LONGEST_TEXT = 64
 _SHOWN = {"N/m": (1e3, "kN/m"), "m": (1e-6, "µm"), "kg": (1e-3, "g"), "Pa": (1e9, "GPa")}
 """Scale and unit that people use, by SI unit."""
@@ -105,6 +106,15 @@ def read_quantity(text: object, unit: str) -> float:
     if not math.isfinite(value):
         raise QuantityError(f"{shown} is not finite; {expected}")
     return value
+
+
+def read_angle_rad(text: object) -> float:
+    """The value of `text` in radians: "90 deg" or "1.57 rad". Raises QuantityError."""
+    match = _ANGLE.fullmatch(text.strip()) if isinstance(text, str) and len(text) <= _LONGEST_TEXT else None
+    if match is None:
+        raise QuantityError(f"{reprlib.repr(text)} is no angle; expected one such as 90deg or 1.57rad")
+    number, unit = match.groups()
+    return math.radians(float(number)) if unit == "deg" else float(number)
 
 
 def quantity_text(value: float, unit: str, digits: int = 4) -> str:

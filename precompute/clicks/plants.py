@@ -12,7 +12,8 @@ the fingers differ. What does not depend on fingers is computed once for a devic
 
 A placement then costs the sums over modes between its fingers and the actuators, and one rank-one update for each
 damper and each finger z(s) = k + c s + m s^2 (Sherman and Morrison): some 20 ms for two fingers and 1000 plants.
-Acceleration, the straight lines that the device draws between samples, and the threshold filter are one factor s.
+Acceleration, the straight lines that the device draws between samples, and the threshold filter are one factor s; the
+transfer function of an actuator is another, for those that have one.
 
 Everything is evaluated on the damped lines of `precompute.model.damped_lines`, in single precision. A test compares
 the courses with those of the time-domain plant.
@@ -30,6 +31,7 @@ from precompute.model.assembly import assemble
 from precompute.model.damped_lines import DampedLines
 from precompute.model.modal import Basis, compute_basis
 from precompute.model.threshold_filter import threshold_filter
+from precompute.model.transfers import transfers_at
 from precompute.sampling.plants import Fingers, Scenarios, sample_scenarios
 
 Array = NDArray[np.float64]
@@ -76,12 +78,14 @@ class SampledPlants:
         self._damper = damping - in_modes * np.array([[bar.damping_of == "bar"] for bar in bars])
         self._force = np.stack([stiffness * full_scale_m, damping * full_scale_m], axis=2).astype(np.float32)
         self._factor = output_factor(lines)
+        transfers = transfers_at(scenarios.device.actuators, s_per_s)
+        self._transfers = None if transfers is None else transfers.T.astype(np.complex64)
 
     def transfer(self, fingers: Fingers) -> Complex32:
         """Transfer functions (scenario, finger, actuator, line) with these fingers on the bar.
 
-        From base displacements, as fractions of full scale, to the weighted acceleration under each finger: 1 is at
-        the detection threshold.
+        From commands, as fractions of full scale, to the weighted acceleration under each finger: 1 is at the detection
+        threshold.
         """
         count, touches = fingers.position_m.shape
         s = self.lines.s_per_s.astype(np.complex64)
@@ -97,6 +101,8 @@ class SampledPlants:
             self._factor.astype(np.complex64),
             out,
         )
+        if self._transfers is not None:
+            out *= self._transfers
         return out
 
     def _shapes(self, position_m: Array) -> Single:

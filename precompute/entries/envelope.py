@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precompute.entries.rise_time import RiseModel
+from precompute.model.transfers import moved_bases
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -17,9 +18,10 @@ def compute_envelopes(model: RiseModel, frequency_hz: Array, amplitude: Complex,
     """
     tones_hz = np.unique(frequency_hz[amplitude != 0])
     out = np.empty((len(tones_hz), *model.shape.shape[:2], len(time_s)))
+    moved = moved_bases(model.actuators, frequency_hz, amplitude)
     decay = np.exp(model.pole[:, :, None] * time_s)  # (case, state, time)
     for t, omega in enumerate(2 * np.pi * tones_hz):
-        weight = np.where(frequency_hz == tones_hz[t], amplitude, 0)
+        weight = np.where(frequency_hz == tones_hz[t], moved, 0)
         force = (model.spring + 1j * omega * model.damper) @ weight
         state = model.shape * (force / (1j * omega - model.pole))[:, None]
         steady = -(omega**2) * state.sum(axis=2)[:, :, None] * np.exp(1j * omega * time_s)

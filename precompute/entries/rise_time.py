@@ -13,9 +13,10 @@ import numpy as np
 from numba import njit, types
 from numpy.typing import NDArray
 
-from engine.device import Finger
+from engine.device import Actuator, Finger
 from engine.table.entry import LONGEST_RISE_S
 from precompute.model.modal import Basis, compute_modal_model
+from precompute.model.transfers import moved_bases
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -37,8 +38,11 @@ class RiseModel:
     """Damped modes of the bar in several cases.
 
     pole (case, state); shape (case, place, state): what a place sees of each state; spring, damper (case, state,
-    actuator): what a base displacement and its rate put in.
+    actuator): what a base displacement and its rate put in. How an actuator's own transfer function rises is left out:
+    a tone moves its base as in the steady state from the start.
     """
+
+    actuators: tuple[Actuator, ...]
 
     pole: Complex
     shape: Complex
@@ -51,6 +55,7 @@ def compute_rise_model(basis: Basis, cases: Sequence[Sequence[tuple[float, Finge
     models = [compute_modal_model(basis, fingers) for fingers in cases]
     modes = len(basis.square_omega)
     return RiseModel(
+        actuators=basis.plant.device.actuators,
         pole=np.stack([model.pole for model in models]),
         shape=np.stack([basis.at(at) @ model.vector[:modes] for model, at in zip(models, place_m, strict=True)]),
         spring=np.stack([model.spring for model in models]),
@@ -68,7 +73,7 @@ def compute_rise_time(model: RiseModel, frequency_hz: Array, amplitude: Complex)
     their magnitudes do in paper eq. (8).
     """
     tones = np.unique(frequency_hz[amplitude != 0])
-    weight = np.where(frequency_hz == tones[:, None], amplitude, 0)
+    weight = np.where(frequency_hz == tones[:, None], moved_bases(model.actuators, frequency_hz, amplitude), 0)
     out = np.empty(model.shape.shape[:2])
     _fill_rise(2 * np.pi * tones, weight, model.pole, model.shape, model.spring, model.damper, out)
     return out

@@ -10,6 +10,7 @@ from scipy.linalg import eigh
 from precompute.model.assembly import Plant
 from precompute.model.frequencies import add_resonances, fine_frequencies, in_band
 from precompute.model.modal import Basis, compute_modal_model
+from precompute.model.transfers import transfers_at
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -59,6 +60,9 @@ class UntouchedEnergy:
         frequency_hz = add_resonances(plant.device, np.linspace(sweep.start_hz, sweep.stop_hz, count), model.pole)
         s = 2j * np.pi * frequency_hz[:, None, None]
         state = (model.spring + s * model.damper) / (s - model.pole[:, None])
+        transfers = transfers_at(plant.device.actuators, s[:, 0, 0])
+        if transfers is not None:
+            state = state * transfers[:, None]
         rate = s * (model.vector[: len(basis.square_omega)] @ state)
         columns = 2 * np.arange(len(plant.element_zone))[:, None] + np.arange(4)
         shape, zones = basis.shape[columns], len(plant.device.zones) + 1

@@ -16,6 +16,7 @@ from precompute.measurements.parameters import Parameter, with_values
 from precompute.measurements.types import Kind, Measurements
 from precompute.model.assembly import BANDWIDTH, Plant, add_actuators, assemble
 from precompute.model.response import solve_response
+from precompute.model.transfers import transfers_at
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -154,7 +155,9 @@ class MeasurementModel:
         """
         device, tones = plant.device, self._tones
         jw = 1j * loaded.omega
-        drive = tones.drive[chosen]
+        drive, transfers = tones.drive[chosen], transfers_at(device.actuators, jw)
+        if transfers is not None:
+            drive = drive * transfers
         at, field = loaded.adjoint[:, plant.actuator_dof], loaded.field[:, plant.actuator_dof]
         base_m = drive * np.array([actuator.full_scale_m for actuator in device.actuators])
         stretch = at * (base_m - field)

@@ -29,9 +29,10 @@ class Response:
 def solve_response(
     plant: Plant, frequency_hz: NDArray[np.float64], touched_m: NDArray[np.float64] | None = None
 ) -> Response:
-    """G(omega) = (K + j omega C - omega^2 M)^-1 F(omega), F_i = (k_i + j omega c_i) alpha_i (docs/theory.md#model).
+    """G(omega) = (K + j omega C - omega^2 M)^-1 F(omega), F_i = (k_i + j omega c_i) alpha_i H_i (docs/theory.md#model).
 
-    A column for each actuator, as measured where it was, then one for a unit force at each position of `touched_m`.
+    H_i is the transfer function of an actuator, 1 where the device file has none. A column for each actuator, as
+    measured where it was (H_i is in that already), then one for a unit force at each position of `touched_m`.
     """
     actuators = plant.device.actuators
     touched = plant.sampler(np.zeros(0) if touched_m is None else touched_m)
@@ -50,6 +51,9 @@ def solve_response(
         np.array([a.damping_n_s_per_m * a.full_scale_m for a in actuators] + [0.0] * points),
         out,
     )
+    for column, actuator in enumerate(actuators):
+        if actuator.transfer is not None:
+            out[:, column] *= actuator.transfer.at(frequency_hz)[:, None]
     known = plant.known_field(np.asarray(frequency_hz, dtype=np.float64))
     if known is not None:
         out[:, : len(actuators)] = known

@@ -11,6 +11,7 @@ from engine.device import Device
 from precompute.model.assembly import BANDWIDTH, Plant, assemble
 from precompute.model.band_solver import BAND_ROWS, FIRST_SUPER, eliminate
 from precompute.model.threshold import detection_threshold
+from precompute.model.transfers import moved_bases
 from precompute.sampling.fingers import SAMPLES, SampledFingers
 from precompute.sampling.plants import sample_scenarios
 
@@ -42,7 +43,8 @@ class SampledBars:
         frequency_hz, amplitude (actuator,): the drive, as fractions of full scale; powers of different tones add.
         """
         tones = np.unique(frequency_hz[amplitude != 0])
-        weight = np.where(frequency_hz == tones[:, None], amplitude, 0)
+        moved = moved_bases(self.plants[0].device.actuators, frequency_hz, amplitude)
+        weight = np.where(frequency_hz == tones[:, None], moved, 0)
         zones = list(touched)
         sampled, mesh = self.sampled, self.plants[0]
         place_m = np.take_along_axis(sampled.position_m[zones].T, sampled.place[1:, zones], axis=0)

@@ -17,7 +17,7 @@ from precompute.clicks.basis import EVALUATION_RATE_HZ, RINGDOWN_S, Tones, inter
 from precompute.model.modal import Basis, compute_modal_model
 from precompute.model.threshold_filter import LENGTH_S as FILTER_S
 from precompute.model.threshold_filter import threshold_filter
-from precompute.model.transient import step_integrals
+from precompute.model.transfers import TransferFilter, step_integrals
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -104,6 +104,10 @@ def sample_response(basis: Basis, fingers: list[tuple[float, Finger]], longest_s
     direct, rate = place @ model.push[:, 0], place @ model.push[:, 1] / step_s
     out[..., 0] += direct + rate
     out[..., 1] -= rate
+    for index, each in enumerate(basis.plant.device.actuators):
+        if each.transfer is not None:
+            for course in out[:, index]:
+                course[:] = TransferFilter(each.transfer, EVALUATION_RATE_HZ).run(course)
     return out
 
 

@@ -106,16 +106,12 @@ def _read_frequency(text: str) -> float:
 
 
 def _read_angle(text: str) -> float:
-    for unit, scale in (("deg", math.pi / 180), ("rad", 1.0)):
-        number = text.removesuffix(unit)
-        if number != text:
-            try:
-                value = float(number) * scale
-            except ValueError:
-                break
-            if math.isfinite(value):
-                return value
-    raise OptionError(f"--phase {text!r}: expected an angle, such as 90deg or 1.57rad")
+    from engine.device.quantity import QuantityError, read_angle_rad
+
+    try:
+        return read_angle_rad(text)
+    except QuantityError as error:
+        raise OptionError(f"--phase: {error}") from None
 
 
 def _drive_text(device: "Device", asked: "AskedDrive") -> str:

@@ -23,6 +23,7 @@ from precompute.entries.untouched import UntouchedEnergy
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis, compute_modal_model
 from precompute.model.threshold import detection_threshold
+from precompute.model.transfers import transfers_at
 from tactable.page.bar_levels import BarLevels
 from tactable.page.commands import Command
 from tactable.page.live_bar import MODES, BarFinger, LiveBar
@@ -66,7 +67,9 @@ class PaperDrives:
         touch = finger.stiffness_n_per_m + s * finger.damping_n_s_per_m + s**2 * finger.mass_kg
         dynamic = np.diag(basis.square_omega + s**2) + s * basis.damping + touch * (rows.T @ rows)
         force = self._force[:, 0] + s * self._force[:, 1]
-        return np.asarray(s**2 * rows @ np.linalg.solve(dynamic, force), dtype=np.complex128)
+        transfers = transfers_at(self.device.actuators, np.array(s))
+        per_base = s**2 * rows @ np.linalg.solve(dynamic, force)
+        return np.asarray(per_base if transfers is None else per_base * transfers, dtype=np.complex128)
 
 
 class PaperBar:

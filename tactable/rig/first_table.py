@@ -21,6 +21,7 @@ from precompute.model.assembly import assemble
 from precompute.model.frequencies import add_resonances
 from precompute.model.modal import Basis, compute_basis, compute_modal_model
 from precompute.model.threshold import detection_threshold
+from precompute.model.transfers import transfers_at
 
 IS_FIRST = "is_first"
 """Attribute of a table of receptances alone."""
@@ -79,12 +80,15 @@ def modal_receptances(basis: Basis) -> Receptances:
     s = 2j * np.pi * frequency_hz[:, None, None]
     inverse = np.linalg.inv(np.diag(basis.square_omega) + s**2 * np.eye(count) + s * basis.damping)
     spread = shape @ inverse  # (frequency, place, mode)
-    push = models[0].push
+    push, transfers = models[0].push, transfers_at(device.actuators, s[:, 0, 0])
+    force = push[:, 0] + s * push[:, 1]
+    if transfers is not None:
+        force = force * transfers[:, None]
     row, column = np.triu_indices(places)
     return Receptances(
         frequency_hz=frequency_hz,
         threshold_m_per_s2=detection_threshold(frequency_hz),
         place_m=place_m,
-        drive=np.ascontiguousarray((spread @ (push[:, 0] + s * push[:, 1])).transpose(1, 2, 0), dtype=np.complex64),
+        drive=np.ascontiguousarray((spread @ force).transpose(1, 2, 0), dtype=np.complex64),
         point=np.ascontiguousarray((spread @ shape.T)[:, row, column].T, dtype=np.complex64),
     )

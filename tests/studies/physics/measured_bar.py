@@ -3,15 +3,18 @@
     python -m tests.studies.physics.measured_bar [SEEDS] [--places N] [--frequencies N] [--flaws] [--methods]
 
 For each seed a bar differs from its description (stiffness, full scale and damping of its actuators, Young's modulus),
-and a converter has noise, hum, latency, jitter and a clock that drifts. `measure` reads the bar through the real code,
-`calibrate` fits it, and steady drives for random placements are solved for the fitted and for the described bar; all
-are evaluated on the true bar, beside those that were solved for it. With --flaws each flaw of a converter is put in by
-itself instead, and the faults that readings name are counted. With --methods stepped sine and sweep read the same bars.
+and a converter has noise, hum, latency, jitter, a clock that drifts, an offset, clipping and lost samples. `measure`
+reads the bar through the real code, `calibrate` fits it, and steady drives for random placements are solved for the
+fitted and for the described bar; all are evaluated on the true bar, beside those that were solved for it. The last line
+sums the seeds up. With --flaws each flaw of a converter is put in by itself instead, and the faults that readings name
+are counted. With --methods stepped sine and sweep read the same bars.
 """
 
 import argparse
+import math
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,7 +25,7 @@ from threadpoolctl import threadpool_limits
 from engine.device import Device
 from engine.steady.solver import SteadySolver
 from engine.touch import Placement
-from precompute.calibration.calibrate import Calibration, calibrate
+from precompute.calibration.calibrate import Calibration, Estimate, calibrate
 from precompute.measurements import Kind, Measurements
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import with_changes
@@ -75,6 +78,24 @@ SINGLE_FLAWS = {
 
 
 @dataclass(frozen=True)
+class SeedFigures:
+    """What one bar gave: errors of its responses and parameters, and contrasts (placement,) lost on it, in dB.
+
+    beyond: distance of the true value from the middle of the 95 % interval, in half widths, by parameter.
+    """
+
+    kept: int
+    readings: int
+    error_db: Array
+    error_deg: Array
+    beyond: dict[str, float]
+    off: Array
+    best_db: Array
+    lost_db: Array
+    lost_as_described_db: Array
+
+
+@dataclass(frozen=True)
 class Measured:
     """A bar that was measured: the readings, and the time that the board was armed."""
 
@@ -112,6 +133,8 @@ def flaws_of(seed: int) -> ConverterFlaws:
         offset_m_per_s2=float(random.normal(0, 0.1)),
         noise_m_per_s2=float(random.uniform(0.005, 0.03)),
         hum_m_per_s2=float(random.uniform(0.0, 0.05)),
+        clips_at_m_per_s2=float(random.uniform(20.0, 50.0)),
+        drops_per_s=float(random.uniform(0.0, 0.1)),
     )
 
 
@@ -165,7 +188,7 @@ def contrasts_db(true: Device, believed: Device, placements: list[Placement]) ->
     return np.array(found)
 
 
-def study_seed(device: Device, seed: int, walk: tuple[Stop, ...], placements: list[Placement]) -> None:
+def study_seed(device: Device, seed: int, walk: tuple[Stop, ...], placements: list[Placement]) -> SeedFigures:
     """Print what one bar gives."""
     started_s = time.process_time()
     true, values = true_bar(device, seed)
@@ -173,23 +196,65 @@ def study_seed(device: Device, seed: int, walk: tuple[Stop, ...], placements: li
     bar_s, processor_s = sum(reading.seconds for reading in measured.readings), time.process_time() - started_s
     error_db, error_deg = response_errors(true, measured.measurements)
     fitted: Calibration = calibrate(device, measured.measurements, NAMES, starts=1)
-    inside = [e.low <= values[e.parameter.name] <= e.high for e in fitted.estimates]
-    off = [abs(e.value / values[e.parameter.name] - 1) for e in fitted.estimates]
     best, after, before = (contrasts_db(true, each, placements) for each in (true, fitted.device, device))
-    kept = len(measured.measurements)
+    figures = SeedFigures(
+        kept=len(measured.measurements),
+        readings=len(measured.readings),
+        error_db=error_db,
+        error_deg=error_deg,
+        beyond={e.parameter.name: beyond_interval(e, values[e.parameter.name]) for e in fitted.estimates},
+        off=np.array([abs(e.value / values[e.parameter.name] - 1) for e in fitted.estimates]),
+        best_db=best,
+        lost_db=best - after,
+        lost_as_described_db=best - before,
+    )
     spoiled = [fault.name for reading in measured.readings if reading.is_spoiled for fault in reading.faults]
     named = ", ".join(f"{spoiled.count(name)} {name}" for name in sorted(set(spoiled) - {"CLOCK_DRIFT"}))
-    db, degrees = ("/".join(f"{v:.3f}" for v in np.percentile(e, (50, 95, 100))) for e in (error_db, error_deg))
+    outside = ", ".join(f"{name} {value:.2f}" for name, value in figures.beyond.items() if value > 1) or "none"
     print(
-        f"seed {seed}: {kept} of {len(measured.readings)} readings kept (the others: {named or 'none'}), "
-        f"{bar_s:.0f} s of driving ({processor_s:.0f} s of processor); response off by (50/95/100 %) {db} dB, "
-        f"{degrees} deg; {sum(inside)} of {len(inside)} parameters within "
-        f"their intervals, off by {100 * np.median(off):.3f} % (most {100 * max(off):.3f} %); contrast (median of "
-        f"{len(placements)}) {np.median(best):.2f} dB for the true bar, lost {np.median(best - after):.3f} dB (95 %: "
-        f"{np.percentile(best - after, 95):.3f}) by the measured one, {np.median(best - before):.2f} dB (95 %: "
-        f"{np.percentile(best - before, 95):.2f}) by the description",
+        f"seed {seed}: {figures.kept} of {figures.readings} readings kept (the others: {named or 'none'}), "
+        f"{bar_s:.0f} s of driving ({processor_s:.0f} s of processor); {figures_text([figures])}; outside, in half "
+        f"widths of their intervals: {outside}",
         flush=True,
     )
+    return figures
+
+
+def beyond_interval(estimate: Estimate, true: float) -> float:
+    """Distance of the true value from the estimate, in half widths of the 95 % interval on that side."""
+    edge = estimate.high if true > estimate.value else estimate.low
+    return abs(math.log(true / estimate.value)) / max(abs(math.log(edge / estimate.value)), 1e-12)
+
+
+def figures_text(seeds: Sequence[SeedFigures]) -> str:
+    """Errors, intervals and contrasts of one or several bars, in words."""
+    error_db, error_deg, off = (
+        np.concatenate([getattr(e, k) for e in seeds]) for k in ("error_db", "error_deg", "off")
+    )
+    lost, best, before = (
+        np.concatenate([getattr(e, k) for e in seeds]) for k in ("lost_db", "best_db", "lost_as_described_db")
+    )
+    beyond = np.array([value for each in seeds for value in each.beyond.values()])
+    db, degrees = ("/".join(f"{v:.3f}" for v in np.percentile(e, (50, 95, 100))) for e in (error_db, error_deg))
+    return (
+        f"response off by (50/95/100 %) {db} dB, {degrees} deg; {np.count_nonzero(beyond <= 1)} of {len(beyond)} "
+        f"parameters within their intervals, off by {100 * np.median(off):.3f} % (most {100 * max(off):.3f} %); "
+        f"contrast (median of {len(lost)}) {np.median(best):.2f} dB for the true bar, lost {np.median(lost):.3f} dB "
+        f"(95 %: {np.percentile(lost, 95):.3f}) by the measured one, {np.median(before):.2f} dB (95 %: "
+        f"{np.percentile(before, 95):.2f}) by the description"
+    )
+
+
+def summary_text(seeds: Sequence[SeedFigures]) -> str:
+    """The seeds together, and how often each parameter lies within its interval."""
+    kept, readings = sum(each.kept for each in seeds), sum(each.readings for each in seeds)
+    covered = ", ".join(
+        f"{name} {sum(each.beyond[name] <= 1 for each in seeds)}"
+        f" (median distance {np.median([each.beyond[name] for each in seeds]):.2f} half widths)"
+        for name in seeds[0].beyond
+    )
+    figures = figures_text(seeds)
+    return f"{len(seeds)} seeds: {kept} of {readings} readings kept; {figures}; within, of {len(seeds)}: {covered}"
 
 
 def study_methods(device: Device, seed: int, places: int) -> None:
@@ -275,8 +340,7 @@ def main() -> None:
             for placement in random_placements(device, Anywhere(placements=20, seed=7))
             if any(placement.is_felt) and not all(placement.is_felt)
         ]
-        for seed in range(asked.seeds):
-            study_seed(device, seed, walk, placements)
+        print(summary_text([study_seed(device, seed, walk, placements) for seed in range(asked.seeds)]), flush=True)
 
 
 if __name__ == "__main__":

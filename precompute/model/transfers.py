@@ -1,0 +1,64 @@
+"""Transfer functions of a device's actuators as factors of tones and of Laplace transforms, and as filters in time."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import scipy.signal
+from numpy.typing import NDArray
+
+from engine.device import Actuator, Transfer
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+def transfers_at(actuators: Sequence[Actuator], s_per_s: NDArray[np.complexfloating[Any, Any]]) -> Complex | None:
+    """H (..., actuator) at complex frequencies (...,), 1/s; None where every base moves as commanded."""
+    if all(actuator.transfer is None for actuator in actuators):
+        return None
+    ones = np.ones(np.shape(s_per_s), dtype=np.complex128)
+    return np.stack([ones if a.transfer is None else a.transfer.series.at(s_per_s) for a in actuators], axis=-1)
+
+
+def moved_bases(actuators: Sequence[Actuator], frequency_hz: Array, amplitude: Complex) -> Complex:
+    """Displacements (actuator,) of the bases under commanded tones, frequency_hz and amplitude (actuator,).
+
+    Both are complex fractions of full scale; the frequency of an actuator of amplitude 0 does not matter.
+    """
+    factors = transfers_at(actuators, 2j * np.pi * np.where(amplitude == 0, 1.0, frequency_hz))
+    return amplitude if factors is None else amplitude * np.diagonal(factors)
+
+
+class TransferFilter:
+    """A transfer function in time, fed stretch after stretch: exact where the course is straight between samples."""
+
+    def __init__(self, transfer: Transfer, sample_rate_hz: float) -> None:
+        series, self._step_s = transfer.series, 1 / sample_rate_hz
+        self._direct, self._pole = series.direct, np.array(series.pole_per_s, dtype=np.complex128)
+        # A pole with an imaginary part stands for its conjugate too.
+        self._residue = np.array(series.residue_per_s) * np.where(self._pole.imag > 0, 2.0, 1.0)
+        self._last, self._state = 0.0, np.zeros(len(self._pole), dtype=np.complex128)
+
+    def run(self, course: Array) -> Array:
+        """What follows the next stretch (time,) of a course."""
+        before = np.append(self._last, course[:-1])
+        rate = (course - before) / self._step_s
+        grow = np.exp(self._pole * self._step_s)
+        phi_1, phi_2 = step_integrals(self._pole, self._step_s)
+        out = self._direct * course
+        for k, residue in enumerate(self._residue):
+            forced, start = phi_1[k] * before + phi_2[k] * rate, np.array([grow[k] * self._state[k]])
+            state = scipy.signal.lfilter([1.0], [1.0, -grow[k]], forced, zi=start)[0]
+            self._state[k] = state[-1]
+            out += (residue * state).real
+        self._last = float(course[-1])
+        return out
+
+
+def step_integrals(pole: Complex, step_s: float) -> tuple[Complex, Complex]:
+    """Integrals over one step of exp(pole t) and of exp(pole (step - t)) t; their limits for a pole near zero."""
+    slow = abs(pole) * step_s < 1e-9
+    safe = np.where(slow, 1.0, pole)
+    phi_1 = np.where(slow, step_s, np.expm1(safe * step_s) / safe)
+    return phi_1, np.where(slow, step_s**2 / 2, (phi_1 - step_s) / safe)

@@ -1,0 +1,127 @@
+"""Laws of devices whose actuators have transfer functions: one plant in frequency, in time and in clicks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from engine.device import Device
+from precompute.clicks.basis import lines_for
+from precompute.clicks.plants import SampledPlants
+from precompute.entries.rise_time import compute_rise_model, compute_rise_time
+from precompute.measurements.model import MeasurementModel
+from precompute.measurements.parameters import find_parameters
+from precompute.measurements.types import Kind, Measurements
+from precompute.model.assembly import assemble
+from precompute.model.modal import compute_basis
+from precompute.model.response import solve_response
+from precompute.model.transfers import TransferFilter, moved_bases, transfers_at
+from precompute.model.transient import TransientPlant
+from precompute.sampling.plants import sample_scenarios
+from tests.engine.device.test_transfer import coupled, lag, points_of
+from tests.precompute.devices import shipped
+
+Array = NDArray[np.float64]
+BARE = shipped("reference-a")
+PLACES_M = np.array([0.05, 0.14, 0.23])
+RATE_HZ = 48_000.0
+
+
+def with_transfers(device: Device = BARE) -> Device:
+    left, right = device.actuators
+    actuators = (replace(left, transfer=points_of(lag)), replace(right, transfer=points_of(coupled)))
+    return replace(device, actuators=actuators)
+
+
+DEVICE = with_transfers()
+
+
+def test_responses_are_those_of_the_bar_times_the_transfer_functions() -> None:
+    hz = np.array([60.0, 121.3, 250.0, 300.0])
+    bare, found = (solve_response(assemble(d), hz, PLACES_M).acceleration(PLACES_M) for d in (BARE, DEVICE))
+    expected = bare.copy()
+    expected[:, 0] *= lag(2j * np.pi * hz)[:, None]
+    expected[:, 1] *= coupled(2j * np.pi * hz)[:, None]
+    assert found[:, :2] == pytest.approx(expected[:, :2], rel=2e-3)
+    assert found[:, 2:] == pytest.approx(bare[:, 2:], rel=1e-12)  # forces at places go through no driver
+
+
+def test_a_device_without_them_computes_the_same_bits() -> None:
+    hz, s = np.array([60.0, 121.3, 250.0]), 2j * np.pi * np.array([100.0, 150.0])
+    assert transfers_at(BARE.actuators, s) is None
+    amplitude = np.array([1.0, 0.3j])
+    assert moved_bases(BARE.actuators, hz[:2], amplitude) is amplitude
+    flat = replace(BARE, actuators=tuple(replace(a, transfer=None) for a in BARE.actuators))
+    assert flat.fingerprint == BARE.fingerprint
+
+
+def test_the_bar_in_time_settles_to_the_response_in_frequency() -> None:
+    hz, plant = 173.0, assemble(DEVICE)
+    moving = TransientPlant(compute_basis(plant), PLACES_M, RATE_HZ)
+    fingers = [(float(at), DEVICE.finger) for at in PLACES_M]
+    moving.touch(fingers)
+    time_s = np.arange(round(0.6 * RATE_HZ)) / RATE_HZ
+    command = np.stack([0.7 * np.cos(2 * np.pi * hz * time_s), np.sin(2 * np.pi * hz * time_s)], axis=1)
+    # In stretches of unequal length, between which the filters go on.
+    parts = [moving.accelerate(part) for part in np.split(command, [1, 5000, 5001])]
+    late = np.concatenate(parts)[-round(0.1 * RATE_HZ) :]
+    turns = np.exp(-2j * np.pi * hz * time_s[-len(late) :])
+    window = np.hanning(len(late))[:, None]
+    found = 2 * (late * window * turns[:, None]).sum(axis=0) / window.sum()
+    loaded = plant.with_fingers(PLACES_M.tolist(), DEVICE.finger)
+    unit = solve_response(loaded, np.array([hz])).acceleration(PLACES_M)[0]
+    assert found == pytest.approx(np.array([0.7, -1j]) @ unit, rel=2e-3)
+
+
+def test_clicks_see_the_plant_that_moves_in_time() -> None:
+    lines = lines_for(DEVICE, (0.03,))
+    with_them, without = (SampledPlants(sample_scenarios(d, 2, seed=1), lines, modes=24) for d in (DEVICE, BARE))
+    fingers = with_them.scenarios.place(PLACES_M.tolist())
+    ratio = with_them.transfer(fingers) / without.transfer(fingers)
+    course = np.zeros((lines.size, 2))
+    course[0] = 1.0
+    for index, actuator in enumerate(DEVICE.actuators):
+        assert actuator.transfer is not None
+        # The courses of both, filtered in time at ten times the rate, then transformed on the damped lines.
+        fine = np.repeat(course[:, index], 10)
+        filtered = TransferFilter(actuator.transfer, 10 * lines.rate_hz).run(fine).reshape(-1, 10).mean(axis=1)
+        expected = lines.transform(filtered) / lines.transform(course[:, index])
+        low = lines.s_per_s.imag < 2 * np.pi * 300  # holding a sample is as good as this below 300 Hz
+        assert abs(ratio[:, :, index, low] / expected[low] - 1).max() < 0.03
+        assert ratio[0, 0, index] == pytest.approx(actuator.transfer.series.at(lines.s_per_s), rel=1e-4)
+
+
+def test_rise_times_are_of_the_bases_as_they_move() -> None:
+    basis, fingers = compute_basis(assemble(BARE)), [(0.05, BARE.finger)]
+    hz, amplitude = np.array([150.0, 150.0]), np.array([1.0, -0.4 + 0.2j])
+    models = [
+        compute_rise_model(replace(basis, plant=assemble(device)), [fingers], PLACES_M[None, :1])
+        for device in (BARE, DEVICE)
+    ]
+    undone = amplitude / moved_bases(DEVICE.actuators, hz, np.ones(2, dtype=np.complex128))
+    assert compute_rise_time(models[1], hz, undone) == pytest.approx(compute_rise_time(models[0], hz, amplitude))
+    assert compute_rise_time(models[1], hz, amplitude) != pytest.approx(compute_rise_time(models[0], hz, amplitude))
+
+
+def test_slopes_of_a_calibration_hold_with_transfer_functions() -> None:
+    rows = 6
+    measurements = Measurements(
+        kind=Kind.RESPONSE,
+        frequency_hz=np.tile(np.linspace(80, 280, rows)[:, None], (1, 2)),
+        amplitude=np.tile(np.array([[1.0, 0.5j]]), (rows, 1)),
+        position_m=np.linspace(0.02, 0.26, rows),
+        acceleration=np.ones(rows, dtype=np.complex128),
+        sensor_mass_kg=np.full(rows, 2e-3),
+        finger_m=np.full(rows, np.nan),
+        is_simulated=True,
+    )
+    names = ("actuator[1].stiffness", "actuator.full_scale", "actuator[2].damping", "bar.youngs_modulus")
+    parameters = find_parameters(DEVICE, names, {}, 2e-3)
+    model, values = MeasurementModel(DEVICE, measurements, parameters), np.array([p.start for p in parameters])
+    slopes = model.predict(values).by_parameter
+    for i, value in enumerate(values):
+        step = np.zeros(len(values))
+        step[i] = 1e-3 * value  # smaller ones drown the actuator's damper in rounding
+        ends = [model.predict(values + sign * step).log_acceleration for sign in (1, -1)]
+        assert slopes[:, i] == pytest.approx((ends[0] - ends[1]) / (2 * step[i]), rel=1e-3)
