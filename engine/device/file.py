@@ -15,7 +15,7 @@ from engine.device.transfer import FEWEST_POINTS, GREATEST_GROWTH, GREATEST_MISS
 
 ROMAN = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII", "XIII", "XIV", "XV", "XVI")
 CLICKS_TOP_HZ = 2000.0
-"""No click has power beyond: half the rate of its waveform."""
+"""Half the rate of a click's waveform, beyond which no click has power."""
 _ELEMENTS_PER_WAVE, _ELEMENTS_PER_WAVE_OF_CLICKS = 24, 10
 """Responses are then right to 0.03 % of the greatest one, at resonances too; tests/precompute/model/test_mesh.py."""
 _MOST_ELEMENTS = 2000

@@ -81,7 +81,7 @@ class TomlTable:
         return self.checked(key, self.take(key, default), unit, least=least, exclusive=exclusive)
 
     def checked(self, key: str, text: object, unit: str, *, least: float = 0.0, exclusive: bool = False) -> float:
-        """As `quantity`, of a value that was taken already."""
+        """The same as `quantity`, for a value that was taken already."""
         try:
             value = read_quantity(text, unit)
         except QuantityError as error:
@@ -100,7 +100,7 @@ class TomlTable:
         return self.checked_position(key, self.take(key, default), length_m, least=least)
 
     def checked_position(self, key: str, text: object, length_m: float, *, least: float = 0.0) -> float:
-        """As `position`, of a value that was taken already."""
+        """The same as `position`, for a value that was taken already."""
         if isinstance(text, str) and text.rstrip().endswith("%"):
             value = self.checked(key, text, "", least=least) * length_m
         else:

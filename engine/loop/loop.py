@@ -127,7 +127,7 @@ class Loop:
         self._others = tuple(descriptor for descriptor in others if descriptor is not None)
 
     def run(self, stop: StopRequest | None = None) -> None:
-        """Until source, contacts and effects have ended, or `stop` is set; then silence and a STOP.
+        """Run until source, contacts and effects have ended, or `stop` is set; then silence and a STOP.
 
         Raises LinkError when the port or the device fails; counters and records are final then too.
         """
@@ -158,7 +158,7 @@ class Loop:
     # ---- waiting ----
 
     def _wait(self) -> Container[int] | None:
-        """Until a report, something from the device, a new table, or a deadline."""
+        """Wait until a report, something from the device, a new table, or a deadline comes."""
         source, session, pipeline = self._source, self._session, self._pipeline
         now_ns = self._now_ns()
         deadlines_ns = [_link_deadline_ns(session, now_ns), source.next_time_ns()]

@@ -38,7 +38,7 @@ class CommandRecord(NamedTuple):
     report_index: int | None
     """Is None where no report caused the change: a level that time changed, or the end of the run."""
     report: bytes
-    """As the device sent it."""
+    """The report as the device sent it."""
     frame: TouchFrame | None
     """The frame that the report completed."""
     placement: Placement | None
@@ -75,9 +75,9 @@ class LoopCounters:
     replaced: int = 0
     """Commands that a newer one replaced unsent."""
     lost_frames: int = 0
-    """Of the digitizer."""
+    """Frames that the digitizer lost."""
     losses: int = 0
-    """Of the port, or of the device behind it."""
+    """How often the port, or the device behind it, was lost."""
     reconnects: int = 0
     """New sessions after a loss, or after the device stopped itself."""
     swaps: int = 0

@@ -57,7 +57,7 @@ class RingCounters(NamedTuple):
     replaced: int
     """Commands that a newer one replaced unsent."""
     lost_frames: int
-    """Of the digitizer."""
+    """Frames that the digitizer lost."""
 
 
 class Record(NamedTuple):
@@ -84,7 +84,7 @@ class Record(NamedTuple):
     drive: bytes
     """The drive that the device holds from then on, as on the wire; empty for silence."""
     report: bytes
-    """As the device sent it, cut where it does not fit."""
+    """The report as the device sent it, cut where it does not fit."""
     play: bytes = b""
     """The PLAY of a click that was written, behind its clock reference; empty for all else."""
 

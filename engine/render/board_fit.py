@@ -37,7 +37,7 @@ class BoardFit:
     """How the amplitudes of a table are played on one board."""
 
     scales: tuple[float, ...]
-    """By actuator: what fractions of the table's full scale are multiplied with."""
+    """The factor, for each actuator, on amplitudes that are fractions of the table's full scale."""
     notes: tuple[str, ...] = ()
     """What a user should know, one sentence each."""
 

@@ -15,7 +15,7 @@ from firmware_link.protocol.messages import encode_amplitude
 
 MOST_LEARNED = 4096
 NOT_PLAYED = -1
-"""In place of an amplitude: the device has not the click's set, or the level is refused."""
+"""Stands in place of an amplitude where the device lacks the click's set, or the level is refused."""
 
 
 class RenderedClicks:

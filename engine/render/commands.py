@@ -16,7 +16,7 @@ class DriveCommand(NamedTuple):
 
     drive: bytes
     frequency_hz: float | None = None
-    """That of all actuators; None for silence, and for a drive of several frequencies."""
+    """The frequency of all actuators; None for silence, and for a drive of several frequencies."""
 
     def hand_to(self, link: Link) -> None:
         """Send this next, in place of a command that waits."""
@@ -28,7 +28,7 @@ class PlayCommand(NamedTuple):
 
     click: EncodedClick
     frequency_hz: float | None = None
-    """None: a click has no frequency."""
+    """Is None, since a click has no frequency."""
 
     def hand_to(self, link: Link) -> None:
         """Send this next, in place of a command that waits."""

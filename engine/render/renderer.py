@@ -113,7 +113,7 @@ class Renderer:
 
     @property
     def click_shortfalls(self) -> dict[float, int]:
-        """By level: the number of tabulated clicks that do not reach it with quiet fingers kept quiet."""
+        """The number of tabulated clicks that do not reach a level with quiet fingers kept quiet, for each level."""
         if not self.clicks.are_played:
             return {}
         return {level_db: self.clicks.shortfall(level_db) for level_db in self.levels_db}

@@ -29,7 +29,7 @@ _NEAR_FIRST = 0.25
 """Where the level binds, no drive is searched between two frequencies whose ratios are below this fraction."""
 _PEAKS = 6
 _CLOSE, _REFINED = 0.95, 3
-"""Of those, peaks whose drive there is above this fraction of the best are refined further; of many fingers three."""
+"""Peaks whose drive is above this fraction of the best are refined further; for many fingers three at most."""
 _STRIDE = 4
 _SCAN_STEPS, _POWER_STEPS = 4, 30
 _GOLDEN = 0.6180339887498949

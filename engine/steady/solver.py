@@ -36,10 +36,10 @@ Complex32 = NDArray[np.complex64]
 
 _deviations = lru_cache(maxsize=4 * MOST_FINGERS)(sample_deviations)
 LEVEL_TOLERANCE_DB = 1e-3
-"""As engine.table.entry has it; this package needs no table."""
+"""The same as in engine.table.entry; this package needs no table."""
 _CASES, _FEW_CASES, _FEW_FINGERS = 8, 4, 4
 _ALL = -1
-"""In place of the index of a frequency: all are searched."""
+"""Stands in place of the index of a frequency where all are searched."""
 JUMP_HZ, FOLLOWED_HZ = 2.0, 8.0
 """A greater change of frequency is a jump; and that far a peak is followed from one position to the next."""
 _EDGE_HZ = 2.0
@@ -104,7 +104,7 @@ class SteadySolver:
     def solve_cases(
         self, cases: FingerCases, felt: tuple[bool, ...], level_db: float, held_hz: float | None = None
     ) -> SteadyDrive:
-        """As `solve`, for given cases of the fingers."""
+        """The same as `solve`, for given cases of the fingers."""
         limit, pitch_m = self.device.limits.amplitude, self.pitch_m
         impedance = np.ascontiguousarray(cases.impedance, dtype=np.float32)
         count, fingers = cases.position_m.shape

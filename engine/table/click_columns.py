@@ -58,7 +58,7 @@ _VARIABLES = {
     "gap_db": Variable("optimality_gap", _CLICK, "dB", "what the bound leaves open"),
     "achieved": Variable("achieved", _CLICK, "1", "1: the quiet level is kept and the wanted one reached"),
 }
-"""By field of Clicks."""
+"""The arrays of a file, by the fields of Clicks."""
 
 
 def write_clicks(writer: TableWriter, clicks: Clicks, device: Device) -> None:

@@ -337,7 +337,7 @@ def _wrapped(phase_rad: Any) -> Any:
 
 
 def click_figures(before: ClickEntry, after: ClickEntry, same_actuators: bool) -> Sizes:
-    """As `entry_figures`, of a click; waveforms are compared only for the same actuators and rate."""
+    """The same as `entry_figures`, for a click; waveforms are compared only for the same actuators and rate."""
     yield "achieved", before.achieved, after.achieved, float(before.achieved != after.achieved)
     yield _decibels("felt_level_db", before.felt.low_db, after.felt.low_db)
     quiet_db = [None if click.quiet is None else click.quiet.high_db for click in (before, after)]

@@ -33,7 +33,7 @@ class SpoolFile(io.RawIOBase):
         return True
 
     def seekable(self) -> bool:
-        """At any place."""
+        """True: bytes can be read and written at any place."""
         return True
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:

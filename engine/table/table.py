@@ -149,7 +149,7 @@ class Table:
         return entry
 
     def states_of(self, felt: Sequence[str], quiet: Sequence[str]) -> tuple[ZoneState, ...]:
-        """As the function `states_of` for the table's device."""
+        """The states that the function `states_of` finds for the table's device."""
         return states_of(self.device, felt, quiet)
 
     def entry_at(self, state: int, level_db: float) -> Entry | None:

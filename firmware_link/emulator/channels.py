@@ -33,7 +33,7 @@ class Channels:
         frequency_maximum: int,
     ) -> None:
         self.slew_per_s = 1
-        """In full scale a second, of what was armed when the last drive came."""
+        """The slew in full scale a second, as it was armed when the last drive came."""
         self._resolution_hz = frequency_resolution_hz
         self._range = (frequency_minimum, frequency_maximum)
         self._channels = [_Channel(frequency_minimum) for _ in range(number_of_actuators)]

@@ -30,16 +30,16 @@ class LineCounters:
     duplicated: int = 0
     dropped: int = 0
     unheard: int = 0
-    """By a half-open line."""
+    """Frames that a half-open line swallowed."""
     lost: int = 0
-    """On a line that was hung up, or to a device without power."""
+    """Frames lost on a line that was hung up, or to a device without power."""
     delivered: int = 0
     flipped_bits: int = 0
     insertions: int = 0
     cuts: int = 0
     bursts: int = 0
     delayed: int = 0
-    """By a stall."""
+    """Frames that a stall delayed."""
     intact: int = 0
     damaged: int = 0
 

@@ -39,7 +39,7 @@ class Synthesis:
             self._tones.take(event)
 
     def displacements(self, start_us: float, stop_us: float, sample_rate_hz: float) -> NDArray[np.float64]:
-        """As `synthesise`, of the events so far."""
+        """The same as `synthesise`, for the events so far."""
         if start_us < self._begin_us:
             raise ValueError(f"synthesis of {start_us:g} us: all before {self._begin_us:g} us is forgotten")
         first, stop = (math.ceil(time_us * sample_rate_hz / US_PER_S) for time_us in (start_us, stop_us))

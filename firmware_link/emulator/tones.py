@@ -67,7 +67,7 @@ class _Channel:
     """Start of each stretch in microseconds, and what `evaluate` needs from then on."""
 
     def amplitudes(self, time_us: float) -> tuple[float, float]:
-        """Of the oscillator that it plays, and of the one that fades."""
+        """Amplitudes of the oscillator that it plays, and of the one that fades."""
         if time_us >= self.end_us:
             return self.goal, 0.0
         w = (time_us - self.begun_us) / self.length_us

@@ -28,6 +28,6 @@ class Lease:
         self.spacing_ns = -(-duration_ms * NS_PER_MS // LONGEST_SEQUENCE_LEAD)
         """Between two commands, at least."""
         self.free_ns = 0
-        """From this time on another command may go out."""
+        """Time from which another command may go out."""
         self.renewal_due_ns = 0
-        """By this time what sounds must be renewed."""
+        """Time by which what sounds must be renewed."""

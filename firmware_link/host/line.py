@@ -12,7 +12,7 @@ class Line:
 
     def __init__(self, transport: Transport, bit_rate_hz: int) -> None:
         self.free_ns = 0
-        """From this host time on the line is free."""
+        """Host time from which the line is free."""
         self._transport = transport
         self._bit_rate_hz = bit_rate_hz
         self._occupied_by_size_ns: dict[int, int] = {}

@@ -133,7 +133,7 @@ class Outbox:
         return encode_frame(body)
 
     def free_from_ns(self, now_ns: int) -> tuple[int, int]:
-        """From when on a drive, and a click, may go out."""
+        """Times from which a drive, and a click, may go out."""
         free_ns = self.lease.free_ns
         if self.holds_clicks:
             return free_ns, _NEVER_NS

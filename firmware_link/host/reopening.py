@@ -32,7 +32,7 @@ class ReopeningPort(Generic[P]):
     def __init__(self, open_port: Callable[[], P], port: P | None = None) -> None:
         self.port = port
         self.attempts = 0
-        """In vain, since the port was lost."""
+        """How often opening has failed since the port was lost."""
         self.reason = ""
         """Why the last attempt was in vain."""
         self._open_port = open_port

@@ -60,7 +60,7 @@ class FrameEncoder:
 
     def __init__(self) -> None:
         self.sequence = 0
-        """Of the last frame."""
+        """The sequence number of the last frame."""
 
     def next_sequence(self) -> int:
         """Take the next number."""

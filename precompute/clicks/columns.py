@@ -33,7 +33,7 @@ _STEPS = 12
 _RINGING_STEPS = 4
 """Steps from _SHARP_S after the waveform on: a peak at 300 Hz is missed by less than 0.02 dB."""
 _SHARP_S = 5e-3
-"""By then what the last corner of the waveform excites above 1 kHz is damped."""
+"""Time after which what the last corner of the waveform excites above 1 kHz is damped."""
 _SILENT = 1e-15
 
 

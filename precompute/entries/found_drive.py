@@ -17,7 +17,7 @@ _LEAST = 1e-200
 
 @dataclass(frozen=True)
 class Weights:
-    """Of every numerator, denominator, level and actuator of a problem; all are 0 or more."""
+    """Weights of every numerator, denominator, level and actuator of a problem; all are 0 or more."""
 
     numerator: Array
     denominator: Array
@@ -41,7 +41,7 @@ class FoundDrive:
 
     @property
     def family(self) -> str:
-        """By its tones: "single tone", "coherent", "two tones" or "several tones"."""
+        """The family that its tones make it: "single tone", "coherent", "two tones" or "several tones"."""
         tones = len(np.unique(self.frequency_hz[self.amplitude != 0]))
         if tones > 1:
             return "two tones" if tones == 2 else "several tones"

@@ -43,7 +43,7 @@ class UntouchedEnergy:
 
     @classmethod
     def of_plant(cls, plant: Plant) -> "UntouchedEnergy":
-        """By finite elements, over `fine_frequencies`."""
+        """The energy by finite elements, over `fine_frequencies`."""
         from precompute.model.gram import compute_gram  # these compile kernels, which modes do not need
         from precompute.model.response import solve_response
 
@@ -53,7 +53,7 @@ class UntouchedEnergy:
 
     @classmethod
     def of_modes(cls, basis: Basis) -> "UntouchedEnergy":
-        """By sums of modes, over the sweep in quarter steps and its resonances, without a compiled kernel."""
+        """The energy by sums of modes, over the sweep in quarter steps and its resonances; needs no compiled kernel."""
         model, plant = compute_modal_model(basis), basis.plant
         sweep = plant.device.sweep
         count = _PARTS * round((sweep.stop_hz - sweep.start_hz) / sweep.step_hz) + 1

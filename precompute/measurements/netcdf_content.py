@@ -25,9 +25,9 @@ from precompute.measurements.types import MeasurementError
 LIMIT_S = 20
 """Processor time of the child, with its start: some hundred times what a file of a thousand readings takes."""
 _LONGEST_S = 300.0
-"""By the clock: the same on a machine that much other work keeps busy."""
+"""The longest that reading may take by the clock, even on a machine that much other work keeps busy."""
 _MOST_BYTES = 1 << 26
-"""Of all arrays together: eight million numbers."""
+"""The most bytes of all arrays together: eight million numbers."""
 
 
 class Variable(NamedTuple):

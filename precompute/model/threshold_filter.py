@@ -8,7 +8,7 @@ from precompute.model.threshold import detection_threshold
 Array = NDArray[np.float64]
 
 LENGTH_S = 0.1
-"""Of the filter; what is cut off changes its magnitude by less than 0.03 dB from 30 Hz to 1 kHz."""
+"""Length of the filter; what is cut off changes its magnitude by less than 0.03 dB from 30 Hz to 1 kHz."""
 _LOWEST_HZ = 10.0
 """Below, where nothing is known and the bar has no mode, the threshold is held."""
 _FINE = 1 << 16

@@ -168,7 +168,7 @@ def _interrupts_held_back() -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
-    """In a worker: have the system kill this process when the thread that started it ends, however it ended."""
+    """Have the system kill this worker when the thread that started it ends, however it ended."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     parent = multiprocessing.parent_process()
     assert parent is not None
@@ -181,11 +181,11 @@ def _prepare(begin: Callable[[], object]) -> None:
 
 
 _solver: tuple[int, Callable[[Any], Any]] | None = None
-"""In a worker: the number of the task that it works on, and its solver."""
+"""The number of the task that this worker works on, and its solver."""
 
 
 def _solve_chunk(number: int, begin: Begin[Any, Any], chunk: Sequence[Any]) -> list[Any]:
-    """In a worker: the results of one chunk, by the solver that is kept for the other chunks of the same task."""
+    """The results of one chunk in a worker, by the solver that is kept for the other chunks of the same task."""
     global _solver
     if _solver is None or _solver[0] != number:
         threadpool_limits(1, "blas")  # of the libraries that came with `begin`: nothing was imported before

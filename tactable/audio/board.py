@@ -33,7 +33,7 @@ from tactable.audio.names import AudioError, AudioOutput
 Samples = NDArray[np.float32]
 
 RISE_S = 0.005
-"""From silence to full after a block that came too late: the ramp of the shipped devices."""
+"""Time of the rise from silence after a block that came too late: the ramp of the shipped devices."""
 _FIRMWARE = Path(__file__).parents[2] / "firmware_link" / "firmware"
 _FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-DTACTABLE_ACTUATORS=64u")
 _FULL_OUTPUT = 32_767

@@ -31,7 +31,7 @@ class AudioPort(DescriptorPort):
             self.close()
             raise AudioError(str(error)) from error
         self.latency_s: float = greeting["latency_s"]
-        """From a block's callback to the converter, as the driver says."""
+        """Time from a block's callback to the converter, as the driver says."""
         self.notes = (
             f"{self.path}: {output.rate_hz / 1e3:g} kHz, a command waits up to {1e3 * greeting['block_s']:.1f} ms for "
             f"a block and then {1e3 * self.latency_s:.1f} ms in the card, as its driver says; no sample above "

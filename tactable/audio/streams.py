@@ -22,7 +22,7 @@ class Stream(Protocol):
 
     @property
     def latency_s(self) -> float:
-        """From the callback to the converter or back, as the driver says."""
+        """Time from the callback to the converter or back, as the driver says."""
 
     def start(self) -> None:
         """Call back from now on, in a thread of the stream."""
@@ -80,7 +80,7 @@ class _PortAudioStream:
 
     @property
     def latency_s(self) -> float:
-        """As the driver says."""
+        """Time from the callback to the converter or back, as the driver says."""
         return float(self._stream.latency)
 
     def start(self) -> None:

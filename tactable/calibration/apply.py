@@ -116,13 +116,13 @@ class Applied:
 
     target: TableTarget
     device: Device
-    """As calibrated."""
+    """The device as calibrated."""
     report: dict[str, Any]
     doubts: list[str]
     is_refused: bool
     """The fit is doubtful and the table was left as it was."""
     in_place_after_s: float | None = None
-    """From the start until the table was in place; None where it was left, or in place before."""
+    """Time from the start until the table was in place; None where it was left, or in place before."""
     seconds: dict[str, float] = field(default_factory=dict)
     """Time of each step."""
 

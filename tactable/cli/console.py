@@ -21,7 +21,7 @@ class SafeConsole(Console):
     """A console that shows every text and obeys none."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """As Console, with `printable` text; the console's own codes are in segments of their own."""
+        """The same as Console, with `printable` text; the console's own codes are in segments of their own."""
         for segment in super().render(renderable, options):
             yield segment if segment.control else segment._replace(text=printable(segment.text))
 

@@ -95,7 +95,7 @@ def fleet(
 
 
 def _summary_paths(output: Path) -> tuple[Path, Path]:
-    """Of the summary as CSV and as JSON."""
+    """Paths of the summary as CSV and as JSON."""
     return output / f"{SUMMARY}.csv", output / f"{SUMMARY}.json"
 
 

@@ -18,7 +18,7 @@ from firmware_link.protocol.errors import TactableError
 from tactable.cli.kernel_cache import provide_kernel_cache
 
 EXIT_INTERRUPTED = 130
-"""By convention 128 plus the number of SIGINT."""
+"""The exit status is 128 plus the number of SIGINT, by convention."""
 _SETTINGS = {"max_content_width": 120, "help_option_names": ["-h", "--help"]}
 
 

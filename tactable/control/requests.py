@@ -21,12 +21,12 @@ from engine.effects.rule_file import RuleTable, read_envelope, read_place, read_
 from firmware_link.protocol.errors import TactableError
 
 VERSION = 1
-"""Of the messages; `hello` states it."""
+"""Version of the messages; `hello` states it."""
 MOST_BYTES = 16_384
 """Limit of a line."""
 MOST_SEGMENTS = 16
 MOST_RULES = 8
-"""Of one region."""
+"""The most rules of one region."""
 GREATEST_ID = (1 << 53) - 1
 DEFAULT_LEASE_S, SHORTEST_LEASE_S, LONGEST_LEASE_S = 5.0, 0.1, 3600.0
 STREAMS = ("touches", "played")
@@ -117,7 +117,7 @@ class Subscribe:
 
 @dataclass(frozen=True)
 class Ping:
-    """Only renews the lease."""
+    """A message that only renews the lease."""
 
 
 Request = (

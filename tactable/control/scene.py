@@ -112,5 +112,5 @@ class Scene:
 
 
 def _nothing(on: Trigger, region: Region) -> Rule:
-    """No effect at an event in a region, whatever lies below it."""
+    """The rule that plays nothing at an event in a region, whatever lies below it."""
     return Rule(on, _NOTHING, region.zones, region.region_m)

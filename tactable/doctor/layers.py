@@ -21,7 +21,7 @@ _WAKES = 200
 _PERIOD_S = 0.002
 _ACTUATORS = 2
 _CLICK_WEIGHTS = 44
-"""Of a click of 30 ms for two actuators."""
+"""Number of weights of a click of 30 ms for two actuators."""
 _HALF_LEASE_S = 0.02
 _US = 1e3
 _PULSES = """

@@ -42,7 +42,7 @@ class Cell:
 
     @property
     def shown(self) -> tuple["Shown", "Shown"]:
-        """Of the click, then of the gated drive."""
+        """What is shown of the click, then of the gated drive."""
         quiet, gated_quiet = self.click.quiet, self.gated.evaluation.quiet
         return (
             Shown(self.click.felt.low_db, None if quiet is None else quiet.high_db, self.click.achieved),
@@ -60,7 +60,7 @@ class Shown:
 
 
 Cells = Sequence[Sequence[Cell]]
-"""By felt zone, then quiet zone."""
+"""Cells by felt zone, then quiet zone."""
 
 
 def plot_click_map(source: ClickSource, on_progress: Callable[[float], None]) -> Picture:

@@ -24,7 +24,7 @@ from tactable.figures.style import (
 )
 
 _MARKERS = {True: "o", False: "s"}
-"""By whether the finger is to feel."""
+"""Markers by whether the finger is to feel."""
 
 
 def plot_click_study(study: Study) -> Picture:

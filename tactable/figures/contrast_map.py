@@ -22,7 +22,7 @@ from tactable.figures.zone_map import (
 )
 
 Cells = Sequence[Sequence[Entry]]
-"""By felt zone, then quiet zone; on the diagonal one felt finger alone."""
+"""Entries by felt zone, then quiet zone; on the diagonal one felt finger alone."""
 
 _CELL_INCHES = 1.0
 _MARGINS_INCHES = (2.2, 1.9)

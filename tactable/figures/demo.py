@@ -143,7 +143,7 @@ def _draw_click(axes: Axes, device: Device, found: ClickReport) -> None:
 
 
 def _fingers_text(device: Device, report: DriveReport | ClickReport) -> str:
-    """Such as "140 mm (III) felt 20.0 dB, 28 mm (I) quiet -4.2 dB"."""
+    """The fingers in words, such as "140 mm (III) felt 20.0 dB, 28 mm (I) quiet -4.2 dB"."""
     placement, names = report.placement, finger_names(device, report.placement)
     return ", ".join(
         f"{names[finger]} {'felt' if placement.is_felt[finger] else 'quiet'} {report.promise.level_db[finger]:z.1f} dB"

@@ -121,7 +121,7 @@ def _map_name(zones: Sequence[str], state: str, is_one_of_many: bool) -> str:
 
 
 def read_factor(table: Table, zones: Sequence[str], drive: PairDrive) -> Array:
-    """From the sweep of the untouched bar: (frequency_1, frequency_2); NaN out of an actuator's band."""
+    """The factor (frequency_1, frequency_2) in the sweep of the untouched bar; NaN out of an actuator's band."""
     device = table.device
     pair = list(itertools.combinations(range(len(device.actuators)), 2)).index(drive.actuators)
     first, second = (int(abs(device.sweep.amplitude - amplitude).argmin()) for amplitude in drive.amplitudes)

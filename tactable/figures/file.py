@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # matplotlib takes half a second, which commands that draw no
     from matplotlib.figure import Figure
 
 _METADATA: Mapping[str, Mapping[str, None]] = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-"""By the ending of a picture: no date in it, so that the same data are the same file."""
+"""Metadata by the ending of a picture, without a date, so that the same data make the same file."""
 _DOTS_PER_INCH = 150
 
 

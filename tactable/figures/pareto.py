@@ -47,7 +47,7 @@ _CURVES = (
     ("worst_db", "worst of the touches", VERMILLION, ":"),
 )
 _MAXIMISED = {"contrast": "expected_db", "standard contrast": "standard_db"}
-"""By the name of the objective, where it is one of the curves."""
+"""Fields by the name of the objective, where it is one of the curves."""
 
 
 def plot_pareto(table: Table, states: States) -> Picture:

@@ -74,7 +74,7 @@ def _draw_layouts(axes: Axes, device: Device, rows: Sequence[tuple[PlacementSear
 
 
 def _draw_map(figure: SubFigure, axes: Axes, search: PlacementSearch) -> None:
-    """Of two actuators: worst contrast over both positions."""
+    """Draw the worst contrast over the positions of two actuators."""
     place_m = np.unique(search.screened_m)
     shown = np.full((len(place_m), len(place_m)), np.nan)
     first, second = (np.searchsorted(place_m, search.screened_m[:, i]) for i in (0, 1))

@@ -29,7 +29,7 @@ _POINTS = 401
 _BELOW_THRESHOLD = 0.3
 """The acceleration axis begins at this fraction of the threshold, or under the stillest finger."""
 _HEADROOM = 4.0
-"""And leaves room for the names of the zones above the greatest value."""
+"""Factor on the greatest value, which leaves room for the names of the zones above it."""
 _TITLE_LETTERS = 100
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # as in file.py: pages use the words of this module, and draw
 BLUE, VERMILLION, GREEN, GREY, BLACK = "#0072B2", "#D55E00", "#009E73", "#999999", "#000000"
 STATE_COLOUR = {ZoneState.FREE: GREY, ZoneState.QUIET: VERMILLION, ZoneState.FELT: GREEN}
 ROLE_COLOUR = {True: GREEN, False: VERMILLION}
-"""By whether a finger is to feel."""
+"""Colours by whether a finger is to feel."""
 ORANGE, PURPLE = "#E69F00", "#CC79A7"
 CURVES: tuple[tuple[str, Any], ...] = (
     (BLUE, "-"),

@@ -128,7 +128,7 @@ def _draw_factors(axes: Axes, device: Device, shown: Sequence[_Shown], wanted: S
 
 
 def _label(device: Device, drive: BarDrive) -> str:
-    """Such as "left 60 Hz, right 90 Hz at 60 %, +0.50 rad"."""
+    """The drive in words, such as "left 60 Hz, right 90 Hz at 60 %, +0.50 rad"."""
     parts = []
     for actuator, hz, amplitude in zip(device.actuators, drive.frequency_hz, drive.amplitude, strict=True):
         if amplitude:

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _FLOOR = 0.05
-"""Of the greatest magnitude of x: below it a frequency counts as not driven."""
+"""A frequency counts as not driven where the magnitude of x is below this fraction of the greatest."""
 BEFORE_S = 0.25
 """The gate opens this long before time 0, since a band of frequencies is no spike."""
 _TAPER = 0.2

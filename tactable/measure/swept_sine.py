@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 STEP_NS = 10_000_000
 """Between two frequencies: 0.5 Hz apart at 300 Hz and a sweep of 6 s, 0.02 rad off an even glide."""
 _MARGIN = 0.05
-"""Of a frequency: how far a sweep goes beyond the outermost wanted ones, where the band allows it."""
+"""A sweep goes this fraction beyond the outermost wanted frequencies, where the band allows it."""
 _REST_S = BEFORE_S + 0.1
 _LATE_S = 0.1
 _CLOCK_S = 1.0
@@ -58,7 +58,7 @@ _PARTS = 50
 """Parts of a record that are looked at for clipping: it clips at a resonance only."""
 _STEADY = 5.0
 _FEW = 0.05
-"""Of the frequencies: noise that hides fewer, where the bar hardly moves, is named and raises no level."""
+"""Noise that hides a smaller fraction of the frequencies, where the bar hardly moves, is named and raises no level."""
 _NS_PER_S = 1_000_000_000
 
 

@@ -17,7 +17,7 @@ class PageOf:
     table: Path
     frequency_resolution_hz: float
     full_scales_m: tuple[float, ...]
-    """Of the connected board, by actuator."""
+    """Full scales of the connected board, by actuator."""
     host: str
     port: int
 

@@ -23,11 +23,11 @@ class BarLevels:
         self.counted_db: Array = np.full(POINTS, LOWEST_DB)
         """Shape (point,): the levels that count for the last command."""
         self.present_db = dict[int, float]()
-        """By contact, the present level."""
+        """The present level, by contact."""
         self.felt_db = dict[int, float]()
-        """By contact, the greatest level since the last command."""
+        """The greatest level since the last command, by contact."""
         self.simulated_db = dict[int, float]()
-        """By finger of the last command's placement, the level that counts."""
+        """The level that counts, by finger of the last command's placement."""
         self.is_moving = False
 
     def begin_command(self) -> None:

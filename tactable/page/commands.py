@@ -17,7 +17,7 @@ from tactable.page.messages import ChannelPicture, Drive, Role
 from tactable.rig.promises import Promises
 
 RINGING_S = 0.06
-"""By then after its end a click has rung down by some 20 dB."""
+"""Time after its end in which a click rings down by some 20 dB."""
 
 
 @dataclass
@@ -141,7 +141,7 @@ def time_of(record: Record, zero_ns: int) -> float:
 
 
 def _fingers_of(touches: Iterable[Touch], placement: Placement) -> dict[int, int]:
-    """By contact, the index of the nearest finger of a placement; a contact without one that is near is absent."""
+    """The index of the nearest finger of a placement, by contact; a contact without one that is near is absent."""
     found = dict[int, int]()
     for touch in touches:
         distance_m, finger = min((abs(at_m - touch.position_m), k) for k, at_m in enumerate(placement.position_m))

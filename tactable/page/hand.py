@@ -20,7 +20,7 @@ class HandError(TactableError, ValueError):
 
 @dataclass(frozen=True)
 class HandDrive:
-    """By actuator: frequency in Hz, amplitude as a fraction of full scale, phase in degrees."""
+    """A drive by hand: for each actuator frequency in Hz, amplitude as a fraction of full scale, phase in degrees."""
 
     channels: Channels
 

@@ -172,7 +172,7 @@ class Picture:
 
     time_s: float
     counters: tuple[int, int, int, int, int, int]
-    """As engine.loop.ring.RingCounters."""
+    """The fields of engine.loop.ring.RingCounters."""
     command: int
     """Number of the last command; 0 before the first."""
     age_s: float

@@ -22,7 +22,7 @@ _SPREAD = ("nominal", "5 %", "50 %", "95 %", "worst")
 
 @dataclass(frozen=True)
 class _Asked(ABC):
-    """For whom it is: the table, and the positions that were asked for."""
+    """Something that was asked of a table for some positions."""
 
     table: "Table" = field(kw_only=True, repr=False)
     asked: Placement = field(kw_only=True)

@@ -159,7 +159,7 @@ class Reporter:
 
 
 def find_missed(run: LiveRun, applied: Collection[Wanted]) -> tuple[tuple[Wanted, ...], tuple[Wanted, ...]]:
-    """Of what was wanted and not applied: what should have been, and the rest.
+    """What was wanted and not applied: first what should have been, then the rest.
 
     The rest was replaced before it was sent, or refused because it came too late.
     """

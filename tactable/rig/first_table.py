@@ -26,7 +26,7 @@ from precompute.model.transfers import transfers_at
 IS_FIRST = "is_first"
 """Attribute of a table of receptances alone."""
 MODES = 24
-"""Those of the moving bar of the page: more change its levels by less than 0.05 dB."""
+"""Modes of the page's moving bar; more of them change its levels by less than 0.05 dB."""
 _PITCH_M = 5e-3
 _FEWEST_PLACES = 5
 

@@ -129,7 +129,7 @@ class _Service:
         self._told = set[int]()
 
     def run(self) -> None:
-        """Until the parent closes its end."""
+        """Answer until the parent closes its end."""
         self._open()
         if self._solver is not None:  # its kernels are loaded, or compiled, before the first question
             self._solver.solve(Placement.on(self._solver.device, [0.2 * self._solver.device.bar.length_m]))

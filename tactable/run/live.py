@@ -146,7 +146,7 @@ class Live:
         return self.link.counters.sent + self.link.counters.renewed
 
     def run(self, stop: StopRequest | None = None) -> None:
-        """Until the source has ended or `stop` is set; raises LinkError when the port or the device fails."""
+        """Run until the source has ended or `stop` is set. Raises LinkError when the port or the device fails."""
         with self.armed():
             self.loop.run(stop)
 

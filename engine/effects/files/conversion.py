@@ -57,7 +57,7 @@ class EventReport:
     event: Event
     fate: Fate = Fate.KEPT
     played: str = ""
-    """As what, such as "click 20 dB at 5 ms"."""
+    """What the event is played as, such as "click 20 dB at 5 ms"."""
     notes: list[str] = field(default_factory=list)
 
     def change(self, note: str, fate: Fate = Fate.CHANGED) -> None:

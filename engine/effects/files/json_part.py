@@ -8,7 +8,7 @@ from typing import Any
 from engine.effects.rules import EffectError
 
 LONGEST_S = 120.0
-"""Of an effect file, so that a slip in a time does not become a table of gigabytes."""
+"""The longest effect that a file may hold, so that a slip in a time does not become a table of gigabytes."""
 
 _GREATEST = 1e300
 

@@ -71,17 +71,17 @@ class FastSource:
 
     @property
     def ended(self) -> bool:
-        """As the source says."""
+        """What the source says."""
         return self._source.ended
 
     @property
     def report_index(self) -> int:
-        """As the source says."""
+        """What the source says."""
         return self._source.report_index
 
     @property
     def report_time_ns(self) -> int:
-        """As the source says."""
+        """What the source says."""
         return self._source.report_time_ns
 
     def read(self, now_ns: int) -> bytes | None:

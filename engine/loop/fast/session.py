@@ -21,11 +21,11 @@ class Ahead(NamedTuple):
     click_from_ns: int
     """A click may go out from then on: the device has room for it."""
     sequence: int
-    """Of the frame before."""
+    """The sequence number of the frame before."""
     clock_at_ns: int
     clock_middle_ns: float
     clock_drift: float
-    """As `DeviceClock.line`."""
+    """The drift of `DeviceClock.line`."""
 
 
 class Answer(NamedTuple):
@@ -57,7 +57,7 @@ class FastLink(Link):
     """A link that can say what its next command would be encoded with."""
 
     def ahead(self, now_ns: int) -> Ahead | None:
-        """That of a command which comes next; None where something else is sent before it."""
+        """What is ahead of a command that comes next; None where something else is sent before it."""
         outbox = self._outbox
         if self.state is not LinkState.READY or self._reports.acknowledgements or outbox.is_waiting:
             return None

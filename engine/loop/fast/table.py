@@ -30,7 +30,7 @@ class FastTable:
     pair: NDArray[np.int32]
     """Rows by the codes of two fingers, as `engine.table.clicks.Clicks.pair`."""
     head: NDArray[np.uint8]
-    """Of each click (row, 3): the device's number of its set, fraction bits, number of weights."""
+    """Bytes (click, 3): the device's number of the click's set, its fraction bits, its number of weights."""
     weights: NDArray[np.int16]
     """Shape (row, function)."""
     amplitude: NDArray[np.int32]
