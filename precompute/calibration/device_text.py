@@ -1,11 +1,11 @@
-"""Texts of device files with the values of a calibration, comments and order kept."""
+"""Texts of device files with the values of a calibration or with measured transfer functions, comments kept."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import tomlkit
 
-from engine.device import Device
+from engine.device import Device, Transfer
 from engine.device.quantity import quantity_text
 from engine.device.texts import tables_of
 from precompute.calibration.calibrate import Calibration
@@ -31,6 +31,19 @@ def calibrated_text(calibration: Calibration, provenance: Mapping[str, str]) -> 
             if marks is not None and key in marks:
                 marks.remove(key)
     document["calibration"] = _calibration_table(calibration, provenance)
+    return tomlkit.dumps(document)
+
+
+def text_with_transfers(device: Device, transfers: Sequence[Transfer]) -> str:
+    """The description with a transfer function for every actuator, in place of those it has."""
+    document = tomlkit.parse(device.text)
+    tables = tables_of(document, "actuator.transfer", device.name)[0]
+    for table, transfer in zip(tables, transfers, strict=True):
+        points = tomlkit.array()
+        for hz, size, deg in zip(transfer.frequency_hz, transfer.magnitude, transfer.phase_deg, strict=True):
+            points.add_line([f"{hz:.10g} Hz", f"{100 * size:.4g} %", f"{deg:.4g} deg"])
+        points.add_line(indent="")
+        table["transfer"] = points
     return tomlkit.dumps(document)
 
 

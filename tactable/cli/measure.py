@@ -67,6 +67,10 @@ def measure(
     peaks: Annotated[
         Path | None, typer.Option("--peaks", help="Also write the magnitudes, as peaks: .csv or .nc.")
     ] = None,
+    transfer: Annotated[
+        Path | None,
+        typer.Option("--transfer", help="Also write the device file with the transfer functions found: .toml, new."),
+    ] = None,
     places: Annotated[int, typer.Option(min=1, max=1000, help="Even places of the sensor along the bar.")] = 8,
     frequencies: Annotated[
         str, typer.Option(help="Hz, between commas, or FROM:TO:STEP; default: 12 beside the lines of the mains.")
@@ -107,6 +111,8 @@ def measure(
     device, mass_kg = find_device(device_name), read_option("--sensor-mass", sensor_mass, "kg")
     for path in [*output, *([peaks] if peaks else [])]:
         check_ending(path)
+    if transfer is not None:
+        _check_transfer_path(transfer)
     options = SteppedSineOptions(read_option("--least", least, ""), read_most(device, most))
     how = named_method(read_choice("--method", method, Methods), options)
     walk = planned_walk(device, planned, mass_kg) if planned else even_walk(device, places, read_grid(frequencies))
@@ -136,6 +142,8 @@ def measure(
         )
     write_records(device, form, records, mass_kg, output, peaks, keep_spoiled)
     summary = summary_of(device, records) | {"output": [str(path) for path in output], "raw": str(raw.path)}
+    if transfer is not None:
+        summary["transfer"] = write_transfers(transfer, device, form, records, mass_kg)
     summary["gravity"] = None if checked is None else {"gain": checked.gain, "offset": checked.offset_m_per_s2}
     if as_json:
         print_json(summary)
@@ -201,6 +209,45 @@ def write_records(
     for path, kind in [*kinds, *([(peaks, Kind.PEAK)] if peaks else [])]:
         how = {"is_simulated": form.is_simulated, "keeps_spoiled": keep_spoiled}
         write_measurements(path, measurements_of(records, device, mass_kg, kind, **how), device, comment)
+
+
+def _check_transfer_path(path: Path) -> None:
+    if path.suffix != ".toml":
+        raise OptionError(f"--transfer {path}: expected a device file, whose name ends in .toml")
+    if path.exists():
+        raise OptionError(f"--transfer {path}: exists already and is not overwritten; choose another name")
+
+
+def write_transfers(
+    path: Path, device: "Device", form: "SensorForm", records: "tuple[StopRecord, ...]", mass_kg: float
+) -> dict[str, Any]:
+    """Write the device file with the transfer functions that the responses show; what was found, by actuator.
+
+    Raises CalibrationError where they show none.
+    """
+    from engine.device import Device
+    from engine.files import replace_file
+    from precompute.calibration.device_text import text_with_transfers
+    from precompute.calibration.transfer import find_transfers
+    from precompute.measurements import Kind
+    from tactable.measure.walk import measurements_of
+
+    measurements = measurements_of(records, device, mass_kg, Kind.RESPONSE, is_simulated=form.is_simulated)
+    found = find_transfers(device, measurements)
+    text = text_with_transfers(device, [each.transfer for each in found])
+    if form.is_simulated:
+        text = f"# SIMULATED: the transfer functions come from a simulated bench\n{text}"
+    Device.parse(text, str(path))  # points that no causal function reaches are refused before anything is written
+    with replace_file(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+    return {
+        actuator.name: {
+            "points": len(each.frequency_hz),
+            "greatest_error": float(each.error.max()),
+            "left_out_hz": each.left_out_hz.tolist(),
+        }
+        for actuator, each in zip(device.actuators, found, strict=True)
+    }
 
 
 def read_most(device: "Device", text: str) -> float:
@@ -286,4 +333,10 @@ def _print_summary(summary: dict[str, Any]) -> None:
     if summary["repeated"]:
         counts = ", ".join(f"{count} for {name}" for name, count in summary["repeated"].items())
         say(f"repeated readings: {counts}")
+    for name, found in summary.get("transfer", {}).items():
+        left_out = f", left out {len(found['left_out_hz'])} near resonances or of too few places"
+        say(
+            f"transfer function of {name}: {found['points']} points, standard error at most "
+            f"{100 * found['greatest_error']:.2g} %{left_out if found['left_out_hz'] else ''}"
+        )
     say(f"written: {', '.join(summary['output'])}; samples in {summary['raw']}")

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from engine.device import Device
 from firmware_link.emulator.process import run_emulator
 from precompute.measurements import Kind, read_measurements
 from tactable.measure.sample_stream import write_header
@@ -19,6 +20,7 @@ from tests.engine.loop.rig import DEVICE
 from tests.tactable.cli.in_process import run_here
 
 SIMULATED = ("--port", "simulated", "--sensor", "simulated")
+ROOT = Path(__file__).parents[3]
 RATE_HZ = 8_000.0
 HZ = 153.0
 RESPONSE = 3.0 - 4.0j
@@ -115,3 +117,26 @@ def test_a_board_on_a_terminal_and_samples_in_a_pipe_are_measured(
     assert not found.is_simulated
     assert max(channel.amplitude for event in events for channel in event.channels) == pytest.approx(LEAST, abs=1e-4)
     assert not any(channel.amplitude for channel in events[-1].channels)
+
+
+def test_transfer_functions_are_found_and_written_into_a_new_device_file(tmp_path: Path) -> None:
+    bare = (ROOT / "tables" / "devices" / "reference-a.toml").read_text(encoding="utf-8")
+    exact = bare.replace('stiffness = "1 %" #', 'stiffness = "0.02 %" #').replace('mass = "1 %"\n', 'mass = "0.02 %"\n')
+    points = '[["60 Hz", "95 %", "-6 deg"], ["180 Hz", "89 %", "-17 deg"], ["300 Hz", "80 %", "-27 deg"]]'
+    (tmp_path / "true.toml").write_text(exact.replace('name = "left"\n', f'name = "left"\ntransfer = {points}\n'))
+    words = ("--places", "3", "--frequencies", "66,140,284", "--transfer", "found.toml")
+    done = run_here(tmp_path, "measure", "true.toml", "-o", "bar.csv", *SIMULATED, *words)
+    assert done.returncode == 0, done.stderr
+    assert "transfer function of left: 3 points" in done.stdout
+    text = (tmp_path / "found.toml").read_text(encoding="utf-8")
+    assert text.startswith("# SIMULATED")
+    true, found = (Device.read(tmp_path / f"{name}.toml").actuators for name in ("true", "found"))
+    assert true[0].transfer is not None
+    assert found[0].transfer is not None
+    assert found[1].transfer is not None
+    hz = np.array(found[0].transfer.frequency_hz)
+    assert found[0].transfer.value == pytest.approx(true[0].transfer.at(hz), rel=0.01)
+    assert found[1].transfer.value == pytest.approx(np.ones(3), rel=0.01)
+    again = run_here(tmp_path, "measure", "true.toml", "-o", "bar.csv", *SIMULATED, *words)
+    assert again.returncode == 1
+    assert "found.toml: exists already" in again.stderr
