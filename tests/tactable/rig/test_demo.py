@@ -17,7 +17,7 @@ from engine.table.entry import DEFAULT_LEVEL_DB
 from engine.touch import Placement
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator import Cause, DriveEvent, PlayedWaveform
-from precompute.builder.build import build_table
+from precompute.builder.build import Coarse, build_table
 from precompute.clicks import ClickOptions
 from tactable.rig.bar import ENVELOPE_S, SimulatedDrive, is_felt
 from tactable.rig.demo import Reporter, find_missed
@@ -37,12 +37,12 @@ HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_
 
 @pytest.fixture(scope="module")
 def table(tmp_path_factory: pytest.TempPathFactory) -> Table:
-    """reference-a on a coarse sweep, beside its description: its entries are searched on their own refined grid."""
+    """reference-a on a coarse sweep and without entries, beside its description: steady drives are solved live."""
     folder = tmp_path_factory.mktemp("table")
     text = find_device("reference-a").text.replace('step = "1 Hz"', 'step = "8 Hz"')
     (folder / "bar.toml").write_text(text, encoding="utf-8")
     coarse = Device.read(folder / "bar.toml")
-    build_table(coarse, folder / "bar.nc", created="test", clicks_up_to=2, click_options=CHEAP)
+    build_table(coarse, folder / "bar.nc", created="test", click_options=CHEAP, coarse=Coarse.ONLY)
     return Table.open(folder / "bar.nc", device=coarse)
 
 
