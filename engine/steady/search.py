@@ -26,7 +26,7 @@ _STEPS, _FIRST_STEPS = 2, 12
 _NEAR, _NEAR_SEVERAL = 0.9, 0.5
 """Peaks whose ratio is above this fraction of the best one's are refined."""
 _NEAR_FIRST = 0.25
-"""Where the level binds, no drive is searched between two frequencies whose ratios are below this fraction."""
+"""No drive is searched between two frequencies whose ratios are below this fraction of the best one's."""
 _PEAKS = 6
 _CLOSE, _REFINED = 0.95, 3
 """Peaks whose drive is above this fraction of the best are refined further; for many fingers three at most."""
@@ -159,14 +159,15 @@ def _solve_at(forms, felt, quiet, p, usable, wanted, sharpness, a):  # type: ign
 
 
 @njit(
-    types.void(_USABLE_AT, _LOADED, _INDEX, _COUNT, _FORMS, _COUNT, types.float64, REAL, _COMPLEXES),
+    types.void(_USABLE_AT, _LOADED, _INDEX, _COUNT, _FORMS, _COUNT, types.float64, types.boolean, REAL, _COMPLEXES),
     cache=True,
     error_model="numpy",
 )
-def _scan(usable, loaded, order, felt, given, numerators, wanted, value, drive):  # type: ignore[no-untyped-def]  # numba
+def _scan(usable, loaded, order, felt, given, numerators, wanted, may_skip, value, drive):  # type: ignore[no-untyped-def]  # numba
     """Fill value (frequency,) and drive (frequency, actuator) with a drive that keeps the level at each frequency.
 
-    value: its ratio, -1 where no drive is loud enough. Exact with one numerator and one denominator and up to two
+    value: its ratio, -1 where no drive is loud enough; with `may_skip` a frequency between two that reached little gets
+    the lower value of theirs and no drive. Exact with one numerator and one denominator and up to two
     actuators; else a start for the ascent.
     """
     count, m = drive.shape
@@ -184,6 +185,13 @@ def _scan(usable, loaded, order, felt, given, numerators, wanted, value, drive):
         # Some frequencies first: what they reach says where else the search for the level is worth its time.
         k = visit % count
         if (k % _STRIDE == 0) != (visit < count) or not usable[k].any():
+            continue
+        # Between two frequencies that reached little, little is expected; three actuators have narrower peaks.
+        before, after = k - k % _STRIDE, min(k - k % _STRIDE + _STRIDE, count - 1)
+        lower, upper = min(value[before], value[after]), max(value[before], value[after])
+        is_little = visit >= count and lower >= 0.0 and upper < _NEAR_FIRST * best
+        if is_little and may_skip:
+            value[k] = lower
             continue
         _fill_forms(k, one, loaded, order, felt, given, True, usable[k], forms, p)
         if np.isinf(wanted):
@@ -203,9 +211,7 @@ def _scan(usable, loaded, order, felt, given, numerators, wanted, value, drive):
             # With one ratio the unlimited optimum bounds what the level leaves; else it is not quite the optimum.
             if ratio <= best * (_NEAR if is_simple else _NEAR_SEVERAL):
                 continue
-            # Between two frequencies that reached little, little is expected.
-            before, after = k - k % _STRIDE, min(k - k % _STRIDE + _STRIDE, count - 1)
-            if min(value[before], value[after]) >= 0.0 and max(value[before], value[after]) < _NEAR_FIRST * best:
+            if is_little:
                 continue
             if is_simple and m <= 2 and felt == 1:
                 ratio = solve_on_limit(forms[0], forms[1], p[0], usable[k], wanted, drive[k])
@@ -373,7 +379,7 @@ def find_drive(hz, usable, loaded, order, felt, given, is_share, wanted, held, f
     count, m = len(hz), len(out)
     n = 1 if is_share else felt
     value, drive = np.empty(count), np.empty((count, m), dtype=np.complex128)
-    _scan(usable, loaded, order, felt, given, n, wanted, value, drive)
+    _scan(usable, loaded, order, felt, given, n, wanted, held < 0 and m <= 2 and given.shape[1] == 2, value, drive)
     if held >= 0:
         _keep_peak(value, held)
     near = value.max() * (_NEAR if given.shape[1] == 2 and m <= 2 else _NEAR_SEVERAL)
