@@ -1,6 +1,7 @@
 """The description of one bar with its actuators, zones, finger, digitizer and limits: values, files and units."""
 
 from engine.device.device import Device
+from engine.device.electrodes import Electrodes
 from engine.device.parts import (
     Actuator,
     Bar,
@@ -21,6 +22,7 @@ __all__ = [
     "Bar",
     "Device",
     "DeviceError",
+    "Electrodes",
     "Finger",
     "FittedValue",
     "Limits",

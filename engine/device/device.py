@@ -12,6 +12,7 @@ from engine.device.file import (
     DeviceTable,
     check_bands,
     check_damping,
+    check_electrodes,
     read_actuators,
     read_bar,
     read_finger,
@@ -74,6 +75,7 @@ class Device:
         bar = top.section("bar", lambda part: read_bar(part, sweep))
         actuators = read_actuators(top, bar)
         check_damping(source, bar, actuators)
+        check_electrodes(source, actuators)
         zones, zone_hysteresis_m = top.section("zones", lambda part: read_zones(part, top, bar), default={})
         check_bands(source, actuators, sweep)
         uncertainty = None
@@ -133,8 +135,9 @@ class Device:
         if self.bar.damping_of == "bar":  # so that a file from before this key keeps its fingerprint
             del values["bar"]["damping_of"]
         for actuator in values["actuators"]:
-            if actuator["transfer"] is None:
-                del actuator["transfer"]
+            for key in ("transfer", "electrodes"):
+                if actuator[key] is None:
+                    del actuator[key]
         return hashlib.sha256(json.dumps(_rounded(values), sort_keys=True).encode()).hexdigest()
 
     def zone_names(self, indices: Iterable[int]) -> str:

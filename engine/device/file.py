@@ -8,6 +8,7 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
+from engine.device.electrodes import LINEARISERS, Electrodes
 from engine.device.parts import Actuator, Bar, DeviceError, Finger, Limits, Spread, Sweep, TouchAxis, Zone
 from engine.device.quantity import QuantityError, read_angle_rad
 from engine.device.toml_table import TomlTable
@@ -122,6 +123,7 @@ def read_actuators(top: DeviceTable, bar: Bar) -> tuple[Actuator, ...]:
             full_scale_m=part.quantity("full_scale", "m", exclusive=True),
             band_hz=band_hz,
             transfer=_read_transfer(part, band_hz),
+            electrodes=_read_electrodes(part),
         )
         for other in actuators:
             if other.name == actuator.name:
@@ -169,11 +171,47 @@ def _read_transfer(part: DeviceTable, band_hz: tuple[float, float]) -> Transfer 
     return found
 
 
-def _read_phase_deg(part: DeviceTable, text: object) -> float:
+def _read_electrodes(actuator: DeviceTable) -> Electrodes | None:
+    """The table [actuator.electrodes]; None where there is none."""
+    actuator.known.append("electrodes")
+    if "electrodes" not in actuator.left:
+        return None
+    part = DeviceTable(actuator.source, f"{actuator.path}.electrodes", actuator.left.pop("electrodes"))
+    part.inferred = actuator.inferred
+    number, bias = part.integer("number", 1, 2), part.quantity("bias", "", exclusive=True)
+    if bias >= 1:
+        raise part.error("bias", f"{100 * bias:g} %", "expected less than 100 % of the greatest voltage")
+    gap_deg = 180.0
+    part.known.append("phase_gap")
+    if "phase_gap" in part.left:
+        if number == 1:
+            raise part.error("phase_gap", part.left["phase_gap"], "one electrode has none; leave it out")
+        gap_deg = _read_phase_deg(part, part.left.pop("phase_gap"), "phase_gap")
+        if not 0 < gap_deg < 360:
+            raise part.error("phase_gap", f"{gap_deg:g} deg", "expected more than 0 and less than 360 deg")
+    by = part.word("linearised_by", LINEARISERS, "nothing")
+    if by == "board" and number == 2:
+        raise part.error("linearised_by", by, "two electrodes half a turn apart are linear without; leave it out")
+    part.close()
+    return Electrodes(number, bias, gap_deg, by)  # type: ignore[arg-type]  # one of LINEARISERS
+
+
+def check_electrodes(source: str, actuators: tuple[Actuator, ...]) -> None:
+    """Refuse biases that differ where the board linearises: it has one law for all of its outputs."""
+    parts = [each.electrodes for each in actuators if each.electrodes is not None]
+    biases = sorted({part.bias for part in parts if part.linearised_by == "board"})
+    if len(biases) > 1:
+        shown = " and ".join(f"{100 * bias:g} %" for bias in biases)
+        raise DeviceError(
+            f"{source}: actuator[...].electrodes.bias: {shown}: a board linearises with one bias; give one"
+        )
+
+
+def _read_phase_deg(part: DeviceTable, text: object, key: str = "transfer") -> float:
     try:
         return math.degrees(read_angle_rad(text))
     except QuantityError as error:
-        raise part.error("transfer", text, str(error)) from None
+        raise part.error(key, text, str(error)) from None
 
 
 def _check_causal(part: DeviceTable, found: Transfer) -> None:

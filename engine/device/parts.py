@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from engine.device.electrodes import Electrodes
 from engine.device.transfer import Transfer
 from firmware_link.protocol.errors import TactableError
 
@@ -51,6 +52,8 @@ class Actuator:
     band_hz: tuple[float, float]
     transfer: Transfer | None = None
     """From a command to the displacement of the base; None: the base moves as commanded."""
+    electrodes: Electrodes | None = None
+    """How the force follows the voltage, and what linearises it; None: the file does not say."""
 
 
 @dataclass(frozen=True)

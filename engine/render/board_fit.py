@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from engine.device import Device
 from engine.render.commands import RendererError
 from firmware_link.host.link_values import Capabilities
+from firmware_link.protocol.messages import LINEARISES
 
 TOLERANCE = 0.1
 """0.9 dB, less than the smallest difference in level that a finger tells (about 1.5 dB)."""
@@ -46,6 +47,7 @@ def fit_board(device: Device, capabilities: Capabilities) -> BoardFit:
     """Compare a table's device with the connected board; raises RendererError for a board that cannot play it."""
     _check_actuators(device, capabilities)
     _check_synthesis_rate(device, capabilities)
+    _check_linearisation(device, capabilities)
     scales, notes = scales_for(device, capabilities.full_scales_m), _notes_on_others(device, capabilities)
     if set(scales) == {1.0}:
         return BoardFit(scales, notes)
@@ -109,6 +111,21 @@ def _check_synthesis_rate(device: Device, capabilities: Capabilities) -> None:
             f"{device.name}: its actuators are driven at up to {highest_hz:g} Hz, and the connected board makes only "
             f"{capabilities.synthesis_rate_hz} samples a second; expected {LEAST_SAMPLES_A_PERIOD} a period or more: "
             "connect a faster board, or narrow the bands in the device description and build the table again"
+        )
+
+
+def _check_linearisation(device: Device, capabilities: Capabilities) -> None:
+    """The square law of electrodes is undone once: a board that does it beside an amplifier distorts as one without."""
+    of_board = LINEARISES in capabilities.features
+    for actuator in device.actuators:
+        electrodes = actuator.electrodes
+        if electrodes is None or (electrodes.linearised_by == "board") is of_board:
+            continue
+        key = f"{device.name}: actuator {actuator.name}: electrodes.linearised_by is {electrodes.linearised_by!r}"
+        if of_board:
+            raise RendererError(f"{key}, and the connected board linearises: say 'board', or flash electrode_bias = 0")
+        raise RendererError(
+            f"{key}, and the connected board does not: flash electrode_bias = {electrodes.bias_word}, or say what does"
         )
 
 

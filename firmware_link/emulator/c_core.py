@@ -36,6 +36,7 @@ _OPTIONS = (
     "sensor_rate_mhz",
     "sensor_scale_nm_per_s2",
     "sensor_greatest",
+    "electrode_bias",
 )
 _SIGNATURES = {
     "host_open": (ctypes.c_void_p, _u32_p, _u32_p, ctypes.c_bool),
@@ -48,6 +49,7 @@ _SIGNATURES = {
     "host_senses": (ctypes.c_bool, ctypes.c_void_p),
     "host_take_sent": (ctypes.c_size_t, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t),
     "host_take_samples": (ctypes.c_size_t, ctypes.c_void_p, _i16_p, ctypes.c_size_t),
+    "host_linearise": (None, ctypes.c_void_p, _i16_p),
     "host_next_deadline_us": (ctypes.c_uint64, ctypes.c_void_p),
     "host_state": (ctypes.c_uint8, ctypes.c_void_p),
     "host_allows_high_voltage": (ctypes.c_bool, ctypes.c_void_p),
@@ -157,6 +159,12 @@ class CompiledFirmware:
         if number:
             self._library.host_take_samples(self._host, samples.ctypes.data_as(_i16_p), number)
         return samples
+
+    def outputs_for(self, displacements: Sequence[int]) -> list[int]:
+        """What a board sends for displacements (actuator,) of one instant: these, or voltages where it linearises."""
+        values = (ctypes.c_int16 * self.configuration.number_of_actuators)(*displacements)
+        self._library.host_linearise(self._host, values)
+        return list(values)
 
     def _counters(self) -> list[int]:
         counters = (ctypes.c_uint32 * 9)()

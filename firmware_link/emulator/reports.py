@@ -4,6 +4,7 @@ from firmware_link.emulator.state import FULL_SCALE_PM, Device
 from firmware_link.protocol.framing import FrameEncoder, FramingCounters, encode_message
 from firmware_link.protocol.messages import (
     ACCELEROMETER,
+    LINEARISES,
     SCHEMA_HASH,
     VERSION_MAJOR,
     VERSION_MINOR,
@@ -61,7 +62,8 @@ class Reports:
                 boot_id=configuration.boot_id,
                 schema_hash=SCHEMA_HASH,
                 features=(Features.WAVEFORMS if configuration.basis_capacity_bytes else Features(0))
-                | (ACCELEROMETER if configuration.sensor_rate_mhz else Features(0)),
+                | (ACCELEROMETER if configuration.sensor_rate_mhz else Features(0))
+                | (LINEARISES if configuration.electrode_bias else Features(0)),
                 firmware_major=0,
                 firmware_minor=2,
                 firmware_patch=0,

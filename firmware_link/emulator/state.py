@@ -17,7 +17,8 @@ class DeviceConfiguration:
     """What the emulated board is; frequencies in steps of the resolution, slew in full scale a second.
 
     Without `full_scales_pm` each is FULL_SCALE_PM. A `basis_capacity_bytes` of 0 is a device without waveforms, a
-    `longest_drive_s` of 0 one without its own limit, a `sensor_rate_mhz` of 0 one without an accelerometer.
+    `longest_drive_s` of 0 one without its own limit, a `sensor_rate_mhz` of 0 one without an accelerometer, an
+    `electrode_bias` of 0 one that does not linearise.
     """
 
     boot_id: int
@@ -37,6 +38,7 @@ class DeviceConfiguration:
     sensor_rate_mhz: int = 0
     sensor_scale_nm_per_s2: int = 0
     sensor_greatest: int = 0
+    electrode_bias: int = 0
 
     def __post_init__(self) -> None:
         if not 1 <= self.longest_lease_ms <= LONGEST_LEASE_MS:

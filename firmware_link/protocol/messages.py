@@ -71,8 +71,9 @@ class Features(IntFlag, boundary=KEEP):
     HIGH_VOLTAGE_SENSE = 4
 
 
-# No member of the class above: its members are in the definition of HELLO, which never changes.
+# No members of the class above: its members are in the definition of HELLO, which never changes.
 ACCELEROMETER = Features(8)
+LINEARISES = Features(16)
 
 
 class LogLevel(IntEnum):

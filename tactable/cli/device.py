@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _POINTS = 201
 _CHECKED_MODES = 6
+_LEAST_RATIO = 1e-6
 
 
 def modes(
@@ -124,6 +125,17 @@ def check(device_name: DeviceArgument, as_json: AsJson = False) -> None:
         "marked": list(device.inferred),
         "modes": [_mode_json(mode) for mode in first],
         "bands_hz": {actuator.name: list(actuator.band_hz) for actuator in device.actuators},
+        "electrodes": {
+            actuator.name: to_plain(actuator.electrodes)
+            | {"second_harmonic": actuator.electrodes.second_harmonic(device.limits.amplitude)}
+            for actuator in device.actuators
+            if actuator.electrodes is not None
+        },
+        "transfer_points": {
+            actuator.name: len(actuator.transfer.frequency_hz)
+            for actuator in device.actuators
+            if actuator.transfer is not None
+        },
         "sweep_hz": [device.sweep.start_hz, device.sweep.stop_hz, device.sweep.step_hz],
         "greatest_level_db": levels,
         "levels_out_of_reach": [
@@ -145,6 +157,10 @@ def _say_check(found: dict[str, Any]) -> None:
     say(f"first modes, untouched, with damping ratios: {listed}")
     for name, (low_hz, high_hz) in found["bands_hz"].items():
         say(f"band of {name}: {low_hz:g} to {high_hz:g} Hz")
+    for name, points in found["transfer_points"].items():
+        say(f"transfer function of {name}: {points} points")
+    for name, electrodes in found["electrodes"].items():
+        say(_electrodes_text(name, electrodes))
     start_hz, stop_hz, step_hz = found["sweep_hz"]
     narrow = [m for m in found["modes"] if start_hz <= m["frequency_hz"] <= stop_hz and _width_hz(m) < step_hz]
     say(f"sweep: {start_hz:g} to {stop_hz:g} Hz in steps of {step_hz:g} Hz")
@@ -155,6 +171,18 @@ def _say_check(found: dict[str, Any]) -> None:
     for short in found["levels_out_of_reach"]:
         say(f"note: {short['level_db']:g} dB is out of reach in {', '.join(short['zones'])}")
     say("Computed, not measured.")
+
+
+def _electrodes_text(name: str, electrodes: dict[str, Any]) -> str:
+    number = (
+        "one electrode" if electrodes["number"] == 1 else f"two electrodes {electrodes['phase_gap_deg']:g} deg apart"
+    )
+    at_rest = f"electrodes of {name}: {number}, at rest at {100 * electrodes['bias']:g} % of the greatest voltage"
+    ratio = electrodes["second_harmonic"]
+    if ratio < _LEAST_RATIO:
+        by = "" if electrodes["linearised_by"] == "nothing" else f", made so by the {electrodes['linearised_by']}"
+        return f"{at_rest}; the force is linear{by}"
+    return f"{at_rest}; second harmonic of the force {20 * np.log10(ratio):.1f} dB at full drive, which no level counts"
 
 
 def _width_hz(mode: dict[str, Any]) -> float:

@@ -35,6 +35,7 @@ MATERIALS = {
 
 _ACTUATOR_UNITS = {"stiffness": "N/m", "damping": "N*s/m", "mass": "kg", "full_scale": "m"}
 _LONGEST_NAME = 64
+_OPTIONAL_KEYS = "# optional, where known: transfer, and below [actuator.electrodes] (docs/devices.md)"
 
 
 def new(
@@ -144,6 +145,7 @@ def _actuators(positions: str, given: dict[str, str | None], is_band_inferred: b
     shared.append(f"band = {_list(edges)}")
     if inferred:
         shared.append(f"inferred = {_list(inferred)}")
+    shared.append(_OPTIONAL_KEYS)
     return [
         "\n".join(["[[actuator]]", f'name = "actuator-{number}"', f'position = "{_position(place)}"', *shared, ""])
         for number, place in enumerate(places, 1)

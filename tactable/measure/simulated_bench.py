@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
+from engine.device.electrodes import board_bias
 from engine.device.quantity import QuantityError, read_quantity
 from firmware_link.emulator import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware, Synthesis
 from precompute.model.assembly import assemble
@@ -117,7 +118,13 @@ class SimulatedBench:
         full_scales_m = [actuator.full_scale_m for actuator in (board or true).actuators]
         full_scales_pm = tuple(round(each_m * _PM_PER_M) for each_m in full_scales_m)
         self.firmware = EmulatedFirmware(
-            DeviceConfiguration(0x5EED, len(true.actuators), LONGEST_LEASE_MS, full_scales_pm=full_scales_pm)
+            DeviceConfiguration(
+                0x5EED,
+                len(true.actuators),
+                LONGEST_LEASE_MS,
+                full_scales_pm=full_scales_pm,
+                electrode_bias=board_bias(actuator.electrodes for actuator in true.actuators),
+            )
         )
         self.card, self._has_sum = card, has_sum
         self._board: EmulatedFirmware | SimulatedCard = card or self.firmware

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.device import Device
+from engine.device.electrodes import board_bias
 from firmware_link.emulator import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
 from firmware_link.emulator.fault_plan import FaultPlan
@@ -33,7 +34,13 @@ def configuration_of(device: Device | None) -> DeviceConfiguration:
     if device is None:
         return DeviceConfiguration(boot_id=0)
     full_scales_pm = tuple(round(actuator.full_scale_m * _PM_PER_M) for actuator in device.actuators)
-    return DeviceConfiguration(0, len(device.actuators), LONGEST_LEASE_MS, full_scales_pm=full_scales_pm)
+    return DeviceConfiguration(
+        0,
+        len(device.actuators),
+        LONGEST_LEASE_MS,
+        full_scales_pm=full_scales_pm,
+        electrode_bias=board_bias(actuator.electrodes for actuator in device.actuators),
+    )
 
 
 def emulate(

@@ -31,7 +31,8 @@ enum board_line board_line(void);
 void board_hold_samples(void);
 void board_release_samples(void);
 
-/* The displacements of all actuators for one sample, 32767 = full scale, all at one instant. */
+/* The outputs of all actuators for one sample, all at one instant: displacements, 32767 = full scale, or with an
+ * `electrode_bias` the voltages of their electrodes, -32768 = none. */
 void board_write_outputs(const int16_t *displacements);
 
 /* The enable line of the high-voltage supply; the hardware pulls it off where this is not called. */

@@ -77,7 +77,8 @@ void main_loop_turn(void)
 
 void main_loop_sample(void)
 {
-    int16_t displacements[TACTABLE_ACTUATORS];
-    tactable_device_sample(&the_device, displacements);
-    board_write_outputs(displacements);
+    int16_t outputs[TACTABLE_ACTUATORS];
+    tactable_device_sample(&the_device, outputs);
+    tactable_device_linearise(&the_device, outputs);
+    board_write_outputs(outputs);
 }

@@ -1,6 +1,7 @@
 #include "device.h"
 
 #include "device_time.h"
+#include "electrode.h"
 #include "reports.h"
 #include "session.h"
 #include "stream.h"
@@ -152,6 +153,14 @@ void tactable_device_sample(struct tactable_device *device, int16_t *displacemen
     const uint32_t sample = device->synthesis.samples;
     synthesis_sample(&device->synthesis, displacements);
     sense_remember(&device->sense, sample, displacements);
+}
+
+void tactable_device_linearise(const struct tactable_device *device, int16_t *displacements)
+{
+    const uint16_t bias = device->configuration.electrode_bias;
+    for (uint8_t i = 0; bias != 0 && i < device->configuration.number_of_actuators; i++) {
+        displacements[i] = electrode_output(bias, displacements[i]);
+    }
 }
 
 void tactable_device_sense(struct tactable_device *device, int16_t acceleration)

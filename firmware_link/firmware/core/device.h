@@ -33,6 +33,9 @@ bool tactable_device_allows_high_voltage(const struct tactable_device *device);
 /* The displacements of all actuators for the next sample, 32767 = full scale. */
 void tactable_device_sample(struct tactable_device *device, int16_t *displacements);
 
+/* Turns the displacements of one sample into outputs, in place: voltages for a board that linearises (electrode.h). */
+void tactable_device_linearise(const struct tactable_device *device, int16_t *displacements);
+
 /* Takes a sample of the board's accelerometer, in counts, that came since the last tactable_device_sample(): it belongs to
  * the displacements that this returned, or to those of `sensor_delay_samples` before. It neither waits nor allocates. */
 void tactable_device_sense(struct tactable_device *device, int16_t acceleration);

@@ -33,6 +33,7 @@ static uint32_t features_of(const struct tactable_device *device)
     uint32_t features = configuration->basis_capacity_bytes != 0 ? TACTABLE_FEATURES_WAVEFORMS : 0u;
     features |= configuration->senses_high_voltage ? TACTABLE_FEATURES_HIGH_VOLTAGE_SENSE : 0u;
     features |= state_has_accelerometer(device) ? TACTABLE_ACCELEROMETER : 0u;
+    features |= configuration->electrode_bias != 0 ? TACTABLE_LINEARISES : 0u;
     return features;
 }
 

@@ -39,6 +39,7 @@ struct tactable_configuration {
     uint32_t basis_capacity_bytes; /* 0: no waveforms */
     uint8_t *basis;                /* basis_capacity_bytes of memory */
     uint32_t full_scales_pm[TACTABLE_ACTUATORS];
+    uint16_t electrode_bias; /* voltage at rest, of the greatest one / 65535; 0: outputs are displacements */
     uint32_t sensor_rate_mhz; /* nominal; 0: no accelerometer */
     uint32_t sensor_scale_nm_per_s2;
     uint16_t sensor_greatest;     /* count at the end of its range */

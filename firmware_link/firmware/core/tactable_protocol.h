@@ -26,6 +26,7 @@
 #define TACTABLE_MAXIMUM_SENSED_VALUES 0x60u
 #define TACTABLE_LONGEST_SENSE_MS 0x7d0u
 #define TACTABLE_ACCELEROMETER 0x8u
+#define TACTABLE_LINEARISES 0x10u
 #define TACTABLE_EMERGENCY_STOP_RUN 0x8u
 
 /* What the firmware allows: only DRIVING has a drive, only a handshake leaves LATCHED. */

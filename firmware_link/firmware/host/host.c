@@ -60,6 +60,7 @@ static bool are_valid(const uint32_t options[HOST_OPTIONS])
     static const uint32_t greatest[HOST_OPTIONS] = {
         UINT32_MAX, TACTABLE_ACTUATORS, TACTABLE_LONGEST_LEASE_MS, UINT16_MAX, UINT16_MAX, UINT16_MAX, UINT16_MAX,
         UINT16_MAX, 10000000u, 1u << 30, UINT16_MAX, UINT8_MAX, UINT16_MAX, UINT32_MAX, UINT32_MAX, UINT16_MAX,
+        UINT16_MAX,
     };
     for (size_t i = 0; i < HOST_OPTIONS; i++) {
         if (options[i] > greatest[i]) {
@@ -98,6 +99,7 @@ struct host *host_open(const uint32_t options[HOST_OPTIONS], const uint32_t *ful
         .sensor_rate_mhz = options[HOST_SENSOR_RATE_MHZ],
         .sensor_scale_nm_per_s2 = options[HOST_SENSOR_SCALE_NM_PER_S2],
         .sensor_greatest = (uint16_t)options[HOST_SENSOR_GREATEST],
+        .electrode_bias = (uint16_t)options[HOST_ELECTRODE_BIAS],
     };
     memcpy(configuration.full_scales_pm, full_scales_pm, options[HOST_NUMBER_OF_ACTUATORS] * sizeof *full_scales_pm);
     const struct tactable_hooks hooks = {host, keep_sent, do_nothing, do_nothing};
@@ -113,6 +115,11 @@ void host_close(struct host *host)
         free(host->basis);
         free(host);
     }
+}
+
+void host_linearise(const struct host *host, int16_t *displacements)
+{
+    tactable_device_linearise(&host->device, displacements);
 }
 
 /* Runs every sample before `now_us`, each after what the device does by itself until then. */

@@ -24,6 +24,7 @@ enum host_option {
     HOST_SENSOR_RATE_MHZ,
     HOST_SENSOR_SCALE_NM_PER_S2,
     HOST_SENSOR_GREATEST,
+    HOST_ELECTRODE_BIAS,
     HOST_OPTIONS,
 };
 
@@ -49,6 +50,9 @@ size_t host_take_sent(struct host *host, uint8_t *bytes, size_t room);
 
 /* Takes the samples since the last call, at most `room` instants of all actuators; `room` 0 asks for their number. */
 size_t host_take_samples(struct host *host, int16_t *samples, size_t room);
+
+/* Turns the displacements of one instant into the outputs that a board sends for them. */
+void host_linearise(const struct host *host, int16_t *displacements);
 
 uint64_t host_next_deadline_us(const struct host *host);
 uint8_t host_state(const struct host *host);

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.device import Device
+from engine.device import Device, Electrodes
 from engine.effects import DEFAULT_EFFECTS
 from engine.loop.fast.table import with_fast_table
 from engine.render import DriveCommand, PlayCommand, RendererError, Rendering, render_table
@@ -16,7 +16,7 @@ from engine.render.board_fit import fit_board, scales_for
 from engine.table import Table
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet, clamp_samples, sample_limits, weighted_sum
-from firmware_link.protocol.messages import Features, Play, decode_body, decode_drive, encode_play_body
+from firmware_link.protocol.messages import LINEARISES, Features, Play, decode_body, decode_drive, encode_play_body
 from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_entries import LEVEL_DB, entry_of, felt_states
 from tests.engine.made_table import write_table
@@ -147,3 +147,25 @@ def test_actuators_beyond_the_tables_and_a_shorter_lease_are_said() -> None:
     fit = fit_board(REFERENCE, board(TABLE_M, TABLE_M, 1e-9, longest_lease_ms=20))
     assert fit.scales == (1.0, 1.0)
     assert ["drives 1 more" in fit.notes[0], "allows leases of 20 ms" in fit.notes[1]] == [True, True]
+
+
+def with_electrodes(linearised_by: str) -> Device:
+    electrodes = Electrodes(1, 0.7, 180.0, linearised_by)  # type: ignore[arg-type]  # one of LINEARISERS
+    return replace(REFERENCE, actuators=tuple(replace(each, electrodes=electrodes) for each in REFERENCE.actuators))
+
+
+def test_the_square_of_the_voltage_is_undone_once_or_the_board_is_refused() -> None:
+    straight = board(TABLE_M, TABLE_M)
+    linearising = replace(straight, features=straight.features | LINEARISES)
+    assert fit_board(with_electrodes("board"), linearising).scales == (1.0, 1.0)
+    for by in ("amplifier", "nothing"):
+        assert fit_board(with_electrodes(by), straight).scales == (1.0, 1.0)
+        with pytest.raises(
+            RendererError, match=f"left: electrodes.linearised_by is '{by}', and the .* 'board', or flash"
+        ):
+            fit_board(with_electrodes(by), linearising)
+    with pytest.raises(
+        RendererError, match=r"is 'board', and the connected board does not: flash electrode_bias = 45874"
+    ):
+        fit_board(with_electrodes("board"), straight)
+    assert fit_board(REFERENCE, linearising).scales == (1.0, 1.0)  # the file does not say

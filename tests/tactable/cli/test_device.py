@@ -34,6 +34,26 @@ def test_modes_come_untouched_and_under_fingers_with_a_picture(tmp_path: Path) -
     assert "Computed, not measured" in done.stdout
 
 
+def test_a_check_says_what_drivers_and_electrodes_make_of_a_command(tmp_path: Path) -> None:
+    points = 'transfer = [["60 Hz", "99 %", "-8 deg"], ["150 Hz", "93 %", "-20 deg"], ["300 Hz", "79 %", "-38 deg"]]'
+    text = find_device("reference-a").text.replace('name = "left"', f'name = "left"\n{points}')
+    alone = '[actuator.electrodes]\nnumber = 1\nbias = "50 %"\n'
+    opposed = '[actuator.electrodes]\nnumber = 2\nbias = "50 %"\n'
+    text = text.replace('[[actuator]]\nname = "right"', f'{alone}\n[[actuator]]\nname = "right"')
+    path = tmp_path / "driven.toml"
+    path.write_text(text.replace("[zones]", f"{opposed}\n[zones]"), encoding="utf-8")
+    done = run("check", str(path))
+    for part in (
+        "transfer function of left: 3 points",
+        "electrodes of left: one electrode, at rest at 50 % of the greatest voltage; second harmonic "
+        "of the force -12.0 dB",
+        "electrodes of right: two electrodes 180 deg apart, at rest at 50 % of the greatest voltage; the force is "
+        "linear",
+    ):
+        assert part in done.stdout
+    assert json_of("check", str(path))["electrodes"]["left"]["second_harmonic"] == 0.25
+
+
 def test_a_check_says_what_is_estimated_and_what_follows() -> None:
     found = json_of("check", "reference-a")
     device = find_device("reference-a")
