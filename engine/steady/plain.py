@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.steady.cases import FingerCases, cases_at, sample_deviations
 from engine.steady.drive import SteadyDrive
+from engine.steady.plain_loading import PlainLoading
 from engine.steady.receptances import Receptances
 from engine.touch.placement import MOST_FINGERS
 
@@ -41,18 +42,13 @@ class PlainSolver:
     """Solves placements on one device, as engine.steady.solver.SteadySolver does, without a compiled kernel."""
 
     def __init__(self, device: Device, receptances: Receptances) -> None:
-        self.device, self.frequency_hz, self._pitch_m = device, receptances.frequency_hz, receptances.pitch_m
-        hz, self._place_m = receptances.frequency_hz, receptances.place_m
-        self._omega = 2 * np.pi * hz
+        self.device, self._pitch_m = device, receptances.pitch_m
+        self._frequency_hz = hz = receptances.frequency_hz
+        self._place_m = receptances.place_m
         low_hz, high_hz = np.array([actuator.band_hz for actuator in device.actuators]).T
         slack_hz = 1e-9 * hz
         self._usable = (hz >= low_hz[:, None] - slack_hz) & (hz <= high_hz[:, None] + slack_hz)
-        self._drive: Complex = receptances.drive * (self._usable * self._omega**2 / receptances.threshold_m_per_s2)
-        count = len(self._place_m)
-        row, column = np.triu_indices(count)
-        self._pair = np.empty((count, count), dtype=np.int64)
-        self._pair[row, column] = self._pair[column, row] = np.arange(len(row))
-        self._point = receptances.point
+        self._loading = PlainLoading(receptances)
 
     def prepare(self) -> None:
         """Nothing: there is nothing to load."""
@@ -71,7 +67,7 @@ class PlainSolver:
         position_m, is_felt = np.array(positions_m, dtype=np.float64), np.array(felt, dtype=np.bool_)
         limit, device = self.device.limits.amplitude, self.device
         cases = cases_at(position_m, _deviations(len(position_m), _CASES), device.finger, device.bar.length_m)
-        loaded = self._loaded(cases)
+        loaded = self._loading.loaded(cases) * self._usable.T[:, None]
         rows = loaded[0][:, is_felt]
         index, amplitude, value, objective = -1, np.zeros(loaded.shape[3], dtype=np.complex128), 0.0, "level"
         if np.isfinite(level_db):
@@ -88,7 +84,7 @@ class PlainSolver:
         scale = limit * 10 ** (min(0.0, level_db - full_db) / 20)
         sensed_db = 10 * np.log10(np.maximum(power, 1e-30)) + 20 * np.log10(scale)
         return SteadyDrive(
-            frequency_hz=float(self.frequency_hz[index]),
+            frequency_hz=float(self._frequency_hz[index]),
             amplitudes=tuple(np.minimum(abs(amplitude) * scale, limit).tolist()),
             phases_rad=tuple(np.angle(amplitude).tolist()),
             felt=tuple(is_felt.tolist()),
@@ -100,44 +96,14 @@ class PlainSolver:
             achieved=bool(np.isinf(level_db) or full_db >= level_db - _TOLERANCE_DB),
         )
 
-    def _loaded(self, cases: FingerCases) -> Complex:
-        """Response over threshold (case, frequency, finger, actuator) at full scale, all fingers on the bar."""
-        cell, weight = self._cubics(cases.position_m)
-        free = np.einsum("cfi,cfiak->ckfa", weight, self._drive[cell])
-        between: Complex = np.array(
-            [
-                np.einsum("fi,gj,fgijk->kfg", w, w, self._point[self._pair[at[:, None, :, None], at[None, :, None, :]]])
-                for w, at in zip(weight, cell, strict=True)
-            ]
-        )
-        coupled = np.eye(between.shape[2]) + between * self._impedance(cases)[:, :, None]
-        return np.asarray(np.linalg.solve(coupled, free), dtype=np.complex128)
-
-    def _impedance(self, cases: FingerCases) -> Complex:
-        """Force per displacement of each finger (case, frequency, finger)."""
-        stiffness, damping, mass = np.moveaxis(cases.impedance[:, None], 3, 0)
-        omega = self._omega[:, None]
-        found: Complex = stiffness + 1j * omega * damping - omega**2 * mass
-        return found
-
-    def _cubics(self, position_m: Array) -> tuple[NDArray[np.int64], Array]:
-        """The four places (..., 4) about positions (...), and the weights of the cubic through them."""
-        at = position_m / self._pitch_m
-        first = np.clip(at.astype(np.int64) - 1, 0, len(self._place_m) - 4)
-        x = (at - first)[..., None] - np.arange(4)
-        products = [np.delete(x, k, axis=-1).prod(axis=-1) for k in range(4)]
-        weight = np.stack(products, axis=-1) / np.array([-6.0, 2.0, -2.0, 6.0])
-        return first[..., None] + np.arange(4), weight
-
     def _forms(self, cases: FingerCases, loaded: Complex, is_felt: NDArray[np.bool_]) -> tuple[Complex, Complex]:
         """The forms (form, frequency, actuator, actuator) above and below the fraction."""
         if not is_felt.all():
             power = _squares(loaded[1:]).mean(axis=0).swapaxes(0, 1)
             return power[is_felt], power[~is_felt]
-        cell, weight = self._cubics(cases.position_m[0])
-        at_places = np.einsum("fi,pfik->kpf", weight, self._point[self._pair[:, cell]])
-        pushed = at_places * self._impedance(cases)[0][:, None]
-        power = _squares(self._drive.transpose(2, 0, 1) - pushed @ loaded[0])
+        pushed = self._loading.to_places(cases.position_m[0]) * self._loading.impedance(cases)[0][:, None]
+        untouched = (self._loading.drive * self._usable).transpose(2, 0, 1)
+        power = _squares(untouched - pushed @ loaded[0])
         whole = np.full(len(self._place_m), self._pitch_m)
         return tuple(np.einsum("p,kpab->kab", part, power)[None] for part in (self._held(cases.position_m[0]), whole))
 

@@ -1,8 +1,7 @@
 """Records of the ring to events for programs: which finger touches where, and what was played with its promise.
 
-The promise of a click is that of the table, above the named threshold: what 95 % of the sampled plants give the weakest
-felt finger at least, and the strongest quiet one at most. A steady drive, and a click of more fingers than the table
-holds, is solved in the run, so nothing is promised here. Their promise is None.
+A promise is computed when its record is read (tactable.control.promise). Of several steady drives that are read at
+once, as when a finger drags, only the last has one: that bounds what promises cost.
 """
 
 import math
@@ -10,8 +9,11 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from engine.loop import Record
+from engine.render.board_fit import scales_for
+from engine.render.commands import RendererError
 from engine.table import Table
 from engine.touch import Touch
+from tactable.control.promise import Board, promise_of
 
 MATCHED_M = 4e-3
 """A finger is the one of a placement if it touches within this distance of it."""
@@ -19,21 +21,42 @@ RegionAt = Callable[[float, int | None], str | None]
 
 
 class Events:
-    """Events of one run; `table` is replaced as the run's is. `region_at` names the region of a position and a zone."""
+    """Events of one run of a table. `region_at` names the region of a position and a zone."""
 
     def __init__(self, table: Table, region_at: RegionAt) -> None:
         self.table = table
+        self._board: Board | None = None
         self._region_at = region_at
         self._touches: tuple[Touch, ...] = ()
 
-    def read(self, records: Iterable[Record]) -> Iterator[dict[str, Any]]:
-        """The events of new records, in order."""
-        for record in records:
+    def take_board(self, board: Board) -> None:
+        """Read the bytes of drives as the connected board does."""
+        self._board = board
+
+    def adopt(self, table: Table) -> bool:
+        """Take another table, as the run does; False for one that the run refuses."""
+        if [zone.name for zone in table.device.zones] != [zone.name for zone in self.table.device.zones]:
+            return False
+        if self._board is not None:
+            try:
+                scales_for(table.device, self._board.full_scales_m)
+            except RendererError:
+                return False
+        self.table = table
+        return True
+
+    def read(self, records: Iterable[Record], *, has_promises: bool) -> Iterator[dict[str, Any]]:
+        """The events of new records, in order, those of commands with their promises where `has_promises`."""
+        found = list(records)
+        last_drive = max((index for index, record in enumerate(found) if record.drive), default=None)
+        for index, record in enumerate(found):
             if record.touches != self._touches:
                 self._touches = record.touches
                 yield {"event": "touches", "time_ns": record.time_ns, "fingers": self.fingers()}
             if record.drive_sequence is not None:  # a command was written
-                yield self._played(record)
+                is_promised = has_promises and (not record.drive or index == last_drive)
+                promise = promise_of(self.table, record, self._board) if is_promised else None
+                yield {**self._played(record), "promise": promise}
 
     def fingers(self) -> list[dict[str, Any]]:
         """The fingers that touch now, each with its region."""
@@ -60,7 +83,6 @@ class Events:
             "is_provisional": record.is_provisional,
             "sequence": record.drive_sequence,
             "fingers": [],
-            "promise": None,
         }
         if placement is None or level_db is None:
             return event
@@ -68,14 +90,6 @@ class Events:
             {"finger": self._finger_at(at_m), "at_m": at_m, "role": "felt" if is_felt else "quiet"}
             for at_m, is_felt in zip(placement.position_m, placement.is_felt, strict=True)
         ]
-        click = self.table.click_at(placement, level_db) if record.is_click and not record.is_provisional else None
-        if click is not None:
-            event["promise"] = {
-                "felt_at_least_db": click.felt.low_db,
-                "quiet_at_most_db": None if click.quiet is None else click.quiet.high_db,
-                "share_of_plants": 0.95,
-                "is_achieved": bool(click.achieved),
-            }
         return event
 
     def _finger_at(self, at_m: float) -> int | None:

@@ -12,7 +12,7 @@ import pickle
 import socket
 import stat
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from engine.table import Table, TableError
 from firmware_link.child import ChildError, Parent
 from tactable.control.events import Events
 from tactable.control.osc import PREFIX, OscControl
+from tactable.control.promise import Board
 from tactable.control.requests import MOST_BYTES, ControlError
 from tactable.control.scene import Scene
 from tactable.control.server import ControlServer
@@ -40,8 +41,8 @@ _NICE = 2
 class _LoopSlot:
     """The loop's slot: one step at a time, and the word that it was taken."""
 
-    def __init__(self, parent: Parent) -> None:
-        self._parent = parent
+    def __init__(self, parent: Parent, is_connected: Callable[[Board], None]) -> None:
+        self._parent, self._is_connected = parent, is_connected
         self.is_open = asyncio.Event()
         self.has_ended = asyncio.Event()
         self._outcome: asyncio.Future[Outcome] | None = None
@@ -65,7 +66,9 @@ class _LoopSlot:
             self.has_ended.set()
             if self._outcome is not None and not self._outcome.done():
                 self._outcome.set_exception(ControlError("run: the run has ended"))
-        elif "go" in document:
+        elif "board" in document:
+            resolution_hz, full_scales_m = document["board"]
+            self._is_connected(Board(resolution_hz, tuple(full_scales_m)))
             self.is_open.set()
         elif self._outcome is not None and not self._outcome.done():
             self._outcome.set_result(Outcome(document["outcome"]))
@@ -133,14 +136,17 @@ def listening_socket(path: Path) -> socket.socket:
     return listening
 
 
-async def _publish(server: ControlServer, events: Events, reader: RingReader, table_path: Path) -> None:
-    """Send events until cancelled; another table at the same path is adopted, as the run adopts it."""
+async def _publish(
+    server: ControlServer, events: Events, reader: RingReader, table_path: Path, *, is_watched: bool
+) -> None:
+    """Send events until cancelled, and adopt another table at the same path where the run does."""
     clock, identity = asyncio.get_running_loop().time, identity_of(table_path)
     look_s = clock()
     while True:
-        await asyncio.sleep(EVENTS_EVERY_S if server.has_listeners else 10 * EVENTS_EVERY_S)
-        server.publish(events.read(reader.read()))
-        if clock() < look_s:
+        wanted = server.wanted_streams
+        await asyncio.sleep(EVENTS_EVERY_S if wanted else 10 * EVENTS_EVERY_S)
+        server.publish(events.read(reader.read(), has_promises="played" in wanted))
+        if not is_watched or clock() < look_s:
             continue
         look_s = clock() + LOOK_S
         with contextlib.suppress(OSError, TableError):  # being replaced, or not usable: the run ignores it too
@@ -148,18 +154,17 @@ async def _publish(server: ControlServer, events: Events, reader: RingReader, ta
             if found != identity:
                 identity, before = found, events.table
                 adopted = await asyncio.to_thread(Table.open, table_path)
-                if [zone.name for zone in adopted.device.zones] != [zone.name for zone in before.device.zones]:
-                    adopted.close()  # the run refuses it (tactable.run.table_watch)
-                    continue
-                events.table = adopted
-                server.adopt(adopted.device)
-                before.close()
+                if events.adopt(adopted):
+                    server.adopt(adopted.device)
+                    before.close()
+                else:
+                    adopted.close()
 
 
 async def _serve(served: ControlOf, table: Table, reader: RingReader, parent: Parent) -> None:
-    slot = _LoopSlot(parent)
     scene = Scene(served.effects, named_effects())
     events = Events(table, scene.top_region_at)
+    slot = _LoopSlot(parent, events.take_board)
     server = ControlServer(scene, table.device, slot.hand_over, events.fingers)
     talks: dict[asyncio.StreamWriter, asyncio.Task[None]] = {}
 
@@ -185,7 +190,7 @@ async def _serve(served: ControlOf, table: Table, reader: RingReader, parent: Pa
             osc = OscControl(server)
             lines.append(f"control: osc://127.0.0.1:{await osc.open(served.osc_port)}{PREFIX}...")
         unix = await asyncio.start_unix_server(begin, sock=listening)
-        publishing = asyncio.create_task(_publish(server, events, reader, served.table))
+        publishing = asyncio.create_task(_publish(server, events, reader, served.table, is_watched=served.is_watched))
         ended = asyncio.create_task(slot.has_ended.wait())
         beside = [publishing, ended, *([] if web is None else [asyncio.create_task(web.run())])]
         parent.say({"lines": lines})

@@ -131,9 +131,9 @@ class ControlServer:
                     self._send_event(program, line)
 
     @property
-    def has_listeners(self) -> bool:
-        """Whether any program wants events."""
-        return any(program.streams for program in self._programs.values())
+    def wanted_streams(self) -> frozenset[str]:
+        """The streams of events that any program wants."""
+        return frozenset().union(*(program.streams for program in self._programs.values()))
 
     def _send_event(self, program: _Program, line: bytes) -> None:
         if program.connection.unread_bytes() > MOST_UNREAD_BYTES:

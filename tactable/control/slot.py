@@ -15,6 +15,7 @@ from types import TracebackType
 
 from engine.effects import ControlStep, Effects, Outcome
 from firmware_link.child import Child
+from firmware_link.host.link_values import Capabilities
 from tactable.run.table_watch import Messages
 
 
@@ -31,6 +32,8 @@ class ControlOf:
     """The loopback port of the WebSocket, 0 for any; None: no WebSocket."""
     osc_port: int | None = None
     """The loopback port of Open Sound Control, 0 for any; None: no Open Sound Control."""
+    is_watched: bool = True
+    """Whether the run changes over to another table at the same path."""
 
 
 class ControlProcess:
@@ -49,7 +52,6 @@ class ControlProcess:
         self._descriptor = self._child.fileno()
         self._is_there = True
         self._messages = Messages(self._descriptor)
-        self._child.write({"go": True})  # it says nothing more before
 
     def __enter__(self) -> "ControlProcess":
         return self
@@ -59,6 +61,10 @@ class ControlProcess:
     ) -> None:
         os.set_blocking(self._descriptor, True)
         self._child.end()
+
+    def begin(self, capabilities: Capabilities) -> None:
+        """Take steps from now on; the device is connected. The process hands none over before."""
+        self._child.write({"board": [capabilities.frequency_resolution_hz, list(capabilities.full_scales_m)]})
 
     def fileno(self) -> int:
         """The descriptor that is readable when a part of a step has come."""

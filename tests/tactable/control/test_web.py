@@ -64,7 +64,7 @@ def test_without_the_token_or_by_a_foreign_name_nobody_speaks(wrong: str) -> Non
         with pytest.raises(websockets.exceptions.InvalidStatus, match="403"):
             async with connect(address, host="127.0.0.1", port=port):
                 pass
-        assert not server.has_listeners
+        assert not server.wanted_streams
 
     run(act)
 

@@ -1,0 +1,58 @@
+"""Levels under fingers at any positions of a steady drive that is given, over sampled cases of the fingers.
+
+The drive is any that a device was sent: each actuator has its frequency. The solver states levels over the few cases
+that it optimises for, these are over more, of the same spread. Responses are interpolated over frequency and place as
+the solver interpolates them (engine.steady.search), in NumPy alone, so no kernel is compiled.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device import Device
+from engine.steady.cases import cases_at, sample_deviations
+from engine.steady.plain_loading import PlainLoading
+from engine.steady.receptances import Receptances
+from engine.touch.placement import MOST_FINGERS
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+CASES = 32
+"""As many as `tactable explain` takes for fingers at positions."""
+_NEIGHBOURS = 4
+_LEAST_POWER = 1e-30
+_deviations = lru_cache(maxsize=MOST_FINGERS)(sample_deviations)
+
+
+def compute_levels(
+    device: Device, receptances: Receptances, positions_m: Sequence[float], hz: Sequence[float], amplitude: Complex
+) -> Array:
+    """Level above threshold, dB, (case, finger): standard fingers at these positions first, then CASES sampled ones.
+
+    hz, amplitude (actuator,): frequency, and complex amplitude as a fraction of full scale. Tones of different
+    frequencies add in power.
+    """
+    deviations = _deviations(len(positions_m), CASES)
+    cases = cases_at(np.array(positions_m, dtype=np.float64), deviations, device.finger, device.bar.length_m)
+    power, tones = np.zeros(cases.position_m.shape), np.array(hz)
+    for tone_hz in np.unique(tones[amplitude != 0]):
+        lines, weight = _neighbours(float(tone_hz), receptances.frequency_hz)
+        loaded = PlainLoading(receptances, lines).loaded(cases)
+        response = np.einsum("k,ckfa->cfa", weight, loaded)
+        power += abs(response @ np.where(tones == tone_hz, amplitude, 0)) ** 2
+    level_db: Array = 10 * np.log10(np.maximum(power, _LEAST_POWER))
+    return level_db
+
+
+def _neighbours(hz: float, grid_hz: Array) -> tuple[slice, Array]:
+    """The lines next to a frequency, and the weights of the cubic through them."""
+    first = int(np.clip(np.searchsorted(grid_hz, hz) - 2, 0, len(grid_hz) - _NEIGHBOURS))
+    at_hz = grid_hz[first : first + _NEIGHBOURS]
+    apart_hz = at_hz[:, None] - at_hz
+    np.fill_diagonal(apart_hz, 1.0)
+    off_hz = np.broadcast_to(hz - at_hz, apart_hz.shape).copy()
+    np.fill_diagonal(off_hz, 1.0)
+    return slice(first, first + _NEIGHBOURS), (off_hz / apart_hz).prod(axis=1)

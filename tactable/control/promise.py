@@ -1,0 +1,114 @@
+"""What a table promises of a command: the levels of the weakest felt and the strongest quiet finger, with their spread.
+
+- A **click** of the table has its promise there, over sampled bars and fingers.
+- A **steady drive** is what the device was sent, so its levels are computed from these bytes and the receptances of the
+  table, over sampled fingers (engine.steady.given_drive). A shipped table has no receptances; there it is the entry of
+  the fingers' zones, with the spread that the table states.
+- A click that was solved beside the run has none: its spread would take a second.
+
+All of it is computed in the process of the control channel, when a record is read.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.loop import Record
+from engine.render.board_fit import scales_for
+from engine.steady.given_drive import CASES, compute_levels
+from engine.table import ClickEntry, Entry, Table
+from engine.touch import Placement
+from firmware_link.protocol.messages import decode_drive
+from precompute.model.threshold import THRESHOLD_NAME
+
+Array = NDArray[np.float64]
+
+SHARE = 0.95
+"""Of the sampled plants: felt fingers reach, and quiet ones keep to, what is promised."""
+_PERCENTS = (5, 50, 95)
+_REACHED_DB = 0.05
+"""The words of the wire round amplitude and frequency: a level within this of the wanted one is reached."""
+
+
+@dataclass(frozen=True)
+class Board:
+    """What the numbers of a SET mean on the connected board; full_scales_m by actuator."""
+
+    frequency_resolution_hz: float
+    full_scales_m: tuple[float, ...]
+
+
+def promise_of(table: Table, record: Record, board: Board | None) -> dict[str, Any] | None:
+    """The promise of a record's command as values of an event; None where there is none to be had in time."""
+    placement, level_db = record.placement, record.level_db
+    if placement is None or level_db is None:
+        return None
+    if record.drive:
+        if table.is_shipped:
+            entry = table.entry_at(placement.state_on(table.device), level_db)
+            return None if entry is None else _of_entry(entry, str(table.attributes["spread_over"]))
+        return None if board is None else _of_drive(table, record.drive, board, placement, level_db)
+    click = table.click_at(placement, level_db) if record.is_click and not record.is_provisional else None
+    return None if click is None else _of_click(click)
+
+
+def _of_click(click: ClickEntry) -> dict[str, Any]:
+    felt, quiet = (
+        spread and _levels(spread.nominal_db, spread.low_db, spread.middle_db, spread.high_db)
+        for spread in (click.felt, click.quiet)
+    )
+    return _promise(felt, quiet, click.achieved, "sampled bars and fingers")
+
+
+def _of_entry(entry: Entry, over: str) -> dict[str, Any] | None:
+    if entry.spread is None:
+        return None
+    felt, quiet = entry.spread.felt, entry.spread.quiet
+    strongest_db = None if entry.contrast_db is None else entry.level_db - entry.contrast_db
+    return _promise(
+        _levels(entry.level_db, felt.low_db, felt.middle_db, felt.high_db),
+        quiet and _levels(strongest_db, quiet.low_db, quiet.middle_db, quiet.high_db),
+        entry.achieved,
+        over,
+    )
+
+
+def _of_drive(table: Table, drive: bytes, board: Board, placement: Placement, level_db: float) -> dict[str, Any]:
+    device = table.device
+    scales = scales_for(device, board.full_scales_m)
+    channels = decode_drive(drive, board.frequency_resolution_hz)[: len(scales)]
+    amplitude = np.array(
+        [c.amplitude / scale * np.exp(1j * c.phase_rad) for c, scale in zip(channels, scales, strict=True)]
+    )
+    hz = [channel.frequency_hz for channel in channels]
+    found_db = compute_levels(device, table.receptances, placement.position_m, hz, amplitude)
+    is_felt = np.array(placement.is_felt)
+    weakest = found_db[:, is_felt].min(axis=1)
+    quiet = None if is_felt.all() else _over_cases(found_db[:, ~is_felt].max(axis=1))
+    is_achieved = math.isinf(level_db) or float(weakest[0]) >= level_db - _REACHED_DB
+    return _promise(_over_cases(weakest), quiet, is_achieved, f"{CASES} cases of sampled fingers")
+
+
+def _over_cases(level_db: Array) -> dict[str, float]:
+    """Levels (case,), the standard case first."""
+    return _levels(float(level_db[0]), *np.percentile(level_db[1:], _PERCENTS).tolist())
+
+
+def _levels(nominal_db: float | None, low_db: float, middle_db: float, high_db: float) -> dict[str, Any]:
+    return {"nominal": nominal_db, "5 %": low_db, "50 %": middle_db, "95 %": high_db}
+
+
+def _promise(felt: Any, quiet: Any, is_achieved: bool, over: str) -> dict[str, Any]:
+    return {
+        "felt_at_least_db": felt["5 %"],
+        "quiet_at_most_db": quiet and quiet["95 %"],
+        "share_of_plants": SHARE,
+        "is_achieved": bool(is_achieved),
+        "felt_db": felt,
+        "quiet_db": quiet,
+        "over": over,
+        "threshold": THRESHOLD_NAME,
+    }

@@ -1,0 +1,41 @@
+"""Levels of a given drive beside those of finite elements, and the laws of its tones."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from engine.steady.given_drive import CASES, compute_levels
+from precompute.sampling.fingers import SAMPLES
+from tests.engine.steady.solvers import DEVICES, designer_of
+
+Array = NDArray[np.float64]
+POSITIONS_M, ROLES = (0.035, 0.12, 0.15), (True, False, False)
+PERCENTS = (5, 50, 95)
+
+
+@pytest.mark.parametrize("name", ["reference-a", "three actuators"])
+def test_levels_and_their_spread_are_those_of_finite_elements(name: str) -> None:
+    device = DEVICES[name]
+    designer = designer_of(device)
+    figures = designer.solve(POSITIONS_M, ROLES, 20.0)
+    drive = figures.drive
+    found_db = compute_levels(device, designer.receptances, POSITIONS_M, drive.frequencies_hz, drive.complex_amplitudes)
+    assert found_db.shape == (1 + CASES, len(POSITIONS_M)) and CASES == SAMPLES
+    assert found_db[0] == pytest.approx(figures.level_db, abs=0.1)
+    assert np.percentile(found_db[1:], PERCENTS, axis=0) == pytest.approx(
+        np.percentile(figures.sampled_level_db, PERCENTS, axis=0), abs=0.2
+    )
+
+
+def test_tones_add_in_power_and_a_still_actuator_has_no_tone() -> None:
+    device = DEVICES["reference-a"]
+    receptances = designer_of(device).receptances
+
+    def power(hz: tuple[float, float], amplitude: tuple[complex, complex]) -> Array:
+        found: Array = 10 ** (compute_levels(device, receptances, POSITIONS_M, hz, np.array(amplitude)) / 10)
+        return found
+
+    apart = power((120.0, 0.0), (0.5, 0.0)) + power((0.0, 180.0), (0.0, 0.25j))
+    assert power((120.0, 180.0), (0.5, 0.25j)) == pytest.approx(apart, rel=1e-9)
+    assert power((120.0, 180.0), (1.0, 0.5j)) == pytest.approx(4 * apart, rel=1e-9)
+    assert power((120.0, 120.0), (0.5, 0.25j)) != pytest.approx(power((120.0, 120.0), (0.5, -0.25j)), rel=0.1)
