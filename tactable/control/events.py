@@ -48,13 +48,14 @@ class Events:
     def read(self, records: Iterable[Record], *, has_promises: bool) -> Iterator[dict[str, Any]]:
         """The events of new records, in order, those of commands with their promises where `has_promises`."""
         found = list(records)
-        last_drive = max((index for index, record in enumerate(found) if record.drive), default=None)
+        is_drive = [record.drive_sequence is not None and bool(record.drive) for record in found]
+        last_drive = max((index for index, each in enumerate(is_drive) if each), default=None)
         for index, record in enumerate(found):
             if record.touches != self._touches:
                 self._touches = record.touches
                 yield {"event": "touches", "time_ns": record.time_ns, "fingers": self.fingers()}
             if record.drive_sequence is not None:  # a command was written
-                is_promised = has_promises and (not record.drive or index == last_drive)
+                is_promised = has_promises and (not is_drive[index] or index == last_drive)
                 promise = promise_of(self.table, record, self._board) if is_promised else None
                 yield {**self._played(record), "promise": promise}
 

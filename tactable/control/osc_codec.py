@@ -1,112 +1,76 @@
 """Open Sound Control 1.0 (opensoundcontrol.org/spec-1_0): datagrams to messages and back, pure.
 
-The types are those of the specification (i f s b) and of its common extensions (h d T F N). A time tag is passed over:
+Messages are read and written by python-osc. Bundles are taken apart here, because `pythonosc.osc_packet` never ends for
+an element of negative size, sets no limit to nesting, and only logs what it does not know. A time tag is passed over:
 what a bundle holds is for now.
 """
 
-import struct
 from collections.abc import Sequence
 
+from pythonosc.osc_message import OscMessage, ParseError
+from pythonosc.osc_message_builder import OscMessageBuilder
+from pythonosc.parsing import osc_types
+
 from firmware_link.protocol.errors import TactableError
+from tactable.control.requests import MOST_BYTES
 
 MOST_MESSAGES = 64
 """Of one datagram."""
 _DEEPEST = 4
 _BUNDLE = b"#bundle\0"
-_NUMBERS = {"i": struct.Struct(">i"), "f": struct.Struct(">f"), "h": struct.Struct(">q"), "d": struct.Struct(">d")}
-_WORDS = {"T": True, "F": False, "N": None}
+_TIME_TAG_BYTES = 8
+_TYPES = frozenset("ifsbhdTFN")
+"""Those of the specification (i f s b) and its common extensions."""
 Value = int | float | str | bytes | bool | None
 
 
 class OscError(TactableError, ValueError):
-    """A datagram that is no OSC; the text says where it breaks off."""
+    """A datagram that is no OSC; the text says what is wrong."""
 
 
 def decode_osc(data: bytes, depth: int = 0) -> list[tuple[str, list[Value]]]:
     """Address and arguments of each message of a datagram. Raises OscError."""
-    if data.startswith(_BUNDLE):
-        messages: list[tuple[str, list[Value]]] = []
-        at = len(_BUNDLE) + 8  # the time tag
-        if len(data) < at or depth == _DEEPEST:
-            raise OscError(f"a bundle of {len(data)} bytes, {depth} deep: expected a time tag, and at most {_DEEPEST}")
-        while at < len(data):
-            size = _unpack("i", data, at)[0]
-            if size <= 0 or at + 4 + size > len(data):
-                raise OscError(f"byte {at}: an element of {size} bytes; expected at most {len(data) - at - 4}")
-            messages += decode_osc(data[at + 4 : at + 4 + size], depth + 1)
-            if len(messages) > MOST_MESSAGES:
-                raise OscError(f"more than {MOST_MESSAGES} messages in a datagram")
-            at += 4 + size
-        return messages
-    address, at = _text(data, 0)
-    if not address.startswith("/"):
-        raise OscError(f"{address!r:.40}: expected an address that begins with /")
-    tags, at = _text(data, at) if at < len(data) else (",", at)  # old senders leave the tags of no arguments out
-    if not tags.startswith(","):
-        raise OscError(f"{address}: byte {at}: expected type tags that begin with a comma")
-    values: list[Value] = []
-    for tag in tags[1:]:
-        if tag in _WORDS:
-            values.append(_WORDS[tag])
-        elif tag in _NUMBERS:
-            value, at = _unpack(tag, data, at)
-            values.append(value)
-        elif tag in "sS":
-            text, at = _text(data, at)
-            values.append(text)
-        elif tag == "b":
-            size, at = _unpack("i", data, at)
-            if size < 0 or at + size > len(data):
-                raise OscError(f"{address}: byte {at}: a blob of {size} bytes; there are {len(data) - at}")
-            values.append(data[at : at + size])
-            at += _padded(size)
-        else:
-            raise OscError(f"{address}: type {tag!r} is not known; expected of i, f, s, b, h, d, T, F, N")
-    return [(address, values)]
+    if len(data) > MOST_BYTES:
+        raise OscError(f"a datagram of {len(data)} bytes; expected at most {MOST_BYTES}")
+    if not data.startswith(_BUNDLE):
+        return [_decode_message(data)]
+    messages: list[tuple[str, list[Value]]] = []
+    at = len(_BUNDLE) + _TIME_TAG_BYTES
+    if len(data) < at or depth == _DEEPEST:
+        raise OscError(f"a bundle of {len(data)} bytes, {depth} deep: expected a time tag, and at most {_DEEPEST}")
+    while at < len(data):
+        size = int.from_bytes(data[at : at + 4], "big", signed=True)
+        at += 4
+        if size <= 0 or at + size > len(data):
+            raise OscError(f"byte {at - 4}: an element of {size} bytes; expected 4 to {max(len(data) - at, 4)}")
+        messages += decode_osc(data[at : at + size], depth + 1)
+        if len(messages) > MOST_MESSAGES:
+            raise OscError(f"more than {MOST_MESSAGES} messages in a datagram")
+        at += size
+    return messages
+
+
+def _decode_message(data: bytes) -> tuple[str, list[Value]]:
+    if not OscMessage.dgram_is_message(data):
+        raise OscError(f"{data[:40]!r}: expected an address that begins with /")
+    try:
+        address, at = osc_types.get_string(data, 0)
+        tags = osc_types.get_string(data, at)[0] if at < len(data) else ","  # old senders leave them out
+        if unknown := set(tags[1:]) - _TYPES:  # python-osc would pass over their values
+            raise OscError(f"{address}: type {min(unknown)!r} is not known; expected of {', '.join(sorted(_TYPES))}")
+        return address, OscMessage(data).params
+    except (ParseError, osc_types.ParseError, UnicodeDecodeError) as error:
+        raise OscError(f"{data[:40]!r}: no message of OSC: {error}") from None
 
 
 def encode_osc(address: str, values: Sequence[Value]) -> bytes:
-    """One message as a datagram; whole numbers travel as i, others as f."""
-    tags, parts = ",", []
+    """One message as a datagram; whole numbers travel as i, or as h where they are large, other numbers as f."""
+    builder = OscMessageBuilder(address)
     for value in values:
-        if value is None or isinstance(value, bool):
-            tags += "N" if value is None else "T" if value else "F"
-        elif isinstance(value, int):
-            tags += "i"
-            parts.append(_NUMBERS["i"].pack(value))
-        elif isinstance(value, float):
-            tags += "f"
-            parts.append(_NUMBERS["f"].pack(value))
-        elif isinstance(value, str):
-            tags += "s"
-            parts.append(_string(value))
-        else:
-            tags += "b"
-            parts.append(_NUMBERS["i"].pack(len(value)) + value.ljust(_padded(len(value)), b"\0"))
-    return b"".join((_string(address), _string(tags), *parts))
+        builder.add_arg(_writable(value) if isinstance(value, str) else value)
+    return builder.build().dgram
 
 
-def _padded(size: int) -> int:
-    return size + -size % 4
-
-
-def _string(text: str) -> bytes:
-    data = text.encode("utf-8", "replace").replace(b"\0", b"?")
-    return data.ljust(_padded(len(data) + 1), b"\0")
-
-
-def _text(data: bytes, at: int) -> tuple[str, int]:
-    end = data.find(b"\0", at)
-    if end < 0:
-        raise OscError(f"byte {at}: a text without an end")
-    try:
-        return data[at:end].decode("utf-8"), at + _padded(end - at + 1)
-    except UnicodeDecodeError:
-        raise OscError(f"byte {at}: a text that is not UTF-8") from None
-
-
-def _unpack(tag: str, data: bytes, at: int) -> tuple[int, int]:
-    number = _NUMBERS[tag]
-    if at + number.size > len(data):
-        raise OscError(f"byte {at}: the datagram ends within an argument of type {tag}")
-    return number.unpack_from(data, at)[0], at + number.size
+def _writable(text: str) -> str:
+    """The text with a question mark for what UTF-8 does not have, and for NUL, which would end it."""
+    return text.encode("utf-8", "replace").decode().replace("\0", "?")

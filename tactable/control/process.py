@@ -14,7 +14,7 @@ import stat
 import sys
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from engine.effects import ControlStep, Outcome
 from engine.loop import RingReader
@@ -22,7 +22,6 @@ from engine.printable import printable
 from engine.table import Table, TableError
 from firmware_link.child import ChildError, Parent
 from tactable.control.events import Events
-from tactable.control.osc import PREFIX, OscControl
 from tactable.control.promise import Board
 from tactable.control.requests import MOST_BYTES, ControlError
 from tactable.control.scene import Scene
@@ -31,6 +30,9 @@ from tactable.control.slot import ControlOf
 from tactable.control.web import WebControl
 from tactable.run.table_watch import LOOK_S, WORD, identity_of
 from tactable.shipped import named_effects
+
+if TYPE_CHECKING:
+    from tactable.control.osc import OscControl
 
 _READ_BYTES = 1 << 16
 EVENTS_EVERY_S = 0.004
@@ -143,9 +145,8 @@ async def _publish(
     clock, identity = asyncio.get_running_loop().time, identity_of(table_path)
     look_s = clock()
     while True:
-        wanted = server.wanted_streams
-        await asyncio.sleep(EVENTS_EVERY_S if wanted else 10 * EVENTS_EVERY_S)
-        server.publish(events.read(reader.read(), has_promises="played" in wanted))
+        await asyncio.sleep(EVENTS_EVERY_S if server.wanted_streams else 10 * EVENTS_EVERY_S)
+        server.publish(events.read(reader.read(), has_promises="played" in server.wanted_streams))
         if not is_watched or clock() < look_s:
             continue
         look_s = clock() + LOOK_S
@@ -159,6 +160,14 @@ async def _publish(
                     before.close()
                 else:
                     adopted.close()
+
+
+async def _open_osc(server: ControlServer, port: int) -> "tuple[OscControl, str]":
+    """The OSC port of a server, and the line that says where it is. Raises ChildError."""
+    from tactable.control.osc import PREFIX, OscControl  # only here is python-osc needed
+
+    osc = OscControl(server)
+    return osc, f"control: osc://127.0.0.1:{await osc.open(port)}{PREFIX}..."
 
 
 async def _serve(served: ControlOf, table: Table, reader: RingReader, parent: Parent) -> None:
@@ -187,8 +196,8 @@ async def _serve(served: ControlOf, table: Table, reader: RingReader, parent: Pa
             web = WebControl(server, served.port)
             lines.append(f"control: {web.address}")
         if served.osc_port is not None:
-            osc = OscControl(server)
-            lines.append(f"control: osc://127.0.0.1:{await osc.open(served.osc_port)}{PREFIX}...")
+            osc, line = await _open_osc(server, served.osc_port)
+            lines.append(line)
         unix = await asyncio.start_unix_server(begin, sock=listening)
         publishing = asyncio.create_task(_publish(server, events, reader, served.table, is_watched=served.is_watched))
         ended = asyncio.create_task(slot.has_ended.wait())

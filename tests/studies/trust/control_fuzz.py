@@ -1,14 +1,17 @@
 """Sends random and hostile messages to the control channel of a real run: nothing but answers, and the run goes on.
 
     python -m tests.studies.trust.control_fuzz --messages 100000 --seed 1
+    python -m tests.studies.trust.control_fuzz --messages 100000 --seed 1 --osc
 
 A finger taps meanwhile, five times a second. Each line must get one answer; at the end the run must have lost nothing
-and answer an honest program. Prints what was sent, done and refused.
+and answer an honest program. Prints what was sent, done and refused. With --osc datagrams of Open Sound Control are
+sent in place of lines: nothing but answers and events may come back, and a message behind each few must be answered.
 """
 
 import argparse
 import json
 import random
+import re
 import signal
 import socket
 import subprocess
@@ -21,15 +24,16 @@ from pathlib import Path
 from engine.touch.sources.recording import write_recording
 from firmware_link.emulator.process import run_emulator
 from tactable.control.client import connect
+from tactable.control.osc_codec import decode_osc, encode_osc
 from tactable.shipped import find_device
 from tests.engine.made_entries import entry_of, felt_states
 from tests.engine.made_table import write_table
-from tests.tactable.control.messages import HELLO, hostile_line
+from tests.tactable.control.messages import HELLO, hostile_datagram, hostile_line
 from tests.tactable.rig.strokes import Stroke, make_recording
 
 DEVICE = find_device("reference-a")
 PROGRAMS = 4
-BATCH = 50
+BATCH, OSC_BATCH = 50, 2
 TAPS = 2_000
 
 
@@ -64,7 +68,34 @@ class Program:
         self._socket.close()
 
 
-def fuzz(messages: int, seed: int) -> dict[str, object]:
+class OscProgram:
+    """One sender of datagrams, which counts what comes back."""
+
+    def __init__(self, port: int) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect(("127.0.0.1", port))
+        self._socket.settimeout(60.0)
+        self.answers: Counter[str] = Counter()
+
+    def send(self, datagrams: list[bytes]) -> None:
+        """Send datagrams and a message whose answer is known, and wait for that."""
+        for data in [*datagrams, encode_osc("/tactable/trigger", ["the last", 0])]:
+            self._socket.send(data)
+        while True:
+            ((address, values),) = decode_osc(self._socket.recv(1 << 16))
+            if address != "/tactable/answer":
+                assert address in ("/tactable/touches", "/tactable/played", "/tactable/event"), address
+                self.answers[f"event: {address}"] += 1
+                continue
+            self.answers["done" if values[1] else "refused"] += 1
+            if "the last" in str(values[2]) or "wait for their answers" in str(values[2]):
+                return
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def fuzz(messages: int, seed: int, *, is_osc: bool = False) -> dict[str, object]:
     """Send the messages to a run of its own; what came back. Raises AssertionError."""
     random_ = random.Random(seed)
     with tempfile.TemporaryDirectory() as name, run_emulator() as emulator:
@@ -75,14 +106,20 @@ def fuzz(messages: int, seed: int) -> dict[str, object]:
         path = folder / "control.sock"
         words = ["run", "bar.nc", "--touch", "taps.hid", "--port", emulator.port, "--reconnect", "--json"]
         command = [str(Path(sys.executable).parent / "tactable"), *words, "--control", "--control-socket", str(path)]
+        command += ["--control-osc", "0"] if is_osc else []
         with subprocess.Popen(command, cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as run:
             assert run.stderr is not None
+            port = 0
             while "Ctrl-C ends" not in (said := run.stderr.readline()):
                 assert said and run.poll() is None, said
+                if found := re.search(r"osc://127.0.0.1:([0-9]+)", said):
+                    port = int(found[1])
             start_s = time.monotonic()
-            programs = [Program(path) for _ in range(PROGRAMS)]
-            for batch in range(messages // BATCH):
-                programs[batch % PROGRAMS].send([hostile_line(random_) for _ in range(BATCH)])
+            programs: list[Program | OscProgram]
+            programs = [OscProgram(port) if is_osc else Program(path) for _ in range(PROGRAMS)]
+            batch_of, hostile = (OSC_BATCH, hostile_datagram) if is_osc else (BATCH, hostile_line)
+            for batch in range(messages // batch_of):
+                programs[batch % PROGRAMS].send([hostile(random_) for _ in range(batch_of)])
             duration_s = time.monotonic() - start_s
             with connect(path) as honest:
                 honest.ping()
@@ -95,7 +132,7 @@ def fuzz(messages: int, seed: int) -> dict[str, object]:
         assert summary["losses_of_the_port"] == 0 and summary["digitizer"]["lost_frames"] == 0
         assert summary["commands_mispredicted"] == 0
         answers = sum((program.answers for program in programs), Counter[str]())
-        assert answers["done"] + answers["refused"] == BATCH * (messages // BATCH) + PROGRAMS
+        assert is_osc or answers["done"] + answers["refused"] == BATCH * (messages // BATCH) + PROGRAMS
         return {
             "seed": seed,
             "messages": messages,
@@ -111,8 +148,9 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--messages", type=int, default=100_000)
     options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--osc", action="store_true")
     asked = options.parse_args()
-    print(json.dumps(fuzz(asked.messages, asked.seed), indent=2))
+    print(json.dumps(fuzz(asked.messages, asked.seed, is_osc=asked.osc), indent=2))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,8 @@ import json
 import random
 from typing import Any
 
+from tactable.control.osc_codec import Value, encode_osc
+
 HELLO: dict[str, Any] = {"type": "hello", "version": 1, "name": "a test"}
 VALID: list[dict[str, Any]] = [
     HELLO | {"lease": "2 s"},
@@ -94,3 +96,31 @@ def hostile_line(random_: random.Random) -> bytes:
         at = random_.randrange(len(line))
         return line[:at] + random_.randbytes(1).replace(b"\n", b" ") + line[at + 1 :]
     return line
+
+
+_OSC_NAMES = (
+    "trigger", "trigger_at", "region", "remove", "settings", "quiet", "stop", "ping", "subscribe", "json", "", "x",
+)  # fmt: skip
+_OSC_VALUES: list[Value] = [
+    0, 3, -1, 1 << 40, 20.0, -6.0, 1e30, float("nan"), True, False, None, "", "press", "touch", "ok", "played", b"x",
+]  # fmt: skip
+
+
+def hostile_datagram(random_: random.Random) -> bytes:
+    """A datagram: a message as text or with odd arguments; some are changed, cut off or nested."""
+    if random_.random() < 0.4:
+        data = encode_osc("/tactable/json", [hostile_line(random_).decode("utf-8", "replace")])
+    else:
+        values = [random_.choice(_OSC_VALUES) for _ in range(random_.randrange(7))]
+        data = encode_osc(f"/tactable/{random_.choice(_OSC_NAMES)}", values)
+    while random_.random() < 0.3:
+        size = len(data) if random_.random() < 0.8 else random_.choice((-4, 0, 3, 1 << 30))
+        data = (
+            b"#bundle\0"
+            + random_.randbytes(8)
+            + random_.choice((1, 2, 9)) * (size.to_bytes(4, "big", signed=True) + data)
+        )
+    changed = bytearray(data[:60_000])  # what UDP carries
+    while random_.random() < 0.3:
+        changed[random_.randrange(len(changed))] = random_.randrange(256)
+    return bytes(changed if random_.random() < 0.9 else changed[: random_.randrange(len(changed))])

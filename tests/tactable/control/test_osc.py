@@ -21,7 +21,7 @@ from tests.tactable.control.test_server import FINGERS, Loop
 
 VALUES = st.one_of(
     st.integers(-(1 << 31), (1 << 31) - 1), st.floats(width=32, allow_nan=False), st.booleans(), st.none(),
-    st.binary(max_size=9), st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=9),
+    st.binary(min_size=1, max_size=9), st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=9),
 )  # fmt: skip
 ASKED: dict[str, list[Value]] = {
     "trigger": ["press", 3, -6.0],
@@ -70,7 +70,29 @@ def test_other_bytes_are_read_or_refused_in_words() -> None:
             refused += 1
             assert str(error)
     assert refused > 500
-    nested = encode_osc("/x", [])
+
+
+def test_types_that_are_not_known_are_named() -> None:
+    for tags in (b",S\0\0", b",[]\0", b",I\0\0"):
+        with pytest.raises(OscError, match=r"/x: type '.' is not known"):
+            decode_osc(b"/x\0\0" + tags + b"y\0\0\0")
+
+
+def test_what_no_text_of_osc_may_hold_is_a_question_mark_and_large_numbers_are_whole() -> None:
+    data = encode_osc("/x", ["a\ud800b\0c", 1 << 40])
+    assert decode_osc(data) == [("/x", ["a?b?c", 1 << 40])]
+
+
+def test_a_datagram_that_would_never_end_or_is_too_much_is_refused() -> None:
+    backwards = b"#bundle\0" + bytes(8) + (-4).to_bytes(4, "big", signed=True)
+    with pytest.raises(OscError, match="byte 16: an element of -4 bytes"):
+        decode_osc(backwards)
+    message = encode_osc("/x", [])
+    with pytest.raises(OscError, match="more than 64 messages"):
+        decode_osc(b"#bundle\0" + bytes(8) + 65 * (len(message).to_bytes(4, "big") + message))
+    with pytest.raises(OscError, match="16388 bytes; expected at most 16384"):
+        decode_osc(encode_osc("/x", ["y" * 16_377]))
+    nested = message
     for _ in range(9):
         nested = b"#bundle\0" + bytes(8) + len(nested).to_bytes(4, "big") + nested
     with pytest.raises(OscError, match="deep"):
@@ -142,7 +164,7 @@ def test_every_sender_is_a_program_that_is_answered_and_hears_what_it_asked_for(
         assert await second.heard.get() == (f"{PREFIX}touches", [3, 50.0])
         ways[1].sendto(b"nonsense")
         assert (await second.heard.get())[1][1] is False
-        assert osc.summary.startswith("OSC: 6 messages, 3 refused; the last: byte 0: a text without an end")
+        assert osc.summary.startswith("OSC: 6 messages, 3 refused; the last: b'nonsense': expected an address")
         await osc.close()
         assert server.scene.regions == {} and first.heard.empty()
         for way in ways:

@@ -109,6 +109,7 @@ def test_of_drives_that_are_read_at_once_the_last_has_a_promise_and_nobody_waits
     placements = [Placement((at_m, 0.22), (True, False)) for at_m in np.linspace(0.03, 0.06, 4).tolist()]
     records = [
         *(record_of(table, placement, AT_NS) for placement in placements),
+        record_of(table, placements[-1], AT_NS)._replace(drive_sequence=None),  # the drive goes on
         record_of(table, FINGERS, AT_NS, level_db=None),
         record_of(table, FINGERS, AT_NS, is_click=True),
     ]
