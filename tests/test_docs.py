@@ -91,6 +91,9 @@ def known_keys(section: str) -> list[str]:
     if section == "zone":
         text = text.replace("count = 3", "").replace('inferred = ["count", "hysteresis"]', "")
         text += '[[zone]]\nname = "I"\nstart = "0 mm"\nstop = "9 mm"\nqqqqqq = 1\n'
+    elif section == "electrodes":
+        table = '[actuator.electrodes]\nnumber = 1\nbias = "50 %"\nqqqqqq = 1\n'
+        text = text.replace("[zones]", f"{table}[zones]", 1)
     elif section == "":
         text = f"qqqqqq = 1\n{text}"
     else:
@@ -106,7 +109,7 @@ def documented_keys() -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     section = ""
     for line in (ROOT / "docs" / "devices.md").read_text(encoding="utf-8").splitlines():
-        if heading := re.match(r"## (?:`\[+(\w+)|At the top)", line):
+        if heading := re.match(r"##+ (?:`\[+(?:actuator\.)?(\w+)|At the top)", line):
             section = heading[1] or ""
         elif own := re.match(r"\| key of `\[+(\w+)", line):
             section = own[1]
@@ -117,7 +120,20 @@ def documented_keys() -> dict[str, list[str]]:
 
 def test_the_page_about_devices_has_every_key_and_no_other() -> None:
     documented = documented_keys()
-    tables = {"", "bar", "actuator", "zones", "zone", "finger", "spread", "digitizer", "sweep", "feel", "limits"}
+    tables = {
+        "",
+        "bar",
+        "actuator",
+        "electrodes",
+        "zones",
+        "zone",
+        "finger",
+        "spread",
+        "digitizer",
+        "sweep",
+        "feel",
+        "limits",
+    }
     assert set(documented) == tables
     read = {section: set(known_keys(section)) - (set() if section else tables) for section in tables}
     assert {section: set(keys) for section, keys in documented.items()} == read
