@@ -10,11 +10,12 @@ import typer
 
 from engine.files import remove_all_partials
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, print_json, remark, say, shown_progress
-from tactable.cli.options import DEVICE_HELP, AsJson, EffectsPath
+from tactable.cli.options import DEVICE_HELP, AsJson, EffectsPath, OptionError
 from tactable.shipped import DEMO_RECORDING, cache_folder, find_device, named_effects
 
 if TYPE_CHECKING:
     from engine.device import Device
+    from tactable.rig.accelerometer import SensedBar
     from tactable.rig.emulate import Emulated
 
 
@@ -121,12 +122,22 @@ def emulate(
     link: Annotated[
         Path | None, typer.Option(metavar="PATH", help="Make a symbolic link to the port here, for as long as it runs.")
     ] = None,
+    accelerometer: Annotated[
+        str,
+        typer.Option(
+            "--sensor", metavar="SPEC", help="Accelerometer of the board on the bar, as at=35mm,mass=2g,drift=9000."
+        ),
+    ] = "",
     as_json: AsJson = False,
 ) -> None:
     """Emulate the firmware on a serial port, SIMULATED.
 
+    With --sensor the board has an ADXL345 on the simulated bar of --device, which `measure --sensor board:35mm` reads.
+
     It runs until Ctrl-C. With --json it prints a line for each port and one at the end.
     """
+    from threadpoolctl import threadpool_limits
+
     from firmware_link.emulator.fault_plan import fault_help, parse_fault_plan
     from tactable.rig.emulate import configuration_of
     from tactable.rig.emulate import emulate as run_emulator
@@ -138,8 +149,10 @@ def emulate(
             say(f"{key:>10}  {text}")
         return
     plan = parse_fault_plan(faults)
-    configuration = configuration_of(None if device_name is None else find_device(device_name))
+    device = None if device_name is None else find_device(device_name)
+    configuration = configuration_of(device)
     chosen_seed = secrets.randbits(32) if seed is None else seed
+    bar = _sensed_bar(device, accelerometer, core, chosen_seed) if accelerometer else None
 
     def print_port(emulated: "Emulated") -> None:
         if as_json:
@@ -148,13 +161,25 @@ def emulate(
             say(f"port {emulated.port}, whose stable name is {emulated.stable_name}")
             say(f"{emulated.number_of_actuators} actuators, seed {emulated.seed}, SIMULATED; Ctrl-C ends")
 
-    summary = run_emulator(configuration, plan, chosen_seed, print_port, core, link)
+    with threadpool_limits(1, "blas"):  # its threads spin, and the emulated bar must keep up with the clock
+        summary = run_emulator(configuration, plan, chosen_seed, print_port, core, link, bar)
     if as_json:
         print_json(summary, indent=None)
         return
     for index, counters in enumerate(summary["boots"], 1):
         say(f"boot {index}: {_counts(counters)}")
     say(f"faults: {_counts(summary['faults'])}")
+
+
+def _sensed_bar(device: "Device | None", text: str, core: Path | None, seed: int) -> "SensedBar":
+    """The bar with the accelerometer of a text. Raises OptionError, AccelerometerError."""
+    from tactable.rig.accelerometer import EmulatedAccelerometer, SensedBar
+
+    if device is None:
+        raise OptionError("--sensor: an accelerometer lies on a bar; give the bar by --device")
+    if core is not None:
+        raise OptionError("--sensor: only the firmware's Python twin has a simulated bar; leave --core out")
+    return SensedBar(device, EmulatedAccelerometer.parse(text), seed)
 
 
 def _counts(counters: dict[str, Any]) -> str:

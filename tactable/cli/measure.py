@@ -40,7 +40,8 @@ SensorPath = Annotated[
     typer.Option(
         "--sensor",
         metavar="SENSOR",
-        help="Sound card, audio:NAME,... (docs/audio.md), pipe of samples (tables/MEASUREMENTS.md), or `simulated`.",
+        help="The board's own: board, or board:35mm where it is fixed. Sound card: audio:NAME,... (docs/audio.md). "
+        "Pipe of samples (tables/MEASUREMENTS.md). Or `simulated`.",
     ),
 ]
 FlawsText = Annotated[
@@ -116,6 +117,7 @@ def measure(
     options = SteppedSineOptions(read_option("--least", least, ""), read_most(device, most))
     how = named_method(read_choice("--method", method, Methods), options)
     walk = planned_walk(device, planned, mass_kg) if planned else even_walk(device, places, read_grid(frequencies))
+    walk = at_fixed_place(device, sensor_path, walk)
     named = ApparatusOptions(port_name, sensor_path, options.most, bit_rate_hz, mass_kg)
     chosen = with_simulation(device, named, flaws, change, seed)
     if gravity and is_audio(sensor_path):
@@ -140,11 +142,13 @@ def measure(
             raw,
             lambda *at: None if as_json else tell_reading(device, *at),
         )
+        losses = apparatus.losses
     write_records(device, form, records, mass_kg, output, peaks, keep_spoiled)
     summary = summary_of(device, records) | {"output": [str(path) for path in output], "raw": str(raw.path)}
     if transfer is not None:
         summary["transfer"] = write_transfers(transfer, device, form, records, mass_kg)
     summary["gravity"] = None if checked is None else {"gain": checked.gain, "offset": checked.offset_m_per_s2}
+    summary["lost"] = None if losses is None else {"frames": losses.frames, "samples": losses.samples}
     if as_json:
         print_json(summary)
     else:
@@ -164,6 +168,17 @@ def with_simulation(
     elif flaws or change:
         raise OptionError("--flaws and --change belong to a simulated bench; leave them out")
     return replace(options, flaws=ConverterFlaws.parse(flaws), changes=read_changes(change, device), seed=seed)
+
+
+def at_fixed_place(device: "Device", sensor: str, walk: "tuple[Stop, ...]") -> "tuple[Stop, ...]":
+    """The walk; with an accelerometer that is fixed to the bar all its tones at that one place."""
+    from tactable.measure.board_sensor import fixed_position_m, is_board
+    from tactable.measure.walk import Stop
+
+    position_m = fixed_position_m(sensor, device) if is_board(sensor) else None
+    if position_m is None:
+        return walk
+    return (Stop(position_m, tuple(sorted({tone for stop in walk for tone in stop.tones}))),)
 
 
 def _check_gravity(device: "Device", apparatus: "Apparatus", options: "SteppedSineOptions") -> "GravityCheck":
@@ -330,6 +345,12 @@ def _print_summary(summary: dict[str, Any]) -> None:
     for name, count in summary["faults"].items():
         of = "" if Fault[name] is Fault.LATENCY else f"{count} readings: "
         say(f"{of}{Fault[name].value}")
+    if summary["lost"] is not None and any(summary["lost"].values()):
+        lost = summary["lost"]
+        say(
+            f"accelerometer: {lost['frames']} frames lost by the line, and {lost['samples']} samples by the board: "
+            "take a faster line, or see to what keeps the board"
+        )
     if summary["repeated"]:
         counts = ", ".join(f"{count} for {name}" for name, count in summary["repeated"].items())
         say(f"repeated readings: {counts}")

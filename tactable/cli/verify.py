@@ -61,6 +61,7 @@ def verify(
     from precompute.studies.anywhere import Anywhere, random_placements
     from tactable.figures.file import check_paths
     from tactable.measure.apparatus import ApparatusOptions, open_apparatus
+    from tactable.measure.board_sensor import fixed_places
     from tactable.measure.stepped_sine import SteppedSineOptions
     from tactable.measure.verify import plan_played, verdict_of, verify_table
 
@@ -76,7 +77,10 @@ def verify(
         chosen = with_simulation(device, named, flaws, change, seed)
         played = plan_played(table, random_placements(device, Anywhere(placements=placements, seed=seed + 1)), level_db)
         with open_apparatus(device, chosen, ask) as apparatus:
-            options, where = SteppedSineOptions(), even_places(device, places).tolist()
+            options, where = (
+                SteppedSineOptions(),
+                fixed_places(device, sensor_path, even_places(device, places).tolist()),
+            )
             points = verify_table(table, played, where, apparatus, options, mass_kg)
             is_simulated = apparatus.sensor.form.is_simulated
     summary = summary_of(table, points, is_simulated)

@@ -3,11 +3,13 @@
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from engine.device import Device
-from engine.loop import SystemClock
+from engine.loop import Clock, SystemClock
+from firmware_link.host.session import Port
 from firmware_link.protocol.basis import Basis
 from precompute.measurements.parameters import with_changes
 from tactable.audio.board import core_library
@@ -16,6 +18,8 @@ from tactable.audio.names import SIMULATED as SIMULATED_CARD
 from tactable.audio.port import open_port
 from tactable.audio.simulated_card import CardFlaws, SimulatedCard
 from tactable.measure.audio_sensor import AudioSensor
+from tactable.measure.board_bench import BoardBench
+from tactable.measure.board_sensor import BoardSensor, Losses, fixed_position_m, is_board, open_board_sensor
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.sample_stream import SampleStream
 from tactable.measure.sensor import Sensor, SensorError
@@ -23,13 +27,15 @@ from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, Sim
 from tactable.shipped import cache_folder
 
 SIMULATED = "simulated"
+_VIRTUAL_BIT_RATE_HZ = 1_000_000
 
 
 @dataclass(frozen=True)
 class ApparatusOptions:
     """port and sensor: names, or both simulated; most: amplitude that the board is armed for; the rest is simulated.
 
-    A name is a serial port or a pipe of samples, "audio:NAME,..." for a sound card, or "simulated".
+    A name is a serial port or a pipe of samples, "audio:NAME,..." for a sound card, or "simulated". The sensor may be
+    "board", the accelerometer of the board itself, or "board:35mm", where it is fixed at that place.
 
     changes: values (SI) by parameter of the simulated bar; what `device` says stays what is believed.
     """
@@ -51,6 +57,8 @@ class ApparatusOptions:
     def is_simulated(self) -> bool:
         """Whether there is a simulated bench. Raises SensorError where only one of the two is simulated."""
         port, sensor = (_is_simulated(name) for name in (self.port, self.sensor))
+        if is_board(self.sensor):
+            return port
         if port != sensor:
             raise SensorError("--port and --sensor: simulate both or neither; they share one bar")
         return port
@@ -65,6 +73,11 @@ class Apparatus:
     guide: Callable[[float], None]
     turn_over: Callable[[], None]
 
+    @property
+    def losses(self) -> Losses | None:
+        """What line and board lost of the samples of the board's accelerometer; None for another sensor."""
+        return self.sensor.losses if isinstance(self.sensor, BoardSensor) else None
+
 
 @contextmanager
 def open_apparatus(device: Device, options: ApparatusOptions, ask: Callable[[str], None]) -> Iterator[Apparatus]:
@@ -73,6 +86,10 @@ def open_apparatus(device: Device, options: ApparatusOptions, ask: Callable[[str
     Raises SensorError and LinkError.
     """
     most = [options.most] * len(device.actuators)
+    if is_board(options.sensor):
+        with _open_board(device, options, ask) as apparatus:
+            yield apparatus
+        return
     if options.is_simulated:
         bench = simulated_bench(device, options)
         yield Apparatus(
@@ -92,6 +109,40 @@ def open_apparatus(device: Device, options: ApparatusOptions, ask: Callable[[str
             lambda position_m: ask(f"sensor to {1e3 * position_m:.1f} mm, then Enter"),
             lambda: ask("turn the sensor over, then Enter"),
         )
+
+
+@contextmanager
+def _open_board(device: Device, options: ApparatusOptions, ask: Callable[[str], None]) -> Iterator[Apparatus]:
+    """A board with its own accelerometer, which is moved by hand or fixed, or the simulated bench of one."""
+    if is_audio(options.port):
+        raise SensorError("--sensor board: a sound card has no accelerometer of its own; name a converter for one")
+    if options.is_simulated:
+        true = with_changes(device, options.changes)
+        bench = BoardBench(
+            true, options.flaws, options.seed, options.sensor_mass_kg, board=device, is_fine=options.is_fine
+        )
+        with closing(open_board_sensor(device, bench, bench, _VIRTUAL_BIT_RATE_HZ)) as sensor:
+            driven = partial(_driven_by, device, bench, bench, _VIRTUAL_BIT_RATE_HZ, options, sensor)
+            yield Apparatus(sensor, driven, bench.place, bench.turn_over)
+        return
+    is_fixed, clock = fixed_position_m(options.sensor, device) is not None, SystemClock()
+    with (
+        open_port(options.port, options.bit_rate_hz) as port,
+        closing(open_board_sensor(device, port, clock, port.bit_rate_hz)) as sensor,
+    ):
+        yield Apparatus(
+            sensor,
+            partial(_driven_by, device, port, clock, port.bit_rate_hz, options, sensor),
+            lambda position_m: None if is_fixed else ask(f"sensor to {1e3 * position_m:.1f} mm, then Enter"),
+            lambda: ask("turn the sensor over, then Enter"),
+        )
+
+
+def _driven_by(
+    device: Device, port: Port, clock: Clock, bit_rate_hz: int, options: ApparatusOptions, sensor: BoardSensor
+) -> DrivenDevice:
+    most = [options.most] * len(device.actuators)
+    return DrivenDevice(device, port, clock, most, bit_rate_hz, options.clicks, sensor)
 
 
 def simulated_bench(device: Device, options: ApparatusOptions) -> SimulatedBench:

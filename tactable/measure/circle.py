@@ -21,6 +21,7 @@ from precompute.measurements.file import check_ending, write_measurements
 from precompute.measurements.simulate import even_places
 from precompute.studies.anywhere import Anywhere, random_placements
 from tactable.measure.apparatus import Apparatus, ApparatusOptions
+from tactable.measure.board_sensor import fixed_places
 from tactable.measure.stepped_sine import Reading, SteppedSineOptions
 from tactable.measure.verify import plan_played, verdict_of, verify_table
 from tactable.measure.walk import Method, RawFolder, Stop, measure_walk, measurements_of
@@ -76,7 +77,7 @@ class Circle:
             played = plan_played(table, random_placements(table.device, asked), LEVEL_DB)
             if outdated_parts(table):
                 played = tuple(each for each in played if each.click is None)
-            places_m = even_places(table.device, PLACES).tolist()
+            places_m = fixed_places(table.device, self.options.sensor, even_places(table.device, PLACES).tolist())
             options, mass_kg = SteppedSineOptions(), self.options.sensor_mass_kg
             points = verify_table(table, played, places_m, self.apparatus, options, mass_kg)
         compared, outside = sum(not point.is_spoiled for point in points), sum(point.is_outside for point in points)

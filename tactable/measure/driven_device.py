@@ -10,7 +10,7 @@ import contextlib
 from collections.abc import Container, Sequence
 from dataclasses import replace
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 from engine.device import Device
 from engine.loop import Clock, connect
@@ -25,12 +25,25 @@ from firmware_link.protocol.basis import Basis
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.messages import encode_drive
 
+
+class Listener(Protocol):
+    """Takes what the link heard, such as the samples of the board's accelerometer."""
+
+    def begin(self) -> None:
+        """A stream of samples begins."""
+
+    def hear(self, event: Event) -> None:
+        """Take an event."""
+
+
 _BLOCKED_LINE_NS = 5_000_000
 """A line that takes nothing is tried again this often."""
 
 
 class DrivenDevice:
     """Greets and arms the board of `device` for amplitudes of at most `most` (fractions of full scale), by actuator.
+
+    With `accelerometer` the board streams the samples of its own to it, for as long as `wait` is called.
 
     Raises LinkError where no fitting board answers and where it stops itself, RendererError for a board that cannot
     play the device's displacements.
@@ -44,8 +57,9 @@ class DrivenDevice:
         most: Sequence[float],
         bit_rate_hz: int = 115_200,
         clicks: Basis | None = None,
+        accelerometer: Listener | None = None,
     ) -> None:
-        self.clock, self._device = clock, device
+        self.clock, self._device, self._accelerometer = clock, device, accelerometer
         self.session = Session(Link(_limited(device, bit_rate_hz, None, most)), port, clock.now_ns)
         self.applied_device_us: int | None = None
         """Device time at which the board applied the last drive; None until STATUS has said so."""
@@ -58,6 +72,7 @@ class DrivenDevice:
         if set(self.fit.scales) != {1.0} or self.basis.basis is not None:
             self.session.link.reconfigure(replace(configuration, basis=self.basis.basis))
             connect(self.session, clock)
+        self._sense()
 
     @property
     def is_simulated(self) -> bool:
@@ -98,6 +113,12 @@ class DrivenDevice:
     def arm_again(self) -> None:
         """Greet and arm a board that has stopped itself; it is silent then. Raises LinkError."""
         connect(self.session, self.clock)
+        self._sense()
+
+    def _sense(self) -> None:
+        if self._accelerometer is not None:
+            self._accelerometer.begin()
+            self.session.link.start_sensing(self.clock.now_ns())
 
     def __enter__(self) -> Self:
         return self
@@ -123,6 +144,8 @@ class DrivenDevice:
         readable = self._wait_for_port(until_ns, watched)
         events = self.session.receive()
         for event in events:
+            if self._accelerometer is not None:
+                self._accelerometer.hear(event)
             # The STATUS of a change; later ones name the renewals of the drive.
             if isinstance(event, StatusReceived) and event.status.applied_sequence == self.session.link.drive_sequence:
                 self.applied_device_us = event.status.applied_time_us

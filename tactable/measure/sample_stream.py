@@ -80,6 +80,10 @@ class SampleStream:
         raw = np.frombuffer(data[:whole], "<f4").reshape(-1, len(self._scale))
         return Block(raw * self._scale, self._monotonic_ns())
 
+    def pace(self) -> float:
+        """Nothing is known of the converter's clock before a tone is read."""
+        return 0.0
+
     def close(self) -> None:
         """Close the descriptor."""
         os.close(self._descriptor)

@@ -72,5 +72,8 @@ class Sensor(Protocol):
     def read(self) -> Block | None:
         """What has come since the last call; None for nothing. Raises SensorError at the end of the stream."""
 
+    def pace(self) -> float:
+        """The pace of its clock over the board's, less 1, where it knows it already; 0 where not."""
+
     def close(self) -> None:
         """End it."""

@@ -21,16 +21,14 @@ from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant
 from tactable.audio.simulated_card import SimulatedCard
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
+from tactable.measure.virtual_line import SENSOR, VirtualLine
 
 Array = NDArray[np.float64]
 
-PORT, SENSOR = -1, -2
-"""Stand-ins for descriptors."""
 GRAVITY_M_PER_S2 = 9.80665
-_LINE_NS = 300_000
 _MOVING_NS = 500_000_000
 _BLOCK_S = 0.05
-_PLANT_HZ, _FINE_HZ, _FINE_MODES = 24_000.0, 48_000.0, 96
+_PLANT_HZ, _FINE_HZ, FINE_MODES = 24_000.0, 48_000.0, 96
 """Least rate of the plant: straight lines at 24 kHz cost 5e-4 of a tone of 300 Hz, 0.005 dB."""
 _NS_PER_S = 1_000_000_000
 _US_PER_S = 1e6
@@ -91,7 +89,7 @@ _WORDS = {
 assert {name for name, _ in _WORDS.values()} <= {field.name for field in fields(ConverterFlaws)}
 
 
-class SimulatedBench:
+class SimulatedBench(VirtualLine):
     """Port, clock and sensor of the bar `true`, of whose actuators `board` says the full scales. SIMULATED.
 
     The board is an emulated firmware, or `card`. With `has_sum` one loopback channel has the outputs of all actuators,
@@ -127,7 +125,7 @@ class SimulatedBench:
             )
         )
         self.card, self._has_sum = card, has_sum
-        self._board: EmulatedFirmware | SimulatedCard = card or self.firmware
+        super().__init__(card or self.firmware)
         self._of_card = (
             [] if card is None else np.divide(card.output.full_scales_m[: len(full_scales_m)], full_scales_m)
         )
@@ -136,15 +134,11 @@ class SimulatedBench:
         self.form = SensorForm(sample_rate_hz, (ACCELERATION, *loopbacks), clips_at, is_simulated=True)
         self._true_rate_hz = sample_rate_hz * (1 + flaws.drift)
         self._plant_samples = math.ceil((_FINE_HZ if is_fine else _PLANT_HZ) / sample_rate_hz)
-        basis = compute_basis(assemble(true), _FINE_MODES if is_fine else None)
+        basis = compute_basis(assemble(true), FINE_MODES if is_fine else None)
         self._plant = TransientPlant(basis, np.zeros(1), self._true_rate_hz * self._plant_samples)
         self._synthesis, self._taken_events = Synthesis(), 0
-        self.time_ns = 1_000 * 1_000_000
-        self._to_device: list[tuple[int, bytes]] = []
-        self._to_host: list[tuple[int, bytes]] = []
         self._ready: list[tuple[int, Array]] = []
         self._made_us = 0.0
-        self._stall_ns = 0
         self.position_m = 0.0
         self.is_turned_over = False
         self.place(0.5 * true.bar.length_m)
@@ -155,7 +149,7 @@ class SimulatedBench:
         """Put the sensor here; that takes as long as the bar takes to come to rest."""
         if not 0 <= position_m <= self._device.bar.length_m:
             raise SensorError(f"{1e3 * position_m:g} mm is off the bar of {1e3 * self._device.bar.length_m:g} mm")
-        self._run_to(self.time_ns + _MOVING_NS)
+        self.run_to(self.time_ns + _MOVING_NS)
         self._make_samples()
         self.position_m = position_m
         self._plant.rest()
@@ -167,50 +161,18 @@ class SimulatedBench:
         self._make_samples()
         self.is_turned_over = not self.is_turned_over
 
-    def stall(self, duration_ns: int) -> None:
-        """Let the host stand still for a while at its next wait."""
-        self._stall_ns = duration_ns
+    # ---- the samples ----
 
-    # ---- the clock ----
+    def _ready_of(self, readable: Sequence[int]) -> list[int]:
+        found = super()._ready_of(readable)
+        return [*found, SENSOR] if SENSOR in readable and self.has_samples() else found
 
-    def now_ns(self) -> int:
-        """Virtual time."""
-        return self.time_ns
-
-    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Sequence[int]:  # noqa: ARG002  # a Clock
-        """Let time pass until one of `readable` can be read, or until then."""
-        end_ns = self.time_ns + _NS_PER_S if until_ns is None else until_ns
-        if self._stall_ns:
-            self._run_to(self.time_ns + self._stall_ns)
-            self._stall_ns = 0
-        while not (ready := self._ready_of(readable)) and self.time_ns < end_ns:
-            self._run_to(min(end_ns, self._next_ns(SENSOR in readable)))
-        return ready
-
-    # ---- the port ----
-
-    def fileno(self) -> int:
-        """Stand-in for the port's descriptor."""
-        return PORT
-
-    def write(self, data: bytes) -> int:
-        """Bytes for the firmware."""
-        self._to_device.append((self.time_ns + _LINE_NS, data))
-        return len(data)
-
-    def read(self) -> bytes:
-        """Bytes of the firmware."""
-        data = b"".join(data for time_ns, data in self._to_host if time_ns <= self.time_ns)
-        self._to_host = [item for item in self._to_host if item[0] > self.time_ns]
-        return data
-
-    # ---- inside ----
-
-    def _ready_of(self, readable: Sequence[int]) -> Sequence[int]:
-        found = [PORT] if any(time_ns <= self.time_ns for time_ns, _ in self._to_host) else []
-        if SENSOR in readable and self.has_samples():
-            found.append(SENSOR)
-        return [descriptor for descriptor in found if descriptor in readable]
+    def _next_ns(self, readable: Sequence[int]) -> int:
+        time_ns = super()._next_ns(readable)
+        if SENSOR not in readable:
+            return time_ns
+        block_ns = self._ready[0][0] if self._ready else self.time_ns + int(_BLOCK_S * _NS_PER_S)
+        return max(self.time_ns + 1, min(time_ns, block_ns))
 
     def has_samples(self) -> bool:
         """Whether samples have come."""
@@ -223,26 +185,6 @@ class SimulatedBench:
         due = [values for time_ns, values in self._ready if time_ns <= self.time_ns]
         self._ready = [item for item in self._ready if item[0] > self.time_ns]
         return np.concatenate(due) if due else None
-
-    def _next_ns(self, with_sensor: bool) -> int:
-        times_ns = [time_ns for time_ns, _ in (*self._to_device, *self._to_host)]
-        deadline_us = self._board.next_deadline_us()
-        if deadline_us is not None:
-            times_ns.append(1000 * deadline_us)
-        if with_sensor:
-            times_ns.append(self._ready[0][0] if self._ready else self.time_ns + int(_BLOCK_S * _NS_PER_S))
-        return max(self.time_ns + 1, min(times_ns, default=self.time_ns + _NS_PER_S))
-
-    def _run_to(self, end_ns: int) -> None:
-        while self._to_device and self._to_device[0][0] <= end_ns:
-            time_ns, data = self._to_device.pop(0)
-            self._answer(self._board.receive(data, time_ns // 1000), time_ns)
-        self._answer(self._board.advance(end_ns // 1000), end_ns)
-        self.time_ns = end_ns
-
-    def _answer(self, data: bytes, time_ns: int) -> None:
-        if data:
-            self._to_host.append((time_ns + _LINE_NS, data))
 
     def _make_samples(self) -> None:
         """Run bar and converter up to now, block by block; a block arrives after the latency."""
@@ -314,6 +256,10 @@ class SimulatedSensor:
         """The samples that have come (sample, channel), or None if none have."""
         values = self._bench.take_samples()
         return None if values is None else Block(values, self._bench.now_ns())
+
+    def pace(self) -> float:
+        """Nothing is known of the converter's clock before a tone is read."""
+        return 0.0
 
     def close(self) -> None:
         """Nothing is open."""

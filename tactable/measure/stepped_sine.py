@@ -97,6 +97,7 @@ class SteppedSine:
 
     def __init__(self, device: Device, driven: DrivenDevice, sensor: Sensor, options: SteppedSineOptions) -> None:
         self._device, self._driven, self._form, self._options = device, driven, sensor.form, options
+        self._sensor = sensor
         self.recorder = Recorder(driven, sensor)
         """Takes the samples."""
         self._to_come = _share_to_come(device, options.window_s)
@@ -113,12 +114,13 @@ class SteppedSine:
         """How often the board had stopped itself and was armed again."""
 
     def listen(self) -> AtRest:
-        """Record the bar at rest."""
+        """Record the bar at rest; a sensor that knows the pace of its clock says it by then."""
         self._driven.silence()
         self._driven.wait(self._driven.clock.now_ns() + int(_LATE_S * _NS_PER_S))
         self.recorder.drop()
         values = self.recorder.take(2 * self._options.window_s)
         fit, channel = fit_tone(known_samples(values), self._form.sample_rate_hz, _REST_HZ), self._form.acceleration
+        self.drift = self._sensor.pace()
         self.rest = AtRest(float(fit.rest[channel]), float(fit.hum[channel]), float(fit.mean[channel]))
         return self.rest
 

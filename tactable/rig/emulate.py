@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from engine.device import Device
 from engine.device.electrodes import board_bias
@@ -15,6 +15,9 @@ from firmware_link.emulator.faulty_device import FaultyDevice
 from firmware_link.emulator.process import termination_descriptor
 from firmware_link.emulator.pty import PseudoTerminalServer
 from firmware_link.host.emulator_registry import Announcement, own_link
+
+if TYPE_CHECKING:
+    from tactable.rig.accelerometer import SensedBar, SensedBoard
 
 _PM_PER_M = 1e12
 
@@ -50,11 +53,13 @@ def emulate(
     on_start: Callable[[Emulated], None],
     core: Path | None = None,
     link: Path | None = None,
+    bar: "SensedBar | None" = None,
 ) -> dict[str, Any]:
     """Emulate until SIGINT or SIGTERM; returns the counters and the injected faults by kind.
 
     The firmware is the library `core` that `make host` builds, or without one its Python twin. `link` becomes a
-    symbolic link to the port. Raises LinkError where another file or link is at `link`.
+    symbolic link to the port. With `bar` the board has an accelerometer on the simulated bar, which only the Python
+    twin can have. Raises LinkError where another file or link is at `link`.
     """
     library = None if core is None else open_library(core)
     own = own_link(os.getpid())
@@ -70,8 +75,10 @@ def emulate(
         for announcement in announcements:
             announcement.close()
 
-    def start(boot_id: int) -> EmulatedFirmware | CompiledFirmware:
+    def start(boot_id: int) -> "EmulatedFirmware | CompiledFirmware | SensedBoard":
         booted = replace(configuration, boot_id=boot_id)
+        if bar is not None:
+            return bar.boot(booted)
         return EmulatedFirmware(booted) if library is None else CompiledFirmware(library, booted, keeps_samples=False)
 
     try:

@@ -1,0 +1,60 @@
+"""A bench in virtual time whose sensor is the board's own accelerometer on the simulated bar. SIMULATED."""
+
+from engine.device import Device
+from firmware_link.emulator import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware
+from precompute.model.assembly import assemble
+from precompute.model.modal import compute_basis
+from tactable.measure.sensor import SensorError
+from tactable.measure.simulated_bench import FINE_MODES, ConverterFlaws
+from tactable.measure.virtual_line import VirtualLine
+from tactable.rig.accelerometer import EmulatedAccelerometer, SensedBoard, with_accelerometer
+
+_MOVING_NS = 500_000_000
+_PM_PER_M = 1e12
+_OF_CONVERTERS = {"hum_m_per_s2": "hum", "drops_per_s": "drops", "jitter_s": "jitter"}
+
+
+class BoardBench(VirtualLine):
+    """Port, clock and person at the bar `true`, of whose actuators `board` says the full scales. SIMULATED.
+
+    Raises SensorError for flaws that an accelerometer on the board cannot have, and for a place off the bar.
+    """
+
+    def __init__(
+        self,
+        true: Device,
+        flaws: ConverterFlaws,
+        seed: int,
+        sensor_mass_kg: float,
+        board: Device | None = None,
+        *,
+        is_fine: bool = False,
+    ) -> None:
+        for name, flaw in _OF_CONVERTERS.items():
+            if getattr(flaws, name):
+                raise SensorError(f"--flaws {flaw}: is of a converter, and the board's own accelerometer has none")
+        full_scales_pm = tuple(round(actuator.full_scale_m * _PM_PER_M) for actuator in (board or true).actuators)
+        configuration = DeviceConfiguration(
+            0x5EED, len(true.actuators), LONGEST_LEASE_MS, full_scales_pm=full_scales_pm
+        )
+        self.firmware = EmulatedFirmware(with_accelerometer(configuration))
+        part = EmulatedAccelerometer(
+            0.5 * true.bar.length_m,
+            sensor_mass_kg,
+            flaws.drift,
+            flaws.gain,
+            flaws.offset_m_per_s2,
+            flaws.noise_m_per_s2,
+        )
+        basis = compute_basis(assemble(true), FINE_MODES if is_fine else None)
+        self._sensed = SensedBoard(self.firmware, true, part, seed, basis)
+        super().__init__(self._sensed)
+
+    def place(self, position_m: float) -> None:
+        """Put the sensor here; that takes as long as the bar takes to come to rest."""
+        self.run_to(self.time_ns + _MOVING_NS)
+        self._sensed.place(position_m)
+
+    def turn_over(self) -> None:
+        """Turn the sensor over, so that gravity shows with the other sign."""
+        self._sensed.turn_over()

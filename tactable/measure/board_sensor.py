@@ -1,0 +1,215 @@
+"""The board's own accelerometer as a sensor: samples of the link, with the displacement of every actuator beside them.
+
+Theory of operation. The board takes both columns of a record at one instant, so that the displacements are loopback
+channels without a converter: a response is their ratio, and neither latency nor the line has a part in it. What the
+line or the board lost shows as a gap of the numbers, and becomes samples that are known to be lost. The accelerometer
+has an oscillator of its own, a percent off on some parts; how fast it runs beside the board's clock is read from the
+two numbers that every frame carries.
+"""
+
+import os
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device import Device
+from engine.device.quantity import QuantityError, read_quantity
+from engine.loop import Clock
+from firmware_link.host.link_values import AccelerationReceived, AccelerometerDescribed, Event
+from firmware_link.host.session import Port
+from firmware_link.protocol.messages import Acceleration
+from tactable.measure.driven_device import DrivenDevice
+from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
+
+Array = NDArray[np.float64]
+
+NAME = "board"
+PROBE_S = 0.5
+_PATIENCE_S = 2.0
+_PACE_S = 10.0
+_LONGEST_GAP_S = 1.0
+_FULL_OUTPUT = 32_767
+_WRAP_16, _WRAP_32 = 1 << 16, 1 << 32
+_NS_PER_S = 1_000_000_000
+
+
+def is_board(name: str) -> bool:
+    """Whether the name of a sensor means the board's own, at a place or guided along the bar."""
+    return name == NAME or name.startswith(f"{NAME}:")
+
+
+def fixed_position_m(name: str, device: Device) -> float | None:
+    """Where "board:35mm" or "board:25%" is fixed; None for "board", which is moved. Raises SensorError."""
+    _, _, text = name.partition(":")
+    if name == NAME:
+        return None
+    length_m = device.bar.length_m
+    try:
+        is_share = text.strip().endswith("%")
+        position_m = length_m * read_quantity(text, "") if is_share else read_quantity(text, "m")
+    except QuantityError as error:
+        raise SensorError(f"--sensor {name}: {error}; give a place of the bar, such as {NAME}:35mm") from None
+    if not 0 <= position_m <= length_m:
+        raise SensorError(f"--sensor {name}: {1e3 * position_m:g} mm is off the bar of {1e3 * length_m:g} mm")
+    return position_m
+
+
+def fixed_places(device: Device, name: str, places_m: list[float]) -> list[float]:
+    """The places of a walk in metres, or the one of a sensor that is fixed. Raises SensorError."""
+    fixed_m = fixed_position_m(name, device) if is_board(name) else None
+    return places_m if fixed_m is None else [fixed_m]
+
+
+@dataclass
+class Losses:
+    """Frames that the line lost, and samples that the board lost or did not read, since the sensor was opened."""
+
+    frames: int = 0
+    samples: int = 0
+
+
+class BoardSensor:
+    """The accelerometer that a board described; a `DrivenDevice` hands it what the link heard."""
+
+    def __init__(
+        self,
+        described: AccelerometerDescribed,
+        device: Device,
+        scales: Sequence[float],
+        number_of_actuators: int,
+        synthesis_rate_hz: int,
+        clock: Clock,
+        *,
+        is_simulated: bool,
+    ) -> None:
+        names = [actuator.name for actuator in device.actuators]
+        greatest_m_per_s2 = described.greatest * described.scale_m_per_s2
+        self.form = SensorForm(
+            described.rate_hz,
+            (ACCELERATION, *(LOOPBACK + name for name in names)),
+            (greatest_m_per_s2, *(np.inf for _ in names)),
+            is_simulated,
+        )
+        self.losses = Losses()
+        self._clock, self._synthesis_rate_hz = clock, synthesis_rate_hz
+        self._values = 1 + number_of_actuators
+        # Amplitudes were multiplied by the scales on their way to the board.
+        self._units = np.array([described.scale_m_per_s2, *(1 / (_FULL_OUTPUT * scale) for scale in scales)])
+        self._signal = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._waiting: list[Array] = []
+        self._points: deque[tuple[int, int]] = deque()
+        self._last: Acceleration | None = None
+
+    def fileno(self) -> int:
+        """The descriptor, to poll."""
+        return self._signal
+
+    def begin(self) -> None:
+        """A stream begins; what came before does not belong to it."""
+        self._last = None
+        self._points.clear()
+
+    def hear(self, event: Event) -> None:
+        """Take an event of the link."""
+        if isinstance(event, AccelerationReceived):
+            self._take(event.samples)
+
+    def read(self) -> Block | None:
+        """What has come; None for nothing."""
+        if not self._waiting:
+            return None
+        os.eventfd_read(self._signal)
+        values, self._waiting = np.concatenate(self._waiting), []
+        return Block(values, self._clock.now_ns())
+
+    def pace(self) -> float:
+        """The pace of the accelerometer's clock over the board's, less 1; 0 until enough has come."""
+        if len(self._points) < 2:
+            return 0.0
+        number, sample = (np.array(column, dtype=float) for column in zip(*self._points, strict=True))
+        if np.ptp(sample) < PROBE_S / 2 * self._synthesis_rate_hz:
+            return 0.0
+        slope = np.polyfit(sample - sample[0], number - number[0], 1)[0]
+        return float(slope * self._synthesis_rate_hz / self.form.sample_rate_hz - 1)
+
+    def close(self) -> None:
+        """Close the descriptor."""
+        os.close(self._signal)
+
+    def _take(self, frame: Acceleration) -> None:
+        count = len(frame.values) // self._values
+        if not count:
+            return
+        lost = self._count_losses(frame)
+        raw = np.array(frame.values[: count * self._values], float).reshape(count, self._values)
+        rows = raw[:, : len(self._units)] * self._units
+        # Long ones need not be told sample by sample: what follows a gap does not belong to what came before.
+        marks = min(lost, round(_LONGEST_GAP_S * self.form.sample_rate_hz))
+        if not self._waiting:
+            os.eventfd_write(self._signal, 1)
+        self._waiting.append(np.vstack([np.full((marks, len(self._units)), np.nan), rows]))
+        self._note_pace(frame)
+        self._last = frame
+
+    def _count_losses(self, frame: Acceleration) -> int:
+        """Samples that are missing before this frame."""
+        last = self._last
+        if last is None:
+            return 0
+        lost = (frame.number - last.number - len(last.values) // self._values) % _WRAP_32
+        frames = (frame.frame - last.frame - 1) % _WRAP_16
+        self.losses.frames += frames
+        # A gap without a missing frame was on the board.
+        self.losses.samples += 0 if frames else lost
+        return lost
+
+    def _note_pace(self, frame: Acceleration) -> None:
+        number, sample = frame.number, frame.synthesis_sample
+        if self._points:
+            before_number, before_sample = self._points[-1]
+            number = before_number + (number - before_number) % _WRAP_32
+            sample = before_sample + (sample - before_sample) % _WRAP_32
+        self._points.append((number, sample))
+        while sample - self._points[0][1] > _PACE_S * self._synthesis_rate_hz:
+            self._points.popleft()
+
+
+class _Probe:
+    """What a board says of its accelerometer, before there is a sensor."""
+
+    described: AccelerometerDescribed | None = None
+
+    def begin(self) -> None:
+        """Nothing to forget."""
+
+    def hear(self, event: Event) -> None:
+        """Take an event of the link."""
+        if isinstance(event, AccelerometerDescribed):
+            self.described = event
+
+
+def open_board_sensor(device: Device, port: Port, clock: Clock, bit_rate_hz: int) -> BoardSensor:
+    """The accelerometer of the board at a port, which is armed for no amplitude meanwhile.
+
+    Raises LinkError for a board without one and for a line that is too slow, SensorError for one that says nothing.
+    """
+    probe = _Probe()
+    with DrivenDevice(device, port, clock, [0.0] * len(device.actuators), bit_rate_hz, accelerometer=probe) as driven:
+        end_ns = clock.now_ns() + int(_PATIENCE_S * _NS_PER_S)
+        while probe.described is None and clock.now_ns() < end_ns:
+            driven.wait(clock.now_ns() + _NS_PER_S // 20)
+        capabilities, scales, is_simulated = driven.capabilities, driven.fit.scales, driven.is_simulated
+    if probe.described is None:
+        raise SensorError("the board's accelerometer does not answer: check its wiring, then reset the board")
+    return BoardSensor(
+        probe.described,
+        device,
+        scales,
+        capabilities.number_of_actuators,
+        capabilities.synthesis_rate_hz,
+        clock,
+        is_simulated=is_simulated,
+    )

@@ -1,0 +1,223 @@
+"""The board's accelerometer on the simulated bar: a firmware core with samples of what the bar does under its drive.
+
+SIMULATED. The part is an ADXL345 at 3200 samples a second, by its data sheet (revision E): 256 counts per g in full
+resolution, whose last bit is always 0 at this rate, a range of 16 g, and across the chip 1.1 counts of noise at 100
+samples a second, which is white and so grows with the root of the rate. Its oscillator is its own. It passes direct
+current: lying level it shows gravity.
+
+Theory of operation. Time passes in blocks. The core is advanced to the end of a block; then its drive within the block
+is known, the bar is moved by it, and the samples are handed to the core with the displacements of their instants, as
+the interrupt of a board would have done. While nobody asks for samples the bar stands still and costs nothing.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device import Device
+from engine.device.quantity import QuantityError, read_quantity
+from firmware_link.emulator import DeviceConfiguration, DeviceCounters, DriveEvent, EmulatedFirmware, Synthesis
+from firmware_link.protocol.errors import TactableError
+from firmware_link.protocol.framing import FramingCounters
+from precompute.model.assembly import assemble
+from precompute.model.modal import Basis, compute_basis
+from precompute.model.transient import TransientPlant
+
+Array = NDArray[np.float64]
+
+GRAVITY_M_PER_S2 = 9.80665
+RATE_HZ = 3_200.0
+SCALE_M_PER_S2 = GRAVITY_M_PER_S2 / 256
+GREATEST, STEP = 4_095, 2
+NOISE_M_PER_S2 = 1.1 * SCALE_M_PER_S2 * math.sqrt(RATE_HZ / 100)
+_PLANT_SAMPLES = 8
+"""Samples of the plant in one of the accelerometer: 25.6 kHz, at which straight lines cost 0.005 dB of 300 Hz."""
+_BLOCK_US = 10_000
+_US_PER_S = 1_000_000
+_FULL_OUTPUT = 32_767
+
+
+class AccelerometerError(TactableError, ValueError):
+    """The text of an accelerometer cannot be read; the message names the word and the known ones."""
+
+
+@dataclass(frozen=True)
+class EmulatedAccelerometer:
+    """Where the part lies, and what is wrong with it beside its data sheet.
+
+    drift: pace of its oscillator over the nominal one, less 1. gain: less 1. noise: root mean square, beside that of
+    the part.
+    """
+
+    at_m: float
+    mass_kg: float = 2e-3
+    drift: float = 0.0
+    gain: float = 0.0
+    offset_m_per_s2: float = 0.0
+    noise_m_per_s2: float = 0.0
+
+    @classmethod
+    def parse(cls, text: str) -> "EmulatedAccelerometer":
+        """One of a text such as "at=35 mm, mass=2 g, drift=12000"; drift in millionths. Raises AccelerometerError."""
+        found: dict[str, float] = {}
+        for part in filter(None, (part.strip() for part in text.split(","))):
+            key, _, value = (piece.strip() for piece in part.partition("="))
+            if key not in _WORDS:
+                raise AccelerometerError(f"accelerometer: {key!r} is not known; known are {', '.join(_WORDS)}")
+            name, unit = _WORDS[key]
+            try:
+                found[name] = 1e-6 * float(value) if unit == "ppm" else read_quantity(value, unit)
+            except (QuantityError, ValueError) as error:
+                raise AccelerometerError(f"accelerometer: {key}={value}: {error}") from None
+        if "at_m" not in found:
+            raise AccelerometerError("accelerometer: says no place; give one, such as at=35mm")
+        return cls(**found)
+
+
+_WORDS = {
+    "at": ("at_m", "m"),
+    "mass": ("mass_kg", "kg"),
+    "drift": ("drift", "ppm"),
+    "gain": ("gain", ""),
+    "offset": ("offset_m_per_s2", "m/s^2"),
+    "noise": ("noise_m_per_s2", "m/s^2"),
+}
+assert [name for name, _ in _WORDS.values()] == [field.name for field in fields(EmulatedAccelerometer)]
+
+
+def with_accelerometer(configuration: DeviceConfiguration) -> DeviceConfiguration:
+    """The configuration of a board with the part."""
+    return replace(
+        configuration,
+        sensor_rate_mhz=round(1_000 * RATE_HZ),
+        sensor_scale_nm_per_s2=round(1e9 * SCALE_M_PER_S2),
+        sensor_greatest=GREATEST,
+    )
+
+
+class SensedBar:
+    """Boots boards whose accelerometer lies on one bar, the modes of which are computed once."""
+
+    def __init__(self, device: Device, accelerometer: EmulatedAccelerometer, seed: int) -> None:
+        self._device, self._accelerometer, self._seed = device, accelerometer, seed
+        self._basis = compute_basis(assemble(device))
+        self.boot(DeviceConfiguration(0, len(device.actuators)))  # a place off the bar is refused now
+
+    def boot(self, configuration: DeviceConfiguration) -> "SensedBoard":
+        """A board that has just booted; the bar is at rest. Raises AccelerometerError for a place off the bar."""
+        core = EmulatedFirmware(with_accelerometer(configuration))
+        return SensedBoard(core, self._device, self._accelerometer, self._seed, self._basis)
+
+
+class SensedBoard:
+    """A core whose accelerometer lies on the simulated bar; used like the core itself, see `FaultyDevice`.
+
+    Raises AccelerometerError for a place off the bar.
+    """
+
+    def __init__(
+        self,
+        core: EmulatedFirmware,
+        device: Device,
+        accelerometer: EmulatedAccelerometer,
+        seed: int,
+        basis: Basis | None = None,
+    ) -> None:
+        self.core, self.configuration = core, core.configuration
+        self._device, self._part, self._random = device, accelerometer, np.random.default_rng(seed)
+        self._plant_hz = RATE_HZ * (1 + accelerometer.drift) * _PLANT_SAMPLES
+        self._plant = TransientPlant(basis or compute_basis(assemble(device)), np.zeros(1), self._plant_hz)
+        self._synthesis, self._taken = Synthesis(), 0
+        self._made_us: int | None = None
+        self._sign = 1.0
+        self.place(accelerometer.at_m)
+
+    def place(self, position_m: float) -> None:
+        """Put the accelerometer here; the bar comes to rest meanwhile."""
+        if not 0 <= position_m <= self._device.bar.length_m:
+            length_mm = 1e3 * self._device.bar.length_m
+            raise AccelerometerError(f"{1e3 * position_m:g} mm is off the bar of {length_mm:g} mm; put it on the bar")
+        weight = {"mass_kg": self._part.mass_kg, "damping_n_s_per_m": 0.0, "stiffness_n_per_m": 0.0}
+        self._plant.rest()
+        self._plant.look_at(np.array([position_m]))
+        self._plant.touch([(position_m, replace(self._device.finger, **weight))])
+
+    def turn_over(self) -> None:
+        """Turn the accelerometer over: what it reads changes its sign."""
+        self._sign = -self._sign
+
+    @property
+    def counters(self) -> DeviceCounters:
+        """What the core counted since boot."""
+        return self.core.counters
+
+    @property
+    def framing_counters(self) -> FramingCounters:
+        """Frames accepted and refused since boot."""
+        return self.core.framing_counters
+
+    def receive(self, data: bytes, now_us: int) -> bytes:
+        """Take bytes that came at `now_us`; returns what the device sends until then."""
+        return self._pass(now_us) + self.core.receive(data, now_us)
+
+    def advance(self, now_us: int) -> bytes:
+        """Let time pass up to `now_us`; returns what the device sends until then."""
+        return self._pass(now_us) + self.core.advance(now_us)
+
+    def hang_up(self, now_us: int) -> bytes:
+        """The host let go of the line; returns what the device sends until then."""
+        return self._pass(now_us) + self.core.hang_up(now_us)
+
+    def next_deadline_us(self) -> int | None:
+        """When the device or its accelerometer acts by itself next; None while both wait."""
+        own_us = self.core.next_deadline_us()
+        if self._made_us is None:
+            return own_us
+        block_us = self._made_us + _BLOCK_US
+        return block_us if own_us is None else min(own_us, block_us)
+
+    def _pass(self, now_us: int) -> bytes:
+        """Sample the bar up to now, block by block, and send what is whole."""
+        said = b""
+        if not self.core.senses:
+            self._made_us = None
+            return said
+        if self._made_us is None:
+            self._made_us = now_us
+        while self._made_us + _BLOCK_US <= now_us and self.core.senses:
+            stop_us = self._made_us + _BLOCK_US
+            said += self.core.advance(stop_us)
+            self._take_events(self.core.drive_log)
+            self._sense(self._made_us, stop_us)
+            self._synthesis.forget(stop_us)
+            self._made_us = stop_us
+        return said
+
+    def _take_events(self, log: Sequence[DriveEvent]) -> None:
+        self._synthesis.take(log[self._taken :])
+        self._taken = len(log)
+
+    def _sense(self, start_us: int, stop_us: int) -> None:
+        """Hand the samples of a block to the core."""
+        drive = self._synthesis.displacements(start_us, stop_us, self._plant_hz)
+        if not drive.shape[1]:  # nothing was ever driven
+            drive = np.zeros((len(drive), len(self._device.actuators)))
+        index = math.ceil(start_us * self._plant_hz / _US_PER_S) + np.arange(len(drive))
+        kept = index % _PLANT_SAMPLES == 0
+        counts = self._counts(self._plant.accelerate(drive)[kept, 0])
+        spare = self.configuration.number_of_actuators - drive.shape[1]
+        displacements = np.pad(np.rint(_FULL_OUTPUT * drive[kept]).astype(int), ((0, 0), (0, spare)))
+        instants = index[kept] * self.configuration.synthesis_rate_hz // self._plant_hz
+        for count, row, instant in zip(counts.tolist(), displacements.tolist(), instants.tolist(), strict=True):
+            self.core.sense(count, row, int(instant))
+
+    def _counts(self, acceleration: Array) -> NDArray[np.int64]:
+        """What the part makes of accelerations (sample,) in m/s^2."""
+        part = self._part
+        noise = math.hypot(NOISE_M_PER_S2, part.noise_m_per_s2) * self._random.standard_normal(len(acceleration))
+        read = self._sign * (acceleration + GRAVITY_M_PER_S2) * (1 + part.gain) + part.offset_m_per_s2 + noise
+        counts: NDArray[np.int64] = STEP * np.rint(read / (STEP * SCALE_M_PER_S2)).astype(np.int64)
+        return np.clip(counts, -GREATEST, GREATEST)

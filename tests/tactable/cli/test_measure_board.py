@@ -1,0 +1,101 @@
+"""`measure` and `verify` with the board's own accelerometer: in virtual time, and over the terminal of `emulate`."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from precompute.measurements import Kind, lay_out, read_measurements
+from precompute.measurements.model import MeasurementModel
+from tests.engine.loop.rig import DEVICE
+from tests.tactable.cli.in_process import run_here
+from tests.tactable.rig.test_emulate import emulator, run
+
+AT_MM, MASS_KG, HZ = 50, 2e-3, 209.0
+SIMULATED = ("--port", "simulated", "--sensor", "board")
+
+
+def errors_of(path: Path) -> list[tuple[float, float]]:
+    """Error in dB and degrees of each measured response, against the finite elements with the sensor on the bar."""
+    found = read_measurements(path, DEVICE, MASS_KG)
+    assert found.is_simulated
+    assert found.kind is Kind.RESPONSE
+    layout = lay_out(found.frequency_hz, found.position_m[:1], MASS_KG, Kind.RESPONSE)
+    predicted = MeasurementModel(DEVICE, layout, ()).predict(np.zeros(0)).log_acceleration
+    ratios = found.acceleration / (found.amplitude.sum(axis=1) * np.exp(predicted))
+    return [(20 * math.log10(abs(ratio)), math.degrees(np.angle(ratio))) for ratio in ratios]
+
+
+def test_a_board_over_a_terminal_is_measured_by_its_own_accelerometer(tmp_path: Path) -> None:
+    spec = f"at={AT_MM}mm, mass=2g, drift=9000"
+    with emulator(tmp_path, "--device", "reference-a", "--sensor", spec, "--seed", "5") as running:
+        port = ("--port", running.line()["port"], "--sensor", f"board:{AT_MM}mm", "--bit-rate", "1000000")
+        done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.nc", *port, "--frequencies", f"{HZ:g}", "--json")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert (summary["places"], summary["readings"], summary["spoiled"]) == (1, 2, 0)
+    assert summary["drift_ppm"] == pytest.approx(9_000, abs=5)
+    errors = errors_of(tmp_path / "bar.nc")
+    assert len(errors) == 2
+    assert max(abs(db) for db, _ in errors) < 0.2
+    assert max(abs(degrees) for _, degrees in errors) < 1.5
+
+
+@pytest.mark.long
+def test_a_simulated_bar_is_swept_by_the_board_s_own_accelerometer(tmp_path: Path) -> None:
+    words = ("--places", "1", "--frequencies", "205,209,213", "--method", "sweep", "--least", "100 %", "--json")
+    done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.nc", *SIMULATED, *words, "--flaws", "drift=-15000")
+    assert done.returncode in (0, 3), done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["drift_ppm"] == pytest.approx(-15_000, abs=5)
+    assert set(summary["faults"]) <= {"CLOCK_DRIFT", "NOISE", "LATENCY"}
+    assert summary["lost"] == {"frames": 0, "samples": 0}
+
+
+def test_gravity_shows_the_gain_of_the_board_s_own_accelerometer(tmp_path: Path) -> None:
+    words = ("--places", "1", "--frequencies", "209", "--gravity", "--json", "--flaws", "gain=4%")
+    done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.nc", *SIMULATED, *words)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["gravity"]["gain"] == pytest.approx(0.04, abs=3e-3)
+
+
+def test_a_table_is_verified_by_the_board_s_own_accelerometer(tmp_path: Path, click_table: Path) -> None:
+    words = ("--places", "1", "--placements", "1", "--flaws", "drift=9000", "--json")
+    done = run_here(tmp_path, "verify", str(click_table), *SIMULATED, *words)
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["verdict"] == "kept"
+    assert summary["compared"] >= 1
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("--port", "simulated", "--sensor", "board:9m"), "off the bar"),
+        (("--port", "simulated", "--sensor", "board", "--flaws", "hum=1m/s^2"), "is of a converter"),
+        (
+            ("--port", "audio:Card,full_scale=0.6 um,most=50 %", "--sensor", "board"),
+            "a sound card has no accelerometer",
+        ),
+    ],
+)
+def test_what_a_board_cannot_measure_is_refused(tmp_path: Path, words: tuple[str, ...], text: str) -> None:
+    done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.nc", *words)
+    assert done.returncode == 1
+    assert text in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("--sensor", "at=35mm"), "give the bar by --device"),
+        (("--device", "reference-a", "--sensor", "at=9m"), "off the bar"),
+        (("--device", "reference-a", "--sensor", "at=35mm", "--core", "core.so"), "leave --core out"),
+    ],
+)
+def test_an_accelerometer_that_cannot_be_emulated_is_refused(tmp_path: Path, words: tuple[str, ...], text: str) -> None:
+    done = run(tmp_path, "emulate", *words)
+    assert done.returncode == 1
+    assert text in done.stderr

@@ -1,0 +1,178 @@
+"""The board's own accelerometer on a simulated bench: right responses, its clock followed, what spoils it named."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_limits
+
+from firmware_link.host.link_values import AccelerationReceived, AccelerometerDescribed
+from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.messages import Acceleration
+from tactable.measure import DrivenDevice
+from tactable.measure.board_bench import BoardBench
+from tactable.measure.board_sensor import BoardSensor, fixed_position_m, open_board_sensor
+from tactable.measure.faults import Fault
+from tactable.measure.sensor import SensorError
+from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench
+from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
+from tests.engine.loop.rig import DEVICE
+from tests.tactable.measure.test_stepped_sine import MASS_KG, PLACE_M, true_response
+
+BIT_RATE_HZ = 1_000_000
+RATE_HZ, SYNTHESIS_HZ = 3_200.0, 48_000
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    with threadpool_limits(1, "blas"):
+        yield
+
+
+class Lossy(BoardBench):
+    """A bench whose line loses every 29th answer."""
+
+    answers = 0
+
+    def _answer(self, data: bytes, time_ns: int) -> None:
+        self.answers += bool(data)
+        super()._answer(b"" if self.answers % 29 == 0 else data, time_ns)
+
+
+def bench_of(flaws: str = "", kind: type[BoardBench] = BoardBench) -> BoardBench:
+    bench = kind(DEVICE, ConverterFlaws.parse(flaws), 1, MASS_KG)
+    bench.place(PLACE_M)
+    return bench
+
+
+def read(bench: BoardBench, actuator: int, hz: float, **options: float) -> tuple[Reading, BoardSensor]:
+    sensor = open_board_sensor(DEVICE, bench, bench, BIT_RATE_HZ)
+    with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0), BIT_RATE_HZ, accelerometer=sensor) as driven:
+        stepped = SteppedSine(DEVICE, driven, sensor, SteppedSineOptions(**options))  # type: ignore[arg-type]
+        stepped.listen()
+        reading, _ = stepped.read(actuator, hz)
+    sensor.close()
+    return reading, sensor
+
+
+@pytest.mark.parametrize(("actuator", "hz", "drift"), [(1, 209.0, 12_000), (0, 297.0, -30_000)])
+def test_a_reading_is_the_response_of_the_bar_whatever_the_clock_of_the_part(
+    actuator: int, hz: float, drift: int
+) -> None:
+    reading, sensor = read(bench_of(f"drift={drift}"), actuator, hz, least=1.0)
+    ratio = reading.acceleration / true_response(reading)
+    assert abs(ratio - 1) < 4 * reading.error + 0.002
+    assert abs(20 * np.log10(abs(ratio))) < 0.2
+    assert abs(np.degrees(np.angle(ratio))) < 1.5
+    assert reading.drift == pytest.approx(1e-6 * drift, abs=5e-6)
+    assert reading.faults == (Fault.CLOCK_DRIFT,)
+    assert (sensor.losses.frames, sensor.losses.samples) == (0, 0)
+    assert sensor.form.is_simulated
+
+
+def test_what_the_noise_of_the_part_hides_is_named() -> None:
+    reading, _ = read(bench_of(), 0, 70, least=1.0, attempts=1)
+    assert Fault.NOISE in reading.faults
+    assert reading.error > 0.02
+
+
+def test_a_range_that_is_too_small_is_named() -> None:
+    reading, _ = read(bench_of("offset=150m/s^2"), 1, 209, attempts=1)
+    assert Fault.CLIPPING in reading.faults
+
+
+def test_frames_that_the_line_loses_are_counted_and_named() -> None:
+    reading, sensor = read(bench_of(kind=Lossy), 1, 209, least=1.0, attempts=1)
+    assert Fault.LOST_SAMPLES in {*reading.faults, *reading.earlier}
+    assert sensor.losses.frames > 3
+    assert sensor.losses.samples == 0
+
+
+def test_a_board_without_an_accelerometer_and_a_slow_line_are_refused() -> None:
+    without = SimulatedBench(DEVICE, ConverterFlaws(), 1)
+    with pytest.raises(LinkError, match="no accelerometer"):
+        open_board_sensor(DEVICE, without, without, BIT_RATE_HZ)
+    bench = bench_of()
+    with pytest.raises(LinkError, match=r"115200 bit/s carries 1398 .*--bit-rate"):
+        open_board_sensor(DEVICE, bench, bench, 115_200)
+
+
+def test_flaws_of_a_converter_are_refused() -> None:
+    with pytest.raises(SensorError, match="--flaws hum: is of a converter"):
+        bench_of("hum=1m/s^2")
+
+
+class StandingClock:
+    """No time passes."""
+
+    def now_ns(self) -> int:
+        return 0
+
+    def wait(self, *_: object) -> None:
+        return None
+
+
+def a_sensor(scales: tuple[float, ...] = (1.0, 1.0), number_of_actuators: int = 2) -> BoardSensor:
+    described = AccelerometerDescribed(RATE_HZ, 0.5, 100, 0)
+    clock = StandingClock()
+    return BoardSensor(described, DEVICE, scales, number_of_actuators, SYNTHESIS_HZ, clock, is_simulated=False)
+
+
+def frame(index: int, number: int, values: tuple[int, ...], sample: int = 0) -> AccelerationReceived:
+    return AccelerationReceived(Acceleration(index, number, sample, len(values), values), 0)
+
+
+def test_samples_have_the_units_of_their_form_and_displacements_those_of_the_device() -> None:
+    sensor = a_sensor(scales=(0.5, 1.0), number_of_actuators=3)
+    sensor.hear(frame(0, 0, (4, 16_384, -32_767, 9, -4, 0, 0, 9)))
+    block = sensor.read()
+    assert block is not None
+    np.testing.assert_allclose(block.values, [[2.0, 1.0, -1.0], [-2.0, 0.0, 0.0]], atol=1e-4)
+    assert sensor.form.clips_at[0] == 50.0
+    assert sensor.read() is None
+
+
+def test_gaps_of_the_line_and_of_the_board_are_told_apart_across_the_wrap_of_the_numbers() -> None:
+    sensor, one = a_sensor(), (1, 0, 0)
+    sensor.hear(frame(65_535, 2**32 - 1, one))
+    sensor.hear(frame(0, 0, one))  # the next of both
+    sensor.hear(frame(1, 4, one))  # three samples that the board lost
+    sensor.hear(frame(3, 7, one))  # a frame of two samples that the line lost
+    block = sensor.read()
+    assert block is not None
+    assert np.isnan(block.values[:, 0]).tolist() == [False, False, True, True, True, False, True, True, False]
+    assert (sensor.losses.frames, sensor.losses.samples) == (1, 3)
+
+
+def test_what_came_before_a_stream_begins_leaves_no_gap() -> None:
+    sensor, one = a_sensor(), (1, 0, 0)
+    sensor.hear(frame(0, 0, one))
+    sensor.begin()
+    sensor.hear(frame(9, 900, one))
+    block = sensor.read()
+    assert block is not None
+    assert not np.isnan(block.values).any()
+
+
+def test_the_pace_is_the_slope_of_the_two_numbers_across_their_wraps() -> None:
+    sensor, pace = a_sensor(), 1.02
+    assert sensor.pace() == 0.0
+    for index in range(150):
+        number, sample = 2**32 - 1_000 + 32 * index, 2**32 - 20_000 + round(32 * index * 15 / pace)
+        sensor.hear(frame(index, number % 2**32, (1, 0, 0) * 32, sample % 2**32))
+    assert sensor.pace() == pytest.approx(pace - 1, abs=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("board:", "such as board:35mm"), ("board:3 kg", "is a mass"), ("board:9 m", "off the bar"), ("board:x", "place")],
+)
+def test_a_place_that_is_none_is_refused(name: str, text: str) -> None:
+    with pytest.raises(SensorError, match=text):
+        fixed_position_m(name, DEVICE)
+
+
+def test_a_fixed_place_is_a_length_or_a_share() -> None:
+    assert fixed_position_m("board", DEVICE) is None
+    assert fixed_position_m("board:35mm", DEVICE) == pytest.approx(0.035)
+    assert fixed_position_m("board: 25 %", DEVICE) == pytest.approx(DEVICE.bar.length_m / 4)
