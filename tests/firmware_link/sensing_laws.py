@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import (
     ACCELEROMETER,
     LONGEST_SENSE_MS,
@@ -23,7 +24,7 @@ ACCELEROMETER_OF_LAWS: dict[str, Any] = {
     "sensor_scale_nm_per_s2": 38_303_000,
     "sensor_greatest": 4_095,
 }
-_US_PER_S = 1_000_000
+_US_PER_S, _LISTEN_US = 1_000_000, 50_000
 
 
 def sample_instants_us(start_us: int, stop_us: int) -> Iterator[int]:
@@ -49,8 +50,12 @@ def _samples(host: Host, frame: Acceleration) -> int:
 
 
 def _frames(host: Host, wait_us: int) -> list[Acceleration]:
-    host.tier.wait(wait_us)
-    return [message for message in host.listen() if isinstance(message, Acceleration)]
+    """What comes within a time; a terminal holds no more than a few kilobytes."""
+    found = list[Message]()
+    for _ in range(0, wait_us, _LISTEN_US):
+        host.tier.wait(_LISTEN_US)
+        found += host.listen()
+    return [message for message in found if isinstance(message, Acceleration)]
 
 
 def sensing_law_a_device_that_is_not_asked_streams_nothing(tier: Tier) -> None:

@@ -11,10 +11,11 @@ from pathlib import Path
 import pytest
 
 from firmware_link.host.serial_port import SerialPort
-from firmware_link.protocol.messages import DeviceState
+from firmware_link.protocol.messages import ACCELEROMETER, DeviceState
 from tests.firmware_link.conformance import DISARM_US, LAWS, LOUD, Host, Law
 from tests.firmware_link.driving_host import DRIVING, ENDED, LEASE_MS, SLEW_PER_S
 from tests.firmware_link.firmware.compiled_core import make, need
+from tests.firmware_link.sensing_laws import SENSING_LAWS, SensingLaw
 from tests.system.firmware_image import REPORT_PERIOD_US, FirmwareImage, ImageTier, run_image
 
 pytestmark = pytest.mark.system
@@ -76,6 +77,24 @@ def tell(process: "subprocess.Popen[str]") -> None:
 def test_the_image_keeps(law: Law, image: FirmwareImage) -> None:
     with SerialPort(image.port) as port:
         law(ImageTier(image, port))
+
+
+@pytest.mark.parametrize("law", SENSING_LAWS, ids=lambda law: law.__name__)
+def test_the_image_with_an_accelerometer_keeps(law: SensingLaw, images: Path) -> None:
+    with (
+        run_image(images / "mps2_an385.elf", MACHINES["mps2_an385"], is_stepped=True) as image,
+        SerialPort(image.port) as port,
+    ):
+        law(ImageTier(image, port))
+
+
+def test_an_image_whose_part_does_not_answer_has_no_accelerometer(images: Path) -> None:
+    """QEMU has the bus of this board and no part on it."""
+    with (
+        run_image(images / "stm32f405_qemu.elf", MACHINES["stm32f405_qemu"], is_stepped=True) as image,
+        SerialPort(image.port) as port,
+    ):
+        assert ACCELEROMETER not in Host(ImageTier(image, port)).greet().features
 
 
 @pytest.mark.parametrize(("how", "blow"), [("killed", kill), ("stopped", stop), ("wedged", tell), ("loop", tell)])

@@ -35,6 +35,10 @@ void board_release_samples(void);
  * `electrode_bias` the voltages of their electrodes, -32768 = none. */
 void board_write_outputs(const int16_t *displacements);
 
+/* A sample of the accelerometer, in counts, that came since the last call; false where there is none. Called before each
+ * sample of the synthesis, in its interrupt: never waits. */
+bool board_sense(int16_t *acceleration);
+
 /* The enable line of the high-voltage supply; the hardware pulls it off where this is not called. */
 void board_high_voltage(bool is_on);
 

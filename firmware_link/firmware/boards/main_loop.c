@@ -77,7 +77,11 @@ void main_loop_turn(void)
 
 void main_loop_sample(void)
 {
-    int16_t outputs[TACTABLE_ACTUATORS];
+    int16_t outputs[TACTABLE_ACTUATORS], acceleration;
+    /* Before the outputs change: the sample belongs to those of before. */
+    if (board_sense(&acceleration)) {
+        tactable_device_sense(&the_device, acceleration);
+    }
     tactable_device_sample(&the_device, outputs);
     tactable_device_linearise(&the_device, outputs);
     board_write_outputs(outputs);

@@ -18,7 +18,9 @@ from firmware_link.emulator.c_core import CompiledFirmware, open_library
 from tests.firmware_link.sensing_laws import ACCELEROMETER_OF_LAWS, sample_instants_us
 
 FIRMWARE = Path(__file__).parents[3] / "firmware_link" / "firmware"
-EXTRA = " ".join(str(Path(__file__).parent / "c" / name) for name in ("decoder.c", "held_samples.c"))
+CHECKS = Path(__file__).parent / "c"
+_EXTRA = [CHECKS / name for name in ("decoder.c", "held_samples.c", "adxl345_model.c")]
+EXTRA = " ".join(map(str, (*_EXTRA, FIRMWARE / "boards" / "adxl345.c")))
 LIBRARY = "libtactable_core.so"
 FULL_OUTPUT = 32_767
 US_PER_S = 1_000_000

@@ -209,6 +209,12 @@ void board_write_outputs(const int16_t *displacements)
     }
 }
 
+bool board_sense(int16_t *acceleration)
+{
+    (void)acceleration;
+    return false;
+}
+
 void board_high_voltage(bool is_on)
 {
     gpio_set_level(HIGH_VOLTAGE_ENABLE, is_on);

@@ -123,6 +123,12 @@ void board_write_outputs(const int16_t *displacements)
     pwm_set_both_levels(pwm_gpio_to_slice_num(FIRST_OUTPUT), level(displacements[0]), level(displacements[1]));
 }
 
+bool board_sense(int16_t *acceleration)
+{
+    (void)acceleration;
+    return false;
+}
+
 void board_high_voltage(bool is_on)
 {
     gpio_put(HIGH_VOLTAGE_ENABLE, is_on);

@@ -146,6 +146,12 @@ void board_write_outputs(const int16_t *displacements)
     }
 }
 
+bool board_sense(int16_t *acceleration)
+{
+    (void)acceleration;
+    return false;
+}
+
 void board_high_voltage(bool is_on)
 {
     digitalWriteFast(high_voltage_pin, is_on ? HIGH : LOW);

@@ -6,7 +6,7 @@ IMAGES += $(BUILD)/mps2_an385.elf $(BUILD)/stm32f405_qemu.elf
 $(BUILD)/mps2_an385.elf: FLAGS = -mcpu=cortex-m3 -I$(CHECKS)
 $(BUILD)/mps2_an385.elf: $(CHECKS)/mps2_an385/board.c $(CHECKS)/report.c $(CHECKS)/report.h
 $(BUILD)/stm32f405_qemu.elf: FLAGS = -mcpu=cortex-m4 -I$(CHECKS) -DIN_QEMU
-$(BUILD)/stm32f405_qemu.elf: boards/stm32f405/board.c $(CHECKS)/report.c $(CHECKS)/report.h
+$(BUILD)/stm32f405_qemu.elf: boards/stm32f405/board.c boards/adxl345.c $(CHECKS)/report.c $(CHECKS)/report.h
 
 fuzz: $(BUILD)/fuzz
 

@@ -14,6 +14,10 @@
 #define ACTUATORS 2u
 #define BASIS_SIZE 262144u
 #define FULL_SCALE_PM 520000u
+/* Samples of the synthesis for one of the accelerometer. */
+#define SENSE_TURNS 8u
+#define SENSE_SCALE_NM_PER_S2 38303000u
+#define SENSE_GREATEST 32767u
 
 /* CMSDK UARTs: bits of STATE and CTRL. */
 #define UART_DATA(uart) REGISTER((uart) + 0x0u)
@@ -47,6 +51,7 @@ extern const uint32_t board_chance;
 
 static uint8_t basis[BASIS_SIZE];
 static struct ring incoming, outgoing, reports;
+static int16_t last_output;
 
 static void receive(void)
 {
@@ -90,6 +95,9 @@ void board_describe(struct tactable_configuration *configuration)
         .basis_capacity_bytes = BASIS_SIZE,
         .basis = basis,
         .full_scales_pm = {FULL_SCALE_PM, FULL_SCALE_PM},
+        .sensor_rate_mhz = 1000u * SYNTHESIS_RATE_HZ / SENSE_TURNS,
+        .sensor_scale_nm_per_s2 = SENSE_SCALE_NM_PER_S2,
+        .sensor_greatest = SENSE_GREATEST,
     };
 }
 
@@ -139,7 +147,17 @@ void board_release_samples(void)
 
 void board_write_outputs(const int16_t *displacements)
 {
+    last_output = displacements[0];
     report_outputs(displacements);
+}
+
+/* An accelerometer that is simulated: it reads a third of what the first actuator was given, at 1 kHz. */
+bool board_sense(int16_t *acceleration)
+{
+    static uint32_t turns;
+    turns++;
+    *acceleration = (int16_t)(last_output / 3);
+    return turns % SENSE_TURNS == 0;
 }
 
 void board_high_voltage(bool is_on)
