@@ -146,7 +146,7 @@ void reports_send_sensor(struct tactable_device *device)
 void reports_send_acceleration(struct tactable_device *device, uint32_t records)
 {
     const uint8_t number_of_actuators = device->configuration.number_of_actuators;
-    const struct sense_record *first = sense_waiting_at(&device->sense, 0);
+    const volatile struct sense_record *first = sense_waiting_at(&device->sense, 0);
     const struct tactable_acceleration acceleration = {
         .frame = device->sense.frame,
         .number = first->number,
@@ -156,7 +156,7 @@ void reports_send_acceleration(struct tactable_device *device, uint32_t records)
     uint8_t body[BODY_ROOM];
     uint8_t *end = tactable_write_acceleration(body, next_sequence(&device->reports), &acceleration);
     for (uint32_t i = 0; i < records; i++) {
-        const struct sense_record *record = sense_waiting_at(&device->sense, i);
+        const volatile struct sense_record *record = sense_waiting_at(&device->sense, i);
         end = put_i16(end, record->acceleration);
         for (uint8_t actuator = 0; actuator < number_of_actuators; actuator++) {
             end = put_i16(end, record->displacements[actuator]);

@@ -31,11 +31,13 @@ void sense_take(struct sense *sense, int16_t acceleration, const int16_t *displa
         sense->lost++;
         return;
     }
-    struct sense_record *record = &sense->records[sense->put % SENSE_RECORDS];
+    volatile struct sense_record *record = &sense->records[sense->put % SENSE_RECORDS];
     record->number = number;
     record->synthesis_sample = synthesis_sample;
     record->acceleration = acceleration;
-    memcpy(record->displacements, displacements, sense->number_of_actuators * sizeof *displacements);
+    for (uint8_t i = 0; i < sense->number_of_actuators; i++) {
+        record->displacements[i] = displacements[i];
+    }
     sense->put++;
 }
 
@@ -60,7 +62,7 @@ uint32_t sense_run(const struct sense *sense, uint32_t most)
     return run;
 }
 
-const struct sense_record *sense_waiting_at(const struct sense *sense, uint32_t index)
+const volatile struct sense_record *sense_waiting_at(const struct sense *sense, uint32_t index)
 {
     return &sense->records[(sense->taken + index) % SENSE_RECORDS];
 }

@@ -1,7 +1,8 @@
 /* Sense: samples of the accelerometer from an interrupt to the frames of a stream that ends with its lease.
  *
  * The interrupt puts records, the main loop takes them, nothing is locked: only the interrupt writes `put`, `number` and
- * `lost`, only the main loop `taken` and `is_on`. What finds no room is lost and counted; the numbers show the gap.
+ * `lost`, only the main loop `taken` and `is_on`. Records are volatile like the indices, so that a compiler keeps the order
+ * in which both are written and read. What finds no room is lost and counted; the numbers show the gap.
  */
 #ifndef TACTABLE_SENSE_H
 #define TACTABLE_SENSE_H
@@ -24,7 +25,7 @@ struct sense_record {
 };
 
 struct sense {
-    struct sense_record records[SENSE_RECORDS];
+    volatile struct sense_record records[SENSE_RECORDS];
     int16_t history[SENSE_HISTORY][TACTABLE_ACTUATORS]; /* the last displacements */
     volatile uint32_t put;
     volatile uint32_t taken;
@@ -57,7 +58,7 @@ uint32_t sense_waiting(const struct sense *sense);
 uint32_t sense_run(const struct sense *sense, uint32_t most);
 
 /* The record that waits behind `index` others. */
-const struct sense_record *sense_waiting_at(const struct sense *sense, uint32_t index);
+const volatile struct sense_record *sense_waiting_at(const struct sense *sense, uint32_t index);
 
 /* Forgets the first records that wait. */
 void sense_drop(struct sense *sense, uint32_t records);
