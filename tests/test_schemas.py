@@ -12,10 +12,11 @@ import pytest
 import tomlkit
 
 from engine.device import Device
+from engine.device.named_files import text_with_threshold
 from engine.device.toml_table import TomlTable
 from engine.effects.rule_file import parse_effects
 from firmware_link.protocol.errors import TactableError
-from tactable.shipped import find_device, named_effects
+from tactable.shipped import device_folder, find_device, named_effects
 
 TABLES = Path(__file__).parent.parent / "tables"
 DEVICE, EFFECTS = (
@@ -27,6 +28,8 @@ name = "one"
 start = "0 %"
 stop = "50 %"
 """
+FITTED = ("damping", "stiffness", "impedance")
+"""Keys of the finger that another key may make up for."""
 RULES = """
 [[effect]]
 name = "all"
@@ -42,12 +45,18 @@ effect = "all"
 every = "1 mm"
 region = ["45 mm", "60 %"]
 """
+CURVE = "oh-choi-2019.toml"
 Path_ = tuple[str | int, ...]
 
 
 def with_zones() -> str:
     text = find_device("reference-a").text.replace("count = 5 # equal; or [[zone]] tables with name, start, stop\n", "")
     return text.replace('inferred = ["count", "hysteresis"]', "") + ZONES
+
+
+def with_curve_and_impedance() -> str:
+    text = text_with_threshold(find_device("reference-a").text, device_folder().parent / "thresholds" / CURVE, "text")
+    return text.replace('mass = "0.1 g"\n', "impedance = [[60, 1, -2], [200, 1, -0.7], [300, 1, -0.3]]\n", 1)
 
 
 def read_device(text: str) -> None:
@@ -61,6 +70,7 @@ def read_rules(text: str) -> None:
 CASES = [
     *[(DEVICE, read_device, find_device(name).text) for name in ("reference-a", "reference-d", "reference-t")],
     (DEVICE, read_device, with_zones()),
+    (DEVICE, read_device, with_curve_and_impedance()),
     *[(EFFECTS, read_rules, path.read_text()) for path in sorted((TABLES / "effects").glob("*.toml"))],
     (EFFECTS, read_rules, RULES),
 ]
@@ -93,8 +103,11 @@ def test_it_has_the_keys_that_the_reader_takes(monkeypatch: pytest.MonkeyPatch) 
     for table, schema in (("DeviceTable", DEVICE), ("RuleTable", EFFECTS)):
         parts = {key: part.get("items", part) for key, part in schema["properties"].items()}
         for key, part in parts.items():
+            if "anyOf" in part:  # a name, or a table with keys
+                part = schema["$defs"][key]
             if "properties" in part:
-                assert set(part["properties"]) - {"inferred"} == known[f"{table} {key}"], key
+                own = "_CurveTable" if key == "threshold" else table
+                assert set(part["properties"]) - {"inferred"} == known[f"{own} {key}"], key
     assert set(EFFECTS["properties"]) == known["RuleTable "]
     assert set(DEVICE["properties"]) - {"inferred", "calibration"} == known["DeviceTable "]
 
@@ -131,13 +144,15 @@ def is_read(read: Any, values: Any) -> bool:
     return True
 
 
-@pytest.mark.parametrize(("schema", "read", "text"), [CASES[0], CASES[3], CASES[-1]], ids=["device", "zones", "rules"])
+@pytest.mark.parametrize(
+    ("schema", "read", "text"), [CASES[0], CASES[3], CASES[4], CASES[-1]], ids=["device", "zones", "curve", "rules"]
+)
 def test_what_it_refuses_the_reader_refuses(schema: Any, read: Any, text: str) -> None:
     values = tomllib.loads(text)
     for path in leaves(values):
         without = changed(values, path, None)
         # Which keys go together, such as `after` with "hold" or an effect with its name, only the reader knows.
-        if path[-1] not in ("after", "every", "count", "zone", "zones", "region") and path != ("effect",):
+        if path[-1] not in ("after", "every", "count", "zone", "zones", "region", *FITTED) and path != ("effect",):
             assert refuses(schema, without) is not is_read(read, without), path
         for new in (7, "7", "seven mm", True, [], ["1 mm"], {"a": 1}, "3 dB", "1 mm", "x"):
             other = changed(values, path, new)

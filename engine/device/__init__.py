@@ -15,6 +15,7 @@ from engine.device.parts import (
     Uncertainty,
     Zone,
 )
+from engine.device.threshold import Threshold
 from engine.device.transfer import Transfer
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "Limits",
     "Spread",
     "Sweep",
+    "Threshold",
     "TouchAxis",
     "Transfer",
     "Uncertainty",

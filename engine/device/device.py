@@ -15,7 +15,6 @@ from engine.device.file import (
     check_electrodes,
     read_actuators,
     read_bar,
-    read_finger,
     read_levels,
     read_limits,
     read_spread,
@@ -23,8 +22,11 @@ from engine.device.file import (
     read_touch_axis,
     read_zones,
 )
+from engine.device.finger import FingerOrigin, read_finger
+from engine.device.named_files import names_files, text_with_threshold, with_files_inside
 from engine.device.parts import Actuator, Bar, DeviceError, Finger, Limits, Spread, Sweep, TouchAxis, Uncertainty, Zone
 from engine.device.texts import text_with_values
+from engine.device.threshold import DEFAULT, Threshold, read_threshold, shipped_threshold
 from engine.device.toml_table import read_text
 from engine.device.uncertainty import read_uncertainty
 
@@ -43,11 +45,14 @@ class Device:
     zones: tuple[Zone, ...]
     zone_hysteresis_m: float
     finger: Finger
+    finger_origin: FingerOrigin
     spread: Spread
     touch_axis: TouchAxis
     sweep: Sweep
     levels_db: tuple[float, ...]
     """Sensation levels that entries are made for, rising; entries for full scale are always made too."""
+    threshold: Threshold
+    """The detection threshold that every level is above."""
     limits: Limits
     inferred: tuple[str, ...]
     """Keys whose values are estimates, such as "bar.width": marked in the file, or absent and assumed."""
@@ -64,18 +69,26 @@ class Device:
         >>> device.zone_names(range(3)), device.actuators[0].band_hz
         ('I, II, III', (60.0, 300.0))
         """
-        return cls.parse(read_text(Path(path), DeviceError), str(path))
+        return cls.parse(read_text(Path(path), DeviceError), str(path), Path(path).parent)
 
     @classmethod
-    def parse(cls, text: str, source: str) -> "Device":
-        """Validate the description `text`; `source` names it in errors. Raises DeviceError."""
+    def parse(cls, text: str, source: str, folder: Path | None = None) -> "Device":
+        """Validate the description `text`; `source` names it in errors. Raises DeviceError.
+
+        `folder`: where the paths of files begin that the text names; None: it may name none.
+        """
         top = DeviceTable.parse(text, source)
+        if names_files(top.left):
+            text = with_files_inside(text, source, folder)
+            top = DeviceTable.parse(text, source)
         name, description = top.name("name"), top.sentence("description")
+        threshold = read_threshold(top.take("threshold", DEFAULT), source)
         sweep = top.section("sweep", read_sweep)
         bar = top.section("bar", lambda part: read_bar(part, sweep))
         actuators = read_actuators(top, bar)
         check_damping(source, bar, actuators)
         check_electrodes(source, actuators)
+        finger, finger_origin = top.section("finger", lambda part: read_finger(part, sweep))
         zones, zone_hysteresis_m = top.section("zones", lambda part: read_zones(part, top, bar), default={})
         check_bands(source, actuators, sweep)
         uncertainty = None
@@ -88,11 +101,13 @@ class Device:
             actuators=actuators,
             zones=zones,
             zone_hysteresis_m=zone_hysteresis_m,
-            finger=top.section("finger", read_finger),
+            finger=finger,
+            finger_origin=finger_origin,
             spread=top.section("spread", read_spread, default={}),
             touch_axis=top.section("digitizer", lambda part: read_touch_axis(part, bar), default={}),
             sweep=sweep,
             levels_db=top.section("feel", read_levels, default={}),
+            threshold=threshold,
             limits=top.section("limits", read_limits),
             inferred=tuple(top.inferred),
             uncertainty=uncertainty,
@@ -112,6 +127,16 @@ class Device:
         """
         return Device.parse(text_with_values(self.text, values, self.name), self.name)
 
+    def with_threshold(self, curve: str | Path) -> "Device":
+        """The device with another threshold curve: a shipped one by its name, or a TOML file by its path.
+
+        Raises DeviceError for a name that is not shipped, and for a file that is no curve.
+
+        >>> device.with_threshold("android").threshold.name
+        'android'
+        """
+        return Device.parse(text_with_threshold(self.text, curve, self.name), self.name)
+
     def __repr__(self) -> str:
         parts = f"{1e3 * self.bar.length_m:g} mm, {len(self.actuators)} actuators, {len(self.zones)} zones"
         return f"<Device {self.name}: {parts}, {len(self.estimated_values)} estimated values>"
@@ -130,14 +155,20 @@ class Device:
 
         The uncertainty of a calibration counts, since worst cases are taken over it; its date and origin do not.
         """
-        idle = ("description", "inferred", "text", *(("uncertainty",) if self.uncertainty is None else ()))
+        idle = {"description", "inferred", "text", "finger_origin"}
+        if self.uncertainty is None:
+            idle.add("uncertainty")
         values = {k: v for k, v in asdict(self).items() if k not in idle}
-        if self.bar.damping_of == "bar":  # so that a file from before this key keeps its fingerprint
+        values["threshold"] = self.threshold.values
+        # What a file from before these keys has by default does not count, so that it keeps its fingerprint.
+        if self.bar.damping_of == "bar":
             del values["bar"]["damping_of"]
         for actuator in values["actuators"]:
             for key in ("transfer", "electrodes"):
                 if actuator[key] is None:
                     del actuator[key]
+        if values["threshold"] == shipped_threshold(DEFAULT).values:
+            del values["threshold"]
         return hashlib.sha256(json.dumps(_rounded(values), sort_keys=True).encode()).hexdigest()
 
     def zone_names(self, indices: Iterable[int]) -> str:

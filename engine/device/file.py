@@ -9,7 +9,7 @@ from typing import Any, Self, TypeVar
 import numpy as np
 
 from engine.device.electrodes import LINEARISERS, Electrodes
-from engine.device.parts import Actuator, Bar, DeviceError, Finger, Limits, Spread, Sweep, TouchAxis, Zone
+from engine.device.parts import Actuator, Bar, DeviceError, Limits, Spread, Sweep, TouchAxis, Zone
 from engine.device.quantity import QuantityError, read_angle_rad
 from engine.device.toml_table import TomlTable
 from engine.device.transfer import FEWEST_POINTS, GREATEST_GROWTH, GREATEST_MISS, Transfer
@@ -20,7 +20,6 @@ CLICKS_TOP_HZ = 2000.0
 _ELEMENTS_PER_WAVE, _ELEMENTS_PER_WAVE_OF_CLICKS = 24, 10
 """Responses are then right to 0.03 % of the greatest one, at resonances too; tests/precompute/model/test_mesh.py."""
 _MOST_ELEMENTS = 2000
-_LARGEST_SPREAD = 1000
 _WIDEST_SPREAD = 0.2
 """Standard deviation of a stiffness or a mass: five of them are still above 0."""
 _MOST_STEPS = 100_000
@@ -298,20 +297,6 @@ def check_bands(source: str, actuators: tuple[Actuator, ...], sweep: Sweep) -> N
         if not np.any((sweep.frequency_hz >= low_hz) & (sweep.frequency_hz <= high_hz)):
             grid = f"the sweep, {sweep.start_hz:g}-{sweep.stop_hz:g} Hz"
             raise DeviceError(f"{source}: actuator[{i}].band: {low_hz:g}-{high_hz:g} Hz: has no frequency of {grid}")
-
-
-def read_finger(part: DeviceTable) -> Finger:
-    """The table [finger]."""
-    spread = part.take("spread", 1.0)
-    part.assume("spread")
-    if isinstance(spread, bool) or not isinstance(spread, int | float) or not 1 <= spread <= _LARGEST_SPREAD:
-        raise part.error("spread", spread, "expected a factor of at least 1, such as 3.0")
-    return Finger(
-        mass_kg=part.quantity("mass", "kg"),
-        damping_n_s_per_m=part.quantity("damping", "N*s/m"),
-        stiffness_n_per_m=part.quantity("stiffness", "N/m"),
-        spread=float(spread),
-    )
 
 
 def read_spread(part: DeviceTable) -> Spread:

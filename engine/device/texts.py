@@ -17,17 +17,26 @@ def text_with_values(text: str, values: Mapping[str, str | float], source: str) 
     if not values:
         return text
     import tomlkit  # only who changes a text needs it
-    from tomlkit.exceptions import ParseError
 
-    try:
-        document = tomlkit.parse(text)
-    except ParseError as error:
-        raise DeviceError(f"{source}: not TOML: {error}") from error
+    document = document_of(text, source)
     for key, value in values.items():
         tables, last = tables_of(document, key, source)
         for table in tables:
+            if isinstance(table.get(last), dict):
+                table.pop(last)  # a value in its place would stand among the keys of the table before it
             table[last] = int(value) if isinstance(value, str) and value.isdigit() else value
     return tomlkit.dumps(document)
+
+
+def document_of(text: str, source: str) -> Any:
+    """The text as a TOML document that keeps comments and order. Raises DeviceError."""
+    import tomlkit
+    from tomlkit.exceptions import ParseError
+
+    try:
+        return tomlkit.parse(text)
+    except ParseError as error:
+        raise DeviceError(f"{source}: not TOML: {error}") from error
 
 
 def tables_of(document: Any, key: str, source: str) -> tuple[list[Any], str]:

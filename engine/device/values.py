@@ -13,7 +13,7 @@ from engine.device.quantity import quantity_text
 
 Value = int | float | str | None
 
-_WORDING = ("description", "inferred", "text", "uncertainty")
+_WORDING = ("description", "inferred", "text", "uncertainty", "finger_origin")
 _PARTS = {"actuators": "actuator", "zones": "zone"}
 _UNITS = {
     "_kg_per_m3": "kg/m^3",
@@ -55,6 +55,7 @@ def number_of(value: Value) -> float | None:
 def device_values(device: Device) -> dict[str, Value]:
     """Every value that the model or the engine uses, in SI units, in the order of the description."""
     values = {key: value for key, value in asdict(device).items() if key not in _WORDING}
+    values["threshold"] = device.threshold.name
     uncertainty = device.uncertainty
     return dict(_flat("", values)) | ({} if uncertainty is None else _uncertainty_values(uncertainty))
 

@@ -248,6 +248,7 @@ class _Builder:
                     "code_fingerprint": options.code_fingerprint,
                     "code_version": metadata.version("tactable"),
                     "created": created,
+                    "threshold": device.threshold.title,
                     "objective": options.objective,
                     "made_for": options.made_for.value,
                     "clicks_up_to": options.clicks_up_to,

@@ -78,15 +78,16 @@ DEFERRABLE = (Part.CLICKS,)
 """Parts that a build may leave for later."""
 
 # Responses are those of the untouched bar, receptances at frequencies that the resonances under fingers decide.
-_RESPONSES = ("bar", "actuators", "zones", "sweep", "finger")
+_RESPONSES = ("bar", "actuators", "zones", "sweep", "finger", "threshold")
 # Only the engine or a person reads these.
-_IDLE = ("name", "description", "zone_hysteresis_m", "touch_axis", "inferred", "text")
+_IDLE = ("name", "description", "zone_hysteresis_m", "touch_axis", "inferred", "text", "finger_origin")
 
 
 def input_fingerprint(part: Part, device: Device, options: BuildOptions) -> str:
     """SHA-256 (hex) over everything that a part is computed from."""
     values = {key: value for key, value in asdict(device).items() if key not in _IDLE}
     values["limits"].pop("lease_s")
+    values["threshold"] = device.threshold.values
     chosen: dict[str, Any] = {"code": options.code_fingerprint}
     match part:
         case Part.RESPONSES:
@@ -118,7 +119,12 @@ def is_current(table: Table, device: Device, options: BuildOptions) -> bool:
 
 
 def is_compatible(before: Device, device: Device) -> bool:
-    """Whether what was made for a device may be played on another: the same length, zones, actuators and limits."""
+    """Whether what was made for a device may be played on another.
+
+    They have the same length, zones, actuators, limits and threshold, by which the levels of both are named.
+    """
     names = [[actuator.name for actuator in each.actuators] for each in (before, device)]
     is_as_long = before.bar.length_m == device.bar.length_m
+    if before.threshold.values != device.threshold.values:
+        return False
     return is_as_long and before.zones == device.zones and before.limits == device.limits and names[0] == names[1]

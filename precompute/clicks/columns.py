@@ -50,7 +50,7 @@ class ClickTabulator:
         self._wanted_level_db = np.inf if options.wanted_db is None else options.wanted_db
         self._levels_db = (*device.levels_db, np.inf)
         self._modes = compute_basis(assemble(device), modes)
-        self._filter = threshold_filter(EVALUATION_RATE_HZ)
+        self._filter = threshold_filter(device.threshold, EVALUATION_RATE_HZ)
         self._plant_of = lru_cache(maxsize=4)(self._make_plant)
         """The nominal plant with fingers at a tuple of positions; clicks with the same fingers come together."""
 

@@ -26,7 +26,7 @@ import scipy.linalg
 from numba import njit
 from numpy.typing import NDArray
 
-from engine.device import Device
+from engine.device import Device, Threshold
 from precompute.model.assembly import assemble
 from precompute.model.damped_lines import DampedLines
 from precompute.model.modal import Basis, compute_basis
@@ -77,7 +77,7 @@ class SampledPlants:
         in_modes = stiffness_damping[:, None] * stiffness + mass_damping[:, None] * mass
         self._damper = damping - in_modes * np.array([[bar.damping_of == "bar"] for bar in bars])
         self._force = np.stack([stiffness * full_scale_m, damping * full_scale_m], axis=2).astype(np.float32)
-        self._factor = output_factor(lines)
+        self._factor = output_factor(lines, scenarios.device.threshold)
         transfers = transfers_at(scenarios.device.actuators, s_per_s)
         self._transfers = None if transfers is None else transfers.T.astype(np.complex64)
 
@@ -133,13 +133,13 @@ def count_modes(device: Device, lines: DampedLines) -> int:
 
 
 @lru_cache(maxsize=4)
-def output_factor(lines: DampedLines) -> Complex:
+def output_factor(lines: DampedLines, threshold: Threshold) -> Complex:
     """Factor (line,) from displacement to weighted acceleration: s^2, the threshold filter, linear interpolation.
 
     A sample at full scale is a triangle of two sample periods: (sinh(x) / x)^2 with x = s T / 2.
     """
     s, rate_hz = lines.s_per_s, _FILTER_OVERSAMPLING * lines.rate_hz
-    taps = threshold_filter(rate_hz)
+    taps = threshold_filter(threshold, rate_hz)
     weighting = np.exp(-np.outer(s, np.arange(len(taps)) / rate_hz)) @ taps
     half = s / (2 * lines.rate_hz)
     factor: Complex = s**2 * (np.sinh(half) / half) ** 2 * weighting

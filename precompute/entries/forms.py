@@ -12,7 +12,6 @@ from numba import njit, types
 from numpy.typing import NDArray
 
 from precompute.model.frequencies import in_band
-from precompute.model.threshold import detection_threshold
 from precompute.sampling.receptance import Receptance
 
 Array = NDArray[np.float64]
@@ -47,7 +46,7 @@ def compute_forms(receptance: Receptance, touched: Sequence[int]) -> Forms:
     zones = np.array(touched, dtype=np.int64)
     loaded = compute_loaded(receptance, touched)
     omega = 2 * np.pi * receptance.frequency_hz
-    weight = (omega**2 / detection_threshold(receptance.frequency_hz)) ** 2
+    weight = (omega**2 / device.threshold.peak_m_per_s2(receptance.frequency_hz)) ** 2
     standard, sampled = loaded[:, 0], loaded[:, 1:]
     energy, total = _loaded_gram(receptance, zones, standard)
     actuators = len(device.actuators)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from precompute.model.assembly import Plant
 from precompute.model.response import solve_response
 from precompute.model.steady import SteadyState, steady_state_of
-from precompute.model.threshold import detection_threshold
 from precompute.sampling.fingers import SampledFingers
 
 Array = NDArray[np.float64]
@@ -52,7 +51,7 @@ def compute_figures(
         share=share,
         peak=peak,
         acceleration=abs(under).sum(axis=0),
-        power=(abs(under / detection_threshold(tones)[:, None, None]) ** 2).sum(axis=0),
+        power=(abs(under / plant.device.threshold.peak_m_per_s2(tones)[:, None, None]) ** 2).sum(axis=0),
     )
 
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from engine.device import Device
 from precompute.model.assembly import BANDWIDTH, Plant, assemble
 from precompute.model.band_solver import BAND_ROWS, FIRST_SUPER, eliminate
-from precompute.model.threshold import detection_threshold
 from precompute.model.transfers import moved_bases
 from precompute.sampling.fingers import SAMPLES, SampledFingers
 from precompute.sampling.plants import sample_scenarios
@@ -66,7 +65,7 @@ class SampledBars:
             np.ascontiguousarray(sampled.mass_kg[1:, zones]),
             out,
         )
-        size = abs(out) * ((2 * np.pi * tones) ** 2 / detection_threshold(tones))
+        size = abs(out) * ((2 * np.pi * tones) ** 2 / mesh.device.threshold.peak_m_per_s2(tones))
         powers: Array = (size**2).sum(axis=-1)
         return powers
 

@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 from engine.steady.receptances import Receptances
 from precompute.model.assembly import Plant
 from precompute.model.response import solve_response
-from precompute.model.threshold import detection_threshold
 
 Array = NDArray[np.float64]
 
@@ -30,4 +29,5 @@ def solve_place_receptances(plant: Plant, frequency_hz: Array, pitch_m: float = 
         at_places = sampler.sample(solve_response(plant, frequency_hz[part], place_m).displacement_m)
         drive[:, :, part] = at_places[:, :actuators].transpose(2, 1, 0)
         point[:, part] = at_places[:, actuators + row, column].T
-    return Receptances(frequency_hz, detection_threshold(frequency_hz), place_m, drive, point)
+    threshold_m_per_s2 = plant.device.threshold.peak_m_per_s2(frequency_hz)
+    return Receptances(frequency_hz, threshold_m_per_s2, place_m, drive, point)

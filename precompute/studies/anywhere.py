@@ -23,7 +23,6 @@ from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
 from precompute.clicks.evaluation import Evaluation, evaluate_waveform
 from precompute.clicks.solver import FULL_SCALE
 from precompute.entries.at_positions import SteadyDesigner
-from precompute.model.threshold import THRESHOLD_NAME
 from precompute.parallel.pool import solve_in_processes
 
 Array = NDArray[np.float64]
@@ -107,8 +106,8 @@ def compare_anywhere(
     return {
         "simulated": True,
         "device": device.name,
-        "estimates": [*device.inferred, THRESHOLD_NAME],
-        "threshold": THRESHOLD_NAME,
+        "estimates": [*device.inferred, device.threshold.title],
+        "threshold": device.threshold.title,
         "compared": to_plain(wanted),
         "options": to_plain(by_position),
         "spread": to_plain(device.spread),

@@ -9,7 +9,6 @@ from engine.device import Finger
 from precompute.model.assembly import Plant
 from precompute.model.frequencies import fine_frequencies, in_band
 from precompute.model.response import solve_response
-from precompute.model.threshold import detection_threshold
 
 Array = NDArray[np.float64]
 
@@ -40,7 +39,7 @@ def compute_reach(plant: Plant, position_m: Array, finger: Finger | None = None)
     each = _accelerations(plant, frequency_hz, position_m, finger) * plant.device.limits.amplitude
     each[~in_band(plant.device, frequency_hz)] = 0.0
     together = each.sum(axis=1)
-    over_threshold = 1 / detection_threshold(frequency_hz)
+    over_threshold = 1 / plant.device.threshold.peak_m_per_s2(frequency_hz)
     one_power = (together * over_threshold[:, None]).max(axis=0) ** 2
     own_power = ((each * over_threshold[:, None, None]).max(axis=0) ** 2).sum(axis=0)
     return Reach(

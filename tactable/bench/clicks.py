@@ -20,7 +20,6 @@ from precompute.entries.alternatives import paper_drive
 from precompute.entries.prediction import States
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
-from precompute.model.threshold import THRESHOLD_NAME
 from precompute.parallel.pool import solve_in_processes
 from precompute.studies.anywhere import AIM_FELT_DB, AIM_QUIET_DB
 
@@ -47,7 +46,8 @@ def run_clicks_bench(
     return {
         "simulated": True,
         "device": device.name,
-        "estimates": list(device.inferred),
+        "estimates": [*device.inferred, device.threshold.title],
+        "threshold": device.threshold.title,
         "options": to_plain(options),
         "spread": to_plain(device.spread),
         "workers": workers,
@@ -133,10 +133,10 @@ def print_clicks_bench(out: Console, result: dict[str, Any]) -> None:
             highlight=False,
         )
     out.print(
-        f"dB over the detection threshold, 5 % felt and 95 % quiet of {options['judged']} fresh plants; optimised over "
-        f"{options['scenarios']}, trimmed on {options['trimmed']} (seed {options['seed']}); stiffness "
+        f"dB above the {result['threshold']}; 5 % felt and 95 % quiet of {options['judged']} fresh plants; "
+        f"optimised over {options['scenarios']}, trimmed on {options['trimmed']} (seed {options['seed']}); stiffness "
         f"{100 * spread['stiffness']:g} %, mass {100 * spread['mass']:g} %, finger {100 * spread['finger']:g} %, "
         f"{1e3 * spread['finger_position_m']:g} mm; {result['time_s']:.0f} s by {result['workers']} processes",
         highlight=False,
     )
-    out.print(f"ESTIMATES: {', '.join([*result['estimates'], THRESHOLD_NAME])}", style="dim")
+    out.print(f"ESTIMATES: {', '.join(result['estimates'])}", style="dim")

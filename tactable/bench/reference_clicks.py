@@ -187,7 +187,7 @@ class ReferenceSolver:
         for scenarios, bases in zip(self._scenarios, self._bases, strict=True):
             placed = scenarios.place(position_m, self.options.tolerance_m)
             courses = [sample_response(basis, placed.of(s), longest_s) for s, basis in enumerate(bases)]
-            plants.append(TimeDomainResponses.of(np.array(courses), longest_s))
+            plants.append(TimeDomainResponses.of(np.array(courses), longest_s, scenarios.device.threshold))
         return plants
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from engine.device import Finger
+from engine.device import Finger, Threshold
 from precompute.clicks.basis import EVALUATION_RATE_HZ, RINGDOWN_S, Tones, interpolated
 from precompute.model.modal import Basis, compute_modal_model
 from precompute.model.threshold_filter import LENGTH_S as FILTER_S
@@ -40,10 +40,10 @@ class TimeDomainResponses:
         return int(scipy.fft.next_fast_len(click + self.steps + taps, real=True))
 
     @classmethod
-    def of(cls, samples: Array, longest_s: float) -> "TimeDomainResponses":
+    def of(cls, samples: Array, longest_s: float, threshold: Threshold) -> "TimeDomainResponses":
         """The responses of courses (scenario, finger, actuator, time) before the threshold filter."""
         empty = cls(np.empty(0, np.complex128), round((longest_s + RINGDOWN_S) * EVALUATION_RATE_HZ))
-        weighting = scipy.fft.rfft(threshold_filter(EVALUATION_RATE_HZ), empty._size)
+        weighting = scipy.fft.rfft(threshold_filter(threshold, EVALUATION_RATE_HZ), empty._size)
         return cls(scipy.fft.rfft(samples, empty._size) * weighting, empty.steps)
 
     def under(self, fingers: Sequence[int]) -> "TimeDomainResponses":

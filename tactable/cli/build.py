@@ -26,9 +26,11 @@ from tactable.cli.options import (
     Pitch,
     SensorMass,
     TableArgument,
+    ThresholdCurve,
     Workers,
     read_option,
     read_pitch,
+    with_threshold,
 )
 from tactable.shipped import find_device, find_device_file
 
@@ -52,6 +54,7 @@ def build(
     ] = MadeFor.MEAN,
     clicks_up_to: ClicksUpTo = None,
     pitch: Pitch = "3 mm",
+    threshold: ThresholdCurve = None,
     coarse: Annotated[
         bool,
         typer.Option(
@@ -94,10 +97,10 @@ def build(
         as_json=as_json,
     )
     if not watch:
-        wanted.build(find_device(device_name))
+        wanted.build(with_threshold(find_device(device_name), threshold))
         return
     with suppress(KeyboardInterrupt):
-        watch_device(find_device_file(device_name), wanted.build)
+        watch_device(find_device_file(device_name), lambda device: wanted.build(with_threshold(device, threshold)))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,15 @@ from rich.table import Table as Grid
 
 from engine.plain import to_plain
 from tactable.cli.console import print_json, say, show
-from tactable.cli.options import AsJson, DeviceArgument, names_in, read_option, read_placement
+from tactable.cli.options import (
+    AsJson,
+    DeviceArgument,
+    ThresholdCurve,
+    names_in,
+    read_option,
+    read_placement,
+    with_threshold,
+)
 from tactable.shipped import find_device, find_device_file
 
 if TYPE_CHECKING:
@@ -102,7 +110,7 @@ def _say_estimates(names: Sequence[str]) -> None:
     say(text)
 
 
-def check(device_name: DeviceArgument, as_json: AsJson = False) -> None:
+def check(device_name: DeviceArgument, threshold: ThresholdCurve = None, as_json: AsJson = False) -> None:
     """Validate a device file, and say what follows from it.
 
     It says what is estimated, the first modes, the bands of the actuators, and the greatest level in each zone.
@@ -112,7 +120,7 @@ def check(device_name: DeviceArgument, as_json: AsJson = False) -> None:
     from precompute.studies.reach import compute_reach
 
     path = find_device_file(device_name)
-    device = find_device(device_name)
+    device = with_threshold(find_device(device_name), threshold)
     middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
     reach = compute_reach(assemble(device), middle_m, device.finger)
     first = compute_modes(device, middle_m, 2 * device.sweep.stop_hz)[:_CHECKED_MODES]
@@ -138,6 +146,8 @@ def check(device_name: DeviceArgument, as_json: AsJson = False) -> None:
         },
         "sweep_hz": [device.sweep.start_hz, device.sweep.stop_hz, device.sweep.step_hz],
         "greatest_level_db": levels,
+        "threshold": _threshold_json(device),
+        "finger": _finger_json(device),
         "levels_out_of_reach": [
             {"level_db": level_db, "zones": [name for name, most_db in levels.items() if most_db < level_db]}
             for level_db in device.levels_db
@@ -167,9 +177,12 @@ def _say_check(found: dict[str, Any]) -> None:
     for mode in narrow:
         say(f"note: the mode at {mode['frequency_hz']:.1f} Hz is {_width_hz(mode):.2g} Hz wide, narrower than a step")
     levels = ", ".join(f"{name} {level_db:.1f} dB" for name, level_db in found["greatest_level_db"].items())
-    say(f"greatest level under a finger in the middle of each zone, dB above the detection threshold: {levels}")
+    above = f"above threshold {found['threshold']['name']}"
+    say(f"greatest level under a finger in the middle of each zone, dB {above}: {levels}")
     for short in found["levels_out_of_reach"]:
         say(f"note: {short['level_db']:g} dB is out of reach in {', '.join(short['zones'])}")
+    say(_threshold_words(found["threshold"]))
+    say(_finger_words(found["finger"]))
     say("Computed, not measured.")
 
 
@@ -183,6 +196,59 @@ def _electrodes_text(name: str, electrodes: dict[str, Any]) -> str:
         by = "" if electrodes["linearised_by"] == "nothing" else f", made so by the {electrodes['linearised_by']}"
         return f"{at_rest}; the force is linear{by}"
     return f"{at_rest}; second harmonic of the force {20 * np.log10(ratio):.1f} dB at full drive, which no level counts"
+
+
+def _threshold_json(device: "Device") -> dict[str, Any]:
+    curve = device.threshold
+    keys = ("name", "title", "source", "frequency_hz", "measured_hz", "people_db")
+    plain: dict[str, Any] = to_plain({key: getattr(curve, key) for key in keys})
+    return plain
+
+
+def _threshold_words(curve: dict[str, Any]) -> str:
+    """The threshold curve with its range, and which of its points were measured."""
+    low_hz, high_hz, measured_hz = curve["frequency_hz"][0], curve["frequency_hz"][-1], curve["measured_hz"]
+    measured = "the source does not say which were measured"
+    if measured_hz is not None:
+        measured = f"measured at {', '.join(f'{hz:g}' for hz in measured_hz)} Hz, interpolated at the others"
+    points = f"{len(curve['frequency_hz'])} points from {low_hz:g} to {high_hz:g} Hz; {measured}"
+    return f"threshold {curve['name']}: {curve['title']}; {points}"
+
+
+def _finger_json(device: "Device") -> dict[str, Any]:
+    origin, finger = device.finger_origin, device.finger
+    points = origin.impedance
+    plain: dict[str, Any] = to_plain(
+        {
+            "name": origin.name,
+            "source": origin.source,
+            "mass_kg": finger.mass_kg,
+            "damping_n_s_per_m": finger.damping_n_s_per_m,
+            "stiffness_n_per_m": finger.stiffness_n_per_m,
+            "spread": finger.spread,
+            "measured_points": len(points),
+            "measured_hz": [points[0][0], points[-1][0]] if points else None,
+            "misfit": origin.misfit,
+            "is_within_clicks": origin.misfit is None or origin.misfit <= device.spread.finger,
+        }
+    )
+    return plain
+
+
+def _finger_words(finger: dict[str, Any]) -> str:
+    """The finger's values, and where they come from."""
+    from engine.device.quantity import quantity_text
+
+    parts = (("mass_kg", "kg"), ("damping_n_s_per_m", "N*s/m"), ("stiffness_n_per_m", "N/m"))
+    values = ", ".join(quantity_text(finger[key], unit) for key, unit in parts)
+    head = f"finger{' ' * bool(finger['name'])}{finger['name']}: {values}, {finger['spread']:g}-fold spread"
+    source = f"; {finger['source']}" if finger["source"] else ""
+    if finger["misfit"] is None:
+        return head + source
+    low_hz, high_hz = finger["measured_hz"]
+    fitted = f"fitted to {finger['measured_points']} measured points from {low_hz:g} to {high_hz:g} Hz"
+    beyond = "" if finger["is_within_clicks"] else "; clicks are made for less (spread.finger)"
+    return f"{head}, {fitted}, off by {100 * finger['misfit']:.0f} % at most{beyond}{source}"
 
 
 def _width_hz(mode: dict[str, Any]) -> float:

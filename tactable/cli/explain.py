@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 from threadpoolctl import threadpool_limits
 
+from engine.device import Device
 from engine.files import remove_all_partials
 from engine.table import Table
 from engine.table.diff import DEFAULT_LIMIT_DB, Tolerance, compare_tables
@@ -21,12 +22,14 @@ from tactable.cli.options import (
     PositionTolerance,
     QuietFingers,
     TableArgument,
+    ThresholdCurve,
     has_positions,
     names_in,
     read_level,
     read_option,
     read_placement,
     read_zones,
+    with_threshold,
 )
 from tactable.explain.diff import diff_json, print_diff
 from tactable.shipped import cache_folder
@@ -41,6 +44,7 @@ def explain(
     quiet: QuietFingers = "",
     level: Level = f"{DEFAULT_LEVEL_DB:g}",
     tolerance: PositionTolerance = "1 mm",
+    threshold: ThresholdCurve = None,
     alternatives: Annotated[bool, typer.Option(help="Also compute the alternatives that lost, and why.")] = True,
     click: Annotated[bool, typer.Option("--click", help="Explain the click, not the steady drive.")] = False,
     as_json: AsJson = False,
@@ -48,16 +52,23 @@ def explain(
     """Explain what is played for some fingers, and why others lost.
 
     It says what is played, what every finger feels, and how that varies over sampled bars and fingers. Zones without
-    --click: the entry of this state, which was searched when the table was built.
+    --click: the entry of this state, which was searched when the table was built. With --threshold a steady drive for
+    positions is solved for a person of that curve; clicks and entries need a table that is built for it.
     """
     felt_zones, level_db = read_zones("--felt", felt), read_level(level)
     tolerance_m = read_option("--tolerance", tolerance, "m")
     with Table.open(table_path) as table, threadpool_limits(1, "blas"):
+        if threshold is not None and (click or not has_positions(table.device, felt, quiet)):
+            raise OptionError(
+                f"--threshold {threshold}: entries and clicks are made for the curve of their table; give positions, "
+                f"such as --felt 35mm, or build a table with `tactable build DEVICE --threshold {threshold}`"
+            )
         if click:
             placement = read_placement(table.device, felt, quiet)
             _explain_click(table, placement, level_db, tolerance_m, alternatives, as_json)
         elif has_positions(table.device, felt, quiet):
-            _explain_drive(table, read_placement(table.device, felt, quiet), level_db, tolerance_m, as_json)
+            device = with_threshold(table.device, threshold)
+            _explain_drive(table, device, read_placement(device, felt, quiet), level_db, tolerance_m, as_json)
         else:
             _explain_entry(table, table.states_of(felt_zones, names_in(quiet)), level_db, alternatives, as_json)
 
@@ -95,18 +106,20 @@ def _explain_click(
         print_click(OUT, table, explained)
 
 
-def _explain_drive(table: Table, placement: Placement, level_db: float, tolerance_m: float, as_json: bool) -> None:
+def _explain_drive(
+    table: Table, device: Device, placement: Placement, level_db: float, tolerance_m: float, as_json: bool
+) -> None:
     from engine.steady.cases import TOLERANCE_M
     from tactable.explain.placed_drive import designer_of, placed_drive_json, print_placed_drive
 
     if tolerance_m != TOLERANCE_M:
         raise OptionError(f"--tolerance: a steady drive is solved for {1e3 * TOLERANCE_M:g} mm; leave the option out")
     with shown_work("solving the drive for these positions", as_json):
-        figures = designer_of(table).solve(placement.position_m, placement.is_felt, level_db)
+        figures = designer_of(table, device).solve(placement.position_m, placement.is_felt, level_db)
     if as_json:
-        print_json(placed_drive_json(table, figures))
+        print_json(placed_drive_json(table, figures, device.threshold))
     else:
-        print_placed_drive(OUT, table, figures)
+        print_placed_drive(OUT, table, figures, device.threshold)
 
 
 def diff(

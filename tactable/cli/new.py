@@ -1,5 +1,6 @@
 """Command `new`: a device file for a bar of one's own, in which whatever was not given is marked as an estimate."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -7,6 +8,7 @@ from typing import Annotated
 import typer
 
 from engine.device import Device, DeviceError
+from engine.device.threshold import DEFAULT as DEFAULT_THRESHOLD
 from engine.files import replace_file
 from tactable.cli.console import say
 from tactable.cli.options import OptionError, names_in, read_option
@@ -55,6 +57,9 @@ def new(
     full_scale: Annotated[str | None, typer.Option(help="Base displacement at full scale; estimate: 0.52 um.")] = None,
     band: Annotated[str | None, typer.Option(help="In which actuators may be driven; estimate: 60Hz,300Hz.")] = None,
     zones: Annotated[int | None, typer.Option(min=1, max=16, help="Number of equal zones; estimate: 5.")] = None,
+    threshold: Annotated[
+        str, typer.Option("--threshold", metavar="CURVE", help="Shipped threshold curve that levels are above.")
+    ] = DEFAULT_THRESHOLD,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="The file; default NAME.toml here.")] = None,
 ) -> None:
     """Write a device file for your bar; what you do not give is marked as an estimate.
@@ -67,7 +72,7 @@ def new(
     given = {"stiffness": stiffness, "damping": damping, "mass": mass, "full_scale": full_scale}
     edges = _edges(band or "60Hz,300Hz")
     parts = [
-        _head(name),
+        _head(name, threshold),
         _bar(length, width, thickness, material, youngs_modulus, density),
         *_actuators(actuators, given, band is None, edges),
         _rest(zones, edges),
@@ -88,10 +93,11 @@ def new(
     say(f"next: tactable check {path}")
 
 
-def _head(name: str) -> str:
+def _head(name: str, threshold: str) -> str:
     if not 0 < len(name) <= _LONGEST_NAME or not name.replace("-", "").replace("_", "").isalnum():
         raise OptionError(f"NAME {name!r}: expected letters, digits, - and _, such as my-bar")
-    return f'name = "{name}"\ndescription = "Bar described by `tactable new`"\n'
+    head = f'name = "{name}"\ndescription = "Bar described by `tactable new`"\n'
+    return f"{head}threshold = {json.dumps(threshold)} # the curve that levels are above; or the path of a file\n"
 
 
 def _bar(
@@ -173,7 +179,7 @@ def _rest(zones: int | None, edges: list[str]) -> str:
         "amplitude_steps = 5",
         "phase_steps = 36",
         "",
-        "[feel] # dB above the detection threshold; full scale is always there too",
+        "[feel] # dB above the threshold curve; full scale is always there too",
         'levels = ["10 dB", "20 dB", "30 dB"]',
         "",
         "[limits]",

@@ -33,6 +33,12 @@ PositionTolerance = Annotated[
     str, typer.Option("--tolerance", help="How far from its position a finger may lie, where positions are given.")
 ]
 Level = Annotated[str, typer.Option("--level", help="Wanted level, dB above the detection threshold, or full.")]
+ThresholdCurve = Annotated[
+    str | None,
+    typer.Option(
+        "--threshold", metavar="CURVE", help="Threshold curve in place of the device's: a shipped name, or a TOML file."
+    ),
+]
 Output = Annotated[Path, typer.Option("-o", "--output", help="The picture; ends in .png, .svg or .pdf.")]
 CsvPath = Annotated[Path | None, typer.Option("--csv", help="The data as CSV, units in the header.")]
 EffectsPath = Annotated[
@@ -103,6 +109,13 @@ def has_positions(device: "Device", felt: str, quiet: str) -> bool:
     """Whether one of the fingers is named by its position, not by its zone."""
     others = {*names_in(felt), *names_in(quiet)} - {zone.name for zone in device.zones}
     return any(name[0] in "+-.0123456789" for name in others)
+
+
+def with_threshold(device: "Device", curve: str | None) -> "Device":
+    """The device with the curve of the option --threshold; None: its own. Raises DeviceError."""
+    if curve is None:
+        return device
+    return device.with_threshold(Path(curve) if curve.endswith(".toml") else curve)
 
 
 def read_pitch(text: str) -> float:

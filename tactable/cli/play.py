@@ -142,6 +142,7 @@ def _summary(device: "Device", asked: "AskedDrive", played_s: float, is_simulate
             "position_m": levels.position_m.tolist(),
             "peak_m_per_s2": levels.peak_m_per_s2.tolist(),
             "level_db": levels.level_db.tolist(),
+            "threshold": device.threshold.title,
         }
     return summary
 
@@ -153,7 +154,8 @@ def _print_summary(device: "Device", summary: dict[str, Any]) -> None:
         return
     from rich.table import Table as Grid
 
-    grid = Grid("place", "peak", "level", title="SIMULATED, untouched bar, steady", title_justify="left")
+    title = "SIMULATED, untouched bar, steady"
+    grid = Grid("place", "peak", f"level {device.threshold.above}", title=title, title_justify="left")
     for at_m, peak, level_db in zip(bar["position_m"], bar["peak_m_per_s2"], bar["level_db"], strict=True):
         grid.add_row(f"{1e3 * at_m:.1f} mm", f"{peak:.3g} m/s^2", f"{level_db:.1f} dB")
     OUT.print(grid)

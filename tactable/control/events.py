@@ -80,6 +80,7 @@ class Events:
             "time_ns": record.time_ns,
             "kind": "silence" if is_silence else "click" if record.is_click else "drive",
             "level_db": None if level_db is None or math.isinf(level_db) else level_db,
+            "threshold": self.table.device.threshold.title,
             "is_full_scale": level_db is not None and math.isinf(level_db),
             "is_provisional": record.is_provisional,
             "sequence": record.drive_sequence,

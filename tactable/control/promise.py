@@ -22,7 +22,6 @@ from engine.steady.given_drive import CASES, compute_levels
 from engine.table import ClickEntry, Entry, Table
 from engine.touch import Placement
 from firmware_link.protocol.messages import decode_drive
-from precompute.model.threshold import THRESHOLD_NAME
 
 Array = NDArray[np.float64]
 
@@ -43,6 +42,12 @@ class Board:
 
 def promise_of(table: Table, record: Record, board: Board | None) -> dict[str, Any] | None:
     """The promise of a record's command as values of an event; None where there is none to be had in time."""
+    found = _figures_of(table, record, board)
+    return None if found is None else {**found, "threshold": table.device.threshold.title}
+
+
+def _figures_of(table: Table, record: Record, board: Board | None) -> dict[str, Any] | None:
+    """The promise without the name of the threshold curve."""
     placement, level_db = record.placement, record.level_db
     if placement is None or level_db is None:
         return None
@@ -110,5 +115,4 @@ def _promise(felt: Any, quiet: Any, is_achieved: bool, over: str) -> dict[str, A
         "felt_db": felt,
         "quiet_db": quiet,
         "over": over,
-        "threshold": THRESHOLD_NAME,
     }

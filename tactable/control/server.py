@@ -21,7 +21,6 @@ from typing import Any, Protocol
 
 from engine.device import Device
 from engine.effects import ControlStep, Outcome, TriggeredEffect
-from precompute.model.threshold import THRESHOLD_NAME
 from tactable.control.requests import (
     VERSION,
     ControlError,
@@ -231,7 +230,7 @@ class ControlServer:
             "lease_s": hello.lease_s,
             "device": device.name,
             "length_m": device.bar.length_m,
-            "threshold": THRESHOLD_NAME,
+            "threshold": device.threshold.title,
             "zones": [{"name": zone.name, "start_m": zone.start_m, "stop_m": zone.stop_m} for zone in device.zones],
             "effects": list(self.scene.effects),
             "regions": list(self.scene.regions),

@@ -21,7 +21,6 @@ from engine.table.click import LevelSpread, played_at
 from engine.touch import Placement
 from precompute.clicks import ClickOptions
 from precompute.clicks.evaluation import Levels, decibels
-from precompute.model.threshold import THRESHOLD_NAME
 from tactable.explain.click_course import played_displacement
 from tactable.explain.click_rivals import Rival, solve_rivals
 from tactable.explain.click_source import ClickSource
@@ -104,7 +103,7 @@ def click_json(table: Table, explained: Explained) -> dict[str, Any]:
             "quiet_zones": zones["quiet"],
             **{key: getattr(click, key) for key in _OWN},
             "waveform": played_displacement(click).T,
-            "threshold": THRESHOLD_NAME,
+            "threshold": device.threshold.title,
             "felt_db": spread_json(click.felt),
             "quiet_db": spread_json(click.quiet),
             "exceeds_s": click.exceeds_at_s(),
@@ -154,7 +153,10 @@ def print_click(out: Console, table: Table, explained: Explained) -> None:
     """Print the click, its prediction over the sampled plants, the table's, softer levels, and the alternatives."""
     click, options, device = explained.click, explained.options, table.device
     head = f"{device.name}, {placement_text(device, explained.placement)}: a click of {1e3 * click.length_s:g} ms"
-    lines = [f"{head}, solved for these positions, {_wanted_words(click)}", *_prediction_lines(explained)]
+    lines = [
+        f"{head}, solved for these positions, {_wanted_words(click)}",
+        *_prediction_lines(explained, device.threshold.above),
+    ]
     for line in lines:
         out.print(line, highlight=False, soft_wrap=True)
     out.print(_finger_grid(table, explained))
@@ -162,9 +164,9 @@ def print_click(out: Console, table: Table, explained: Explained) -> None:
     if explained.softer:
         out.print(_softer_grid(explained.softer))
     if explained.rivals:
-        out.print(_rival_grid(explained))
+        out.print(_rival_grid(explained, device.threshold.above))
     out.print(f"made with: {option_words(options, device.spread)}", highlight=False, soft_wrap=True)
-    estimates = ", ".join([*device.inferred, THRESHOLD_NAME])
+    estimates = ", ".join([*device.inferred, device.threshold.title])
     out.print(f"ESTIMATES: {estimates}", style="dim", highlight=False, soft_wrap=True)
 
 
@@ -174,9 +176,9 @@ def _wanted_words(click: ClickEntry) -> str:
     return f"{level_text(click.wanted_level_db)} wanted"
 
 
-def _prediction_lines(explained: Explained) -> list[str]:
+def _prediction_lines(explained: Explained, above: str) -> list[str]:
     click = explained.click
-    loud = f"weakest felt finger {click.level_db:z.1f} dB above threshold in 95 % of the sampled plants"
+    loud = f"weakest felt finger {click.level_db:z.1f} dB {above} in 95 % of the sampled plants"
     if click.quiet is not None:
         loud += f", strongest quiet finger {click.quiet.high_db:z.1f} dB at most"
     if not click.achieved:
@@ -203,7 +205,7 @@ def _passed_words(click: ClickEntry) -> str:
 
 def _finger_grid(table: Table, explained: Explained) -> Grid:
     """A row for each finger; the columns of the table's click where there is one."""
-    caption = f"dB above threshold; percentiles over {explained.options.judged} fresh plants"
+    caption = f"dB {table.device.threshold.above}; percentiles over {explained.options.judged} fresh plants"
     columns, levels_db = ["finger", "role", "nominal", *_PERCENTILES], explained.finger_db
     tabulated, placement = explained.tabulated, explained.placement
     if tabulated is not None:
@@ -242,8 +244,8 @@ def _softer_grid(softer: Sequence[ClickEntry]) -> Grid:
     return grid
 
 
-def _rival_grid(explained: Explained) -> Grid:
-    caption = "dB above threshold, as loud as limits and quiet level allow, on the same plants"
+def _rival_grid(explained: Explained, above: str) -> Grid:
+    caption = f"dB {above}, as loud as limits and quiet level allow, on the same plants"
     grid = Grid("alternative", "felt 5 %", "50 %", "quiet 95 %", "passed", "lost: ", caption=caption)
     own = explained.strongest
     grid.add_row("this click", *_rival_figures(own.felt, own.quiet, own.exceeds_at_s()), "")

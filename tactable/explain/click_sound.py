@@ -95,7 +95,7 @@ def compute_felt(device: Device, click: ClickEntry, position_m: Sequence[float],
     acceleration = plant.accelerate(np.column_stack([np.interp(time_s, sample_s, column) for column in drive.T]))
     if not is_weighted:
         return acceleration
-    taps = threshold_filter(SOUND_RATE_HZ)
+    taps = threshold_filter(device.threshold, SOUND_RATE_HZ)
     return np.stack([np.convolve(course, taps)[: len(course)] for course in acceleration.T], axis=1)
 
 

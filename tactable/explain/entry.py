@@ -14,7 +14,6 @@ from engine.table.entry import LONGEST_RISE_S, EntrySpread
 from engine.touch import ZoneState
 from precompute.entries.alternatives import Alternative
 from precompute.entries.prediction import SHARES, objective_value
-from precompute.model.threshold import THRESHOLD_NAME
 from precompute.sampling.fingers import SAMPLES
 from tactable.explain.words import level_text, model_figures, model_text, rise_text, state_text
 
@@ -39,6 +38,7 @@ def entry_json(table: Table, entry: Entry, alternatives: Sequence[Alternative]) 
                 {"name": rival.name, "lost_by": rival.lost_by, **_compared(rival.entry)} for rival in alternatives
             ],
             "model": model_figures(table),
+            "threshold": table.device.threshold.title,
             "estimated": [*table.device.inferred, "detection threshold"],
         }
     )
@@ -60,7 +60,7 @@ def print_entry(out: Console, table: Table, entry: Entry, alternatives: Sequence
     out.print(f"{device.name}, {state}: {entry.family}, {level_text(entry.wanted_level_db)} wanted")
     for line in _drive_lines(device, entry):
         out.print(f"  {line}", highlight=False)
-    level = f"weakest felt finger {entry.level_db:.1f} dB above threshold"
+    level = f"weakest felt finger {entry.level_db:.1f} dB {device.threshold.above}"
     if entry.contrast_db is not None and entry.expected_contrast_db is not None:
         level += f", contrast {entry.contrast_db:.1f} dB, expected {entry.expected_contrast_db:.1f} dB"
     out.print(level, highlight=False)
@@ -92,7 +92,7 @@ def print_entry(out: Console, table: Table, entry: Entry, alternatives: Sequence
         soft_wrap=True,
     )
     out.print(model_text(table), style="dim", highlight=False)
-    estimates = ", ".join([*device.inferred, THRESHOLD_NAME])
+    estimates = ", ".join([*device.inferred, device.threshold.title])
     out.print(f"ESTIMATES: {estimates}", style="dim")
 
 

@@ -1,31 +1,38 @@
 """Explanation of the steady drive for fingers at positions: solved now, with what each finger feels."""
 
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table as Grid
 
+from engine.device import Device, Threshold
 from engine.plain import to_plain
 from engine.steady.cases import TOLERANCE_M
 from engine.table import Table
 from engine.touch import Placement
 from precompute.builder.measured_responses import plant_of
 from precompute.entries.at_positions import PlacementFigures, SteadyDesigner
-from precompute.model.threshold import THRESHOLD_NAME
 from precompute.sampling.fingers import SAMPLES
 from tactable.explain.words import finger_names, level_text, placement_json, placement_text
 
 _PERCENTILES = ("5 %", "50 %", "95 %")
 
 
-def designer_of(table: Table) -> SteadyDesigner:
-    """Solves drives as a run of this table does, from its receptances, and computes their figures."""
-    return SteadyDesigner(table.device, plant_of(table), table.receptances)
+def designer_of(table: Table, device: Device | None = None) -> SteadyDesigner:
+    """Solves drives as a run of this table does, from its receptances, and computes their figures.
+
+    `device`: the table's with another threshold curve, which receptances do not depend on.
+    """
+    plant, receptances = plant_of(table), table.receptances
+    if device is not None:
+        threshold_m_per_s2 = device.threshold.peak_m_per_s2(receptances.frequency_hz)
+        plant, receptances = replace(plant, device=device), replace(receptances, threshold_m_per_s2=threshold_m_per_s2)
+    return SteadyDesigner(plant.device, plant, receptances)
 
 
-def placed_drive_json(table: Table, figures: PlacementFigures) -> dict[str, Any]:
-    """The drive as plain values for JSON; an infinite level is None."""
+def placed_drive_json(table: Table, figures: PlacementFigures, threshold: Threshold) -> dict[str, Any]:
+    """The drive as plain values for JSON, levels above `threshold`; an infinite level is None."""
     drive, device, spread = figures.drive, table.device, figures.spread
     placement = Placement(figures.positions_m, drive.felt)
     spreads = {"felt_db": spread.felt, "quiet_db": spread.quiet, "contrast_spread_db": spread.contrast}
@@ -53,14 +60,14 @@ def placed_drive_json(table: Table, figures: PlacementFigures) -> dict[str, Any]
             "t90_s": figures.t90_s,
             **{name: levels and _by_percentile(levels) for name, levels in spreads.items()},
             "sampled_cases": SAMPLES,
-            "threshold": THRESHOLD_NAME,
+            "threshold": threshold.title,
             "estimated": [*device.inferred, "detection threshold"],
         }
     )
     return values
 
 
-def print_placed_drive(out: Console, table: Table, figures: PlacementFigures) -> None:
+def print_placed_drive(out: Console, table: Table, figures: PlacementFigures, threshold: Threshold) -> None:
     """Print the drive, and what each finger feels: standard fingers and percentiles over sampled ones."""
     drive, device = figures.drive, table.device
     placement = Placement(figures.positions_m, drive.felt)
@@ -69,7 +76,7 @@ def print_placed_drive(out: Console, table: Table, figures: PlacementFigures) ->
     for actuator, amplitude, phase in zip(device.actuators, drive.amplitudes, drive.phases_rad, strict=True):
         how = f"{drive.frequency_hz:.2f} Hz at {100 * amplitude:.1f} %, {phase:+.3f} rad" if amplitude else "still"
         lines.append(f"  {actuator.name}: {how}")
-    reached = f"weakest felt finger {drive.weakest_felt_db:z.1f} dB above threshold"
+    reached = f"weakest felt finger {drive.weakest_felt_db:z.1f} dB {threshold.above}"
     if figures.contrast_db is not None and figures.expected_contrast_db is not None:
         reached += f", contrast {figures.contrast_db:z.1f} dB, expected {figures.expected_contrast_db:z.1f} dB"
     if not drive.achieved:
@@ -78,8 +85,8 @@ def print_placed_drive(out: Console, table: Table, figures: PlacementFigures) ->
     for line in lines:
         out.print(line, highlight=False, soft_wrap=True)
     caption = (
-        f"dB above threshold; percentiles over {SAMPLES} sampled fingers, {device.finger.spread:g}-fold spread, "
-        f"each within {1e3 * TOLERANCE_M:g} mm of its position"
+        f"dB {threshold.above}; percentiles over {SAMPLES} sampled fingers, "
+        f"{device.finger.spread:g}-fold spread, each within {1e3 * TOLERANCE_M:g} mm of its position"
     )
     grid = Grid("finger", "role", "standard", *_PERCENTILES, caption=caption)
     for finger, (name, is_felt, level_db) in enumerate(
@@ -88,7 +95,7 @@ def print_placed_drive(out: Console, table: Table, figures: PlacementFigures) ->
         shown = [f"{value:z.1f}" for value in (level_db, *astuple(figures.finger_percentiles(finger)))]
         grid.add_row(name, "felt" if is_felt else "quiet", *shown)
     out.print(grid)
-    estimates = ", ".join([*device.inferred, THRESHOLD_NAME])
+    estimates = ", ".join([*device.inferred, threshold.title])
     out.print(f"ESTIMATES: {estimates}", style="dim", highlight=False, soft_wrap=True)
 
 

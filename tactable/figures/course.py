@@ -10,7 +10,6 @@ from precompute.entries.envelope import compute_envelopes
 from precompute.entries.rise_time import compute_rise_model
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
-from precompute.model.threshold import detection_threshold
 from tactable.explain.words import finger_names, placement_json, rise_text, zone_lists
 from tactable.figures.file import Picture
 from tactable.figures.played_drive import PlayedDrive
@@ -72,7 +71,8 @@ def compute_rising(played: PlayedDrive) -> Rising:
     time_s = np.arange(_STEP_S, max(_SHORTEST_S, _LONGER * played.t90_s), _STEP_S)
     hz, amplitude = np.array(played.frequencies_hz), played.complex_amplitudes
     tones_hz, envelope = compute_envelopes(model, hz, amplitude, time_s)
-    power = ((envelope[:, 0] / detection_threshold(tones_hz)[:, None, None]) ** 2).sum(axis=0)
+    threshold_m_per_s2 = played.device.threshold.peak_m_per_s2(tones_hz)
+    power = ((envelope[:, 0] / threshold_m_per_s2[:, None, None]) ** 2).sum(axis=0)
     level_db: Array = 10 * np.log10(np.maximum(power, _TINY))
     felt, quiet = played.placement.felt, played.placement.quiet
     contrast_db = level_db[felt].min(axis=0) - level_db[quiet].max(axis=0) if quiet else None

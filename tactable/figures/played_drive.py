@@ -13,7 +13,6 @@ from engine.touch import Placement, ZoneState
 from precompute.entries.prediction import touched_zones
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
-from precompute.model.threshold import detection_threshold
 from precompute.sampling.fingers import SAMPLES, sample_fingers
 from tactable.explain.placed_drive import designer_of
 from tactable.explain.words import placement_text, state_text
@@ -116,7 +115,7 @@ def solved_drive(table: Table, placement: Placement, level_db: float) -> PlayedD
     device = table.device
     figures = designer_of(table).solve(placement.position_m, placement.is_felt, level_db)
     drive, position_m = figures.drive, np.array(placement.position_m)
-    threshold_m_per_s2 = float(detection_threshold(np.array([drive.frequency_hz]))[0])
+    threshold_m_per_s2 = float(device.threshold.peak_m_per_s2(np.array([drive.frequency_hz]))[0])
     ends_db = np.stack([figures.sampled_level_db.min(axis=0), figures.sampled_level_db.max(axis=0)], axis=1)
     loaded = assemble(device).with_fingers(placement.position_m, device.finger)
     share = compute_steady_state(loaded, np.array(drive.frequencies_hz), drive.complex_amplitudes).share

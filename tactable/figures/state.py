@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
-from precompute.model.threshold import detection_threshold
 from tactable.explain.words import placement_json, zone_lists
 from tactable.figures.file import Picture
 from tactable.figures.played_drive import Load, PlayedDrive
@@ -47,7 +46,7 @@ def plot_state(played: PlayedDrive) -> Picture:
     """Picture of an entry of a table, or of a drive solved for positions."""
     device, tones_hz = played.device, played.tones_hz
     envelope = compute_envelope(played)
-    threshold = detection_threshold(tones_hz)
+    threshold = device.threshold.peak_m_per_s2(tones_hz)
     figure = Figure(figsize=(9, 5.4), layout="constrained")
     axes = figure.add_subplot()
     _draw_envelope(axes, played, envelope)

@@ -37,7 +37,8 @@ CURVES: tuple[tuple[str, Any], ...] = (
 """Colour and line of curves that are compared: told apart in grey, too."""
 COLOUR_MAP = "viridis"
 """Its brightness rises evenly, for the colour-blind and in print. It has no grey, which stands for absent values."""
-THRESHOLD_NOTE = "detection threshold (within 8 dB between people)"
+THRESHOLD_NOTE = "detection threshold"
+"""Stands for the curve of the device, which the note under a picture names."""
 FINGER_NOTE = "finger"
 COMPUTED = "Computed, not measured."
 STANDARD_GRAVITY_M_PER_S2 = 9.80665
@@ -105,7 +106,7 @@ def draw_note(figure: "Figure", device: Device, *estimates: str, origin: str = C
     listed = (
         [f"{len(device.estimated_values)} values of the device that its file names"] if device.estimated_values else []
     )
-    known = [*estimates, *listed]
+    known = [device.threshold.note if each == THRESHOLD_NOTE else each for each in (*estimates, *listed)]
     note = f"{origin} ESTIMATES: {', '.join(known)}." if known else origin
     wrapped = textwrap.fill(note, round(_NOTE_LETTERS_PER_INCH * figure.get_figwidth()))
     figure.supxlabel(wrapped, fontsize="x-small", color="dimgrey", x=0.01, ha="left")
@@ -129,7 +130,10 @@ def finish_picture(
     """
     figure.suptitle(caption if subtitle is None else f"{caption}\n{subtitle}", fontsize="medium")
     draw_note(figure, device, *notes, origin=origin)
-    estimated = ["detection threshold" if note == THRESHOLD_NOTE else note for note in notes]
     named = {"device": device.name, "fingerprint": device.fingerprint, **summary}
-    plain = to_plain({**named, "estimated": [*estimated, *device.inferred]})
-    return Picture(figure, columns, plain, f"{caption}: {words}")
+    if THRESHOLD_NOTE in notes:
+        named["threshold"] = device.threshold.title
+    plain = to_plain({**named, "estimated": [*notes, *device.inferred]})
+    # A CSV file has no note below it: its headers name the curve.
+    headed = {name.replace("above threshold", device.threshold.above): values for name, values in columns.items()}
+    return Picture(figure, headed, plain, f"{caption}: {words}")

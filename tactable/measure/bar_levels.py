@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
-from precompute.model.threshold import detection_threshold
 from tactable.measure.asked_drive import AskedDrive
 
 Array = NDArray[np.float64]
@@ -35,5 +34,5 @@ def simulate_levels(device: Device, asked: AskedDrive, position_m: Array | None 
     tones_hz = np.unique(hz[phasors != 0])
     unit = solve_response(assemble(device), tones_hz).acceleration(places_m)
     size = abs(np.einsum("fa,fap->fp", np.where(hz == tones_hz[:, None], phasors, 0), unit))
-    power = ((size / detection_threshold(tones_hz)[:, None]) ** 2).sum(axis=0)
+    power = ((size / device.threshold.peak_m_per_s2(tones_hz)[:, None]) ** 2).sum(axis=0)
     return BarLevels(places_m, size.sum(axis=0), 10 * np.log10(np.maximum(power, 1e-30)))

@@ -88,7 +88,7 @@ class LiveBar:
         self.grid_m = np.linspace(0.0, device.bar.length_m, POINTS)
         self._basis = compute_basis(assemble(device), MODES)
         self._grid = self._basis.at(self.grid_m)
-        self._taps = threshold_filter(RATE_HZ)
+        self._taps = threshold_filter(device.threshold, RATE_HZ)
         silent = tuple(ChannelTarget(0.0, 0.0, None) for _ in device.actuators)
         self._silence = DriveEvent(0, Cause.NEW_SESSION, None, device.limits.slew_per_s, silent)
         self._synthesis = self._silent_synthesis()

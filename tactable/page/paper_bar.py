@@ -22,7 +22,6 @@ from firmware_link.emulator.synthesis import US_PER_S
 from precompute.entries.untouched import UntouchedEnergy
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis, compute_modal_model
-from precompute.model.threshold import detection_threshold
 from precompute.model.transfers import transfers_at
 from tactable.page.bar_levels import BarLevels
 from tactable.page.commands import Command
@@ -56,7 +55,7 @@ class PaperDrives:
         drive = self.best_of(zones)
         frequency_hz = float(drive.frequency_hz[0])
         felt = self._acceleration(frequency_hz, placement)[list(placement.felt)] @ drive.amplitude
-        weakest_db = 20 * np.log10(abs(felt).min() / detection_threshold(drive.frequency_hz[:1])[0])
+        weakest_db = 20 * np.log10(abs(felt).min() / self.device.threshold.peak_m_per_s2(drive.frequency_hz[:1])[0])
         louder = min(10 ** ((level_db - weakest_db) / 20), self.device.limits.amplitude)
         return frequency_hz, louder * drive.amplitude
 

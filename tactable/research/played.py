@@ -55,10 +55,9 @@ class _Asked(ABC):
         }
 
     def _origin(self) -> dict[str, str]:
-        from precompute.model.threshold import THRESHOLD_NAME
         from tactable.research.bar import origin_of
 
-        return {**origin_of(self.table.device), "threshold": THRESHOLD_NAME}
+        return {**origin_of(self.table.device), "threshold": self.table.device.threshold.title}
 
 
 @dataclass(frozen=True, repr=False)
@@ -77,12 +76,13 @@ class Drive(_Asked, SteadyDrive):
         import xarray
 
         names = [actuator.name for actuator in self.table.device.actuators]
+        level = {"units": "dB", "long_name": f"{self.table.device.threshold.above}, standard finger"}
         return xarray.Dataset(
             {
                 "frequency": ("actuator", list(self.frequencies_hz), {"units": "Hz"}),
                 "amplitude": ("actuator", list(self.amplitudes), {"units": "1", "long_name": "of full scale"}),
                 "phase": ("actuator", list(self.phases_rad), {"units": "rad"}),
-                "level": ("finger", self.level_db, {"units": "dB", "long_name": "above threshold, standard finger"}),
+                "level": ("finger", self.level_db, level),
                 "sampled_level": (("case", "finger"), self.sampled_level_db, {"units": "dB"}),
             },
             {"actuator": names, **self._fingers()},

@@ -63,7 +63,8 @@ class Table(TableFile):
         groups = sorted(self._file.groups)
         if group not in groups:
             raise TableError(f"{self.path}: has no group {group!r}; its groups are {', '.join(groups)}")
-        return xarray.open_dataset(self.path, group=group, engine="h5netcdf")
+        found = xarray.open_dataset(self.path, group=group, engine="h5netcdf")
+        return found.assign_attrs(threshold=self.device.threshold.title)
 
     def _summary(self) -> str:
         clicks = f"{len(self.clicks)} clicks at places {1e3 * self.places.pitch_m:.3g} mm apart"

@@ -76,7 +76,7 @@ def _clicks(report: DemoReport) -> Grid:
     grid = _grid(
         "clicks, promised/simulated: the firmware's waveform played from rest, standard fingers at their positions",
         ("fingers", "played", "at finger\nm/s²", "\ndB", "sampled\ndB", "felt after\nms", "off\n%", "run*\ndB"),
-        "peak dB above the detection threshold; sampled: 95 % of sampled plants feel more, or less where quiet; "
+        f"peak dB {report.device.threshold.above}; sampled: 95 % of sampled plants feel more, or less where quiet; "
         "* greatest in the run, under its own fingers",
     )
     for click in report.clicks:
@@ -109,7 +109,7 @@ def _drives(report: DemoReport) -> Grid:
     grid = _grid(
         f"steady drives{some}, promised/simulated: held until steady, standard fingers at their positions",
         ("fingers", "drive", "localized\nfactor", "at finger\nm/s²", "\ndB", "off\n%", "run*\ndB"),
-        "dB above the detection threshold; * greatest in the run, under its own fingers",
+        f"dB {report.device.threshold.above}; * greatest in the run, under its own fingers",
     )
     for drive in report.drives:
         grid.add_row(

@@ -20,7 +20,6 @@ from engine.table.receptance_columns import write_receptances
 from precompute.model.assembly import assemble
 from precompute.model.frequencies import add_resonances
 from precompute.model.modal import Basis, compute_basis, compute_modal_model
-from precompute.model.threshold import detection_threshold
 from precompute.model.transfers import transfers_at
 
 IS_FIRST = "is_first"
@@ -54,6 +53,7 @@ def write_first_table(device: Device, path: Path) -> None:
                 "device_name": device.name,
                 "device_description": device.text,
                 "device_fingerprint": device.fingerprint,
+                "threshold": device.threshold.title,
                 "code_fingerprint": "",  # it goes with the run
                 "code_version": metadata.version("tactable"),
                 "created": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -87,7 +87,7 @@ def modal_receptances(basis: Basis) -> Receptances:
     row, column = np.triu_indices(places)
     return Receptances(
         frequency_hz=frequency_hz,
-        threshold_m_per_s2=detection_threshold(frequency_hz),
+        threshold_m_per_s2=device.threshold.peak_m_per_s2(frequency_hz),
         place_m=place_m,
         drive=np.ascontiguousarray((spread @ force).transpose(1, 2, 0), dtype=np.complex64),
         point=np.ascontiguousarray((spread @ shape.T)[:, row, column].T, dtype=np.complex64),

@@ -17,7 +17,6 @@ from engine.table import ClickEntry, Table
 from engine.table.click import played_at
 from engine.touch import Placement
 from precompute.model.assembly import assemble
-from precompute.model.threshold import detection_threshold
 
 if TYPE_CHECKING:
     from engine.steady.solver import SteadySolver
@@ -75,7 +74,7 @@ class Promises:
         loaded = self._plant.with_fingers(placement.position_m, device.finger)
         unit = solve_response(loaded, hz).acceleration(np.array(placement.position_m))[0]
         acceleration_m_per_s2 = abs(drive.complex_amplitudes @ unit)
-        felt_db = 20 * np.log10(acceleration_m_per_s2 / detection_threshold(hz))
+        felt_db = 20 * np.log10(acceleration_m_per_s2 / device.threshold.peak_m_per_s2(hz))
         return drive, Promise(placement, acceleration_m_per_s2, felt_db)
 
     def of_tabulated_click(self, placement: Placement, level_db: float) -> tuple[ClickEntry, Promise] | None:

@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from engine.device import Device
+from engine.device.threshold import DEFAULT, shipped_threshold
 from precompute.clicks.basis import (
     EVALUATION_RATE_HZ,
     EVALUATIONS_PER_SAMPLE,
@@ -67,7 +68,7 @@ def transient_lines(scenarios: Scenarios, scenario: int, waveform: Array, lines:
     faded = acceleration.T * np.exp(-SIGMA_PER_S * time_s)
     spectrum = np.fft.rfft(faded)[:, ::2][:, : len(lines.s_per_s)] / FINE
     half = lines.s_per_s / (2 * lines.rate_hz)
-    weighting = output_factor(lines) / (lines.s_per_s**2 * (np.sinh(half) / half) ** 2)
+    weighting = output_factor(lines, shipped_threshold(DEFAULT)) / (lines.s_per_s**2 * (np.sinh(half) / half) ** 2)
     weighted: Complex = spectrum * weighting
     return weighted
 

@@ -11,7 +11,6 @@ from precompute.entries.prediction import touched_zones
 from precompute.entries.solver import EntrySolver, tabulated_states
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
-from precompute.model.threshold import detection_threshold
 from precompute.sampling.bars import SampledBars, sample_bars, sampled_words
 from precompute.sampling.fingers import SAMPLES, sample_fingers
 from tests.precompute.builder.test_build import SMALL
@@ -47,7 +46,7 @@ def test_a_bar_answers_as_its_own_model_with_its_own_fingers() -> None:
         places_m = np.array([at for at, _ in fingers])
         plant = bars.plants[number].with_fingers(places_m.tolist(), [finger for _, finger in fingers])
         moved = np.einsum("aap->ap", solve_response(plant, HZ).acceleration(places_m))  # each actuator at its tone
-        size = abs(moved * AMPLITUDE[:, None]) / detection_threshold(HZ)[:, None]
+        size = abs(moved * AMPLITUDE[:, None]) / DEVICE.threshold.peak_m_per_s2(HZ)[:, None]
         assert power[number] == pytest.approx((size**2).sum(axis=0), rel=1e-9)
 
 
@@ -59,7 +58,7 @@ def test_tones_of_one_frequency_add_with_their_phases() -> None:
     places_m = np.array([at for at, _ in fingers])
     plant = bars.plants[3].with_fingers(places_m.tolist(), [finger for _, finger in fingers])
     moved = AMPLITUDE @ solve_response(plant, one[:1]).acceleration(places_m)[0]
-    assert power[3] == pytest.approx((abs(moved) / detection_threshold(one[:1])) ** 2, rel=1e-9)
+    assert power[3] == pytest.approx((abs(moved) / DEVICE.threshold.peak_m_per_s2(one[:1])) ** 2, rel=1e-9)
 
 
 def test_where_nothing_is_unknown_of_the_bar_the_touches_are_left() -> None:

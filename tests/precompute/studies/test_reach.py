@@ -10,7 +10,6 @@ from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
 from precompute.model.frequencies import fine_frequencies
 from precompute.model.response import solve_response
-from precompute.model.threshold import detection_threshold
 from precompute.studies.reach import compute_reach
 from tests.precompute.devices import every_device, mirrored, shipped, with_actuators
 
@@ -78,7 +77,9 @@ def test_the_level_is_that_of_the_acceleration_over_the_threshold() -> None:
     alone = replace(device, actuators=device.actuators[:1])
     reach = compute_reach(assemble(alone), np.array([0.1]))
     hz = fine_frequencies(assemble(alone))
-    over = abs(solve_response(assemble(alone), hz).acceleration(np.array([0.1])))[:, 0, 0] / detection_threshold(hz)
+    over = abs(solve_response(assemble(alone), hz).acceleration(np.array([0.1])))[
+        :, 0, 0
+    ] / alone.threshold.peak_m_per_s2(hz)
     assert reach.level_db[0] == pytest.approx(20 * np.log10(over.max()), abs=1e-9)
 
 

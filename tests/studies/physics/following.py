@@ -103,7 +103,7 @@ class Following:
         plant = assemble(device)
         self._basis, solver = compute_basis(plant), EntrySolver(plant)
         self._solver = SteadySolver(device, solve_place_receptances(solver.plant, solver.frequency_hz))
-        self._taps = threshold_filter(RATE_HZ)[:, None]
+        self._taps = threshold_filter(device.threshold, RATE_HZ)[:, None]
 
     def drives(self, run: Run, *, keeps: bool) -> list[DriveEvent]:
         """The drive that is held before the move, and those that follow: with `keeps` near the frequency before."""

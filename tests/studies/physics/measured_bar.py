@@ -31,7 +31,6 @@ from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import with_changes
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
-from precompute.model.threshold import detection_threshold
 from precompute.sampling.places import solve_place_receptances
 from precompute.studies.anywhere import Anywhere, random_placements
 from tactable.measure.apparatus import SIMULATED, ApparatusOptions, open_apparatus
@@ -182,7 +181,7 @@ def contrasts_db(true: Device, believed: Device, placements: list[Placement]) ->
         hz = np.array([drive.frequency_hz])
         loaded = plant.with_fingers(placement.position_m, true.finger)
         unit = solve_response(loaded, hz).acceleration(np.array(placement.position_m))[0]
-        level_db = 20 * np.log10(abs(drive.complex_amplitudes @ unit) / detection_threshold(hz))
+        level_db = 20 * np.log10(abs(drive.complex_amplitudes @ unit) / true.threshold.peak_m_per_s2(hz))
         is_felt = np.array(placement.is_felt)
         found.append(level_db[is_felt].min() - level_db[~is_felt].max())
     return np.array(found)

@@ -70,6 +70,25 @@ def test_a_check_says_what_is_estimated_and_what_follows() -> None:
         assert part in done.stdout
 
 
+def test_a_check_names_the_threshold_curve_and_the_finger(tmp_path: Path) -> None:
+    own, other = json_of("check", "reference-a"), json_of("check", "reference-a", "--threshold", "android")
+    assert (own["threshold"]["name"], own["threshold"]["measured_hz"]) == ("oh-choi-2019", [40.0, 250.0])
+    assert (other["threshold"]["name"], other["threshold"]["measured_hz"]) == ("android", None)
+    for zone, level_db in own["greatest_level_db"].items():
+        assert 1 < level_db - other["greatest_level_db"][zone] < 9  # as far as the curves are apart from 60 to 300 Hz
+    assert own["finger"]["misfit"] is None and own["finger"]["mass_kg"] == 1e-4
+    text = find_device("reference-a").text.replace(
+        'mass = "0.1 g"\ndamping', "impedance = [[60, 1, -3], [200, 1.2, -0.6], [300, 0.9, -0.4]]\ndamping"
+    )
+    text = text.replace('damping = "1 N*s/m"\nstiffness = "1 kN/m"\n', "")
+    (tmp_path / "measured.toml").write_text(text, encoding="utf-8")
+    found = json_of("check", str(tmp_path / "measured.toml"))["finger"]
+    assert found["measured_points"] == 3 and found["measured_hz"] == [60, 300] and 0 < found["misfit"] < 1
+    done = run("check", str(tmp_path / "measured.toml"))
+    assert "fitted to 3 measured points from 60 to 300 Hz, off by" in done.stdout
+    assert run("check", "reference-a", "--threshold", "loud").exit_code != 0
+
+
 def test_a_level_that_no_drive_reaches_is_named_with_its_zones(tmp_path: Path) -> None:
     text = find_device("reference-a").text.replace(
         'levels = ["10 dB", "20 dB", "30 dB"]', 'levels = ["20 dB", "43 dB"]'

@@ -13,6 +13,7 @@ from engine.table import Table
 from engine.touch import Placement
 from precompute.clicks import ClickSolver
 from precompute.clicks.evaluation import decibels
+from precompute.entries.at_positions import SteadyDesigner
 from tactable.cli.main import main
 from tactable.explain.click_source import read_click_options
 
@@ -61,6 +62,27 @@ def test_a_softer_click_is_softer_under_every_finger(run: Any) -> None:
     assert soft["felt_db"]["5 %"] == pytest.approx(0.0, abs=1e-6) and change_db < 0
     assert np.array(soft["waveform"]) == pytest.approx(np.array(full["waveform"]) * 10 ** (change_db / 20))
     assert soft["quiet_db"]["95 %"] - full["quiet_db"]["95 %"] == pytest.approx(change_db)
+
+
+def test_a_persons_curve_solves_the_drive_for_that_person(click_table: Path, run: Any) -> None:
+    status, out, _ = run(*WORDS, "--level", "6", "--threshold", "android", "--json")
+    said = json.loads(out)
+    assert status == 0 and "Android" in said["threshold"]
+    with Table.open(click_table) as table:
+        device, hz = table.device.with_threshold("android"), np.array(said["drive"]["frequencies_hz"][:1])
+        solver = SteadyDesigner(device, samples=2)  # it solves its own receptances, at this curve
+    drive = solver.solver.solve((0.035, 0.12), (True, False), 6.0)
+    assert drive.frequencies_hz[0] == pytest.approx(hz[0])
+    assert list(drive.amplitudes) == pytest.approx(said["drive"]["amplitudes"], rel=1e-3)
+    assert said["fingers"][0]["level_db"]["nominal"] == pytest.approx(6.0, abs=0.05)
+    _, words, _ = run(*WORDS, "--level", "6", "--threshold", "android")
+    assert "dB above threshold android" in words and "Oh and Choi" not in words
+
+
+@pytest.mark.parametrize("words", [(*WORDS, "--click"), ("explain", "bar.nc", "--felt", "I")])
+def test_clicks_and_entries_for_a_person_need_a_table_of_that_curve(run: Any, words: tuple[str, ...]) -> None:
+    status, _, said = run(*words, "--threshold", "android")
+    assert status != 0 and "build a table with `tactable build DEVICE --threshold android`" in " ".join(said.split())
 
 
 def test_a_drive_for_positions_names_every_finger(run: Any) -> None:

@@ -13,7 +13,6 @@ from engine.render.commands import RendererError
 from engine.table import Table
 from engine.touch import Placement
 from firmware_link.protocol.messages import decode_drive, encode_drive
-from precompute.model.threshold import THRESHOLD_NAME
 from tactable.control.events import Events
 from tactable.control.promise import Board, promise_of
 from tactable.explain.placed_drive import designer_of
@@ -48,7 +47,7 @@ def test_a_steady_drive_promises_what_explain_says_of_these_positions(table: Tab
     )
     assert promise["felt_at_least_db"] == promise["felt_db"]["5 %"]
     assert promise["quiet_at_most_db"] == promise["quiet_db"]["95 %"]
-    assert promise["is_achieved"] and promise["threshold"] == THRESHOLD_NAME
+    assert promise["is_achieved"] and promise["threshold"] == table.device.threshold.title
 
 
 def test_it_is_of_the_bytes_that_were_sent_and_of_the_board_that_got_them(table: Table) -> None:

@@ -102,7 +102,7 @@ def test_the_page_says_everything(source: ClickSource) -> None:
     assert passed_s is not None
     for part in (
         "as strong as it is",
-        f"{click.felt.low_db:z.1f} dB above threshold in 95 %",
+        f"{click.felt.low_db:z.1f} dB above threshold oh-choi-2019 in 95 %",
         f"{click.quiet.high_db:z.1f} dB at most",
         f"after {1e3 * passed_s:.1f} ms",
         f"last peak at {1e3 * click.peak_s:.1f} ms",

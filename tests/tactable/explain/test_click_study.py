@@ -53,8 +53,8 @@ def test_the_picture_has_every_point_and_both_sides(study: Study) -> None:
     columns, clicks = picture.columns, [click for *_, click in study.clicks]
     felt = [click.evaluation.felt.low_db for click in clicks]
     quiet = [click.evaluation.quiet and click.evaluation.quiet.high_db for click in clicks]
-    assert columns["felt level, 5 % (dB above threshold)"] == felt
-    assert columns["quiet level, 95 % (dB above threshold)"] == quiet
+    assert columns["felt level, 5 % (dB above threshold oh-choi-2019)"] == felt
+    assert columns["quiet level, 95 % (dB above threshold oh-choi-2019)"] == quiet
     assert [point["level_db"] for point in picture.summary["clicks"]] == felt
     assert len(picture.figure.axes) == 2
     for axes in picture.figure.axes:
@@ -72,5 +72,5 @@ def test_a_finger_alone_has_no_quiet_side(source: ClickSource) -> None:
         on_progress=list[float]().append,
     )
     picture = plot_click_study(alone)
-    assert picture.columns["quiet level, 95 % (dB above threshold)"] == [None, None]
+    assert picture.columns["quiet level, 95 % (dB above threshold oh-choi-2019)"] == [None, None]
     assert picture.summary["quiet"] == []

@@ -29,7 +29,7 @@ def test_the_data_of_the_dead_zones_are_the_reach_of_each_place(reach: Picture) 
     touched = compute_reach(assemble(DEVICE), place_m[::20], DEVICE.finger)
     name = "each actuator at its best frequency, under a finger there (m/s^2)"
     assert np.asarray(reach.columns[name])[::20] == pytest.approx(touched.tones, rel=1e-9)
-    level = reach.columns["greatest level under a finger there (dB above threshold)"]
+    level = reach.columns["greatest level under a finger there (dB above threshold oh-choi-2019)"]
     assert np.asarray(level)[::20] == pytest.approx(touched.level_db)
     assert reach.summary["under_a_finger"]["least_m_per_s2"] == min(reach.columns[name])
 

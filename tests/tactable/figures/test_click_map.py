@@ -32,8 +32,8 @@ def test_every_ordered_pair_is_there_with_the_figures_of_the_table(source: Click
     assert pairs == [(felt, "" if felt == quiet else quiet) for felt, quiet in product(NAMES, repeat=2)]
     for row, (felt, quiet) in enumerate(pairs):
         click = source.table.click_for([felt], [quiet] if quiet else [], float("inf"))
-        assert columns["felt level of the click, 5 % (dB above threshold)"][row] == click.felt.low_db
-        quiet_db = columns["quiet level of the click, 95 % (dB above threshold)"][row]
+        assert columns["felt level of the click, 5 % (dB above threshold oh-choi-2019)"][row] == click.felt.low_db
+        quiet_db = columns["quiet level of the click, 95 % (dB above threshold oh-choi-2019)"][row]
         assert quiet_db == (None if click.quiet is None else click.quiet.high_db)
 
 

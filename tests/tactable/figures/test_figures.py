@@ -14,7 +14,6 @@ from engine.table import Entry, Table, TableError
 from engine.touch import Placement, ZoneState
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
-from precompute.model.threshold import detection_threshold
 from tactable.figures.contrast_map import plot_contrast_map
 from tactable.figures.course import compute_rising, plot_course
 from tactable.figures.factor import PairDrive, compute_factor, pair_drive, plot_factor, read_factor
@@ -80,7 +79,7 @@ def test_the_envelope_is_that_of_the_dense_model_with_the_fingers_on_it(table: T
 def test_the_band_holds_the_levels_that_the_entry_gives_for_other_fingers(table: Table) -> None:
     entry, device = table.entry_for(["I"], ["III"]), table.device
     envelope = compute_envelope(entry_drive(table, entry))
-    threshold = float(detection_threshold(np.array(entry.frequencies_hz[:1]))[0])
+    threshold = float(table.device.threshold.peak_m_per_s2(np.array(entry.frequencies_hz[:1]))[0])
     assert (envelope.least <= envelope.standard).all()
     assert (envelope.standard <= envelope.greatest).all()
     for zone, promise in zip(device.zones, entry.zones, strict=True):
@@ -101,7 +100,9 @@ def test_a_state_that_is_not_achieved_says_so(table: Table) -> None:
 def test_every_tone_has_its_threshold(table: Table) -> None:
     entry = replace(table.entry_for(["I"], ["III"]), frequencies_hz=(100.0, 200.0))
     thresholds = plot_state(entry_drive(table, entry)).summary["threshold_m_per_s2"]
-    assert thresholds == {hz: pytest.approx(float(detection_threshold(np.array([float(hz)]))[0])) for hz in thresholds}
+    assert thresholds == {
+        hz: pytest.approx(float(table.device.threshold.peak_m_per_s2(np.array([float(hz)]))[0])) for hz in thresholds
+    }
     assert list(thresholds) == ["100.0", "200.0"]
 
 
@@ -159,7 +160,7 @@ def test_the_papers_drive_is_judged_as_an_entry_is(table: Table, paper: Front) -
     hz = paper.frequency_hz[0]
     assert hz[0] == hz[1]
     under = abs(model.unit_acceleration(hz[:1], np.array(middles_m))[0] @ paper.amplitude[0])
-    level_db = 20 * np.log10(under / detection_threshold(hz[:1]))
+    level_db = 20 * np.log10(under / table.device.threshold.peak_m_per_s2(hz[:1]))
     assert paper.level_db[0] == pytest.approx(level_db[0], abs=1e-3)
     assert paper.standard_db[0] == pytest.approx(level_db[0] - level_db[1], abs=1e-3)
     assert paper.worst_db[0] <= paper.standard_db[0]
@@ -183,7 +184,7 @@ def test_the_map_shows_the_entries(table: Table, level_db: float) -> None:
     for k, (felt, quiet) in enumerate(zip(columns["felt zone"], columns["quiet zone"], strict=True)):
         entry = table.entry_for([felt], [quiet] if quiet else [], level_db)
         assert columns["expected contrast (dB)"][k] == entry.expected_contrast_db
-        assert columns["level (dB above threshold)"][k] == entry.level_db
+        assert columns[f"level (dB {table.device.threshold.above})"][k] == entry.level_db
     assert list(columns["quiet zone"]).count("") == 3
 
 
@@ -232,7 +233,7 @@ def test_the_contrast_of_a_course_is_felt_over_quiet_at_each_moment(table: Table
     entry = table.entry_for(["I"], ["II", "III"], 20.0)
     columns = plot_course(entry_drive(table, entry)).columns
     level_db = {
-        name: np.asarray(columns[f"level of {name} (dB above threshold)"])
+        name: np.asarray(columns[f"level of {name} (dB {table.device.threshold.above})"])
         for name in ("46.57 mm (I) felt", "139.7 mm (II) quiet", "232.8 mm (III) quiet")
     }
     felt_db, *quiet_db = level_db.values()

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent
-from precompute.model.threshold import detection_threshold
 from tactable.measure import AskedDrive
 from tactable.measure.bar_levels import simulate_levels
 from tactable.rig.bar import SimulatedBar
@@ -20,7 +19,9 @@ def test_the_levels_are_those_of_the_bar_in_time(hz: tuple[float, float]) -> Non
     levels = simulate_levels(DEVICE, asked, bar.point_m)
     assert levels.peak_m_per_s2 == pytest.approx(in_time.acceleration, rel=0.02)
     if hz[0] == hz[1]:
-        threshold = detection_threshold(np.array(hz[:1]))
+        threshold = DEVICE.threshold.peak_m_per_s2(np.array(hz[:1]))
         assert levels.level_db == pytest.approx(20 * np.log10(levels.peak_m_per_s2 / threshold))
     else:
-        assert (levels.level_db < 20 * np.log10(levels.peak_m_per_s2 / detection_threshold(np.array([150.0])))).all()
+        assert (
+            levels.level_db < 20 * np.log10(levels.peak_m_per_s2 / DEVICE.threshold.peak_m_per_s2(np.array([150.0])))
+        ).all()

@@ -12,7 +12,6 @@ from engine.touch import Placement
 from precompute.entries.untouched import find_untouched_optima
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
-from precompute.model.threshold import detection_threshold
 from tactable.page.live_bar import LiveBar
 from tactable.page.messages import LOWEST_DB
 from tactable.page.paper_bar import PaperBar, PaperDrives
@@ -48,7 +47,7 @@ def exact_levels_db(table: Table, level_db: float) -> list[float]:
     hz = drive.frequency_hz[:1]
     loaded = plant.with_fingers(PAIR.position_m, table.device.finger)
     full = abs(drive.amplitude @ solve_response(loaded, hz).acceleration(np.array(PAIR.position_m))[0])
-    full_db: list[float] = (20 * np.log10(full / detection_threshold(hz))).tolist()
+    full_db: list[float] = (20 * np.log10(full / table.device.threshold.peak_m_per_s2(hz))).tolist()
     quieter_db = min(level_db - full_db[0], 20 * math.log10(table.device.limits.amplitude))
     return [each + quieter_db for each in full_db]
 

@@ -1,0 +1,125 @@
+"""Puts the files that a device description names into it: threshold curves, fingers and measured impedances.
+
+A table holds the text of its device, which must be whole wherever the table goes. So a named file becomes a part of the
+text when the description is read. A path counts from the folder of the file that names it; a text that is no file, such
+as one that a page was given, names no files.
+"""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from engine.device.parts import DeviceError
+from engine.device.texts import document_of
+from engine.device.toml_table import read_text
+
+IMPEDANCE_HEADER = "frequency (Hz),real (N s/m),imaginary (N s/m)"
+
+
+def names_files(values: Mapping[str, Any]) -> bool:
+    """Whether the values of a description name a file that is to be put into its text."""
+    finger = values.get("finger")
+    has_csv = isinstance(finger, dict) and _is_path(finger.get("impedance"), ".csv")
+    return has_csv or isinstance(finger, str) or _is_path(values.get("threshold"), ".toml")
+
+
+def with_files_inside(text: str, source: str, folder: Path | None) -> str:
+    """The text with the contents of the files that it names. `folder`: of the description; None: it is no file.
+
+    `finger` may also name a shipped finger. Raises DeviceError where a file cannot be read.
+    """
+    import tomlkit  # only a text that names a file needs it
+
+    document = document_of(text, source)
+    curve, finger = document.get("threshold"), document.get("finger")
+    if _is_path(curve, ".toml"):
+        document.pop("threshold")
+        document["threshold"] = _read_document(_resolve(curve, source, folder, "threshold"), source, "threshold")
+    finger_folder = folder
+    if isinstance(finger, str):
+        is_path = _is_path(finger, ".toml")
+        path = _resolve(finger, source, folder, "finger") if is_path else _shipped_finger(finger, source)
+        finger_folder = path.parent
+        document.pop("finger")
+        document["finger"] = _read_document(path, source, "finger")
+    table = document.get("finger")
+    if isinstance(table, dict) and _is_path(table.get("impedance"), ".csv"):
+        path = _resolve(table["impedance"], source, finger_folder, "finger.impedance")
+        rows = tomlkit.array()
+        for row in read_impedance(path, source):
+            rows.add_line(row)
+        rows.add_line(indent="")
+        table["impedance"] = rows
+    return tomlkit.dumps(document)
+
+
+def text_with_threshold(text: str, curve: Path | str, source: str) -> str:
+    """The text with a threshold curve: a shipped one by its name, or the contents of a TOML file by its path."""
+    import tomlkit
+
+    document = document_of(text, source)
+    document.pop("threshold", None)
+    document["threshold"] = _read_document(curve, source, "threshold") if isinstance(curve, Path) else curve
+    return tomlkit.dumps(document)
+
+
+def shipped_fingers() -> list[str]:
+    """Names of the shipped fingers."""
+    return sorted(path.stem for path in _folder().glob("*.toml"))
+
+
+def read_impedance(path: Path, source: str) -> list[list[float]]:
+    """Points [frequency in Hz, real, imaginary part in N s/m] of a CSV file; raises DeviceError with file and line."""
+    lines = _read(path, source, "finger.impedance").splitlines()
+    numbered = [(k, line) for k, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
+    if not numbered or numbered[0][1].strip() != IMPEDANCE_HEADER:
+        raise DeviceError(f"{path}: line {numbered[0][0] if numbered else 1}: expected the header {IMPEDANCE_HEADER!r}")
+    rows = []
+    for k, line in numbered[1:]:
+        try:
+            row = [float(cell) for cell in line.split(",")]
+        except ValueError:
+            row = []
+        if len(row) != 3 or not all(map(math.isfinite, row)):
+            raise DeviceError(f"{path}: line {k}: {line!r}: expected three numbers: {IMPEDANCE_HEADER}")
+        rows.append(row)
+    return rows
+
+
+def _is_path(value: object, ending: str) -> bool:
+    return isinstance(value, str) and value.endswith(ending)
+
+
+def _resolve(name: str, source: str, folder: Path | None, key: str) -> Path:
+    if folder is None:
+        raise DeviceError(f"{source}: {key}: {str(name)!r}: a text that is no file names no other file; put it inside")
+    return folder / name
+
+
+def _shipped_finger(name: str, source: str) -> Path:
+    if name not in shipped_fingers():
+        known = ", ".join(shipped_fingers())
+        raise DeviceError(
+            f"{source}: finger: {str(name)!r}: expected a shipped finger ({known}), the path of a TOML file like "
+            f"theirs, or a table [finger]"
+        )
+    return _folder() / f"{name}.toml"
+
+
+def _folder() -> Path:
+    """Folder of the shipped fingers: inside an installed package, in tables/ of a checkout."""
+    installed = Path(__file__).parent / "fingers"
+    return installed if installed.is_dir() else Path(__file__).parents[2] / "tables" / "fingers"
+
+
+def _read_document(path: Path, source: str, key: str) -> dict[str, Any]:
+    values: dict[str, Any] = document_of(_read(path, source, key), str(path)).unwrap()
+    return values
+
+
+def _read(path: Path, source: str, key: str) -> str:
+    try:
+        return read_text(path, DeviceError)
+    except OSError as error:
+        raise DeviceError(f"{source}: {key}: {path}: cannot be read: {error.strerror}") from error

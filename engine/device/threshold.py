@@ -1,0 +1,180 @@
+"""Detection threshold curves: the acceleration that a fingertip just detects, by frequency, read from TOML.
+
+Every level of this project is dB above such a curve. A device names the one that it is made for: a shipped curve
+(tables/thresholds), or a file of the same form, which becomes a part of the description (`named_files`), so that a
+table holds the whole curve. A curve may be given as acceleration or displacement, peak or RMS; what is computed with is
+always peak acceleration.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device.parts import DeviceError
+from engine.device.toml_table import TomlTable, read_text
+
+Array = NDArray[np.float64]
+
+DEFAULT = "oh-choi-2019"
+"""The curve of a device whose file names none."""
+_MOST_POINTS = 1000
+_LOWEST_HZ, _HIGHEST_HZ = 1e-3, 1e5
+_MOST_DB = 300.0
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """A curve by points: straight lines in dB over frequency or its logarithm; beyond the points prolonged or held.
+
+    frequency_hz (point,): rising. level_db (point,): dB re `reference`, in m/s^2 or m. measured_hz: which of the points
+    were measured, the others being interpolated; None: the source does not say. people_db: by how much people differ;
+    0: the source does not say.
+    """
+
+    name: str
+    title: str
+    source: str
+    quantity: Literal["acceleration", "displacement"]
+    amplitude: Literal["peak", "rms"]
+    reference: float
+    interpolation: Literal["frequency", "log frequency"]
+    beyond: Literal["prolonged", "held"]
+    frequency_hz: tuple[float, ...]
+    level_db: tuple[float, ...]
+    measured_hz: tuple[float, ...] | None
+    people_db: float
+
+    def peak_m_per_s2(self, frequency_hz: Array) -> Array:
+        """Peak acceleration at the threshold, for each frequency."""
+        known, at = np.array(self.frequency_hz), frequency_hz
+        if self.beyond == "held":
+            at = np.clip(at, known[0], known[-1])
+        if self.interpolation == "log frequency":
+            known, at = np.log2(known), np.log2(at)
+        points_db = np.array(self.level_db)
+        piece = np.clip(np.searchsorted(known, at) - 1, 0, len(known) - 2)
+        slope = np.diff(points_db) / np.diff(known)
+        level_db = points_db[piece] + slope[piece] * (at - known[piece])
+        threshold: Array = self.reference * 10 ** (level_db / 20)
+        if self.amplitude == "rms":
+            threshold = threshold * math.sqrt(2)
+        return threshold * (2 * np.pi * frequency_hz) ** 2 if self.quantity == "displacement" else threshold
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """What the curve is computed from, by name: neither its names nor where it comes from."""
+        keys = ("quantity", "amplitude", "reference", "interpolation", "beyond", "frequency_hz", "level_db")
+        return {key: getattr(self, key) for key in keys}
+
+    @property
+    def above(self) -> str:
+        """What a level is, to follow "dB": above which threshold."""
+        return f"above threshold {self.name}"
+
+    @property
+    def note(self) -> str:
+        """The curve in a list of estimates."""
+        people = f" (within {self.people_db:g} dB between people)" if self.people_db else ""
+        return f"detection threshold {self.name}{people}"
+
+
+class _CurveTable(TomlTable):
+    family = DeviceError
+
+
+def shipped_thresholds() -> list[str]:
+    """Names of the shipped curves."""
+    return sorted(path.stem for path in _folder().glob("*.toml"))
+
+
+def read_threshold(value: object, source: str) -> Threshold:
+    """The curve of a description: the name of a shipped one, or a table with a curve's keys. Raises DeviceError."""
+    if isinstance(value, dict):
+        return _curve_of(_CurveTable(source, "threshold", value))
+    if isinstance(value, str) and value in shipped_thresholds():
+        return shipped_threshold(value)
+    known = ", ".join(shipped_thresholds())
+    raise DeviceError(
+        f"{source}: threshold: {value!r}: expected a shipped curve ({known}), the path of a TOML file like theirs, or "
+        f"a table [threshold]"
+    )
+
+
+@cache
+def shipped_threshold(name: str) -> Threshold:
+    """A shipped curve by its name; raises DeviceError for another one."""
+    return read_threshold_file(_folder() / f"{name}.toml")
+
+
+def read_threshold_file(path: Path) -> Threshold:
+    """A curve from its file. Raises DeviceError, also where there is no such file."""
+    try:
+        text = read_text(path, DeviceError)
+    except OSError as error:
+        raise DeviceError(f"{path}: no threshold curve can be read there: {error.strerror}") from error
+    return _curve_of(_CurveTable.parse(text, str(path)))
+
+
+def _folder() -> Path:
+    """Folder of the shipped curves: inside an installed package, in tables/ of a checkout."""
+    installed = Path(__file__).parent / "thresholds"
+    return installed if installed.is_dir() else Path(__file__).parents[2] / "tables" / "thresholds"
+
+
+def _curve_of(part: TomlTable) -> Threshold:
+    name = part.name("name")
+    frequency_hz = _numbers(part, "frequency_hz", _LOWEST_HZ, _HIGHEST_HZ)
+    if any(later <= former for former, later in itertools.pairwise(frequency_hz)):
+        raise part.error("frequency_hz", list(frequency_hz), "expected rising frequencies")
+    level_db = _numbers(part, "level_db", -_MOST_DB, _MOST_DB)
+    if len(level_db) != len(frequency_hz):
+        raise part.error("level_db", list(level_db), f"expected one level for each of {len(frequency_hz)} frequencies")
+    measured_hz = None
+    if "measured_hz" in part.left:
+        measured_hz = _numbers(part, "measured_hz", _LOWEST_HZ, _HIGHEST_HZ, fewest=1)
+        if not set(measured_hz) <= set(frequency_hz):
+            raise part.error("measured_hz", list(measured_hz), "expected some of frequency_hz")
+    people_db = part.take("people_db", 0.0)
+    if not _is_number(people_db, 0.0, _MOST_DB):
+        raise part.error("people_db", people_db, f"expected a number from 0 to {_MOST_DB:g}")
+    is_acceleration = part.word("quantity", ("acceleration", "displacement")) == "acceleration"
+    curve = Threshold(
+        name=name,
+        title=part.sentence("title") or name,
+        source=part.sentence("source"),
+        quantity="acceleration" if is_acceleration else "displacement",
+        amplitude="peak" if part.word("amplitude", ("peak", "rms")) == "peak" else "rms",
+        reference=part.quantity("reference", "m/s^2" if is_acceleration else "m", exclusive=True),
+        interpolation="frequency"
+        if part.word("interpolation", ("frequency", "log frequency")) == "frequency"
+        else "log frequency",
+        beyond="held" if part.word("beyond", ("prolonged", "held")) == "held" else "prolonged",
+        frequency_hz=frequency_hz,
+        level_db=level_db,
+        measured_hz=measured_hz,
+        people_db=float(people_db),
+    )
+    part.refuse_rest()
+    return curve
+
+
+def _numbers(part: TomlTable, key: str, least: float, most: float, fewest: int = 2) -> tuple[float, ...]:
+    """A list of numbers between bounds."""
+    values = part.take(key)
+    if (
+        not isinstance(values, list)
+        or not fewest <= len(values) <= _MOST_POINTS
+        or not all(_is_number(value, least, most) for value in values)
+    ):
+        raise part.error(key, values, f"expected {fewest} to {_MOST_POINTS} numbers from {least:g} to {most:g}")
+    return tuple(float(value) for value in values)
+
+
+def _is_number(value: object, least: float, most: float) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most

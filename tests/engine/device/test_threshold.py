@@ -1,0 +1,146 @@
+"""Laws of threshold curves: shipped points are met, straight lines lie between, every way to write one is the same."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from engine.device import Device, DeviceError, Threshold
+from engine.device.threshold import DEFAULT, read_threshold_file, shipped_threshold, shipped_thresholds
+from tactable.shipped import device_folder, find_device
+from tests.precompute.devices import unhurried
+from tests.precompute.entries.dense_state import THRESHOLD_DB, threshold
+
+OWN, ANDROID = shipped_threshold(DEFAULT), shipped_threshold("android")
+GRAVITY_M_PER_S2 = 9.80665
+TEXT = (device_folder() / "reference-a.toml").read_text(encoding="utf-8")
+CURVES = device_folder().parent / "thresholds"
+
+
+def level_db(curve: Threshold, *frequency_hz: float, reference: float = 1e-6) -> list[float]:
+    decibels: list[float] = (20 * np.log10(curve.peak_m_per_s2(np.array(frequency_hz)) / reference)).tolist()
+    return decibels
+
+
+def test_the_points_of_the_present_curve_are_met_and_two_were_measured() -> None:
+    assert level_db(OWN, *THRESHOLD_DB) == pytest.approx(list(THRESHOLD_DB.values()))
+    assert OWN.measured_hz == (40.0, 250.0) and OWN.people_db == 8.0
+
+
+def test_the_present_curve_has_the_numbers_that_it_always_had() -> None:
+    """Bit for bit: of the formula as it stood beside its points in the code before they were data."""
+    hz = np.linspace(5.0, 2000.0, 4001)
+    known, points = np.log2(np.array(list(THRESHOLD_DB))), np.array(list(THRESHOLD_DB.values()))
+    piece = np.clip(np.searchsorted(known, np.log2(hz)) - 1, 0, len(known) - 2)
+    slope = np.diff(points) / np.diff(known)
+    assert (
+        OWN.peak_m_per_s2(hz) == 1e-6 * 10 ** ((points[piece] + slope[piece] * (np.log2(hz) - known[piece])) / 20)
+    ).all()
+
+
+def test_androids_curve_has_the_41_points_of_its_source() -> None:
+    assert len(ANDROID.frequency_hz) == 41 and (ANDROID.frequency_hz[0], ANDROID.frequency_hz[-1]) == (0.4, 400.0)
+    known = dict(zip(ANDROID.frequency_hz, ANDROID.level_db, strict=True))
+    assert (known[40.0], known[86.4], known[250.0]) == (-32.81, -31.94, -28.98)
+    assert level_db(ANDROID, *known, reference=GRAVITY_M_PER_S2) == pytest.approx(list(known.values()))
+    assert ANDROID.measured_hz is None
+
+
+@unhurried
+@given(st.floats(40, 300))
+def test_between_points_each_curve_is_what_numpy_interpolates(frequency_hz: float) -> None:
+    assert OWN.peak_m_per_s2(np.array([frequency_hz]))[0] == pytest.approx(threshold(frequency_hz))
+    between = np.interp(frequency_hz, ANDROID.frequency_hz, ANDROID.level_db)
+    assert level_db(ANDROID, frequency_hz, reference=GRAVITY_M_PER_S2) == pytest.approx([between])
+
+
+@unhurried
+@given(st.floats(0.05, 1.0))
+def test_beyond_the_points_one_goes_on_and_the_other_is_held(octaves: float) -> None:
+    first, second = level_db(OWN, 40 / 2**octaves, 40.0)
+    assert (first - second) / octaves == pytest.approx((113.0 - 110.6) / np.log2(60 / 40))
+    last, beyond = level_db(OWN, 300.0, 300 * 2**octaves)
+    assert (beyond - last) / octaves == pytest.approx((105.5 - 102.3) / np.log2(300 / 250))
+    ends = level_db(ANDROID, 0.4 / 2**octaves, 400 * 2**octaves, reference=GRAVITY_M_PER_S2)
+    assert ends == pytest.approx([-97.81, -19.81])
+
+
+def test_skin_is_most_sensitive_about_250_hz_by_the_present_curve() -> None:
+    frequency_hz = np.linspace(40, 400, 721)
+    assert 230 <= frequency_hz[OWN.peak_m_per_s2(frequency_hz).argmin()] <= 260
+
+
+def test_rms_displacement_means_the_same_acceleration_as_its_peak() -> None:
+    moved = replace(OWN, quantity="displacement", amplitude="rms")
+    hz = np.array([60.0, 250.0])
+    assert moved.peak_m_per_s2(hz) == pytest.approx(OWN.peak_m_per_s2(hz) * np.sqrt(2) * (2 * np.pi * hz) ** 2)
+
+
+def test_every_shipped_file_says_its_name_title_and_source() -> None:
+    for name in shipped_thresholds():
+        curve = read_threshold_file(CURVES / f"{name}.toml")
+        assert curve.name == name and curve.title != name and curve.source
+
+
+def test_a_device_has_the_present_curve_unless_its_file_names_another_one() -> None:
+    device = find_device("reference-a")
+    assert device.threshold is OWN
+    named = Device.parse(f'threshold = "{DEFAULT}"\n{TEXT}', "named")
+    assert named.fingerprint == device.fingerprint
+    other = Device.parse(f'threshold = "android"\n{TEXT}', "other")
+    assert other.threshold is ANDROID and other.fingerprint != device.fingerprint
+    assert device.with_values({"threshold": "android"}).fingerprint == other.fingerprint
+
+
+def test_a_file_of_ones_own_becomes_part_of_the_description(tmp_path: Path) -> None:
+    curve = (CURVES / "android.toml").read_text(encoding="utf-8").replace('name = "android"', 'name = "mine"')
+    (tmp_path / "mine.toml").write_text(curve, encoding="utf-8")
+    (tmp_path / "bar.toml").write_text(f'threshold = "mine.toml"\n{TEXT}', encoding="utf-8")
+    device = Device.read(tmp_path / "bar.toml")
+    (tmp_path / "mine.toml").unlink()
+    again = Device.parse(device.text, "a table's attribute")
+    assert again.threshold == device.threshold and again.threshold.name == "mine"
+    assert again.fingerprint == device.fingerprint == device.with_values({"threshold": "android"}).fingerprint
+    assert again.with_values({"threshold": DEFAULT}).fingerprint == find_device("reference-a").fingerprint
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "text"),
+    [
+        ("level_db = [\n    -97.81,", "level_db = [", "level_db: .* expected one level for each of 41 frequencies"),
+        ("0.4, 2.0,", "2.0, 2.0,", "frequency_hz: .* expected rising frequencies"),
+        ("-97.81", "-1e4", "level_db: .* expected 2 to 1000 numbers from -300 to 300"),
+        ('"9.80665 m/s^2"', '"1 m"', "reference: '1 m' is a length; expected an acceleration"),
+        ('amplitude = "peak"', 'amplitude = "mean"', "amplitude: 'mean': expected one of peak, rms"),
+        ('beyond = "held"', 'beyond = "held"\nbegins = 1', "begins: 1: unknown key"),
+        ('beyond = "held"', 'beyond = "held"\nmeasured_hz = [41]', "measured_hz: .* expected some of frequency_hz"),
+        ('beyond = "held"', 'beyond = "held"\npeople_db = -1', "people_db: -1: expected a number from 0 to 300"),
+    ],
+)
+def test_a_wrong_value_of_a_curve_is_refused_by_name(tmp_path: Path, before: str, after: str, text: str) -> None:
+    curve = (CURVES / "android.toml").read_text(encoding="utf-8")
+    assert before in curve
+    path = tmp_path / "wrong.toml"
+    path.write_text(curve.replace(before, after), encoding="utf-8")
+    with pytest.raises(DeviceError, match=text):
+        read_threshold_file(path)
+
+
+@pytest.mark.parametrize("value", ['"louder"', "3", "[]"])
+def test_what_is_no_curve_is_refused_with_the_shipped_names(value: str) -> None:
+    with pytest.raises(DeviceError, match=r"threshold: .* expected a shipped curve \(android, oh-choi-2019\)"):
+        Device.parse(f"threshold = {value}\n{TEXT}", "text")
+
+
+def test_a_text_that_is_no_file_names_no_file() -> None:
+    with pytest.raises(DeviceError, match=r"threshold: 'mine\.toml': a text that is no file names no other file"):
+        Device.parse(f'threshold = "mine.toml"\n{TEXT}', "text")
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    (tmp_path / "bar.toml").write_text(f'threshold = "gone.toml"\n{TEXT}', encoding="utf-8")
+    with pytest.raises(DeviceError, match=r"threshold: .*gone\.toml: cannot be read: No such file"):
+        Device.read(tmp_path / "bar.toml")
