@@ -12,14 +12,12 @@ from engine.device import Device
 from engine.table import Table
 from engine.table.history import previous_of
 from precompute.builder.build import build_table
-from tests.precompute.builder.test_build import SMALL
+from tests.precompute.builder.test_build import ONE_LEVEL
+from tests.tactable.cli.in_process import run_here
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
+SMALL = ONE_LEVEL.replace("count = 3", "count = 1")
 SOFTER = SMALL.replace('stiffness = "1 kN/m"', 'stiffness = "0.9 kN/m"')
-
-
-def tactable(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([TACTABLE, *words], cwd=folder, capture_output=True, text=True, check=False)
 
 
 @pytest.fixture
@@ -32,25 +30,25 @@ def folder(tmp_path: Path) -> Path:
 
 def test_coarse_clicks_come_first_and_are_told_from_the_fine_ones(tmp_path: Path) -> None:
     (tmp_path / "bar.toml").write_text(SMALL, encoding="utf-8")
-    command = ("build", "bar.toml", "-o", "bar.nc", "--clicks-up-to", "1", "--pitch", "140 mm")
-    done = tactable(tmp_path, *command, "--coarse", "--json")
+    command = ("build", "bar.toml", "-o", "bar.nc", "--clicks-up-to", "1", "--pitch", "140 mm", "--workers", "1")
+    done = run_here(tmp_path, *command, "--coarse", "--json")
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout)
     assert (said["clicks"], said["clicks_are_coarse"], said["click_pitch_m"]) == (3, True, 0.2794 / 2)
     assert (said["solved"]["coarse_clicks"], said["solved"]["clicks"]) == (3, 0)
-    said = json.loads(tactable(tmp_path, *command, "--json").stdout)
+    said = json.loads(run_here(tmp_path, *command, "--json").stdout)
     assert (said["clicks"], said["clicks_are_coarse"]) == (3, False)
     assert (said["solved"]["coarse_clicks"], said["solved"]["clicks"]) == (0, 3)
     (tmp_path / "bar.nc").unlink()
-    done = tactable(tmp_path, *command)
+    done = run_here(tmp_path, *command)
     assert "bar.nc: usable, with coarse clicks; the fine ones follow" in done.stderr
-    assert "76 entries, 3 clicks at places 140 mm apart" in done.stdout
+    assert "2 entries, 3 clicks at places 140 mm apart" in done.stdout
 
 
 @pytest.mark.parametrize("pitch", ["0.5 mm", "0 mm", "3"])
 def test_a_pitch_that_is_too_fine_or_no_length_is_refused(tmp_path: Path, pitch: str) -> None:
     (tmp_path / "bar.toml").write_text(SMALL, encoding="utf-8")
-    done = tactable(tmp_path, "build", "bar.toml", "--pitch", pitch)
+    done = run_here(tmp_path, "build", "bar.toml", "--pitch", pitch)
     assert done.returncode == 1 and "--pitch" in done.stderr
     assert not (tmp_path / "reference-a.nc").exists()
 
@@ -60,7 +58,7 @@ def test_rolled_back_is_the_table_before_and_once_more_as_it_was(folder: Path) -
     for _ in range(3):
         with Table.open(folder / "bar.nc") as table:
             devices.append(table.device.finger.stiffness_n_per_m)
-        done = tactable(folder, "rollback", "bar.nc", "--json")
+        done = run_here(folder, "rollback", "bar.nc", "--json")
         assert done.returncode == 0, done.stderr
         assert json.loads(done.stdout)["device"] == "reference-a"
     assert devices == [900.0, 1000.0, 900.0]
@@ -72,7 +70,7 @@ def test_a_damaged_table_is_not_put_back(folder: Path) -> None:
     data[len(data) // 2] ^= 1
     kept.write_bytes(data)
     before = (folder / "bar.nc").read_bytes()
-    done = tactable(folder, "rollback", "bar.nc")
+    done = run_here(folder, "rollback", "bar.nc")
     assert done.returncode == 1
     assert "is corrupted" in done.stderr
     assert (folder / "bar.nc").read_bytes() == before
@@ -80,7 +78,7 @@ def test_a_damaged_table_is_not_put_back(folder: Path) -> None:
 
 def test_without_a_previous_table_rollback_says_so(folder: Path) -> None:
     previous_of(folder / "bar.nc").unlink()
-    done = tactable(folder, "rollback", "bar.nc")
+    done = run_here(folder, "rollback", "bar.nc")
     assert done.returncode == 1
     assert "there is no previous table" in done.stderr
 
@@ -88,9 +86,9 @@ def test_without_a_previous_table_rollback_says_so(folder: Path) -> None:
 def test_a_watched_device_is_built_at_each_change_and_a_wrong_one_is_told(tmp_path: Path) -> None:
     device = tmp_path / "bar.toml"
     device.write_text(SMALL, encoding="utf-8")
-    command = [TACTABLE, "build", "bar.toml", "-o", "bar.nc", "--clicks-up-to", "0", "--watch"]
+    words = ("build", "bar.toml", "-o", "bar.nc", "--clicks-up-to", "0", "--workers", "1", "--watch")
     pipe = subprocess.PIPE
-    with subprocess.Popen(command, cwd=tmp_path, text=True, stdout=pipe, stderr=pipe) as process:
+    with subprocess.Popen([TACTABLE, *words], cwd=tmp_path, text=True, stdout=pipe, stderr=pipe) as process:
         assert process.stderr is not None
 
         def told() -> str:
