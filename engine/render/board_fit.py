@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 from engine.device import Device
 from engine.render.commands import RendererError
-from firmware_link.host.link_values import Capabilities
+from firmware_link.host.link_values import BOARD_SOUND_CARD, Capabilities
 from firmware_link.protocol.messages import LINEARISES
 
 TOLERANCE = 0.1
@@ -48,21 +48,24 @@ def fit_board(device: Device, capabilities: Capabilities) -> BoardFit:
     _check_actuators(device, capabilities)
     _check_synthesis_rate(device, capabilities)
     _check_linearisation(device, capabilities)
-    scales, notes = scales_for(device, capabilities.full_scales_m), _notes_on_others(device, capabilities)
+    is_card = capabilities.board == BOARD_SOUND_CARD
+    scales = scales_for(device, capabilities.full_scales_m, is_card=is_card)
+    notes = _notes_on_others(device, capabilities)
     if set(scales) == {1.0}:
         return BoardFit(scales, notes)
     apart = max(range(len(scales)), key=lambda index: abs(math.log(scales[index])))
     factors = ", ".join(f"{scale:.3g}" for scale in scales)
     note = (
         f"{_difference(device, capabilities.full_scales_m, apart)}; amplitudes are multiplied by {factors}, so that "
-        "displacements are the table's. If the table comes from a calibration of this board, flash "
-        f"{flash_text(device)}"
+        f"displacements are the table's. If the table comes from a calibration of this board, {_way(device, is_card)}"
     )
     return BoardFit(scales, (note, *notes))
 
 
-def scales_for(device: Device, full_scales_m: Sequence[float]) -> tuple[float, ...]:
+def scales_for(device: Device, full_scales_m: Sequence[float], *, is_card: bool = False) -> tuple[float, ...]:
     """By actuator: what amplitudes are multiplied with on a board of these full scales, which may have more actuators.
+
+    A sound card (`is_card`) is told its full scale by the name of its port, and has nothing to flash.
 
     Raises RendererError for a board that cannot play the displacements of the table.
     """
@@ -72,7 +75,7 @@ def scales_for(device: Device, full_scales_m: Sequence[float]) -> tuple[float, .
     ]
     scales = tuple(1.0 if 1 / (1 + TOLERANCE) <= ratio <= 1 + TOLERANCE else ratio for ratio in ratios)
     for index, scale in enumerate(scales):
-        remedy = f"connect the board of {device.name}, or flash {flash_text(device)} if that is what it does"
+        remedy = f"connect the board of {device.name}, or {_way(device, is_card)} if that is what it does"
         if not 1 / GREATEST_RATIO <= scale <= GREATEST_RATIO:
             raise RendererError(f"{_difference(device, full_scales_m, index)}: {remedy}")
         if scale * device.limits.amplitude > 1:
@@ -81,6 +84,15 @@ def scales_for(device: Device, full_scales_m: Sequence[float]) -> tuple[float, .
                 f"{100 * device.limits.amplitude:.3g} %: {remedy}; or lower limits.amplitude to {100 / scale:.3g} %"
             )
     return scales
+
+
+def card_text(device: Device) -> str:
+    """The full scales of a device as the port of a sound card says them (docs/audio.md)."""
+    return f"full_scale={'+'.join(f'{_UM_PER_M * each.full_scale_m:.4g} um' for each in device.actuators)}"
+
+
+def _way(device: Device, is_card: bool) -> str:
+    return f"give --port {card_text(device)}" if is_card else f"flash {flash_text(device)}"
 
 
 def flash_text(device: Device) -> str:

@@ -2,14 +2,9 @@
 
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent, Outcome, PlayedWaveform, ReceivedFrame
 from firmware_link.emulator.firmware import EmulatedFirmware
-from firmware_link.emulator.state import (
-    BOARD_EMULATED,
-    BOARD_SOUND_CARD,
-    LONGEST_LEASE_MS,
-    DeviceConfiguration,
-    DeviceCounters,
-)
+from firmware_link.emulator.state import LONGEST_LEASE_MS, DeviceConfiguration, DeviceCounters
 from firmware_link.emulator.synthesis import Synthesis, synthesise
+from firmware_link.host.link_values import BOARD_EMULATED, BOARD_SOUND_CARD
 
 __all__ = [
     "BOARD_EMULATED",

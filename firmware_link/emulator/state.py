@@ -2,14 +2,13 @@
 
 from dataclasses import dataclass, field
 
+from firmware_link.host.link_values import BOARD_EMULATED
 from firmware_link.protocol.messages import FULL_SCALE_WORD, MAXIMUM_SENSED_VALUES, DeviceState
 
 LONGEST_LEASE_MS = 100
 FULL_SCALE_PM = 520_000
 BASIS_CAPACITY_BYTES = 1 << 18
 LONGEST_WAVEFORM_MS = 1_000
-BOARD_EMULATED = 0
-BOARD_SOUND_CARD = 6
 
 
 @dataclass(frozen=True)

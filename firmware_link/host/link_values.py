@@ -20,6 +20,8 @@ from firmware_link.protocol.messages import (
     encode_amplitude,
 )
 
+BOARD_EMULATED, BOARD_SOUND_CARD = 0, 6
+"""Numbers of the boards that are no boards, in HELLO."""
 _NO_FEATURES = Features(0)
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from engine.device import Device
 from engine.files import check_new_folder, write_new_folder
-from engine.render.board_fit import flash_text
+from engine.render.board_fit import card_text, flash_text
 from precompute.calibration.device_text import calibrated_text
 from precompute.calibration.misfit import Loss
 from precompute.calibration.plausibility import implausible_changes
@@ -80,6 +80,7 @@ class CalibrationJob:
             report["adequacy"] = adequacy_report(self.device, found, self.bounds)
         if any(p["name"].endswith("full_scale") for p in report["parameters"]):
             report["flash"] = flash_text(calibrated_device(found))
+            report["card"] = card_text(calibrated_device(found))
         now = datetime.now(UTC).isoformat(timespec="seconds")
         return Fitted(found, report | {"asked": self._asked(raw)}, raw, self.measurements.suffix.lower(), now)
 

@@ -11,7 +11,7 @@ import typer
 
 from engine.files import replace_file
 from engine.table.history import previous_of
-from tactable.cli.console import EXIT_DOUBTFUL, OUT, print_json, say, show, shown_progress
+from tactable.cli.console import EXIT_DOUBTFUL, OUT, note, print_json, say, show, shown_progress
 from tactable.cli.measure import (
     FlawsText,
     MethodName,
@@ -69,7 +69,13 @@ def calibrate(
     fit: Fit = None,
     also: Also = None,
     loss: Loss = "robust",
-    sensor_mass: SensorMass = "0 g",
+    sensor_mass: Annotated[
+        str,
+        typer.Option(
+            "--sensor-mass",
+            help="Mass of the accelerometer where the file states none; default: 0 g, and with --measure 2 g.",
+        ),
+    ] = "",
     starts: Annotated[int, typer.Option(min=1, max=64, help="Points that the search starts from.")] = 5,
     seed: Annotated[int, typer.Option(min=0, help="Seed of these points.")] = 0,
     accept: Annotated[str, typer.Option(help="Greatest typical misfit; a fit above it is doubtful.")] = "20 %",
@@ -106,10 +112,11 @@ def calibrate(
     """Fit a device to measured accelerations, and measure them first if asked to.
 
     A new folder gets the new device file, the raw data and a report. Exit status 3: the result is doubtful, and a table
-    to which it should be applied is left as it was.
+    to which it should be applied is left as it was; or more than a tenth of the readings of --measure stayed spoiled.
     """
     from precompute.calibration.misfit import Loss as Losses
     from tactable.calibration.job import CalibrationJob
+    from tactable.measure.verify import MOST_SPOILED
 
     device = find_device(device_name)
     if not measures and (port_name or sensor_path or flaws or change):
@@ -123,26 +130,31 @@ def calibrate(
         names=names,
         bounds=bounds,
         loss=chosen,
-        sensor_mass_kg=read_option("--sensor-mass", sensor_mass, "kg"),
+        sensor_mass_kg=read_option("--sensor-mass", sensor_mass or ("2 g" if measures else "0 g"), "kg"),
         starts=starts,
         seed=seed,
         compares=apply is None if compare is None else compare,
         accepted_misfit=accepted,
         is_strict=strict,
     )
+    spoiled = readings = 0
     with ExitStack() as stack:
         circle = None
         if measures:
             named = _apparatus(device, apply, port_name, sensor_path, read_most(device, most), bit_rate_hz)
-            named = replace(named, sensor_mass_kg=job.sensor_mass_kg or read_option("--sensor-mass", "2 g", "kg"))
+            named = replace(named, sensor_mass_kg=job.sensor_mass_kg)
             bench = with_simulation(device, named, flaws, change, seed)
             circle = stack.enter_context(_at_the_bar(device, bench, places, method))
-            circle.measure(measurements_path, lambda *at: None if as_json else tell_reading(device, *at))
+            spoiled, readings = circle.measure(
+                measurements_path, lambda *at: None if as_json else tell_reading(device, *at)
+            )
+            if spoiled:
+                note(f"{spoiled} of {readings} readings stayed spoiled and are left out of {measurements_path}")
         if apply is None:
             doubts = _fit(job, as_json)
         else:
             doubts = _apply(job, apply, despite_doubts, clicks, as_json, None if circle is None else circle.verify)
-    if doubts:
+    if doubts or spoiled > MOST_SPOILED * readings:
         raise typer.Exit(EXIT_DOUBTFUL)
 
 

@@ -16,7 +16,7 @@ from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ, Plan, Transport
 from tactable.bench.latency.load_generator import Stall, StalledLayer
 from tactable.bench.latency.stages import us
 from tactable.cli.console import ERRORS, OUT, remark, show
-from tactable.cli.options import AsJson, OptionalTable
+from tactable.cli.options import AsJson, OptionalTable, OptionError
 
 EXIT_WORSE = 4
 _MOST_SAMPLES = 65_536
@@ -32,7 +32,7 @@ def latency(
     ] = None,
     over: Annotated[
         str,
-        typer.Option(metavar="sockets|pty|PORT", help="Engine alone, an emulator behind a terminal, or a port."),
+        typer.Option(metavar="sockets|pty|PORT", help="Engine alone, an emulator behind a terminal, or a serial port."),
     ] = "sockets",
     bit_rate_hz: Annotated[int, typer.Option("--bit-rate", min=1, help="Bit rate of a port, bit/s.")] = PTY_BIT_RATE_HZ,
     loads: Annotated[str, typer.Option(help="Background loads, of idle, stress and thread.")] = "idle,stress,thread",
@@ -59,8 +59,14 @@ def latency(
     """
     # It draws, and knows the demo: importing that takes longer than parsing the options.
     from engine.plain import to_plain
+    from tactable.audio.names import is_audio
     from tactable.bench.latency.report import compare_with, measure, write_report
 
+    if is_audio(over):
+        raise OptionError(
+            f"--over {over}: a sound card takes no part in this benchmark, since its buffers of 5 to 20 ms are the "
+            "latency; measure it with `tactable measure`, which states it, or give a serial port"
+        )
     with open_table(table_path) as table:
         streams = _streams(table, _numbers(rates), fingers, recordings or [])
         transport = Transport(over) if over == "sockets" else Transport(over, bit_rate_hz)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 _VERDICTS = {
     "kept": "the bar keeps the promise",
     "beyond": "the bar does not keep the promise",
+    "in part": "the bar keeps the promise where it was read, but too many readings are spoiled to say more",
     "not compared": "every reading is spoiled",
 }
 
@@ -52,7 +53,7 @@ def verify(
 
     Steady drives and clicks of random placements are played on the untouched bar, and read point by point. The promise
     is an interval over the bars that the table holds for possible. Exit status 3: more than a tenth of the points are
-    beyond it. It has never been run on hardware.
+    beyond it, or more than a tenth of the readings stayed spoiled. It has never been run on hardware.
     """
     from threadpoolctl import threadpool_limits
 
@@ -102,6 +103,7 @@ def summary_of(table: "Table", points: "tuple[Point, ...]", is_simulated: bool) 
         "device": table.device.name,
         "simulated": is_simulated,
         "compared": sum(not point.is_spoiled for point in points),
+        "spoiled": sum(point.is_spoiled for point in points),
         "outside": sum(point.is_outside for point in points),
         "points": [
             {

@@ -31,6 +31,7 @@ PLACES, PLACEMENTS = 3, 5
 _DOUBTS = {
     "kept": "",
     "beyond": "the bar does not keep what the new table promises: {outside} of {compared} points are beyond it",
+    "in part": "{spoiled} of {points} readings of the new table on the bar are spoiled: too many to call it kept",
     "not compared": "the new table could not be verified on the bar: every reading is spoiled",
 }
 
@@ -45,8 +46,10 @@ class Circle:
     walk: Sequence[Stop]
     method: Method
 
-    def measure(self, path: Path, on_reading: Callable[[Stop, Reading], None]) -> None:
+    def measure(self, path: Path, on_reading: Callable[[Stop, Reading], None]) -> tuple[int, int]:
         """Measure the bar into a file of complex responses; one that this measurement wrote before is kept.
+
+        Returns how many readings stayed spoiled, and are left out of the file, and how many there are.
 
         Raises MeasurementError where no reading is usable, where a drive is not recorded and for a file of another
         measurement, SensorError and LinkError.
@@ -69,6 +72,8 @@ class Circle:
             found = measurements_of(records, self.device, options.sensor_mass_kg, Kind.RESPONSE, **how)
             comment = f"{'SIMULATED ' if form.is_simulated else ''}tactable calibrate --measure {self.device.name}"
             write_measurements(path, found, self.device, comment)
+        readings = [reading for record in records for reading in record.readings]
+        return sum(reading.is_spoiled for reading in readings), len(readings)
 
     def verify(self, written: Path) -> str:
         """Play a table's drives, and its clicks unless they are outdated; the doubt that remains, empty for none."""
@@ -81,4 +86,5 @@ class Circle:
             options, mass_kg = SteppedSineOptions(), self.options.sensor_mass_kg
             points = verify_table(table, played, places_m, self.apparatus, options, mass_kg)
         compared, outside = sum(not point.is_spoiled for point in points), sum(point.is_outside for point in points)
-        return _DOUBTS[verdict_of(points)].format(outside=outside, compared=compared)
+        counts = {"outside": outside, "compared": compared, "spoiled": len(points) - compared, "points": len(points)}
+        return _DOUBTS[verdict_of(points)].format(**counts)

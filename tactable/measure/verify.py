@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 BARS = 40
 MOST_OUTSIDE = 0.1
 """Share of the points that may lie outside: the range over 40 bars leaves 5 % of them outside by chance."""
+MOST_SPOILED = 0.1
+"""Share of the points that may be spoiled; where more are, the promise counts as not tested."""
 PLACE_M = 0.5e-3
 """Standard deviation of the place of the sensor."""
 LEAST_M_PER_S2 = 0.02
@@ -157,11 +159,17 @@ def verify_table(
 
 
 def verdict_of(points: Sequence[Point]) -> str:
-    """Whether the promise is kept, as a word: kept, beyond (more points than chance allows), or not compared."""
+    """Whether the promise is kept, as words.
+
+    kept; beyond: more points than chance allows; in part: kept where it was read, but too many readings are spoiled to
+    say so of the rest; not compared: all are spoiled.
+    """
     compared, outside = sum(not point.is_spoiled for point in points), sum(point.is_outside for point in points)
     if not compared:
         return "not compared"
-    return "beyond" if outside > MOST_OUTSIDE * compared else "kept"
+    if outside > MOST_OUTSIDE * compared:
+        return "beyond"
+    return "in part" if len(points) - compared > MOST_SPOILED * len(points) else "kept"
 
 
 def _read(stepped: SteppedSine, driven: DrivenDevice, played: Played) -> tuple[float, float, tuple[Fault, ...]] | None:

@@ -14,7 +14,7 @@ from engine.loop.fast.table import with_fast_table
 from engine.render import DriveCommand, PlayCommand, RendererError, Rendering, render_table
 from engine.render.board_fit import fit_board, scales_for
 from engine.table import Table
-from firmware_link.host.link_values import Capabilities
+from firmware_link.host.link_values import BOARD_SOUND_CARD, Capabilities
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet, clamp_samples, sample_limits, weighted_sum
 from firmware_link.protocol.messages import LINEARISES, Features, Play, decode_body, decode_drive, encode_play_body
 from tests.engine.made_clicks import click_of, in_zones
@@ -122,6 +122,14 @@ def test_scaling_is_said_with_what_to_flash(full_m: float, factors: str) -> None
     (note,) = fit_board(REFERENCE, board(full_m, TABLE_M)).notes
     assert f"amplitudes are multiplied by {factors}" in note
     assert note.endswith("flash full_scales_pm = {520000, 520000}")
+
+
+def test_a_sound_card_has_nothing_to_flash() -> None:
+    card = replace(board(1.3 * TABLE_M, TABLE_M), board=BOARD_SOUND_CARD)
+    (note,) = fit_board(REFERENCE, card).notes
+    assert note.endswith("give --port full_scale=0.52 um+0.52 um")
+    with pytest.raises(RendererError, match=r"give --port full_scale=0\.52 um"):
+        fit_board(REFERENCE, replace(card, full_scales_m=(TABLE_M, 520e-6)))
 
 
 @pytest.mark.parametrize("full_m", [0.0, 0.03e-6, 5.3e-6, 520e-6])

@@ -5,6 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from engine.touch import Placement
+from tactable.measure.faults import Fault
+from tactable.measure.verify import Played, Point, verdict_of
 from tests.tactable.cli.in_process import run_here
 
 SIMULATED = ("--port", "simulated", "--sensor", "simulated", "--places", "1", "--placements", "2")
@@ -39,6 +42,28 @@ def test_a_reading_that_a_fault_spoils_is_not_compared(tmp_path: Path, click_tab
     summary = json.loads(done.stdout)
     assert (summary["verdict"], summary["compared"]) == ("not compared", 0)
     assert all("CLIPPING" in point["faults"] for point in summary["points"])
+
+
+def point_of(read_m_per_s2: float, fault: Fault | None) -> Point:
+    played = Played(Placement((0.05,), (True,)), None, None)
+    return Point(played, 0.1, read_m_per_s2, 1.0, 0.9, 1.1, () if fault is None else (fault,))
+
+
+@pytest.mark.parametrize(
+    ("spoiled", "outside", "verdict"),
+    [
+        (0, 0, "kept"),
+        (1, 0, "kept"),
+        (0, 1, "kept"),
+        (2, 0, "in part"),
+        (0, 2, "beyond"),
+        (5, 1, "beyond"),
+        (10, 0, "not compared"),
+    ],
+)
+def test_a_promise_that_was_tested_in_part_only_is_not_called_kept(spoiled: int, outside: int, verdict: str) -> None:
+    points = [point_of(1.0, Fault.CLIPPING)] * spoiled + [point_of(2.0, None)] * outside
+    assert verdict_of(points + [point_of(1.0, None)] * (10 - len(points))) == verdict
 
 
 @pytest.mark.parametrize(
