@@ -13,7 +13,14 @@ from engine.table import Table
 from engine.table.history import previous_of
 from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
-from precompute.builder.incremental import BuildOptions, Part, is_current, outdated_parts
+from precompute.builder.incremental import (
+    BuildOptions,
+    Part,
+    input_fingerprint,
+    is_compatible,
+    is_current,
+    outdated_parts,
+)
 from precompute.clicks import ClickOptions
 from tests.precompute.fleet.small_fleet import small_text
 
@@ -48,6 +55,15 @@ def arrays(path: Path) -> dict[str, object]:
     with h5py.File(path) as file:
         file.visititems(lambda name, item: found.update({name: item[...]}) if isinstance(item, h5py.Dataset) else None)
     return found
+
+
+def test_nothing_is_taken_over_under_another_threshold_curve(built: Path) -> None:
+    other = DEVICE.with_threshold("android")
+    with Table.open(built) as table:
+        options = BuildOptions.of(table)
+    for part in Part:
+        assert input_fingerprint(part, other, options) != input_fingerprint(part, DEVICE, options)
+    assert is_compatible(DEVICE, DEVICE) and not is_compatible(DEVICE, other)
 
 
 CHANGES = {
