@@ -40,7 +40,19 @@ def test_a_tenth_of_the_readings_may_be_wrong_by_3(loss: Loss) -> None:
     assert (found.is_wrong == (np.abs(flawed.acceleration / flawless.acceleration - 1) > 0.5)).all()
 
 
-def test_plain_squares_do_not_survive_that() -> None:
+@pytest.mark.parametrize("loss", [Loss.ROBUST, Loss.L1])
+@pytest.mark.parametrize("factor", [50.0, 1 / 50])
+def test_one_reading_that_is_wrong_by_50_is_named_and_moves_nothing(loss: Loss, factor: float) -> None:
+    read = read_bar(DEVICE, TRUTH, PAIRS_HZ[:3])
+    wrong = np.arange(len(read)) == 17
+    found = calibrate(
+        DEVICE, replace(read, acceleration=np.where(wrong, factor, 1.0) * read.acceleration), PAPERS_SIX, loss, starts=1
+    )
+    assert max(relative_errors(found, TRUTH).values()) < 1e-5
+    assert (found.is_wrong == wrong).all()
+
+
+def test_plain_squares_do_not_survive_wrong_readings() -> None:
     read = read_bar(DEVICE, TRUTH, PAIRS_HZ[:5], Flaws(wrong=0.1))
     found = calibrate(DEVICE, read, PAPERS_SIX, Loss.SQUARES, starts=2)
     assert relative_errors(found, TRUTH)["actuator.full_scale"] > 1e-3
