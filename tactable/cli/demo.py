@@ -10,7 +10,15 @@ import typer
 
 from engine.files import remove_all_partials
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, print_json, remark, say, shown_progress
-from tactable.cli.options import DEVICE_HELP, AsJson, EffectsPath, OptionError
+from tactable.cli.options import (
+    DEVICE_HELP,
+    AsJson,
+    ControlOsc,
+    ControlPort,
+    ControlSocket,
+    EffectsPath,
+    OptionError,
+)
 from tactable.shipped import DEMO_RECORDING, cache_folder, find_device, named_effects
 
 if TYPE_CHECKING:
@@ -38,6 +46,10 @@ def demo(
         typer.Option("--host", help="Bind the page to this address instead of 127.0.0.1, and print a QR code of it."),
     ] = None,
     page_port: Annotated[int, typer.Option("--page-port", min=0, max=65_535, help="The page's port; 0: any.")] = 0,
+    control: Annotated[bool, typer.Option("--control", help="Let programs decide who feels what on the page.")] = False,
+    control_socket: ControlSocket = None,
+    control_port: ControlPort = None,
+    control_osc: ControlOsc = None,
     as_json: AsJson = False,
 ) -> None:
     """Show the whole chain, SIMULATED: as a page to touch, or as a report.
@@ -48,16 +60,24 @@ def demo(
     device = find_device(device_name)
     remove_all_partials(cache_folder())
     is_report = headless or as_json or any(path is not None for path in (figure, recording_path, table_path))
-    is_asked_for = no_open or host is not None or page_port != 0
+    is_asked_for = no_open or host is not None or page_port != 0 or control
     if is_report and is_asked_for:
-        raise typer.BadParameter("--no-open, --host and --page-port are the page's; leave out what asks for the report")
+        raise typer.BadParameter(
+            "--no-open, --host, --page-port and --control are the page's; leave out what asks for the report"
+        )
     if not is_report:
         from tactable.page.opening import Address, has_browser, show_demo
 
         opens_browser = not no_open and host is None and has_browser()
         if opens_browser or is_asked_for:
             address = Address(host or "127.0.0.1", page_port, opens_browser)
-            show_demo(device_name, device, effects_path, cache_folder(), address, remark)
+            programs = None
+            if control:
+                from tactable.control.client import default_socket
+                from tactable.page.processes.programs import ProgramsAt
+
+                programs = ProgramsAt(str((control_socket or default_socket()).absolute()), control_port, control_osc)
+            show_demo(device_name, device, effects_path, cache_folder(), address, remark, programs)
             return
         remark("no browser here: the report instead of the page; --no-open prints an address to open elsewhere")
     report_demo(device, recording_path, table_path, effects_path, figure or Path("tactable-demo.png"), as_json)

@@ -44,6 +44,18 @@ CsvPath = Annotated[Path | None, typer.Option("--csv", help="The data as CSV, un
 EffectsPath = Annotated[
     Path | None, typer.Option("--effects", help="Effect file; default: a click at 20 dB for every touch.")
 ]
+ControlSocket = Annotated[
+    Path | None,
+    typer.Option(help="The Unix socket of --control; default: tactable-control.sock in $XDG_RUNTIME_DIR."),
+]
+ControlPort = Annotated[
+    int | None,
+    typer.Option(min=0, max=65_535, help="With --control also a WebSocket on this loopback port; 0: any."),
+]
+ControlOsc = Annotated[
+    int | None,
+    typer.Option(min=0, max=65_535, help="With --control also Open Sound Control on this loopback port; 0: any."),
+]
 SensorMass = Annotated[
     str, typer.Option("--sensor-mass", help="Mass of the accelerometer where the file states none, such as 2 g.")
 ]

@@ -28,7 +28,7 @@ from firmware_link.protocol.errors import LinkError
 from tactable.audio.port import AudioPort, open_port
 from tactable.cli.console import ERRORS, OUT, note, remark, show
 from tactable.cli.kernel_cache import compile_steady_solver
-from tactable.cli.options import AsJson, BitRate, EffectsPath, TableArgument
+from tactable.cli.options import AsJson, BitRate, ControlOsc, ControlPort, ControlSocket, EffectsPath, TableArgument
 from tactable.cli.touch import machine_of
 from tactable.control.client import default_socket
 from tactable.control.slot import ControlOf, ControlProcess
@@ -82,18 +82,6 @@ RingPath = Annotated[
 Watch = Annotated[bool, typer.Option(help="Change over to a new table that replaces this one, once it is verified.")]
 Solve = Annotated[
     bool, typer.Option("--solve/--no-solve", help="Solve clicks that the table does not hold, in another process.")
-]
-ControlSocket = Annotated[
-    Path | None,
-    typer.Option(help="The Unix socket of --control; default: tactable-control.sock in $XDG_RUNTIME_DIR."),
-]
-ControlPort = Annotated[
-    int | None,
-    typer.Option(min=0, max=65_535, help="With --control also a WebSocket on this loopback port; 0: any."),
-]
-ControlOsc = Annotated[
-    int | None,
-    typer.Option(min=0, max=65_535, help="With --control also Open Sound Control on this loopback port; 0: any."),
 ]
 FastPathWanted = Annotated[
     bool, typer.Option("--fast-path/--no-fast-path", help="Answer reports in one compiled step where it can.")

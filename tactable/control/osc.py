@@ -16,8 +16,8 @@ from engine.printable import printable
 from firmware_link.child import ChildError
 from tactable.control.osc_codec import OscError, Value, decode_osc, encode_osc
 from tactable.control.requests import VERSION
+from tactable.control.security import LOOPBACK
 from tactable.control.server import ControlServer
-from tactable.page.security import LOOPBACK
 
 LEASE_S = 30.0
 PREFIX = "/tactable/"
@@ -34,7 +34,7 @@ def message_of(address: str, values: Sequence[Value]) -> dict[str, Any]:
     expected, make = _MESSAGES[name]
     try:
         return make(values)
-    except (ValueError, TypeError, IndexError, KeyError):
+    except (ValueError, TypeError, IndexError, KeyError, RecursionError):
         raise OscError(f"{address}: {list(values)!r:.80}: expected {expected}") from None
 
 
@@ -137,14 +137,19 @@ class _Sender:
             if address == f"{PREFIX}hello" and document["ok"]:
                 return
             self._owner.answer(self._peer, address, document.get("error"))
+            if "fingers" in document:  # of a subscription: those that touch now
+                self._send_touches(document["fingers"])
         elif document["event"] == "touches":
-            fingers = [value for each in document["fingers"] for value in (each["finger"], 1e3 * each["at_m"])]
-            self._owner.send(self._peer, "touches", fingers)
+            self._send_touches(document["fingers"])
         elif document["event"] == "played":
             level_db = -1.0 if document["level_db"] is None else float(document["level_db"])
             self._owner.send(self._peer, "played", [document["kind"], level_db])
         else:
             self._owner.send(self._peer, "event", [json.dumps(document)])
+
+    def _send_touches(self, fingers: list[dict[str, Any]]) -> None:
+        values = [value for each in fingers for value in (each["finger"], 1e3 * each["at_m"])]
+        self._owner.send(self._peer, "touches", values)
 
     async def drain(self) -> None:
         """A datagram is gone at once."""

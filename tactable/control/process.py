@@ -43,8 +43,9 @@ _NICE = 2
 class _LoopSlot:
     """The loop's slot: one step at a time, and the word that it was taken."""
 
-    def __init__(self, parent: Parent, is_connected: Callable[[Board], None]) -> None:
-        self._parent, self._is_connected = parent, is_connected
+    def __init__(self, parent: Parent, begin: Callable[[dict[str, Any]], None]) -> None:
+        """`begin` gets what the parent says of the board and of the next run."""
+        self._parent, self._begin = parent, begin
         self.is_open = asyncio.Event()
         self.has_ended = asyncio.Event()
         self._outcome: asyncio.Future[Outcome] | None = None
@@ -68,9 +69,8 @@ class _LoopSlot:
             self.has_ended.set()
             if self._outcome is not None and not self._outcome.done():
                 self._outcome.set_exception(ControlError("run: the run has ended"))
-        elif "board" in document:
-            resolution_hz, full_scales_m = document["board"]
-            self._is_connected(Board(resolution_hz, tuple(full_scales_m)))
+        elif "board" in document or "run" in document:
+            self._begin(document)
             self.is_open.set()
         elif self._outcome is not None and not self._outcome.done():
             self._outcome.set_result(Outcome(document["outcome"]))
@@ -162,6 +162,21 @@ async def _publish(
                     adopted.close()
 
 
+async def _begin_run(server: ControlServer, events: Events, table: str, effects: str) -> None:
+    """Go on in another run, of this table and with these rules (pickled); a bar with other zones ends all regions."""
+    base = pickle.loads(base64.b64decode(effects))  # from our own process
+    # The rules are sent before the table is open, so that they wait when the run begins.
+    rules = asyncio.create_task(server.begin_run(base))
+    before = events.table
+    with contextlib.suppress(OSError, TableError):  # replaced already: the next run is announced
+        events.table = await asyncio.to_thread(Table.open, Path(table), verify=False)
+        before.close()
+    server.adopt(events.table.device)
+    await rules
+    if [zone.name for zone in before.device.zones] != [zone.name for zone in events.table.device.zones]:
+        await server.remove_regions()
+
+
 async def _open_osc(server: ControlServer, port: int) -> "tuple[OscControl, str]":
     """The OSC port of a server, and the line that says where it is. Raises ChildError."""
     from tactable.control.osc import PREFIX, OscControl  # only here is python-osc needed
@@ -173,7 +188,18 @@ async def _open_osc(server: ControlServer, port: int) -> "tuple[OscControl, str]
 async def _serve(served: ControlOf, table: Table, reader: RingReader, parent: Parent) -> None:
     scene = Scene(served.effects, named_effects())
     events = Events(table, scene.top_region_at)
-    slot = _LoopSlot(parent, events.take_board)
+    runs = set[asyncio.Task[None]]()
+
+    def begin_run(document: dict[str, Any]) -> None:
+        if "board" in document:
+            resolution_hz, full_scales_m = document["board"]
+            events.take_board(Board(resolution_hz, tuple(full_scales_m)))
+        else:
+            task = asyncio.create_task(_begin_run(server, events, **document["run"]))
+            runs.add(task)
+            task.add_done_callback(runs.discard)
+
+    slot = _LoopSlot(parent, begin_run)
     server = ControlServer(scene, table.device, slot.hand_over, events.fingers)
     talks: dict[asyncio.StreamWriter, asyncio.Task[None]] = {}
 

@@ -27,7 +27,7 @@ class Scene:
         self.owners: dict[str, int] = {}
         """The program that holds a region; a region that stays has none once that is gone."""
         self._definers: dict[str, int] = {}
-        self._base, self._named = base, frozenset(named)
+        self.base, self._named = base, frozenset(named)
         self._settings: dict[int, Settings] = {}
         self._changed: dict[tuple[Effect, float], Effect] = {}
 
@@ -77,9 +77,9 @@ class Scene:
         """All of it as rules, the first of which wins."""
         settings = self._settings.values()
         if not self.is_enabled:
-            return Effects((), self._base.others)
+            return Effects((), self.base.others)
         change_db = sum(each.level_change_db for each in settings)
-        base = self._base.rules if all(each.uses_rule_file for each in settings) else ()
+        base = self.base.rules if all(each.uses_rule_file for each in settings) else ()
         regions = [*reversed(self.regions.values())]
         triggers = {rule.on for rule in base} | {rule.on for region in regions for rule in region.rules}
         rules = []
@@ -88,7 +88,7 @@ class Scene:
             rules += [self._with_levels(rule, change_db + region.level_change_db) for rule in own]
             rules += [_nothing(on, region) for on in Trigger if on in triggers - {rule.on for rule in own}]
         rules += [self._with_levels(rule, change_db) for rule in base]
-        return Effects(tuple(rules), self._base.others)
+        return Effects(tuple(rules), self.base.others)
 
     def top_region_at(self, position_m: float, zone: int | None) -> str | None:
         """Name of the region that a finger lies in."""

@@ -20,7 +20,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from typing import Any, Protocol
 
 from engine.device import Device
-from engine.effects import ControlStep, Outcome, TriggeredEffect
+from engine.effects import ControlStep, Effects, Outcome, TriggeredEffect
 from tactable.control.requests import (
     VERSION,
     ControlError,
@@ -146,6 +146,22 @@ class ControlServer:
     def adopt(self, device: Device) -> None:
         """Read positions and zones on another device from now on: the run has changed over to its table."""
         self._device = device
+
+    async def begin_run(self, base: Effects) -> None:
+        """Give the scene to another run, whose own rules are `base`. Quiet roles and triggered effects have ended."""
+        for program in self._programs.values():
+            program.quiet.clear()
+            program.has_triggered = False
+        self.scene.base = base
+        with contextlib.suppress(ControlError):  # the run has ended
+            await self._step(has_rules=True)
+
+    async def remove_regions(self) -> None:
+        """Remove the regions of all programs."""
+        for name in list(self.scene.regions):
+            self.scene.remove_region(name)
+        with contextlib.suppress(ControlError):
+            await self._step(has_rules=True)
 
     # ---- leases ----
 

@@ -40,7 +40,7 @@ class ControlProcess:
     """The child process, and the slot that the loop reads (engine.loop.ControlSlot). Raises ChildError."""
 
     def __init__(self, served: ControlOf) -> None:
-        arguments = {"served": base64.b64encode(pickle.dumps(served)).decode()}
+        arguments = {"served": _as_text(served)}
         self._child = Child("tactable.control.process", arguments, name="the control channel")
         try:
             self.lines: list[str] = self._child.read()["lines"]
@@ -65,6 +65,10 @@ class ControlProcess:
     def begin(self, capabilities: Capabilities) -> None:
         """Take steps from now on; the device is connected. The process hands none over before."""
         self._child.write({"board": [capabilities.frequency_resolution_hz, list(capabilities.full_scales_m)]})
+
+    def change_run(self, table: Path, effects: Effects) -> None:
+        """Say that another run follows, of this table and with these rules; programs and their regions go on in it."""
+        self._child.write({"run": {"table": str(table), "effects": _as_text(effects)}})
 
     def fileno(self) -> int:
         """The descriptor that is readable when a part of a step has come."""
@@ -98,3 +102,7 @@ class ControlProcess:
         os.dup2(silent, self._descriptor)
         os.close(silent)
         os.set_blocking(self._descriptor, False)
+
+
+def _as_text(value: ControlOf | Effects) -> str:
+    return base64.b64encode(pickle.dumps(value)).decode()

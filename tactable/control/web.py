@@ -16,8 +16,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from firmware_link.child import ChildError
 from tactable.control.requests import MOST_BYTES
+from tactable.control.security import LOOPBACK, AccessPolicy, new_token
 from tactable.control.server import ControlServer
-from tactable.page.security import LOOPBACK, AccessPolicy, new_token
 
 _LONGEST_MESSAGE = 64 * MOST_BYTES
 """Beyond it the WebSocket is closed; up to it a message that is too long is answered."""

@@ -12,7 +12,7 @@ import math
 import os
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ from tactable.page.paper_bar import PaperBar
 from tactable.page.pointers import Pointers
 from tactable.page.processes.build import BuildOrder
 from tactable.page.processes.engine import Order
+from tactable.page.processes.programs import ProgramsAt
 from tactable.page.scene import device_json
 from tactable.page.tables import Builder, order_for
 from tactable.page.view import View
@@ -58,9 +59,21 @@ def _is_same(one: Table, other: Table) -> bool:
 
 
 class DemoBackend:
-    """Plays one choice at a time. `cache` is the folder of tables, `work` that of the ring and of what goes with it."""
+    """Plays one choice at a time. `cache` is the folder of tables, `work` that of the ring and of what goes with it.
 
-    def __init__(self, choice: Choice, device: Device, offers: Offered, cache: Path, work: Path) -> None:
+    `programs` says where the control channel is; None: there is no channel. `say` prints a line.
+    """
+
+    def __init__(
+        self,
+        choice: Choice,
+        device: Device,
+        offers: Offered,
+        cache: Path,
+        work: Path,
+        programs: ProgramsAt | None = None,
+        say: Callable[[str], None] = print,
+    ) -> None:
         self.scene_number = 0
         self.restarts = 0
         """Number of restarts of processes that ended by themselves."""
@@ -70,6 +83,7 @@ class DemoBackend:
         self._device = moved(device, choice)
         """The device that is to play: its actuators may have been moved."""
         self._cache, self._work = cache, work
+        self._programs, self._say = programs, say
         self._builder = Builder(self._changed)
         self._pointers = Pointers()
         self._firmware: FirmwareProcess | None = None
@@ -283,7 +297,8 @@ class DemoBackend:
             self._firmware = await FirmwareProcess.start(configuration)
         if self._engine is None:
             self._rings += 1
-            self._engine = await EngineProcess.start(self._work / f"ring-{os.getpid()}-{self._rings}")
+            ring = self._work / f"ring-{os.getpid()}-{self._rings}"
+            self._engine = await EngineProcess.start(ring, self._programs)
         has_kernels = self._builder.has_compiled
         played = None if self._plays is None else self._plays[0].source
         hand = hand_of(choice)
@@ -302,7 +317,8 @@ class DemoBackend:
         self._is_between = True
         self._pointers.feed(None)
         try:
-            await self._engine.play(order)
+            for line in await self._engine.play(order):
+                self._say(line)
         finally:
             self._is_between = False
         if before is not None and view.bar is not before.bar:

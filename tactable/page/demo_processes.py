@@ -12,6 +12,7 @@ from firmware_link.emulator import DeviceConfiguration
 from tactable.page.processes.asynchronous import AsyncChild
 from tactable.page.processes.engine import Order
 from tactable.page.processes.firmware import Applied, decode_applied
+from tactable.page.processes.programs import ProgramsAt
 
 
 class FirmwareProcess:
@@ -58,22 +59,23 @@ class EngineProcess:
         self.child, self.feed, self.ring = child, feed, ring
 
     @classmethod
-    async def start(cls, ring: Path) -> "EngineProcess":
+    async def start(cls, ring: Path, programs: ProgramsAt | None) -> "EngineProcess":
         """Start a process that waits for orders; its ring exists once the first order plays."""
         reading, writing = os.pipe()
         os.set_blocking(writing, False)
         try:
-            arguments = {"pointer_pipe": reading, "ring": str(ring)}
+            arguments = {"pointer_pipe": reading, "ring": str(ring), "programs": to_plain(programs)}
             module = "tactable.page.processes.engine"
             child = await AsyncChild.start(module, arguments, name="the engine", descriptors=[reading])
         finally:
             os.close(reading)
         return cls(child, PointerFeed(writing), ring)
 
-    async def play(self, order: Order) -> None:
-        """Play another order; returns once the run is ready. Raises ChildError."""
+    async def play(self, order: Order) -> list[str]:
+        """Play another order; returns what to print once the run is ready. Raises ChildError."""
         self.child.write(order.as_json())
-        await self.child.read()
+        lines: list[str] = (await self.child.read())["lines"]
+        return lines
 
     async def end(self) -> None:
         """End the process."""

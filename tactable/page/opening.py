@@ -18,9 +18,10 @@ from threadpoolctl import threadpool_limits
 from engine.device import Device
 from engine.files import replace_file
 from firmware_link.work_folder import work_folder
+from tactable.control.security import LOOPBACK, AccessPolicy, new_token
 from tactable.page.choices import Choice, Rules, offered
 from tactable.page.demo_backend import DemoBackend
-from tactable.page.security import LOOPBACK, AccessPolicy, new_token
+from tactable.page.processes.programs import ProgramsAt
 from tactable.page.server import PageBackend, listen_at, serve
 from tactable.shipped import cache_folder
 
@@ -55,13 +56,22 @@ def has_browser(environment: Mapping[str, str] = os.environ) -> bool:
 
 
 def show_demo(
-    device_name: str, device: Device, rule_file: Path | None, cache: Path, address: Address, say: Say
+    device_name: str,
+    device: Device,
+    rule_file: Path | None,
+    cache: Path,
+    address: Address,
+    say: Say,
+    programs: ProgramsAt | None = None,
 ) -> None:
-    """The demo as a page, until Ctrl-C. Raises OSError where the address is taken."""
+    """The demo as a page, with a control channel for `programs`, until Ctrl-C.
+
+    Raises OSError where the address is taken.
+    """
     rules = Rules.TOUCH if rule_file is None else Rules.FILE
     choice = Choice(device_name, rules=rules)
     with work_folder("page", in_memory=True) as work:
-        backend = DemoBackend(choice, device, offered(device_name, rule_file), cache, work)
+        backend = DemoBackend(choice, device, offered(device_name, rule_file), cache, work, programs, say)
         # SIGTERM ends the demo as Ctrl-C does, so that no process of the rig is left behind.
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         with contextlib.suppress(KeyboardInterrupt), threadpool_limits(1, "blas"):  # its threads spin on a busy machine

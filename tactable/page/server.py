@@ -24,6 +24,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from engine.touch.sources.pointer import PointerEvent
+from tactable.control.security import HEADERS, AccessPolicy
 from tactable.page.messages import (
     MOST_BYTES,
     CloseCode,
@@ -33,7 +34,6 @@ from tactable.page.messages import (
     decode_message,
     encode_scene,
 )
-from tactable.page.security import HEADERS, AccessPolicy
 
 FRAME_S = 1 / 60
 IDLE_FRAMES = 12

@@ -3,6 +3,7 @@
 import os
 import shutil
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, sync_playwright
@@ -15,12 +16,18 @@ from tests.tactable.click_table import build_click_table
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Demo]:
+def demo_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small bar and its table."""
     folder = tmp_path_factory.mktemp("demo")
     (folder / "small.toml").write_text(SMALL, encoding="utf-8")
     (folder / "tactable").mkdir()
     shutil.move(build_click_table(folder), cached_table(find_device(str(folder / "small.toml")), folder / "tactable"))
-    demo = Demo(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def demo(demo_folder: Path) -> Iterator[Demo]:
+    demo = Demo(demo_folder)
     yield demo
     demo.stop()
 

@@ -29,10 +29,13 @@ QUIET, FELT = 1, 2
 
 
 class Demo:
-    """`tactable demo` on a small bar whose table is there already; it can be ended and started again."""
+    """`tactable demo` on a small bar whose table is there already; it can be ended and started again.
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    `more`: further words of its command.
+    """
+
+    def __init__(self, folder: Path, *more: str) -> None:
+        self._folder, self._more = folder, more
         listening, access = listen_at("127.0.0.1", 0, "")
         listening.close()
         self._port = access.port
@@ -42,7 +45,7 @@ class Demo:
     def start(self) -> str:
         """The address of its page: of the same port it is always the same."""
         self.process = subprocess.Popen(
-            [TACTABLE, "demo", "small.toml", "--no-open", "--page-port", str(self._port)],
+            [TACTABLE, "demo", "small.toml", "--no-open", "--page-port", str(self._port), *self._more],
             cwd=self._folder,
             env={**os.environ, "XDG_CACHE_HOME": str(self._folder)},
             stderr=subprocess.PIPE,

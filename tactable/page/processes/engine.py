@@ -4,8 +4,8 @@ It runs what `tactable run` runs. Orders come one after another from the page; e
 ends the run of the order before.
 """
 
-from contextlib import ExitStack
-from dataclasses import dataclass
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +20,11 @@ from firmware_link.host.serial_port import SerialPort
 from tactable.page.choices import Choice, effects_of, hand_of
 from tactable.page.hand import HandDrive
 from tactable.page.processes.by_hand import DrivenByHand
+from tactable.page.processes.programs import Programs, ProgramsAt
 from tactable.rig.rig import PTY_BIT_RATE_HZ
 from tactable.run.click_process import ClickProcess
 from tactable.run.live import Live, LiveOptions
+from tactable.shipped import named_effects
 
 WITHOUT_CLICKS_NS = 800_000_000
 """Length of the steady drive that is played where a first table holds no click yet: long enough to become steady."""
@@ -62,13 +64,15 @@ class _NextOrder:
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
     """Play orders until the page asks for the end; says a line for each run."""
-    with RingWriter(Path(arguments["ring"])) as ring:
+    asked = arguments["programs"]
+    path, programs_at = Path(arguments["ring"]), None if asked is None else ProgramsAt(**asked)
+    with RingWriter(path) as ring, closing(Programs(programs_at, path)) as programs:
         found = parent.read()
         while found is not None:
-            found = _run(decode_order(found), arguments["pointer_pipe"], ring, parent) or parent.read()
+            found = _run(decode_order(found), arguments["pointer_pipe"], ring, programs, parent) or parent.read()
 
 
-def _run(order: Order, pipe: int, ring: RingWriter, parent: Parent) -> dict[str, Any] | None:
+def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: Parent) -> dict[str, Any] | None:
     """Play an order until the next one has come; returns that where it was read already."""
     clock = SystemClock()
     with Table.open(order.table, verify=False) as table, ExitStack() as stack:
@@ -76,6 +80,8 @@ def _run(order: Order, pipe: int, ring: RingWriter, parent: Parent) -> dict[str,
         if hand is not None:
             return _play_by_hand(order, hand, table.device, parent)
         effects = effects_of(order.choice, table.device, order.rule_file)
+        if programs.are_wanted:
+            effects = replace(effects, others=tuple(named_effects().values()))
         options = LiveOptions(
             effects,
             WhenNotAchieved.GO_ON,
@@ -89,8 +95,10 @@ def _run(order: Order, pipe: int, ring: RingWriter, parent: Parent) -> dict[str,
         stack.callback(reopening.close)
         solves_clicks = order.has_kernels and table.clicks and effects.have_clicks
         solving = stack.enter_context(ClickProcess(order.table)) if solves_clicks else None
-        live = Live(table, PointerSource(pipe), port, clock, options, ring, reopening=reopening, solving=solving)
-        parent.say({"clicks": live.clicks})
+        slot = programs.open(order.table, effects)
+        source = PointerSource(pipe)
+        live = Live(table, source, port, clock, options, ring, reopening=reopening, solving=solving, control=slot)
+        parent.say({"clicks": live.clicks, "lines": programs.begin(live.capabilities)})
         live.run(_NextOrder(parent))
         return None
 
@@ -100,7 +108,7 @@ def _play_by_hand(order: Order, hand: HandDrive, device: Device, parent: Parent)
     with SerialPort(order.port) as port:
         driven = DrivenByHand(device, port, SystemClock(), PTY_BIT_RATE_HZ)
         while True:
-            parent.say({"clicks": 0})
+            parent.say({"clicks": 0, "lines": []})
             driven.hold(hand, parent.has_spoken, parent.fileno())
             found = parent.read()
             following = None if found is None else decode_order(found)

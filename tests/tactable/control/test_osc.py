@@ -115,6 +115,7 @@ def test_each_address_is_a_message_of_the_channel(name: str) -> None:
         ("/tactable/trigger", ["press", "x"], "expected effect, finger"),
         ("/tactable/region", ["ok", 1, 2, "touch"], "then pairs of event and effect"),
         ("/tactable/json", ["[]"], "expected a message of the control channel"),
+        ("/tactable/json", ["[" * 5000], "expected a message of the control channel"),
     ],
 )
 def test_what_is_wrong_is_refused_by_address_and_expectation(address: str, values: list[Value], expected: str) -> None:
@@ -160,8 +161,9 @@ def test_every_sender_is_a_program_that_is_answered_and_hears_what_it_asked_for(
         assert list(server.scene.regions) == ["ok"] and len(loop.steps) == 3
         ways[1].sendto(encode_osc(f"{PREFIX}subscribe", ["touches", "played"]))
         assert (await second.heard.get())[1][1] is True
-        server.publish([{"event": "touches", "time_ns": 1, "fingers": FINGERS}])
-        assert await second.heard.get() == (f"{PREFIX}touches", [3, 50.0])
+        assert await second.heard.get() == (f"{PREFIX}touches", [3, 50.0])  # those that touch now
+        server.publish([{"event": "touches", "time_ns": 1, "fingers": 2 * FINGERS}])
+        assert await second.heard.get() == (f"{PREFIX}touches", [3, 50.0, 3, 50.0])
         ways[1].sendto(b"nonsense")
         assert (await second.heard.get())[1][1] is False
         assert osc.summary.startswith("OSC: 6 messages, 3 refused; the last: b'nonsense': expected an address")

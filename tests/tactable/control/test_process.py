@@ -2,10 +2,13 @@
 
 import asyncio
 import json
+import random
+import re
 import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,9 +21,11 @@ from engine.touch.sources.recording import write_recording
 from firmware_link.emulator import Cause
 from firmware_link.emulator.process import RunningEmulator, run_emulator
 from tactable.control.client import Client, ClientError
+from tactable.control.osc_codec import Value, decode_osc, encode_osc
 from tactable.shipped import find_device
 from tests.engine.made_entries import entry_of, felt_states
 from tests.engine.made_table import write_table
+from tests.tactable.control.messages import hostile_datagram
 from tests.tactable.rig.strokes import Stroke, make_recording
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
@@ -43,6 +48,8 @@ class Running:
     process: "subprocess.Popen[str]"
     emulator: RunningEmulator
     socket: Path
+    said: str
+    """What it printed until it began."""
 
     def connect(self, **more: float) -> Client:
         return tactable.connect(self.socket, name="a test", lease_s=more.get("lease_s"))
@@ -71,17 +78,18 @@ def running(folder: Path, tmp_path: Path) -> Iterator[Running]:
 
 
 @contextmanager
-def started(folder: Path, tmp_path: Path, emulator: RunningEmulator) -> Iterator[Running]:
+def started(folder: Path, tmp_path: Path, emulator: RunningEmulator, *more: str) -> Iterator[Running]:
     path = tmp_path / "control.sock"
     words = ["bar.nc", "--touch", "rests.hid", "--port", emulator.port, "--reconnect", "--effects", "none.toml"]
-    command = [TACTABLE, "run", *words, "--json", "--control", "--control-socket", str(path)]
+    command = [TACTABLE, "run", *words, "--json", "--control", "--control-socket", str(path), *more]
     with subprocess.Popen(command, cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
         said = ""
         while "Ctrl-C ends" not in said:
-            said = process.stderr.readline()
-            assert process.poll() is None and said
-        yield Running(process, emulator, path)
+            line = process.stderr.readline()
+            assert process.poll() is None and line
+            said += line
+        yield Running(process, emulator, path, said)
         if process.poll() is None:
             process.kill()
 
@@ -183,3 +191,76 @@ def test_a_second_run_does_not_take_the_socket(running: Running, folder: Path) -
     assert done.returncode == 1 and "another run listens there" in done.stderr
     with running.connect() as client:
         assert client.run["device"] == "reference-a"
+
+
+def test_a_program_of_another_kind_is_felt_by_open_sound_control_whatever_else_comes(
+    folder: Path, tmp_path: Path
+) -> None:
+    random_ = random.Random(5)
+    with (
+        run_emulator() as emulator,
+        started(folder, tmp_path, emulator, "--control-osc", "0") as running,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as program,
+    ):
+        found = re.search(r"osc://127\.0\.0\.1:(\d+)/tactable/", running.said)
+        assert found is not None, running.said
+        program.connect(("127.0.0.1", int(found[1])))
+        program.settimeout(30.0)
+
+        def hear(name: str) -> list[Value]:
+            while True:
+                ((address, values),) = decode_osc(program.recv(1 << 16))
+                if address == f"/tactable/{name}":
+                    return values
+
+        def ask(name: str, *values: Value) -> list[Value]:
+            program.send(encode_osc(f"/tactable/{name}", values))
+            return hear("answer")
+
+        assert ask("subscribe", "touches", "played") == ["/tactable/subscribe", True, ""]
+        while not (touched := hear("touches")):  # those that touch now, then changes
+            pass
+        finger, at_mm = touched
+        assert at_mm == pytest.approx(0.2e3 * DEVICE.bar.length_m, abs=0.1)
+        assert ask("trigger", "buzz", finger) == ["/tactable/trigger", True, ""]
+        assert hear("played") == ["drive", 20.0]
+        assert ask("stop")[1] and hear("played")[0] == "silence"
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hostile:
+            hostile.connect(("127.0.0.1", int(found[1])))
+            for _ in range(100):
+                hostile.send(hostile_datagram(random_))
+        assert ask("ping") == ["/tactable/ping", True, ""]
+        with running.connect() as other:
+            assert other.run["device"] == "reference-a"
+        running.end()
+
+
+def test_after_a_change_of_table_programs_meet_the_new_device(folder: Path, tmp_path: Path) -> None:
+    for name in ("bar.nc", "rests.hid", "none.toml"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    longer = DEVICE.with_values({"bar.length": "350 mm"})
+    with run_emulator() as emulator, started(tmp_path, tmp_path, emulator) as running:
+        with running.connect() as client:
+            client.subscribe("touches")
+            client.set_region("kept", ["100 mm", "140 mm"], touch="press", stays=True)
+        write_table(tmp_path / "new.nc", longer, [entry_of(longer, felt_states(longer)[0])], response=0.05)
+        (tmp_path / "new.nc").replace(tmp_path / "bar.nc")
+        until_s = time.monotonic() + 60.0
+        while True:
+            with running.connect() as client:
+                if client.run["length_m"] == longer.bar.length_m:
+                    break
+            assert time.monotonic() < until_s, "the table was not taken over"
+        with running.connect() as client:
+            assert [zone["stop_m"] for zone in client.run["zones"]] == [zone.stop_m for zone in longer.zones]
+            assert client.run["regions"] == ["kept"]  # it keeps its metres
+            (finger,) = client.subscribe("touches", "played")
+            while finger["at_m"] != pytest.approx(0.2 * longer.bar.length_m, abs=1e-4):  # the run is a moment later
+                finger = next(each["fingers"][0] for each in client.events(30.0) if each["event"] == "touches")
+            assert finger["zone"] == longer.zones[1].name and finger["region"] is None
+            client.set_region("key", ["15 %", "25 %"], hold={"effect": "buzz", "after": "10 ms"})
+            played = next(each for each in client.events(30.0) if each["event"] == "played")
+            assert played["kind"] == "drive" and played["promise"] is not None
+            assert client.subscribe("played")[0]["region"] == "key"
+        summary, _ = running.end()
+        assert summary["changes_of_table"] == 1

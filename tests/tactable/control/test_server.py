@@ -10,7 +10,7 @@ from typing import Any
 import jsonschema
 import pytest
 
-from engine.effects import ControlStep, Outcome
+from engine.effects import ControlStep, Effects, Outcome
 from tactable.control.scene import Scene
 from tactable.control.server import MOST_PROGRAMS, MOST_UNREAD_BYTES, ControlServer
 from tactable.shipped import find_device, named_effects
@@ -211,5 +211,25 @@ def test_a_program_that_reads_too_slowly_loses_events_and_is_told_how_many(reads
         assert ({"event": "lost", "count": 200 - got} in line.said) is not reads
         talking.cancel()
         await asyncio.gather(talking, return_exceptions=True)
+
+    run(act)
+
+
+def test_another_run_gets_the_scene_with_its_own_rules_below_and_no_roles_of_the_one_before() -> None:
+    async def act(server: ControlServer, loop: Loop) -> None:
+        line, more = Line(), Effects((), BASE.others)
+        talk = asyncio.ensure_future(
+            server.converse(lines_of(VALID[0] | {"lease": "60 s"}, VALID[1], VALID[10], forever=True), line)
+        )
+        while len(line.said) < 3:
+            await asyncio.sleep(0.01)
+        await server.begin_run(more)
+        assert loop.steps[-1].effects == server.scene.rules() and server.scene.base == more
+        assert list(server.scene.regions) == ["ok"] and loop.steps[-1].effects != more
+        await server.remove_regions()
+        assert loop.steps[-1].effects == more and server.scene.regions == {}
+        talk.cancel()
+        await asyncio.gather(talk, return_exceptions=True)
+        assert all(step.roles in ((), ((3, True),)) for step in loop.steps)  # nothing ends that has ended
 
     run(act)

@@ -10,9 +10,10 @@ from typer.testing import CliRunner
 
 from tactable.cli import demo as cli
 from tactable.cli.main import app
+from tactable.control.security import AccessPolicy
 from tactable.page import opening
 from tactable.page.opening import announcement, has_browser, qr_code, reachable, token_for
-from tactable.page.security import AccessPolicy
+from tactable.page.processes.programs import ProgramsAt
 
 SCREEN = {"DISPLAY": ":0"}
 
@@ -36,7 +37,9 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> list[opening.Address]:
     """Where pages were asked for; none is served."""
     addresses: list[opening.Address] = []
 
-    def show(_name: str, _device: object, _rules: object, _cache: Path, address: opening.Address, _say: object) -> None:
+    def show(
+        _name: str, _device: object, _rules: object, _cache: Path, address: opening.Address, *_more: object
+    ) -> None:
         addresses.append(address)
 
     monkeypatch.setattr(opening, "show_demo", show)
@@ -111,6 +114,18 @@ def test_a_page_that_is_asked_for_needs_no_browser(
     assert [(found.host, found.port) for found in shown] == [(address.host, address.port)]
     assert not shown[0].opens_browser
     assert reported == []
+
+
+def test_a_control_channel_is_the_page_s_and_stands_where_it_was_asked_for(
+    reported: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[object] = []
+    monkeypatch.setattr(opening, "has_browser", lambda: False)
+    monkeypatch.setattr(opening, "show_demo", lambda *values: asked.append(values[-1]))
+    demo("--control", "--control-socket", "/tmp/some.sock", "--control-port", "0")
+    demo("--no-open")
+    assert asked == [ProgramsAt("/tmp/some.sock", 0, None), None] and reported == []
+    assert "--control are the page's" in demo("--control", "--headless")
 
 
 def test_a_report_and_a_page_are_not_asked_for_at_once(shown: list[opening.Address], reported: list[Path]) -> None:

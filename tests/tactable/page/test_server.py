@@ -14,6 +14,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.typing import Origin
 
 from engine.touch.sources.pointer import Phase, PointerEvent
+from tactable.control.security import HEADERS, AccessPolicy, new_token
 from tactable.page.messages import (
     MOST_BYTES,
     VERSION,
@@ -26,7 +27,6 @@ from tactable.page.messages import (
     encode_sound,
     encode_touches,
 )
-from tactable.page.security import HEADERS, AccessPolicy, new_token
 from tactable.page.server import MOST_BROWSERS, listen_at, serve
 
 DOWN = PointerEvent(1, 0.25, 0.5, Phase.DOWN)

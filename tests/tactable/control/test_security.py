@@ -2,7 +2,7 @@
 
 import pytest
 
-from tactable.page.security import HEADERS, POLICY, AccessPolicy, new_token
+from tactable.control.security import HEADERS, POLICY, AccessPolicy, new_token
 
 LOOPBACK = AccessPolicy("127.0.0.1", 8000, "secret")
 OPEN = AccessPolicy("0.0.0.0", 8000, "secret")
