@@ -7,7 +7,6 @@ import itertools
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import (
     ACCELEROMETER,
     LONGEST_SENSE_MS,
@@ -50,11 +49,11 @@ def _samples(host: Host, frame: Acceleration) -> int:
 
 
 def _frames(host: Host, wait_us: int) -> list[Acceleration]:
-    """What comes within a time; a terminal holds no more than a few kilobytes."""
-    found = list[Message]()
+    """What comes within a time, and what came with the last answer; a terminal holds no more than a few kilobytes."""
     for _ in range(0, wait_us, _LISTEN_US):
         host.tier.wait(_LISTEN_US)
-        found += host.listen()
+        host.listen()
+    found, host.unread = host.unread, []
     return [message for message in found if isinstance(message, Acceleration)]
 
 
