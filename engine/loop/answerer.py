@@ -1,7 +1,7 @@
 """The command for what is wanted; a click that is being solved beside the loop is waited for, but not for long.
 
 A steady drive, and a click that the table holds, are answered at once. A click that the table does not hold (three
-fingers and more) is *awaited* where clicks are solved beside the loop. After ANSWER_WITHIN_NS the best that is known,
+fingers and more) is *awaited* where clicks are solved beside the loop. After `answer_within_ns` the best that is known,
 the steady drive for the same fingers, is the answer instead, and is marked as provisional. The drive of fingers that
 move keeps the frequency that they have, where it can.
 """
@@ -36,6 +36,8 @@ class Answerer:
 
     def __init__(self, renderer: Renderer) -> None:
         self.renderer = renderer
+        self.answer_within_ns = ANSWER_WITHIN_NS
+        """How long a touch waits for a click that is being solved."""
         self.awaits_clicks = False
         """Whether clicks that are not known are solved beside the loop."""
         self.awaited: Placement | None = None
@@ -55,7 +57,7 @@ class Answerer:
             self.awaited = self.renderer.at_places(wanted.placement)
         if self.awaited is None:
             return self._best_known(wanted)
-        self.latest_ns = time_ns + ANSWER_WITHIN_NS
+        self.latest_ns = time_ns + self.answer_within_ns
         return None
 
     def answer_now(self, wanted: Wanted) -> Command:

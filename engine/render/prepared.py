@@ -47,12 +47,12 @@ def render_table(
     bit_rate_hz: int = 115_200,
     *,
     has_kernels: bool = True,
-    without_clicks_ns: int = DEFAULT_CLICK_NS,
+    click_ns: int | None = None,
 ) -> Rendering:
     """Fit a table to the rules and a device; raises RendererError and LimitError where they do not fit together.
 
     has_kernels: the kernels that solve steady drives may be loaded; without them drives are solved in NumPy.
-    without_clicks_ns: how long a steady drive takes the place of a click where the table has none.
+    click_ns: how long a click, or the steady drive in its place, is wanted; None: as long as the table's clicks.
     """
     device, clicks = table.device, table.clicks
     fit = fit_board(device, capabilities)
@@ -71,10 +71,12 @@ def render_table(
         device,
         renderer,
         replace(configuration, basis=basis.basis),
-        without_clicks_ns if clicks.basis is None else _longest_ns(clicks.basis),
+        _longest_ns(clicks.basis) if click_ns is None else click_ns,
         fit,
     )
 
 
-def _longest_ns(basis: Basis) -> int:
+def _longest_ns(basis: Basis | None) -> int:
+    if basis is None:
+        return DEFAULT_CLICK_NS
     return max(NS_PER_S * (each.samples - 1) // basis.sample_rate_hz for each in basis.sets)

@@ -3,19 +3,19 @@
 Both are evaluated alike: on plants that no click was made with, and in the nominal plant with standard fingers.
 """
 
-import json
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cached_property
 from math import inf
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from engine.steady.cases import TOLERANCE_M
 from engine.table import ClickEntry, Table, TableError
 from engine.table.click import ClickFinger, played_at
 from engine.touch import Placement
-from precompute.clicks import DEFAULT_OPTIONS, Click, ClickOptions, ClickSolver
+from precompute.clicks import Click, ClickSolver
 from precompute.clicks.baselines import solve_baseline
 from precompute.clicks.columns import ClickTabulator
+from precompute.clicks.of_table import read_click_options
 
 if TYPE_CHECKING:  # its kernels are compiled when it is imported
     from engine.steady.solver import SteadySolver
@@ -84,18 +84,3 @@ class ClickSource:
         levels_db = (*self.table.device.levels_db, inf)
         drives = [self._steady.solve(placement.position_m, placement.is_felt, level_db) for level_db in levels_db]
         return solve_baseline(self.solver, placement, drives, name, length_s)
-
-
-def read_click_options(table: Table) -> ClickOptions:
-    """Read the attribute `click_options`. Raises TableError for options that this program does not know."""
-    text = table.attributes.get("click_options")
-    if text is None:
-        return DEFAULT_OPTIONS
-    values: dict[str, Any] = json.loads(str(text))
-    unknown = sorted(set(values) - {field.name for field in fields(ClickOptions)})
-    if unknown:
-        raise TableError(
-            f"{table.path}: its clicks were made with options unknown here: {', '.join(unknown)}; build it again"
-        )
-    known: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
-    return ClickOptions(**known)

@@ -15,6 +15,7 @@ from firmware_link.protocol.messages import decode_drive
 from tactable.page.hand import HandDrive
 from tactable.page.messages import ChannelPicture, Drive, Role
 from tactable.rig.promises import Promises
+from tactable.rig.solved_click import SolvedClick
 
 RINGING_S = 0.06
 """Time after its end in which a click rings down by some 20 dB."""
@@ -61,12 +62,18 @@ class Command:
 
 
 class CommandReader:
-    """Makes the commands of one table; promises of steady drives take compiled kernels."""
+    """Makes the commands of one table.
 
-    def __init__(self, table: Table, frequency_resolution_hz: float, *, promises_steady: bool) -> None:
-        self._table, self._resolution_hz, self._promises_steady = table, frequency_resolution_hz, promises_steady
-        self._promises, self._count = Promises(table), 0
-        self._promises.prepare(steady=promises_steady)
+    solves_steady: steady drives are solved again for their promise, which takes compiled kernels and receptances.
+    Otherwise the promise is what the drive that was sent gives to standard fingers.
+    """
+
+    def __init__(self, table: Table, frequency_resolution_hz: float, *, solves_steady: bool, halvings: int = 0) -> None:
+        self._table, self._resolution_hz, self._solves_steady = table, frequency_resolution_hz, solves_steady
+        self.solved = list[Placement]()
+        """The placements, at places of the table, whose clicks it does not hold and that were played."""
+        self._promises, self._count, self._halvings = Promises(table), 0, halvings
+        self._promises.prepare(steady=solves_steady)
         self._click_length_s = max((click.length_s for click in table.clicks[:1]), default=DEFAULT_CLICK_NS / 1e9)
 
     def command_of(self, record: Record, zero_ns: int) -> Command | None:
@@ -76,7 +83,7 @@ class CommandReader:
             return None
         self._count += 1
         is_click = record.is_click and not record.drive
-        made = self._click(placement, level_db) if is_click else self._drive(record, placement, level_db)
+        made = (self._click if is_click else self._drive)(record, placement, level_db)
         channels, promised_db, length_s = made
         at_us = time_of(record, zero_ns)
         return Command(
@@ -113,22 +120,33 @@ class CommandReader:
             sequence=None,
         )
 
-    def _click(self, placement: Placement, level_db: float) -> "_Made":
+    def _click(self, record: Record, placement: Placement, level_db: float) -> "_Made":
+        actuators = len(self._table.device.actuators)
         found = self._promises.of_tabulated_click(placement, level_db)
         if found is None:
-            return (), (None,) * len(placement.position_m), self._click_length_s
+            solved = SolvedClick.of(record.play, self._table.clicks.basis, actuators, self._halvings)
+            if solved is None:
+                return (), (None,) * len(placement.position_m), self._click_length_s
+            self._note_solved(placement)
+            found = self._promises.of_solved_click(placement, solved)
         click, promise = found
-        channels = (ChannelPicture(0.0, click.amplitude, 0.0),) * len(self._table.device.actuators)
-        return channels, promise.level_db.tolist(), click.length_s
+        return (ChannelPicture(0.0, click.amplitude, 0.0),) * actuators, promise.level_db.tolist(), click.length_s
+
+    def _note_solved(self, placement: Placement) -> None:
+        places = self._table.places
+        at_places = places.placement(places.key(placement))
+        if at_places not in self.solved:
+            self.solved.append(at_places)
 
     def _drive(self, record: Record, placement: Placement, level_db: float) -> "_Made":
         drive = decode_drive(record.drive, self._resolution_hz)[: len(self._table.device.actuators)]
         channels = tuple(ChannelPicture(c.frequency_hz, c.amplitude, c.phase_rad) for c in drive)
-        promised_db: Sequence[float | None] = (None,) * len(placement.position_m)
-        if self._promises_steady:  # that of a zone is not for these positions
+        if self._solves_steady:
             held_hz = max(drive, key=lambda channel: channel.amplitude).frequency_hz if drive else None
-            promised_db = self._promises.of_drive(placement, level_db, held_hz)[1].level_db.tolist()
-        return channels, promised_db, math.inf
+            promise = self._promises.of_drive(placement, level_db, held_hz)[1]
+        else:
+            promise = self._promises.of_channels(placement, drive)
+        return channels, promise.level_db.tolist(), math.inf
 
 
 _Made = tuple[tuple[ChannelPicture, ...], Sequence[float | None], float]

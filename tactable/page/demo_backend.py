@@ -100,6 +100,8 @@ class DemoBackend:
         """Whether older code made the shipped table that plays."""
         self._is_between = False
         """Whether one run ends and the next begins."""
+        self._shown_solved = 0
+        """How many solved clicks the browsers have heard of."""
         self._boot: tuple[int, int] = (0, 0)
         self._rings = 0
         self._status, self._trouble = "starting", ""
@@ -134,7 +136,15 @@ class DemoBackend:
             "has_kernels": self._plays is not None and self._plays[1],
             "compared": self._compared,
             "what_if": self._what_if(),
+            "solved": self._solved(),
         }
+
+    def _solved(self) -> dict[str, Any] | None:
+        """How many clicks were solved for fingers, and where those of the last one are; None where a table has them."""
+        if self.view is None or not self.view.table.clicks or not is_first(self.view.table):
+            return None
+        placements = self.view.solved
+        return {"count": len(placements), "last_m": placements[-1].position_m if placements else ()}
 
     def _what_if(self) -> dict[str, Any] | None:
         """The actuators that were moved, where the file has them, and the device file with their places."""
@@ -207,6 +217,9 @@ class DemoBackend:
             view.read(reader.read())
             view.take(applied.events)
             messages += view.move(applied.until_us, is_loaded=self._choice.is_loaded)
+        if len(view.solved) != self._shown_solved:
+            self._shown_solved = len(view.solved)
+            self.scene_number += 1
         picture = view.picture()
         return [*messages, encode_picture(picture)], bool(picture.fingers) or view.is_moving
 
@@ -255,7 +268,7 @@ class DemoBackend:
             if part is not None and part.child.process.returncode is not None:
                 raise ChildError(f"{name} {ending_text(part.child.process.returncode)}")
         choice, device = self._choice, self._device
-        order = order_for(choice.device, self._described, self._cache)
+        order = order_for(choice.device, self._described, self._cache, self._work)
         table = await self._best_table(device, order)
         wanted = replace(choice, is_loaded=True), self._builder.has_compiled
         if table is not self._table or wanted != self._plays:
@@ -280,14 +293,23 @@ class DemoBackend:
         if (table is None or table.path != order.path) and self._builder.has_built(order) and not had_built:
             self._news.set()  # the table was finished during the look: look again
         if table is None:
-            first = self._work / f"first-{device.fingerprint[:12]}.nc"
-            if shown is not None and shown.path == first:
-                return shown
-            table = await asyncio.to_thread(open_first_table, device, first)
+            is_built = device.fingerprint == self._described.fingerprint
+            return await self._first_table(device, order.first if is_built else None)
         if shown is not None and _is_same(table, shown):
             table.close()
             return shown
         return table
+
+    async def _first_table(self, device: Device, with_click: Path | None) -> Table:
+        """The table of a device that has no other: with a click once one is solved, until then of receptances alone."""
+        shown, bare = self._table, self._work / f"first-{device.fingerprint[:12]}.nc"
+        is_solved = with_click is not None and with_click.is_file()
+        path = with_click if with_click is not None and is_solved else bare
+        if shown is not None and shown.path == path and path.is_file():
+            return shown
+        if is_solved:
+            return await asyncio.to_thread(Table.open, path, device=device, verify=False)
+        return await asyncio.to_thread(open_first_table, device, bare)
 
     async def _change_over(self, choice: Choice, device: Device, table: Table) -> None:
         configuration = configuration_of(device)
@@ -302,7 +324,8 @@ class DemoBackend:
         has_kernels = self._builder.has_compiled
         played = None if self._plays is None else self._plays[0].source
         hand = hand_of(choice)
-        order = Order(table.path, self._firmware.port, choice, self._offers.rule_file, has_kernels)
+        port, rule_file = self._firmware.port, self._offers.rule_file
+        order = Order(table.path, port, choice, rule_file, has_kernels, is_first(table))
         resolution_hz = configuration.frequency_resolution_uhz * 1e-6
         before = self.view
         if before is not None and hand is not None and played is Source.HAND and table is self._table:

@@ -38,7 +38,7 @@ class LiveBackend:
     def _take_up(self, table: Table) -> None:
         self._drive = RingDrive(table, self._resolution_hz, self._full_scales_m)
         self._table = table
-        self._view = View(table, LiveBar(table.device), self._resolution_hz)
+        self._view = View(table, LiveBar(table.device), self._resolution_hz, halvings=self._drive.halvings)
         self.scene_number += 1
 
     def scene(self) -> dict[str, Any]:

@@ -3,14 +3,12 @@
 import math
 from collections.abc import Iterable, Sequence
 
-import numpy as np
-
 from engine.loop import Record, Stage
 from engine.render.board_fit import scales_for
 from engine.table import Table
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, PlayedWaveform
-from firmware_link.protocol.basis import weighted_sum
-from firmware_link.protocol.messages import FULL_SCALE_WORD, Play, decode_body, decode_drive, encode_play_body
+from firmware_link.protocol.messages import decode_drive
+from tactable.rig.solved_click import SolvedClick
 
 _NS_PER_US = 1000
 
@@ -30,7 +28,8 @@ class RingDrive:
         self._limits, self._actuators = table.device.limits, len(table.device.actuators)
         # Commands are fractions of the board's full scale, and the bar of the page moves by those of the table.
         self._scales = (1.0,) * self._actuators if full_scales_m is None else scales_for(table.device, full_scales_m)
-        self._halvings = max(0, math.ceil(math.log2(max(self._scales))))
+        self.halvings = max(0, math.ceil(math.log2(max(self._scales))))
+        """How many times the functions of the board's basis are halved."""
         self._drive = b""
 
     def events(self, records: Iterable[Record]) -> list[DriveEvent]:
@@ -59,18 +58,8 @@ class RingDrive:
 
     def _solved(self, play: bytes) -> PlayedWaveform | None:
         """The waveform of a PLAY; None for one of a set that the table's basis does not have."""
-        basis = self._table.clicks.basis
-        if basis is None or not play:
-            return None
-        _, message = decode_body(encode_play_body(0, play, 0))
-        assert isinstance(message, Play)
-        if message.basis_set >= len(basis.sets) or len(basis.sets[message.basis_set].actuators) != len(message.weights):
-            return None
-        bits = message.fraction_bits + self._halvings  # the board's functions are halved that many times
-        sums = weighted_sum(basis.sets[message.basis_set], message.weights, bits, self._actuators)
-        limits = np.iinfo(np.int16)
-        samples = np.clip(sums, limits.min, limits.max).astype(np.int16)
-        return PlayedWaveform.of(basis.sample_rate_hz, samples, message.amplitude / FULL_SCALE_WORD)
+        click = SolvedClick.of(play, self._table.clicks.basis, self._actuators, self.halvings)
+        return None if click is None else PlayedWaveform.of(click.basis.sample_rate_hz, click.samples, click.amplitude)
 
     def _channels(self, drive: bytes) -> tuple[ChannelTarget, ...]:
         limit = self._limits.amplitude

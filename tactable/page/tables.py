@@ -22,9 +22,9 @@ class Building:
     error: str | None = None
 
 
-def order_for(device_name: str, device: Device, folder: Path) -> BuildOrder:
-    """What to build for a device: the table that `tactable demo` without a page plays too."""
-    return BuildOrder(device_name, cached_table(device, folder))
+def order_for(device_name: str, device: Device, folder: Path, work: Path) -> BuildOrder:
+    """What to build for a device: the table that `tactable demo` without a page plays too; its first one in `work`."""
+    return BuildOrder(device_name, cached_table(device, folder), work / f"first-clicks-{device.fingerprint[:12]}.nc")
 
 
 class Builder:

@@ -9,7 +9,7 @@ import numpy as np
 from engine.loop import Stage
 from engine.loop.ring import Record, RingCounters
 from engine.table import Table
-from engine.touch import Touch
+from engine.touch import Placement, Touch
 from engine.touch.finger_tracker import ZoneEdges
 from firmware_link.emulator import DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S
@@ -32,7 +32,8 @@ Stages = tuple[int, int, int, int, int]
 class View:
     """The run of one table. Times are those of the device; `zero_ns` is host time at the device's zero.
 
-    paper: a second bar, which the paper's drives move.
+    paper: a second bar, which the paper's drives move. has_kernels: compiled kernels may be loaded. halvings: how many
+    times the functions of the board's basis are halved.
     """
 
     def __init__(
@@ -43,11 +44,12 @@ class View:
         *,
         paper: PaperBar | None = None,
         has_kernels: bool = True,
+        halvings: int = 0,
     ) -> None:
         self.table, self.ours, self.paper = table, BarLevels(bar), paper
         self.zero_ns = 0
-        promises_steady = has_kernels and not table.is_shipped
-        self._reader = CommandReader(table, frequency_resolution_hz, promises_steady=promises_steady)
+        solves_steady = has_kernels and not table.is_shipped
+        self._reader = CommandReader(table, frequency_resolution_hz, solves_steady=solves_steady, halvings=halvings)
         self._edges = ZoneEdges(table.device)
         self._touches: tuple[Touch, ...] = ()
         self._counters = _NO_COUNTERS
@@ -61,6 +63,11 @@ class View:
     def bar(self) -> LiveBar:
         """The bar that moves as the firmware drives it."""
         return self.ours.bar
+
+    @property
+    def solved(self) -> Sequence[Placement]:
+        """The placements whose clicks were solved beside the run and played, in the order of their first play."""
+        return self._reader.solved
 
     @property
     def is_moving(self) -> bool:

@@ -2,21 +2,31 @@
 
 A build needs compiled kernels, which take a minute of processor time on a machine that never ran one. The bar's modes
 need none. Their sums give the receptances between places, as many modes as the moving bar of the page has, so that the
-page plays one's own device while the kernels are compiled and the table is built. Such a table has no clicks, no
-entries and no sweeps, and goes with its run.
+page plays one's own device while the kernels are compiled and the table is built. Such a table has no entries and no
+sweeps, and goes with its run.
+
+It has no clicks either until kernels are compiled. Then one click is solved, which brings the basis that a device must
+hold, and a run that plays the table solves the clicks of the placements that are touched, as it does those of three
+fingers (`tactable.run.click_process`). Their places and options are those of a table with coarse clicks.
 """
 
+import json
+from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from engine.device import Device
 from engine.steady.receptances import Receptances
 from engine.table import Table
+from engine.table.click_columns import write_clicks
+from engine.table.clicks import Clicks
 from engine.table.file import TableWriter
 from engine.table.receptance_columns import write_receptances
+from engine.touch.places import Places
 from precompute.model.assembly import assemble
 from precompute.model.frequencies import add_resonances
 from precompute.model.modal import Basis, compute_basis, compute_modal_model
@@ -36,13 +46,27 @@ def open_first_table(device: Device, path: Path) -> Table:
     return Table.open(path, device=device, verify=False)
 
 
+def solve_first_click(device: Device) -> Clicks:
+    """The click of one finger in the middle; where its kernels are not compiled yet, they are."""
+    from precompute.clicks import DEFAULT_OPTIONS, ClickSolver
+    from precompute.clicks.columns import ClickTabulator
+
+    places = Places.every(device.bar.length_m, DEFAULT_OPTIONS.coarse.pitch_m)
+    options = DEFAULT_OPTIONS.coarse.at(places).quick
+    click = ClickSolver(device, options).solve(places.placement((2 * (places.count // 2) + 1,)))
+    return Clicks.of(places, [ClickTabulator(device, options).tabulate(click)])
+
+
 def is_first(table: Table) -> bool:
     """Whether a table has receptances alone, and goes with its run."""
     return IS_FIRST in table.attributes
 
 
-def write_first_table(device: Device, path: Path) -> None:
-    """Write the first table of a device; what is at `path` is replaced. Raises TableError where it cannot be."""
+def write_first_table(device: Device, path: Path, clicks: Clicks | None = None) -> None:
+    """Write the first table of a device, with what `solve_first_click` gave; what is at `path` is replaced.
+
+    Raises TableError where it cannot be written.
+    """
     basis = compute_basis(assemble(device), MODES)
     receptances = modal_receptances(basis)
     with TableWriter(path, completes=True) as writer:
@@ -57,13 +81,28 @@ def write_first_table(device: Device, path: Path) -> None:
                 "code_fingerprint": "",  # it goes with the run
                 "code_version": metadata.version("tactable"),
                 "created": datetime.now(UTC).isoformat(timespec="seconds"),
-                "click_pitch_m": receptances.pitch_m,
-                "click_tolerance_m": receptances.pitch_m / 2,
                 "clicks_are_coarse": 1,  # it has no entries either
                 IS_FIRST: 1,
+                "modes": MODES,
+                **_click_attributes(clicks, receptances.pitch_m),
             }
         )
         write_receptances(writer, receptances, device)
+        if clicks is not None:
+            write_clicks(writer, clicks, device)
+
+
+def _click_attributes(clicks: Clicks | None, pitch_m: float) -> dict[str, Any]:
+    """How the clicks are solved that a run asks for; without a click `pitch_m` is that of the places."""
+    if clicks is None:
+        return {"click_pitch_m": pitch_m, "click_tolerance_m": pitch_m / 2}
+    from precompute.clicks import DEFAULT_OPTIONS  # whoever solved a click has imported it
+
+    return {
+        "click_pitch_m": clicks.places.pitch_m,
+        "click_tolerance_m": clicks.tolerance_m,
+        "click_options": json.dumps(asdict(DEFAULT_OPTIONS.coarse)),
+    }
 
 
 def modal_receptances(basis: Basis) -> Receptances:

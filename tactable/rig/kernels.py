@@ -2,14 +2,15 @@
 
 Numba compiles a kernel with a declared signature when its module is imported, and keeps it in a cache; later imports
 load it in milliseconds. So a process that must not wait imports none of these modules until another has, with this.
+Those of clicks come first, since steady drives can do without for a while (`engine.steady.plain`), and no click can.
 """
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from importlib import import_module
 
 from engine.device import Device
-from engine.touch import Placement
+from engine.table.clicks import Clicks
+from tactable.rig.first_table import solve_first_click
 
 STEADY = (
     "engine.steady.forms",
@@ -19,8 +20,9 @@ STEADY = (
     "engine.steady.search",
 )
 """What steady drives at any positions take."""
+CLICKS = ("precompute.model.band_solver",)
+"""What clicks take beside kernels without a declared signature, which the first click compiles."""
 BUILDS = (
-    "precompute.model.band_solver",
     "precompute.model.gram",
     "precompute.sweep.kernels",
     "precompute.sampling.bars",
@@ -30,16 +32,22 @@ BUILDS = (
     "precompute.entries.performance",
     "precompute.entries.rise_time",
 )
-"""What builds take beside that. Kernels of clicks have no declared signature; the first click compiles them."""
+"""What builds take beside that."""
+_FIRST_CLICK = "the first click"
+_ALL = (*CLICKS, _FIRST_CLICK, *STEADY, *BUILDS)
+OnModule = Callable[[str, int, int], None]
+"""Told the name, number and count of what is compiled, before each."""
 
 
-def compile_kernels(on_module: Callable[[str, int, int], None], device: Device) -> None:
-    """Import the modules, and solve a click of `device`; `on_module` is told name, number and count before each."""
-    modules, clicks = (*STEADY, *BUILDS), "precompute.clicks"
-    for number, module in enumerate((*modules, clicks), 1):
-        on_module(module, number, len(modules) + 1)
+def compile_for_clicks(on_module: OnModule, device: Device) -> Clicks:
+    """Compile what clicks take; the first click of the device, whose solving compiles the last of it."""
+    compile_all(CLICKS, on_module)
+    on_module(_FIRST_CLICK, _ALL.index(_FIRST_CLICK) + 1, len(_ALL))
+    return solve_first_click(device)
+
+
+def compile_all(modules: Sequence[str], on_module: OnModule) -> None:
+    """Compile the kernels of these modules, of the lists above."""
+    for module in modules:
+        on_module(module, _ALL.index(module) + 1, len(_ALL))
         import_module(module)
-    from precompute.clicks import DEFAULT_OPTIONS, ClickSolver
-
-    length_m = device.bar.length_m
-    ClickSolver(device, replace(DEFAULT_OPTIONS.quick, tolerance_m=1e-3)).solve(Placement.on(device, [0.2 * length_m]))

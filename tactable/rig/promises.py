@@ -2,10 +2,13 @@
 
 A steady drive is solved for the positions from receptances between places; its promise is computed apart from that, by
 finite elements at the drive's own frequency. A click is the table's for the nearest places; what it gives at the
-positions follows from its waveform, in the nominal plant. Only promises of steady drives take compiled kernels.
+positions follows from its waveform, in the nominal plant. Where no kernel is compiled, the promise of a drive
+is what a sum of modes makes of it.
 """
 
-from dataclasses import dataclass
+import cmath
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -16,13 +19,18 @@ from engine.steady import SteadyDrive
 from engine.table import ClickEntry, Table
 from engine.table.click import played_at
 from engine.touch import Placement
+from firmware_link.protocol.messages import ChannelDrive
 from precompute.model.assembly import assemble
+from precompute.model.modal import Basis, compute_basis, compute_modal_model
+from tactable.rig.first_table import MODES
+from tactable.rig.solved_click import SolvedClick
 
 if TYPE_CHECKING:
     from engine.steady.solver import SteadySolver
     from tactable.explain.click_source import ClickSource
 
 Array = NDArray[np.float64]
+_SILENT = 1e-15
 
 
 @dataclass(frozen=True)
@@ -53,6 +61,10 @@ class Promises:
 
         return SteadySolver(self._table.device, self._table.receptances)
 
+    @cached_property
+    def _modes(self) -> Basis:
+        return compute_basis(self._plant, MODES)
+
     def prepare(self, *, steady: bool = True) -> None:
         """Load what promises take, up to a second; those of `steady` drives compile their kernels where need be."""
         if steady:
@@ -77,6 +89,20 @@ class Promises:
         felt_db = 20 * np.log10(acceleration_m_per_s2 / device.threshold.peak_m_per_s2(hz))
         return drive, Promise(placement, acceleration_m_per_s2, felt_db)
 
+    def of_channels(self, placement: Placement, channels: Sequence[ChannelDrive]) -> Promise:
+        """What a steady drive gives, as a sum of modes: no kernel is loaded. Shape (actuator,): `channels`."""
+        fingers = [(at_m, self._table.device.finger) for at_m in placement.position_m]
+        model, shape = compute_modal_model(self._modes, fingers), self._modes.at(np.array(placement.position_m))
+        acceleration, weighted = np.zeros((2, len(placement.position_m)))
+        for hz in {channel.frequency_hz for channel in channels if channel.amplitude}:
+            base = np.array([_phasor(channel) * (channel.frequency_hz == hz) for channel in channels])
+            s = 2j * np.pi * hz
+            state = (model.spring @ base + s * (model.damper @ base)) / (s - model.pole)
+            reached = abs(s**2 * (shape @ (model.vector[: shape.shape[1]] @ state)))
+            acceleration = acceleration + reached
+            weighted = np.hypot(weighted, reached / self._table.device.threshold.peak_m_per_s2(np.array([hz])))
+        return Promise(placement, acceleration, 20 * np.log10(np.maximum(weighted, _SILENT)))
+
     def of_tabulated_click(self, placement: Placement, level_db: float) -> tuple[ClickEntry, Promise] | None:
         """The table's click of the nearest places, and its promise; None where the table has none."""
         click = self._table.click_at(placement, level_db)
@@ -87,6 +113,21 @@ class Promises:
         click = played_at(self._source.click_at_places(placement), level_db)
         return click, self._promise_of(click, placement)
 
+    def of_solved_click(self, placement: Placement, solved: SolvedClick) -> tuple[ClickEntry, Promise]:
+        """A click of the table's basis that was solved beside the run, as it is played, and its promise.
+
+        Of the entry only the waveform is known; its other figures are those of the table's first click.
+        """
+        click = replace(
+            self._table.clicks[0],
+            placement=placement,
+            basis_set=solved.basis_set,
+            weights=solved.weights,
+            fraction_bits=solved.fraction_bits,
+            amplitude=solved.amplitude,
+        )
+        return click, self._promise_of(click, placement)
+
     def _promise_of(self, click: ClickEntry, placement: Placement) -> Promise:
         fingers = self._source.fingers_of(click, placement)
         return Promise(
@@ -94,3 +135,8 @@ class Promises:
             np.array([finger.acceleration_at_finger_m_per_s2 for finger in fingers]),
             np.array([finger.level_db for finger in fingers]),
         )
+
+
+def _phasor(channel: ChannelDrive) -> complex:
+    """The base displacement of a channel as a complex amplitude, a fraction of full scale."""
+    return cmath.rect(channel.amplitude, channel.phase_rad)

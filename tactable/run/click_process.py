@@ -106,12 +106,12 @@ class _Solver:
     """Clicks for the places of one table."""
 
     def __init__(self, path: Path) -> None:
-        from precompute.builder.incremental import BuildOptions
         from precompute.clicks import ClickSolver
         from precompute.clicks.columns import ClickTabulator
+        from precompute.clicks.of_table import read_click_options
 
         with Table.open(path, verify=False) as table:
-            self.device, options = table.device, BuildOptions.of(table).click_options.at(table.places).quick
+            self.device, options = table.device, read_click_options(table).at(table.places).quick
         self.solver: ClickSolver = ClickSolver(self.device, options)
         self.tabulator: ClickTabulator = ClickTabulator(self.device, options)
 

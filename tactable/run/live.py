@@ -6,7 +6,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from engine.effects import DEFAULT_EFFECTS, Effects
-from engine.effects.player import DEFAULT_CLICK_NS
 from engine.loop import (
     ClickSolving,
     Clock,
@@ -22,6 +21,7 @@ from engine.loop import (
     connect,
     open_pipeline,
 )
+from engine.loop.answerer import ANSWER_WITHIN_NS
 from engine.loop.fast.fast_path import FastPath, PacketSource
 from engine.loop.fast.library import FastPathError, compile_fast_path
 from engine.loop.fast.session import FastLink, FastSession
@@ -53,8 +53,10 @@ class LiveOptions:
     """The compiled step, used where the source has packets; None: the Python loop answers all reports."""
     has_kernels: bool = True
     """The kernels that solve steady drives may be loaded; False: they are solved in NumPy, which compiles nothing."""
-    without_clicks_ns: int = DEFAULT_CLICK_NS
-    """How long a steady drive takes the place of a click where the table has none."""
+    click_ns: int | None = None
+    """How long a click, or the steady drive in its place, is wanted; None: as long as the table's clicks."""
+    answer_within_ns: int = ANSWER_WITHIN_NS
+    """How long a touch waits for its click where that is solved beside the run."""
 
 
 def fast_library() -> ctypes.CDLL | None:
@@ -95,9 +97,7 @@ class Live:
         greeting = Link(link_configuration(table.device, options.bit_rate_hz))
         self.capabilities = connect(Session(greeting, port, clock.now_ns), clock)
         fits = effects, self.capabilities, options.when_not_achieved, options.bit_rate_hz
-        rendering = render_table(
-            table, *fits, has_kernels=options.has_kernels, without_clicks_ns=options.without_clicks_ns
-        )
+        rendering = render_table(table, *fits, has_kernels=options.has_kernels, click_ns=options.click_ns)
         self.renderer = rendering.renderer
         self.fit = rendering.fit
         """How the first table's amplitudes are played on the board."""
@@ -112,6 +112,7 @@ class Live:
         self.fast_counters = self._session.fast_counters
         click_ns = rendering.click_length_ns
         pipeline = open_pipeline(source, table.device, effects, self.renderer, clock.now_ns, click_ns)
+        pipeline.answerer.answer_within_ns = options.answer_within_ns
         self.digitizer = pipeline.digitizer
         dispatcher = Dispatcher(self._session, clock.now_ns)
         observer = Observers(self.timing, observer)

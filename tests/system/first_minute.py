@@ -24,6 +24,7 @@ from tactable.page.messages import Drive, Kind, encode_touches
 _COMMAND_AT = 2 + 8 + 6 * 4  # of a PICTURE: head, time, counters
 _DRIVE_AT = _COMMAND_AT + 4 + 4 + 4 + 11 * 4
 _LEVELS_AT = _DRIVE_AT + 2 + 3
+_TAP, _UP_AT = 60, 20  # pictures
 _TICK = os.sysconf("SC_CLK_TCK")
 
 
@@ -54,7 +55,7 @@ def _descends(process: int, ancestor: int) -> bool:
 async def _watch(address: str, demo: int, *, to_the_end: bool) -> None:
     where = urlsplit(address)
     url, origin = f"ws://{where.netloc}{where.path}socket", Origin(f"http://{where.netloc}")
-    start_s, told, commands = time.monotonic(), set[str](), 0
+    start_s, told, pictures = time.monotonic(), set[str](), 0
 
     def tell(what: str) -> None:
         if what not in told:
@@ -78,7 +79,10 @@ async def _watch(address: str, demo: int, *, to_the_end: bool) -> None:
                     tell(f"own table: {scene['compared']['text']}")
                     if not to_the_end:
                         return
-                if scene["clicks"] and "first click" in told and not scene["is_shipped"] and not to_the_end:
+                has_table = scene["clicks"] and not scene["is_shipped"] and not scene["solved"]
+                if has_table:
+                    tell("table with coarse clicks")
+                if has_table and "first click" in told and not to_the_end:
                     return
                 if plays and scene["building"] is None and "first click" in told and scene.get("has_kernels"):
                     tell("fine table")
@@ -89,8 +93,11 @@ async def _watch(address: str, demo: int, *, to_the_end: bool) -> None:
                 commands = int.from_bytes(message[_COMMAND_AT : _COMMAND_AT + 4], "little")
                 if commands:
                     tell("first click" if message[_DRIVE_AT] == Drive.CLICK else "first steady drive")
-                phase = Phase.MOVE if "touched" in told else Phase.DOWN
-                await socket.send(encode_touches([PointerEvent(1, 0.1, 0.5, phase)]))
+                # A finger taps: down for a third of every second.
+                phase = {0: Phase.DOWN, _UP_AT: Phase.UP}.get(pictures % _TAP, Phase.MOVE)
+                if pictures % _TAP <= _UP_AT:
+                    await socket.send(encode_touches([PointerEvent(1 + pictures // _TAP, 0.1, 0.5, phase)]))
+                pictures += 1
 
 
 def main(tactable: str, device: str, *, to_the_end: bool) -> None:

@@ -1,16 +1,21 @@
-"""Child process that compiles kernels for the page, then builds its table: coarse clicks first, then fine ones."""
+"""Child process that compiles kernels for the page, then builds its table: coarse clicks first, then fine ones.
+
+Kernels of clicks come first. A device without any table gets its first click with them, and the page solves the others
+as fingers ask for them. Then come those of steady drives, and those of builds.
+"""
 
 import os
 import signal
 import sys
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from engine.device import Device
 from engine.files import rename_durably
 from firmware_link.child import Parent
-from tactable.rig.kernels import compile_kernels
+from tactable.rig.first_table import write_first_table
+from tactable.rig.kernels import BUILDS, STEADY, compile_all, compile_for_clicks
 from tactable.rig.ready import early_path, open_cached
 from tactable.shipped import find_device
 
@@ -21,22 +26,31 @@ class BuildOrder:
 
     device: str
     path: Path
+    first: Path
+    """Where the table with the first click is put; where the page has another table, it is not made."""
 
     def as_json(self) -> dict[str, Any]:
         """The arguments of the child process."""
-        return asdict(self) | {"path": str(self.path)}
+        return asdict(self) | {"path": str(self.path), "first": str(self.first)}
 
 
 def build(order: BuildOrder, parent: Parent) -> None:
     """Build it, unless it is there; kernels come first.
 
-    Says {"step", "fraction"} as it goes on, {"compiled": true} once, and {"usable": path} for each usable table.
+    Says {"step", "fraction"} as it goes on, {"compiled": true} once those that play takes are, and {"usable": path} for
+    each usable table.
     """
-    device, early = find_device(order.device), early_path(order.path)
-    _compile(device, parent)  # SIGTERM ends it at once: there is nothing to keep yet
+    device, early, say = find_device(order.device), early_path(order.path), partial(_say_module, parent)
+    clicks = compile_for_clicks(say, device)  # SIGTERM ends it at once: there is nothing to keep yet
+    found = open_cached(device, order.path)
+    if found is None:
+        write_first_table(device, order.first, clicks)
+        parent.say({"usable": str(order.first)})
+    compile_all(STEADY, say)
+    parent.say({"compiled": True})
+    compile_all(BUILDS, say)
     signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))  # the build remembers that one
     sys.unraisablehook = _tell_all_but_interrupts
-    parent.say({"compiled": True})
     from precompute.builder.build import COARSE_IN_PLACE, Coarse, build_table
     from precompute.parallel.pool import available_cores
 
@@ -45,7 +59,6 @@ def build(order: BuildOrder, parent: Parent) -> None:
     def progress(step: str, fraction: float) -> None:
         parent.say({"usable": str(early)} if step == COARSE_IN_PLACE else {"step": step, "fraction": fraction})
 
-    found = open_cached(device, order.path)
     if found is not None and found.path == order.path:
         parent.say({"usable": str(order.path)})
         return
@@ -54,13 +67,8 @@ def build(order: BuildOrder, parent: Parent) -> None:
     parent.say({"usable": str(order.path)})
 
 
-def _compile(device: Device, parent: Parent) -> None:
-    """Compile what play and builds take; the first click that is solved compiles the kernels of clicks."""
-
-    def on_module(module: str, number: int, count: int) -> None:
-        parent.say({"step": f"compiling {module}, {number} of {count}", "fraction": (number - 1) / count})
-
-    compile_kernels(on_module, device)
+def _say_module(parent: Parent, module: str, number: int, count: int) -> None:
+    parent.say({"step": f"compiling {module}, {number} of {count}", "fraction": (number - 1) / count})
 
 
 def _tell_all_but_interrupts(ignored: Any) -> None:
@@ -74,6 +82,6 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     parent.end_with_it()
     os.nice(10)  # the page comes first
     try:
-        build(BuildOrder(**arguments | {"path": Path(arguments["path"])}), parent)
+        build(BuildOrder(arguments["device"], Path(arguments["path"]), Path(arguments["first"])), parent)
     except KeyboardInterrupt:
         raise SystemExit(1) from None

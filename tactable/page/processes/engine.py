@@ -11,6 +11,7 @@ from typing import Any
 
 from engine.device import Device
 from engine.loop import RingWriter, SystemClock
+from engine.loop.answerer import ANSWER_WITHIN_NS
 from engine.render import WhenNotAchieved
 from engine.table import Table
 from engine.touch.sources.pointer import PointerSource
@@ -26,8 +27,10 @@ from tactable.run.click_process import ClickProcess
 from tactable.run.live import Live, LiveOptions
 from tactable.shipped import named_effects
 
-WITHOUT_CLICKS_NS = 800_000_000
+IN_PLACE_NS = 800_000_000
 """Length of the steady drive that is played where a first table holds no click yet: long enough to become steady."""
+SOLVED_WITHIN_NS = 300_000_000
+"""How long a touch waits for its click where a first table plays, whose clicks are solved as they are asked for."""
 
 
 @dataclass(frozen=True)
@@ -39,20 +42,22 @@ class Order:
     choice: Choice
     rule_file: Path | None
     has_kernels: bool
-    """Whether the kernels are compiled: without them no click is solved beside the run, and drives are in NumPy."""
+    """Whether the kernels of steady drives are compiled: without them drives are solved in NumPy."""
+    is_first: bool
+    """Whether the table is the first of a device: its clicks, if any, are solved as they are asked for."""
 
     def as_json(self) -> dict[str, Any]:
         """A line to the process."""
         rule_file = None if self.rule_file is None else str(self.rule_file)
         plain = {"table": str(self.table), "port": self.port, "choice": self.choice.as_json(), "rule_file": rule_file}
-        return {**plain, "has_kernels": self.has_kernels}
+        return {**plain, "has_kernels": self.has_kernels, "is_first": self.is_first}
 
 
 def decode_order(order: dict[str, Any]) -> Order:
     """The order of a line."""
     rule_file = None if order["rule_file"] is None else Path(order["rule_file"])
     choice = Choice.from_json(order["choice"])
-    return Order(Path(order["table"]), order["port"], choice, rule_file, order["has_kernels"])
+    return Order(Path(order["table"]), order["port"], choice, rule_file, order["has_kernels"], order["is_first"])
 
 
 class _NextOrder:
@@ -88,12 +93,14 @@ def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: 
             reconnect=True,
             bit_rate_hz=PTY_BIT_RATE_HZ,
             has_kernels=order.has_kernels,
-            without_clicks_ns=WITHOUT_CLICKS_NS,
+            click_ns=IN_PLACE_NS if order.is_first else None,
+            answer_within_ns=SOLVED_WITHIN_NS if order.is_first else ANSWER_WITHIN_NS,
         )
         port = SerialPort(order.port)
         reopening = ReopeningPort(lambda: SerialPort(order.port), port)
         stack.callback(reopening.close)
-        solves_clicks = order.has_kernels and table.clicks and effects.have_clicks
+        has_solver = order.has_kernels or order.is_first  # whose first click has compiled it
+        solves_clicks = has_solver and table.clicks and effects.have_clicks
         solving = stack.enter_context(ClickProcess(order.table)) if solves_clicks else None
         slot = programs.open(order.table, effects)
         source = PointerSource(pipe)

@@ -5,10 +5,10 @@ import { ORDERS } from "./bar.js";
 import { Role } from "./levels.js";
 
 const SOURCES = { click: "Click", steady: "Steady drive", hand: "By hand" };
-// What the second bar is, by what plays on the first.
+// What the second bar is, by the kind of drive that plays on the first.
 const PAPERS = {
-  steady: "The same fingers with the paper’s drive: the optimum of its objective for the zones, on a bar without fingers; as loud as wanted, within full scale.",
-  click: "The same fingers with the paper’s drive, switched on for as long as the click: the paper has none. It is the optimum of its objective for the zones, on a bar without fingers.",
+  1: "The same fingers with the paper’s drive: the optimum of its objective for the zones, on a bar without fingers; as loud as wanted, within full scale.",
+  2: "The same fingers with the paper’s drive, switched on for as long as the click: the paper has none. It is the optimum of its objective for the zones, on a bar without fingers.",
 };
 const RULES = {
   touch: "when it touches", hold: "after resting 0.5 s", drag: "every 10 mm of a drag", lift: "when it lifts",
@@ -22,6 +22,9 @@ export function byId(id) { return document.getElementById(id); }
 
 // Set a text only where it changed: every change makes the browser lay out the page again.
 function say(element, text) { if (element.textContent !== text) element.textContent = text; }
+
+// Name of a device that the server knows by a path.
+function nameOf(device) { return device.split("/").at(-1).replace(/\.toml$/, ""); }
 
 function rows(body, count, columns) {
   while (body.rows.length > count) body.deleteRow(-1);
@@ -102,7 +105,6 @@ export class Panel {
       ? `${device.estimates} values of ${device.name} are ESTIMATES; its file names them. The threshold is good to 8 dB between people.`
       : "The threshold is good to 8 dB between people.");
     if (isDemo) this._showSwitches(scene, choice, wire);
-    say(byId("paper-title"), PAPERS[choice.source] ?? "");
     this._sayStatus();
     this._sayNotice();
   }
@@ -112,7 +114,7 @@ export class Panel {
     choices(byId("source"), "source", Object.entries(SOURCES), "radio", choose("source"));
     choices(byId("rules"), "rules", scene.rules.map((rule) => [rule, RULES[rule]]), "radio", choose("rules"));
     choices(byId("level"), "level", scene.levels_db.map((db) => [db, db === null ? "full scale" : `${db} dB`]), "radio", choose("level_db"));
-    choices(byId("devices"), "device", scene.devices.map((name) => [name, name.split("/").at(-1).replace(/\.toml$/, "")]), "radio", choose("device"));
+    choices(byId("devices"), "device", scene.devices.map((name) => [name, nameOf(name)]), "radio", choose("device"));
     const zones = scene.device.zones.map(({ name }) => [name, name]);
     choices(byId("zones"), "zone", zones, "checkbox", (zone, feels) => {
       const quiet = this._scene.choice.quiet_zones.filter((name) => name !== zone);
@@ -150,21 +152,25 @@ export class Panel {
 
   _sayNotice() {
     const scene = this._scene, notice = byId("notice"), parts = [];
-    say(byId("command-note"), scene.clicks
-      ? "The table has clicks for one and for two fingers. A click for more is solved when they come, and a steady drive takes its place if that takes longer than 25 ms."
+    say(byId("command-note"), scene.solved ? "Each click is solved when its fingers come; a steady drive takes its place if that takes longer than 0.3 s."
+      : scene.clicks ? "The table has clicks for one and for two fingers. A click for more is solved when they come, and a steady drive takes its place if that takes longer than 25 ms."
       : "");
     if (scene.trouble) parts.push(scene.trouble);
     const building = scene.building;
-    if (building?.error) parts.push(`The table of ${building.device} was not built: ${building.error}`);
+    if (building?.error) parts.push(`The table of ${nameOf(building.device)} was not built: ${building.error}`);
     else if (building) {
       const percent = Math.round(100 * building.fraction);
       const what = `${building.step}, ${percent} %`;
       if (scene.is_shipped) {
         const older = scene.is_outdated ? ", which older code made" : "";
         parts.push(`The shipped table plays${older}; this machine builds the same one now: ${what}`);
-      } else if (!scene.clicks) parts.push(`Steady drives play, solved from the bar's modes; clicks come with the table of ${building.device.split("/").at(-1).replace(/\.toml$/, "")}: ${what}`);
+      } else if (scene.solved) {
+        const { count, last_m } = scene.solved, last = last_m.map((at_m) => (1000 * at_m).toFixed(0)).join(" and ");
+        const so = count ? `${count} so far, the last for ${last_m.length > 1 ? "fingers" : "a finger"} at ${last} mm` : "touch the bar";
+        parts.push(`Clicks are solved as fingers ask for them: ${so}; the table of ${nameOf(building.device)}: ${what}`);
+      } else if (!scene.clicks) parts.push(`Steady drives play, solved from the bar's modes; clicks follow once their kernels are compiled: ${what}`);
       else if (building.step === "clicks") parts.push(`Building finer clicks: ${what}; until they are there, coarse ones play`);
-      else parts.push(`Building the table of ${building.device}, once: ${what}`);
+      else parts.push(`Building the table of ${nameOf(building.device)}, once: ${what}`);
     } else if (scene.status === "running" && !scene.clicks && scene.mode === "demo") parts.push("Steady drives play; this bar has no table of clicks");
     if (scene.compared?.device === scene.device.name) parts.push(`The table built here plays: ${scene.compared.text}`);
     notice.hidden = !parts.length;
@@ -175,6 +181,8 @@ export class Panel {
   update(picture, received) {
     const scene = this._scene;
     if (!scene) return;
+    // A steady drive may take the place of a click: the caption is about what plays.
+    say(byId("paper-title"), PAPERS[picture.drive || (scene.choice.source === "steady" ? 1 : 2)] ?? "");
     this._showPromise(picture, scene);
     this._showCommand(picture, scene);
     this._showLatency(picture);

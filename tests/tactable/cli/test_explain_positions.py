@@ -13,9 +13,9 @@ from engine.table import Table
 from engine.touch import Placement
 from precompute.clicks import ClickSolver
 from precompute.clicks.evaluation import decibels
+from precompute.clicks.of_table import read_click_options
 from precompute.entries.at_positions import SteadyDesigner
 from tactable.cli.main import main
-from tactable.explain.click_source import read_click_options
 
 WORDS = ("explain", "bar.nc", "--felt", "35 mm", "--quiet", "120 mm")
 

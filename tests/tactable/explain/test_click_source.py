@@ -1,6 +1,5 @@
 """Laws of where clicks come from: the table's row of the nearest places, or a click solved for the positions."""
 
-import json
 from math import inf
 from pathlib import Path
 
@@ -9,8 +8,7 @@ import pytest
 
 from engine.table import Table, TableError
 from engine.touch import Placement
-from precompute.clicks import DEFAULT_OPTIONS
-from tactable.explain.click_source import ClickSource, read_click_options
+from tactable.explain.click_source import ClickSource
 from tests.tactable.click_table import CHEAP, build_click_table
 
 
@@ -60,13 +58,3 @@ def test_what_a_click_gives_elsewhere_is_not_what_it_gives_at_its_places(source:
 def test_a_placement_without_a_felt_finger_is_refused(source: ClickSource) -> None:
     with pytest.raises(TableError, match="--felt I"):
         source.solve(Placement.named(source.table.device, [], ["II"]))
-
-
-def test_options_that_are_not_known_are_refused_and_none_are_the_defaults(click_table: Path) -> None:
-    with Table.open(click_table) as table:
-        values = json.loads(table.attributes["click_options"])
-        table.attributes["click_options"] = json.dumps({**values, "colour": 3})
-        with pytest.raises(TableError, match=r"unknown here: colour; build it again"):
-            read_click_options(table)
-        del table.attributes["click_options"]
-        assert read_click_options(table) == DEFAULT_OPTIONS

@@ -5,7 +5,7 @@ import os
 import shutil
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +16,8 @@ import pytest
 
 from engine.device import Device
 from engine.touch.sources.pointer import Phase, PointerEvent
+from firmware_link.emulator import DriveEvent
+from firmware_link.emulator.synthesis import synthesise
 from tactable.measure import AskedDrive
 from tactable.measure.bar_levels import simulate_levels
 from tactable.page import demo_backend
@@ -28,6 +30,7 @@ from tactable.shipped import find_device
 from tests.precompute.builder.test_build import SMALL
 
 TICK_S = 1 / 60
+RATE_HZ = 24_000
 SHORT = SMALL.replace("279.4 mm", "80 mm")
 """Its coarse clicks are for six places."""
 FIRST, LAST = PointerEvent(1, 1 / 6, 0.5, Phase.DOWN), PointerEvent(2, 5 / 6, 0.5, Phase.DOWN)
@@ -57,9 +60,11 @@ class Rig:
         self._pressed |= {event.pointer_id: event for event in events}
         self.backend.touch(1, events)
 
-    def lift(self) -> None:
-        self.backend.touch(1, [replace(event, phase=Phase.UP) for event in self._pressed.values()])
-        self._pressed.clear()
+    def lift(self, *events: PointerEvent) -> None:
+        """These fingers, or all."""
+        for event in events or tuple(self._pressed.values()):
+            self.backend.touch(1, [replace(event, phase=Phase.UP)])
+            del self._pressed[event.pointer_id]
 
     def wait(self, condition: Callable[[], bool]) -> None:
         """Until it holds; fingers that are down say so again and again."""
@@ -115,6 +120,21 @@ def rig(shared: Rig) -> Iterator[Rig]:
     yield shared
     shared.lift()
     shared.until(lambda picture: not picture.fingers)
+
+
+def tap_until(rig: Rig, finger: PointerEvent, condition: Callable[[Picture], bool]) -> Picture:
+    """A picture 0.6 s after a finger came down beside another one, for which it holds; it taps until then."""
+    while True:
+        rig.press(finger)
+        picture = rig.until(lambda picture: len(picture.fingers) == 2 and picture.command > 0 and picture.age_s > 0.6)
+        if condition(picture):
+            return picture
+        rig.lift(finger)
+        rig.until(lambda picture: len(picture.fingers) == 1 and picture.age_s > 1)
+
+
+def is_clicked(picture: Picture) -> bool:
+    return picture.drive is Drive.CLICK and len(picture.made) == 2 and not picture.is_late
 
 
 def is_kept(picture: Picture) -> bool:
@@ -211,6 +231,33 @@ def test_a_drive_by_hand_moves_the_bar_by_its_sliders_and_fingers_play_again_aft
     assert picture.paper is not None
 
 
+def test_a_drive_goes_on_without_a_jolt_when_kernels_are_adopted(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One run ends and another begins: the drive fades out and in by the slew of the device."""
+    events, builder = list[DriveEvent](), rig.backend._builder
+
+    class HeardView(View):
+        def take(self, found: Sequence[DriveEvent]) -> None:
+            events.extend(found)
+            super().take(found)
+
+    monkeypatch.setattr(demo_backend, "View", HeardView)
+    rig.choose(source="steady", level_db=10)
+    rig.press(FIRST)
+    for has_compiled in (False, True):
+        rig.until(lambda picture: picture.is_playing and picture.age_s > 0.5)
+        builder.has_compiled = has_compiled
+        rig.backend.choose({})
+        rig.wait(lambda has=has_compiled: rig.backend.scene()["has_kernels"] is has)  # type: ignore[misc]
+    last = rig.until(lambda picture: picture.is_playing and picture.age_s > 0.5)
+    moved = synthesise(events, events[0].device_time_us, 1e6 * last.time_s, RATE_HZ)
+    device = find_device(rig.backend.scene()["choice"]["device"])
+    most = max(event.channels[i].amplitude for event in events for i in range(len(device.actuators)))
+    top_hz = max(actuator.band_hz[1] for actuator in device.actuators)
+    assert abs(moved).max() > 0.5 * most
+    assert abs(np.diff(moved, axis=0)).max() * RATE_HZ <= 2 * np.pi * top_hz * most + events[0].slew_per_s
+    assert sum(not any(channel.amplitude for channel in event.channels) for event in events) >= 2  # it did fade
+
+
 def test_actuators_that_are_moved_drive_both_bars_from_there_until_they_are_reset(rig: Rig) -> None:
     file = rig.backend.scene()["device"]["actuators"]
     processes, at_m = rig.backend.process_ids, [0.075, file[1]["position_m"]]
@@ -224,10 +271,8 @@ def test_actuators_that_are_moved_drive_both_bars_from_there_until_they_are_rese
     assert scene["device"]["actuators"][0]["position_m"] == pytest.approx(at_m[0], abs=1e-9)
     assert Device.parse(scene["what_if"]["text"], "saved").actuators[0].position_m == pytest.approx(at_m[0], abs=1e-9)
     # Fingers that rest come down again one after another: the last one feels, of both bars. Where the machine stalls,
-    # a finger is lifted and comes down once more.
-    picture = rig.until(
-        lambda picture: {made.role for made in picture.made} == {Role.FELT, Role.QUIET} and picture.age_s > 0.5
-    )
+    # they come together and both feel: then one taps again.
+    picture = tap_until(rig, FIRST, lambda picture: {made.role for made in picture.made} == {Role.FELT, Role.QUIET})
     assert (picture.drive, picture.paper is not None) == (Drive.STEADY, True)
     assert rig.backend.process_ids == processes
     rig.choose(actuators_m=[])
@@ -276,14 +321,15 @@ def test_a_process_that_dies_is_started_again_and_the_show_goes_on(rig: Rig, whi
     rig.until(lambda picture: picture.command > 0 and picture.age_s > 0.1)
 
 
-def test_a_device_without_a_table_plays_steady_drives_at_once_and_clicks_once_they_are_built(tmp_path: Path) -> None:
+def test_a_device_without_a_table_plays_steady_drives_at_once_then_clicks_as_they_are_solved(tmp_path: Path) -> None:
     """Until its coarse clicks are in place: the fine ones take minutes. Nothing of the rig is left behind."""
     (tmp_path / "short.toml").write_text(SHORT, encoding="utf-8")
     seen = set[str | None]()
 
-    def has_clicks(backend: DemoBackend) -> bool:
-        seen.add((backend.scene()["building"] or {}).get("step"))
-        return bool(backend.scene()["clicks"])
+    def has_table(backend: DemoBackend) -> bool:
+        scene = backend.scene()
+        seen.add((scene["building"] or {}).get("step"))
+        return bool(scene["clicks"]) and scene["solved"] is None
 
     with running(tmp_path, str(tmp_path / "short.toml")) as own:
         own.wait(lambda: own.backend.scene()["status"] == "running")
@@ -291,10 +337,21 @@ def test_a_device_without_a_table_plays_steady_drives_at_once_and_clicks_once_th
         own.press(FIRST)
         steady = own.until(lambda picture: picture.command > 0)
         own.lift()
-        own.wait(lambda: has_clicks(own.backend))
+        own.wait(lambda: own.backend.scene()["solved"] is not None)
+        own.press(LAST)
+        own.until(lambda picture: len(picture.fingers) == 1)
+        clicked = tap_until(own, FIRST, is_clicked)
+        solved = own.backend.scene()["solved"]
+        own.lift()
+        own.wait(lambda: has_table(own.backend))
         processes = own.backend.process_ids
     assert (first["has_kernels"], first["clicks"], first["choice"]["source"]) == (False, 0, "click")
     assert (steady.drive, steady.is_playing) == (Drive.STEADY, True)
+    assert steady.made[0].promised_db is not None  # without a kernel, too
+    felt, quiet = clicked.made
+    assert (felt.role, quiet.role) == (Role.FELT, Role.QUIET)
+    assert felt.simulated_db == pytest.approx(felt.promised_db, abs=0.5)
+    assert solved["count"] >= 1 and len(solved["last_m"]) == 2
     assert "coarse clicks" in seen
     assert not list(tmp_path.glob("first-*"))
     path = cached_table(find_device(str(tmp_path / "short.toml")), tmp_path / "cache")

@@ -6,10 +6,22 @@ from pathlib import Path
 
 import numpy as np
 
+from engine.table import Table
+from engine.touch.places import Places
+from precompute.clicks import DEFAULT_OPTIONS
+from precompute.clicks.basis import click_basis
+from precompute.clicks.of_table import read_click_options
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.sampling.places import solve_place_receptances
-from tactable.rig.first_table import MODES, is_first, modal_receptances, open_first_table
+from tactable.rig.first_table import (
+    MODES,
+    is_first,
+    modal_receptances,
+    open_first_table,
+    solve_first_click,
+    write_first_table,
+)
 from tactable.shipped import find_device
 
 WITHOUT_A_COMPILER = """
@@ -41,6 +53,19 @@ def test_it_is_a_table_without_clicks_and_entries(tmp_path: Path) -> None:
         assert (len(table.clicks), table.entries) == (0, ())
         assert table.device.fingerprint == device.fingerprint
         assert table.receptances.drive.shape[1] == len(device.actuators)
+
+
+def test_with_the_first_click_it_has_the_basis_that_all_clicks_of_the_device_share(tmp_path: Path) -> None:
+    device, path = find_device("reference-d"), tmp_path / "first.nc"
+    clicks = solve_first_click(device)
+    write_first_table(device, path, clicks)
+    with Table.open(path, device=device) as table:
+        assert is_first(table) and len(table.clicks) == 1
+        assert read_click_options(table) == DEFAULT_OPTIONS.coarse
+        assert table.clicks.basis is not None
+        assert table.clicks.basis.hash == click_basis(device, DEFAULT_OPTIONS.coarse).hash
+        assert table.places == Places.every(device.bar.length_m, DEFAULT_OPTIONS.coarse.pitch_m)
+        assert table.clicks.tolerance_m == DEFAULT_OPTIONS.at(table.places).tolerance_m
 
 
 def test_it_and_its_drives_need_no_compiler(tmp_path: Path) -> None:
