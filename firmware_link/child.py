@@ -121,6 +121,10 @@ class Child:
         del self._received[: end + 1]
         return decode_line(line, self._name)
 
+    def has_spoken(self) -> bool:
+        """Whether `read` would return or raise at once."""
+        return b"\n" in self._received or bool(select.select([self._socket], [], [], 0.0)[0])
+
     def ask(self, document: Document, timeout_s: float | None = None) -> Document:
         """Say a line, and wait for the answer."""
         self.write(document)

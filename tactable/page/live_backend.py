@@ -1,9 +1,13 @@
-"""The backend of a live run: reads the ring, and simulates the bar as the commands would move it. Read-only."""
+"""The backend of a live run: reads the ring, and simulates the bar as the commands would move it.
+
+It only looks on, unless it was given a way to `ask`: then browsers may drive the board by hand
+(tactable.page.asked_by_hand).
+"""
 
 import asyncio
 import contextlib
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +15,7 @@ from engine.loop import RingReader
 from engine.render import RendererError
 from engine.table import Table, TableError
 from engine.touch.sources.pointer import PointerEvent
+from tactable.page.hand import Channels, HandDrive, HandError, first_channels, read_channels
 from tactable.page.live_bar import LiveBar
 from tactable.page.messages import DroppedFile, encode_picture
 from tactable.page.ring_drive import RingDrive
@@ -27,15 +32,27 @@ class LiveBackend:
     """Shows one run; a new table at the same path is adopted, as the run adopts it."""
 
     def __init__(
-        self, reader: RingReader, table_path: Path, frequency_resolution_hz: float, full_scales_m: Sequence[float]
+        self,
+        reader: RingReader,
+        table_path: Path,
+        frequency_resolution_hz: float,
+        full_scales_m: Sequence[float],
+        ask: Callable[[Channels | None], None] | None = None,
     ) -> None:
         self.scene_number = 0
+        self._ask = ask
+        self._hand: Channels | None = None
+        """What was asked for last; None: fingers decide."""
+        self._is_driving = False
+        """Whether the run said that the board plays that."""
+        self._trouble = ""
         self._reader, self._table_path, self._resolution_hz = reader, table_path, frequency_resolution_hz
         self._full_scales_m = tuple(full_scales_m)
         self._identity = identity_of(table_path)
         self._take_up(Table.open(table_path, verify=False))
 
     def _take_up(self, table: Table) -> None:
+        self._is_driving, self._hand = False, None
         self._drive = RingDrive(table, self._resolution_hz, self._full_scales_m)
         self._table = table
         self._view = View(table, LiveBar(table.device), self._resolution_hz, halvings=self._drive.halvings)
@@ -47,12 +64,13 @@ class LiveBackend:
             "mode": "live",
             "device": device_json(self._table.device),
             "status": "running",
-            "trouble": "",
+            "trouble": self._trouble,
             "restarts": 0,
             "building": None,
             "clicks": len(self._table.clicks),
-            "plays": {},
-            "choice": {},
+            "plays": {"source": "hand"} if self._is_driving else {},
+            "choice": {} if self._hand is None else {"source": "hand", "hand": self._hand},
+            "drives": self._ask is not None,
         }
 
     def tick(self) -> tuple[list[bytes], bool]:
@@ -71,7 +89,47 @@ class LiveBackend:
         """Nothing to release: browsers have no pointers here."""
 
     def choose(self, switches: dict[str, Any]) -> None:
-        """Ignored: a run has no switches."""
+        """Ask for a drive by hand, once more for the same one, or for its end; a run has no other switches.
+
+        The first drive is silent, since a real board plays it. One beyond the limits of the device changes nothing.
+        """
+        if self._ask is None:
+            return
+        before, device = self._hand, self._table.device
+        try:
+            if switches.get("source") == "hand":
+                self._hand = tuple((hz, 0.0, degrees) for hz, _, degrees in first_channels(device))
+            elif "source" in switches:
+                self._hand = None
+            elif "hand" in switches and self._hand is not None:
+                self._hand = read_channels(switches["hand"], device)
+        except HandError as error:
+            self._trouble = str(error)
+            self.scene_number += 1
+            return
+        self._ask(self._hand)
+        if self._hand != before:  # a drive that is repeated leaves what was told of another one
+            self._trouble = ""
+            self._show()
+
+    def hear(self, *, is_driving: bool) -> None:
+        """Take what the run says: the board plays what was asked for, or fingers decide again."""
+        if not is_driving:
+            self._hand = None
+        self._is_driving = is_driving
+        self._show()
+
+    def _show(self) -> None:
+        """Let the bar of the page move as the board does now."""
+        self.scene_number += 1
+        now_us = int(self._view.bar.now_us)
+        if self._is_driving and self._hand is not None:
+            hand = HandDrive(self._hand)
+            self._view.take([self._drive.by_hand(hand, now_us)])
+            self._view.play_by_hand(hand)
+        elif self._view.is_by_hand:
+            self._view.take([self._drive.by_hand(None, now_us)])
+            self._view.end_by_hand()
 
     def drop(self, file: DroppedFile) -> None:
         """Ignored: a run has one device."""

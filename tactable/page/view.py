@@ -56,7 +56,8 @@ class View:
         self._latencies_ns: deque[list[int]] = deque(maxlen=LATENCIES)
         self._command: Command | None = None
         self._is_loaded = True
-        self._capture, self._is_by_hand = Capture(), False
+        self._capture, self.is_by_hand = Capture(), False
+        """Whether a drive by hand plays."""
         self._taken_us: dict[int, float] = {}  # by sequence number, when the firmware last took it
 
     @property
@@ -112,7 +113,13 @@ class View:
         self._begin(self._reader.command_by_hand(hand, self.bar.now_us))
         if self.paper is not None:
             self.paper.fall_silent(self.bar.now_us)
-        self._is_by_hand = True
+        self.is_by_hand = True
+
+    def end_by_hand(self) -> None:
+        """The drive by hand is over: what follows is of the ring again."""
+        self.is_by_hand = False
+        if self._command is not None:
+            self._command.ended_us = self.bar.now_us
 
     def take(self, events: Sequence[DriveEvent]) -> None:
         """Take what the firmware drove."""
@@ -161,7 +168,7 @@ class View:
             channels=() if command is None else command.channels,
             levels_db=self.ours.along_db,
             counted_db=self.ours.counted_db,
-            paper=None if self.paper is None or self._is_by_hand else self._paper(self.paper.levels),
+            paper=None if self.paper is None or self.is_by_hand else self._paper(self.paper.levels),
         )
 
     def _is_late(self, command: Command) -> bool:

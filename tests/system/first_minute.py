@@ -79,7 +79,7 @@ async def _watch(address: str, demo: int, *, to_the_end: bool) -> None:
                     tell(f"own table: {scene['compared']['text']}")
                     if not to_the_end:
                         return
-                has_table = scene["clicks"] and not scene["is_shipped"] and not scene["solved"]
+                has_table = scene["clicks"] and not scene["is_shipped"] and not scene.get("solved")
                 if has_table:
                     tell("table with coarse clicks")
                 if has_table and "first click" in told and not to_the_end:

@@ -27,6 +27,7 @@ const wire = new Wire({
   picture() {
     bar.dirty = second.dirty = true;
     for (const id of ["paper", "courses-paper"]) byId(id).hidden = !wire.picture.hasPaper;
+    byId("courses").hidden = wire.picture.drive === 1; // They are those of a click.
   },
   motions([ours, papers]) {
     bar.show(ours);
@@ -38,6 +39,11 @@ const wire = new Wire({
 });
 const panel = new Panel(wire);
 const hand = new Hand(byId("hand"), (channels) => wire.choose({ hand: channels }));
+byId("take-hand").addEventListener("click", () => {
+  const isTaken = scene.choice.source === "hand";
+  if (!isTaken) hand.take();
+  wire.choose({ source: isTaken ? "click" : "hand" });
+});
 byId("hand").addEventListener("submit", (event) => event.preventDefault());
 const courses = new Courses(byId("course"), wire.picture);
 const bar = new Bar(byId("bar"), wire.picture), second = new Bar(byId("paper-bar"), wire.paper, true);

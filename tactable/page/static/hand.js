@@ -1,6 +1,7 @@
 // Drives by hand: three sliders for each actuator, and what the bar does in one sentence.
 
 const EVERY_MS = 120; // Between two drives while a slider moves.
+const REPEAT_MS = 250; // A real board plays a drive for 1 s, unless it is said again.
 const PARTS = [
   { name: "frequency", unit: " Hz", step: 0.5, digits: 1 },
   { name: "amplitude", unit: " %", step: 0.5, digits: 1 },
@@ -8,9 +9,13 @@ const PARTS = [
 ];
 
 export class Hand {
+  // `onChange` gets the drive of the sliders: [Hz, fraction of full scale, degrees] of each actuator.
   constructor(box, onChange) {
     this._box = box;
     this._onChange = onChange;
+    this._isAsked = false;
+    this._isOurs = false; // Whether this browser asked a real board for the drive, and repeats it.
+    setInterval(() => { if (this._isOurs && !this._box.hidden && !this._waits) this._onChange(this._channels()); }, REPEAT_MS);
     this._sliders = [];
     this._sent_ms = -EVERY_MS;
     this._waits = 0;
@@ -21,6 +26,8 @@ export class Hand {
   set scene({ device, choice }) {
     const isShown = choice?.source === "hand" && choice.hand !== null;
     this._box.hidden = !isShown;
+    this._isOurs &&= isShown || this._isAsked;
+    this._isAsked &&= !isShown;
     if (!isShown) return;
     this._length_m = device.length_m;
     const key = JSON.stringify([device.name, device.actuators, device.most]);
@@ -70,9 +77,16 @@ export class Hand {
     this._waits = setTimeout(() => {
       this._waits = 0;
       this._sent_ms = performance.now();
-      this._onChange(this._sliders.map(([hz, percent, degrees]) => [Number(hz.value), Number(percent.value) / 100, Number(degrees.value)]));
+      this._onChange(this._channels());
     }, wait_ms);
   }
+
+  _channels() {
+    return this._sliders.map(([hz, percent, degrees]) => [Number(hz.value), Number(percent.value) / 100, Number(degrees.value)]);
+  }
+
+  // From now on this browser repeats the drive once its sliders are there.
+  take() { this._isOurs = this._isAsked = true; }
 
   // The present level along the bar; null where no drive by hand plays.
   says(picture) {

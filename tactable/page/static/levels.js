@@ -152,11 +152,12 @@ export class LevelPlot {
     c.strokeStyle = colour.level;
     c.lineWidth = 2;
     c.lineJoin = "round";
-    c.globalAlpha = isFresh(this.picture) ? 0.3 : 1;
+    const hasGaps = isFresh(this.picture) && this.picture.madeCount > 0; // A drive by hand is made for no finger.
+    c.globalAlpha = hasGaps ? 0.3 : 1;
     this._countedPath(c);
     c.stroke();
     c.globalAlpha = 1;
-    if (isFresh(this.picture)) this._drawGaps(c);
+    if (hasGaps) this._drawGaps(c);
   }
 
   // Where no finger is nothing needs to rest: the line is faded and the ground hatched there, and whole under fingers.

@@ -98,12 +98,14 @@ export class Panel {
     badge.hidden = false;
     say(badge, isDemo ? "SIMULATED: digitizer, firmware and bar" : "SIMULATED: the bar's motion");
     byId("switches").hidden = !isDemo;
-    for (const id of ["actions", "hint"]) byId(id).hidden = !isDemo;
-    for (const id of ["hint", "show-me"]) byId(id).hidden ||= choice.source === "hand"; // Touches play nothing then.
+    byId("actions").hidden = !isDemo;
+    for (const id of ["hint", "show-me", "keep-all"]) byId(id).hidden = !isDemo || choice.source === "hand"; // Touches play nothing then.
     say(byId("last-key"), `${Math.min(device.zones.length, 9)}`);
     say(byId("estimates"), device.estimates
       ? `${device.estimates} values of ${device.name} are ESTIMATES; its file names them. The threshold is good to 8 dB between people.`
       : "The threshold is good to 8 dB between people.");
+    byId("by-hand").hidden = !scene.drives; // A run whose board browsers may drive.
+    if (scene.drives) this._sayByHand(choice, scene.plays);
     if (isDemo) this._showSwitches(scene, choice, wire);
     this._sayStatus();
     this._sayNotice();
@@ -130,6 +132,14 @@ export class Panel {
     byId("source").disabled = isFile;
     byId("rules").disabled = isHand;
     for (const id of ["level", "zones"]) byId(id).disabled = isHand || isFile;
+  }
+
+  _sayByHand(choice, plays) {
+    const isTaken = choice.source === "hand";
+    say(byId("take-hand"), isTaken ? "Give back to the fingers" : "Drive by hand");
+    say(byId("by-hand-text"), !isTaken ? "The board plays what fingers do."
+      : plays.source === "hand" ? "The board plays the sliders, and touches play nothing. It falls silent 1 s after this page is closed or unheard."
+      : "The board is being armed.");
   }
 
   _sayStatus() {
@@ -164,11 +174,13 @@ export class Panel {
       if (scene.is_shipped) {
         const older = scene.is_outdated ? ", which older code made" : "";
         parts.push(`The shipped table plays${older}; this machine builds the same one now: ${what}`);
-      } else if (scene.solved) {
+      } else if (scene.what_if) parts.push(`Steady drives play for the actuators that were moved: ${what}`);
+      else if (scene.solved) {
         const { count, last_m } = scene.solved, last = last_m.map((at_m) => (1000 * at_m).toFixed(0)).join(" and ");
         const so = count ? `${count} so far, the last for ${last_m.length > 1 ? "fingers" : "a finger"} at ${last} mm` : "touch the bar";
         parts.push(`Clicks are solved as fingers ask for them: ${so}; the table of ${nameOf(building.device)}: ${what}`);
       } else if (!scene.clicks) parts.push(`Steady drives play, solved from the bar's modes; clicks follow once their kernels are compiled: ${what}`);
+      else if (!scene.is_coarse) parts.push(`The table plays, and this machine makes ready to solve more: ${what}`);
       else if (building.step === "clicks") parts.push(`Building finer clicks: ${what}; until they are there, coarse ones play`);
       else parts.push(`Building the table of ${nameOf(building.device)}, once: ${what}`);
     } else if (scene.status === "running" && !scene.clicks && scene.mode === "demo") parts.push("Steady drives play; this bar has no table of clicks");

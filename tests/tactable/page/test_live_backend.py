@@ -6,18 +6,19 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-from websockets.asyncio.client import connect
+from websockets.asyncio.client import ClientConnection, connect
 from websockets.typing import Origin
 
 from engine.touch.sources.recording import write_recording
 from firmware_link.emulator.process import RunningEmulator, run_emulator
-from tactable.page.messages import Kind
+from tactable.page.messages import Drive, Kind, encode_choice
 from tests.tactable.rig.strokes import Stroke, make_recording
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
@@ -104,3 +105,106 @@ def test_a_page_that_finds_no_place_is_refused_before_the_run_begins(folder: Pat
         _, said = process.communicate()
     assert process.returncode == 1
     assert said.splitlines()[-1].startswith("tactable: no page at 192.0.2.1")
+
+
+HAND = [[150.0, 0.2, 0.0], [120.0, 0.1, 90.0]]
+REPEAT_S = 0.2
+
+
+class Hand:
+    """A browser that asks a board for a drive, and repeats it while it waits."""
+
+    def __init__(self, socket: ClientConnection) -> None:
+        self.scene = dict[str, Any]()
+        self.commands = self.drive = 0
+        self._socket = socket
+
+    async def until(self, condition: Callable[[], bool], repeats: object = None) -> None:
+        said_s = 0.0
+        while not condition():
+            if repeats is not None and (now_s := time.monotonic()) - said_s > REPEAT_S:
+                said_s = now_s
+                await self._socket.send(encode_choice({"hand": repeats}))
+            message = await self._socket.recv()
+            assert isinstance(message, bytes)
+            if message[1] == Kind.SCENE:
+                self.scene = json.loads(message[2:])
+            elif message[1] == Kind.PICTURE:
+                self.commands, self.drive = int.from_bytes(message[34:38], "little"), message[90]
+
+    async def say(self, **switches: object) -> None:
+        await self._socket.send(encode_choice(switches))
+
+    @property
+    def is_driving(self) -> bool:
+        return bool(self.scene.get("plays") == {"source": "hand"})
+
+
+@asynccontextmanager
+async def hand_at(address: str) -> AsyncIterator[Hand]:
+    origin = Origin(address[: address.index("/", 7)])
+    async with connect(address.replace("http:", "ws:") + "socket", origin=origin) as socket:
+        yield Hand(socket)
+
+
+def driven(emulator: RunningEmulator) -> list[tuple[float, float]]:
+    """Frequency and amplitude of every actuator, as the board was last told."""
+    return [(channel.frequency_hz, channel.amplitude) for channel in emulator.log().events[-1].channels]
+
+
+def is_by_hand(emulator: RunningEmulator) -> bool:
+    return all(
+        abs(hz - asked_hz) < 0.01 and abs(amplitude - asked) < 1e-3
+        for (hz, amplitude), (asked_hz, asked, _) in zip(driven(emulator), HAND, strict=True)
+    )
+
+
+def test_a_board_is_driven_by_hand_until_it_is_given_back_or_the_page_is_silent(
+    folder: Path, emulator: RunningEmulator
+) -> None:
+    """Silent at first, refused beyond a limit; the board answers touches again afterwards."""
+
+    async def drive(address: str) -> None:
+        async with hand_at(address) as hand:
+            await hand.until(lambda: hand.commands >= 2)
+            await hand.say(source="hand")
+            await hand.until(lambda: hand.is_driving)
+            assert hand.scene["choice"]["hand"] == [[150.0, 0.0, 0.0]] * 2
+            assert not any(amplitude for _, amplitude in driven(emulator))
+            await hand.until(lambda: hand.scene["choice"].get("hand") == HAND, HAND)
+            await hand.until(lambda: is_by_hand(emulator), HAND)
+            await hand.say(hand=[[150.0, 2.0, 0.0], HAND[1]])
+            await hand.until(lambda: "200 %" in hand.scene["trouble"], HAND)
+            assert is_by_hand(emulator)
+            await hand.say(source="click")
+            await hand.until(lambda: not hand.is_driving)
+            before = hand.commands
+            await hand.until(lambda: hand.commands >= before + 2 and hand.drive == Drive.CLICK)
+            await hand.say(source="hand")
+            await hand.until(lambda: hand.is_driving)
+            await hand.until(lambda: hand.scene["choice"].get("hand") == HAND, HAND)
+            await hand.until(lambda: not hand.is_driving)  # it repeats nothing
+            before = hand.commands
+            await hand.until(lambda: hand.commands >= before + 2)
+
+    with started(folder, emulator, "--page", "--page-drive", "--json") as process:
+        asyncio.run(drive(address_of(process)))
+        process.send_signal(signal.SIGINT)
+        summary, said = process.communicate()
+    assert process.returncode == 0, said
+    assert json.loads(summary)["commands_sent"] >= 6
+
+
+def test_a_page_only_looks_on_unless_it_is_asked_for_more(folder: Path, emulator: RunningEmulator) -> None:
+    async def ask(address: str) -> None:
+        async with hand_at(address) as hand:
+            await hand.until(lambda: bool(hand.scene))
+            await hand.say(source="hand")
+            await hand.until(lambda: hand.commands >= 3)
+            assert (hand.scene["drives"], hand.scene["choice"], hand.is_driving) == (False, {}, False)
+
+    with started(folder, emulator, "--page") as process:
+        asyncio.run(ask(address_of(process)))
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate()
+    assert process.returncode == 0, said
