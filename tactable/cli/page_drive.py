@@ -7,7 +7,6 @@ for a finger that was there seconds ago would be wrong.
 
 from dataclasses import dataclass
 
-from engine.device import Device
 from engine.loop import Clock, StopRequest
 from engine.render import clamp
 from engine.touch.sources import Source
@@ -16,6 +15,7 @@ from firmware_link.host.serial_port import SerialPort
 from tactable.audio.port import AudioPort
 from tactable.measure.driven_device import DrivenDevice
 from tactable.page.asked_by_hand import AskedByHand
+from tactable.run.live import Live
 
 OpenPort = SerialPort | AudioPort
 
@@ -25,7 +25,7 @@ class PageDrive:
     """A board that the page may drive, and who asks."""
 
     asked: AskedByHand
-    device: Device
+    live: Live
     reopening: ReopeningPort[OpenPort]
     clock: Clock
     bit_rate_hz: int
@@ -37,15 +37,15 @@ class PageDrive:
 
     def hold(self, stop: StopRequest) -> None:
         """Hold what the page asks for until it asks no more, or `stop` is set. Raises what DrivenDevice raises."""
-        port, played = self.reopening.port, None
+        port, device, played = self.reopening.port, self.live.device, None
         assert port is not None  # `is_set`
-        most = [self.device.limits.amplitude] * len(self.device.actuators)
-        with DrivenDevice(self.device, port, self.clock, most, self.bit_rate_hz) as driven:
+        most = [device.limits.amplitude] * len(device.actuators)
+        with DrivenDevice(device, port, self.clock, most, self.bit_rate_hz) as driven:
             self.asked.tell(is_driving=True)
             while not stop.is_set() and (asked := self.asked.drive()) is not None:
                 if asked != played:
                     played = asked
-                    driven.play(clamp(asked, self.device))
+                    driven.play(clamp(asked, device))
                 driven.wait(self.asked.ends_ns, (self.asked.fileno(),))
         self.asked.tell(is_driving=False)
         while self.source.read(self.clock.now_ns()) is not None:

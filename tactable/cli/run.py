@@ -180,7 +180,7 @@ def run(
             lines, child = stack.enter_context(page_of(shown))
             _note_all(lines)
             asked = AskedByHand(child, clock)
-            by_hand = PageDrive(asked, table.device, reopening, clock, port.bit_rate_hz, source) if page_drive else None
+            by_hand = PageDrive(asked, live, reopening, clock, port.bit_rate_hz, source) if page_drive else None
         _note_all([] if slot is None else slot.lines)
         _announce(source, port, live, when_not_achieved)
         where = {"table": str(table_path), "device": table.device.name, "port": port.path}

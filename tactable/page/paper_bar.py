@@ -20,12 +20,10 @@ from engine.touch.finger_tracker import ZoneEdges
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S
 from precompute.entries.untouched import UntouchedEnergy
-from precompute.model.assembly import assemble
-from precompute.model.modal import compute_basis, compute_modal_model
-from precompute.model.transfers import transfers_at
 from tactable.page.bar_levels import BarLevels
 from tactable.page.commands import Command
-from tactable.page.live_bar import MODES, BarFinger, LiveBar
+from tactable.page.live_bar import BarFinger, LiveBar
+from tactable.rig.modal_bar import ModalBar
 
 Complex = NDArray[np.complex128]
 
@@ -38,9 +36,8 @@ class PaperDrives:
 
     def __init__(self, device: Device) -> None:
         self.device, self._edges = device, ZoneEdges(device)
-        self._basis = compute_basis(assemble(device), MODES)
-        self._force = compute_modal_model(self._basis).push
-        self.best_of = cache(UntouchedEnergy.of_modes(self._basis).best_together)
+        self._bar = ModalBar(device)
+        self.best_of = cache(UntouchedEnergy.of_modes(self._bar.basis).best_together)
         """The drive for zones, at full scale; each is computed once."""
 
     def drive_for(self, placement: Placement, level_db: float) -> tuple[float, Complex] | None:
@@ -54,21 +51,10 @@ class PaperDrives:
             return None
         drive = self.best_of(zones)
         frequency_hz = float(drive.frequency_hz[0])
-        felt = self._acceleration(frequency_hz, placement)[list(placement.felt)] @ drive.amplitude
+        felt = self._bar.acceleration(frequency_hz, placement.position_m)[list(placement.felt)] @ drive.amplitude
         weakest_db = 20 * np.log10(abs(felt).min() / self.device.threshold.peak_m_per_s2(drive.frequency_hz[:1])[0])
         louder = min(10 ** ((level_db - weakest_db) / 20), self.device.limits.amplitude)
         return frequency_hz, louder * drive.amplitude
-
-    def _acceleration(self, frequency_hz: float, placement: Placement) -> Complex:
-        """Acceleration (finger, actuator) in m/s^2 at full scale, standard fingers being on the bar."""
-        s, basis, finger = 2j * np.pi * frequency_hz, self._basis, self.device.finger
-        rows = basis.at(np.array(placement.position_m))
-        touch = finger.stiffness_n_per_m + s * finger.damping_n_s_per_m + s**2 * finger.mass_kg
-        dynamic = np.diag(basis.square_omega + s**2) + s * basis.damping + touch * (rows.T @ rows)
-        force = self._force[:, 0] + s * self._force[:, 1]
-        transfers = transfers_at(self.device.actuators, np.array(s))
-        per_base = s**2 * rows @ np.linalg.solve(dynamic, force)
-        return np.asarray(per_base if transfers is None else per_base * transfers, dtype=np.complex128)
 
 
 class PaperBar:

@@ -21,8 +21,7 @@ from engine.table.click import played_at
 from engine.touch import Placement
 from firmware_link.protocol.messages import ChannelDrive
 from precompute.model.assembly import assemble
-from precompute.model.modal import Basis, compute_basis, compute_modal_model
-from tactable.rig.first_table import MODES
+from tactable.rig.modal_bar import ModalBar
 from tactable.rig.solved_click import SolvedClick
 
 if TYPE_CHECKING:
@@ -62,8 +61,8 @@ class Promises:
         return SteadySolver(self._table.device, self._table.receptances)
 
     @cached_property
-    def _modes(self) -> Basis:
-        return compute_basis(self._plant, MODES)
+    def _bar(self) -> ModalBar:
+        return ModalBar(self._table.device)
 
     def prepare(self, *, steady: bool = True) -> None:
         """Load what promises take, up to a second; those of `steady` drives compile their kernels where need be."""
@@ -91,14 +90,10 @@ class Promises:
 
     def of_channels(self, placement: Placement, channels: Sequence[ChannelDrive]) -> Promise:
         """What a steady drive gives, as a sum of modes: no kernel is loaded. Shape (actuator,): `channels`."""
-        fingers = [(at_m, self._table.device.finger) for at_m in placement.position_m]
-        model, shape = compute_modal_model(self._modes, fingers), self._modes.at(np.array(placement.position_m))
         acceleration, weighted = np.zeros((2, len(placement.position_m)))
         for hz in {channel.frequency_hz for channel in channels if channel.amplitude}:
             base = np.array([_phasor(channel) * (channel.frequency_hz == hz) for channel in channels])
-            s = 2j * np.pi * hz
-            state = (model.spring @ base + s * (model.damper @ base)) / (s - model.pole)
-            reached = abs(s**2 * (shape @ (model.vector[: shape.shape[1]] @ state)))
+            reached = abs(self._bar.acceleration(hz, placement.position_m) @ base)
             acceleration = acceleration + reached
             weighted = np.hypot(weighted, reached / self._table.device.threshold.peak_m_per_s2(np.array([hz])))
         return Promise(placement, acceleration, 20 * np.log10(np.maximum(weighted, _SILENT)))

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from engine.device import Device
 from engine.effects import DEFAULT_EFFECTS, Effects
 from engine.loop import (
     ClickSolving,
@@ -112,6 +113,7 @@ class Live:
         self.fast_counters = self._session.fast_counters
         click_ns = rendering.click_length_ns
         pipeline = open_pipeline(source, table.device, effects, self.renderer, clock.now_ns, click_ns)
+        self._pipeline = pipeline
         pipeline.answerer.answer_within_ns = options.answer_within_ns
         self.digitizer = pipeline.digitizer
         dispatcher = Dispatcher(self._session, clock.now_ns)
@@ -135,6 +137,11 @@ class Live:
             solving=solving if self.clicks else None,
             control=control,
         )
+
+    @property
+    def device(self) -> Device:
+        """The device of the table that plays now."""
+        return self._pipeline.device
 
     @property
     def clicks(self) -> int:

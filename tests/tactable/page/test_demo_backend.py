@@ -60,6 +60,9 @@ class Rig:
         self._pressed |= {event.pointer_id: event for event in events}
         self.backend.touch(1, events)
 
+    def is_down(self, event: PointerEvent) -> bool:
+        return event.pointer_id in self._pressed
+
     def lift(self, *events: PointerEvent) -> None:
         """These fingers, or all."""
         for event in events or tuple(self._pressed.values()):
@@ -125,7 +128,8 @@ def rig(shared: Rig) -> Iterator[Rig]:
 def tap_until(rig: Rig, finger: PointerEvent, condition: Callable[[Picture], bool]) -> Picture:
     """A picture 0.6 s after a finger came down beside another one, for which it holds; it taps until then."""
     while True:
-        rig.press(finger)
+        if not rig.is_down(finger):
+            rig.press(finger)
         picture = rig.until(lambda picture: len(picture.fingers) == 2 and picture.command > 0 and picture.age_s > 0.6)
         if condition(picture):
             return picture

@@ -9,11 +9,14 @@ import pytest
 
 from engine.table import Table
 from engine.touch import Placement
+from firmware_link.protocol.basis import encode_click
 from tactable.page.capture import HEARD_S
 from tactable.page.live_bar import POINTS, RATE_HZ, LiveBar
 from tactable.page.messages import LOWEST_DB, Drive, Kind, Role, encode_picture
 from tactable.page.ring_drive import RingDrive
 from tactable.page.view import LATENCIES, View
+from tactable.rig.promises import Promises
+from tactable.rig.solved_click import SolvedClick
 from tests.tactable.page.played import COUNTERS, FRAME_US, RESOLUTION_HZ, STAGE_NS, record_of
 
 PAIR = Placement((0.035, 0.22), (True, False))
@@ -143,6 +146,32 @@ def test_a_steady_drive_is_promised_and_simulated_alike_and_says_its_channels(ri
     for made in picture.made:
         assert made.simulated_db == pytest.approx(made.promised_db, abs=0.1)
     assert picture.fingers[0].level_db == picture.made[0].simulated_db
+
+
+def test_without_kernels_a_steady_drive_is_promised_by_its_modes_as_by_the_finite_elements(table: Table) -> None:
+    rig, plain = Rig(table), Rig(table)
+    plain.view = View(table, LiveBar(table.device), RESOLUTION_HZ, has_kernels=False)
+    for each in (rig, plain):
+        each.play(0.05)
+    exact, modal = ([made.promised_db for made in each.view.picture().made] for each in (rig, plain))
+    assert exact == pytest.approx(modal, abs=0.1)
+
+
+def test_a_click_that_was_solved_beside_the_run_has_the_promise_of_its_waveform_and_is_counted(rig: Rig) -> None:
+    click = rig.table.click_at(PAIR, 20.0)
+    assert click is not None and click.basis is not None
+    weights = click.weights.tolist()
+    play = encode_click(click.basis, click.basis_set, weights, click.fraction_bits, click.amplitude).play
+    solved = SolvedClick.of(play, click.basis, len(rig.table.device.actuators))
+    assert solved is not None and np.array_equal(solved.samples, click.samples)
+    tabulated = record_of(rig.table, PAIR, 1000, is_click=True)
+    three = Placement((0.03, 0.1, 0.22), (True, False, False))
+    rig.view.read([tabulated, record_of(rig.table, three, 2000, is_click=True)._replace(play=play)])
+    _, promised = Promises(rig.table).of_solved_click(three, solved)
+    made = rig.view.picture().made
+    assert [each.promised_db for each in made] == pytest.approx(promised.level_db.tolist())
+    places = rig.table.places
+    assert list(rig.view.solved) == [places.placement(places.key(three))]
 
 
 def test_what_a_steady_drive_came_to_stays_when_it_has_ended(rig: Rig) -> None:
