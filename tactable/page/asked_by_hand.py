@@ -8,17 +8,35 @@ touches, and once no drive is asked for it begins again. The lease of the drive 
 process of the run renews (`tactable.measure.driven_device`).
 """
 
+from typing import Any, Protocol
+
 from engine.loop import Clock
-from firmware_link.child import Child, ChildError
+from firmware_link.child import ChildError
 from tactable.page.hand import HandDrive
 
 LEASE_NS = 1_000_000_000
 
 
+class Page(Protocol):
+    """The page's process, as `firmware_link.child.Child` is."""
+
+    def fileno(self) -> int:
+        """Readable when it has said something, or has ended."""
+
+    def has_spoken(self) -> bool:
+        """Whether `read` would return or raise at once."""
+
+    def read(self) -> dict[str, Any]:
+        """The next line. Raises ChildError once it has ended."""
+
+    def write(self, document: dict[str, Any]) -> None:
+        """Say a line."""
+
+
 class AskedByHand:
     """The lines of the page's process. As a StopRequest of the loop it is set once a drive by hand is asked for."""
 
-    def __init__(self, page: Child, clock: Clock) -> None:
+    def __init__(self, page: Page, clock: Clock) -> None:
         self._page, self._clock = page, clock
         self._hand: HandDrive | None = None
         self._is_there = True
