@@ -112,11 +112,10 @@ def calibrate(
     """Fit a device to measured accelerations, and measure them first if asked to.
 
     A new folder gets the new device file, the raw data and a report. Exit status 3: the result is doubtful, and a table
-    to which it should be applied is left as it was; or more than a tenth of the readings of --measure stayed spoiled.
+    to which it should be applied is left as it was. Readings of --measure that stay spoiled are told and left out.
     """
     from precompute.calibration.misfit import Loss as Losses
     from tactable.calibration.job import CalibrationJob
-    from tactable.measure.verify import MOST_SPOILED
 
     device = find_device(device_name)
     if not measures and (port_name or sensor_path or flaws or change):
@@ -137,7 +136,6 @@ def calibrate(
         accepted_misfit=accepted,
         is_strict=strict,
     )
-    spoiled = readings = 0
     with ExitStack() as stack:
         circle = None
         if measures:
@@ -154,7 +152,7 @@ def calibrate(
             doubts = _fit(job, as_json)
         else:
             doubts = _apply(job, apply, despite_doubts, clicks, as_json, None if circle is None else circle.verify)
-    if doubts or spoiled > MOST_SPOILED * readings:
+    if doubts:
         raise typer.Exit(EXIT_DOUBTFUL)
 
 

@@ -7,7 +7,7 @@ from engine.plain import to_plain
 
 
 def device_json(device: Device) -> dict[str, Any]:
-    """Name, length, zones, actuators, greatest amplitude, and how many of its values are estimates."""
+    """Name, length, zones, actuators, greatest amplitude, number of estimated values, and the threshold curve."""
     return {
         "name": device.name,
         "description": device.description,
@@ -19,4 +19,5 @@ def device_json(device: Device) -> dict[str, Any]:
         ],
         "most": device.limits.amplitude,
         "estimates": len(device.estimated_values),
+        "threshold": device.threshold.title,
     }

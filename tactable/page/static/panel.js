@@ -102,8 +102,8 @@ export class Panel {
     for (const id of ["hint", "show-me", "keep-all"]) byId(id).hidden = !isDemo || choice.source === "hand"; // Touches play nothing then.
     say(byId("last-key"), `${Math.min(device.zones.length, 9)}`);
     say(byId("estimates"), device.estimates
-      ? `${device.estimates} values of ${device.name} are ESTIMATES; its file names them. The threshold is good to 8 dB between people.`
-      : "The threshold is good to 8 dB between people.");
+      ? `${device.estimates} values of ${device.name} are ESTIMATES; its file names them. Levels are dB above the ${device.threshold}.`
+      : `Levels are dB above the ${device.threshold}.`);
     byId("by-hand").hidden = !scene.drives; // A run whose board browsers may drive.
     if (scene.drives) this._sayByHand(choice, scene.plays);
     if (isDemo) this._showSwitches(scene, choice, wire);
