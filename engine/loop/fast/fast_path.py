@@ -92,9 +92,12 @@ class FastSource:
         return None if self._session.answer is not None else self._source.read(now_ns)
 
     def source_time_ns(self, now_ns: int) -> int:
-        """A clock time on the source's axis; until an answer is confirmed, time stands where its report was read."""
-        answer = self._session.answer
-        return self._source.source_time_ns(now_ns if answer is None else answer.read_ns)
+        """A clock time on the source's axis; until an answer is confirmed, time stands at its report.
+
+        The step answers where nothing is due by the time of the report. A packet may state a time before it was read,
+        and what became due in between must not take the place of the command that is confirmed.
+        """
+        return self._source.source_time_ns(now_ns) if self._session.answer is None else self._source.report_time_ns
 
 
 class FastPath:

@@ -57,6 +57,10 @@ class Sockets(Packets):
     def packet_fileno(self) -> int:
         return self._descriptor
 
+    def take_packet(self, packet: bytes, now_ns: int, *, is_last: bool) -> bytes:  # noqa: ARG002  # a PacketSource
+        (self.report_time_ns,) = struct.unpack_from("<q", packet)
+        return packet[self.packet_head :]
+
 
 class Ends(NamedTuple):
     """A fast path on sockets, and their ends: ours and its own for touches, ours and its own for the device."""
@@ -114,6 +118,18 @@ def test_a_report_that_is_not_the_last_is_left_to_the_loop(library: ctypes.CDLL,
         assert session.answer is None
         with pytest.raises(BlockingIOError):
             device.recv(4096)
+
+
+def test_time_stands_at_a_report_until_its_answer_is_confirmed(library: ctypes.CDLL) -> None:
+    with on_sockets(library) as (fast, session, ours, touch, _, port):
+        source, due_ns = fast.source, fast.now_ns() - 5_000_000
+        ours.send(struct.pack("<qq", due_ns, 0) + report((1, 0.1)))
+        fast.wait(None, (touch.fileno(), port.fileno()), ())
+        assert session.answer is not None and source.read(fast.now_ns()) == report((1, 0.1))
+        # What fell due between the report and its reading waits, since the step did not know of it.
+        assert source.source_time_ns(fast.now_ns()) == due_ns < session.answer.read_ns
+        session.answer = None
+        assert source.source_time_ns(fast.now_ns()) > due_ns
 
 
 def test_a_wrong_answer_is_put_right_and_the_last(library: ctypes.CDLL) -> None:
