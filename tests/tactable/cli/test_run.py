@@ -105,11 +105,12 @@ def test_what_is_not_achieved_is_refused_or_played(
 
 
 def test_a_run_ends_after_its_time(folder: Path, emulator: RunningEmulator) -> None:
-    words = ("--touch", "simulated", "--for", "0.5", "--effects", "held.toml")
+    words = ("--touch", "simulated", "--for", "1.5", "--effects", "held.toml")
     summary, sounds, _ = played(folder, emulator, *words)
-    assert summary["duration_s"] >= 0.5
+    assert summary["duration_s"] >= 1.5
     assert summary["reports"] < 692
-    assert sounds in (None, [True, False])
+    # Two fingers come within the time, the second of them late; the silence at the end is the last that is heard.
+    assert sounds in (None, [True, False], [True, False] * 2)
 
 
 def test_ctrl_c_ends_a_run_with_silence_and_its_summary(folder: Path, emulator: RunningEmulator) -> None:
