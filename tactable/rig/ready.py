@@ -70,7 +70,7 @@ def open_shipped(device: Device, path: Path) -> Table | None:
         partial.write_bytes(lzma.decompress(content))
     with contextlib.suppress(TableError):
         return Table.open(unpacked, device=device)
-    unpacked.unlink()
+    unpacked.unlink(missing_ok=True)  # the page and its build look at the same time
     return None
 
 

@@ -67,7 +67,8 @@ def test_buttons_move_under_the_fingers_of_the_demo_and_each_is_felt_where_it_is
             page.wait_for_function(f"{FINGERS} === 1", timeout=PATIENCE_MS)
             visit.touch(f1=None)
             page.wait_for_function(f"{FINGERS} === 0", timeout=PATIENCE_MS)
-            assert page.text_content("#played") == played  # beside the buttons nothing is felt
+            # Beside the buttons nothing is felt; what was felt last may have ended.
+            assert page.text_content("#played") in (played, "silence, no promise")
             before = page.evaluate(PLACES)
             start, width = before[hit % 2]
             visit.touch(f1=start + width / 2)

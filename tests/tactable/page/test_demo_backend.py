@@ -6,7 +6,7 @@ import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from tactable.page import demo_backend
 from tactable.page.choices import Choice, offered
 from tactable.page.demo_backend import DemoBackend
 from tactable.page.messages import Drive, DroppedFile, Kind, Picture, Role
+from tactable.page.processes.asynchronous import AsyncChild
 from tactable.page.view import View
 from tactable.rig.ready import cached_table, early_path
 from tactable.shipped import find_device
@@ -137,24 +138,25 @@ def tap_until(rig: Rig, finger: PointerEvent, condition: Callable[[Picture], boo
         rig.until(lambda picture: len(picture.fingers) == 1 and picture.age_s > 1)
 
 
-def builds() -> set[int]:
-    """Process ids of the builds that this process has started."""
-    own = f"PPid:\t{os.getpid()}\n"
-    found = set[int]()
-    for folder in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):  # it has ended
-            is_own = own in (folder / "status").read_text(encoding="utf-8")
-            if is_own and b"tactable.page.processes.build" in (folder / "cmdline").read_bytes():
-                found.add(int(folder.name))
-    return found
-
-
 @contextmanager
-def paused(process: int) -> Iterator[None]:
-    """A process that stands still in the meantime."""
-    os.kill(process, signal.SIGSTOP)
-    yield
-    os.kill(process, signal.SIGCONT)
+def paused_at_its_first_table(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Builds stand still once they have said that the first table is there, until the context ends."""
+    stopped, read = list[int](), AsyncChild.read
+
+    async def read_and_stop(child: AsyncChild) -> dict[str, Any]:
+        answer = await read(child)
+        if "first-clicks" in str(answer.get("usable")):
+            stopped.append(child.process.pid)
+            os.kill(child.process.pid, signal.SIGSTOP)
+        return answer
+
+    with monkeypatch.context() as patch:
+        patch.setattr(AsyncChild, "read", read_and_stop)
+        try:
+            yield
+        finally:
+            for process in stopped:
+                os.kill(process, signal.SIGCONT)
 
 
 def is_clicked(picture: Picture) -> bool:
@@ -345,7 +347,9 @@ def test_a_process_that_dies_is_started_again_and_the_show_goes_on(rig: Rig, whi
     rig.until(lambda picture: picture.command > 0 and picture.age_s > 0.1)
 
 
-def test_a_device_without_a_table_plays_steady_drives_at_once_then_clicks_as_they_are_solved(tmp_path: Path) -> None:
+def test_a_device_without_a_table_plays_steady_drives_at_once_then_clicks_as_they_are_solved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Until its coarse clicks are in place: the fine ones take minutes. Nothing of the rig is left behind."""
     (tmp_path / "short.toml").write_text(SHORT, encoding="utf-8")
     seen = set[str | None]()
@@ -355,21 +359,20 @@ def test_a_device_without_a_table_plays_steady_drives_at_once_then_clicks_as_the
         seen.add((scene["building"] or {}).get("step"))
         return bool(scene["clicks"]) and scene["solved"] is None
 
-    others = builds()
-    with running(tmp_path, str(tmp_path / "short.toml")) as own:
+    with ExitStack() as pause, running(tmp_path, str(tmp_path / "short.toml")) as own:
+        pause.enter_context(paused_at_its_first_table(monkeypatch))
         own.wait(lambda: own.backend.scene()["status"] == "running")
         first = own.backend.scene()
         own.press(FIRST)
         steady = own.until(lambda picture: picture.command > 0)
         own.lift()
         own.wait(lambda: own.backend.scene()["solved"] is not None)
-        (build,) = builds() - others
-        with paused(build):  # the table stays the first one until its click was played
-            own.press(LAST)
-            own.until(lambda picture: len(picture.fingers) == 1)
-            clicked = tap_until(own, FIRST, is_clicked)
-            solved = own.backend.scene()["solved"]
-            own.lift()
+        own.press(LAST)
+        own.until(lambda picture: len(picture.fingers) == 1)
+        clicked = tap_until(own, FIRST, is_clicked)
+        solved = own.backend.scene()["solved"]
+        own.lift()
+        pause.close()
         own.wait(lambda: has_table(own.backend))
         processes = own.backend.process_ids
     assert (first["has_kernels"], first["clicks"], first["choice"]["source"]) == (False, 0, "click")

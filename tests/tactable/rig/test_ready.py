@@ -77,6 +77,25 @@ def test_of_another_device_it_is_not_played_and_of_older_code_it_is_called_outda
         assert is_outdated(table)
 
 
+def test_two_processes_that_look_for_the_table_of_another_device_at_once_find_none(
+    built: Table, shipped: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = Device.parse(built.device.text.replace("phase_steps = 12", "phase_steps = 24"), "bar.toml")
+    opened, open_table = list[Path](), Table.open
+
+    def open_late(path: Path, **options: object) -> Table:
+        """The other process takes away what was unpacked just before this one does."""
+        opened.append(path)
+        try:
+            return open_table(path, **options)  # type: ignore[arg-type]  # those of Table.open
+        finally:
+            path.unlink(missing_ok=True)
+
+    monkeypatch.setattr(Table, "open", open_late)
+    assert other.fingerprint != built.device.fingerprint and open_shipped(other, shipped) is None
+    assert len(opened) == 2 and not list(shipped.parent.iterdir())
+
+
 def test_what_differs_audibly_is_counted_and_named(built: Table, shipped: Path, tmp_path: Path) -> None:
     one_finger = build_click_table(tmp_path, clicks_up_to=1)
     with open_shipped(built.device, shipped) or pytest.fail("is shipped") as table, Table.open(one_finger) as other:
