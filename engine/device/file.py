@@ -171,7 +171,7 @@ def _read_transfer(part: DeviceTable, band_hz: tuple[float, float]) -> Transfer 
 
 
 def _read_electrodes(actuator: DeviceTable) -> Electrodes | None:
-    """The table [actuator.electrodes]; None where there is none."""
+    """Read the table [actuator.electrodes]; the result is None where the device file has no such table."""
     actuator.known.append("electrodes")
     if "electrodes" not in actuator.left:
         return None

@@ -69,7 +69,7 @@ class Record(NamedTuple):
 
     stamps_ns: Stamps
     report_index: int | None
-    """Is None where no report caused the change, but time."""
+    """Index of the report that caused the change. It is None where time caused it."""
     placement: Placement | None
     """The fingers that the command is for, each with its role; None where no finger is to feel anything."""
     level_db: float | None
