@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.documents import Command, check_command
+from tests.tactable.cli.in_process import run_here
 
 ROOT = Path(__file__).parents[1]
 BIN = Path(sys.executable).parent
@@ -39,6 +40,16 @@ def test_types_hold() -> None:
 def test_types_of_the_tests_hold_too() -> None:
     """A third of the time: who only uses tactable changes no test."""
     assert_clean("mypy")
+
+
+def test_every_program_of_highs_asks_for_one_thread() -> None:
+    """HiGHS 1.16 solves none that asks for another number of threads than the first of its process."""
+    texts = [
+        path.read_text(encoding="utf-8") for room in ("precompute", "tactable") for path in (ROOT / room).rglob("*.py")
+    ]
+    makers = [text for text in texts if "highspy.Highs()" in text]
+    assert len(makers) == 3
+    assert all(text.count("highspy.Highs()") == text.count('"threads", 1)') for text in makers)
 
 
 def test_imports_flow_one_way() -> None:
@@ -78,7 +89,5 @@ def test_the_commands_of_the_readme_run_in_order(tmp_path: Path, monkeypatch: py
         words = shlex.split(command)
         if words[1] == "build":
             words += ["--clicks-up-to", "0"]  # clicks take minutes and nothing new
-        if words[1] == "demo":
-            words += ["--headless"]
-        done = run(str(BIN / words[0]), *words[1:], folder=tmp_path)
+        done = run_here(tmp_path, *words[1:])
         assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"

@@ -129,6 +129,8 @@ def _empty_program(sizes: list[int], actuators: int, *, is_wanted: bool) -> high
     numerators, denominators, levels = sizes
     program = highspy.Highs()  # type: ignore[no-untyped-call]  # its __init__ has no annotations
     program.silent()
+    # All programs of a process ask for one thread: HiGHS 1.16 refuses those that ask for another number than the first.
+    program.setOptionValue("threads", 1)
     rows = [(0.0, np.inf)] * numerators + [(-np.inf, 1.0)] * denominators
     rows += [(0.0 if is_wanted else -np.inf, np.inf)] * levels + [(-np.inf, 0.0 if is_wanted else np.inf)] * actuators
     nothing = np.zeros(0, dtype=np.int32), np.zeros(0)
