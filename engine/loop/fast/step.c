@@ -214,15 +214,17 @@ static int64_t place_of(const Fast *fast, double position_m) {
 
 /* Row of the click for these fingers; NONE: there is none, or the case is left to Python. */
 static int64_t row_of(const Fast *fast, const Felt *felt) {
-    /* The felt fingers, and all others that touch; code 0 stands for no finger, 1 + 2 * place + is_felt for one. */
-    double held_m[MOST_FINGERS];
+    /* The felt fingers, and all others that touch; code 0 stands for no finger, 1 + 2 * place + is_felt for one. The
+     * finger that came last has the last code: `warm` has brought the row of the code before it. */
+    double held_m[MOST_FINGERS] = {0.0};
     int64_t code[MOST_FINGERS] = {0}, count = 0;
     for (int i = 0; i < felt->count; i++) {
         const Present *finger = &felt->finger[i];
         const int is_felt = finger->level != NONE && finger->click_ns == felt->click_ns;
         if (finger->is_lifted && !is_felt) continue;
         if (count == MOST_FINGERS) return NONE;
-        held_m[count] = finger->held_m, code[count++] = 1 + 2 * place_of(fast, finger->held_m) + is_felt;
+        held_m[0] = held_m[1], code[0] = code[1], count++;
+        held_m[1] = finger->held_m, code[1] = 1 + 2 * place_of(fast, finger->held_m) + is_felt;
     }
     /* Fingers that are too close are one to the bar. */
     if (count == MOST_FINGERS && fabs(held_m[0] - held_m[1]) < fast->closest_m) return NONE;

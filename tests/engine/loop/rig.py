@@ -96,6 +96,8 @@ class VirtualLine:
     is_mute: bool = False
     firmware: EmulatedFirmware = field(default_factory=lambda: EmulatedFirmware(DeviceConfiguration(0x5EED)))
     time_ns: int = 5_000 * MS
+    booted_ns: int = 0
+    """When the device started."""
 
     def __post_init__(self) -> None:
         self._to_device: list[tuple[int, bytes]] = []
@@ -106,7 +108,6 @@ class VirtualLine:
         self.cable_pulled_ns: int | None = None
         self.cable_back_ns = 0
         self.is_open = True
-        self.booted_ns = 0
         self.earlier_logs: list[DriveEvent] = []
         self.openings_ns: list[int] = []
 

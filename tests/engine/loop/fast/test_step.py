@@ -28,16 +28,21 @@ from tests.engine.loop.fast.scripts import (
     report,
     varied_clicks,
 )
-from tests.engine.loop.rig import DEVICE, Rig
+from tests.engine.loop.fast.test_fast_path import on_sockets
+from tests.engine.loop.rig import DEVICE, Rig, VirtualLine
 from tests.engine.made_entries import LEVEL_DB
 from tests.engine.touch.descriptors import BLOB, CONTACT_COUNT, application, finger
 
 GAPS = device_with_gaps()
+# Its digitizer is longer than the bar at both ends.
+WIDE = replace(DEVICE, touch_axis=replace(DEVICE.touch_axis, start_margin_m=-0.05, end_margin_m=-0.05))
 CLICKS = {device: varied_clicks(device) for device in (DEVICE, GAPS)}
-EVERY_CLICK = {device: varied_clicks(device, missing=10**6) for device in (DEVICE, GAPS)}
+EVERY_CLICK = {device: varied_clicks(device, missing=10**6) for device in (DEVICE, GAPS, WIDE)}
 TOUCH = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB)),))
 TOUCH_AND_LIFT = Effects((*TOUCH.rules, Rule(Trigger.LIFT, click(LOUD_DB))))
 FAST_LINE_HZ = 1_000_000
+STARTED_NS = 1_234_567_000
+"""When the device started, by the clock of the host."""
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +77,14 @@ def both(
     FastRig.library = library
     clicks = (EVERY_CLICK if is_complete else CLICKS)[device]
     slow, fast = (
-        rig(recording, effects=effects, device=device, clicks=clicks, when_not_achieved=when_not_achieved).run()
+        rig(
+            recording,
+            line=VirtualLine(booted_ns=STARTED_NS),
+            effects=effects,
+            device=device,
+            clicks=clicks,
+            when_not_achieved=when_not_achieved,
+        ).run()
         for rig in (Rig, FastRig)
     )
     assert fast.trace == slow.trace
@@ -211,15 +223,47 @@ def test_what_time_brings_at_the_time_of_a_report_comes_before_it(library: ctype
     assert (found.answered, found.clicks) == (0, [])
 
 
-def test_the_last_contact_of_a_digitizer_that_counts_from_one_is_answered(library: ctypes.CDLL) -> None:
+@pytest.mark.parametrize(("vendor_id", "product_id", "last"), [(0x0408, 0x3001, 9), (0x0486, 0x0185, 10)])
+def test_the_last_contact_of_a_digitizer_that_counts_its_contacts_is_answered(
+    library: ctypes.CDLL, vendor_id: int, product_id: int, last: int
+) -> None:
     slots = (finger(flags="0942 0947") for _ in range(SLOTS))
-    counts_from_one = replace(
-        recording_of([IDLE, (0.1, report({10: 0.1})), (0.2, report({11: 0.5}))]),
+    counts = replace(
+        recording_of([IDLE, (0.1, report({last: 0.1})), (0.2, report({last + 1: 0.5}))]),
         descriptor=application(*slots, CONTACT_COUNT),
-        vendor_id=0x0486,
-        product_id=0x0185,
+        vendor_id=vendor_id,
+        product_id=product_id,
     )
-    found = both(library, counts_from_one, TOUCH, is_complete=True)
+    found = both(library, counts, TOUCH, is_complete=True)
+    assert found.answered == len(found.clicks) == 1
+
+
+def test_a_finger_that_comes_after_another_lifted_in_the_same_report_is_answered(library: ctypes.CDLL) -> None:
+    slots = struct.pack("<BBHHBBHH", 0, 1, 0, 500, 3, 2, 600, 500).ljust(6 * SLOTS, b"\0")
+    frames = [(0.1, report({1: 0.1})), (0.2, b"\x01" + slots + b"\x02")]
+    assert answered_whole(library, frames, TOUCH) == [((27.9,), (True,)), ((167.6,), (True,))]
+
+
+def test_a_contact_that_a_panel_no_longer_mentions_has_lifted(library: ctypes.CDLL) -> None:
+    frames = [IDLE, (0.1, report({1: 0.1})), (0.15, report({2: 0.6})), (0.2, report({}))]
+    panel = replace(recording_of(frames), vendor_id=0x1FF7, product_id=0x0013)
+    found = both(library, panel, TOUCH, is_complete=True)
+    assert [len(record.placement.position_m) for record in found.clicks if record.placement] == [1, 1]
+    assert found.answered == 2
+
+
+def test_a_touch_long_after_the_start_has_the_clock_reference_of_its_time(library: ctypes.CDLL) -> None:
+    """It begins again every 6.6 s."""
+    assert answered_whole(library, [(10.0, report({1: 0.1})), (10.1, report({}, [1]))], TOUCH) == [((27.9,), (True,))]
+
+
+def test_places_may_be_signed_numbers(library: ctypes.CDLL) -> None:
+    signed = application(
+        *(finger().replace(b"\x26\xe8\x03", b"\x16\x0c\xfe\x26\xf4\x01") for _ in range(SLOTS)), CONTACT_COUNT
+    )
+    slots = struct.pack("<BBhh", 3, 1, -400, 0).ljust(6 * SLOTS, b"\0")
+    frames = [IDLE, (0.1, b"\x01" + slots + b"\x01"), (0.15, report({}, [1]))]
+    found = both(library, replace(recording_of(frames), descriptor=signed), TOUCH, is_complete=True)
     assert found.answered == len(found.clicks) == 1
 
 
@@ -247,6 +291,20 @@ def test_a_report_that_is_cut_off_brings_nothing(library: ctypes.CDLL) -> None:
     assert found.answered == len(found.clicks) == 1
 
 
+def test_a_report_that_is_cut_off_lifts_no_finger(library: ctypes.CDLL) -> None:
+    frames = [IDLE, (0.1, report({1: 0.1})), (0.14, report({1: 0.1})[:8]), (0.18, report({}, [1]))]
+    found = both(library, recording_of(frames), TOUCH_AND_LIFT, is_complete=True)
+    assert found.answered == len(found.clicks) == 2
+
+
+@pytest.mark.parametrize(("place", "zone"), [(0.05, 0), (0.95, 4)])
+def test_a_finger_beyond_an_end_of_the_bar_is_at_that_end(library: ctypes.CDLL, place: float, zone: int) -> None:
+    only_there = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({zone})),))
+    frames = [(0.1, report({1: place})), (0.2, report({}, [1]))]
+    ((position_mm, _),) = answered_whole(library, frames, only_there, WIDE)
+    assert position_mm == (0.0 if zone == 0 else 279.4,)
+
+
 def run_many_contacts(folder: str) -> None:
     """More contacts than the compiled step has room for come, lift one after another, and come in parts of frames.
 
@@ -271,6 +329,9 @@ def run_many_contacts(folder: str) -> None:
     recording = replace(recording_of(frames), descriptor=descriptor)
     for rules in (TOUCH, TOUCH_AND_LIFT):
         assert both(library, recording, rules, is_complete=True).fast.loop.counters.frames > 10
+    with on_sockets(library) as ends:
+        others = [ends.port, ends.ours, ends.device, ends.port]
+        assert ends.fast.wait(0, [each.fileno() for each in others], ()) == []
 
 
 def test_more_than_64_contacts_stay_within_bounds(library: ctypes.CDLL, tmp_path: Path) -> None:
