@@ -9,6 +9,7 @@ from dataclasses import astuple
 from functools import partial
 from typing import Any
 
+import h5py
 import numpy as np
 
 from engine.device import Device
@@ -120,15 +121,15 @@ def _numbers(levels: Percentiles | None) -> tuple[float, ...]:
 # ---- reading ---------------------------------------------------------------------------------------------
 
 
-def read_entries(group: Any, device: Device) -> Iterator[Entry]:
+def read_entries(group: h5py.Group, device: Device) -> Iterator[Entry]:
     """Entries of an open group, in its order."""
 
     def columns(variables: Mapping[str, Variable]) -> dict[str, list[Any]]:
         # Only entries that were solved for spreads have them.
-        there = {key: variable for key, variable in variables.items() if variable.name in group.variables}
+        there = {key: variable for key, variable in variables.items() if variable.name in group}
         return {key: _column(group, variable, axes=2) for key, variable in there.items()}
 
-    levels_db = [float(level_db) for level_db in group.variables["level"][...]]
+    levels_db = [float(level_db) for level_db in group["level"][...]]
     own, worst, zones = (columns(part) for part in (_ENTRY_VARIABLES, _WORST_VARIABLES, _ZONE_VARIABLES))
     spreads = columns(_SPREAD_VARIABLES)
     states = len(own["achieved"]) // len(levels_db)
@@ -145,9 +146,10 @@ def read_entries(group: Any, device: Device) -> Iterator[Entry]:
         )
 
 
-def _column(group: Any, variable: Variable, *, axes: int) -> list[Any]:
+def _column(group: h5py.Group, variable: Variable, *, axes: int) -> list[Any]:
     """The values of each row, whose first `axes` axes are the rows; NaN, which stands for absence, as None."""
-    values = np.asarray(group.variables[variable.name][...])
+    dataset = group[variable.name]
+    values = np.asarray((dataset.asstr() if h5py.check_string_dtype(dataset.dtype) else dataset)[...])
     values = values.reshape(-1, *values.shape[axes:])
     if values.dtype.kind == "f":
         values = np.where(np.isnan(values), None, values)  # type: ignore[call-overload]  # an array of objects

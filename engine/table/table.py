@@ -45,8 +45,7 @@ class Table:
         self.attributes: dict[str, Any] = dict(file.attrs)
         self.device = device
         self.fingerprint = str(self.attributes["device_fingerprint"])
-        has_entries = "entries" in file.groups or not self.is_coarse
-        self.entries: tuple[Entry, ...] = tuple(read_entries(file.groups["entries"], device)) if has_entries else ()
+        self.entries = live.entries
         """For every state at every level; a coarse table may have none."""
         levels_db = tuple(dict.fromkeys(entry.wanted_level_db for entry in self.entries))
         self.levels_db = levels_db or (*device.levels_db, math.inf)
@@ -275,6 +274,7 @@ def _stale_text(own: Device, wanted: Device | None) -> str:
 class _LiveParts(NamedTuple):
     """The parts that a live engine plays from, read through h5py: h5netcdf takes 5 ms for each variable it opens."""
 
+    entries: tuple[Entry, ...]
     clicks: Clicks
     receptances: Receptances | None
 
@@ -288,13 +288,15 @@ def _read_inside(path: Path, sealed: bool, verify: bool) -> tuple[Device, _LiveP
         check_contents(path, file, path.stat().st_size)
         device = Device.parse(str(file.attrs["device_description"]), f"{path}: device_description")
         check_values(path, file, device, with_sweeps=verify)
+        has_entries = "entries" in file or "clicks_are_coarse" not in file.attrs
+        entries = tuple(read_entries(file["entries"], device)) if has_entries else ()
         length_m, pitch_m = device.bar.length_m, float(file.attrs["click_pitch_m"][0])
         if "clicks" in file:
             clicks = read_clicks(file["clicks"], length_m, float(file.attrs["click_tolerance_m"][0]))
         else:
             clicks = Clicks.of(Places.every(length_m, pitch_m), [])
         receptances = None if IS_SHIPPED in file.attrs else read_receptances(file["receptances"])
-        return device, _LiveParts(clicks, receptances)
+        return device, _LiveParts(entries, clicks, receptances)
 
 
 def _as_table_error(path: Path, error: Exception) -> TableError:

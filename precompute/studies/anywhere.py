@@ -23,7 +23,7 @@ from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
 from precompute.clicks.evaluation import Evaluation, evaluate_waveform
 from precompute.clicks.solver import FULL_SCALE
 from precompute.entries.at_positions import SteadyDesigner
-from precompute.parallel.pool import solve_in_processes
+from precompute.parallel.pool import WorkerPool
 
 Array = NDArray[np.float64]
 
@@ -98,9 +98,11 @@ def compare_anywhere(
     by_position = replace(options, tolerance_m=wanted.tolerance_m, judged=wanted.plants)
     chunks = [[numbered] for numbered in enumerate(placements)]
     start_s = time.perf_counter()
-    for number, row in solve_in_processes(partial(_begin, device, by_position, options, tabulated), chunks, workers):
-        rows[number] = row
-        on_progress(len(rows) / len(placements))
+    begin = partial(_begin, device, by_position, options, tabulated)
+    with WorkerPool(min(workers, len(chunks)) - 1) as pool:
+        for number, row in pool.solve(begin, chunks, include_self=True):
+            rows[number] = row
+            on_progress(len(rows) / len(placements))
     ordered = [rows[number] for number in sorted(rows)]
     shared = [row for row in ordered if row["shares_a_zone"]]
     return {

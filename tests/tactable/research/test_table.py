@@ -8,12 +8,11 @@ import pytest
 
 from engine.table import TableError
 from tactable import Table, response
-from tests.tactable.click_table import build_click_table
 
 
 @pytest.fixture(scope="module")
-def table(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Table]:
-    with Table.open(build_click_table(tmp_path_factory.mktemp("research"))) as table:
+def table(click_table: Path) -> Iterator[Table]:
+    with Table.open(click_table) as table:
         yield table
 
 
@@ -66,8 +65,8 @@ def test_groups_are_datasets_and_a_missing_one_is_named(table: Table) -> None:
     assert repr(table).startswith(f"<Table {table.path}: ") and "entries" in table._repr_html_()
 
 
-def test_names_from_a_file_cannot_become_markup(tmp_path: Path) -> None:
+def test_names_from_a_file_cannot_become_markup(tmp_path: Path, click_table: Path) -> None:
     path = tmp_path / "<b>.nc"
-    path.write_bytes(build_click_table(tmp_path).read_bytes())
+    path.write_bytes(click_table.read_bytes())
     with Table.open(path) as table:
         assert "<b>.nc" not in table._repr_html_()
