@@ -1,6 +1,6 @@
 """Child processes of our own: one protocol to start them, talk with them and end them.
 
-A child is `python -m firmware_link.child MODULE`: it calls `MODULE.main(parent, arguments)`. Its standard input and
+A child is `python -P -m firmware_link.child MODULE`: it calls `MODULE.main(parent, arguments)`. Its standard input and
 output are one Unix socket, whose other end the parent holds.
 
 - The parent writes lines of JSON: first the arguments, then whatever the child understands. The end of the stream asks
@@ -45,8 +45,12 @@ class ChildError(TactableError):
 
 
 def command_of(module: str) -> list[str]:
-    """The command line of a child that runs `main(parent, arguments)` of `module`."""
-    return [sys.executable, "-m", "firmware_link.child", module]
+    """The command line of a child that runs `main(parent, arguments)` of `module`.
+
+    -P: the child imports what is installed, as its parent does, and not what happens to lie in the working folder, such
+    as a checkout beside an installed copy, whose kernels would be compiled a second time.
+    """
+    return [sys.executable, "-P", "-m", "firmware_link.child", module]
 
 
 def encode_line(document: Document) -> bytes:

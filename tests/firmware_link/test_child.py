@@ -35,6 +35,16 @@ def wait_for_end(process_id: int) -> None:
         time.sleep(0.01)
 
 
+def test_a_child_imports_what_is_installed_whatever_lies_in_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "firmware_link").mkdir()
+    (tmp_path / "firmware_link" / "__init__.py").write_text("raise ImportError('of the working folder')")
+    monkeypatch.chdir(tmp_path)
+    with child(do="echo") as it:
+        assert it.read(PATIENCE_S) == {"ready": it.process_id}
+
+
 def test_lines_go_both_ways_whatever_their_length_and_the_last_comes_after_the_end() -> None:
     with child(do="echo") as it:
         assert it.read(PATIENCE_S) == {"ready": it.process_id}
