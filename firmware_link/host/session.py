@@ -77,8 +77,6 @@ class Session:
         """The second half of `exchange`: write what is due."""
         data = self._unsent or self.link.outgoing(self._monotonic_ns())
         if data:
-            # Kept where the port fails: the whole of it was not taken.
-            self._unsent = data
             self._unsent = data[self.port.write(data) :]
 
     def wants_to_write(self) -> bool:

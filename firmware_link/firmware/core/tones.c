@@ -237,7 +237,8 @@ int32_t tones_amplitude(const struct tones_channel *channel)
 bool tones_are_silent(const struct tones *tones)
 {
     for (uint8_t i = 0; i < tones->number_of_actuators; i++) {
-        if (tones_amplitude(&tones->channels[i]) != 0) {
+        const struct tones_channel *channel = &tones->channels[i];
+        if (amplitude_of(channel) != 0 || fading_of(channel) != 0) {
             return false;
         }
     }

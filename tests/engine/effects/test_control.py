@@ -134,6 +134,14 @@ def test_later_effects_at_one_place_replace_the_earlier_ones() -> None:
         assert len(seen.player.lifted) == 1
 
 
+def test_an_effect_at_a_place_does_not_replace_what_a_finger_left_there() -> None:
+    seen = story(region(0, 50, burst(20.0, 100), Trigger.LIFT))
+    seen.at(0, touch(0, 10))
+    seen.at(10)
+    seen.asks(20, trigger=TriggeredEffect(burst(10.0, 30), 7, position_m=10 * MM))
+    assert seen.until(200).moments == [(10, "F----", 20.0), (110, "-----", None)]
+
+
 def test_what_a_program_triggered_ends_with_it_and_nothing_else_does() -> None:
     seen = story(region(0, 50, HELD))
     seen.at(0, touch(1, 10), touch(2, 110), touch(3, 210))

@@ -210,6 +210,13 @@ def test_a_finger_that_rests_feels_a_hold_once_and_anew_after_it_moved_on() -> N
     ]
 
 
+def test_a_finger_at_the_greatest_distance_at_which_it_rests_is_at_rest() -> None:
+    seen = story(Rule(Trigger.HOLD, burst(20.0, 50), after_ns=300 * MS))
+    seen.at(0, touch(1, 0))
+    seen.at(100, touch(1, STILL_M / MM))
+    assert seen.until(400).moments[0] == (300, "F----", 20.0)
+
+
 def test_a_finger_that_never_rests_feels_no_hold() -> None:
     seen = story(Rule(Trigger.HOLD, HELD, after_ns=300 * MS))
     for time_ms in range(0, 2000, 100):

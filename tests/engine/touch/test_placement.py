@@ -38,6 +38,8 @@ def test_both_ends_belong_to_the_bar() -> None:
 
 def test_fingers_that_are_one_to_the_bar_are_refused() -> None:
     assert len(Placement.on(DEVICE, [0.1], [0.1 + CLOSEST_M]).position_m) == 2
+    assert CLOSEST_M > 0.108 - 0.1  # by rounding
+    assert len(Placement.on(DEVICE, [0.1], [0.108]).position_m) == 2
     for other_m in (0.1, 0.1 + 0.999 * CLOSEST_M):
         with pytest.raises(PlacementError, match="closer than 8 mm they are one"):
             Placement.on(DEVICE, [0.1], [other_m])

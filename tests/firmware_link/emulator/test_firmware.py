@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from firmware_link.emulator import LONGEST_LEASE_MS, Cause, DeviceConfiguration, EmulatedFirmware, Outcome, synthesise
 from firmware_link.emulator.lease import DISARM_US
+from firmware_link.protocol.basis import transfer_messages
 from firmware_link.protocol.framing import EMERGENCY_STOP, encode_message
 from firmware_link.protocol.messages import (
     MAGIC,
@@ -27,6 +28,7 @@ from firmware_link.protocol.messages import (
     Stop,
     encode_drive,
 )
+from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.strategies import RESOLUTION_HZ, messages, unhurried
 from tests.firmware_link.virtual_rig import BOOT_ID, BareHost, decode_messages, reference
 
@@ -249,6 +251,15 @@ def test_status_comes_every_100_ms_once_greeted() -> None:
     assert len(decode_messages(host.firmware.advance(1_000_000))) == 10
 
 
+def test_a_frame_that_can_be_no_copy_is_fresh_whatever_its_number() -> None:
+    """A copy can pass the clock for two leases."""
+    host = driving_host()
+    for after_us, outcome in ((80_000, Outcome.STALE), (80_001, Outcome.ACCEPTED)):
+        host.sequence -= 2
+        host.set(DRIVE, 1_000 + after_us)
+        assert host.firmware.received[-1].outcome is outcome
+
+
 def test_the_log_tells_what_became_of_each_frame() -> None:
     host = driving_host()
     host.set(DRIVE, 10_000)
@@ -259,6 +270,18 @@ def test_the_log_tells_what_became_of_each_frame() -> None:
         (10_000, 4, Outcome.ACCEPTED),
         (20_000, 5, Outcome.STALE),
     ]
+
+
+def test_a_click_that_began_is_logged_as_accepted() -> None:
+    clicks = Clicks(20_000, [np.zeros((10, 2))])
+    host = BareHost()
+    host.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1), 0)
+    for message in transfer_messages(clicks.basis.data):
+        host.send(message, 0)
+    host.arm(0)
+    host.send(clicks.play(0, reference(1000)), 1000)
+    played = host.firmware.received[-1]
+    assert (played.message, played.outcome) == ("PLAY", Outcome.ACCEPTED)
 
 
 @pytest.mark.parametrize(("armed_s", "own_s", "latched_s"), [(0, 2, 2), (1, 2, 1), (3, 2, 2), (2, 0, 2)])

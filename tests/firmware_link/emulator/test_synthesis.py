@@ -266,3 +266,9 @@ def test_what_is_over_is_forgotten() -> None:
     synthesis.forget(55_000)
     # The last event, and the stretch of each channel that it began.
     assert (len(synthesis._events), synthesis.size) == (1, 3)
+    # A click that a later event took over fades on.
+    played = PlayedWaveform.of(10_000, samples, 1.0)
+    synthesis.take([replace(event(60_000, QUIET, QUIET), waveform=played), event(65_000, loud, loud)])
+    for before_us, kept in ((69_999, 2), (70_000, 1)):
+        synthesis.forget(before_us)
+        assert len(synthesis._events) == kept

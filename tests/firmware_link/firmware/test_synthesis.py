@@ -147,7 +147,8 @@ def test_a_click_that_plays_on_while_a_second_basis_takes_its_memory_fades() -> 
     for message in transfer_messages(Clicks(RATE_HZ, [np.outer(rise[::-1] / 2, [1.0, 0.0])]).basis.data):
         device.send(message)
     device.wait(20_000)
-    device.send(BasisBegin(1, 400))
+    for message in list(transfer_messages(b"\x55" * len(clicks.basis.data)))[:-1]:  # the last would check them
+        device.send(message)
     device.wait(100_000)
     samples = np.abs(device.take()).max(axis=1) / FULL_OUTPUT
     released = 40_000 * RATE_HZ // US_PER_S

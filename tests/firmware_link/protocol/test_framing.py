@@ -108,6 +108,12 @@ def test_a_frame_of_another_definition_is_refused() -> None:
     assert decoder.counters.crc == 2
 
 
+def test_a_frame_without_a_body_is_refused() -> None:
+    decoder = FrameDecoder(ACTUATORS)
+    assert decoder.receive(cobs.encode(b"\x06\x01\x02\x03\x04") + b"\0") == []
+    assert (decoder.counters.length, decoder.counters.crc) == (1, 0)
+
+
 def test_a_frame_for_another_number_of_actuators_is_refused() -> None:
     decoder = FrameDecoder(ACTUATORS)
     assert decoder.receive(encode_message(Set(0, SetFlag.WRITE_PHASE, 40, bytes(6)), 1)) == []

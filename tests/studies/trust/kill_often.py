@@ -110,7 +110,8 @@ import precompute.calibration.calibrate, precompute.builder.build, tactable.cali
 from tactable.cli.main import app
 """
     script = """
-app("calibrate bar.toml measurements.csv -o fitted --starts 1 --apply bar.nc".split(), standalone_mode=False)
+words = "calibrate bar.toml measurements.csv -o fitted --starts 1 --no-compare --apply bar.nc"
+app(words.split(), standalone_mode=False)
 """
     files = ("fit.png", "measurements.csv", "reference-a.toml", "report.json", "report.md")
 
@@ -139,6 +140,7 @@ app("calibrate bar.toml measurements.csv -o fitted --starts 1 --apply bar.nc".sp
         assert self.check(folder) == "clicks made"
         assert (folder / "fitted").exists()
         assert whole_table(previous_of(folder / "bar.nc")).fingerprint == OLD.fingerprint
+        assert not list(folder.glob(".bar.nc*"))
 
 
 class Swap:
@@ -149,15 +151,15 @@ from pathlib import Path
 from engine.table.history import roll_back
 """
     script = """
-for _ in range(60):
+for _ in range(30):
     roll_back(Path("bar.nc"))
 """
 
     @contextmanager
     def running(self, folder: Path) -> Iterator[None]:
         """A run that plays the table meanwhile."""
-        _put_old(folder)
-        build_table(NEW, folder / "bar.nc", clicks_up_to=0)
+        for device in (OLD, NEW):
+            build_table(device, folder / "bar.nc", clicks_up_to=0)
         with resting_run(folder / "bar.nc", folder) as run:
             self._watched = run
             yield

@@ -133,7 +133,7 @@ def watched_run(table: Path, recording: Recording, folder: Path) -> Iterator[Wat
 @contextmanager
 def resting_run(table: Path, folder: Path) -> Iterator[WatchedRun]:
     """A run with a finger at rest, for up to an hour."""
-    with watched_run(table, touches(3600.0, 20, (0.5,)), folder) as run:
+    with watched_run(table, touches(3600.0, 5, (0.5,)), folder) as run:
         run.wait_for_reports(1)
         yield run
 
