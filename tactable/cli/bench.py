@@ -212,7 +212,8 @@ def control(
 ) -> None:
     """Time a program's message to command bytes, beside touches.
 
-    Messages of a program and touches take turns in the same run, and bring the same clicks.
+    Messages of a program and touches take turns in the same run, and bring the same clicks. A pause follows
+    each click: 1000 rounds, with the compiled step and then without, pause for two and a half minutes in all.
     """
     from tactable.bench.control import print_control_bench, run_control_bench
     from tactable.bench.inputs import open_table

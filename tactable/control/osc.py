@@ -126,9 +126,12 @@ class _Sender:
         """Lines as they come, until the sender is silent for its lease."""
         while True:
             try:
-                yield await asyncio.wait_for(self._lines.get(), LEASE_S)
+                # `asyncio.wait_for` of Python 3.11 forgets that it was cancelled when a line comes at that moment.
+                async with asyncio.timeout(LEASE_S):
+                    line = await self._lines.get()
             except TimeoutError:
                 return
+            yield line
 
     def send(self, line: bytes) -> None:
         document = json.loads(line)
