@@ -27,17 +27,18 @@ _FULL_SCALE = 32_767
 
 
 class Capture:
-    """Captures one command after another; one that came while another waits is not captured."""
+    """Captures a command, then the newest that came meanwhile."""
 
     def __init__(self) -> None:
         self._command: Command | None = None
-        self._due_us = math.inf
+        self._due_us, self._is_captured = math.inf, False
         self._sounds: dict[int, NDArray[np.int16]] = {}
 
     def begin(self, command: Command) -> None:
-        """Wait for a command, unless another is waited for."""
-        if self._command is None:
+        """Wait for a command, unless another is waited for that was not captured yet."""
+        if self._command is None or self._is_captured:
             self._command, self._due_us = command, command.at_us + CAPTURE_AFTER_S * US_PER_S
+            self._is_captured = False
 
     def take(self, bars: Sequence[LiveBar], touches: Sequence[Touch], newest: Command | None) -> list[bytes]:
         """The MOTION that is due, of bars that show the same moment; sounds are those of the first bar."""
@@ -50,9 +51,11 @@ class Capture:
         every = RATE_HZ // _MOTION_RATE_HZ if is_click else RATE_HZ // _MOTION_RATE_HZ // 2
         moments = [bar.motion(since_us, duration_s, every) for bar in bars]
         self._keep_sounds(command, bars[0], touches)
-        is_on = command is newest and now_us < command.ended_us
-        self._command = command if is_on else None
-        self._due_us = now_us + 1e6
+        self._due_us, self._is_captured = now_us + 1e6, True
+        if newest is not None and newest is not command:
+            self.begin(newest)
+        elif now_us >= command.ended_us:
+            self._command = None
         motions = [moment for moment in moments if moment is not None]
         if len(motions) < len(bars) or not motions[0].any():
             return []

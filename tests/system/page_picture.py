@@ -14,6 +14,7 @@ _IS_TOLD = (
     "(({ made, madeCount, isLate, age_s }) => madeCount === 2 && !isLate && age_s < 1.5 && made[0].role === 2"
     " && made[1].role === 1 && Math.abs(made[0].simulated - made[0].promised) < 100"
     " && Math.abs(made[1].simulated - made[1].promised) < 400)(tactable.wire.picture)"
+    " && tactable.courses._courses.length === 2"
 )
 _PLAYS = "window.tactable?.scene?.plays && tactable.scene.clicks > 0"
 

@@ -13,6 +13,7 @@ import pytest
 from precompute.fleet.work import OUTCOME
 from tests.precompute.fleet.small_fleet import small_text, write_unit
 from tests.precompute.fleet.test_run import BROKEN, assert_complete, write_broken
+from tests.tactable.cli.in_process import run_here
 
 pytestmark = pytest.mark.system
 
@@ -111,18 +112,10 @@ def test_a_command_that_is_killed_is_run_again_and_goes_on(crew: Crew, bars: Pat
     assert list(statuses.values()).count("kept") >= 2
 
 
-def test_a_scheduler_that_is_not_there_is_named(bars: Path) -> None:
-    words = (
-        "fleet",
-        str(bars),
-        "-o",
-        str(bars.parent / "out"),
-        "--scheduler",
-        "tcp://127.0.0.1:9",
-        "--clicks-up-to",
-        "0",
-    )
-    done = subprocess.run([str(BIN / "tactable"), *words], capture_output=True, text=True, check=False)
+def test_a_scheduler_that_is_not_there_is_named(bars: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("precompute.fleet.run._PATIENCE_S", 1.0)
+    out = str(bars.parent / "out")
+    done = run_here(bars, "fleet", str(bars), "-o", out, "--scheduler", "tcp://127.0.0.1:9", "--clicks-up-to", "0")
     assert done.returncode == 1
     assert "tcp://127.0.0.1:9" in done.stderr
     assert done.stderr.startswith("tactable: ")

@@ -209,7 +209,7 @@ def test_an_actuator_that_is_dragged_moves_both_bars_and_is_reset(demo: Demo, br
         roles = f"{MADE}.map((f) => f.role).sort().join() === '{QUIET},{FELT}'"
         visit.until(f"p.drive === {STEADY} && p.fingerCount === 2 && p.age_s > 0.5 && {roles}")
         text = visit.page.inner_text("#what-if-text")
-        assert text.startswith("What if: actuator left at") and text.endswith("(device file: 44.7 mm)")
+        assert text.startswith("What if: actuator left at") and "(device file: 44.7 mm). Steady drives play" in text
         assert "feels the vibration" in visit.page.inner_text("#outcome")
         visit.page.click("#reset-actuators")
         visit.wait("tactable.scene.what_if === null && tactable.scene.plays?.actuators_m.length === 0")

@@ -99,7 +99,7 @@ export class DeviceHand {
     byId("what-if").hidden = !what_if;
     if (!what_if) return;
     const moved = what_if.moved.map(({ name, position_m, file_m }) => `${name} at ${millimetres(position_m)} (device file: ${millimetres(file_m)})`);
-    byId("what-if-text").textContent = `What if: actuator ${moved.join(", ")}`;
+    byId("what-if-text").textContent = `What if: actuator ${moved.join(", ")}. Steady drives play; for clicks, save the device file and drop it here.`;
   }
 
   _save() {

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import os
 import re
 import signal
 import subprocess
@@ -29,7 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, click_table: Path) -> Path:
     """A table, and touches that take as long as a test may need: a tap in I and one in III every second."""
     folder = tmp_path_factory.mktemp("live")
     (folder / "bar.nc").write_bytes(click_table.read_bytes())
-    strokes = [Stroke(t + 0.5 * k, t + 0.5 * k + 0.3, x, x) for t in range(600) for k, x in ((0, 1 / 6), (1, 5 / 6))]
+    strokes = [Stroke(t + 0.5 * k, t + 0.5 * k + 0.3, x, x) for t in range(200) for k, x in ((0, 1 / 6), (1, 5 / 6))]
     write_recording(make_recording(strokes), folder / "taps.hid")
     return folder
 
@@ -75,29 +76,41 @@ async def looked_on(address: str, commands: int) -> tuple[dict[str, Any], list[b
                 return scene, told
 
 
-def test_a_run_is_shown_with_what_its_commands_do_to_the_bar(folder: Path, emulator: RunningEmulator) -> None:
+def page_of(process: "subprocess.Popen[str]") -> int:
+    """The process of the page."""
+    children = ["ps", "-ww", "--ppid", str(process.pid), "-o", "pid=,args="]
+    told = subprocess.run(children, capture_output=True, text=True, check=True).stdout
+    (page,) = [int(line.split()[0]) for line in told.splitlines() if "tactable.page.processes.live" in line]
+    return page
+
+
+def test_a_run_is_shown_to_a_page_that_only_looks_on_and_goes_on_when_that_is_killed(
+    folder: Path, emulator: RunningEmulator
+) -> None:
+    async def ask(address: str) -> None:
+        async with hand_at(address) as hand:
+            await hand.until(lambda: bool(hand.scene))
+            before = hand.commands
+            await hand.say(source="hand")
+            await hand.until(lambda: hand.commands >= before + 3)
+            assert (hand.scene["drives"], hand.scene["choice"], hand.is_driving) == (False, {}, False)
+
     with started(folder, emulator, "--page", "--json") as process:
-        scene, told = asyncio.run(looked_on(address_of(process), 3))
+        address = address_of(process)
+        scene, told = asyncio.run(looked_on(address, 3))
+        asyncio.run(ask(address))
+        os.kill(page_of(process), signal.SIGKILL)
+        played = len(emulator.log().events)
+        while len(emulator.log().events) < played + 4:
+            assert process.poll() is None
+            time.sleep(0.05)
         process.send_signal(signal.SIGINT)
         summary, said = process.communicate()
     assert process.returncode == 0, said
-    assert json.loads(summary)["commands_sent"] >= 3
+    assert json.loads(summary)["commands_sent"] >= 6
     assert scene["mode"] == "live"
     assert [zone["name"] for zone in scene["device"]["zones"]] == ["I", "II", "III"]
     assert {message[1] for message in told} == {Kind.SCENE, Kind.PICTURE, Kind.MOTION}
-
-
-def test_a_page_that_is_killed_leaves_the_run_as_it_is(folder: Path, emulator: RunningEmulator) -> None:
-    with started(folder, emulator, "--page", "--for", "6", "--json") as process:
-        address_of(process)
-        pages = subprocess.run(
-            ["ps", "-ww", "--ppid", str(process.pid), "-o", "pid=,args="], capture_output=True, text=True, check=True
-        ).stdout
-        (page,) = [int(line.split()[0]) for line in pages.splitlines() if "tactable.page.processes.live" in line]
-        subprocess.run(["kill", "-9", str(page)], check=True)
-        summary, said = process.communicate()
-    assert process.returncode == 0, said
-    assert json.loads(summary)["commands_sent"] >= 3
 
 
 def test_a_page_that_finds_no_place_is_refused_before_the_run_begins(folder: Path, emulator: RunningEmulator) -> None:
@@ -193,18 +206,3 @@ def test_a_board_is_driven_by_hand_until_it_is_given_back_or_the_page_is_silent(
         summary, said = process.communicate()
     assert process.returncode == 0, said
     assert json.loads(summary)["commands_sent"] >= 6
-
-
-def test_a_page_only_looks_on_unless_it_is_asked_for_more(folder: Path, emulator: RunningEmulator) -> None:
-    async def ask(address: str) -> None:
-        async with hand_at(address) as hand:
-            await hand.until(lambda: bool(hand.scene))
-            await hand.say(source="hand")
-            await hand.until(lambda: hand.commands >= 3)
-            assert (hand.scene["drives"], hand.scene["choice"], hand.is_driving) == (False, {}, False)
-
-    with started(folder, emulator, "--page") as process:
-        asyncio.run(ask(address_of(process)))
-        process.send_signal(signal.SIGINT)
-        _, said = process.communicate()
-    assert process.returncode == 0, said

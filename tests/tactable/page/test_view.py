@@ -283,7 +283,18 @@ def test_a_steady_drive_is_seen_slowed_again_and_again_while_it_plays(rig: Rig) 
     assert len(rig.told) <= count + 1
 
 
-def test_clicks_in_quick_order_are_still_seen(rig: Rig) -> None:
+def test_of_clicks_in_quick_order_some_and_the_last_are_seen(rig: Rig) -> None:
     for _ in range(20):
         rig.play(0.05, is_click=True)
-    assert rig.told
+    rig.go_on(1.0)
+    assert [command_of(motion) for motion in rig.told] == [1, 9, 17, 20]
+
+
+def test_a_click_that_follows_a_steady_drive_is_seen_as_soon_as_another_one(rig: Rig) -> None:
+    rig.play(0.5)
+    rig.play(0.45, is_click=True)
+    assert [command_of(motion) for motion in rig.told] == [1, 2]
+
+
+def command_of(motion: bytes) -> int:
+    return int(struct.unpack_from("<BBHI", motion, 2)[3])
