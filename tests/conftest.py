@@ -1,8 +1,11 @@
 """What all tests share: examples may take as long as a busy machine needs, BLAS runs on one thread, and one order."""
 
 import ctypes
+import fcntl
+import gc
 import os
 from collections.abc import Generator, Iterator
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 
@@ -14,15 +17,22 @@ from engine.loop.fast.library import FastPathError, compile_fast_path, open_fast
 
 # Consoles made with it would keep that width, whatever a test says.
 os.environ.pop("COLUMNS", None)
+# Processes that tests start would compile all of Python's modules again.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # Laws are searched by Hypothesis with few examples each time somebody runs `pytest`, and by five times as many with the
 # long tests, as `.ci/run` does.
 settings.register_profile("quick", deadline=None, max_examples=20)
 settings.register_profile("long", deadline=None, max_examples=100)
 
+ROOT = Path(__file__).parents[1]
 SLOWEST = ("tests/test_house.py", "tests/tactable/rig/test_demo.py", "tests/test_docs.py", "tests/test_notebooks.py")
 """Files that a run begins with, so that the workers end together."""
-KERNELS = ("engine.steady.search", "precompute.clicks.solver", "precompute.entries.solver", "precompute.sweep.kernels")
-"""Modules that compile their kernels when they are imported, unless numba's cache has them."""
+KERNELS = (
+    *("engine.steady.search", "precompute.model.band_solver", "precompute.sweep.kernels", "precompute.entries.bfgs"),
+    *("precompute.model.gram", "precompute.entries.rise_time", "precompute.entries.scan", "precompute.sampling.bars"),
+    *("precompute.entries.forms", "precompute.entries.performance", "engine.steady.loading"),
+)
+"""Modules that compile kernels when they are imported, unless numba's cache has them; each well after what it needs."""
 ALLOWED_SKIPS = ("long run:", "guided run:", "no recordings:")
 """How the reason of a skip begins that `--no-skips` lets pass."""
 
@@ -33,21 +43,31 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Choose the examples of Hypothesis, and compile kernels in another order in each worker.
-
-    So with an empty cache each worker compiles a part of the kernels.
-    """
+    """Choose the examples of Hypothesis, and share the compiling of kernels among the workers."""
     settings.load_profile("quick" if "not long" in config.getoption("markexpr") else "long")
-    worker = getattr(config, "workerinput", {}).get("workerid")
-    if worker is not None:
-        for name in KERNELS if worker == "gw0" else reversed(KERNELS):
-            import_module(name)
+    if hasattr(config, "workerinput"):
+        _compile_kernels()
+
+
+def _compile_kernels() -> None:
+    """With an empty cache each kernel is compiled by one worker: the other leaves it out and reads it afterwards."""
+    for how in fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.LOCK_EX:
+        for name in KERNELS:
+            with ROOT.joinpath(*name.split(".")).with_suffix(".py").open() as lock, suppress(BlockingIOError):
+                fcntl.flock(lock, how)
+                import_module(name)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The slowest files first; otherwise as collected."""
     rank = {name: number for number, name in enumerate(SLOWEST)}
     items.sort(key=lambda item: rank.get(item.nodeid.partition("::")[0], len(rank)))
+
+
+def pytest_collection_finish() -> None:
+    """Freeze what the imported modules made: the loop collects before each run, which took 0.3 s of every such test."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True)

@@ -161,9 +161,11 @@ def _take_processor(system: System, processor: int | None, stack: ExitStack) -> 
 
 
 def _still_collector(stack: ExitStack) -> None:
+    # `gc.unfreeze` thaws everything: what the caller had frozen before would be collected again and again.
+    if not gc.get_freeze_count():
+        stack.callback(gc.unfreeze)
     gc.collect()
     gc.freeze()
-    stack.callback(gc.unfreeze)
     if gc.isenabled():
         gc.disable()
         stack.callback(gc.enable)

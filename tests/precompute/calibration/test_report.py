@@ -1,6 +1,8 @@
 """The report says in numbers and in words what the fit says; JSON takes it, and every row of a table is whole."""
 
 import json
+from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,37 +14,39 @@ from precompute.measurements.simulate import Flaws
 from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration, published_calibration
 from tests.precompute.measured import NAN, read_bar
 
-NOISY = noisy_calibration()
-REPORT = calibration_report(NOISY, fit_pairwise(DEVICE, NOISY))
+
+@cache
+def report() -> dict[str, Any]:
+    return calibration_report(noisy_calibration(), fit_pairwise(DEVICE, noisy_calibration()))
 
 
 def test_the_report_is_json_with_the_numbers_of_the_fit() -> None:
-    again = json.loads(json.dumps(REPORT, allow_nan=False))
+    again = json.loads(json.dumps(report(), allow_nan=False))
     assert again["simulated"] is True
     assert again["readings"] == 66
-    for told, estimate in zip(again["parameters"], NOISY.estimates, strict=True):
+    for told, estimate in zip(again["parameters"], noisy_calibration().estimates, strict=True):
         assert (told["name"], told["value"]) == (estimate.parameter.name, estimate.value)
         assert told["interval"] == [estimate.low, estimate.high]
-    assert len(again["wrong_readings"]) == NOISY.is_wrong.sum() == 3
+    assert len(again["wrong_readings"]) == noisy_calibration().is_wrong.sum() == 3
     assert len(again["correlations"]) == 15
     sizes = [abs(pair["correlation"]) for pair in again["correlations"]]
     assert sizes == sorted(sizes, reverse=True) and sizes[0] <= 1 + 1e-9
 
 
 def test_residuals_are_told_by_drive_and_by_position() -> None:
-    assert [row["drive"] for row in REPORT["residual_by_drive"]] == [
+    assert [row["drive"] for row in report()["residual_by_drive"]] == [
         "150 Hz and 130 Hz",
         "150 Hz and 200 Hz",
         "150 Hz and 230 Hz",
     ]
-    assert [row["readings"] for row in REPORT["residual_by_position"]] == [3] * 22
-    worst = max(abs(row["greatest"]) for row in REPORT["residual_by_drive"])
-    assert worst == pytest.approx(np.abs(NOISY.log_residual).max())
+    assert [row["readings"] for row in report()["residual_by_position"]] == [3] * 22
+    worst = max(abs(row["greatest"]) for row in report()["residual_by_drive"])
+    assert worst == pytest.approx(np.abs(noisy_calibration().log_residual).max())
     assert worst == pytest.approx(np.log(3), abs=0.1)
 
 
 def test_the_page_has_whole_tables_and_says_simulated() -> None:
-    page = report_markdown(REPORT)
+    page = report_markdown(report())
     assert page.startswith("# Calibration of reference-a SIMULATED\n")
     tables = [block.splitlines() for block in page.split("\n\n") if block.startswith("|")]
     assert len(tables) == 4

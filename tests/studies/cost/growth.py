@@ -71,10 +71,11 @@ def measure_clicks(device: Device, options: ClickOptions, cases: Sequence[Case],
 
 
 def _begin(device: Device, options: ClickOptions, clicks: int) -> Callable[[Case], dict[str, Any]]:
-    return partial(_time_clicks, device, options, clicks)
+    return partial(time_clicks, device, options, clicks)
 
 
-def _time_clicks(device: Device, options: ClickOptions, clicks: int, case: Case) -> dict[str, Any]:
+def time_clicks(device: Device, options: ClickOptions, clicks: int, case: Case) -> dict[str, Any]:
+    """The row of one case, measured in this process."""
     varied, value = case
     wanted = Anywhere(clicks + 1, apart_m=APART_M)
     if varied == "fingers":

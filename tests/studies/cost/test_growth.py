@@ -6,7 +6,7 @@ from pathlib import Path
 from tests.precompute.clicks.click_cases import CHEAP
 from tests.precompute.devices import shipped, with_zones
 from tests.studies.cost.click_workers import grid_of, measure_workers
-from tests.studies.cost.growth import draw, exponents_of, measure_clicks, measure_entries
+from tests.studies.cost.growth import draw, exponents_of, measure_clicks, measure_entries, time_clicks
 
 DEVICE = with_zones(shipped("reference-a"), 3)
 COARSE = replace(DEVICE, sweep=replace(DEVICE.sweep, step_hz=8.0), levels_db=(20.0,))
@@ -19,9 +19,13 @@ def test_entries_of_every_number_of_zones_and_actuators_are_timed() -> None:
     assert set(exponents_of(rows)) == {"1 actuators", "2 actuators"}
 
 
-def test_clicks_are_timed_in_processes_of_their_own_and_drawn(tmp_path: Path) -> None:
+def test_clicks_of_every_case_are_timed_also_in_a_process_of_their_own_and_drawn(tmp_path: Path) -> None:
     cases = (("fingers", 1), ("fingers", 2), ("actuators", 3), ("plants", 4), ("ms of click", 10), ("mm of bar", 200))
-    rows = measure_clicks(COARSE, replace(CHEAP, scenarios=4), cases, 2)
+    options = replace(CHEAP, scenarios=4)
+    rows = [
+        *measure_clicks(COARSE, options, cases[:1], 2),
+        *(time_clicks(COARSE, options, 2, case) for case in cases[1:]),
+    ]
     assert [(row["series"], row["value"]) for row in rows] == list(cases)
     assert all(row["click_s"] > 0 and row["memory_mib"] > 10 for row in rows)
     assert set(exponents_of(rows)) == {"fingers"}

@@ -1,6 +1,7 @@
 """The commands `build`, with its places and its coarse clicks, `build --watch` and `rollback`."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,12 +21,19 @@ SMALL = ONE_LEVEL.replace("count = 3", "count = 1")
 SOFTER = SMALL.replace('stiffness = "1 kN/m"', 'stiffness = "0.9 kN/m"')
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A table in another's place."""
+    folder = tmp_path_factory.mktemp("built")
     for text in (SMALL, SOFTER):
-        build_table(Device.parse(text, "bar.toml"), tmp_path / "bar.nc", created=str(len(text)), clicks_up_to=0)
-    return tmp_path
+        build_table(Device.parse(text, "bar.toml"), folder / "bar.nc", created=str(len(text)), clicks_up_to=0)
+    return folder
+
+
+@pytest.fixture
+def folder(built: Path, tmp_path: Path) -> Path:
+    """A copy of it."""
+    return Path(shutil.copytree(built, tmp_path, dirs_exist_ok=True))
 
 
 def test_coarse_clicks_come_first_and_are_told_from_the_fine_ones(tmp_path: Path) -> None:

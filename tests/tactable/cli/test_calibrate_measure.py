@@ -11,19 +11,19 @@ from engine.table import Table
 from engine.table.history import previous_of
 from precompute.builder.build import build_table
 from tactable.cli.console import EXIT_DOUBTFUL
-from tests.precompute.builder.test_build import SMALL
+from tests.precompute.builder.test_build import ONE_LEVEL
 from tests.tactable.cli.in_process import run_here
 
 WORDS = ("calibrate", "bar.toml", "bar-measured.nc", "-o", "new", "--starts", "1", "--measure", "--apply", "bar.nc")
-BENCH = ("--port", "simulated", "--sensor", "simulated", "--method", "sweep", "--places", "3", "--json")
+BENCH = ("--port", "simulated", "--sensor", "simulated", "--method", "sweep", "--places", "2", "--json")
 CHANGED = ("--change", "actuator[1].stiffness=20.5 kN/m")
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
-    (folder / "bar.toml").write_text(SMALL, encoding="utf-8")
-    build_table(Device.parse(SMALL, "bar.toml"), folder / "bar.nc", created="at first", clicks_up_to=0)
+    (folder / "bar.toml").write_text(ONE_LEVEL, encoding="utf-8")
+    build_table(Device.parse(ONE_LEVEL, "bar.toml"), folder / "bar.nc", created="at first", clicks_up_to=0)
     return folder
 
 

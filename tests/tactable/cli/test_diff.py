@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -15,12 +14,11 @@ from tests.engine.table.test_table import DEVICE
 _louder = replace(ENTRIES[1], contrast_db=10.5, worst_case=replace(ENTRIES[1].worst_case, contrast_db=7.0))
 
 
-@pytest.fixture
-def tables(tmp_path: Path) -> tuple[str, str]:
-    before = write_table(tmp_path / "before.nc", DEVICE, ENTRIES, CLICKS)
-    after = write_table(
-        tmp_path / "after.nc", DEVICE, [ENTRIES[0], _louder, *ENTRIES[2:]], CLICKS[:2], objective="paper"
-    )
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    folder = tmp_path_factory.mktemp("tables")
+    before = write_table(folder / "before.nc", DEVICE, ENTRIES, CLICKS)
+    after = write_table(folder / "after.nc", DEVICE, [ENTRIES[0], _louder, *ENTRIES[2:]], CLICKS[:2], objective="paper")
     return str(before), str(after)
 
 

@@ -61,7 +61,7 @@ def test_a_placement_comes_with_its_data_and_a_summary(
 def test_it_says_how_much_was_looked_at_and_what_was_not(
     tactable_study: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert tactable_study("placement", "bar.toml", "--actuators", "1", "--most", "3") == 0
+    assert tactable_study("placement", "bar.toml", "--actuators", "1", "--most", "3", "--workers", "1") == 0
     said = capsys.readouterr()
     assert "written: placement.png" in said.out
     assert "looked at" in said.err and "not at states of more fingers, at clicks" in said.err
@@ -70,7 +70,7 @@ def test_it_says_how_much_was_looked_at_and_what_was_not(
 def test_a_resolution_comes_with_its_data_and_a_summary(
     tmp_path: Path, tactable_study: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ("resolution", "bar.toml", "--zones", "2,3", "--at", "97.7,16;50", "--json")
+    words = ("resolution", "bar.toml", "--zones", "2,3", "--at", "97.7,16;50", "--workers", "1", "--json")
     assert tactable_study(*words, "-o", "r.pdf", "--csv", "r.csv") == 0
     summary = strict_json(capsys.readouterr().out)
     assert [each["position_percent"] for each in summary["placements"]] == [pytest.approx([16.0, 97.7]), [50.0]]

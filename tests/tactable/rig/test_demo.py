@@ -1,8 +1,6 @@
 """The chain from touches to the bar: what the table promises is what the simulated bar does."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,11 +24,11 @@ from tactable.rig.promises import Promises
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.shared_recordings import recording_params
+from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
 
-TACTABLE = str(Path(sys.executable).parent / "tactable")
 SHORTEST_S = 0.5
-CHEAP = ClickOptions(scenarios=8, trimmed=20, judged=20, pitch_m=28e-3)
+CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=4, trimmed=10, judged=20, pitch_m=28e-3)
 BURSTS = Effects((Rule(Trigger.TOUCH, burst(DEFAULT_LEVEL_DB, 50)),))
 HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_DB),))),))
 
@@ -104,7 +102,7 @@ def test_promises_are_for_where_the_fingers_are_and_not_for_their_places(table: 
 def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> None:
     built = [str(table.path.with_name("bar.toml")), "--table", str(table.path)]
     words = ["demo", "--json", "--figure", "demo.png", "--recording", str(DEMO_RECORDING), *built]
-    done = subprocess.run([TACTABLE, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = run_here(tmp_path, *words)
     assert done.returncode == 0, done.stderr + done.stdout
     report = json.loads(done.stdout)
     assert report["agrees"]
@@ -141,20 +139,25 @@ def test_a_run_over_a_line_that_stalls_breaks_no_promise(table: Table, faults: s
     assert felt == {*applied, *not_rendered}
 
 
-def test_a_command_that_the_firmware_took_and_did_not_drive_is_missed(table: Table) -> None:
-    run = play(table, read_recording(DEMO_RECORDING), 4.0, BURSTS)
-    key = next(iter(first_applied(run)))
-    silent = tuple(event for event in run.log.events if event.cause is not Cause.SET)
-    deaf = replace(run, log=replace(run.log, events=silent))
+@pytest.fixture(scope="module")
+def bursts(table: Table) -> LiveRun:
+    """The demo's touches with a short steady drive for each."""
+    return play(table, read_recording(DEMO_RECORDING), 2.0, BURSTS)
+
+
+def test_a_command_that_the_firmware_took_and_did_not_drive_is_missed(bursts: LiveRun) -> None:
+    key = next(iter(first_applied(bursts)))
+    silent = tuple(event for event in bursts.log.events if event.cause is not Cause.SET)
+    deaf = replace(bursts, log=replace(bursts.log, events=silent))
     assert key in find_missed(deaf, first_applied(deaf))[0]
-    unheard = replace(run, log=replace(run.log, events=(), received=()))
+    unheard = replace(bursts, log=replace(bursts.log, events=(), received=()))
     assert key in find_missed(unheard, first_applied(unheard))[0]
 
 
 @pytest.fixture(scope="module")
-def rendered(table: Table) -> tuple[Wanted, DriveEvent]:
+def rendered(bursts: LiveRun) -> tuple[Wanted, DriveEvent]:
     """A drive for a felt and a quiet finger, and the event that it caused in the firmware."""
-    applied = first_applied(play(table, read_recording(DEMO_RECORDING), 3.0, BURSTS))
+    applied = first_applied(bursts)
     return next((wanted, event) for wanted, event in applied.items() if wanted.placement.quiet)
 
 
@@ -191,12 +194,11 @@ def test_the_level_in_the_run_is_the_promised_one_where_the_acceleration_is(tabl
     assert report.level_db(0, 0.0) is None
 
 
-def test_fingers_are_told_apart_by_what_they_are_to_feel(table: Table, reporter: Reporter) -> None:
-    run = play(table, read_recording(DEMO_RECORDING), 2.0, BURSTS)
-    felt = reporter.bar.feel(run, 13.0)
-    starts_s = [(change.time_ns - run.moments[0].time_ns) / 1e9 for change in run.trace]
+def test_fingers_are_told_apart_by_what_they_are_to_feel(bursts: LiveRun, reporter: Reporter) -> None:
+    felt = reporter.bar.feel(bursts, 13.0)
+    starts_s = [(change.time_ns - bursts.moments[0].time_ns) / 1e9 for change in bursts.trace]
     rings_until_s = 0.0
-    for change, start_s, stop_s in zip(run.trace, starts_s, starts_s[1:], strict=False):
+    for change, start_s, stop_s in zip(bursts.trace, starts_s, starts_s[1:], strict=False):
         during = (felt.time_s >= max(start_s, rings_until_s)) & (felt.time_s + ENVELOPE_S <= stop_s)
         if change.level_db is None:
             assert not felt.felt[during].any()
@@ -205,20 +207,22 @@ def test_fingers_are_told_apart_by_what_they_are_to_feel(table: Table, reporter:
             assert not during.any() or felt.felt[during].max() > 0
 
 
-def test_a_finger_that_moves_on_while_its_click_plays_is_where_the_digitizer_has_it(table: Table) -> None:
-    run = play(table, read_recording(DEMO_RECORDING), 4.0)
-    stroke = [moment for moment in run.moments if moment.touches and moment.level_db is not None]
-    fast = [moment for moment in stroke if moment.placement is not None and moment.placement.position_m[0] < 5e-3]
-    moved_m = [moment.touches[0].position_m for moment in fast]
-    assert len(fast) > 2 and np.ptp(moved_m) > 1e-3
-    assert is_felt(fast[0].touches[0], fast[0])
-
-
 @pytest.fixture(scope="module")
 def clicked(table: Table) -> tuple[LiveRun, dict[Wanted, DriveEvent]]:
     """The demo's touches with a click for each."""
     run = play(table, read_recording(DEMO_RECORDING), 3.0)
     return run, {wanted: event for wanted, event in first_applied(run).items() if event.waveform is not None}
+
+
+def test_a_finger_that_moves_on_while_its_click_plays_is_where_the_digitizer_has_it(
+    clicked: tuple[LiveRun, dict[Wanted, DriveEvent]],
+) -> None:
+    run, _ = clicked
+    stroke = [moment for moment in run.moments if moment.touches and moment.level_db is not None]
+    fast = [moment for moment in stroke if moment.placement is not None and moment.placement.position_m[0] < 5e-3]
+    moved_m = [moment.touches[0].position_m for moment in fast]
+    assert len(fast) > 2 and np.ptp(moved_m) > 1e-3
+    assert is_felt(fast[0].touches[0], fast[0])
 
 
 def test_every_click_of_the_demo_does_what_was_promised(

@@ -106,7 +106,7 @@ def test_the_c_echo_engine_is_measured_beside_each_engine(measured: tuple[Path, 
     assert all(row["median"]["low"] <= row["median"]["value"] <= row["median"]["high"] for row in document["ratios"])
 
 
-@pytest.mark.parametrize("layer", ["digitizer", "host", "link"])
+@pytest.mark.parametrize("layer", [pytest.param("digitizer", marks=pytest.mark.long), "host", "link"])
 def test_a_stall_is_found_in_its_layer_and_nothing_stale_follows_it(table: Path, tmp_path: Path, layer: str) -> None:
     words = ("--rates", "1000", "--loads", "idle", "--seconds", "1", "--rounds", "1", "--no-ablations", "--no-echo")
     document = report(tmp_path, str(table), *words, "--stall", layer, *GENTLE)
