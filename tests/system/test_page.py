@@ -335,6 +335,33 @@ def resident_bytes() -> int:
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
+@pytest.mark.parametrize("size", [DESKTOP, PHONE], ids=["desktop", "phone"])
+def test_the_bar_stays_where_it_is_however_much_the_sentence_says(demo: Demo, browser: Browser, size: Any) -> None:
+    with opened(demo, browser, size) as visit:
+        choose(visit, source="steady", quiet_zones=[])
+        visit.ask(
+            """(() => { window.tops = []; const note = () => {
+            const top = tactable.bar.canvas.getBoundingClientRect().top + scrollY;
+            if (window.tops.at(-1) !== top) window.tops.push(top);
+            requestAnimationFrame(note); }; note(); })()"""
+        )
+        longest = 0
+        for count in 1, 2, 3, 4, 10:
+            visit.touch(f0=0.04)
+            visit.until("p.fingerCount === 1")
+            visit.touch(**{f"f{number}": 0.04 + 0.1 * number for number in range(1, count)})
+            visit.until(f"p.fingerCount === {count} && p.isPlaying && p.age_s > 1 && !p.isLate")
+            longest = max(longest, visit.ask("outcome.textContent.length"))
+            lift(visit)
+            visit.until("!p.isPlaying")
+        choose(visit, source="click")
+        visit.until("p.command === 0")
+        visit.wait("outcome.textContent === 'Touch the bar.'")
+        assert longest > 80
+        assert len(visit.ask("tops")) == 1, visit.ask("tops")
+        assert visit.ask("outcome.scrollHeight <= outcome.clientHeight")
+
+
 def test_an_engine_that_dies_is_started_again_and_the_page_says_so(demo: Demo, browser: Browser) -> None:
     with opened(demo, browser) as visit:
         (engine,) = demo.children("processes.engine")

@@ -93,8 +93,18 @@ function tell() {
   if (text === null || outcome.textContent === text) return;
   outcome.textContent = text;
   outcome.toggleAttribute("data-tour", fingers.says !== null);
+  fit(outcome);
 }
 
+// Set a text smaller until it fits into its place.
+function fit(box) {
+  for (let share = 1; share > 0.5; share -= 0.05) {
+    box.style.setProperty("--share", share);
+    if (box.scrollHeight <= box.clientHeight) return;
+  }
+}
+
+new ResizeObserver(() => fit(byId("outcome"))).observe(byId("outcome"));
 new ResizeObserver(() => courses.draw()).observe(byId("course"));
 byId("show-me").addEventListener("click", startTour);
 byId("slowed").addEventListener("input", (event) => {

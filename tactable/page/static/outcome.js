@@ -6,12 +6,16 @@ import { Role } from "./levels.js";
 
 const SETTLED_S = { 1: 0.25, 2: 0.06 }; // By kind of drive: from then on the levels say what was felt.
 const COURSE_S = 0.06;
+const MOST_NAMED = 3;
 
 function nameOf(finger) {
   return finger.number === NO_NUMBER ? `the finger at ${(1000 * finger.position_m).toFixed(0)} mm` : `finger ${finger.number + 1}`;
 }
 
-function listed(names) {
+// Names as they are said; of many fingers only the number.
+function listed(fingers) {
+  if (fingers.length > MOST_NAMED) return `${fingers.length} fingers`;
+  const names = fingers.map(nameOf);
   return names.length < 2 ? names.join("") : `${names.slice(0, -1).join(", ")} and ${names.at(-1)}`;
 }
 
@@ -44,10 +48,10 @@ export function outcomeOf(picture, paper) {
   if (!levels) return null;
   const { felt, quiet, weakest, strongest } = levels;
   const what = picture.drive === 2 ? "the click" : "the vibration", verb = felt.length > 1 ? "feel" : "feels";
-  const names = listed(felt.map(nameOf));
+  const names = listed(felt);
   if (weakest < 0) return sentence(`${names} ${felt.length > 1 ? "do" : "does"} not feel ${what}${besides(paper)}.`);
   if (!quiet.length) return sentence(`${names} ${verb} ${what}, ${levelText(weakest)} above threshold${besides(paper)}.`);
-  const apart = Math.round(weakest - strongest), others = listed(quiet.map(nameOf));
+  const apart = Math.round(weakest - strongest), others = listed(quiet);
   const rest = strongest < 0 ? `, which feel${quiet.length > 1 ? "" : "s"} nothing` : "";
   if (apart < 1) return sentence(`${names} ${verb} ${what} no more than ${others}${besides(paper)}.`);
   return sentence(`${names} ${verb} ${what} ${apart} dB more than ${others}${rest}${besides(paper)}.`);
