@@ -27,6 +27,8 @@ from firmware_link.protocol.messages import LINEARISES
 TOLERANCE = 0.1
 """0.9 dB, less than the smallest difference in level that a finger tells (about 1.5 dB)."""
 GREATEST_RATIO = 10.0
+COARSEST_STEP = 0.01
+"""Of the lowest frequency. Rounding moves it by half of that at most, as 1 % of stiffness moves resonances."""
 LEAST_SAMPLES_A_PERIOD = 10
 """Held samples are an amplitude of sinc(1 / 10): 0.14 dB are lost."""
 _UM_PER_M = 1e6
@@ -46,6 +48,7 @@ class BoardFit:
 def fit_board(device: Device, capabilities: Capabilities) -> BoardFit:
     """Compare a table's device with the connected board; raises RendererError for a board that cannot play it."""
     _check_actuators(device, capabilities)
+    check_frequencies(device, capabilities, (device.sweep.start_hz, device.sweep.stop_hz))
     _check_synthesis_rate(device, capabilities)
     _check_linearisation(device, capabilities)
     is_card = capabilities.board == BOARD_SOUND_CARD
@@ -84,6 +87,31 @@ def scales_for(device: Device, full_scales_m: Sequence[float], *, is_card: bool 
                 f"{100 * device.limits.amplitude:.3g} %: {remedy}; or lower limits.amplitude to {100 / scale:.3g} %"
             )
     return scales
+
+
+def check_frequencies(device: Device, capabilities: Capabilities, range_hz: tuple[float, float]) -> None:
+    """Check that the board plays what lies in this range and in the actuators' bands, and does not move it elsewhere.
+
+    A board clamps a frequency to its own range and says nothing. Raises RendererError.
+    """
+    step_hz = capabilities.frequency_resolution_hz
+    low_hz, high_hz = capabilities.frequency_minimum_hz, capabilities.frequency_maximum_hz
+    for actuator in device.actuators:
+        lowest_hz, highest_hz = max(range_hz[0], actuator.band_hz[0]), min(range_hz[1], actuator.band_hz[1])
+        if lowest_hz > highest_hz:
+            continue
+        name = f"{device.name}: actuator {actuator.name} may be driven at {lowest_hz:g}-{highest_hz:g} Hz"
+        if not 0 < step_hz <= COARSEST_STEP * lowest_hz:
+            raise RendererError(
+                f"{name}; the connected board has frequencies {step_hz:g} Hz apart, expected at most "
+                f"{COARSEST_STEP * lowest_hz:g} Hz: flash a finer frequency resolution"
+            )
+        # The wire counts in whole steps: a frequency at the end of the range may be off by rounding.
+        if lowest_hz < low_hz - step_hz / 2 or highest_hz > high_hz + step_hz / 2:
+            raise RendererError(
+                f"{name}; the connected device plays {low_hz:g}-{high_hz:g} Hz: narrow the actuators' bands in the "
+                "device description and build the table again"
+            )
 
 
 def card_text(device: Device) -> str:

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Protocol
 
 from engine.device import Device
-from engine.render.commands import SILENCE, DriveCommand, Rendered, RendererError
+from engine.render.commands import SILENCE, DriveCommand, Rendered
 from engine.render.limits import Solved, clamp
 from engine.steady import Receptances, SteadyDrive
 from engine.table import Table
@@ -37,8 +37,7 @@ class Solver(Protocol):
 class SteadyDrives:
     """The steady drives of one table for one connected device; silence for a level out of reach with `refuses`.
 
-    `scales` are those of `board_fit`, by actuator; with `has_kernels` compiled kernels solve, else NumPy does. Raises
-    RendererError for a device that does not play every frequency that a drive may have.
+    `scales` are those of `board_fit`, by actuator; with `has_kernels` compiled kernels solve, else NumPy does.
     """
 
     def __init__(
@@ -51,7 +50,6 @@ class SteadyDrives:
         *,
         has_kernels: bool = True,
     ) -> None:
-        _check_frequencies(device, receptances, capabilities)
         self._solver = _solver_of(device, receptances, has_kernels=has_kernels)
         self._device, self._resolution_hz, self._refuses = device, capabilities.frequency_resolution_hz, refuses
         self._scales = tuple(scales)
@@ -117,19 +115,3 @@ def _command(solved: Solved, device: Device, scales: Sequence[float], resolution
         for channel, scale in zip(clamp(solved, device).channels, scales, strict=True)
     ]
     return DriveCommand(encode_drive(channels, resolution_hz))
-
-
-def _check_frequencies(device: Device, receptances: Receptances, capabilities: Capabilities) -> None:
-    """Every frequency that a drive may have can be played: those of the receptances within the actuators' bands."""
-    # The wire counts in whole steps: a frequency at the end of the range may be off by rounding.
-    half_step_hz = capabilities.frequency_resolution_hz / 2
-    low_hz, high_hz = capabilities.frequency_minimum_hz, capabilities.frequency_maximum_hz
-    first_hz, last_hz = receptances.frequency_hz[[0, -1]].tolist()
-    for actuator in device.actuators:
-        lowest_hz, highest_hz = max(first_hz, actuator.band_hz[0]), min(last_hz, actuator.band_hz[1])
-        if lowest_hz < low_hz - half_step_hz or highest_hz > high_hz + half_step_hz:
-            raise RendererError(
-                f"{device.name}: actuator {actuator.name} may be driven at {lowest_hz:g}-{highest_hz:g} Hz; the "
-                f"connected device plays {low_hz:g}-{high_hz:g} Hz: narrow the actuators' bands in the device "
-                "description and build the table again"
-            )

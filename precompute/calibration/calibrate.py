@@ -132,9 +132,11 @@ def pose_fit(device: Device, measurements: Measurements, parameters: tuple[Param
     model = MisfitModel(MeasurementModel(device, measurements, parameters), measurements, parameters)
     problem = pose(model)
     slope = model.at(problem.start).log_slope
-    if len(slope) <= len(parameters):
+    distinct = len(slope) * measurements.count_distinct() // len(measurements)
+    if distinct <= len(parameters):
+        repeated = "" if distinct == len(slope) else f", {distinct} without repetitions,"
         raise MeasurementError(
-            f"{len(slope)} readings cannot fit {len(parameters)} parameters; measure more or fit fewer"
+            f"{len(slope)} readings{repeated} cannot fit {len(parameters)} parameters; measure more or fit fewer"
         )
     for parameter, column in zip(parameters, slope.T, strict=True):
         if not column.any():

@@ -72,6 +72,11 @@ class Measurements:
         number: NDArray[np.int64] = rank[inverse.ravel()]
         return number
 
+    def count_distinct(self) -> int:
+        """Number of rows that differ in more than the acceleration: the others repeat one of them."""
+        where = (self.position_m, np.nan_to_num(self.finger_m, nan=-1), self.sensor_mass_kg, self.drive_of_row)
+        return len(np.unique(np.column_stack(where), axis=0))
+
     def drive_text(self, row: int) -> str:
         """The drive of a row in words, such as "150 Hz and 130 Hz" or "150 Hz at 60 % and still"."""
         return " and ".join(

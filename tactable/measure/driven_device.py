@@ -15,7 +15,7 @@ from typing import Protocol, Self
 from engine.device import Device
 from engine.loop import Clock, connect
 from engine.render import Drive, link_configuration
-from engine.render.board_fit import fit_board
+from engine.render.board_fit import check_frequencies, fit_board
 from engine.render.chosen_basis import choose_basis, scaled
 from firmware_link.emulator import BOARD_EMULATED
 from firmware_link.host.link import Link
@@ -80,7 +80,10 @@ class DrivenDevice:
         return self.capabilities.board == BOARD_EMULATED
 
     def play(self, drive: Drive) -> None:
-        """Hold this drive from the next `wait` on, in place of the one before."""
+        """Hold this drive from the next `wait` on, in place of the one before.
+
+        Raises RendererError for a frequency that the board does not play.
+        """
         self.applied_device_us = None
         self.session.link.set_drive(self._encoded(drive))
 
@@ -89,6 +92,9 @@ class DrivenDevice:
         self.session.link.glide(self._encoded(drive))
 
     def _encoded(self, drive: Drive) -> bytes:
+        for channel in drive.channels:
+            if channel.amplitude > 0:
+                check_frequencies(self._device, self.capabilities, (channel.frequency_hz, channel.frequency_hz))
         channels = [
             replace(channel, amplitude=min(1.0, channel.amplitude * scale))
             for channel, scale in zip(drive.channels, self.fit.scales, strict=True)

@@ -177,3 +177,22 @@ def test_the_square_of_the_voltage_is_undone_once_or_the_board_is_refused() -> N
     ):
         fit_board(with_electrodes("board"), straight)
     assert fit_board(REFERENCE, linearising).scales == (1.0, 1.0)  # the file does not say
+
+
+@pytest.mark.parametrize(
+    ("changed", "text"),
+    [
+        ({"frequency_maximum_hz": 299.0}, "60-300 Hz; the connected device plays 1-299 Hz: narrow"),
+        ({"frequency_minimum_hz": 61.0}, "60-300 Hz; the connected device plays 61-655.35 Hz: narrow"),
+        ({"frequency_resolution_hz": 0.0}, "has frequencies 0 Hz apart, expected at most 0.6 Hz: flash a finer"),
+        ({"frequency_resolution_hz": 1.0}, "has frequencies 1 Hz apart, expected at most 0.6 Hz: flash a finer"),
+    ],
+)
+def test_a_board_that_would_move_a_frequency_is_refused(changed: dict[str, float], text: str) -> None:
+    with pytest.raises(RendererError, match=f"actuator left may be driven .*{text}"):
+        fit_board(REFERENCE, board(TABLE_M, TABLE_M, **changed))
+
+
+def test_a_range_that_ends_half_a_step_before_the_band_plays_it() -> None:
+    ends = board(TABLE_M, TABLE_M, frequency_minimum_hz=60.005, frequency_maximum_hz=299.995)
+    assert fit_board(REFERENCE, ends).scales == (1.0, 1.0)

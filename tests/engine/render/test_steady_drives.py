@@ -1,13 +1,12 @@
 """Laws of steady drives as commands: solved for the positions, clamped, encoded and remembered."""
 
-from dataclasses import replace
 from functools import cache
 from math import inf
 from pathlib import Path
 
 import pytest
 
-from engine.render import SILENCE, DriveCommand, RendererError
+from engine.render import SILENCE, DriveCommand
 from engine.render.steady_drives import SteadyDrives, ZoneDrives
 from engine.steady import Receptances
 from engine.steady.solver import SteadySolver
@@ -58,13 +57,6 @@ def test_a_level_out_of_reach_is_silence_where_it_is_refused() -> None:
     assert (command, is_achieved) == (SILENCE, False)
     command, is_achieved = drives_of().rendered(PLACEMENT, 90.0)
     assert command != SILENCE and not is_achieved
-
-
-@pytest.mark.parametrize(("low_hz", "high_hz"), [(101.0, 655.35), (1.0, 99.0)])
-def test_a_frequency_that_the_firmware_would_move_is_refused(low_hz: float, high_hz: float) -> None:
-    capabilities = replace(CAPABILITIES, frequency_minimum_hz=low_hz, frequency_maximum_hz=high_hz)
-    with pytest.raises(RendererError, match=r"the connected device plays .* Hz: narrow the actuators' bands"):
-        drives_of(capabilities=capabilities)
 
 
 def test_without_kernels_the_drive_of_the_fingers_zones_is_played(tmp_path: Path) -> None:

@@ -164,6 +164,12 @@ def test_what_cannot_be_fitted_is_refused(
     assert message in str(caught.value)
 
 
+def test_readings_that_repeat_a_few_cannot_fit_more_parameters() -> None:
+    repeated = read_bar(DEVICE, {}).part(np.tile(np.arange(6), 9))
+    with pytest.raises(MeasurementError, match="54 readings, 6 without repetitions, cannot fit 7 parameters"):
+        calibrate(DEVICE, repeated)
+
+
 def test_the_full_scale_of_an_actuator_that_is_never_driven_is_refused() -> None:
     with pytest.raises(MeasurementError, match=r"actuator\[2\]\.full_scale: changes none"):
         calibrate(DEVICE, read_bar(DEVICE, {}, ((150, NAN),)), ["actuator[2].full_scale"])

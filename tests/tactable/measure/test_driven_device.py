@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from engine.render import LimitError
+from engine.device import Device
+from engine.render import LimitError, RendererError
 from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.messages import DeviceState
@@ -53,6 +54,18 @@ def test_a_board_of_another_full_scale_gets_the_displacements_that_were_asked_fo
     held_for(line, 100 * MS)
     amplitudes = [channel.amplitude for channel in firmware.drive_log[0].channels]
     assert amplitudes == pytest.approx([0.1, 0.05], abs=1e-5)
+
+
+def test_a_frequency_beside_the_sweep_that_the_board_does_not_play_is_refused() -> None:
+    """The board's 655 Hz are enough for the sweep of this device, and less than its actuators' bands."""
+    text = DEVICE.text.replace('"300 Hz"]', '"900 Hz"]')
+    wide = Device.parse(text, "wide")
+    asked = replace(FIFTH, frequencies_hz=(150.0, 700.0))
+    line = VirtualLine()
+    refused = pytest.raises(RendererError, match=r"700-700 Hz; the connected device plays 1-655\.35 Hz")
+    with refused, DrivenDevice(wide, line, line, MOST) as driven:
+        driven.play(check_drive(asked, wide))
+    assert line.firmware.drive_log == []
 
 
 def test_an_error_of_the_program_silences_too() -> None:
