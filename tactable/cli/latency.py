@@ -60,7 +60,7 @@ def latency(
     # It draws, and knows the demo: importing that takes longer than parsing the options.
     from engine.plain import to_plain
     from tactable.audio.names import is_audio
-    from tactable.bench.latency.report import compare_with, measure, write_report
+    from tactable.bench.latency.report import compare_with, measure, read_baseline, write_report
 
     if is_audio(over):
         raise OptionError(
@@ -73,11 +73,12 @@ def latency(
         plan = _plan(tuple(rate for rate, _ in streams), loads, real_time, ablations, echo)
         _check_samples(plan.rates_hz[-1] if recordings else min(plan.rates_hz[-1], MOST_COMMANDS_HZ), seconds)
         injected = None if stall is None else Stall(stall)
+        before = None if baseline is None else read_baseline(baseline, plan)
         document, run = measure(
             table, plan, streams, recordings or [], transport, seconds, rounds, injected, _on_progress
         )
-    if baseline is not None:
-        document["comparison"] = to_plain(compare_with(run, baseline))
+    if before is not None:
+        document["comparison"] = to_plain(compare_with(run, before))
     write_report(document, run, output)
     show(document, as_json, lambda _, found: _print_summary(found, output))
     if got_worse(document.get("comparison", {})):

@@ -97,11 +97,11 @@ def compare_condition(now: Rounds, before: Rounds, floor: float) -> dict[str, An
     for name, statistic in (("median", median), ("p99", percentile(99))):
         whole = compare(_column(now, Point.WRITTEN), _column(before, Point.WRITTEN), statistic, ratio)
         figures[name] = {"ratio": whole.value, "low": whole.low, "high": whole.high, "verdict": _verdict(whole, floor)}
-    stages = {point: _stage_change(now, before, point) for point in STAGES if point <= Point.WRITTEN}
-    known = {point: change for point, change in stages.items() if np.isfinite(change.value)}
+    changes = {point: _median_change(now, before, point) for point in STAGES if point <= Point.WRITTEN}
+    known = {point: change for point, change in changes.items() if np.isfinite(change)}
     if known:
-        point = max(known, key=lambda point: abs(known[point].value))
-        change = known[point]
+        point = max(known, key=lambda point: abs(known[point]))
+        change = compare(_stage(now, point), _stage(before, point), median, difference)
         figures["stage"] = {
             "name": STAGES[point].name,
             "layer": STAGES[point].layer,
@@ -124,9 +124,13 @@ def _column(rounds: Rounds, point: Point) -> list[Values]:
     return [stamps[:, point] for stamps in rounds]
 
 
-def _stage_change(now: Rounds, before: Rounds, point: Point) -> Interval:
-    ours, theirs = ([durations_of(stamps, point) for stamps in rounds] for rounds in (now, before))
-    return compare(ours, theirs, median, difference)
+def _stage(rounds: Rounds, point: Point) -> list[Values]:
+    return [durations_of(stamps, point) for stamps in rounds]
+
+
+def _median_change(now: Rounds, before: Rounds, point: Point) -> float:
+    ours, theirs = (median(np.concatenate(_stage(rounds, point))) for rounds in (now, before))
+    return difference(ours, theirs)
 
 
 def compare_runs(

@@ -231,20 +231,27 @@ def _ratios(run: Run) -> list[dict[str, Any]]:
     return rows
 
 
-def compare_with(run: Run, baseline: Path) -> dict[str, Any]:
-    """Every condition that the baseline, a report.json, has too. Raises LatencyReportError where it is of no use."""
+def read_baseline(path: Path, plan: Plan) -> dict[str, list[Stamps]]:
+    """Stamps of a baseline, a report.json, by condition. Raises LatencyReportError where they are of no use."""
     try:
-        before = json.loads(baseline.read_text(encoding="utf-8"))
+        before = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
-        raise LatencyReportError(f"{baseline}: is no report ({error}); give a report.json") from error
+        raise LatencyReportError(f"{path}: is no report ({error}); give a report.json") from error
     if (before.get("format"), before.get("revision")) != (FORMAT, REVISION):
-        raise LatencyReportError(f"{baseline}: is no {FORMAT} of revision {REVISION}: measure it again")
+        raise LatencyReportError(f"{path}: is no {FORMAT} of revision {REVISION}: measure it again")
+    rounds = read_samples(path.with_name("samples.npz"))
+    planned = [condition for load in plan.loads for condition in plan.conditions(load)]
+    floors = {plan.floor_of(condition) for condition in planned}
+    if not any(condition.name in rounds for condition in planned if condition not in floors):
+        raise LatencyReportError(f"{path}: has none of these conditions: measure with its own command")
+    return rounds
+
+
+def compare_with(run: Run, baseline: Mapping[str, Sequence[Stamps]]) -> dict[str, Any]:
+    """Every condition that the baseline has, too."""
     floors = ((condition, run.plan.floor_of(condition)) for condition in run.measured)
     floor_of = {condition.name: floor.name for condition, floor in floors if floor is not None}
-    compared = compare_runs(run.rounds(), read_samples(baseline.with_name("samples.npz")), floor_of)
-    if not compared:
-        raise LatencyReportError(f"{baseline}: has none of these conditions: measure with its own command")
-    return compared
+    return compare_runs(run.rounds(), baseline, floor_of)
 
 
 # ---- files -----------------------------------------------------------------------------------------------
