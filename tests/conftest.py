@@ -4,6 +4,7 @@ import ctypes
 import fcntl
 import gc
 import os
+import signal
 from collections.abc import Generator, Iterator
 from contextlib import suppress
 from importlib import import_module
@@ -44,6 +45,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Choose the examples of Hypothesis, and share the compiling of kernels among the workers."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # A shell tells the jobs that it runs in the background to ignore Ctrl-C, and what tests start would inherit it.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     settings.load_profile("quick" if "not long" in config.getoption("markexpr") else "long")
     if hasattr(config, "workerinput"):
         _compile_kernels()

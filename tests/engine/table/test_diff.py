@@ -1,7 +1,8 @@
 """Laws of comparing tables: a table is its own equal, each change is found where it was made, and says how much."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from engine.table import ClickEntry, Clicks, Entry, Table
 from engine.table.diff import StateChange, TableDiff, Tolerance, compare_tables, describe, entry_figures
 from engine.table.entry import shifted
 from engine.touch.places import Places
-from tests.engine.made_clicks import basis_of, click_of, in_zones
+from tests.engine.made_clicks import basis_of, click_of, in_zones, made_clicks
 from tests.engine.made_entries import entry_of, states_of
 from tests.engine.made_table import write_table
 from tests.engine.table.test_table import DEVICE, TEXT
@@ -42,13 +43,15 @@ Compare = Callable[..., TableDiff]
 
 
 @pytest.fixture(scope="module")
-def before(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_table(tmp_path_factory.mktemp("before") / "before.nc", DEVICE, ENTRIES, CLICKS)
+def before(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Table]:
+    path = write_table(tmp_path_factory.mktemp("before") / "before.nc", DEVICE, ENTRIES, CLICKS)
+    with Table.open(path) as table:
+        yield table
 
 
 @pytest.fixture
-def compare(tmp_path: Path, before: Path) -> Compare:
-    """A table of ENTRIES and CLICKS against another."""
+def compare(tmp_path: Path, before: Table) -> Compare:
+    """A table of ENTRIES and CLICKS against another, which has a file only where more than those differ."""
 
     def compared(
         entries: Sequence[Entry] = ENTRIES,
@@ -57,9 +60,13 @@ def compare(tmp_path: Path, before: Path) -> Compare:
         tolerance: Tolerance | None = None,
         **others: Any,
     ) -> TableDiff:
-        after = write_table(tmp_path / "after.nc", device, entries, clicks, **others)
-        with Table.open(before) as own, Table.open(after) as other:
-            return compare_tables(own, other, tolerance)
+        if others or device is not DEVICE:
+            with Table.open(write_table(tmp_path / "after.nc", device, entries, clicks, **others)) as after:
+                return compare_tables(before, after, tolerance)
+        held = copy(before)
+        held.entries = tuple(entries)
+        held.clicks = clicks if isinstance(clicks, Clicks) else made_clicks(DEVICE, clicks)
+        return compare_tables(before, held, tolerance)
 
     return compared
 

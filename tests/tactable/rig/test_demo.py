@@ -28,7 +28,7 @@ from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
 
 SHORTEST_S = 0.5
-CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=4, trimmed=10, judged=20, pitch_m=28e-3)
+CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=4, trimmed=10, judged=20, pitch_m=56e-3)
 BURSTS = Effects((Rule(Trigger.TOUCH, burst(DEFAULT_LEVEL_DB, 50)),))
 HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_DB),))),))
 
@@ -87,12 +87,12 @@ def test_every_finger_of_the_demo_touches_is_promised_what_it_gets(table: Table,
 
 
 def test_promises_are_for_where_the_fingers_are_and_not_for_their_places(table: Table, reporter: Reporter) -> None:
-    """A finger rests and another taps, both half a pitch from the places of this coarse table."""
-    strokes = make_recording([Stroke(0.0, 0.6, 0.55, 0.55), Stroke(0.3, 0.6, 0.15, 0.15)])
+    """A finger rests and another taps, both almost half a pitch from the places of this coarse table."""
+    strokes = make_recording([Stroke(0.0, 0.6, 0.51, 0.51), Stroke(0.3, 0.6, 0.11, 0.11)])
     applied = first_applied(play(table, strokes, 1.0))
     wanted, event = next((w, e) for w, e in applied.items() if w.placement.quiet)
     report = reporter.report_click(wanted, event)
-    at_m = [0.15 * table.device.bar.length_m, 0.55 * table.device.bar.length_m]
+    at_m = [0.11 * table.device.bar.length_m, 0.51 * table.device.bar.length_m]
     assert report.placement.position_m == pytest.approx(at_m, abs=5e-5)
     at_places = np.array([finger.acceleration_at_finger_m_per_s2 for finger in report.click.fingers])
     assert abs(at_places / report.promise.acceleration_m_per_s2 - 1).max() > 10 * AGREEMENT

@@ -29,9 +29,9 @@ GENTLE = ("--realtime", "collector,switch-interval")
 
 @pytest.fixture(autouse=True, scope="module")
 def few_reports_in_process() -> Iterator[None]:
-    """A tenth of what the bench takes, where each run of it would repeat the same measurement for seconds."""
+    """A hundredth of what the bench takes, where each run of it would repeat the same measurement for seconds."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tactable.bench.latency.report._IN_PROCESS_REPORTS", 400)
+        patch.setattr("tactable.bench.latency.report._IN_PROCESS_REPORTS", 40)
         yield
 
 
@@ -58,7 +58,9 @@ def measured(table: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pat
     """Two rates, two rounds, beside nothing; a baseline for others."""
     folder = tmp_path_factory.mktemp("measured")
     words = ("--rates", "200,1000", "--loads", "idle", "--seconds", "0.3", "--rounds", "2", "--no-ablations", *GENTLE)
-    return folder, report(folder, str(table), *words)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tactable.bench.latency.report._IN_PROCESS_REPORTS", 400)
+        return folder, report(folder, str(table), *words)
 
 
 def test_no_report_is_lost_no_command_stale_and_order_is_kept(measured: tuple[Path, dict[str, Any]]) -> None:
@@ -106,7 +108,9 @@ def test_the_c_echo_engine_is_measured_beside_each_engine(measured: tuple[Path, 
     assert all(row["median"]["low"] <= row["median"]["value"] <= row["median"]["high"] for row in document["ratios"])
 
 
-@pytest.mark.parametrize("layer", [pytest.param("digitizer", marks=pytest.mark.long), "host", "link"])
+@pytest.mark.parametrize(
+    "layer", [pytest.param("digitizer", marks=pytest.mark.long), "host", pytest.param("link", marks=pytest.mark.long)]
+)
 def test_a_stall_is_found_in_its_layer_and_nothing_stale_follows_it(table: Path, tmp_path: Path, layer: str) -> None:
     words = ("--rates", "1000", "--loads", "idle", "--seconds", "1", "--rounds", "1", "--no-ablations", "--no-echo")
     document = report(tmp_path, str(table), *words, "--stall", layer, *GENTLE)
