@@ -1,6 +1,7 @@
 """Laws of a built table: its figures are the dense model's, memory does not matter, it is complete or not there."""
 
 import itertools
+import os
 import signal
 import subprocess
 import sys
@@ -93,10 +94,20 @@ def test_the_estimate_is_the_size_of_the_table(folder: Path, name: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def told() -> dict[str, list[tuple[str, float]]]:
+    """What the builds of the folder told of their progress."""
+    return {name: [] for name in DEVICES}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, told: dict[str, list[tuple[str, float]]]) -> Path:
     folder = tmp_path_factory.mktemp("tables")
     for name, device in DEVICES.items():
-        build_table(device, folder / f"{name}.nc", created="2024-01-01", clicks_up_to=0)
+
+        def progress(step: str, fraction: float, steps: list[tuple[str, float]] = told[name]) -> None:
+            steps.append((step, fraction))
+
+        build_table(device, folder / f"{name}.nc", created="2024-01-01", clicks_up_to=0, progress=progress)
     return folder
 
 
@@ -133,7 +144,7 @@ def drive(
     return frequency_hz, weights
 
 
-@pytest.mark.parametrize("name", ["two", "three"])
+@pytest.mark.parametrize("name", [pytest.param("two", marks=pytest.mark.long), "three"])
 @pytest.mark.parametrize("diagonal", [True, False])
 def test_the_pair_sweep_is_the_dense_models(folder: Path, name: str, diagonal: bool) -> None:
     device, random = DEVICES[name], np.random.default_rng(0)
@@ -178,7 +189,7 @@ def test_the_sweep_is_nan_only_where_nothing_moves_or_a_band_forbids(folder: Pat
                 assert (np.isfinite(figure(["I"], p)) == allowed).all()
 
 
-@pytest.mark.parametrize("name", ["two", "three"])
+@pytest.mark.parametrize("name", [pytest.param("two", marks=pytest.mark.long), "three"])
 def test_the_coherent_sweep_is_the_dense_models(folder: Path, name: str) -> None:
     device, random = DEVICES[name], np.random.default_rng(1)
     model, hz = DenseModel(device), device.sweep.frequency_hz
@@ -217,13 +228,15 @@ def contents(path: Path) -> dict[str, object]:
         return {a.name: a[...].tolist() if a.dtype.kind == "O" else a[...].tobytes() for a in arrays}
 
 
-@pytest.mark.parametrize(("name", "budget"), [("two", 20_000), ("two", 1 << 30), ("three", 50_000)])
+@pytest.mark.parametrize(
+    ("name", "budget"), [("two", 20_000), pytest.param("two", 1 << 30, marks=pytest.mark.long), ("three", 50_000)]
+)
 def test_the_memory_budget_does_not_change_a_byte(folder: Path, tmp_path: Path, name: str, budget: int) -> None:
     build_table(DEVICES[name], tmp_path / "other.nc", created="2024-01-01", clicks_up_to=0, memory_budget_bytes=budget)
     assert contents(tmp_path / "other.nc") == contents(folder / f"{name}.nc")
 
 
-@pytest.mark.parametrize("name", DEVICES)
+@pytest.mark.parametrize("name", ["two", *(pytest.param(name, marks=pytest.mark.long) for name in ("three", "one"))])
 def test_entries_are_read_back_as_they_were_solved(folder: Path, name: str) -> None:
     device = DEVICES[name]
     solved = sorted((entries for entries, _ in solve_entries(assemble(device))), key=lambda entries: entries[0].index)
@@ -250,12 +263,12 @@ def test_the_interpolation_error_is_stored_and_not_negative(folder: Path) -> Non
             assert error.max() > 0.01  # 20 Hz apart, resonances are missed
 
 
-def test_progress_only_grows_and_ends_at_one(tmp_path: Path) -> None:
-    told: list[tuple[str, float]] = []
-    build_table(DEVICES["two"], tmp_path / "t.nc", created="", clicks_up_to=0, progress=lambda *what: told.append(what))
-    fractions = [fraction for _, fraction in told]
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("name", DEVICES)
+def test_progress_only_grows_and_ends_at_one(told: dict[str, list[tuple[str, float]]], name: str) -> None:
+    fractions = [fraction for _, fraction in told[name]]
     assert fractions == sorted(fractions)
-    assert told[-1] == ("done", 1.0)
+    assert told[name][-1] == ("done", 1.0)
 
 
 class Stop:
@@ -270,8 +283,15 @@ class Stop:
             raise self.error(f"{step}: {fraction}")
 
 
-@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
-@pytest.mark.parametrize("calls", [1, 2, 4, 6])
+@pytest.mark.parametrize(
+    ("error", "calls"),
+    [
+        (RuntimeError, 2),
+        (KeyboardInterrupt, 6),
+        *(pytest.param(RuntimeError, calls, marks=pytest.mark.long) for calls in (1, 4, 6)),
+        *(pytest.param(KeyboardInterrupt, calls, marks=pytest.mark.long) for calls in (1, 2, 4)),
+    ],
+)
 def test_an_exception_on_the_way_leaves_nothing(
     folder: Path, tmp_path: Path, error: type[BaseException], calls: int
 ) -> None:
@@ -286,11 +306,18 @@ def test_an_exception_on_the_way_leaves_nothing(
     assert older.read_bytes() == (folder / "three.nc").read_bytes()
 
 
-@pytest.mark.parametrize("at", ["sweep", "entries"])
+LENGTHY = {
+    "sweep": TEXT.replace('step = "1 Hz"', 'step = "2 Hz"'),
+    "entries": SMALL.replace("count = 3", "count = 5"),
+}
+"""Descriptions whose builds take seconds with this step."""
+
+
+@pytest.mark.parametrize("at", LENGTHY)
 def test_ctrl_c_of_a_build_leaves_nothing_behind(folder: Path, tmp_path: Path, at: str) -> None:
     older = tmp_path / "table.nc"
     older.write_bytes((folder / "three.nc").read_bytes())
-    (tmp_path / "device.toml").write_text(TEXT.replace('step = "1 Hz"', 'step = "2 Hz"'), encoding="utf-8")
+    (tmp_path / "device.toml").write_text(LENGTHY[at], encoding="utf-8")
     script = (
         "import sys; from pathlib import Path; from engine.device import Device\n"
         "from precompute.builder.build import build_table\n"
@@ -302,7 +329,7 @@ def test_ctrl_c_of_a_build_leaves_nothing_behind(folder: Path, tmp_path: Path, a
     child = subprocess.Popen(
         [sys.executable, "-c", f"import signal; signal.signal(2, signal.default_int_handler)\n{script}"],
         cwd=tmp_path,
-        env={"PYTHONPATH": str(Path(__file__).parents[3]), "PATH": "/usr/bin"},
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,

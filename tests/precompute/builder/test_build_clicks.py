@@ -175,7 +175,7 @@ def test_a_table_states_the_modes_of_its_clicks(table: Table) -> None:
     assert table.attributes["click_modes"] == ClickSolver(DEVICE, CHEAP).modes
 
 
-ROUGH = ClickOptions(lengths_s=(0.02,), pitch_m=70e-3, scenarios=22, trimmed=24, judged=24)
+ROUGH = ClickOptions(lengths_s=(0.02,), pitch_m=140e-3, scenarios=22, trimmed=24, judged=24)
 """Coarse clicks of these are solved on fewer plants."""
 
 
@@ -190,7 +190,7 @@ def test_a_coarse_table_is_whole_and_comes_first_where_there_are_no_clicks(tmp_p
     cost = build_table(
         DEVICE, path, clicks_up_to=1, click_options=ROUGH, coarse=Coarse.FIRST, reuse=False, progress=progress
     )
-    assert (cost.coarse_clicks, cost.clicks) == (5, 5)
+    assert (cost.coarse_clicks, cost.clicks) == (3, 3)
     with Table.open(kept, device=DEVICE) as rough, Table.open(path, device=DEVICE) as fine:
         assert rough.is_coarse and not fine.is_coarse
         assert rough.levels_db == fine.levels_db and rough.places == fine.places
@@ -207,8 +207,8 @@ def test_a_coarse_table_is_not_made_again_and_the_fine_one_follows(tmp_path: Pat
     path = tmp_path / "bar.nc"
     wanted = {"clicks_up_to": 1, "click_options": ROUGH}
     only = build_table(DEVICE, path, coarse=Coarse.ONLY, **wanted)  # type: ignore[arg-type]  # by name
-    assert (only.coarse_clicks, only.clicks) == (5, 0)
+    assert (only.coarse_clicks, only.clicks) == (3, 0)
     then = build_table(DEVICE, path, coarse=Coarse.FIRST, **wanted)  # type: ignore[arg-type]  # by name
-    assert (then.coarse_clicks, then.clicks) == (0, 5)
+    assert (then.coarse_clicks, then.clicks) == (0, 3)
     again = build_table(DEVICE, path, coarse=Coarse.FIRST, **wanted)  # type: ignore[arg-type]  # by name
     assert (again.coarse_clicks, again.clicks) == (0, 0)

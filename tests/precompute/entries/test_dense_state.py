@@ -39,7 +39,7 @@ def test_side_by_side_the_touches_move_as_each_dense_model_alone(name: str) -> N
 
 @any_device
 @pytest.mark.parametrize("states", STATES)
-@pytest.mark.parametrize("loudest", [True, False])
+@pytest.mark.parametrize("loudest", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_slopes_over_frequency_are_those_of_finite_differences(name: str, states: str, loudest: bool) -> None:
     state, hz, step = state_of(name, states, loudest), 187.3, 1e-3
     difference = (state.forms(hz + step)[0] - state.forms(hz - step)[0]) / (2 * step)
@@ -67,8 +67,15 @@ def test_tries_are_of_every_family_and_none_beats_and_each_is_judged_as_alone(na
         assert (np.diff(tones) >= BEAT_HZ).all()
 
 
-@any_device
-@pytest.mark.parametrize("loudest", [True, False])
+@pytest.mark.parametrize(
+    ("name", "loudest"),
+    [
+        ("two actuators", True),
+        ("three actuators", False),
+        pytest.param("two actuators", False, marks=pytest.mark.long),
+        pytest.param("three actuators", True, marks=pytest.mark.long),
+    ],
+)
 def test_a_climb_ends_no_lower_than_the_try_it_began_from(name: str, loudest: bool) -> None:
     device, state = DEVICES[name], state_of(name, "felt and quiet", loudest)
     count, wanted = len(device.actuators), 0.0 if loudest else 100.0

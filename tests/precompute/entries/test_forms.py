@@ -63,7 +63,9 @@ def test_the_low_rank_update_equals_assembling_the_fingers(name: str, touched: t
 
 
 @pytest.mark.parametrize(
-    "device", [*DEVICES.values(), random_device(1), random_device(3)], ids=lambda device: device.name
+    "device",
+    [*DEVICES.values(), *(pytest.param(random_device(seed), marks=pytest.mark.long) for seed in (1, 3))],
+    ids=lambda device: device.name,
 )
 def test_the_low_rank_update_equals_assembling_as_far_as_the_condition_allows(device: Device) -> None:
     """Elements are up to 1e7 times stiffer than the bar as a whole: both ways round, and differ by as much."""

@@ -335,7 +335,7 @@ def test_a_switch_that_there_is_not_is_told_and_changes_nothing(rig: Rig) -> Non
     assert rig.backend.scene()["trouble"] == ""
 
 
-@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize("which", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_a_process_that_dies_is_started_again_and_the_show_goes_on(rig: Rig, which: int) -> None:
     before, restarts = rig.backend.process_ids, rig.backend.restarts
     os.kill(before[which], signal.SIGKILL)
