@@ -1,5 +1,6 @@
 """Read a file of measurements in the format that its ending names."""
 
+import stat
 from pathlib import Path
 
 from engine.device import Device
@@ -8,6 +9,7 @@ from engine.files import replace_file
 from precompute.measurements.csv import parse_csv, write_csv
 from precompute.measurements.types import MeasurementError, Measurements
 
+MOST_BYTES = 100_000_000
 _NETCDF, _UNIVERSAL = (".nc", ".nc4"), (".uff", ".unv", ".uf")
 
 
@@ -17,10 +19,10 @@ def read_measurements(path: Path | str, device: Device, sensor_mass_kg: float = 
     Raises MeasurementError; OSError if the file does not exist.
     """
     path = Path(path)
+    check_file(path)
     ending = check_ending(path)
     if ending == ".csv":
         return parse_csv(read_text(path, MeasurementError), device, sensor_mass_kg, str(path))
-    path.stat()  # raises OSError where the file is missing, as the CSV branch does
     if ending in _NETCDF:
         from precompute.measurements.netcdf import read_netcdf
 
@@ -44,6 +46,22 @@ def write_measurements(path: Path, measurements: Measurements, device: Device, c
             from precompute.measurements.uff import write_uff
 
             write_uff(partial, measurements, device, comment)
+
+
+def check_file(path: Path) -> None:
+    """Raise MeasurementError for what is no file of measurements by its name, kind or size, before a byte is read.
+
+    A pipe would be waited for, and a device never ends. Raises OSError if the file does not exist.
+    """
+    check_ending(path)
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
+        raise MeasurementError(f"{path}: is not a plain file; write the measurements into one")
+    if status.st_size > MOST_BYTES:
+        raise MeasurementError(
+            f"{path}: has {status.st_size / 1e6:.3g} MB, expected at most {MOST_BYTES / 1e6:.0f} MB: "
+            "fewer measurements suffice"
+        )
 
 
 def check_ending(path: Path) -> str:

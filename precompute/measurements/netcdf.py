@@ -1,5 +1,6 @@
-"""NetCDF files of measurements (tables/MEASUREMENTS.md), read and written with xarray; netcdf_content.py opens them."""
+"""NetCDF files of measurements (tables/MEASUREMENTS.md), as measurements and back; netcdf_content.py opens them."""
 
+import io
 import re
 from pathlib import Path
 
@@ -53,7 +54,8 @@ def measurements_of(content: Content, path: Path, device: Device, sensor_mass_kg
 
 def write_netcdf(path: Path, measurements: Measurements, device: Device, comment: str) -> None:
     """Write measurements as `read_netcdf` reads them; `comment` names their source."""
-    import xarray
+    import h5netcdf
+    import h5py
 
     row, each = ("measurement",), ("measurement", "actuator")
     columns: dict[str, tuple[tuple[str, ...], NDArray[np.float64], str]] = {
@@ -70,12 +72,17 @@ def write_netcdf(path: Path, measurements: Measurements, device: Device, comment
     else:
         columns["acceleration_real"] = (row, acceleration.real, "m s-2")
         columns["acceleration_imaginary"] = (row, acceleration.imag, "m s-2")
-    dataset = xarray.Dataset(
-        {name: (dimensions, values, {"units": unit}) for name, (dimensions, values, unit) in columns.items()},
-        coords={"actuator": [actuator.name for actuator in device.actuators]},
-        attrs={"comment": comment, **({"origin": SIMULATED} if measurements.is_simulated else {})},
-    )
-    dataset.to_netcdf(path, engine="h5netcdf")
+    attributes = {"comment": comment, **({"origin": SIMULATED} if measurements.is_simulated else {})}
+    # In memory first: HDF5 ends the process by a segmentation fault when it closes a file that the disk did not take.
+    memory = io.BytesIO()
+    with h5py.File(memory, "w", track_order=True) as inside, h5netcdf.File(inside, "w", track_order=True) as file:
+        file.attrs.update(attributes)
+        file.dimensions = {"measurement": len(measurements), "actuator": len(device.actuators)}
+        names = np.array([actuator.name for actuator in device.actuators], dtype=object)
+        file.create_variable("actuator", ("actuator",), h5py.string_dtype(), data=names)
+        for name, (dimensions, values, unit) in columns.items():
+            file.create_variable(name, dimensions, data=values).attrs["units"] = unit
+    path.write_bytes(memory.getbuffer())
 
 
 def _read_column(variable: Variable, column: str, unit: str, path: Path) -> NDArray[np.float64]:

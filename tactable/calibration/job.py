@@ -61,8 +61,10 @@ class CalibrationJob:
         from precompute.calibration.pairwise import fit_pairwise
         from precompute.calibration.report import calibration_report
         from precompute.measurements import read_measurements
+        from precompute.measurements.file import check_file
 
         check_new_folder(self.folder)
+        check_file(self.measurements)
         raw = self.measurements.read_bytes()
         progress("fit", 0.0)
         with threadpool_limits(1, "blas"):

@@ -82,11 +82,8 @@ def new(
         device = Device.parse(text, str(path))
     except DeviceError as error:
         raise OptionError(f"these values are no bar: {error}") from error
-    try:
-        with replace_file(path) as partial:
-            partial.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OptionError(f"{path}: cannot be written there: {error.strerror}; choose another output") from error
+    with replace_file(path) as partial:
+        partial.write_text(text, encoding="utf-8")
     say(f"{path}: {len(device.actuators)} actuators, {len(device.zones)} zones")
     estimates = device.estimated_values
     say(f"{len(estimates)} values are ESTIMATES: {', '.join(estimates)}")

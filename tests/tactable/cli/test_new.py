@@ -77,7 +77,7 @@ def test_a_file_that_is_there_stays(tmp_path: Path) -> None:
     done = run(path, *ALWAYS)
     assert "exists already and is not overwritten" in str(done.exception) and path.read_text() == "mine"
     nowhere = run(tmp_path / "no" / "bar.toml", *ALWAYS)
-    assert "cannot be written there" in str(nowhere.exception)
+    assert "cannot be written there: No such file" in str(nowhere.exception)
 
 
 def test_a_name_that_no_file_can_have_is_refused(tmp_path: Path) -> None:
