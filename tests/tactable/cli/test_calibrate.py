@@ -89,6 +89,7 @@ def test_a_misfit_beyond_what_is_accepted_is_written_and_doubted(measured: Path,
     assert (tmp_path / "new" / "reference-a.toml").is_file()
 
 
+@pytest.mark.long
 def test_a_wrong_modulus_is_fitted_or_doubted_with_the_option_that_mends_it(tmp_path: Path) -> None:
     changes = ("--change", "bar.youngs_modulus=74.2 GPa", "--noise", "2 %", "--wrong", "5 %")
     path = simulated(tmp_path / "m.csv", *changes)

@@ -93,7 +93,10 @@ def interrupt(process: "subprocess.Popen[str]", _workers: list[int]) -> None:
     process.send_signal(signal.SIGINT)
 
 
-@pytest.mark.parametrize(("strike", "status", "said"), [(kill_a_worker, 1, "tactable: "), (interrupt, 130, "")])
+@pytest.mark.parametrize(
+    ("strike", "status", "said"),
+    [(kill_a_worker, 1, "tactable: "), pytest.param(interrupt, 130, "", marks=pytest.mark.long)],
+)
 def test_a_build_that_is_struck_while_workers_solve_ends_in_a_line_and_leaves_no_process(
     tmp_path: Path, strike: Callable[["subprocess.Popen[str]", list[int]], None], status: int, said: str
 ) -> None:

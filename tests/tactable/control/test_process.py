@@ -74,7 +74,7 @@ class Running:
 @pytest.fixture(scope="module")
 def running(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     """A run with a finger that rests, once that has come; its programs leave it as they found it."""
-    with run_emulator() as emulator, started(folder, tmp_path_factory.mktemp("run"), emulator) as running:
+    with run_emulator() as emulator, started(folder, tmp_path_factory.mktemp("run"), emulator, "--no-watch") as running:
         with running.connect() as client:
             if not client.subscribe("touches"):
                 next(client.events(30.0))

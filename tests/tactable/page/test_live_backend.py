@@ -43,7 +43,8 @@ def emulator() -> Iterator[RunningEmulator]:
 
 @contextmanager
 def started(folder: Path, emulator: RunningEmulator, *words: str) -> Iterator["subprocess.Popen[str]"]:
-    command = [TACTABLE, "run", "bar.nc", "--touch", "taps.hid", "--port", emulator.port, "--reconnect", *words]
+    paths = ("bar.nc", "--touch", "taps.hid", "--port", emulator.port)
+    command = [TACTABLE, "run", *paths, "--reconnect", "--no-watch", "--no-solve", *words]
     with subprocess.Popen(command, cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         yield process
 
