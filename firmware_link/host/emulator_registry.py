@@ -1,7 +1,8 @@
 """Registry of running emulators: each is a symbolic link to its port, under a name that stays the same.
 
 A link is only ever made where nothing is, or where an emulator that was killed left one. Such a link leads to a
-pseudo-terminal that is gone. Any other file or link belongs to somebody, and is refused by name.
+pseudo-terminal that is gone, or that its successor was given: the system gives a free number again. Any other file or
+link belongs to somebody, and is refused by name.
 """
 
 import contextlib
@@ -31,18 +32,24 @@ class Announcement:
     def __init__(self, link: Path) -> None:
         self.link = link
         self._port: str | None = None
-        link.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if link.parent == runtime_folder():
+            link.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
 
     def point_to(self, port: str) -> None:
         """Lead to this port from now on.
 
-        Raises LinkError where something else has the name.
+        Raises LinkError where something else has the name, and where no link can be made.
         """
         if not self._is_ours():
-            self._refuse_others()
+            self._refuse_others(port)
         temporary = self.link.with_name(f".{self.link.name}.{os.getpid()}.link")
-        temporary.symlink_to(port)
-        temporary.replace(self.link)
+        try:
+            temporary.symlink_to(port)
+            temporary.replace(self.link)
+        except OSError as error:
+            raise LinkError(
+                f"{self.link}: no link can be made there: {error.strerror}; choose another place"
+            ) from error
         self._port = port
 
     def close(self) -> None:
@@ -53,10 +60,13 @@ class Announcement:
     def _is_ours(self) -> bool:
         return self._port is not None and self.link.is_symlink() and str(self.link.readlink()) == self._port
 
-    def _refuse_others(self) -> None:
-        is_left_over = self.link.is_symlink() and str(self.link.readlink()).startswith(_TERMINALS)
-        if self.link.exists() or (self.link.is_symlink() and not is_left_over):
-            what = f"leads to {self.link.readlink()}" if self.link.is_symlink() else "is no link to a port"
+    def _refuse_others(self, port: str) -> None:
+        target = str(self.link.readlink()) if self.link.is_symlink() else None
+        # A killed emulator's terminal is gone, or its number is that of the terminal that this one was given.
+        if target is not None and target.startswith(_TERMINALS) and (target == port or not self.link.exists()):
+            return
+        if target is not None or self.link.exists():
+            what = "is no link to a port" if target is None else f"leads to {target}"
             raise LinkError(f"{self.link}: exists already and {what}; end the emulator that has it, or choose another")
 
 

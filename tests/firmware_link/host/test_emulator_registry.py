@@ -1,5 +1,6 @@
 """Laws of the announcements: a running emulator is found, one that is gone is not, and its link goes."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -84,6 +85,26 @@ def test_the_link_of_a_killed_emulator_is_taken_over_and_only_once(tmp_path: Pat
     first.point_to("/dev/zero")  # plugged in again
     first.close()
     assert not link.is_symlink()
+
+
+def test_the_link_of_a_killed_emulator_is_taken_over_by_the_one_that_was_given_its_terminal(tmp_path: Path) -> None:
+    controller, terminal = os.openpty()
+    port, link = os.ttyname(terminal), tmp_path / "board"
+    link.symlink_to(port)
+    with pytest.raises(LinkError, match="board: exists already and leads to /dev/pts/"):
+        Announcement(link).point_to("/dev/pts/987654")
+    announcement = Announcement(link)
+    announcement.point_to(port)
+    announcement.close()
+    assert not link.is_symlink()
+    os.close(terminal)
+    os.close(controller)
+
+
+def test_a_link_in_a_folder_that_is_not_there_is_refused_and_makes_none(tmp_path: Path) -> None:
+    with pytest.raises(LinkError, match="board: no link can be made there: No such file or directory"):
+        Announcement(tmp_path / "no" / "board").point_to("/dev/null")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_without_a_runtime_folder_the_temporary_one_serves(monkeypatch: pytest.MonkeyPatch) -> None:
