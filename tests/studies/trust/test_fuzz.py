@@ -10,11 +10,14 @@ import pytest
 from engine.device import DeviceError
 from tests.studies.trust.fuzz import FUZZED, Fuzzed, fuzz
 
-# A NetCDF file is read in a process of its own, which takes half a second to start.
+# A NetCDF file is read in a process of its own, which takes half a second to start: with the long tests. Quick is
+# tests/precompute/measurements/test_netcdf.py.
 CASES = {"table": 20, "device": 100, "rules": 200, "measurements": 40, "netcdf": 8, "uff": 40, "page": 300}
 
 
-@pytest.mark.parametrize("what", FUZZED)
+@pytest.mark.parametrize(
+    "what", [pytest.param(each, marks=[pytest.mark.long] if each == "netcdf" else []) for each in FUZZED]
+)
 def test_whatever_others_write_is_taken_or_refused_by_its_family(what: str) -> None:
     outcomes, faults = fuzz(what, seed=1, first=0, count=CASES[what])
     assert not faults
