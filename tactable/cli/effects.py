@@ -77,6 +77,7 @@ def export(
     With --device and --at its place and the frequency that moves this place most are in it.
     """
     from engine.effects.files.hjif_out import encode_hjif
+    from engine.effects.files.json_part import LONGEST_S
 
     if path.suffix.lower() != ".hjif":
         raise OptionError(f"--output {path}: expected a name that ends in .hjif; no other format is written")
@@ -87,7 +88,10 @@ def export(
     if math.isfinite(highest_db):
         full_level_db = max(full_level_db, highest_db)
     place = None if device_name is None or at is None else _place(device_name, at)
-    document = encode_hjif(effect, full_level_db, round(1e3 * read_option("--hold", hold, "s")), place)
+    hold_s = read_option("--hold", hold, "s")
+    if hold_s > LONGEST_S:
+        raise OptionError(f"--hold {hold!r}: expected at most {LONGEST_S:g} s")
+    document = encode_hjif(effect, full_level_db, round(1e3 * hold_s), place)
     with replace_file(path) as made:
         made.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     say(f"{path}: {effect.name}; amplitude 1 stands for {full_level_db:g} dB")

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from tactable.measure.stepped_sine import Reading, SteppedSineOptions
     from tactable.measure.walk import Stop, StopRecord
 
+_MOST_FREQUENCIES = 10_000
 PortName = Annotated[
     str,
     typer.Option(
@@ -284,7 +285,10 @@ def read_grid(text: str) -> list[float] | None:
     if len(parts) != 3 or not parts[0] < parts[1] or not parts[2] > 0:
         raise OptionError(f"--frequencies {text!r}: expected FROM:TO:STEP in Hz, such as 60:300:1")
     first, last, step = parts
-    return [first + step * i for i in range(round((last - first) / step) + 1)]
+    steps = (last - first) / step
+    if not steps < _MOST_FREQUENCIES:
+        raise OptionError(f"--frequencies {text!r}: {steps:.3g} frequencies; expected at most {_MOST_FREQUENCIES}")
+    return [first + step * i for i in range(round(steps) + 1)]
 
 
 def summary_of(device: "Device", records: "tuple[StopRecord, ...]") -> dict[str, Any]:

@@ -59,6 +59,8 @@ def test_a_spoiled_reading_is_named_left_out_and_the_exit_status(tmp_path: Path)
         ((*SIMULATED, "--most", "120 %"), "at most 100 %"),
         ((*SIMULATED, "--flaws", "hiss=1"), "known are latency"),
         ((*SIMULATED, "--frequencies", "60:300"), "FROM:TO:STEP"),
+        ((*SIMULATED, "--frequencies", "0:1e9:1e-9"), "1e+18 frequencies; expected at most 10000"),
+        ((*SIMULATED, "--frequencies", "0:1e308:1e-300"), "inf frequencies; expected at most 10000"),
         ((*SIMULATED, "--method", "chirp"), "expected one of stepped, sweep"),
         ((*SIMULATED, "--frequencies", "20"), "choose some of a band"),
         ((*SIMULATED, "-o", "bar.xlsx"), "measurements end in .csv"),
