@@ -14,6 +14,7 @@ from tactable.cli.console import print_json, say, show
 from tactable.cli.options import (
     AsJson,
     DeviceArgument,
+    OptionError,
     ThresholdCurve,
     names_in,
     read_option,
@@ -55,6 +56,8 @@ def modes(
     at_m, limit_hz = _finger_places(device, fingers), read_option("--up-to", up_to, "Hz")
     position_m = np.linspace(0.0, device.bar.length_m, _POINTS)
     untouched, touched = (compute_modes(device, position_m, limit_hz, at) for at in ((), at_m))
+    if not untouched and not touched:
+        raise OptionError(f"--up-to: {device.name} has no mode up to {up_to}; give a higher frequency")
     found = {
         "device": device.name,
         "estimated": list(device.estimated_values),

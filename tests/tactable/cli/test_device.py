@@ -32,6 +32,9 @@ def test_modes_come_untouched_and_under_fingers_with_a_picture(tmp_path: Path) -
     done = run("modes", "reference-a", "--finger", "III")
     assert done.exit_code == 0 and f"{frequencies[0]:.2f} Hz" in done.stdout
     assert "Computed, not measured" in done.stdout
+    below = run("modes", "reference-a", "--up-to", "3 Hz")
+    assert below.exit_code == 1
+    assert str(below.exception) == "--up-to: reference-a has no mode up to 3 Hz; give a higher frequency"
 
 
 def test_a_check_says_what_drivers_and_electrodes_make_of_a_command(tmp_path: Path) -> None:
