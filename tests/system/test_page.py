@@ -4,15 +4,19 @@ What takes how long is reported (`-rA`), never asserted: the machine is shared.
 """
 
 import os
+import re
 import signal
+import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, expect
 
 from engine.table import Table
 from engine.touch import Placement
+from engine.touch.sources.recording import write_recording
+from firmware_link.emulator.process import run_emulator
 from tactable.page.live_bar import LiveBar
 from tactable.page.messages import encode_picture
 from tactable.page.ring_drive import RingDrive
@@ -25,10 +29,12 @@ from tests.system.page import (
     FELT,
     FIRST,
     MADE,
+    PATIENCE_S,
     PHONE,
     QUIET,
     SECOND,
     STEADY,
+    TACTABLE,
     THIRD,
     Demo,
     Visit,
@@ -41,12 +47,14 @@ from tests.system.page import (
 )
 from tests.tactable.click_table import build_click_table
 from tests.tactable.page.played import RESOLUTION_HZ, record_of
+from tests.tactable.rig.strokes import Stroke, make_recording
 
 pytestmark = [
     pytest.mark.system,
     pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
 ]
 HOUR_PICTURES = 3600 * 60
+PATIENCE_MS = 1000 * PATIENCE_S
 
 
 def device_file(name: str) -> str:
@@ -377,13 +385,53 @@ def test_an_engine_that_dies_is_started_again_and_the_page_says_so(demo: Demo, b
 def test_a_server_that_comes_back_is_found_again(demo: Demo, browser: Browser) -> None:
     with opened(demo, browser) as visit:
         demo.stop()
-        visit.wait("document.getElementById('status').textContent === 'reconnecting'")
+        visit.wait("document.getElementById('status').textContent === 'the demo is over'")
         demo.start()
         visit.wait("tactable.wire.connections === 2 && tactable.scene.status === 'running'")
         visit.touch(f1=FIRST)
         visit.until("p.command > 0 && p.fingerCount === 1")
         lift(visit)
         visit.complaints[:] = [text for text in visit.complaints if "ERR_CONNECTION_REFUSED" not in text]
+
+
+def test_the_page_of_a_run_that_ended_says_so(demo_folder: Path, browser: Browser) -> None:
+    (table,) = (path for path in (demo_folder / "tactable").glob("*.nc") if "-early" not in path.name)
+    write_recording(make_recording([Stroke(0.0, 200.0, FIRST, FIRST)]), demo_folder / "rest.hid")
+    with run_emulator() as emulator:
+        words = ["--touch", "rest.hid", "--port", emulator.port, "--page"]
+        run = subprocess.Popen(
+            [TACTABLE, "run", str(table), *words], cwd=demo_folder, stderr=subprocess.PIPE, text=True
+        )
+        assert run.stderr is not None
+        page = browser.new_page()
+        try:
+            page.goto(next(found[0] for line in run.stderr if (found := re.search(r"http://\S+", line))))
+            status = page.locator("#status")
+            expect(status).to_have_text("engine runs", timeout=PATIENCE_MS)
+        finally:
+            run.send_signal(signal.SIGINT)
+            run.communicate()
+        expect(status).to_have_text("the run is over", timeout=PATIENCE_MS)
+        page.wait_for_timeout(3000)  # it is looked for meanwhile
+        expect(status).to_have_text("the run is over")
+        page.close()
+
+
+def test_no_stem_of_a_finger_crosses_what_the_drawing_says_of_time(demo: Demo, browser: Browser) -> None:
+    with opened(demo, browser, PHONE) as visit:
+        stems, (left, right) = visit.ask(
+            f"""(() => {{ const bar = tactable.bar, c = bar._context, draw = c.fillText, said = [];
+            [{FIRST}, {THIRD}].forEach((share, i) => Object.assign(bar._slots[i],
+                {{ position_m: share * bar.shownDevice.length_m, role: {FELT}, seen_ms: bar._last_ms }}));
+            Object.assign(bar, {{ _motion: {{ points: 0 }}, _motionAt_ms: 10 }});
+            c.fillText = (text, x) => said.push(x - c.measureText(text).width, x);
+            bar._drawBar(c);
+            Object.assign(bar, {{ _motion: null }});
+            c.fillText = draw;
+            return [bar._slots.slice(0, 2).map((slot) => bar._x(slot.position_m)), said]; }})()"""
+        )
+        assert 0 < left < right < visit.ask("tactable.bar._width")
+        assert not [x for x in stems if left <= x <= right]
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

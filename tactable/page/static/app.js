@@ -35,7 +35,7 @@ const wire = new Wire({
     byId("courses").toggleAttribute("data-has", courses.take(ours, papers, scene.device.length_m));
   },
   sound(found) { sound.play(found); },
-  state(text, isUp) { panel.state(text, isUp); },
+  state(...connection) { panel.state(...connection); },
 });
 const panel = new Panel(wire);
 const hand = new Hand(byId("hand"), (channels) => wire.choose({ hand: channels }));

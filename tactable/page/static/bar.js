@@ -9,6 +9,7 @@ const PAUSE_MS = 700;
 const PASSES = 3;
 const SLOTS = 32;
 const RADIUS = 15;
+const STEM_GAP = 5;
 
 export function levelText(db) { return db <= -59.9 ? "nothing" : `${db < 0 ? "−" : ""}${Math.abs(db).toFixed(1)} dB`; }
 
@@ -208,8 +209,26 @@ export class Bar extends LevelPlot {
     c.fillStyle = colour.muted;
     if (this._motion) {
       const what = this._narrow ? `slowed ${this.slowed}×` : `the bar's acceleration, slowed ${this.slowed} times`;
-      c.fillText(`${what}: ${this._motionAt_ms.toFixed(0)} ms`, this._right, this._floor + 16);
+      this._drawBesideStems(c, `${what}: ${this._motionAt_ms.toFixed(0)} ms`, this._floor + 16);
     }
+  }
+
+  // Draw a text as far right as no finger's stem crosses it; nowhere where it has no room.
+  _drawBesideStems(c, text, y) {
+    const right = this._roomFor(c.measureText(text).width);
+    if (right !== null) c.fillText(text, right, y);
+  }
+
+  // Right end of the rightmost stretch between stems that is as wide as a text; null for none.
+  _roomFor(width) {
+    const stems = this._slots.filter((slot) => this._last_ms - slot.seen_ms < GHOST_MS && slot.role !== Role.NONE)
+      .map((slot) => this._x(slot.position_m)).sort((a, b) => b - a);
+    let right = this._right;
+    for (const x of [...stems, this._left - STEM_GAP]) {
+      if (right - (x + STEM_GAP) >= width) return right;
+      right = Math.min(right, x - STEM_GAP);
+    }
+    return null;
   }
 
   _drawFingers(c, now_ms) {

@@ -9,7 +9,7 @@ const COURSE_S = 0.06;
 const MOST_NAMED = 3;
 
 function nameOf(finger) {
-  return finger.number === NO_NUMBER ? `the finger at ${(1000 * finger.position_m).toFixed(0)} mm` : `finger ${finger.number + 1}`;
+  return finger.number === NO_NUMBER ? `the finger at ${(1000 * finger.position_m).toFixed(0)}\u00a0mm` : `finger\u00a0${finger.number + 1}`;
 }
 
 // Names as they are said; of many fingers only the number.

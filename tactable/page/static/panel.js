@@ -84,8 +84,9 @@ export class Panel {
     this._counts = counters.querySelectorAll("dd");
   }
 
-  state(text, isUp) {
+  state(text, isUp, hasEnded = false) {
     this._isUp = isUp;
+    this._hasEnded = hasEnded;
     this._connection = text;
     this._sayStatus();
   }
@@ -149,7 +150,7 @@ export class Panel {
       const plays = scene.status === "running" && scene.plays !== null;
       text = plays ? "engine runs" : scene.status === "building" ? "building a table" : `engine ${scene.status}`;
       kind = plays ? "up" : "wait";
-    }
+    } else if (this._hasEnded && scene) text = `the ${scene.mode === "demo" ? "demo" : "run"} is over`;
     say(status, text);
     status.dataset.kind = kind;
   }
@@ -170,7 +171,7 @@ export class Panel {
     if (building?.error) parts.push(`The table of ${nameOf(building.device)} was not built: ${building.error}`);
     else if (building) {
       const percent = Math.round(100 * building.fraction);
-      const what = `${building.step}, ${percent} %`;
+      const what = `${building.step}, ${percent}\u00a0%`;
       if (scene.is_shipped) {
         const older = scene.is_outdated ? ", which older code made" : "";
         parts.push(`The shipped table plays${older}; this machine builds the same one now: ${what}`);

@@ -12,6 +12,7 @@ const MOST_FINGERS = 16;
 const STAGES = 5;
 const FIRST_BACK_OFF_MS = 250;
 const LONGEST_BACK_OFF_MS = 4000;
+const ENDED = 1012; // how a server closes that ends in order
 const FATAL = new Set([1003, 1007, 4001]);
 
 // One picture object, which every message fills: a page that runs for hours makes no garbage.
@@ -122,7 +123,7 @@ export function decodeSound(view) {
   return { finger: view.getUint32(2, true), rate_hz: view.getUint32(6, true), samples };
 }
 
-// The connection. `on` has scene(object), picture(), motions(list), sound(object), state(text, isUp).
+// The connection. `on` has scene(object), picture(), motions(list), sound(object), state(text, isUp, hasEnded).
 export class Wire {
   constructor(on) {
     this.picture = makePicture();
@@ -132,6 +133,7 @@ export class Wire {
     this._on = on;
     this._socket = null;
     this._backOff_ms = FIRST_BACK_OFF_MS;
+    this._hasEnded = false;
     this._touches = new DataView(new ArrayBuffer(2 + 13 * MOST_TOUCHES));
     this._touches.setUint8(0, VERSION);
     this._touches.setUint8(1, Kind.TOUCHES);
@@ -147,7 +149,7 @@ export class Wire {
     this._socket = socket;
     socket.binaryType = "arraybuffer";
     socket.onmessage = (event) => this._take(event.data);
-    socket.onopen = () => { this.connections++; this._on.state("connected", true); };
+    socket.onopen = () => { this.connections++; this._hasEnded = false; this._on.state("connected", true); };
     socket.onclose = (event) => this._lost(event);
   }
 
@@ -158,7 +160,9 @@ export class Wire {
       this._on.state(`closed: ${event.reason || event.code}; load the page again`, false);
       return;
     }
-    this._on.state("reconnecting", false);
+    // What has ended is looked for all the same: it may be started again at this address.
+    this._hasEnded ||= event.code === ENDED;
+    this._on.state("reconnecting", false, this._hasEnded);
     setTimeout(() => this.connect(), this._backOff_ms * (0.75 + 0.5 * Math.random()));
     this._backOff_ms = Math.min(2 * this._backOff_ms, LONGEST_BACK_OFF_MS);
   }
