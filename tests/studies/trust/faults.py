@@ -35,9 +35,15 @@ WRITERS = {
     "simulate": "simulate-measurements {inputs}/device.toml -o {out}/measured.csv",
     "calibrate": "calibrate {inputs}/device.toml {inputs}/measurements.csv -o {out}/fitted --starts 1",
     "plot": "plot reach {inputs}/device.toml -o {out}/reach.png",
+    "measure": "measure {inputs}/device.toml -o {out}/bar.nc --peaks {out}/peaks.nc --port simulated "
+    "--sensor simulated --places 2 --frequencies 100",
+    "verify": "verify {inputs}/table.nc --port simulated --sensor simulated --placements 1 --places 2 "
+    "--figure {out}/verified.png --csv {out}/verified.csv",
+    "effects": "effects export click -o {out}/click.hjif",
+    "record": "record simulated -o {out}/touches.hid --seconds 0.2",
     "fleet": "fleet {inputs}/bars -o {out}/fleet --clicks-up-to 0",
 }
-CONTINUED = ("fleet",)
+CONTINUED = {"fleet": "./fleet", "measure": "./bar.nc.raw"}
 """These keep what is complete, and go on from it when they run again."""
 FREE_KIB = (0, 4, 64, 256)
 """Bytes left on the full disk."""
@@ -98,11 +104,11 @@ def inject(name: str, condition: dict[str, str], folder: Path) -> tuple[str, str
     before = {f"{hashlib.sha256((folder / each).read_bytes()).hexdigest()}  ./{each}" for each in (_KEPT, "table.nc")}
     left = set((folder / "after.txt").read_text(encoding="utf-8").splitlines()) ^ before
     if name in CONTINUED:
-        left = {line for line in left if "partial" in line or "./fleet" not in line}
-    said = [line for line in done.stderr.splitlines() if line and not line.startswith("note:")]
+        left = {line for line in left if "partial" in line or CONTINUED[name] not in line}
+    said = [line.startswith("tactable: ") for line in done.stderr.splitlines() if line]
     if done.returncode != 1:
         return "refused", f"exit status {done.returncode}: {done.stderr[-300:]}"
-    if len(said) != 1 or not said[0].startswith("tactable: "):
+    if said.count(True) != 1 or not said[-1] or "Traceback" in done.stderr:
         return "refused", f"no single line of error: {done.stderr[-300:]}"
     return "refused", f"left or changed: {sorted(left)}" if left else ""
 
