@@ -1,5 +1,6 @@
 """Commands that need no hardware: the demo, and the emulated firmware on a serial port. Both say SIMULATED."""
 
+import contextlib
 import os
 import secrets
 from dataclasses import asdict
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
     from engine.device import Device
     from tactable.rig.accelerometer import SensedBar
     from tactable.rig.emulate import Emulated
+
+_BEFORE_OTHERS = -10
+"""Niceness of an emulated bar, which must keep up with the clock."""
 
 
 def demo(
@@ -173,6 +177,9 @@ def emulate(
     configuration = configuration_of(device)
     chosen_seed = secrets.randbits(32) if seed is None else seed
     bar = _sensed_bar(device, accelerometer, core, chosen_seed) if accelerometer else None
+    if bar is not None:
+        with contextlib.suppress(PermissionError):  # a board is not slowed down by what else its host has to do
+            os.nice(_BEFORE_OTHERS)
 
     def print_port(emulated: "Emulated") -> None:
         if as_json:

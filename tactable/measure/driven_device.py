@@ -38,6 +38,7 @@ class Listener(Protocol):
 
 _BLOCKED_LINE_NS = 5_000_000
 """A line that takes nothing is tried again this often."""
+_NS_PER_US = 1_000
 
 
 class DrivenDevice:
@@ -116,6 +117,20 @@ class DrivenDevice:
                 return True
         return False
 
+    @property
+    def lapses(self) -> int:
+        """Leases that ended before their renewal came, since boot, as far as the board has told."""
+        status = self.session.link.status
+        return 0 if status is None else status.trips
+
+    def confirm_lapses(self) -> int:
+        """Wait until the board has told its lapses up to now; how many. Raises as `wait`."""
+        link, now_ns = self.session.link, self.clock.now_ns()
+        since_us = (now_ns + link.clock.offset_bounds(now_ns).upper_ns) / _NS_PER_US
+        while link.status is None or link.status.device_time_us < since_us:
+            self._exchange(None, ())
+        return self.lapses
+
     def arm_again(self) -> None:
         """Greet and arm a board that has stopped itself; it is silent then. Raises LinkError."""
         connect(self.session, self.clock)
@@ -144,7 +159,7 @@ class DrivenDevice:
             self._wait_for_port(None, ())
             session.receive()
 
-    def _exchange(self, until_ns: int, watched: Sequence[int]) -> Container[int] | None:
+    def _exchange(self, until_ns: int | None, watched: Sequence[int]) -> Container[int] | None:
         """One pass: write what is due, wait, take in what came."""
         self.session.send()
         readable = self._wait_for_port(until_ns, watched)

@@ -1,4 +1,4 @@
-"""What spoils a reading, named: clipping, noise, hum, lost samples, a clock that drifts, a bar that is not steady."""
+"""What spoils a reading, named: clipping, noise, hum, lost samples, a drive that lapsed, a bar that is not steady."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,6 +20,7 @@ class Fault(Enum):
     NOISE = "noise: the reading scatters; drive more, or take a quieter sensor"
     HUM = "mains hum: as loud as the reading, or beside its frequency; earth the sensor, or move the frequency"
     LOST_SAMPLES = "samples were lost: the converter or its program drops some; take a lower rate or a faster machine"
+    LAPSED = "lapsed: the drive was renewed too late and stopped; leave the machine to the measurement, or use another"
     CLOCK_DRIFT = "clock drift: the converter's clock is off; the fit follows it, peaks and responses stay right"
     NOT_STEADY = "not steady: the response still changes; wait longer, or look for something loose"
     DISTORTION = "distortion: harmonics of the tone; drive less, or look for a rattle"
@@ -29,7 +30,15 @@ class Fault(Enum):
     LATENCY = "latency: samples come late, or differ from start to start; the loopback takes it out of responses"
 
 
-SPOILING = (Fault.CLIPPING, Fault.NOISE, Fault.HUM, Fault.LOST_SAMPLES, Fault.NOT_STEADY, Fault.NO_SIGNAL)
+SPOILING = (
+    Fault.CLIPPING,
+    Fault.NOISE,
+    Fault.HUM,
+    Fault.LOST_SAMPLES,
+    Fault.LAPSED,
+    Fault.NOT_STEADY,
+    Fault.NO_SIGNAL,
+)
 """Faults for which a reading is repeated, and marked where that does not help."""
 
 

@@ -2,9 +2,13 @@
 
 Theory of operation. A reading holds a tone until the bar is steady, fits it, and looks for what spoils it.
 
-- *Steady* means that what is still to come is small: windows are taken one after the other, and where two differ by d,
-  a transient of the slowest mode, which falls by the factor q from window to window, still has d q / (1 - q) to go. The
-  model says q; no fixed waiting time fits both ends of a band.
+- *Steady* means that what is left of the transient is small: windows are taken one after the other. Where the last and
+  the one k before it differ by d, a transient of the slowest mode, which falls by the factor q from window to window,
+  is at most d q^(k-1) / (1 - q^k) in the two windows that are read. The model says q; no fixed waiting time fits both
+  ends of a band. Noise is added to d, since two windows may also agree by chance.
+- *A drive that lapsed* was renewed too late and stopped for a moment, after which the bar rings again. The board counts
+  its lapses; where it counted one, the bar is waited for again, and what was read meanwhile is forgotten. A drive that
+  goes on lapsing spoils its reading.
 - *The drive is the reference.* With a loopback channel the response is the ratio of two channels of one converter, so
   that neither its clock nor its latency matters. Without one only magnitudes are known, and the result says so.
 - *Levels begin low and rise.* The first drive at a place is the least; only a reading that noise or hum spoils is
@@ -14,7 +18,9 @@ Theory of operation. A reading holds a tone until the bar is steady, fits it, an
 """
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +38,7 @@ from tactable.measure.sensor import Sensor
 from tactable.measure.tone_fit import ToneFit, fit_tone
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 STEP_OF_LEVEL = 3.0
 WINDOW_S = 0.2
@@ -41,6 +48,10 @@ _LATE_S = 0.1
 _ONSET = 0.05
 _LEAST_LOOPBACK = 1e-4  # of full scale
 _REARMED = 5
+_LAPSING_NS = 20_000_000_000
+"""For so long the bar is waited for again in a drive that lapses."""
+_SCATTER = 3.0
+"""Standard deviations of a window by which noise may hide a change."""
 _NS_PER_S = 1_000_000_000
 
 
@@ -84,7 +95,7 @@ class Reading:
     attempts: int
     faults: tuple[Fault, ...]
     earlier: tuple[Fault, ...] = ()
-    """Faults for which it was repeated, and samples lost while the bar came to rest in its tone."""
+    """Faults for which it was repeated, and samples lost or lapses of the drive while the bar became steady."""
 
     @property
     def is_spoiled(self) -> bool:
@@ -93,14 +104,26 @@ class Reading:
 
 
 class SteppedSine:
-    """Takes readings of the sensor at one place."""
+    """Takes readings of the sensor at one place.
 
-    def __init__(self, device: Device, driven: DrivenDevice, sensor: Sensor, options: SteppedSineOptions) -> None:
+    decay_per_s: `slowest_decay_per_s` of the device; to compute it takes as long as an armed board waits for its host.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        driven: DrivenDevice,
+        sensor: Sensor,
+        options: SteppedSineOptions,
+        decay_per_s: float | None = None,
+    ) -> None:
         self._device, self._driven, self._form, self._options = device, driven, sensor.form, options
         self._sensor = sensor
         self.recorder = Recorder(driven, sensor)
         """Takes the samples."""
-        self._to_come = _share_to_come(device, options.window_s)
+        self.decay_per_s = slowest_decay_per_s(device) if decay_per_s is None else decay_per_s
+        """Decay rate of the slowest mode."""
+        self._left = math.exp(-self.decay_per_s * options.window_s)
         self._amplitude = options.least
         self.rest = AtRest(0.0, 0.0, 0.0)
         """The sensor with the bar at rest, as `listen` found it."""
@@ -110,11 +133,16 @@ class SteppedSine:
         """Index of the channel of the acceleration."""
         self.lossy_windows = 0
         """Windows in which samples were missing, beside those that a reading was made of."""
+        self.lapsed = 0
+        """How often the drive lapsed while the bar became steady or was read."""
         self.rearmed = 0
         """How often the board had stopped itself and was armed again."""
 
     def listen(self) -> AtRest:
-        """Record the bar at rest; a sensor that knows the pace of its clock says it by then."""
+        """Record the bar at rest; a sensor that knows the pace of its clock says it by then. Raises as `read`."""
+        return self.while_armed(self._listen_once)
+
+    def _listen_once(self) -> AtRest:
         self._driven.silence()
         self._driven.wait(self._driven.clock.now_ns() + int(_LATE_S * _NS_PER_S))
         self.recorder.drop()
@@ -152,7 +180,7 @@ class SteppedSine:
         Raises SensorError where no samples come, LinkError where the board cannot be armed again.
         """
         options, start_ns, attempts, is_done, windows = self._options, self._driven.clock.now_ns(), 0, False, 2
-        earlier, lossy = dict[Fault, None](), self.lossy_windows
+        earlier, lossy, lapsed = dict[Fault, None](), self.lossy_windows, self.lapsed
         while not is_done:
             attempts, amplitude = attempts + 1, self._amplitude
             asked = AskedDrive.of_one(self._device, actuator, frequency_hz, amplitude)
@@ -161,14 +189,15 @@ class SteppedSine:
             if Fault.NOISE in faults and self._amplitude == amplitude:
                 windows *= 2
             spoiled = {fault for fault in faults if fault in SPOILING}
-            # No repetition takes a line of the mains off a reading at full level.
-            is_done = attempts == options.attempts or not spoiled - (
-                {Fault.HUM} if amplitude == options.most else set()
-            )
+            # No repetition takes a line of the mains off a reading at full level; a lapsing drive had its repetitions.
+            hopeless = {Fault.LAPSED} | ({Fault.HUM} if amplitude == options.most else set())
+            is_done = attempts == options.attempts or not spoiled - hopeless
             if not is_done:
                 earlier |= dict.fromkeys(fault for fault in faults if fault in SPOILING)
         if self.lossy_windows > lossy:
             earlier[Fault.LOST_SAMPLES] = None
+        if self.lapsed > lapsed:
+            earlier[Fault.LAPSED] = None
         channel, reference = self._form.acceleration, self.reference(actuator)
         if reference is None:
             acceleration, coherence = complex(abs(fit.phasor[channel])), 1.0
@@ -202,40 +231,68 @@ class SteppedSine:
 
         A board that stopped itself is armed again. Raises as `read`.
         """
+        return self.while_armed(lambda: self._hold_once(asked, windows))
+
+    def while_armed(self, take: Callable[[], T]) -> T:
+        """What `take` returns; a board that stops itself meanwhile is armed again, and `take` called again.
+
+        Raises the error of a board that does so again and again.
+        """
         while True:
             try:
-                return self._hold_once(asked, windows)
+                return take()
             except LinkError as error:
-                self.rearm(error)
-
-    def rearm(self, error: LinkError) -> None:
-        """Arm a board again that stopped itself; raises the error of one that does so again and again."""
-        self.rearmed += 1
-        if self.rearmed > _REARMED:
-            raise error
-        self._driven.arm_again()
+                self.rearmed += 1
+                if self.rearmed > _REARMED:
+                    raise error
+                self._driven.arm_again()
 
     def _hold_once(self, asked: AskedDrive, windows: int) -> tuple[ToneFit, Array, tuple[Fault, ...]]:
-        options, driven = self._options, self._driven
         actuator = int(np.argmax(asked.amplitudes))
         hz = self.played_hz(asked.frequencies_hz[actuator])
-        driven.play(check_drive(asked, self._device))
-        driven.wait(driven.clock.now_ns() + int(_LATE_S * _NS_PER_S))
+        self._driven.play(check_drive(asked, self._device))
+        end_ns = self._driven.clock.now_ns() + _LAPSING_NS
+        while self._driven.clock.now_ns() < end_ns:
+            lapses = self._begin()
+            values, is_steady = self._settle(hz, actuator, lapses, windows)
+            if self._driven.confirm_lapses() == lapses:
+                return self._judge(values, hz, actuator, is_steady)
+            self.lapsed += 1
+        return self._fit(values, hz), values, (Fault.LAPSED,)
+
+    def _begin(self) -> int:
+        """Wait until the samples are those of the drive; the lapses that the board has counted by then."""
+        self._driven.wait(self._driven.clock.now_ns() + int(_LATE_S * _NS_PER_S))
+        lapses = self._driven.confirm_lapses()
         self.recorder.drop()
-        before, last = self.recorder.take(options.window_s), self.recorder.take(options.window_s)
-        waited_s = 2 * options.window_s
-        while not (is_steady := self._is_steady(before, last, hz, actuator)) and waited_s < options.longest_settling_s:
-            self._look_for_losses(last, hz, actuator)
-            before, last = last, self.recorder.take(options.window_s)
-            waited_s += options.window_s
-        more = [self.recorder.take(options.window_s) for _ in range(windows - 2)]
-        return self._judge(np.concatenate([before, last, *more]), hz, actuator, is_steady)
+        return lapses
+
+    def _settle(self, hz: float, actuator: int, lapses: int, windows: int) -> tuple[Array, bool]:
+        """The samples (sample, channel) of this many windows of a steady bar, and whether it became steady.
+
+        Ends early where the board tells of a lapse.
+        """
+        options, taken, levels = self._options, list[Array](), list[complex]()
+        while len(levels) < 2 or (
+            not (is_steady := self._is_steady(levels, len(taken[-1])))
+            and len(levels) * options.window_s < options.longest_settling_s
+            and self._driven.lapses == lapses
+        ):
+            if len(levels) > 1:
+                self._look_for_losses(taken[-1], hz, actuator)
+            taken = [*taken[-1:], self.recorder.take(options.window_s)]
+            levels.append(self._level(self._fit(taken[-1], hz), actuator))
+        more = [self.recorder.take(options.window_s) for _ in range(windows - 2)] if is_steady else []
+        return np.concatenate([*taken, *more]), is_steady
 
     def hit(self, click: EncodedClick, length_s: float) -> tuple[Array, bool]:
         """Play a click from rest: acceleration (sample,) from before its beginning to `length_s` after, less its mean.
 
         The second: whether samples clipped. Raises as `read`.
         """
+        return self.while_armed(lambda: self._hit_once(click, length_s))
+
+    def _hit_once(self, click: EncodedClick, length_s: float) -> tuple[Array, bool]:
         self._driven.silence()
         self._driven.wait(self._driven.clock.now_ns() + int(self._options.longest_settling_s / 3 * _NS_PER_S))
         self.recorder.drop()
@@ -250,11 +307,13 @@ class SteppedSine:
         if reference is not None and self._fit(window, hz).phase_step_rad(reference) > tolerance.phase_step_rad:
             self.lossy_windows += 1
 
-    def _is_steady(self, before: Array, last: Array, hz: float, actuator: int) -> bool:
-        """Whether what is still to come after two windows is small beside the tone, or beside the noise."""
-        first, second = (self._level(self._fit(window, hz), actuator) for window in (before, last))
-        noise = 3 * self.rest.noise * math.sqrt(2 / len(last))
-        return abs(second - first) * self._to_come <= max(_SETTLED * abs(second), noise)
+    def _is_steady(self, levels: Sequence[complex], samples: int) -> bool:
+        """Whether little of the transient is in the last two of these windows, beside the tone or beside the noise."""
+        *earlier, last = levels
+        noise = self.rest.noise * math.sqrt(2 / samples)
+        lag, change = np.arange(len(earlier), 0, -1), abs(last - np.array(earlier))
+        transient = (change + _SCATTER * noise) * self._left ** (lag - 1) / (1 - self._left**lag)
+        return bool(transient.min() <= max(_SETTLED * abs(last), noise / 2))
 
     def _level(self, fit: ToneFit, actuator: int) -> complex:
         """The tone with its phase to the loopback, in the units of the sensor; without loopback its magnitude."""
@@ -302,9 +361,3 @@ def slowest_decay_per_s(device: Device) -> float:
     hz = abs(pole.imag) / (2 * np.pi)
     within = (hz > 0.5 * device.sweep.start_hz) & (hz < 1.2 * device.sweep.stop_hz)
     return float(-pole.real[within].max()) if within.any() else math.inf
-
-
-def _share_to_come(device: Device, window_s: float) -> float:
-    """The slowest mode's q / (1 - q), q being what a window leaves of it."""
-    left = math.exp(-slowest_decay_per_s(device) * window_s)
-    return left / (1 - left) if left < 1 else math.inf

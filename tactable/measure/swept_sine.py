@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.render import Drive
-from firmware_link.protocol.errors import LinkError
 from tactable.measure.asked_drive import AskedDrive, check_drive
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.faults import Fault, is_clipped
@@ -33,7 +32,6 @@ from tactable.measure.stepped_sine import (
     Reading,
     SteppedSine,
     SteppedSineOptions,
-    slowest_decay_per_s,
 )
 from tactable.measure.sweep_fit import BEFORE_S, SweepFit, fit_sweep, has_jumps
 from tactable.measure.tone_fit import MAINS_HZ, fit_tone
@@ -84,7 +82,7 @@ class SweptSine:
     ) -> None:
         self._device, self._driven, self._form, self._stepped = device, driven, sensor.form, stepped
         self._options, self._sweep = options, sweep
-        self._gate_s = min(max(_LEFT_S / slowest_decay_per_s(device), _SHORTEST_GATE_S), _LONGEST_GATE_S)
+        self._gate_s = min(max(_LEFT_S / stepped.decay_per_s, _SHORTEST_GATE_S), _LONGEST_GATE_S)
         self._amplitude = options.least
         self._is_clock_known = False
 
@@ -165,11 +163,7 @@ class SweptSine:
 
     def _record(self, actuator: int, low_hz: float, stretch_s: float) -> Array:
         """Samples (sample, channel) of one sweep, from rest to rest."""
-        while True:
-            try:
-                return self._record_once(actuator, low_hz, stretch_s)
-            except LinkError as error:
-                self._stepped.rearm(error)
+        return self._stepped.while_armed(lambda: self._record_once(actuator, low_hz, stretch_s))
 
     def _record_once(self, actuator: int, low_hz: float, stretch_s: float) -> Array:
         driven, recorder, sweep_s = self._driven, self._stepped.recorder, self._sweep.sweep_s

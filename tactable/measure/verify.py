@@ -26,7 +26,7 @@ from tactable.measure.apparatus import Apparatus
 from tactable.measure.asked_drive import AskedDrive
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.faults import SPOILING, Fault
-from tactable.measure.stepped_sine import SteppedSine, SteppedSineOptions
+from tactable.measure.stepped_sine import SteppedSine, SteppedSineOptions, slowest_decay_per_s
 
 Array = NDArray[np.float64]
 
@@ -139,22 +139,23 @@ def verify_table(
     sensor_mass_kg: float,
 ) -> tuple[Point, ...]:
     """Play everything at every place, and compare."""
-    bars, points = PossibleBars(table.device, sensor_mass_kg), list[Point]()
+    bars, points, decay_per_s = (
+        PossibleBars(table.device, sensor_mass_kg),
+        list[Point](),
+        slowest_decay_per_s(table.device),
+    )
     for place_m in position_m:
         apparatus.guide(place_m)
         with apparatus.open_driven() as driven:
-            stepped = SteppedSine(table.device, driven, apparatus.sensor, options)
+            stepped = SteppedSine(table.device, driven, apparatus.sensor, options, decay_per_s)
             rest = stepped.listen()
-            for each in played:
-                found = _read(stepped, driven, each)
-                if found is None:
-                    continue
-                size, error, faults = found
-                promised = bars.peaks(each, place_m)
-                margin = 3 * error + max(LEAST_M_PER_S2, 4 * rest.noise * (each.click is not None))
-                low, high = float(promised.min()) - margin, float(promised.max()) + margin
-                point = Point(each, place_m, size, float(promised[0]), max(0.0, low), high, faults)
-                points.append(point)
+            read = [(each, found) for each in played if (found := _read(stepped, driven, each)) is not None]
+        # Not before the board is at rest: an armed one does not wait for so long.
+        for each, (size, error, faults) in read:
+            promised = bars.peaks(each, place_m)
+            margin = 3 * error + max(LEAST_M_PER_S2, 4 * rest.noise * (each.click is not None))
+            low, high = float(promised.min()) - margin, float(promised.max()) + margin
+            points.append(Point(each, place_m, size, float(promised[0]), max(0.0, low), high, faults))
     return tuple(points)
 
 

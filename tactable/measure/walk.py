@@ -25,7 +25,14 @@ from tactable.measure.apparatus import Apparatus
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.faults import Fault
 from tactable.measure.sensor import Sensor
-from tactable.measure.stepped_sine import WINDOW_S, AtRest, Reading, SteppedSine, SteppedSineOptions
+from tactable.measure.stepped_sine import (
+    WINDOW_S,
+    AtRest,
+    Reading,
+    SteppedSine,
+    SteppedSineOptions,
+    slowest_decay_per_s,
+)
 from tactable.measure.swept_sine import SweepOptions, SweptSine
 from tactable.measure.tone_fit import is_beside_hum
 
@@ -163,13 +170,13 @@ def measure_walk(
     on_reading: Callable[[Stop, Reading], None] = lambda _stop, _reading: None,
 ) -> tuple[StopRecord, ...]:
     """Go from stop to stop, the sensor guided from one to the next. The board is armed at a stop only."""
-    records = []
+    records, decay_per_s = [], slowest_decay_per_s(device)
     for stop in walk:
         record = raw.read(stop)
         if record is None:
             apparatus.guide(stop.position_m)
             with apparatus.open_driven() as driven:
-                stepped = SteppedSine(device, driven, apparatus.sensor, method.stepped)
+                stepped = SteppedSine(device, driven, apparatus.sensor, method.stepped, decay_per_s)
                 rest, latency_s = stepped.listen(), stepped.measure_latency()
                 readings, samples = list[Reading](), list[Array]()
                 for reading, values in _read_stop(device, stop, driven, apparatus.sensor, stepped, method):

@@ -9,7 +9,7 @@ from engine.render import LimitError, RendererError
 from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.messages import DeviceState
-from tactable.measure import AskedDrive, DrivenDevice, check_drive
+from tactable.measure import AskedDrive, DrivenDevice, check_drive, virtual_line
 from tests.engine.loop.rig import DEVICE, MS, VirtualLine
 
 FIFTH = AskedDrive((150.0, 130.0), (0.2, 0.05), (0.0, 1.0))
@@ -90,6 +90,17 @@ def test_a_board_that_stops_itself_ends_the_wait_and_can_be_armed_again() -> Non
         driven.play(check_drive(FIFTH, DEVICE))
         driven.wait(line.now_ns() + 100 * MS)
         assert line.firmware.state is DeviceState.DRIVING
+
+
+def test_a_lease_that_ended_before_its_renewal_came_is_known_when_it_is_asked_for() -> None:
+    line = virtual_line.VirtualLine(EmulatedFirmware(DeviceConfiguration(0x5EED)))
+    with DrivenDevice(DEVICE, line, line, MOST) as driven:
+        driven.play(check_drive(FIFTH, DEVICE))
+        driven.wait(line.now_ns() + 500 * MS)
+        assert driven.confirm_lapses() == 0
+        line.run_to(line.now_ns() + 60 * MS)
+        assert driven.lapses == 0
+        assert driven.confirm_lapses() == 1
 
 
 @pytest.mark.parametrize(

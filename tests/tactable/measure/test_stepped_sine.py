@@ -1,5 +1,6 @@
 """The stepped sine on a simulated bench: right responses, and every flaw of a converter named by what it spoils."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -7,16 +8,41 @@ import pytest
 
 from precompute.measurements import Kind, lay_out
 from precompute.measurements.model import MeasurementModel
-from tactable.measure import DrivenDevice
+from tactable.measure import AskedDrive, DrivenDevice
 from tactable.measure.faults import Fault, Tolerance
 from tactable.measure.gravity import GRAVITY_M_PER_S2, check_gravity
 from tactable.measure.sensor import SensorError
 from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
 from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
-from tests.engine.loop.rig import DEVICE
+from tests.engine.loop.rig import DEVICE, MS
 
 MASS_KG = 2e-3
 PLACE_M = 0.05
+
+
+class BusyHost(SimulatedBench):
+    """A bench whose host stands still for longer than a lease, again and again for a while."""
+
+    period_ns = until_ns = due_ns = 0
+
+    def be_busy(self, period_ns: int, duration_ns: int) -> None:
+        self.period_ns, self.until_ns, self.due_ns = period_ns, self.time_ns + duration_ns, self.time_ns
+
+    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Sequence[int]:
+        if self.due_ns <= self.time_ns < self.until_ns:
+            self.due_ns = self.time_ns + self.period_ns
+            self.stall(60 * MS)
+        return super().wait(until_ns, readable, writable)
+
+
+def read_while_busy(period_ns: int, duration_ns: int, **options: bool) -> Reading:
+    bench = BusyHost(DEVICE, ConverterFlaws(), 1, MASS_KG, **options)  # type: ignore[arg-type]
+    bench.place(PLACE_M)
+    with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0)) as driven:
+        stepped = SteppedSine(DEVICE, driven, SimulatedSensor(bench), SteppedSineOptions())
+        stepped.listen()
+        bench.be_busy(period_ns, duration_ns)
+        return stepped.read(0, 209)[0]
 
 
 def bench_of(flaws: str = "", **options: bool) -> SimulatedBench:
@@ -124,6 +150,30 @@ def test_a_board_that_stopped_itself_is_armed_again_and_the_reading_taken_again(
         reading, _ = stepped.read(0, 209)
     assert stepped.rearmed == 1
     assert abs(20 * np.log10(abs(reading.acceleration / true_response(reading)))) < 0.05
+
+
+@pytest.mark.parametrize("has_loopback", [False, True])
+def test_a_drive_that_goes_on_lapsing_spoils_its_reading(has_loopback: bool) -> None:
+    reading = read_while_busy(1_100 * MS, 60_000 * MS, has_loopback=has_loopback)
+    assert reading.is_spoiled
+    assert reading.faults == (Fault.LAPSED,)
+
+
+def test_a_bar_that_rings_after_a_lapse_is_waited_for_again() -> None:
+    reading = read_while_busy(400 * MS, 3_000 * MS)
+    assert reading.faults == ()
+    assert reading.earlier == (Fault.LAPSED,)
+    assert abs(20 * np.log10(abs(reading.acceleration / true_response(reading)))) < 0.05
+
+
+def test_noise_does_not_keep_a_bar_from_being_steady() -> None:
+    bench = bench_of("noise=0.24m/s^2")
+    with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0)) as driven:
+        stepped = SteppedSine(DEVICE, driven, SimulatedSensor(bench), SteppedSineOptions())
+        stepped.listen()
+        stepped.hold(AskedDrive.of_one(DEVICE, 0, 209, 1.0))
+        _, _, faults = stepped.hold(AskedDrive.of_one(DEVICE, 0, 209, 0.1))
+    assert Fault.NOT_STEADY not in faults
 
 
 def test_gravity_tells_gain_and_offset_apart() -> None:
