@@ -22,7 +22,7 @@ from tests.tactable.cli.in_process import run_here
 SIMULATED = ("--port", "simulated", "--sensor", "simulated")
 ROOT = Path(__file__).parents[3]
 RATE_HZ = 8_000.0
-HZ = 153.0
+HZ = 165.0
 RESPONSE = 3.0 - 4.0j
 LEAST = 0.05
 
