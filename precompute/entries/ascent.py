@@ -13,8 +13,9 @@ than any ratio can gain.
 import numpy as np
 from numba import njit
 
-PENALTY = 60.0
-"""Nepers of ratio that a neper of missing level costs; what a level can be worth stays below."""
+PENALTY, STIFF_PENALTY = 60.0, 1000.0
+"""Nepers of ratio that a neper of missing level costs. Next to the loudest drive a level can be worth more than the
+first; the second is for a climb from near by, since a stiff one ends early on its way."""
 SHARPEST = 3000.0
 """1 / 3000 neper: the smoothed minimum of two is within 0.001 dB."""
 _ITERATIONS, _GRADIENT, _ARMIJO, _GAIN = 60, 1e-7, 1e-4, 1e-7
@@ -61,7 +62,7 @@ def _soft(logs, beta, sign, weights):  # type: ignore[no-untyped-def]  # numba
 
 @njit(cache=True)
 def evaluate(  # type: ignore[no-untyped-def]  # numba
-    drive, usable, numerator, denominator, level, log_wanted, beta, gradient, multipliers, logs
+    drive, usable, numerator, denominator, level, log_wanted, beta, gradient, multipliers, logs, penalty=PENALTY
 ):
     """Smoothed log ratio less the penalty, its gradient (2 actuator,), and what each form weighs in it.
 
@@ -89,8 +90,8 @@ def evaluate(  # type: ignore[no-untyped-def]  # numba
     # Softplus of what is missing, computed without overflow, and its slope.
     x = -beta * spare
     missing = (x + np.log1p(np.exp(-x)) if x > 0 else np.log1p(np.exp(x))) / beta
-    slope = PENALTY / (1.0 + np.exp(min(-x, 500.0)))
-    value -= PENALTY * missing
+    slope = penalty / (1.0 + np.exp(min(-x, 500.0)))
+    value -= penalty * missing
     multipliers[n + d :] *= slope
     # The gradient of log a^H H a is 2 H a over the power.
     gradient[:] = 0.0
@@ -120,7 +121,7 @@ def _multiply(matrix, vector, out):  # type: ignore[no-untyped-def]  # numba
 
 @njit(cache=True)
 def _climb_at(  # type: ignore[no-untyped-def]  # numba
-    drive, usable, numerator, denominator, level, log_wanted, beta, multipliers
+    drive, usable, numerator, denominator, level, log_wanted, beta, multipliers, penalty
 ):
     """Quasi-Newton (BFGS) ascent of `drive` in place at one sharpness; the value reached."""
     m = len(drive)
@@ -129,7 +130,8 @@ def _climb_at(  # type: ignore[no-untyped-def]  # numba
     gradient, trial_gradient, step, change = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
     moved = np.empty(size)
     trial, logs = np.empty_like(drive), np.empty(len(multipliers))
-    value = evaluate(drive, usable, numerator, denominator, level, log_wanted, beta, gradient, multipliers, logs)
+    goal = numerator, denominator, level, log_wanted, beta
+    value = evaluate(drive, usable, *goal, gradient, multipliers, logs, penalty)
     # Of the inverse Hessian nothing is known at first: a short step along the gradient.
     inverse = np.eye(size) / max(1.0, np.sqrt(np.sum(gradient**2))) * 0.1
     for _ in range(_ITERATIONS):
@@ -143,9 +145,7 @@ def _climb_at(  # type: ignore[no-untyped-def]  # numba
         for _ in range(30):
             for a in range(m):
                 trial[a] = drive[a] + length * complex(step[2 * a], step[2 * a + 1])
-            new = evaluate(
-                trial, usable, numerator, denominator, level, log_wanted, beta, trial_gradient, multipliers, logs
-            )
+            new = evaluate(trial, usable, *goal, trial_gradient, multipliers, logs, penalty)
             if new >= value + _ARMIJO * length * slope:
                 found = True
                 break
@@ -166,14 +166,17 @@ def _climb_at(  # type: ignore[no-untyped-def]  # numba
                     inverse[r, c] += factor * step[r] * step[c] - (moved[r] * step[c] + step[r] * moved[c]) / curvature
         if gain < _GAIN:
             break
-    return evaluate(drive, usable, numerator, denominator, level, log_wanted, beta, gradient, multipliers, logs)
+    return evaluate(drive, usable, *goal, gradient, multipliers, logs, penalty)
 
 
 @njit(cache=True)
-def climb(drive, usable, numerator, denominator, level, log_wanted, start, stop, multipliers):  # type: ignore[no-untyped-def]  # numba
+def climb(  # type: ignore[no-untyped-def]  # numba
+    drive, usable, numerator, denominator, level, log_wanted, start, stop, multipliers, penalty=PENALTY
+):
     """Ascent of `drive` in place from sharpness `start` to `stop`; the value reached, in nepers of power."""
+    forms = numerator, denominator, level
     beta = start
     while beta < 0.99 * stop:
-        _climb_at(drive, usable, numerator, denominator, level, log_wanted, beta, multipliers)
+        _climb_at(drive, usable, *forms, log_wanted, beta, multipliers, penalty)
         beta *= _SHARPER
-    return _climb_at(drive, usable, numerator, denominator, level, log_wanted, stop, multipliers)
+    return _climb_at(drive, usable, *forms, log_wanted, stop, multipliers, penalty)

@@ -75,7 +75,7 @@ def scan_pairs(first, second, hz, ratios, ends, wanted, apart_hz, best, partner,
     """Best second tone and power ratio for each first one: best, partner, ratio (frequency,); -1: none is loud enough.
 
     first, second (frequency, form): powers of two drives without common actuators, forms in the order numerators,
-    denominators, levels, actuators, which `ends` divides.
+    denominators, levels, actuators, which `ends` divides. A ratio that is not loud enough stands for the next that is.
     """
     n, d, p = ends
     forms = first.shape[1]
@@ -84,17 +84,25 @@ def scan_pairs(first, second, hz, ratios, ends, wanted, apart_hz, best, partner,
         for g in range(len(hz)):
             if abs(hz[f] - hz[g]) < apart_hz:
                 continue
-            for r in ratios:  # of the second tone's power to the first's
-                least, greatest, loud, driven = np.inf, 0.0, np.inf, 0.0
+            driven_f, driven_g = 0.0, 0.0
+            for i in range(p, forms):
+                driven_f, driven_g = max(driven_f, first[f, i]), max(driven_g, second[g, i])
+            # Each level is to reach `wanted` with either tone's strongest actuator at full scale.
+            lowest, highest = 0.0, np.inf
+            for i in range(d, p):
+                missing, spare = wanted * driven_f - first[f, i], wanted * driven_g - second[g, i]
+                if missing > 0.0:
+                    lowest = max(lowest, missing / second[g, i]) if second[g, i] > 0.0 else np.inf
+                if spare > 0.0:
+                    highest = min(highest, first[f, i] / spare)
+            if lowest > highest or lowest == np.inf:
+                continue
+            for each in ratios:  # of the second tone's power to the first's
+                r = min(max(each, lowest), highest)
+                least, greatest = np.inf, 0.0
                 for i in range(n):
                     least = min(least, first[f, i] + r * second[g, i])
                 for i in range(n, d):
                     greatest = max(greatest, first[f, i] + r * second[g, i])
-                if least <= best[f] * greatest:  # no better, whatever its level
-                    continue
-                for i in range(d, p):
-                    loud = min(loud, first[f, i] + r * second[g, i])
-                for i in range(p, forms):
-                    driven = max(driven, first[f, i] + r * second[g, i])
-                if loud >= wanted * driven and least > best[f] * greatest:
+                if least > best[f] * greatest:
                     best[f], partner[f], ratio[f] = least / greatest, g, r

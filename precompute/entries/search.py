@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from precompute.entries.ascent import SHARPEST, climb
+from precompute.entries.ascent import PENALTY, SHARPEST, STIFF_PENALTY, climb
 from precompute.entries.bfgs import climb_each, refine
 from precompute.entries.dual_bound import Columns, Tone, block_directions, compute_bound, peaks
 from precompute.entries.found_drive import FoundDrive, evaluate_drive, forms_at
@@ -41,6 +41,7 @@ GAP_DB = 0.03
 """A gap to the bound that is this small is not worth more search."""
 _SILENT = -700.0  # logarithm of a wanted power that every drive exceeds: nothing is wanted
 _LEVEL_MARGIN = 10 ** (5e-4 / 10)  # so that smoothing does not leave a level short
+_SHORT = 0.99  # of a level: a climb that ends between this and the level is climbed again
 _LATTICE = (11, 26)  # amplitude ratios and phases of two actuators
 _THREE_DIRECTIONS, _MANY_DIRECTIONS = 800, 2000
 _BASINS, _MANY_BASINS = 4, 8
@@ -156,12 +157,25 @@ class Search:
         return climbed
 
     def _starts(self, wanted: float) -> Iterator[Start]:
-        """Coherent starts at the best peaks over frequency."""
+        """Coherent starts at the best peaks over frequency, and there at directions that nearly reach the level."""
         drives, score = self._climbed(wanted)
-        hz = self._coarse.frequency_hz
+        hz, taken = self._coarse.frequency_hz, self._arg[:, self._wanted.index(wanted)]
         for k in peaks(score)[: _BASINS if self._count <= 2 else _MANY_BASINS]:
-            reach = hz[max(k - 1, 0)], hz[min(k + 1, len(hz) - 1)]
-            yield Start(drives[k], hz[k : k + 1], np.zeros(self._count, dtype=np.int64), np.array([reach]))
+            reach = np.array([[hz[max(k - 1, 0)], hz[min(k + 1, len(hz) - 1)]]])
+            nearly = self._nearly(k, wanted) if wanted else taken[k]
+            for drive in [drives[k], *([] if nearly == taken[k] else [self._directions[:, nearly]])]:
+                yield Start(drive, hz[k : k + 1], np.zeros(self._count, dtype=np.int64), reach)
+
+    def _nearly(self, k: int, wanted: float) -> np.int64:
+        """The best direction of the lattice at a frequency where what it lacks of the level, in dB, counts twice.
+
+        Few directions reach a high level, and the best of those may be at another hill than the best drive.
+        """
+        forms, directions = (stack[:, k] for stack in self._coarse.stacks), self._directions
+        powers = (np.einsum("ad,iab,bd->id", directions.conj(), form, directions).real for form in forms)
+        numerator, denominator, level = powers
+        reached = np.minimum(level.min(axis=0, initial=np.inf) / wanted, 1.0)
+        return np.argmax(numerator.min(axis=0) / denominator.max(axis=0) * reached**2)
 
     def _mix(
         self, best: FoundDrive, bound: float, starts: list[Start], wanted: float
@@ -257,17 +271,28 @@ def climb_all(problem: Problem, starts: Sequence[Start], wanted: float) -> list[
         tail = tone, low_hz, high_hz, _log(wanted), tolerance_hz, multipliers
         refine(*plain, hz, *tail)
         hz = on_the_wire(hz)
-    return [evaluate_drive(problem, hz[i][tone[i]], drives[i], multipliers[i]) for i in range(len(starts))]
+    climbed = (evaluate_drive(problem, hz[i][tone[i]], drives[i], multipliers[i]) for i in range(len(starts)))
+    return [_lifted(problem, drive, wanted) for drive in climbed]
 
 
 def polish(problem: Problem, drive: FoundDrive, wanted: float) -> FoundDrive:
     """The drive climbed once more, its frequencies kept, on a problem that holds exactly these frequencies."""
+    return _lifted(problem, _climbed_again(problem, drive, wanted, PENALTY), wanted)
+
+
+def _lifted(problem: Problem, drive: FoundDrive, wanted: float) -> FoundDrive:
+    """A climbed drive, and one that lets some 0.005 dB of the level go, since they are worth much, without that."""
+    is_short = _SHORT * wanted <= drive.loudness < wanted
+    return _climbed_again(problem, drive, wanted, STIFF_PENALTY) if is_short else drive
+
+
+def _climbed_again(problem: Problem, drive: FoundDrive, wanted: float, penalty: float) -> FoundDrive:
     tones, tone = np.unique(drive.frequency_hz, return_inverse=True)
     forms = [forms_at(stack, problem.frequency_hz, tones, tone) for stack in problem.stacks]
     amplitude, multipliers = drive.amplitude.copy(), np.empty(sum(map(len, forms)) + len(tone))
     numerator, denominator, level = forms
     usable = _usable(problem, tones, tone)
-    climb(amplitude, usable, numerator, denominator, level, _log(wanted), *_POLISH, multipliers)
+    climb(amplitude, usable, numerator, denominator, level, _log(wanted), *_POLISH, multipliers, penalty)
     return evaluate_drive(problem, drive.frequency_hz, amplitude, multipliers)
 
 

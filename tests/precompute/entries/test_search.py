@@ -70,15 +70,32 @@ def test_no_sampled_drive_of_any_family_beats_the_best(seed: int, actuators: int
 
 
 @pytest.mark.parametrize("quantile", [0.3, 0.9])
-def test_a_sampled_drive_above_a_level_rarely_beats_the_best(quantile: float) -> None:
-    """Each climb ends at a local optimum: of 3400 random problems with a level 12 were missed, at worst by 0.9 dB."""
-    random = np.random.default_rng(0)
-    missed = [
-        missed_db(seed, int(random.integers(1, 4)), (*random.integers(1, 4, 3).tolist(),), quantile)
-        for seed in range(100)
-    ]
-    assert np.count_nonzero(np.array(missed) > SLACK_DB) <= 2
-    assert max(missed) < 2
+@pytest.mark.parametrize("seed", range(60))
+def test_no_sampled_drive_above_a_level_beats_the_best(seed: int, quantile: float) -> None:
+    random = np.random.default_rng(seed)
+    actuators, *sizes = (int(number) for number in random.integers(1, 4, 4))
+    assert missed_db(seed, actuators, (sizes[0], sizes[1], sizes[2]), quantile) <= SLACK_DB
+
+
+@pytest.mark.parametrize(
+    ("seed", "sizes", "quantile"),
+    [
+        # Only a narrow range of powers of the second tone to the first reaches the level.
+        (1593, (3, 3, 1), 0.3),
+        (1615, (3, 3, 1), 0.9),
+        (6555, (3, 3, 3), 0.9),
+        (2268614715, (1, 3, 3), 0.9),
+        (3578, (3, 3, 2), 0.9),
+        # The best direction of the lattice that reaches the level is at another hill.
+        (3, (2, 1, 2), 0.9),
+        (1485, (1, 1, 3), 0.9),
+        # Next to the loudest drive a level is worth 100 and 500 times as much as the ratio.
+        (3977, (3, 2, 2), 0.9),
+        (2095, (1, 1, 2), 0.9),
+    ],
+)
+def test_drives_above_a_level_that_are_hard_to_find(seed: int, sizes: tuple[int, int, int], quantile: float) -> None:
+    assert missed_db(seed, 2, sizes, quantile) <= SLACK_DB
 
 
 def missed_db(seed: int, actuators: int, sizes: tuple[int, int, int], quantile: float | None) -> float:
