@@ -62,7 +62,7 @@ def _soft(logs, beta, sign, weights):  # type: ignore[no-untyped-def]  # numba
 
 @njit(cache=True)
 def evaluate(  # type: ignore[no-untyped-def]  # numba
-    drive, usable, numerator, denominator, level, log_wanted, beta, gradient, multipliers, logs, penalty=PENALTY
+    drive, usable, numerator, denominator, level, log_wanted, beta, gradient, multipliers, logs, penalty
 ):
     """Smoothed log ratio less the penalty, its gradient (2 actuator,), and what each form weighs in it.
 
@@ -171,7 +171,7 @@ def _climb_at(  # type: ignore[no-untyped-def]  # numba
 
 @njit(cache=True)
 def climb(  # type: ignore[no-untyped-def]  # numba
-    drive, usable, numerator, denominator, level, log_wanted, start, stop, multipliers, penalty=PENALTY
+    drive, usable, numerator, denominator, level, log_wanted, start, stop, multipliers, penalty
 ):
     """Ascent of `drive` in place from sharpness `start` to `stop`; the value reached, in nepers of power."""
     forms = numerator, denominator, level

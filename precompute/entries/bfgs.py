@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit, types
 
-from precompute.entries.ascent import SHARPEST, climb
+from precompute.entries.ascent import PENALTY, SHARPEST, climb
 
 _SWEEPS = 3  # over the frequencies of several tones, since they depend on one another
 _FIRST = 30.0
@@ -69,7 +69,7 @@ def _at(drive, usable, stacks, grid_hz, hz, tone, log_wanted, start, multipliers
     interpolate(numerator, grid_hz, hz, tone, n)
     interpolate(denominator, grid_hz, hz, tone, d)
     interpolate(level, grid_hz, hz, tone, p)
-    return climb(drive, usable, n, d, p, log_wanted, start, SHARPEST, multipliers)
+    return climb(drive, usable, n, d, p, log_wanted, start, SHARPEST, multipliers, PENALTY)
 
 
 @njit(cache=True)
@@ -179,6 +179,7 @@ def climb_each(drives, usable, numerator, denominator, level, log_wanted, start,
             start,
             stop,
             multipliers,
+            PENALTY,
         )
 
 

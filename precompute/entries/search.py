@@ -292,6 +292,7 @@ def _climbed_again(problem: Problem, drive: FoundDrive, wanted: float, penalty: 
     amplitude, multipliers = drive.amplitude.copy(), np.empty(sum(map(len, forms)) + len(tone))
     numerator, denominator, level = forms
     usable = _usable(problem, tones, tone)
+    usable.flags.writeable = False  # as `refine` has it: for another kind of array `climb` would be compiled again
     climb(amplitude, usable, numerator, denominator, level, _log(wanted), *_POLISH, multipliers, penalty)
     return evaluate_drive(problem, drive.frequency_hz, amplitude, multipliers)
 

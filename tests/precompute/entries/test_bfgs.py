@@ -39,7 +39,9 @@ def evaluated(
     numerator, denominator, level = first_forms(random_problem(problem_seed, len(drive), sizes))
     gradient, (multipliers, logs) = np.empty(2 * len(drive)), np.empty((2, sum(sizes) + len(drive)))
     usable = np.ones(len(drive), dtype=bool)
-    value = evaluate(drive, usable, numerator, denominator, level, log_wanted, beta, gradient, multipliers, logs)
+    value = evaluate(
+        drive, usable, numerator, denominator, level, log_wanted, beta, gradient, multipliers, logs, PENALTY
+    )
     return value, gradient, multipliers
 
 
@@ -89,7 +91,7 @@ def test_one_ratio_is_climbed_to_its_greatest_eigenvalue(seed: int, actuators: i
     numerator, denominator, level = first_forms(problem)
     drive, multipliers = random_drive(seed, actuators), np.empty(3 + actuators)
     usable = np.ones(actuators, dtype=bool)
-    value = climb(drive, usable, numerator, denominator, level, ANYTHING, 30.0, SHARPEST, multipliers)
+    value = climb(drive, usable, numerator, denominator, level, ANYTHING, 30.0, SHARPEST, multipliers, PENALTY)
     assert value == pytest.approx(np.log(eigh(numerator[0], denominator[0], eigvals_only=True)[-1]), abs=1e-4)
 
 
@@ -103,8 +105,8 @@ def test_a_climb_ends_no_lower_than_it_began_and_leaves_silent_actuators_silent(
     drive, usable = random_drive(seed, actuators), np.ones(actuators, dtype=bool)
     usable[-1], drive[-1] = False, 0
     gradient, (multipliers, logs) = np.empty(2 * actuators), np.empty((2, sum(sizes) + actuators))
-    before = evaluate(drive, usable, numerator, denominator, level, 0.0, SHARPEST, gradient, multipliers, logs)
-    after = climb(drive, usable, numerator, denominator, level, 0.0, SHARPEST, SHARPEST, multipliers)
+    before = evaluate(drive, usable, numerator, denominator, level, 0.0, SHARPEST, gradient, multipliers, logs, PENALTY)
+    after = climb(drive, usable, numerator, denominator, level, 0.0, SHARPEST, SHARPEST, multipliers, PENALTY)
     assert after >= before - 1e-9
     assert drive[-1] == 0
 
@@ -140,7 +142,9 @@ def test_climbing_at_each_frequency_is_climbing_there_alone(
     climb_each(together, usable, *problem.stacks, ANYTHING, 30.0, 300.0, value)
     numerator, denominator, level = first_forms(problem)
     alone, multipliers = drives[0].copy(), np.empty(sum(sizes) + actuators)
-    assert climb(alone, usable[0], numerator, denominator, level, ANYTHING, 30.0, 300.0, multipliers) == value[0]
+    assert (
+        climb(alone, usable[0], numerator, denominator, level, ANYTHING, 30.0, 300.0, multipliers, PENALTY) == value[0]
+    )
     assert (alone == together[0]).all()
 
 
