@@ -49,8 +49,11 @@ def note(text: str) -> None:
 
 
 def print_error(error: BaseException) -> None:
-    """Print an error as one line on standard error."""
-    remark(f"tactable: {error}", "red")
+    """Print an error as one line on standard error; of an error of the system the file comes first."""
+    text = str(error)
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        text = f"{error.filename}: {error.strerror}; see that it is there and may be used, or give another"
+    remark(f"tactable: {text}", "red")
 
 
 def print_json(value: object, indent: int | None = 2) -> None:

@@ -69,6 +69,19 @@ def test_an_error_is_one_line_and_status_one(
     assert capsys.readouterr().err == "tactable: no [bar]: mend it\n"
 
 
+def test_an_error_of_the_system_names_its_file_first(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    gone = tmp_path / "gone.csv"
+    with pytest.raises(OSError, match="gone") as found:
+        gone.stat()
+    assert end_of(monkeypatch, found.value) == 1
+    said = capsys.readouterr().err
+    assert (
+        said == f"tactable: {gone}: No such file or directory; see that it is there and may be used, or give another\n"
+    )
+
+
 def test_an_error_of_the_program_itself_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ZeroDivisionError):
         end_of(monkeypatch, ZeroDivisionError())
