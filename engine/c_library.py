@@ -1,4 +1,4 @@
-"""The compiler of C files: it makes shared libraries in a cache folder, and loads what nobody else could have written.
+"""Compiles C files into shared libraries in a cache folder, and loads only those that no other user can have written.
 
 Whoever can write the library can run code as its user. So it is loaded only from a folder and a file that belong to the
 user and that nobody else can write, and only if it ends in the SHA-256 of what the compiler made; loaders ignore what
