@@ -269,5 +269,9 @@ def test_after_a_change_of_table_programs_meet_the_new_device(folder: Path, tmp_
             played = next(each for each in client.events(30.0) if each["event"] == "played")
             assert played["kind"] == "drive" and played["promise"] is not None
             assert client.subscribe("played")[0]["region"] == "key"
-        assert running.end()["changes_of_table"] == 1
+            client.remove_region("key")
+            assert next(each for each in client.events(30.0) if each["event"] == "played")["kind"] == "silence"
+        summary = running.end()
+        # What programs asked for changed thrice: two regions that were set, and one that was taken away.
+        assert (summary["changes_of_table"], summary["control_steps"]) == (1, 3)
         assert not running.socket.exists()
