@@ -26,7 +26,13 @@ settings.register_profile("quick", deadline=None, max_examples=20)
 settings.register_profile("long", deadline=None, max_examples=100)
 
 ROOT = Path(__file__).parents[1]
-SLOWEST = ("tests/test_house.py", "tests/tactable/rig/test_demo.py", "tests/test_docs.py", "tests/test_notebooks.py")
+SLOWEST = (
+    "tests/tactable/rig/test_ready.py",
+    "tests/test_house.py",
+    "tests/tactable/rig/test_demo.py",
+    "tests/test_docs.py",
+    "tests/test_notebooks.py",
+)
 """Files that a run begins with, so that the workers end together."""
 KERNELS = (
     *("engine.steady.search", "precompute.model.band_solver", "precompute.sweep.kernels", "precompute.entries.bfgs"),
