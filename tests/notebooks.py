@@ -15,6 +15,7 @@ from tests.documents import ROOT
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 _HANGS_S = 1200
 _FIGURE = re.compile(r"<Figure size .*?>|<matplotlib\..*?>|0x[0-9a-f]+")
+_LONG_NUMBER = re.compile(r"-?\d+\.\d{6,}(?:e[-+]\d+)?")
 
 
 def read_notebook(path: Path) -> Any:
@@ -36,14 +37,19 @@ def run_notebook(path: Path, folder: Path) -> Any:
     return notebook
 
 
-def texts_of(notebook: Any) -> list[str]:
-    """What each cell prints or shows as text."""
-    found = []
+def texts_of(notebook: Any) -> tuple[list[str], list[float]]:
+    """What each cell prints or shows as text, and the numbers that were taken out of it.
+
+    Those are the ones with all their digits, of which the last are another processor's.
+    """
+    found, numbers = [], list[float]()
     for cell in notebook.cells:
         outputs = cell.get("outputs", [])
         shown = [each.get("text", "") or each.get("data", {}).get("text/plain", "") for each in outputs]
-        found.append(_FIGURE.sub("", "\n".join(shown)))
-    return found
+        text = _FIGURE.sub("", "\n".join(shown))
+        numbers += map(float, _LONG_NUMBER.findall(text))
+        found.append(_LONG_NUMBER.sub("number", text))
+    return found, numbers
 
 
 def pictures_of(notebook: Any) -> int:
