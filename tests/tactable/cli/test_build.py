@@ -36,8 +36,6 @@ def folder(built: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(built, tmp_path, dirs_exist_ok=True))
 
 
-# Quick are the same builds without the command: tests/precompute/builder/test_build_clicks.py.
-@pytest.mark.long
 def test_coarse_clicks_come_first_and_are_told_from_the_fine_ones(tmp_path: Path) -> None:
     (tmp_path / "bar.toml").write_text(SMALL, encoding="utf-8")
     command = ("build", "bar.toml", "-o", "bar.nc", "--clicks-up-to", "1", "--pitch", "140 mm", "--workers", "1")
