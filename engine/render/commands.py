@@ -28,7 +28,7 @@ class PlayCommand(NamedTuple):
 
     click: EncodedClick
     frequency_hz: float | None = None
-    """Is None, since a click has no frequency."""
+    """Always None: a click has no single frequency."""
 
     def hand_to(self, link: Link) -> None:
         """Send this next, in place of a command that waits."""
