@@ -13,10 +13,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from engine.loop import CommandRecord, Fate, LoopCounters
 from engine.loop.ring import MOST_TOUCHES, Record, RingCounters, RingError, RingReader, RingWriter
 from engine.touch import Placement, Touch
 from engine.touch.placement import MOST_FINGERS
+from tests.engine.loop.observed import observe
 
 words = st.integers(-(2**63), 2**63 - 1)
 counts = st.integers(0, 2**64 - 1)
@@ -43,13 +43,6 @@ records = st.builds(
     play=st.binary(max_size=200),
 )
 PLAIN = Record((1, 2, 3, 4, 5, 6), 0, None, None, False, False, None, RingCounters(0, 0, 0, 0, 0, 0), (), b"", b"")
-
-
-def observe(writer: RingWriter, record: Record) -> None:
-    """As a loop does."""
-    values = record._asdict() | {"frame": None, "fate": Fate.NONE}
-    record_values = {name: values[name] for name in CommandRecord._fields}
-    writer.observe(CommandRecord(**record_values), LoopCounters(**record.counters._asdict()))
 
 
 @pytest.fixture
