@@ -357,6 +357,8 @@ class DemoBackend:
             if is_first(shown):
                 shown.path.unlink(missing_ok=True)
         if hand is not None:
+            for _ in self._reader.read():
+                pass  # how the run of the touches ended
             view.play_by_hand(hand)
         self._status, self._trouble = "running", ""
         self.scene_number += 1

@@ -75,12 +75,16 @@ class LiveBackend:
 
     def tick(self) -> tuple[list[bytes], bool]:
         """Read the ring and advance the bar."""
-        view, records = self._view, list(self._reader.read())
-        view.read(records)
-        view.take(self._drive.events(records))
+        self._catch_up()
+        view = self._view
         messages = view.move((time.monotonic_ns() - BEHIND_NS) / _NS_PER_US, is_loaded=True)
         picture = view.picture()
         return [*messages, encode_picture(picture)], bool(picture.fingers) or view.is_moving
+
+    def _catch_up(self) -> None:
+        records = list(self._reader.read())
+        self._view.read(records)
+        self._view.take(self._drive.events(records))
 
     def touch(self, browser: int, events: Sequence[PointerEvent]) -> None:
         """Ignored: the fingers are those of a digitizer."""
@@ -122,9 +126,10 @@ class LiveBackend:
     def _show(self) -> None:
         """Let the bar of the page move as the board does now."""
         self.scene_number += 1
-        now_us = int(self._view.bar.now_us)
+        now_us = time.monotonic_ns() // _NS_PER_US
         if self._is_driving and self._hand is not None:
             hand = HandDrive(self._hand)
+            self._catch_up()  # with how the run of the touches ended, which is no end of this drive
             self._view.take([self._drive.by_hand(hand, now_us)])
             self._view.play_by_hand(hand)
         elif self._view.is_by_hand:

@@ -257,6 +257,16 @@ def test_a_drive_by_hand_moves_the_bar_by_its_sliders_and_fingers_play_again_aft
     assert picture.paper is not None
 
 
+def test_a_drive_by_hand_plays_in_place_of_a_drive_that_a_finger_holds(rig: Rig) -> None:
+    """What the run of the finger says at its end is no end of the drive by hand."""
+    rig.choose(source="steady", level_db=10)
+    rig.press(FIRST)
+    rig.until(lambda picture: picture.is_playing and picture.age_s > 0.3)
+    rig.choose(source="hand")
+    picture = rig.until(lambda picture: not picture.made and picture.age_s > 0.3)
+    assert picture.is_playing and all(channel.amplitude > 0 for channel in picture.channels)
+
+
 def test_a_drive_goes_on_without_a_jolt_when_kernels_are_adopted(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """One run ends and another begins: the drive fades out and in by the slew of the device."""
     events, builder = list[DriveEvent](), rig.backend._builder

@@ -17,9 +17,16 @@ import pytest
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.typing import Origin
 
+from engine.loop import RingReader, RingWriter
+from engine.table import Table
+from engine.touch import Placement
 from engine.touch.sources.recording import write_recording
 from firmware_link.emulator.process import RunningEmulator, run_emulator
+from tactable.page.hand import Channels
+from tactable.page.live_backend import LiveBackend
 from tactable.page.messages import Drive, Kind, encode_choice
+from tests.engine.loop.observed import observe
+from tests.tactable.page.played import LEVEL_DB, RESOLUTION_HZ, record_of
 from tests.tactable.rig.strokes import Stroke, make_recording
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
@@ -121,6 +128,8 @@ def test_a_page_that_finds_no_place_is_refused_before_the_run_begins(folder: Pat
     assert said.splitlines()[-1].startswith("tactable: no page at 192.0.2.1")
 
 
+IS_PLAYING = 2
+"""A flag of a picture."""
 HAND = [[150.0, 0.2, 0.0], [120.0, 0.1, 90.0]]
 REPEAT_S = 0.2
 
@@ -152,6 +161,26 @@ class Hand:
     @property
     def is_driving(self) -> bool:
         return bool(self.scene.get("plays") == {"source": "hand"})
+
+
+def test_how_the_run_of_the_touches_ended_is_no_end_of_a_drive_by_hand(folder: Path, tmp_path: Path) -> None:
+    """The page may hear of the drive before it has read the last records of the run."""
+    at_ns, asked = time.monotonic_ns(), list[Channels | None]()
+    with (
+        Table.open(folder / "bar.nc") as table,
+        RingWriter(tmp_path / "ring") as ring,
+        RingReader(ring.path) as reader,
+    ):
+        scales_m = [actuator.full_scale_m for actuator in table.device.actuators]
+        backend = LiveBackend(reader, folder / "bar.nc", RESOLUTION_HZ, scales_m, asked.append)
+        for level_db in (LEVEL_DB, None):
+            observe(ring, record_of(table, Placement((0.035,), (True,)), at_ns, level_db=level_db))
+        backend.choose({"source": "hand"})
+        backend.hear(is_driving=True)
+        messages, _ = backend.tick()
+    assert asked == [((150.0, 0.0, 0.0),) * 2]
+    drive, flags = messages[-1][90:92]
+    assert (drive, bool(flags & IS_PLAYING)) == (Drive.STEADY, True)
 
 
 @asynccontextmanager
