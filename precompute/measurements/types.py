@@ -24,6 +24,12 @@ class MeasurementError(CalibrationError):
     """Measurements cannot be used; the message names the file, the place in it, the value and the remedy."""
 
 
+MOST_M_S2 = 1e6
+"""Limit of a reading: what is said to be more than 100 000 times gravity has another unit."""
+MOST_KG = 1.0
+"""Limit of the mass of a sensor."""
+
+
 class Kind(Enum):
     """Kind of a reading: the peak that all tones reach together (paper eq. (8)), or the phasor of one tone."""
 
@@ -123,8 +129,9 @@ def check_measurements(
         ("frequency", hz, "Hz", ((amplitude > 0) & ~((hz > 0) & np.isfinite(hz))), "expected more than 0 Hz"),
         ("amplitude", 100 * amplitude, "%", ~(amplitude <= 1 + 1e-9), "expected at most 100 % of full scale"),
         ("amplitude", 100 * amplitude, "%", np.all(amplitude == 0, axis=1), "no actuator moves; leave the row out"),
-        ("sensor mass", 1e3 * mass_kg, "g", ~((mass_kg >= 0) & np.isfinite(mass_kg)), "expected 0 g or more"),
-        ("acceleration", size, "m/s^2", ~(size > 0) | ~np.isfinite(size), "expected more than 0; leave the row out"),
+        ("sensor mass", 1e3 * mass_kg, "g", ~((mass_kg >= 0) & (mass_kg <= MOST_KG)), "expected 0 to 1000 g"),
+        ("acceleration", size, "m/s^2", ~(size > 0), "expected more than 0; leave the row out"),
+        ("acceleration", size, "m/s^2", ~(size <= MOST_M_S2), f"expected at most {MOST_M_S2:g}; leave the row out"),
     )
     for column, values, unit, is_bad, expected in rules:
         bad = is_bad if is_bad.ndim == 1 else is_bad.any(axis=1)

@@ -46,8 +46,10 @@ def test_a_drive_is_named_as_one_says_it() -> None:
         ({"amplitude": [0.0, 0.0]}, "no actuator moves"),
         ({"sensor_mass_kg": -1e-3}, "sensor mass: -1 g"),
         ({"sensor_mass_kg": NAN}, "sensor mass: nan g"),
+        ({"sensor_mass_kg": 1e297}, "sensor mass: 1e+300 g: expected 0 to 1000 g"),
         ({"acceleration": 0.0}, "acceleration: 0 m/s^2: expected more than 0"),
         ({"acceleration": np.inf}, "acceleration: inf m/s^2"),
+        ({"acceleration": 1e300}, "acceleration: 1e+300 m/s^2: expected at most 1e+06"),
     ],
 )
 def test_a_row_that_cannot_be_is_refused_by_place_column_and_value(changes: dict[str, Any], message: str) -> None:
