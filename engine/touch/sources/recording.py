@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,8 +48,11 @@ def read_recording(path: Path) -> Recording:
     """The first device in a hid-recorder file.
 
     A file with several devices has a `D:` line before the lines of each; those of the others are passed over, and
-    reports are counted per device. Raises `RecordingError`, and `OSError` where the file cannot be opened.
+    reports are counted per device. Raises `RecordingError`, also for a path that is no plain file, since a device may
+    never end; and `OSError` where the file cannot be opened.
     """
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise RecordingError(path, 1, "is not a plain file", "write the recording into one")
     name, identity, descriptor = "", (0, 0, 0), None
     reports: list[Report] = []
     for line_number, key, value in _first_device(path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -90,6 +91,13 @@ def test_a_broken_line_is_named_with_its_number_and_remedy(tmp_path: Path, line:
 def test_a_file_without_descriptor_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="no report descriptor"):
         read_text(tmp_path, "N: bar\n")
+
+
+def test_a_pipe_and_a_device_that_never_ends_are_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", Path("/dev/zero")):
+        with pytest.raises(RecordingError, match="is not a plain file; write the recording into one"):
+            read_recording(path)
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
