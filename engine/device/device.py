@@ -5,6 +5,7 @@ import json
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -141,6 +142,19 @@ class Device:
         parts = f"{1e3 * self.bar.length_m:g} mm, {len(self.actuators)} actuators, {len(self.zones)} zones"
         return f"<Device {self.name}: {parts}, {len(self.estimated_values)} estimated values>"
 
+    def _repr_html_(self) -> str:
+        bar, zones = self.bar, (f"{zone.name} {_mm(zone.start_m)} to {_mm(zone.stop_m)}" for zone in self.zones)
+        parts = (f"{a.name} at {_mm(a.position_m)}, {a.band_hz[0]:g} to {a.band_hz[1]:g} Hz" for a in self.actuators)
+        rows = {
+            "bar": f"{_mm(bar.length_m)} by {_mm(bar.width_m)} by {_mm(bar.thickness_m)}",
+            "actuators": "; ".join(parts),
+            "zones": "; ".join(zones),
+            "threshold": self.threshold.title,
+            "estimated values": ", ".join(self.estimated_values) or "none",
+        }
+        shown = "".join(f"<tr><td>{escape(name)}</td><td>{escape(text)}</td></tr>" for name, text in rows.items())
+        return f"<b>Device</b> {escape(self.name)}<table>{shown}</table>"
+
     @property
     def estimated_values(self) -> tuple[str, ...]:
         """Those keys of `inferred` that are physical values of bar, actuators and finger, or how well these are known.
@@ -181,6 +195,10 @@ class Device:
         if name not in names:
             raise DeviceError(f"{self.name}: there is no zone {name!r}; zones are {', '.join(names)}")
         return names.index(name)
+
+
+def _mm(metres: float) -> str:
+    return f"{1e3 * metres:.4g} mm"
 
 
 def _rounded(value: Any) -> Any:

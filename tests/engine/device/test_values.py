@@ -5,6 +5,7 @@ from dataclasses import replace
 from engine.device import Device
 from engine.device.values import Change, compare_values, device_values
 from tests.engine.table.test_table import DEVICE, TEXT
+from tests.precompute.devices import shipped
 
 
 def test_a_value_has_the_name_of_its_place_and_its_unit() -> None:
@@ -38,3 +39,13 @@ def test_per_cent_is_told_of_numbers_only() -> None:
     assert Change("mass_kg", 2.0, 2.5).percent == 25.0
     for before, after in ((0.0, 1.0), ("x", "y"), (None, 1.0), (False, True)):
         assert Change("key", before, after).percent is None
+
+
+def test_a_device_is_shown_short_in_a_line_and_as_a_table_in_a_notebook() -> None:
+    device = shipped("reference-a")
+    assert repr(device).startswith("<Device reference-a: 279.4 mm, 2 actuators, 5 zones, ")
+    shown = device._repr_html_()
+    assert "<td>bar</td><td>279.4 mm by " in shown
+    assert "<td>actuators</td><td>left at 44.7 mm, 60 to 300 Hz; right at 273 mm, 60 to 300 Hz</td>" in shown
+    assert device.threshold.title in shown and "bar.width" in shown
+    assert "<b>" not in replace(device, name="<b>")._repr_html_().removeprefix("<b>Device</b>")
