@@ -146,9 +146,11 @@ def run(
     identity = identity_of(table_path) if table_path.is_file() else (0, 0, 0)
     device = None if device_name is None else find_device(device_name)
     with Table.open(table_path, device=device) as table, ExitStack() as stack:
-        compile_steady_solver(remark)
         effects = _effects(effects_path, table.device, with_others=control)
         realtime = real_time_steps(steps)
+        with _opened(machine_of(context), touch):
+            pass  # a wrong name is told before kernels are compiled; what is touched meanwhile is not of the run
+        compile_steady_solver(remark)
         options = LiveOptions(effects, when_not_achieved, reconnect, bit_rate_hz, realtime, fast=_compiled(fast))
         source, bus = stack.enter_context(_opened(machine_of(context), touch))
         ring = stack.enter_context(ring_for(ring_path, is_needed=page or control or recording_path is not None))

@@ -20,6 +20,7 @@ from engine.touch.sources.recording import RecordingError, read_recording, write
 from firmware_link.emulator import Cause
 from firmware_link.emulator.process import EmulatorLog, RunningEmulator, run_emulator
 from firmware_link.protocol.errors import LinkError
+from tactable.cli import run
 from tactable.cli.main import app
 from tactable.doctor.touch import Machine
 from tactable.shipped import find_device
@@ -183,7 +184,7 @@ def test_an_unplugged_device_plays_on_when_it_is_back_under_another_name_and_sig
         (("bar.nc", "--touch", "simulated"), LinkError, ["no-such-port", "tactable list"]),
     ],
 )
-def test_a_refusal_names_the_thing(
+def test_a_refusal_names_the_thing_before_kernels_are_compiled(
     folder: Path,
     monkeypatch: pytest.MonkeyPatch,
     words: tuple[str, ...],
@@ -191,9 +192,12 @@ def test_a_refusal_names_the_thing(
     parts: list[str],
 ) -> None:
     monkeypatch.chdir(folder)
+    compiled = list[object]()
+    monkeypatch.setattr(run, "compile_steady_solver", compiled.append)
     machine = Machine(FakeMachine(folder).system, lambda: None, lambda: ())
     found = CliRunner().invoke(app, ["run", *words, "--port", "no-such-port"], obj=machine).exception
     assert isinstance(found, error)
+    assert bool(compiled) == (error is LinkError)  # a port is opened last
     assert all(part in str(found) for part in parts)
 
 
