@@ -58,7 +58,7 @@ def test_a_drive_is_as_good_as_the_tabulated_one_where_that_is_the_optimum(name:
 
 
 @any_device
-@pytest.mark.parametrize("fingers", [1, 2, 3, 5, 10])
+@pytest.mark.parametrize("fingers", [2, 10, *(pytest.param(count, marks=pytest.mark.long) for count in (1, 3, 5))])
 def test_fingers_feel_what_a_dense_model_says(name: str, fingers: int) -> None:
     device, random = DEVICES[name], np.random.default_rng(fingers)
     solver = designer_of(device).solver

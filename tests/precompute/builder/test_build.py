@@ -313,7 +313,7 @@ LENGTHY = {
 """Descriptions whose builds take seconds with this step."""
 
 
-@pytest.mark.parametrize("at", LENGTHY)
+@pytest.mark.parametrize("at", [pytest.param("sweep", marks=pytest.mark.long), "entries"])
 def test_ctrl_c_of_a_build_leaves_nothing_behind(folder: Path, tmp_path: Path, at: str) -> None:
     older = tmp_path / "table.nc"
     older.write_bytes((folder / "three.nc").read_bytes())

@@ -56,7 +56,7 @@ def update_error(device: Device, touched: tuple[int, ...]) -> Array:
 
 
 @touched_sets
-@pytest.mark.parametrize("name", ["reference-a", "reference-d"])
+@pytest.mark.parametrize("name", ["reference-a", pytest.param("reference-d", marks=pytest.mark.long)])
 def test_the_low_rank_update_equals_assembling_the_fingers(name: str, touched: tuple[int, ...]) -> None:
     """With elements of 20 mm, since their number to the fourth power is what rounding grows with."""
     assert update_error(with_bar(shipped(name), largest_element_m=0.02), touched).max() <= 1e-10

@@ -151,7 +151,9 @@ def test_an_entry_is_below_its_bound_by_its_gap(case: tuple[str, str, int]) -> N
     assert entry.optimality_gap_db == pytest.approx(bound_db - decibels(value), abs=PROMISE_DB)
 
 
-@pytest.mark.parametrize("name", ["reference-a", "reference-d", "reference-t"])
+@pytest.mark.parametrize(
+    "name", ["reference-a", *(pytest.param(name, marks=pytest.mark.long) for name in ("reference-d", "reference-t"))]
+)
 def test_no_figure_that_is_shown_passes_its_bound(name: str) -> None:
     device = with_zones(shipped(name), 3)
     solver = solver_of(device)
@@ -263,7 +265,7 @@ def test_ranges_of_shares_and_peaks_are_those_of_the_touches(case: tuple[str, st
     assert entry.worst_case.localized_factor == pytest.approx(factor.min(), rel=1e-3)
 
 
-@pytest.mark.parametrize("case", CASES[:FEW], ids=["{} {} level {}".format(*case) for case in CASES[:FEW]])
+@pytest.mark.parametrize("case", RIVALLED[:FEW], ids=["{} {} level {}".format(*case) for case in CASES[:FEW]])
 def test_t90_is_that_of_the_slowest_felt_finger_in_the_dense_model(case: tuple[str, str, int]) -> None:
     name, states, level = case
     device = DEVICES[name]

@@ -114,7 +114,14 @@ def whole_run() -> tuple[Array, Array, Array]:
     return waves, *plant_of(shipped("reference-a")).run(waves)
 
 
-@pytest.mark.parametrize("pieces", [[1] * 50 + [8191], [8192, 49], [3000, 5241], [8193, 48], [17, 8224]])
+@pytest.mark.parametrize(
+    "pieces",
+    [
+        [8192, 49],
+        [17, 8224],
+        *(pytest.param(each, marks=pytest.mark.long) for each in ([1] * 50 + [8191], [3000, 5241], [8193, 48])),
+    ],
+)
 def test_stretches_do_not_matter(whole_run: tuple[Array, Array, Array], pieces: list[int]) -> None:
     waves, whole, energy = whole_run
     plant = plant_of(shipped("reference-a"))

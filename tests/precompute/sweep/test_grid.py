@@ -13,7 +13,11 @@ from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import every_device, random_device
 
 DEVICES = every_device() | {f"random-{seed}": random_device(seed) for seed in (1, 2, 3)}
-any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+FURTHER = ("random-2", "random-3")
+any_device = pytest.mark.parametrize(
+    "device",
+    [pytest.param(d, id=name, marks=pytest.mark.long if name in FURTHER else ()) for name, d in DEVICES.items()],
+)
 FREQUENCY_HZ = np.linspace(60.0, 300.0, 25)
 
 

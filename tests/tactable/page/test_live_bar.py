@@ -84,7 +84,7 @@ def test_the_motion_is_that_of_the_whole_plant(table: Table) -> None:
     assert np.linalg.norm(motion - whole[: len(motion)]) < 0.01 * np.linalg.norm(motion)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
 def test_however_time_is_cut_the_motion_is_the_same(table: Table, seed: int) -> None:
     steps_us = np.random.default_rng(seed).uniform(200.0, 150_000.0, 8)
     motions = []

@@ -60,7 +60,7 @@ def some_of(applied: dict[Wanted, DriveEvent], most: int = 12) -> list[tuple[Wan
     return [commands[k * len(commands) // most] for k in range(most)] if len(commands) > most else commands
 
 
-@pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=4))
+@pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=3))
 def test_a_real_recording_renders_what_was_promised_for_its_positions(
     path: Path, table: Table, reporter: Reporter
 ) -> None:
@@ -122,7 +122,9 @@ def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> 
     assert (tmp_path / "demo.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("faults", ["stall=0.06s/0.2s", "delay=30ms,jitter=30ms", "stall=0.3s/0.9s"])
+@pytest.mark.parametrize(
+    "faults", ["stall=0.06s/0.2s", pytest.param("delay=30ms,jitter=30ms", marks=pytest.mark.long), "stall=0.3s/0.9s"]
+)
 def test_a_run_over_a_line_that_stalls_breaks_no_promise(table: Table, faults: str) -> None:
     """The firmware refuses what comes late, and whatever it takes is what was solved for the fingers."""
     run = play(table, read_recording(DEMO_RECORDING), 4.0, BURSTS, faults=faults)
