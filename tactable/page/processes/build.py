@@ -7,6 +7,8 @@ as fingers ask for them. Then come those of steady drives, and those of builds.
 import os
 import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -41,7 +43,7 @@ def build(order: BuildOrder, parent: Parent) -> None:
     each usable table.
     """
     device, early, say = find_device(order.device), early_path(order.path), partial(_say_module, parent)
-    clicks = compile_for_clicks(say, device)  # SIGTERM ends it at once: there is nothing to keep yet
+    clicks = compile_for_clicks(say, device)
     found = open_cached(device, order.path)
     if found is None:
         write_first_table(device, order.first, clicks)
@@ -49,8 +51,6 @@ def build(order: BuildOrder, parent: Parent) -> None:
     compile_all(STEADY, say)
     parent.say({"compiled": True})
     compile_all(BUILDS, say)
-    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))  # the build remembers that one
-    sys.unraisablehook = _tell_all_but_interrupts
     from precompute.builder.build import COARSE_IN_PLACE, Coarse, build_table
     from precompute.parallel.pool import available_cores
 
@@ -62,13 +62,25 @@ def build(order: BuildOrder, parent: Parent) -> None:
     if found is not None and found.path == order.path:
         parent.say({"usable": str(order.path)})
         return
-    build_table(device, early, coarse=Coarse.FIRST, workers=available_cores(), progress=progress)
+    with _sigterm_as_interrupt():
+        build_table(device, early, coarse=Coarse.FIRST, workers=available_cores(), progress=progress)
     rename_durably(early, order.path)
     parent.say({"usable": str(order.path)})
 
 
 def _say_module(parent: Parent, module: str, number: int, count: int) -> None:
     parent.say({"step": f"compiling {module}, {number} of {count}", "fraction": (number - 1) / count})
+
+
+@contextmanager
+def _sigterm_as_interrupt() -> Iterator[None]:
+    """SIGTERM is Ctrl-C, which a build remembers; before and after, when nothing can be lost, it ends the process."""
+    sys.unraisablehook = _tell_all_but_interrupts
+    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _tell_all_but_interrupts(ignored: Any) -> None:
