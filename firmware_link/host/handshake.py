@@ -152,6 +152,11 @@ def _check_fit(hello: Hello, configuration: LinkConfiguration) -> None:
             f"the device drives {hello.number_of_actuators} actuators, {configuration.number_of_actuators} are needed: "
             "connect another device or choose a table for fewer actuators"
         )
+    if hello.longest_lease_ms == 0:
+        raise LinkError(
+            "the device allows no lease, so no drive would sound: set longest_lease_ms of its firmware to 1 to 100, and "
+            "flash it again"
+        )
     configuration.check_rate(hello.number_of_actuators)
 
 

@@ -232,6 +232,7 @@ def test_no_device_is_an_error_with_a_remedy() -> None:
         ({"version_major": 2}, "protocol 2.1, this host 3.1.*install the firmware"),
         ({"schema_hash": 1}, "schema 00000001.*install the firmware"),
         ({"number_of_actuators": 1, "full_scales_pm": (1,)}, "drives 1 actuators, 2 are needed"),
+        ({"longest_lease_ms": 0}, "no lease.*set longest_lease_ms"),
     ],
 )
 def test_a_device_that_does_not_fit_is_refused(change: dict[str, Any], remedy: str) -> None:
