@@ -154,8 +154,8 @@ def _check_fit(hello: Hello, configuration: LinkConfiguration) -> None:
         )
     if hello.longest_lease_ms == 0:
         raise LinkError(
-            "the device allows no lease, so no drive would sound: set longest_lease_ms of its firmware to 1 to 100, and "
-            "flash it again"
+            "the device allows no lease, so no drive would sound: set longest_lease_ms of its firmware to 1 to 100, "
+            "and flash it again"
         )
     configuration.check_rate(hello.number_of_actuators)
 

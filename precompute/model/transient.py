@@ -4,12 +4,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy.signal
 from numpy.typing import NDArray
 
 from engine.device import Finger
 from precompute.model.modal import Basis, ModalModel, compute_modal_model
-from precompute.model.transfers import TransferFilter, step_integrals
+from precompute.model.transfers import TransferFilter, decaying_sums, step_integrals
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -100,7 +99,7 @@ class TransientPlant:
         state = model.inverse[kept] @ self._state
         z = np.empty_like(forced)
         for k in range(len(kept)):
-            z[k] = scipy.signal.lfilter([1.0], [1.0, -grow[k]], forced[k], zi=np.array([grow[k] * state[k]]))[0]
+            z[k] = decaying_sums(grow[k], forced[k], state[k])
         self._state, self._last = (self._vector @ z[:, -1]).real, displacement[-1]
         acceleration = _real_product(self._shape @ (self._vector[modes:] * pole), z)
         acceleration += (self._shape @ model.push[:, 0]) @ displacement.T + (self._shape @ model.push[:, 1]) @ rate.T

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
 from engine.device import Device
@@ -181,10 +180,10 @@ class LiveBar:
         """Filter by the detection threshold (time, mode); the past of the filter is carried over."""
         course = np.concatenate([self._unweighted, acceleration])
         self._unweighted = course[-len(self._unweighted) :].copy()
-        count = scipy.fft.next_fast_len(len(course), real=True)
-        spectrum = scipy.fft.rfft(course, count, axis=0) * scipy.fft.rfft(self._taps, count)[:, None]
+        count = 1 << (len(course) - 1).bit_length()
+        spectrum = np.fft.rfft(course, count, axis=0) * np.fft.rfft(self._taps, count)[:, None]
         # The circular convolution wraps around into the past, which is cut off.
-        weighted: Array = scipy.fft.irfft(spectrum, count, axis=0)[len(self._unweighted) : len(course)]
+        weighted: Array = np.fft.irfft(spectrum, count, axis=0)[len(self._unweighted) : len(course)]
         return weighted
 
     def greatest_since(self, since_us: float) -> tuple[Array, dict[int, float]]:

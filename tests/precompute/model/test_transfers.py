@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.signal
 from numpy.typing import NDArray
 
 from engine.device import Device
@@ -16,7 +17,7 @@ from precompute.measurements.types import Kind, Measurements
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.response import solve_response
-from precompute.model.transfers import TransferFilter, moved_bases, transfers_at
+from precompute.model.transfers import TransferFilter, decaying_sums, moved_bases, transfers_at
 from precompute.model.transient import TransientPlant
 from precompute.sampling.plants import sample_scenarios
 from tests.engine.device.test_transfer import coupled, lag, points_of
@@ -35,6 +36,16 @@ def with_transfers(device: Device = BARE) -> Device:
 
 
 DEVICE = with_transfers()
+
+
+def test_states_are_those_of_a_filter_of_one_pole() -> None:
+    random = np.random.default_rng(3)
+    for length in (1, 2, 1000):
+        forced, before = (random.normal(size=n) + 1j * random.normal(size=n) for n in (length, 1))
+        for grow in (np.exp(-1e-4 + 0.03j), np.exp(-40.0 + 2j), 1.0 + 0j):
+            filtered, _ = scipy.signal.lfilter([1.0], [1.0, -grow], forced, zi=grow * before)
+            found = decaying_sums(grow, forced, before[0])
+            assert found == pytest.approx(filtered, rel=1e-12, abs=1e-12 * abs(filtered).max())
 
 
 def test_responses_are_those_of_the_bar_times_the_transfer_functions() -> None:

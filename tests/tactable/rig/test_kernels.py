@@ -1,4 +1,4 @@
-"""Laws of compiling kernels beside a page: the list is complete, and what plays first imports none of them."""
+"""Laws of compiling kernels beside a page: the list is complete, and what plays first imports none, nor much else."""
 
 import re
 import subprocess
@@ -10,6 +10,8 @@ import pytest
 from tactable.rig.kernels import BUILDS, CLICKS, STEADY
 
 ROOT = Path(__file__).parents[3]
+SLOW = {"numba", "scipy.fft", "scipy.signal", "scipy.stats"}
+"""What takes as long to import as all the rest of a page, or longer."""
 
 
 def test_every_module_with_a_declared_kernel_is_listed() -> None:
@@ -23,7 +25,7 @@ def test_every_module_with_a_declared_kernel_is_listed() -> None:
 
 
 @pytest.mark.parametrize("module", ["tactable.page.opening", "tactable.page.processes.engine", "tactable.rig.ready"])
-def test_what_plays_first_compiles_nothing(module: str) -> None:
+def test_what_plays_first_compiles_nothing_and_imports_nothing_slow(module: str) -> None:
     listed = f"import sys, {module}; print(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", listed], capture_output=True, text=True, check=True, cwd=ROOT)
-    assert not {*CLICKS, *STEADY, *BUILDS} & set(found.stdout.split())
+    assert not {*CLICKS, *STEADY, *BUILDS, *SLOW} & set(found.stdout.split())
