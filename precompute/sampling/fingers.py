@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,8 +65,7 @@ def sample_fingers(device: Device, samples: int = SAMPLES) -> SampledFingers:
     Half of the samples are the mirror images of the others, so that a mirrored bar gets a mirrored table.
     """
     count, finger = len(device.zones), device.finger
-    hypercube = qmc.LatinHypercube(4 * count, optimization="random-cd", seed=_SEED)
-    points = hypercube.random(samples // 2).reshape(samples // 2, 4, count)
+    points = _hypercube(samples // 2, 4 * count).reshape(samples // 2, 4, count)
     image = points[:, :, ::-1].copy()
     image[:, 0] = 1 - image[:, 0]
     points = np.concatenate([points, image])
@@ -81,3 +81,11 @@ def sample_fingers(device: Device, samples: int = SAMPLES) -> SampledFingers:
         damping_n_s_per_m=finger.damping_n_s_per_m * np.concatenate([one, factor[:, 1]]),
         stiffness_n_per_m=finger.stiffness_n_per_m * np.concatenate([one, factor[:, 2]]),
     )
+
+
+@cache
+def _hypercube(points: int, dimensions: int) -> Array:
+    """Shape (point, dimension), in [0, 1), read-only: the same for every bar with as many zones, and dear to find."""
+    hypercube: Array = qmc.LatinHypercube(dimensions, optimization="random-cd", seed=_SEED).random(points)
+    hypercube.flags.writeable = False
+    return hypercube
