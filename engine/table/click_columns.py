@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from engine.device import Device
 from engine.table.clicks import Clicks
 from engine.table.file import TableWriter, Values, Variable
+from engine.table.soundness import Arrays
 from engine.touch.places import Places
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet
 from firmware_link.protocol.errors import MessageError
@@ -76,23 +76,23 @@ def write_clicks(writer: TableWriter, clicks: Clicks, device: Device) -> None:
         write(variable, values.astype(np.int8) if values.dtype.kind == "b" else values)
 
 
-def read_clicks(group: Any, length_m: float, tolerance_m: float) -> Clicks:
-    """Clicks of an open group (h5py) for a bar of this length; raises ValueError for sets that the basis has not.
+def read_clicks(arrays: Arrays, length_m: float, tolerance_m: float) -> Clicks:
+    """Clicks of the group with these open arrays, for a bar of this length.
 
-    `tolerance_m`: within this distance of its place a finger lies.
+    `tolerance_m`: within this distance of its place a finger lies. Raises ValueError for sets that the basis has not.
     """
-    basis = _read_basis(group)
-    columns = {field: np.asarray(group[variable.name][...]) for field, variable in _VARIABLES.items()}
+    basis = _read_basis(arrays)
+    columns = {field: np.asarray(arrays[variable.name][...]) for field, variable in _VARIABLES.items()}
     if not (columns["basis_set"] < len(basis.sets)).all():
         raise ValueError(f"a click is of set {columns['basis_set'].max()} of a basis with {len(basis.sets)}")
     for field in ("is_felt", "achieved"):
         columns[field] = columns[field].astype(np.bool_)
     return Clicks(
-        places=Places(length_m, len(group[_PLACE.name])),
+        places=Places(length_m, len(arrays[_PLACE.name])),
         tolerance_m=tolerance_m,
         basis=basis,
-        levels_db=tuple(group[_LEVEL.name][...].tolist()),
-        objective=group[_OBJECTIVE.name].asstr()[()],
+        levels_db=tuple(arrays[_LEVEL.name][...].tolist()),
+        objective=arrays[_OBJECTIVE.name].asstr()[()],
         **columns,
     )
 
@@ -109,10 +109,10 @@ def _write_basis(write: Callable[[Variable, Values], None], basis: Basis) -> Non
     write(_SET_SAMPLES, np.array([each.samples for each in basis.sets], dtype=np.int64))
 
 
-def _read_basis(group: Any) -> Basis:
-    first_s, second_s = group["sample"][:2].tolist()
+def _read_basis(arrays: Arrays) -> Basis:
+    first_s, second_s = arrays["sample"][:2].tolist()
     functions, actuator, set_of, samples = (
-        np.asarray(group[variable.name][...])
+        np.asarray(arrays[variable.name][...])
         for variable in (_FUNCTIONS, _FUNCTION_ACTUATOR, _FUNCTION_SET, _SET_SAMPLES)
     )
     sets = [

@@ -15,6 +15,7 @@ import numpy as np
 from engine.device import Device
 from engine.table.entry import Entry, EntrySpread, Percentiles, WorstCase, ZonePrediction
 from engine.table.file import TableWriter, Values, Variable, is_text
+from engine.table.soundness import Arrays
 from engine.touch import ZoneState
 
 _STATE = Variable("state", ("state",), "1", "sum of zone state times 3**zone")
@@ -121,15 +122,15 @@ def _numbers(levels: Percentiles | None) -> tuple[float, ...]:
 # ---- reading ---------------------------------------------------------------------------------------------
 
 
-def read_entries(group: h5py.Group, device: Device) -> Iterator[Entry]:
-    """Entries of an open group, in its order."""
+def read_entries(arrays: Arrays, device: Device) -> Iterator[Entry]:
+    """Entries of the group with these open arrays, in its order."""
 
     def columns(variables: Mapping[str, Variable]) -> dict[str, list[Any]]:
         # Only entries that were solved for spreads have them.
-        there = {key: variable for key, variable in variables.items() if variable.name in group}
-        return {key: _column(group, variable, axes=2) for key, variable in there.items()}
+        there = {key: variable for key, variable in variables.items() if variable.name in arrays}
+        return {key: _column(arrays, variable, axes=2) for key, variable in there.items()}
 
-    levels_db = [float(level_db) for level_db in group["level"][...]]
+    levels_db = [float(level_db) for level_db in arrays["level"][...]]
     own, worst, zones = (columns(part) for part in (_ENTRY_VARIABLES, _WORST_VARIABLES, _ZONE_VARIABLES))
     spreads = columns(_SPREAD_VARIABLES)
     states = len(own["achieved"]) // len(levels_db)
@@ -146,9 +147,9 @@ def read_entries(group: h5py.Group, device: Device) -> Iterator[Entry]:
         )
 
 
-def _column(group: h5py.Group, variable: Variable, *, axes: int) -> list[Any]:
+def _column(arrays: Arrays, variable: Variable, *, axes: int) -> list[Any]:
     """The values of each row, whose first `axes` axes are the rows; NaN, which stands for absence, as None."""
-    dataset = group[variable.name]
+    dataset = arrays[variable.name]
     values = np.asarray((dataset.asstr() if h5py.check_string_dtype(dataset.dtype) else dataset)[...])
     values = values.reshape(-1, *values.shape[axes:])
     if values.dtype.kind == "f":

@@ -1,7 +1,6 @@
 """The group `receptances` of a table file: what steady drives at any positions are solved from (tables/FORMAT.md)."""
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +8,7 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.steady.receptances import Receptances
 from engine.table.file import TableWriter, Variable
+from engine.table.soundness import Arrays
 
 _FREQUENCY = Variable("frequency", ("frequency",), "Hz", "rising: the grid of the device, and resonances between")
 _THRESHOLD = Variable("threshold", ("frequency",), "m s-2", "detection threshold")
@@ -34,14 +34,14 @@ def write_receptances(writer: TableWriter, receptances: Receptances, device: Dev
     write(_POINT, _parts(receptances.point))
 
 
-def read_receptances(group: Any) -> Receptances:
-    """Receptances of an open group (h5py)."""
+def read_receptances(arrays: Arrays) -> Receptances:
+    """Receptances of the group with these open arrays."""
     return Receptances(
-        frequency_hz=group[_FREQUENCY.name][...],
-        threshold_m_per_s2=group[_THRESHOLD.name][...],
-        place_m=group[_PLACE.name][...],
-        drive=_complex(group[_DRIVE.name][...]),
-        point=_complex(group[_POINT.name][...]),
+        frequency_hz=arrays[_FREQUENCY.name][...],
+        threshold_m_per_s2=arrays[_THRESHOLD.name][...],
+        place_m=arrays[_PLACE.name][...],
+        drive=_complex(arrays[_DRIVE.name][...]),
+        point=_complex(arrays[_POINT.name][...]),
     )
 
 

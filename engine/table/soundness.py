@@ -7,7 +7,8 @@ array are compared with the declaration (engine.table.schema), so that readers o
 their own. Large arrays are read in pieces of bounded size.
 """
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,49 +37,58 @@ _DIMENSION_ONLY = b"This is a netCDF dimension but not a netCDF variable"
 _NAMES = ("actuator", "zone")
 _ROWS = ("entries", "clicks")
 
+Arrays = Mapping[str, h5py.Dataset]
+"""Arrays of a group by name, open: to open one by its name again takes longer than to read most of them."""
+
 
 class _FlawError(Exception):
     """One thing that is wrong with the file, as a clause."""
 
 
-def check_contents(path: Path, file: h5py.File, size_bytes: int) -> None:
-    """Check attributes, links, storage, kinds and shapes; raises TableError, which names the array.
+def sound_arrays(path: Path, file: h5py.File, size_bytes: int) -> dict[str, Arrays]:
+    """Arrays by group, once attributes, links, storage, kinds and shapes are checked.
 
-    `size_bytes` is the size of the file, which no array may exceed. Nothing that lies outside the file is opened.
+    Raises TableError, which names the array. `size_bytes` is the size of the file, which no array may exceed. Nothing
+    that lies outside the file is opened.
     """
+    found: dict[str, Arrays] = {}
     try:
         _check_attributes(file)
         for name, group in _members(file, h5py.Group):
             sizes = dict(FIXED_SIZES)
+            arrays = found[name] = {}
             for array_name, array in _members(group, h5py.Dataset):
-                _check_storage(f"{name}/{array_name}", array, size_bytes)
-                if not _is_dimension_only(array):
+                is_dimension_only = _is_dimension_only(array)
+                _check_storage(f"{name}/{array_name}", array, math.inf if is_dimension_only else size_bytes)
+                if not is_dimension_only:
                     _check_kind(f"{name}/{array_name}", array, SCHEMA.get(name, {}).get(array_name), sizes)
+                    arrays[array_name] = array
     except _FlawError as flaw:
         raise TableError(f"{path}: is corrupted: {flaw}; build it again") from None
+    return found
 
 
-def check_values(path: Path, file: h5py.File, device: Device, *, with_sweeps: bool) -> None:
-    """Check the values of every array, and that names are those of the device; raises TableError as `check_contents`.
+def check_values(path: Path, groups: Mapping[str, Arrays], device: Device, *, with_sweeps: bool) -> None:
+    """Check the values of every array, and that names are those of the device; raises TableError as `sound_arrays`.
 
     The sweeps are most of a file and only pictures read them, so they are looked at only `with_sweeps`.
     """
     names = {"actuator": [each.name for each in device.actuators], "zone": [each.name for each in device.zones]}
     try:
-        for group_name, group in file.items():
+        for group_name, arrays in groups.items():
             for name, declared in SCHEMA.get(group_name, {}).items():
                 is_skipped = not with_sweeps and group_name.endswith("sweep")
-                if is_skipped or name not in group or _is_dimension_only(group[name]):
+                if is_skipped or name not in arrays:
                     continue
-                array = group[name]
+                array = arrays[name]
                 if declared.kind is not Kind.TEXT:
                     _check_numbers(f"{group_name}/{name}", array, declared)
                 elif name in _NAMES and array.asstr()[...].tolist() != names[name]:
                     raise _FlawError(f"{group_name}/{name}: does not name the {name}s of its device")
             if group_name in _ROWS:
-                _check_rows(group_name, group, device)
+                _check_rows(group_name, arrays, device)
             if group_name == "receptances":
-                _check_receptances(group, device)
+                _check_receptances(arrays, device)
     except _FlawError as flaw:
         raise TableError(f"{path}: is corrupted: {flaw}; build it again") from None
 
@@ -122,13 +132,13 @@ def _is_length(value: object) -> bool:
     return is_real and bool(0 < value[0] < np.inf)  # type: ignore[index]  # an array
 
 
-def _check_storage(where: str, array: h5py.Dataset, size_bytes: int) -> None:
+def _check_storage(where: str, array: h5py.Dataset, most_bytes: float) -> None:
     storage = array.id.get_create_plist()
     if array.is_virtual or storage.get_external_count():
         raise _FlawError(f"{where}: its values are in another file, which a table never has")
     if storage.get_layout() == h5py.h5d.CHUNKED or storage.get_nfilters():
         raise _FlawError(f"{where}: is compressed or in chunks, which a table never is")
-    if array.shape is None or (array.nbytes > size_bytes and not _is_dimension_only(array)):
+    if array.shape is None or array.nbytes > most_bytes:
         raise _FlawError(f"{where}: has shape {array.shape}, more than the file can hold")
 
 
@@ -176,32 +186,32 @@ def _pieces(array: h5py.Dataset) -> Iterator[Any]:
             yield np.asarray(array[first, start : start + step])
 
 
-def _check_rows(where: str, group: h5py.Group, device: Device) -> None:
+def _check_rows(where: str, arrays: Arrays, device: Device) -> None:
     """Lengths and orders that the readers of entries and clicks rely on; they refuse what is missing themselves."""
-    if "level" in group:
-        levels_db = group["level"][...]
+    if "level" in arrays:
+        levels_db = arrays["level"][...]
         if not len(levels_db) or (levels_db[1:] <= levels_db[:-1]).any():
             raise _FlawError(f"{where}/level: expected rising levels")
-    if "zone_state" in group and group["zone_state"].shape[-1] != len(device.zones):
+    if "zone_state" in arrays and arrays["zone_state"].shape[-1] != len(device.zones):
         raise _FlawError(f"{where}/zone_state: is for another number of zones than the device has")
     if where == "clicks":
-        _check_basis(group, device)
-        _check_placements(group, device)
+        _check_basis(arrays, device)
+        _check_placements(arrays, device)
 
 
-def _check_basis(group: h5py.Group, device: Device) -> None:
-    sample_s = group["sample"][...]
+def _check_basis(arrays: Arrays, device: Device) -> None:
+    sample_s = arrays["sample"][...]
     if len(sample_s) < 2 or not 0 < sample_s[1] - sample_s[0] <= 1:
         raise _FlawError("clicks/sample: expected at least two rising times")
-    if group["set_samples"][...].max(initial=0) > len(sample_s):
+    if arrays["set_samples"][...].max(initial=0) > len(sample_s):
         raise _FlawError("clicks/set_samples: is more than the functions of the basis have")
-    if group["function_actuator"][...].max(initial=0) >= len(device.actuators):
+    if arrays["function_actuator"][...].max(initial=0) >= len(device.actuators):
         raise _FlawError("clicks/function_actuator: is the index of an actuator that the device does not have")
 
 
-def _check_placements(group: h5py.Group, device: Device) -> None:
+def _check_placements(arrays: Arrays, device: Device) -> None:
     """The fingers of a click lie at rising places."""
-    place_m, finger = group["place"][...], group["finger_place"][...]
+    place_m, finger = arrays["place"][...], arrays["finger_place"][...]
     _check_places("clicks/place", place_m, device, fewest=2)
     if not finger.shape[1] or finger[:, 0].min(initial=0) < 0 or finger.max(initial=0) >= len(place_m):
         raise _FlawError("clicks/finger_place: expected at least one finger, at one of the places")
@@ -209,18 +219,18 @@ def _check_placements(group: h5py.Group, device: Device) -> None:
     if not ((after == -1) | ((before >= 0) & (after > before))).all():
         raise _FlawError("clicks/finger_place: expected rising places, and -1 only behind the last finger")
     for name in ("felt_level", "quiet_level"):
-        if group[name].shape[1] != _SPREADS:
+        if arrays[name].shape[1] != _SPREADS:
             raise _FlawError(f"clicks/{name}: expected {_SPREADS} figures of each click")
 
 
-def _check_receptances(group: h5py.Group, device: Device) -> None:
+def _check_receptances(arrays: Arrays, device: Device) -> None:
     """Kernels without bounds checks read them."""
-    place_m, frequency_hz = group["place"][...], group["frequency"][...]
+    place_m, frequency_hz = arrays["place"][...], arrays["frequency"][...]
     _check_places("receptances/place", place_m, device, fewest=_FEWEST_PLACES)
-    if not len(frequency_hz) or (frequency_hz[1:] <= frequency_hz[:-1]).any() or group["threshold"][...].min() <= 0:
+    if not len(frequency_hz) or (frequency_hz[1:] <= frequency_hz[:-1]).any() or arrays["threshold"][...].min() <= 0:
         raise _FlawError("receptances/frequency: expected rising frequencies with thresholds above 0")
     pairs = len(place_m) * (len(place_m) + 1) // 2
-    if len(group["point"]) != pairs or group["drive"].shape[1] != len(device.actuators):
+    if len(arrays["point"]) != pairs or arrays["drive"].shape[1] != len(device.actuators):
         raise _FlawError(f"receptances/point: expected {pairs} pairs of places, and the actuators of the device")
 
 

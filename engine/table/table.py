@@ -22,7 +22,7 @@ from engine.table.error import TableError
 from engine.table.file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes
 from engine.table.receptance_columns import read_receptances
 from engine.table.schema import IS_SHIPPED
-from engine.table.soundness import check_contents, check_values
+from engine.table.soundness import check_values, sound_arrays
 from engine.touch import Placement, ZoneState, state_index
 from engine.touch.places import Places
 
@@ -285,17 +285,17 @@ def _read_inside(path: Path, sealed: bool, verify: bool) -> tuple[Device, _LiveP
         _check_format(path, file)
         if not sealed:
             raise TableError(f"{path}: is corrupted: it was changed after it was built; build it again")
-        check_contents(path, file, path.stat().st_size)
+        groups = sound_arrays(path, file, path.stat().st_size)
         device = Device.parse(str(file.attrs["device_description"]), f"{path}: device_description")
-        check_values(path, file, device, with_sweeps=verify)
-        has_entries = "entries" in file or "clicks_are_coarse" not in file.attrs
-        entries = tuple(read_entries(file["entries"], device)) if has_entries else ()
+        check_values(path, groups, device, with_sweeps=verify)
+        has_entries = "entries" in groups or "clicks_are_coarse" not in file.attrs
+        entries = tuple(read_entries(groups["entries"], device)) if has_entries else ()
         length_m, pitch_m = device.bar.length_m, float(file.attrs["click_pitch_m"][0])
-        if "clicks" in file:
-            clicks = read_clicks(file["clicks"], length_m, float(file.attrs["click_tolerance_m"][0]))
+        if "clicks" in groups:
+            clicks = read_clicks(groups["clicks"], length_m, float(file.attrs["click_tolerance_m"][0]))
         else:
             clicks = Clicks.of(Places.every(length_m, pitch_m), [])
-        receptances = None if IS_SHIPPED in file.attrs else read_receptances(file["receptances"])
+        receptances = None if IS_SHIPPED in file.attrs else read_receptances(groups["receptances"])
         return device, _LiveParts(entries, clicks, receptances)
 
 
