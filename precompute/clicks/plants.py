@@ -296,8 +296,11 @@ def _attach(
     """
     places = len(column)
     own_real, own_imag, c, d, u, v = column[j, 0], column[j, 1], space[0], space[1], space[2], space[3]
-    for p in range(places):
-        column[p] = g[_pair(p, j, places)]
+    for p in range(places):  # loops: an assignment of slices takes seconds to compile
+        at_p = g[_pair(p, j, places)]
+        for part in range(2):
+            for k in range(len(u)):
+                column[p, part, k] = at_p[part, k]
     # u + j v = z / (1 + z G_jj)
     for k in range(len(u)):
         a = stiffness + damping * real[k] + mass * (real[k] * real[k] - imag[k] * imag[k])

@@ -51,16 +51,47 @@ class Outcome(IntEnum):
     """Too many pivots, a singular basis, or no row that could leave: rounding, since the programs have solutions."""
 
 
+# Loops stand for array expressions and assignments of slices here: those take seconds to compile.
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _take(rows: Array, chosen: Integers, out: Array) -> None:
+    """Fill out (chosen, unknown) with the rows that are chosen."""
+    for i in range(len(chosen)):
+        for k in range(rows.shape[1]):
+            out[i, k] = rows[chosen[i], k]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _add(factor: float, direction: Array, out: Array) -> None:
+    """Add factor times direction to out."""
+    for i in range(len(out)):
+        out[i] += factor * direction[i]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _greatest(values: Array) -> float:
+    """The greatest magnitude."""
+    greatest = 0.0
+    for value in values:
+        greatest = max(greatest, abs(value))
+    return greatest
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def invert(rows: Array, basis: Integers, inverse: Array) -> bool:
     """Inverse of rows[basis] by Gauss and Jordan with row pivoting; False where it is singular."""
     n = len(basis)
-    work = rows[basis]
-    inverse[:] = 0.0
+    work = np.empty((n, n))
+    _take(rows, basis, work)
     for i in range(n):
-        inverse[i, i] = 1.0
+        for j in range(n):
+            inverse[i, j] = 1.0 if i == j else 0.0
     for k in range(n):
-        p = k + np.abs(work[k:, k]).argmax()
+        p = k
+        for i in range(k + 1, n):
+            if abs(work[i, k]) > abs(work[p, k]):
+                p = i
         if abs(work[p, k]) < 1e-12:
             return False
         if p != k:
@@ -155,7 +186,10 @@ def _choose_leaving(
             breaks += 1
     all_breaks = breaks
     while breaks > 0:
-        first = int(ratio[:breaks].argmin())
+        first = 0
+        for b in range(1, breaks):
+            if ratio[b] < ratio[first]:
+                first = b
         for b in range(breaks):  # of ties, the largest pivot
             if ratio[b] <= ratio[first] + smallest and abs(alpha[breaking[b]]) > abs(alpha[breaking[first]]):
                 first = b
@@ -186,8 +220,9 @@ def _exchange(inverse: Array, alpha: Array, leaving: int, direction: Array) -> N
 @njit(nogil=True, cache=True, error_model="numpy")
 def _fill_product(weight: Array, column: Array, out: Array) -> None:
     """Fill out (row,) with weight (unknown,) @ column (unknown, row), four unknowns at a time to spare the memory."""
-    out[:] = 0.0
     n = len(weight)
+    for h in range(len(out)):
+        out[h] = 0.0
     for k in range(0, n - 3, 4):
         a, b, c, d = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
         for h in range(len(out)):
@@ -203,10 +238,20 @@ def _refine(basic: Array, inverse: Array, cost: Array, target: Array, scale: Arr
 
     basic (unknown, unknown): the basic rows, which x holds at `target`.
     """
-    x += np.dot(inverse, target - np.dot(basic, x))
-    price += np.dot(cost - np.dot(price, basic), inverse)
-    left, own = np.abs(target - np.dot(basic, x)) / scale, np.abs(cost - np.dot(price, basic))
-    return bool(left.max() <= _EXACT and own.max() <= _EXACT * np.abs(cost).max())
+    n = len(x)
+    left, own, step = np.dot(basic, x), np.dot(price, basic), np.empty(n)
+    for k in range(n):
+        left[k], own[k] = target[k] - left[k], cost[k] - own[k]
+    np.dot(inverse, left, step)
+    _add(1.0, step, x)
+    np.dot(own, inverse, step)
+    _add(1.0, step, price)
+    np.dot(basic, x, left)
+    np.dot(price, basic, own)
+    most, is_exact = _EXACT * _greatest(cost), True
+    for k in range(n):  # what is not a number is not exact
+        is_exact &= abs(target[k] - left[k]) / scale[k] <= _EXACT and abs(cost[k] - own[k]) <= most
+    return is_exact
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -235,31 +280,36 @@ def maximise(
     target, basic_low, basic_high = np.empty(n), low[basis], high[basis]  # target: the limit that holds each basic row
     alpha, direction, breaking, ratio = np.empty(n), np.empty(n), np.empty(n, np.int64), np.empty(n)
     hot = np.empty(HOT_ROWS, np.int64)
-    smallest = 1e-10 * np.abs(cost).max()  # prices closer than this are equal
+    basic = np.empty((n, n))
+    smallest = 1e-10 * _greatest(cost)  # prices closer than this are equal
     pivots, since_inverse, is_exact = 0, PIVOTS_AN_INVERSE, False
     while True:
         if since_inverse >= PIVOTS_AN_INVERSE:
             if not has_inverse and not invert(rows, basis, inverse):
                 return Outcome.FAILED, pivots
             is_exact, has_inverse, since_inverse = not has_inverse, False, 0
-            price[:] = np.dot(cost, inverse)
+            np.dot(cost, inverse, price)
             for k in range(n):
                 target[k] = basic_high[k] if price[k] >= 0 else basic_low[k]
-            x[:] = np.dot(inverse, target)
+            np.dot(inverse, target, x)
         # A look at all rows: which are beyond their limits or near them?
-        value[:] = np.dot(rows, x)
+        np.dot(rows, x, value)
         found, worst = _choose_hot(value, low, high, scale, place, hot)
         is_below = np.dot(cost, x) <= floor
         if worst <= TOLERANCE or is_below:
             if is_exact:
                 return Outcome.BELOW_FLOOR if is_below else Outcome.OPTIMAL, pivots
-            if _refine(rows[basis], inverse, cost, target, scale[basis], x, price):
+            _take(rows, basis, basic)
+            if _refine(basic, inverse, cost, target, scale[basis], x, price):
                 is_exact = True
             else:
                 since_inverse = PIVOTS_AN_INVERSE
             continue
         chosen = hot[:found]
-        hot_columns, hot_value, hot_place = rows[chosen].T.copy(), value[chosen], place[chosen]
+        hot_columns, hot_value, hot_place = np.empty((n, found)), value[chosen], place[chosen]
+        for k in range(n):
+            for h in range(found):
+                hot_columns[k, h] = rows[chosen[h], k]
         hot_low, hot_high, hot_scale, weight = low[chosen], high[chosen], scale[chosen], np.ones(found)
         change = np.empty(found)
         for _ in range(PIVOTS_A_LOOK):
@@ -283,24 +333,25 @@ def maximise(
             is_exact = False
             # Where basic rows went to their other limits, x and the values follow.
             if last > first:
-                direction[:] = 0.0
+                for j in range(n):
+                    direction[j] = 0.0
                 for k in breaking[first:last]:
                     side = 1.0 if target[k] == basic_high[k] else -1.0
                     for j in range(n):
                         direction[j] += inverse[j, k] * side * (basic_high[k] - basic_low[k])
-                x += direction
+                _add(1.0, direction, x)
                 _fill_product(direction, hot_columns, change)
-                hot_value += change
+                _add(1.0, change, hot_value)
             if abs(alpha[leaving]) < _SMALLEST_PIVOT and since_inverse > 0:
                 since_inverse = PIVOTS_AN_INVERSE
                 break
             # Prices, x and values along the direction in which only the leaving row moves.
             length = limit - hot_value[entering]
             pivot, entering_weight, left = alpha[leaving], weight[entering], basis[leaving]
-            price -= sign * step * alpha
+            _add(-sign * step, alpha, price)
             price[leaving] = sign * step
             _exchange(inverse, alpha, leaving, direction)
-            x += length * direction
+            _add(length, direction, x)
             _fill_product(direction, hot_columns, change)
             for h in range(found):
                 hot_value[h] += length * change[h]

@@ -92,9 +92,11 @@ def evaluate(  # type: ignore[no-untyped-def]  # numba
     missing = (x + np.log1p(np.exp(-x)) if x > 0 else np.log1p(np.exp(x))) / beta
     slope = penalty / (1.0 + np.exp(min(-x, 500.0)))
     value -= penalty * missing
-    multipliers[n + d :] *= slope
+    for i in range(n + d, len(multipliers)):
+        multipliers[i] *= slope
     # The gradient of log a^H H a is 2 H a over the power.
-    gradient[:] = 0.0
+    for i in range(2 * m):
+        gradient[i] = 0.0
     for i in range(n):
         _add_form(numerator[i], drive, multipliers[i] * np.exp(-logs_n[i]), gradient)
     for i in range(d):
@@ -120,27 +122,44 @@ def _multiply(matrix, vector, out):  # type: ignore[no-untyped-def]  # numba
 
 
 @njit(cache=True)
+def _dot(first, second):  # type: ignore[no-untyped-def]  # numba
+    """Sum of the products, in a loop: array expressions and assignments of slices take seconds to compile."""
+    total = 0.0
+    for i in range(len(first)):
+        total += first[i] * second[i]
+    return total
+
+
+@njit(cache=True)
 def _climb_at(  # type: ignore[no-untyped-def]  # numba
     drive, usable, numerator, denominator, level, log_wanted, beta, multipliers, penalty
 ):
     """Quasi-Newton (BFGS) ascent of `drive` in place at one sharpness; the value reached."""
     m = len(drive)
     size = 2 * m
-    drive /= np.sqrt(np.sum(np.abs(drive) ** 2))
+    power = 0.0
+    for a in range(m):
+        power += abs(drive[a]) ** 2
+    scale = 1.0 / np.sqrt(power)
+    for a in range(m):
+        drive[a] = complex(drive[a].real * scale, drive[a].imag * scale)
     gradient, trial_gradient, step, change = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
-    moved = np.empty(size)
+    moved, inverse = np.empty(size), np.empty((size, size))
     trial, logs = np.empty_like(drive), np.empty(len(multipliers))
     goal = numerator, denominator, level, log_wanted, beta
     value = evaluate(drive, usable, *goal, gradient, multipliers, logs, penalty)
     # Of the inverse Hessian nothing is known at first: a short step along the gradient.
-    inverse = np.eye(size) / max(1.0, np.sqrt(np.sum(gradient**2))) * 0.1
+    first = 1.0 / max(1.0, np.sqrt(_dot(gradient, gradient))) * 0.1
+    for r in range(size):
+        for c in range(size):
+            inverse[r, c] = first if r == c else 0.0
     for _ in range(_ITERATIONS):
         _multiply(inverse, gradient, step)
-        slope = np.sum(step * gradient)
+        slope = _dot(step, gradient)
         if slope <= _GRADIENT**2:
             break
         # Backtracking line search from at most 0.3 of the drive's length, until Armijo's condition holds.
-        length = min(1.0, 0.3 / np.sqrt(np.sum(step**2)))
+        length = min(1.0, 0.3 / np.sqrt(_dot(step, step)))
         found = False
         for _ in range(30):
             for a in range(m):
@@ -152,15 +171,17 @@ def _climb_at(  # type: ignore[no-untyped-def]  # numba
             length *= 0.4
         if not found:
             break
-        step *= length
-        change[:] = gradient - trial_gradient
-        curvature = np.sum(step * change)
-        gain = new - value
-        drive[:], gradient[:], value = trial, trial_gradient, new
+        for r in range(size):
+            step[r] *= length
+            change[r] = gradient[r] - trial_gradient[r]
+            gradient[r] = trial_gradient[r]
+        for a in range(m):
+            drive[a] = trial[a]
+        curvature, gain, value = _dot(step, change), new - value, new
         # BFGS update of the inverse Hessian; a step of no or negative curvature leaves it.
         if curvature > 1e-14:
             _multiply(inverse, change, moved)
-            factor = (1.0 + np.sum(change * moved) / curvature) / curvature
+            factor = (1.0 + _dot(change, moved) / curvature) / curvature
             for r in range(size):
                 for c in range(size):
                     inverse[r, c] += factor * step[r] * step[c] - (moved[r] * step[c] + step[r] * moved[c]) / curvature

@@ -29,7 +29,10 @@ def interpolate(stack, grid_hz, frequency_hz, tone, out):  # type: ignore[no-unt
     Cubic through four neighbours of the grid; actuators on different tones do not interfere.
     """
     count, m = len(grid_hz), len(tone)
-    out[:] = 0.0
+    for i in range(stack.shape[0]):
+        for a in range(m):
+            for r in range(m):
+                out[i, a, r] = 0.0
     for t in range(len(frequency_hz)):
         f = frequency_hz[t]
         first = min(max(np.searchsorted(grid_hz, f) - 2, 0), max(count - 4, 0))
@@ -57,6 +60,12 @@ def fill_powers(stack, grid_hz, frequency_hz, tone, drive, out):  # type: ignore
             for b in range(len(drive)):
                 total += (np.conj(drive[a]) * forms[i, a, b] * drive[b]).real
         out[i] = total
+
+
+@njit(cache=True)
+def _copy(source, out):  # type: ignore[no-untyped-def]  # numba
+    for i in range(len(out)):
+        out[i] = source[i]
 
 
 @njit(cache=True)
@@ -89,7 +98,7 @@ def _refine_one(  # type: ignore[no-untyped-def]  # numba
         x, y = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)
         at_x, at_y = drive.copy(), drive.copy()
         # Golden section on the frequency of tone t, each end with a drive of its own that climbs along.
-        trial_hz[:] = hz
+        _copy(hz, trial_hz)
         trial_hz[t] = x
         value_x = _at(at_x, usable, stacks, grid_hz, trial_hz, tone, log_wanted, _ALONG, multipliers)
         trial_hz[t] = y
@@ -97,13 +106,13 @@ def _refine_one(  # type: ignore[no-untyped-def]  # numba
         while b - a > tolerance:
             if value_x >= value_y:
                 b, y, value_y = y, x, value_x
-                at_y[:] = at_x
+                _copy(at_x, at_y)
                 x = b - _GOLDEN * (b - a)
                 trial_hz[t] = x
                 value_x = _at(at_x, usable, stacks, grid_hz, trial_hz, tone, log_wanted, _ALONG, multipliers)
             else:
                 a, x, value_x = x, y, value_y
-                at_x[:] = at_y
+                _copy(at_y, at_x)
                 y = a + _GOLDEN * (b - a)
                 trial_hz[t] = y
                 value_y = _at(at_y, usable, stacks, grid_hz, trial_hz, tone, log_wanted, _ALONG, multipliers)
@@ -112,7 +121,7 @@ def _refine_one(  # type: ignore[no-untyped-def]  # numba
         if better > value:
             value = better
             hz[t] = x if value_x >= value_y else y
-            drive[:] = at_x if value_x >= value_y else at_y
+            _copy(at_x if value_x >= value_y else at_y, drive)
     return _at(drive, usable, stacks, grid_hz, hz, tone, log_wanted, SHARPEST, multipliers)
 
 
