@@ -1,12 +1,14 @@
 """The shipped devices, variations of them, and a third one at random: what the model's laws are checked on."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import settings
 
 from engine.device import Actuator, Device, Zone
@@ -16,6 +18,7 @@ unhurried = settings(deadline=None)
 """A property's first example may pay for a compilation, and the machine may be busy."""
 
 SHIPPED = Path(__file__).parents[2] / "tables" / "devices"
+RANDOM = "random-20230247606"
 
 
 @cache
@@ -26,8 +29,15 @@ def shipped(name: str) -> Device:
 
 def every_device() -> dict[str, Device]:
     """Both shipped devices and a random one, by name."""
-    devices = (shipped("reference-a"), shipped("reference-d"), random_device(seed=20230247606))
+    devices = (shipped("reference-a"), shipped("reference-d"), random_device(int(RANDOM.removeprefix("random-"))))
     return {device.name: device for device in devices}
+
+
+def on_each(devices: Mapping[str, Device]) -> pytest.MarkDecorator:
+    """The argument `device` of a test: the random one, which is like no other, and with the long tests all of them."""
+    cases = devices.items()
+    values = [pytest.param(device, id=name, marks=() if name == RANDOM else pytest.mark.long) for name, device in cases]
+    return pytest.mark.parametrize("device", values)
 
 
 @cache

@@ -51,17 +51,16 @@ def build(order: BuildOrder, parent: Parent) -> None:
     compile_all(STEADY, say)
     parent.say({"compiled": True})
     compile_all(BUILDS, say)
+    if found is not None and found.path == order.path:
+        parent.say({"usable": str(order.path)})
+        return
     from precompute.builder.build import COARSE_IN_PLACE, Coarse, build_table
     from precompute.parallel.pool import available_cores
-
-    order.path.parent.mkdir(parents=True, exist_ok=True)
 
     def progress(step: str, fraction: float) -> None:
         parent.say({"usable": str(early)} if step == COARSE_IN_PLACE else {"step": step, "fraction": fraction})
 
-    if found is not None and found.path == order.path:
-        parent.say({"usable": str(order.path)})
-        return
+    order.path.parent.mkdir(parents=True, exist_ok=True)
     with _sigterm_as_interrupt():
         build_table(device, early, coarse=Coarse.FIRST, workers=available_cores(), progress=progress)
     rename_durably(early, order.path)

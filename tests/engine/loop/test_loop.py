@@ -304,7 +304,7 @@ EVERY_TRIGGER = Effects(
 )
 
 
-@pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=8))
+@pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=3))
 def test_a_real_recording_gives_the_same_states_and_levels_at_any_speed(path: Path) -> None:
     recording = read_recording(path)
     rigs = [Rig(recording, speed=speed, effects=EVERY_TRIGGER) for speed in (1.0, 7.0, None)]

@@ -22,6 +22,7 @@ from tests.engine.steady.solvers import DEVICES, designer_of, tabulated
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import SHIPPED, mirrored, shipped
 from tests.precompute.entries.dense_state import threshold
+from tests.quick import first_quick
 
 Array = NDArray[np.float64]
 
@@ -30,7 +31,9 @@ STATES = int(os.environ.get("TACTABLE_STEADY_STATES", "6"))
 TOLERANCE_DB = 0.05
 KNOWN_DB = 0.03
 """A tabulated drive this near to its bound is the optimum."""
-any_device = pytest.mark.parametrize("name", DEVICES)
+any_device = pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long if name[-2:] in ("-d", "-t") else ()) for name in DEVICES]
+)
 
 
 @any_device
@@ -58,7 +61,7 @@ def test_a_drive_is_as_good_as_the_tabulated_one_where_that_is_the_optimum(name:
 
 
 @any_device
-@pytest.mark.parametrize("fingers", [2, 10, *(pytest.param(count, marks=pytest.mark.long) for count in (1, 3, 5))])
+@pytest.mark.parametrize("fingers", first_quick([10, 1, 2, 3, 5]))
 def test_fingers_feel_what_a_dense_model_says(name: str, fingers: int) -> None:
     device, random = DEVICES[name], np.random.default_rng(fingers)
     solver = designer_of(device).solver

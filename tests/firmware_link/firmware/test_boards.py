@@ -9,6 +9,7 @@ from tests.firmware_link.firmware.compiled_core import make, need
 IMAGES = ("mps2_an385.elf", "stm32f405.elf", "stm32f405_qemu.elf")
 
 
+@pytest.mark.long
 def test_all_boards_build_without_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     need("make", "cc", "arm-none-eabi-gcc", "arm-none-eabi-g++")
     said = make(tmp_path, "check")

@@ -31,9 +31,11 @@ def test_the_c_core_keeps(law: Law | WaveLaw | HangUpLaw) -> None:
     law(WatchedTier())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "files",
-    [pytest.param("test_core.py", id="by the laws"), pytest.param("test_*.py", id="at all", marks=pytest.mark.long)],
+    ["test_core.py", "test_*.py"],
+    ids=["by the laws", "at all"],
 )
 def test_the_c_core_does_nothing_undefined(tmp_path: Path, files: str) -> None:
     need("make", "cc")

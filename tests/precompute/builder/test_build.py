@@ -28,6 +28,7 @@ from precompute.model.modal import compute_basis
 from precompute.sweep.grid import zone_points
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import SHIPPED
+from tests.quick import first_quick
 
 TEXT = (SHIPPED / "reference-a.toml").read_text(encoding="utf-8")
 SMALL = (
@@ -144,8 +145,8 @@ def drive(
     return frequency_hz, weights
 
 
-@pytest.mark.parametrize("name", [pytest.param("two", marks=pytest.mark.long), "three"])
-@pytest.mark.parametrize("diagonal", [True, False])
+@pytest.mark.parametrize("name", first_quick(["three", "two"]))
+@pytest.mark.parametrize("diagonal", first_quick([True, False]))
 def test_the_pair_sweep_is_the_dense_models(folder: Path, name: str, diagonal: bool) -> None:
     device, random = DEVICES[name], np.random.default_rng(0)
     model, hz, amplitude = DenseModel(device), device.sweep.frequency_hz, device.sweep.amplitude
@@ -189,7 +190,7 @@ def test_the_sweep_is_nan_only_where_nothing_moves_or_a_band_forbids(folder: Pat
                 assert (np.isfinite(figure(["I"], p)) == allowed).all()
 
 
-@pytest.mark.parametrize("name", [pytest.param("two", marks=pytest.mark.long), "three"])
+@pytest.mark.parametrize("name", first_quick(["three", "two"]))
 def test_the_coherent_sweep_is_the_dense_models(folder: Path, name: str) -> None:
     device, random = DEVICES[name], np.random.default_rng(1)
     model, hz = DenseModel(device), device.sweep.frequency_hz
@@ -229,14 +230,18 @@ def contents(path: Path) -> dict[str, object]:
 
 
 @pytest.mark.parametrize(
-    ("name", "budget"), [("two", 20_000), pytest.param("two", 1 << 30, marks=pytest.mark.long), ("three", 50_000)]
+    ("name", "budget"),
+    [
+        ("two", 20_000),
+        *(pytest.param(*case, marks=pytest.mark.long) for case in (("two", 1 << 30), ("three", 50_000))),
+    ],
 )
 def test_the_memory_budget_does_not_change_a_byte(folder: Path, tmp_path: Path, name: str, budget: int) -> None:
     build_table(DEVICES[name], tmp_path / "other.nc", created="2024-01-01", clicks_up_to=0, memory_budget_bytes=budget)
     assert contents(tmp_path / "other.nc") == contents(folder / f"{name}.nc")
 
 
-@pytest.mark.parametrize("name", ["two", *(pytest.param(name, marks=pytest.mark.long) for name in ("three", "one"))])
+@pytest.mark.parametrize("name", first_quick(["two", "three", "one"]))
 def test_entries_are_read_back_as_they_were_solved(folder: Path, name: str) -> None:
     device = DEVICES[name]
     solved = sorted((entries for entries, _ in solve_entries(assemble(device))), key=lambda entries: entries[0].index)
@@ -313,7 +318,7 @@ LENGTHY = {
 """Descriptions whose builds take seconds with this step."""
 
 
-@pytest.mark.parametrize("at", [pytest.param("sweep", marks=pytest.mark.long), "entries"])
+@pytest.mark.parametrize("at", first_quick(["entries", "sweep"]))
 def test_ctrl_c_of_a_build_leaves_nothing_behind(folder: Path, tmp_path: Path, at: str) -> None:
     older = tmp_path / "table.nc"
     older.write_bytes((folder / "three.nc").read_bytes())

@@ -79,7 +79,7 @@ CHANGES = {
 }
 
 
-SIMILAR = ("a word", "nothing", "zones", "full scale")
+SIMILAR = ("a word", "nothing", "what is not known of fingers", "zones", "full scale")
 """What keeps as much as another change."""
 
 

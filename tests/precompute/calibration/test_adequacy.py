@@ -12,6 +12,7 @@ from precompute.measurements.parameters import default_names, paper_names
 from precompute.measurements.simulate import Flaws
 from tests.precompute.devices import shipped
 from tests.precompute.measured import TRUTH, read_bar
+from tests.quick import first_quick
 
 DEVICE = shipped("reference-a")
 FLAWS = Flaws(noise=0.02, wrong=0.05)
@@ -37,7 +38,7 @@ def outside(calibration: Calibration, truth: dict[str, float]) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(4, marks=pytest.mark.long)])
+@pytest.mark.parametrize("seed", first_quick([1, 4]))
 def test_a_wrong_modulus_that_is_not_fitted_is_doubted_and_named(seed: int) -> None:
     found = fitted(STIFFER, paper_names(DEVICE), seed=seed)
     assert outside(found, STIFFER)
@@ -47,7 +48,7 @@ def test_a_wrong_modulus_that_is_not_fitted_is_doubted_and_named(seed: int) -> N
     assert "Try --also bar.youngs_modulus: the typical misfit, " in report["doubt"]
 
 
-@pytest.mark.parametrize("share", [0.94, pytest.param(1.06, marks=pytest.mark.long)])
+@pytest.mark.parametrize("share", first_quick([0.94, 1.06]))
 def test_the_first_fit_takes_a_wrong_modulus_in_and_its_intervals_hold_the_truth(share: float) -> None:
     truth = {**TRUTH, "bar.youngs_modulus": share * DEVICE.bar.youngs_modulus_pa}
     found = fitted(truth, default_names(DEVICE))

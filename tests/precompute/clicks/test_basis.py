@@ -14,11 +14,11 @@ from precompute.clicks.basis import (
     make_tones,
     orthogonalised,
 )
-from tests.precompute.devices import every_device, shipped
+from tests.precompute.devices import every_device, on_each, shipped
 
 Array = NDArray[np.float64]
 DEVICES = every_device()
-any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+any_device = on_each(DEVICES)
 LENGTH_S = 0.02
 
 

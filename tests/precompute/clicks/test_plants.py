@@ -25,12 +25,12 @@ from precompute.model.damped_lines import SIGMA_PER_S, DampedLines
 from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant
 from precompute.sampling.plants import Scenarios, sample_scenarios
-from tests.precompute.devices import every_device, shipped
+from tests.precompute.devices import every_device, on_each, shipped
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 DEVICES = every_device()
-any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+any_device = on_each(DEVICES)
 POSITION_M = (31e-3, 118e-3)
 """Of the fingers: in no middle, and on every bar."""
 LENGTH_S = 0.02

@@ -15,6 +15,7 @@ from precompute.clicks.options import ClickOptions
 from precompute.clicks.solver import FULL_SCALE, Click, ClickSolver
 from tests.precompute.clicks.click_cases import CHEAP, placed
 from tests.precompute.devices import mirrored, shipped
+from tests.quick import first_quick
 
 Array = NDArray[np.float64]
 CASES = ["F--q-", "q--F-", "FqFq-", "qF-Fq", "F----", "qqFqq"]
@@ -128,7 +129,7 @@ def _peak(rows: Array, weight: Array, sharpness: float) -> tuple[float, Array]:
     return float(np.log(size.max()) + np.log(share.sum()) / sharpness), slope
 
 
-@pytest.mark.parametrize("letters", ["F--q-", "q--F-", "qF-Fq"])
+@pytest.mark.parametrize("letters", first_quick(["F--q-", "q--F-", "qF-Fq"]))
 def test_no_random_or_climbing_search_beats_it(letters: str) -> None:
     click = click_of(letters)
     limit = abs(courses(click, "quiet")).max()

@@ -11,9 +11,10 @@ from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import random_device, shipped
 from tests.precompute.entries.dense_state import DenseState
 from tests.precompute.entries.rivals import BEAT_HZ, best_starts, climb, judge_tries, partitions, random_tries, rival
+from tests.quick import first_quick
 
 DEVICES = {"two actuators": shipped("reference-a"), "three actuators": random_device(20230247606)}
-any_device = pytest.mark.parametrize("name", DEVICES)
+any_device = pytest.mark.parametrize("name", first_quick(reversed(DEVICES)))
 FREE, QUIET, FELT = ZoneState
 STATES = {
     "felt and quiet": (FELT, FREE, QUIET, FELT, FREE),
@@ -39,7 +40,7 @@ def test_side_by_side_the_touches_move_as_each_dense_model_alone(name: str) -> N
 
 @any_device
 @pytest.mark.parametrize("states", STATES)
-@pytest.mark.parametrize("loudest", [True, pytest.param(False, marks=pytest.mark.long)])
+@pytest.mark.parametrize("loudest", first_quick([True, False]))
 def test_slopes_over_frequency_are_those_of_finite_differences(name: str, states: str, loudest: bool) -> None:
     state, hz, step = state_of(name, states, loudest), 187.3, 1e-3
     difference = (state.forms(hz + step)[0] - state.forms(hz - step)[0]) / (2 * step)
@@ -71,8 +72,7 @@ def test_tries_are_of_every_family_and_none_beats_and_each_is_judged_as_alone(na
     ("name", "loudest"),
     [
         ("two actuators", True),
-        ("three actuators", False),
-        pytest.param("two actuators", False, marks=pytest.mark.long),
+        *(pytest.param(name, False, marks=pytest.mark.long) for name in ("two actuators", "three actuators")),
         pytest.param("three actuators", True, marks=pytest.mark.long),
     ],
 )

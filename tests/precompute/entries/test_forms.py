@@ -16,15 +16,16 @@ from precompute.model.response import solve_response
 from precompute.sampling.fingers import sample_fingers
 from precompute.sampling.receptance import Receptance, solve_receptance
 from tests.precompute.dense_model import DenseModel
-from tests.precompute.devices import every_device, random_device, shipped, unhurried, with_bar
+from tests.precompute.devices import every_device, on_each, random_device, shipped, unhurried, with_bar
 from tests.precompute.entries.dense_state import fingers_of, threshold
+from tests.quick import first_quick
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 FREQUENCY_HZ = np.array([60.0, 112.0, 140.0, 179.35, 208.57, 230.0, 300.0])
 DEVICES = every_device()
-any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
-touched_sets = pytest.mark.parametrize("touched", [(0,), (1, 3), (0, 1, 2, 3)], ids=str)
+any_device = on_each(DEVICES)
+touched_sets = pytest.mark.parametrize("touched", first_quick([(1, 3), (0,), (0, 1, 2, 3)]), ids=str)
 
 
 @cache
@@ -56,17 +57,13 @@ def update_error(device: Device, touched: tuple[int, ...]) -> Array:
 
 
 @touched_sets
-@pytest.mark.parametrize("name", ["reference-a", pytest.param("reference-d", marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", first_quick(["reference-a", "reference-d"]))
 def test_the_low_rank_update_equals_assembling_the_fingers(name: str, touched: tuple[int, ...]) -> None:
     """With elements of 20 mm, since their number to the fourth power is what rounding grows with."""
     assert update_error(with_bar(shipped(name), largest_element_m=0.02), touched).max() <= 1e-10
 
 
-@pytest.mark.parametrize(
-    "device",
-    [*DEVICES.values(), *(pytest.param(random_device(seed), marks=pytest.mark.long) for seed in (1, 3))],
-    ids=lambda device: device.name,
-)
+@on_each(DEVICES | {f"random-{seed}": random_device(seed) for seed in (1, 3)})
 def test_the_low_rank_update_equals_assembling_as_far_as_the_condition_allows(device: Device) -> None:
     """Elements are up to 1e7 times stiffer than the bar as a whole: both ways round, and differ by as much."""
     model = DenseModel(device)

@@ -11,13 +11,13 @@ from precompute.entries.performance import DriveFigures, compute_figures
 from precompute.model.assembly import assemble
 from precompute.sampling.fingers import sample_fingers
 from tests.precompute.dense_model import DenseModel, Figures
-from tests.precompute.devices import every_device
+from tests.precompute.devices import every_device, on_each
 from tests.precompute.entries.dense_state import fingers_of, threshold
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 DEVICES = every_device()
-any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+any_device = on_each(DEVICES)
 either = pytest.mark.parametrize("coherent", [True, False], ids=["coherent", "a tone each"])
 TOUCHED = (0, 2, 3)
 LOOKED_AT = (0, 3, 20, 32)

@@ -12,14 +12,14 @@ from precompute.measurements.parameters import find_parameters, known_names
 from precompute.measurements.simulate import even_places
 from precompute.measurements.types import Kind, Measurements, lay_out
 from tests.precompute.dense_model import DenseModel
-from tests.precompute.devices import damped_as_assembly, every_device, shipped, with_bar
+from tests.precompute.devices import damped_as_assembly, every_device, on_each, shipped, with_bar
 from tests.precompute.measured import NAN
 
 Array = NDArray[np.float64]
 DEVICE = with_bar(shipped("reference-a"), mass_damping_per_s=0.7)
 ASSEMBLY = damped_as_assembly(DEVICE)
 DEVICES = [*every_device().values(), ASSEMBLY]
-any_device = pytest.mark.parametrize("device", DEVICES, ids=[device.name for device in DEVICES])
+any_device = on_each({device.name: device for device in DEVICES})
 
 
 def rows_of(device: Device, drives_hz: Array, kind: Kind = Kind.PEAK, *, finger: bool = True) -> Measurements:

@@ -18,6 +18,7 @@ from tests.precompute.devices import (
     bare,
     damped_as_assembly,
     every_device,
+    on_each,
     random_device,
     shipped,
     unhurried,
@@ -27,7 +28,7 @@ from tests.precompute.devices import (
 
 Array = NDArray[np.float64]
 places = st.floats(0.0, 1.0)
-any_device = pytest.mark.parametrize("device", every_device().values(), ids=every_device())
+any_device = on_each(every_device())
 
 
 @st.composite

@@ -14,12 +14,12 @@ from engine.device import Device, Zone
 from precompute.model.assembly import assemble
 from precompute.model.gram import compute_gram
 from precompute.model.response import Response, solve_response
-from tests.precompute.devices import every_device, shipped, unhurried
+from tests.precompute.devices import every_device, on_each, shipped, unhurried
 
 Complex = NDArray[np.complex128]
 FREQUENCY_HZ = np.array([20.0, 60.0, 112.0, 140.0, 179.35, 208.57, 230.0, 300.0])
 DEVICES = every_device()
-any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+any_device = on_each(DEVICES)
 
 
 def solved(device: Device) -> Response:

@@ -12,12 +12,12 @@ from precompute.model.assembly import assemble
 from precompute.model.modal import CONVERGED, ModalModel, compute_basis, compute_modal_model, truncation_errors
 from precompute.model.response import solve_response
 from tests.precompute.dense_model import DenseModel
-from tests.precompute.devices import damped_as_assembly, every_device, other_bars, random_device, shipped
+from tests.precompute.devices import damped_as_assembly, every_device, on_each, other_bars, random_device, shipped
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 DEVICES = every_device()
-any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+any_device = on_each(DEVICES)
 
 
 def fingers_on(device: Device) -> list[tuple[float, Finger]]:

@@ -17,6 +17,7 @@ from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import (
     every_device,
     mirrored,
+    on_each,
     random_device,
     scaled,
     shipped,
@@ -27,7 +28,7 @@ from tests.precompute.devices import (
 
 Complex = NDArray[np.complex128]
 FREQUENCY_HZ = np.array([12.5, 60.0, 121.8, 140.0, 179.35, 208.57, 300.0, 950.0])
-any_device = pytest.mark.parametrize("device", every_device().values(), ids=every_device())
+any_device = on_each(every_device())
 
 
 def dynamic_stiffness(plant: Plant, frequency_hz: float) -> Complex:

@@ -3,17 +3,16 @@
 from typing import Any
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 from skfem import Basis, BilinearForm, ElementLineHermite, MeshLine
 
 from engine.device import Device
 from precompute.model.assembly import Plant, assemble, dense
 from precompute.model.response import solve_response
-from tests.precompute.devices import every_device
+from tests.precompute.devices import every_device, on_each
 
 FREQUENCY_HZ = np.array([5.0, 34.05, 60.0, 121.8, 140.0, 208.57, 247.5, 300.0, 600.0])
-any_device = pytest.mark.parametrize("device", every_device().values(), ids=every_device())
+any_device = on_each(every_device())
 
 
 def _bending(u: Any, v: Any, _: Any) -> Any:

@@ -10,10 +10,10 @@ from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
 from tests.precompute.dense_model import DenseModel
-from tests.precompute.devices import every_device
+from tests.precompute.devices import every_device, on_each
 
 DEVICES = every_device()
-any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+any_device = on_each(DEVICES)
 Complex = NDArray[np.complex128]
 
 

@@ -11,14 +11,15 @@ from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis
 from precompute.model.transient import TransientPlant
 from tests.precompute.dense_model import DenseModel, Figures
-from tests.precompute.devices import every_device, shipped, with_bar
+from tests.precompute.devices import every_device, on_each, shipped, with_bar
+from tests.quick import first_quick
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 RATE_HZ = 48000.0
 DEVICES = {device.name: with_bar(device, mass_damping_per_s=20.0) for device in every_device().values()}
 """Damped, so that a second and a half from rest all is steady to 1e-6; the laws do not depend on it."""
-any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+any_device = on_each(DEVICES)
 
 
 def fingers_on(device: Device) -> list[tuple[float, Finger]]:
@@ -116,11 +117,7 @@ def whole_run() -> tuple[Array, Array, Array]:
 
 @pytest.mark.parametrize(
     "pieces",
-    [
-        [8192, 49],
-        [17, 8224],
-        *(pytest.param(each, marks=pytest.mark.long) for each in ([1] * 50 + [8191], [3000, 5241], [8193, 48])),
-    ],
+    first_quick([[17, 8224], [8192, 49], [1] * 50 + [8191], [3000, 5241], [8193, 48]]),
 )
 def test_stretches_do_not_matter(whole_run: tuple[Array, Array, Array], pieces: list[int]) -> None:
     waves, whole, energy = whole_run

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.sampling.fingers import PLACES, SAMPLES, SampledFingers, sample_fingers
-from tests.precompute.devices import every_device, mirrored, shipped
+from tests.precompute.devices import every_device, mirrored, on_each, shipped
 
 Array = NDArray[np.float64]
 DEVICES = every_device()
-any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+any_device = on_each(DEVICES)
 
 
 def positions(sampled: SampledFingers) -> Array:

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from engine.device import Device, FittedValue, Spread, Uncertainty
 from precompute.sampling.plants import Scenarios, sample_scenarios
-from tests.precompute.devices import every_device, mirrored, shipped
+from tests.precompute.devices import every_device, mirrored, on_each, shipped
 
 Array = NDArray[np.float64]
 DEVICES = every_device()
 POSITION_M = (20e-3, 90e-3, 120e-3)
-any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+any_device = on_each(DEVICES)
 
 
 def solid(scenarios: Scenarios) -> Array:

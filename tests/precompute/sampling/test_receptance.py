@@ -3,7 +3,6 @@
 from functools import cache
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from engine.device import Device
@@ -11,12 +10,12 @@ from precompute.model.assembly import assemble
 from precompute.sampling.fingers import PLACES, sample_fingers
 from precompute.sampling.receptance import Receptance, solve_receptance
 from tests.precompute.dense_model import DenseModel
-from tests.precompute.devices import every_device
+from tests.precompute.devices import every_device, on_each
 
 Complex = NDArray[np.complex128]
 FREQUENCY_HZ = np.array([60.0, 112.0, 140.0, 179.35, 208.57, 230.0, 300.0])
 DEVICES = every_device()
-any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+any_device = on_each(DEVICES)
 
 
 @cache

@@ -88,6 +88,7 @@ def test_a_table_s_clicks_and_the_drives_of_a_run_are_judged_at_the_same_fingers
     assert f"reaches 20 dB in {steady['achieved']} of 4 placements" in shown.getvalue()
 
 
+@pytest.mark.long
 def test_processes_do_not_change_a_figure() -> None:
     wanted = Anywhere(placements=3, plants=20)
     one, two = (compare_anywhere(DEVICE, wanted, workers, lambda _: None, CHEAP) for workers in (1, 2))

@@ -21,6 +21,7 @@ from precompute.studies.placement import (
 )
 from precompute.studies.two_fingers import screen_two_fingers, solve_two_fingers
 from tests.precompute.devices import shipped, with_zones
+from tests.quick import first_quick
 
 MOST = 20
 
@@ -89,7 +90,7 @@ def test_the_best_judged_comes_first_and_the_even_placement_is_among_them(found:
     assert even.position_m == even_places(small(), 2) == pytest.approx((0.06985, 0.20955))
 
 
-@pytest.mark.parametrize("most", [4, 8])
+@pytest.mark.parametrize("most", first_quick([4, 8]))
 def test_what_is_found_is_never_worse_than_the_even_placement(most: int) -> None:
     """With these grids the best screened places of one actuator are worse than the middle of the bar."""
     search = search_placement(small(), 1, 20.0, most, lambda _: None)

@@ -12,6 +12,7 @@ from precompute.model.assembly import assemble
 from precompute.sampling.fingers import sample_fingers
 from precompute.studies.two_fingers import TwoFingers, finger_pairs, screen_two_fingers, solve_two_fingers
 from tests.precompute.devices import mirrored, shipped, with_actuators, with_zones
+from tests.quick import first_quick
 
 SEARCH_DB = 0.05
 """The entries' own claim: so far from the optimum at most."""
@@ -44,7 +45,7 @@ def test_every_two_zones_are_a_pair_both_ways_round(solved: TwoFingers) -> None:
     assert np.isnan(np.diag(solved.contrast_db)).all() and np.isfinite(solved.contrast_db).sum() == 6
 
 
-@pytest.mark.parametrize("name", ["reference-a", "reference-d", "reference-t"])
+@pytest.mark.parametrize("name", first_quick(["reference-a", "reference-d", "reference-t"]))
 def test_the_screening_never_gives_more_than_the_search(name: str) -> None:
     device = small(name)
     screened = screen_two_fingers(device, sample_fingers(device), 20.0, 4.0)

@@ -10,14 +10,10 @@ from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.sweep.grid import SAMPLING_ERROR, compute_grid_response, estimate_interpolation_error, zone_points
 from tests.precompute.dense_model import DenseModel
-from tests.precompute.devices import every_device, random_device
+from tests.precompute.devices import every_device, on_each, random_device
 
 DEVICES = every_device() | {f"random-{seed}": random_device(seed) for seed in (1, 2, 3)}
-FURTHER = ("random-2", "random-3")
-any_device = pytest.mark.parametrize(
-    "device",
-    [pytest.param(d, id=name, marks=pytest.mark.long if name in FURTHER else ()) for name, d in DEVICES.items()],
-)
+any_device = on_each(DEVICES)
 FREQUENCY_HZ = np.linspace(60.0, 300.0, 25)
 
 

@@ -14,6 +14,7 @@ DEVICE = with_zones(shipped("reference-a"), 3)
 COARSE = replace(DEVICE, sweep=replace(DEVICE.sweep, step_hz=8.0), levels_db=(20.0,))
 
 
+@pytest.mark.long
 def test_entries_of_every_number_of_zones_and_actuators_are_timed() -> None:
     rows = measure_entries(COARSE, (1, 2), (1, 2))
     assert [row["states"] for row in rows] == [1, 5, 1, 5]  # 3^n - 2^n

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from tests.precompute.devices import shipped
 from tests.precompute.measured import TRUTH
@@ -17,6 +18,7 @@ def result() -> dict[str, Any]:
     return measure_coverage((Case("reference-a", 3, 0.01), Case("reference-a", 3, 0.0, published=True)), 1)
 
 
+@pytest.mark.long
 def test_every_case_has_its_figures_and_json_takes_them() -> None:
     noisy, clean = json.loads(json.dumps(result(), allow_nan=False))["cases"]
     assert [p["name"] for p in noisy["parameters"]] == list(TRUTH)

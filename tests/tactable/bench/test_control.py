@@ -4,6 +4,7 @@ import io
 import json
 from pathlib import Path
 
+import pytest
 from rich.console import Console
 
 from engine.table import Table
@@ -17,6 +18,7 @@ ROUNDS = 10
 DEVICE = find_device("reference-a")
 
 
+@pytest.mark.long
 def test_each_round_times_a_touch_and_a_message_in_the_same_run(tmp_path: Path) -> None:
     entries = [entry_of(DEVICE, state) for state in felt_states(DEVICE)]
     path = write_table(tmp_path / "bar.nc", DEVICE, entries, every_click(DEVICE))

@@ -86,6 +86,7 @@ def test_the_table_is_built_for_the_new_bar_as_it_was_built_before(folder: Path)
     assert "actuator[1].stiffness_n_per_m" in {change["key"] for change in applied["diff"]["device"]}
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("one_core")
 def test_asked_again_it_goes_on_where_it_was_and_then_does_nothing(folder: Path) -> None:
     first = apply("--no-clicks")

@@ -36,6 +36,7 @@ def folder(built: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(built, tmp_path, dirs_exist_ok=True))
 
 
+@pytest.mark.long
 def test_coarse_clicks_come_first_and_are_told_from_the_fine_ones(tmp_path: Path) -> None:
     (tmp_path / "bar.toml").write_text(SMALL, encoding="utf-8")
     command = ("build", "bar.toml", "-o", "bar.nc", "--clicks-up-to", "1", "--pitch", "140 mm", "--workers", "1")
@@ -91,6 +92,7 @@ def test_without_a_previous_table_rollback_says_so(folder: Path) -> None:
     assert "there is no previous table" in done.stderr
 
 
+@pytest.mark.long
 def test_a_watched_device_is_built_at_each_change_and_a_wrong_one_is_told(tmp_path: Path) -> None:
     device = tmp_path / "bar.toml"
     device.write_text(SMALL, encoding="utf-8")

@@ -101,6 +101,7 @@ def converter(pipe: Path) -> Iterator[None]:
         writer.join()
 
 
+@pytest.mark.long
 def test_a_board_on_a_terminal_and_samples_in_a_pipe_are_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -28,6 +28,7 @@ def errors_of(path: Path) -> list[tuple[float, float]]:
     return [(20 * math.log10(abs(ratio)), math.degrees(np.angle(ratio))) for ratio in ratios]
 
 
+@pytest.mark.long
 def test_a_board_over_a_terminal_is_measured_by_its_own_accelerometer(tmp_path: Path) -> None:
     spec = f"at={AT_MM}mm, mass=2g, drift=9000"
     with emulator(tmp_path, "--device", "reference-a", "--sensor", spec, "--seed", "5") as running:

@@ -229,6 +229,7 @@ def test_another_process_records_what_is_touched(folder: Path, emulator: Running
     ]
 
 
+@pytest.mark.long
 def test_a_ring_shows_a_run_to_whoever_looks_and_goes_with_it(folder: Path, emulator: RunningEmulator) -> None:
     ring = folder / "ring"
     words = ["bar.nc", "--touch", "simulated", "--port", emulator.port, "--reconnect", "--ring", "ring"]

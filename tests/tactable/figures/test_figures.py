@@ -23,6 +23,7 @@ from tactable.figures.played_drive import entry_drive, solved_drive
 from tactable.figures.rise import plot_rise
 from tactable.figures.state import compute_envelope, plot_state
 from tests.precompute.dense_model import DenseModel
+from tests.quick import first_quick
 from tests.tactable.plot_table import build_small_table
 
 SEARCH_DB = 0.05
@@ -57,8 +58,9 @@ def complex_amplitudes(entry: Entry) -> np.ndarray:
 # ---- state -----------------------------------------------------------------------------------------------
 
 
-def test_the_envelope_under_a_standard_finger_is_what_the_entry_promises(table: Table) -> None:
-    for entry in table.entries_at(20.0):
+@pytest.mark.parametrize("every", first_quick([5, 1]))
+def test_the_envelope_under_a_standard_finger_is_what_the_entry_promises(table: Table, every: int) -> None:
+    for entry in list(table.entries_at(20.0))[::every]:
         envelope = compute_envelope(entry_drive(table, entry))
         for zone, promise in zip(table.device.zones, entry.zones, strict=True):
             if promise.acceleration_at_finger_m_per_s2 is not None:

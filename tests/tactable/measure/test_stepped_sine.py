@@ -15,6 +15,7 @@ from tactable.measure.sensor import SensorError
 from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
 from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
 from tests.engine.loop.rig import DEVICE, MS
+from tests.quick import first_quick
 
 MASS_KG = 2e-3
 PLACE_M = 0.05
@@ -152,7 +153,7 @@ def test_a_board_that_stopped_itself_is_armed_again_and_the_reading_taken_again(
     assert abs(20 * np.log10(abs(reading.acceleration / true_response(reading)))) < 0.05
 
 
-@pytest.mark.parametrize("has_loopback", [False, True])
+@pytest.mark.parametrize("has_loopback", first_quick([False, True]))
 def test_a_drive_that_goes_on_lapsing_spoils_its_reading(has_loopback: bool) -> None:
     reading = read_while_busy(1_100 * MS, 60_000 * MS, has_loopback=has_loopback)
     assert reading.is_spoiled

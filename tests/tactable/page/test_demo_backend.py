@@ -29,6 +29,7 @@ from tactable.page.view import View
 from tactable.rig.ready import cached_table, early_path
 from tactable.shipped import find_device
 from tests.precompute.builder.test_build import SMALL
+from tests.quick import first_quick
 
 TICK_S = 1 / 60
 RATE_HZ = 24_000
@@ -345,7 +346,7 @@ def test_a_switch_that_there_is_not_is_told_and_changes_nothing(rig: Rig) -> Non
     assert rig.backend.scene()["trouble"] == ""
 
 
-@pytest.mark.parametrize("which", [0, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.parametrize("which", first_quick([0, 1]))
 def test_a_process_that_dies_is_started_again_and_the_show_goes_on(rig: Rig, which: int) -> None:
     before, restarts = rig.backend.process_ids, rig.backend.restarts
     os.kill(before[which], signal.SIGKILL)
@@ -357,6 +358,7 @@ def test_a_process_that_dies_is_started_again_and_the_show_goes_on(rig: Rig, whi
     rig.until(lambda picture: picture.command > 0 and picture.age_s > 0.1)
 
 
+@pytest.mark.long
 def test_a_device_without_a_table_plays_steady_drives_at_once_then_clicks_as_they_are_solved(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -16,6 +16,7 @@ from tactable.page.live_bar import LONGEST_STEP_S, POINTS, RATE_HZ, BarFinger, L
 from tactable.page.messages import LOWEST_DB
 from tactable.page.ring_drive import RingDrive
 from tactable.rig.promises import Promises
+from tests.quick import first_quick
 from tests.tactable.page.played import FRAME_US, RESOLUTION_HZ, bar_of, events_of, record_of, touches_of
 
 PAIR = Placement((0.035, 0.22), (True, False))
@@ -84,7 +85,7 @@ def test_the_motion_is_that_of_the_whole_plant(table: Table) -> None:
     assert np.linalg.norm(motion - whole[: len(motion)]) < 0.01 * np.linalg.norm(motion)
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
+@pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_however_time_is_cut_the_motion_is_the_same(table: Table, seed: int) -> None:
     steps_us = np.random.default_rng(seed).uniform(200.0, 150_000.0, 8)
     motions = []

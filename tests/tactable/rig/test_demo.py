@@ -24,6 +24,7 @@ from tactable.rig.promises import Promises
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.shared_recordings import recording_params
+from tests.quick import first_quick
 from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
 
@@ -60,7 +61,7 @@ def some_of(applied: dict[Wanted, DriveEvent], most: int = 12) -> list[tuple[Wan
     return [commands[k * len(commands) // most] for k in range(most)] if len(commands) > most else commands
 
 
-@pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=3))
+@pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=1))
 def test_a_real_recording_renders_what_was_promised_for_its_positions(
     path: Path, table: Table, reporter: Reporter
 ) -> None:
@@ -122,9 +123,7 @@ def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> 
     assert (tmp_path / "demo.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize(
-    "faults", ["stall=0.06s/0.2s", pytest.param("delay=30ms,jitter=30ms", marks=pytest.mark.long), "stall=0.3s/0.9s"]
-)
+@pytest.mark.parametrize("faults", first_quick(["stall=0.06s/0.2s", "delay=30ms,jitter=30ms", "stall=0.3s/0.9s"]))
 def test_a_run_over_a_line_that_stalls_breaks_no_promise(table: Table, faults: str) -> None:
     """The firmware refuses what comes late, and whatever it takes is what was solved for the fingers."""
     run = play(table, read_recording(DEMO_RECORDING), 4.0, BURSTS, faults=faults)

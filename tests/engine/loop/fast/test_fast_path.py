@@ -37,7 +37,7 @@ class FastRig(Rig):
     """With the fast path."""
 
 
-@pytest.mark.parametrize("path", recording_params("touch", "*.hid"))
+@pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=8))
 def test_a_recorded_device_is_answered_as_the_loop_does(library: ctypes.CDLL, path: Path) -> None:
     recording = read_recording(path)
     FastRig.library = library

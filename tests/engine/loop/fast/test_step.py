@@ -32,6 +32,7 @@ from tests.engine.loop.fast.test_fast_path import on_sockets
 from tests.engine.loop.rig import DEVICE, Rig, VirtualLine
 from tests.engine.made_entries import LEVEL_DB
 from tests.engine.touch.descriptors import BLOB, CONTACT_COUNT, application, finger
+from tests.quick import first_quick
 
 GAPS = device_with_gaps()
 # Its digitizer is longer than the bar at both ends.
@@ -97,7 +98,7 @@ def both(
 
 
 @pytest.mark.parametrize("device", [DEVICE, GAPS], ids=["zones side by side", "gaps"])
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3))])
+@pytest.mark.parametrize("seed", first_quick(range(4)))
 def test_whatever_fingers_do_and_rules_say_the_run_is_the_same(library: ctypes.CDLL, device: Device, seed: int) -> None:
     random, answered, due = np.random.default_rng(seed), 0, 0
     for _ in range(25):
