@@ -153,6 +153,17 @@ def test_an_array_larger_than_the_file_is_refused_before_memory_is_asked_for(who
     assert "more than the file can hold" in refusal(changed(whole, tmp_path / "huge.nc", enlarge))
 
 
+def test_an_array_that_says_that_it_is_none_is_not_read(whole: Path, tmp_path: Path) -> None:
+    """NetCDF marks so what stands for a dimension alone, which has no values to check."""
+
+    def hide(file: h5py.File) -> None:
+        array = file["entries/drive_amplitude"]
+        array[...] = math.inf
+        array.attrs["NAME"] = np.bytes_(b"This is a netCDF dimension but not a netCDF variable         2")
+
+    assert "missing 1 required positional argument: 'amplitudes'" in refusal(changed(whole, tmp_path / "x.nc", hide))
+
+
 def test_names_of_another_device_are_refused(whole: Path, tmp_path: Path) -> None:
     def rename(file: h5py.File) -> None:
         file["entries/zone"][0] = "elsewhere"
