@@ -36,7 +36,7 @@ class CommandRecord(NamedTuple):
     stamps_ns: Stamps
     """Clock time of each `Stage`; 0 for a stage that there was not, or before the port took the whole command."""
     report_index: int | None
-    """Index of the report that caused the change. It is None where time caused it, and at the end of the run."""
+    """Index of the report that caused the change; None where time or the end of the run caused it."""
     report: bytes
     """The report as the device sent it."""
     frame: TouchFrame | None

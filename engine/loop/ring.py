@@ -69,7 +69,7 @@ class Record(NamedTuple):
 
     stamps_ns: Stamps
     report_index: int | None
-    """Index of the report that caused the change. It is None where time caused it."""
+    """Index of the report that caused the change; None where time caused it."""
     placement: Placement | None
     """The fingers that the command is for, each with its role; None where no finger is to feel anything."""
     level_db: float | None

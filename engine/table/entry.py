@@ -118,7 +118,7 @@ class Entry:
     limited_by: str
     worst_case: WorstCase
     spread: EntrySpread | None = None
-    """Is None in a table that was made before spreads were stated."""
+    """None in a table that was made before spreads were stated."""
     reached_db: float | None = None
     """The level that is compared with the wanted one: `level_db`, or the level that 95 % of the cases reach."""
 

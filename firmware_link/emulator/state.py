@@ -69,10 +69,10 @@ class Device:
     state: DeviceState = DeviceState.IDLE
     counters: DeviceCounters = field(default_factory=DeviceCounters)
     status_due_us: int | None = None
-    """Is None until the first greeting."""
+    """When the next status is to be sent; None until the first greeting."""
     driving_since_us: int = 0
     longest_drive_us: int | None = None
-    """Is None where there is no limit."""
+    """How long a drive may last; None where there is no limit."""
 
     @property
     def is_armed(self) -> bool:

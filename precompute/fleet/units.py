@@ -87,7 +87,7 @@ class Outcome:
     error: str | None = None
     fingerprint: str = ""
     table_crc32: int | None = None
-    """Is None where no table was built."""
+    """CRC-32 of the table file; None where no table was built."""
     values: Mapping[str, Value] = field(default_factory=dict)
     figures: Mapping[str, float | None] = field(default_factory=dict)
     doubts: tuple[str, ...] = ()

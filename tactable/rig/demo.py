@@ -60,7 +60,7 @@ class DemoReport:
     not_rendered: tuple[Wanted, ...]
     """What ended before a stalled machine brought it to the firmware."""
     felt: Felt | None
-    """Is None where no state changed."""
+    """What the fingers felt; None where no state changed."""
 
     @property
     def agrees(self) -> bool:
