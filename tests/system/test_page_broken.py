@@ -32,6 +32,10 @@ def processes(demo: Demo, part: str) -> list[int]:
     return [demo.process.pid] if part == "server" else demo.children(PARTS[part])
 
 
+NOTE_SENTENCES = """window.said = [], sentence = document.getElementById("outcome"),
+    new MutationObserver(() => said.push(sentence.textContent)).observe(sentence, { childList: true }); 0"""
+
+
 @contextmanager
 def stopped(demo: Demo, part: str, seconds: float) -> Iterator[None]:
     """Processes that stand still during the block, and for so long after it."""
@@ -65,6 +69,20 @@ def test_a_stall_of_any_part_loses_nothing(demo: Demo, browser: Browser, part: s
             visit.touch(f1=None)
             clicks_on(visit)
         assert visit.ask("tactable.scene.status") == "running"
+
+
+def test_the_tour_waits_for_an_engine_that_is_late(demo: Demo, browser: Browser) -> None:
+    with opened(demo, browser) as visit:
+        choose(visit, source="click", quiet_zones=[])
+        visit.ask(NOTE_SENTENCES)
+        with stopped(demo, "engine", 0):
+            visit.page.click("#show-me")
+            visit.page.wait_for_timeout(2000)
+            assert visit.ask("tactable.fingers.down.size") == 1  # the second finger taps once the first is told
+        visit.wait("tactable.fingers.says?.startsWith('Your turn')")
+        said = visit.ask("said")
+        assert any("dB more than finger" in sentence for sentence in said), said
+        assert not any(sentence.startswith("Two clicks overlapped") for sentence in said)
 
 
 def test_a_closed_lid_loses_nothing(demo: Demo, browser: Browser) -> None:

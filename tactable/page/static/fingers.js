@@ -6,6 +6,10 @@ const REPEAT_MS = 40; // The server releases a finger that is silent for 120 ms.
 const GRAB_PX = 26;
 const STILL_PX = 4;
 const MIDDLE = 0.5;
+const TOLD_S = 0.3; // A click has rung down by then.
+const PATIENCE_MS = 5000;
+
+const passing = (time_ms) => new Promise((done) => setTimeout(done, time_ms));
 
 export class Fingers {
   // `place` gives {left, width, height} of the bar in the canvas, in CSS pixels; `hand` takes actuators.
@@ -24,7 +28,7 @@ export class Fingers {
     // Fingers that come down together are told one by one, in one task: they are sent after it, as one frame.
     this._soon = new MessageChannel();
     this._soon.port1.onmessage = () => this._sent();
-    this._tour = [];
+    this._tour = null;
     this.says = null; // What the tour says in place of the outcome.
     for (const name of ["pointerdown", "pointermove", "pointerup", "pointercancel"])
       canvas.addEventListener(name, (event) => this[`_${name}`](event));
@@ -170,11 +174,7 @@ export class Fingers {
   // Put fingers down that stay, one after another, so that each is a touch beside those before it.
   place(places) {
     this.stopTour();
-    this._tour = places.map((x, i) => setTimeout(() => {
-      this._press(x, MIDDLE, true);
-      if (i === places.length - 1) this._tour = [];
-      this._sent();
-    }, 1400 * i));
+    this._lead(places.map((x, i) => [i ? 1400 : 0, () => this._press(x, MIDDLE, true)]));
   }
 
   // Keys 1 to 9 put a finger on the middle of that zone while the key is down.
@@ -205,26 +205,44 @@ export class Fingers {
   // The tour: one finger rests while another taps, so that both levels show.
   startTour(resting, tapping, taps = 4) {
     this.liftAll();
-    let rests, taps_ = null;
-    this.says = "Finger 1 comes first, and rests.";
-    const steps = [[0, () => { rests = this._press(resting, MIDDLE, false); }]];
-    steps.push([1300, () => { this.says = "Finger 2 taps: only finger 2 is to feel it."; }]);
-    steps.push([2000, () => { this.says = null; }]);
-    for (let i = 0; i < taps; i++) {
-      steps.push([1400 + 2600 * i, () => { taps_ = this._press(tapping, MIDDLE, false); }]);
-      steps.push([2500 + 2600 * i, () => { this._release(taps_, Phase.UP); }]);
-    }
-    steps.push([1800 + 2600 * taps, () => { this._release(rests, Phase.UP); this._tour = []; this.says = "Your turn: touch the bar."; }]);
-    this._tour = steps.map(([after_ms, act]) => setTimeout(() => { act(); this._sent(); }, after_ms));
+    let rests, tapped;
+    const tap = () => { tapped = this._press(tapping, MIDDLE, false); };
+    const lift = () => this._release(tapped, Phase.UP);
+    this._lead([
+      [0, () => { this.says = "Finger 1 comes first, and rests."; rests = this._press(resting, MIDDLE, false); }],
+      [1300, () => { this.says = "Finger 2 taps: only finger 2 is to feel it."; }],
+      [100, tap],
+      [600, () => { this.says = null; }],
+      [500, lift],
+      ...Array.from({ length: taps - 1 }, () => [[1500, tap], [1100, lift]]).flat(),
+      [1900, () => { this._release(rests, Phase.UP); this.says = "Your turn: touch the bar."; }],
+    ]);
   }
 
-  get isTouring() { return this._tour.length > 0; }
+  // Take steps one after another, each so many milliseconds after the one before, and no sooner than the last touch was
+  // told: on a late machine two clicks would overlap.
+  async _lead(steps) {
+    const tour = (this._tour = {}), { picture } = this._wire;
+    let before = null;
+    for (const [after_ms, act] of steps) {
+      const end_ms = performance.now() + after_ms + PATIENCE_MS, isTold = () => picture.command !== before && picture.age_s > TOLD_S;
+      await passing(after_ms);
+      while (this._tour === tour && before !== null && !isTold() && performance.now() < end_ms) await passing(REPEAT_MS);
+      if (this._tour !== tour) return;
+      const fingers = this.down.size;
+      act();
+      if (this.down.size > fingers) before = picture.command;
+      this._sent();
+    }
+    this._tour = null;
+  }
+
+  get isTouring() { return this._tour !== null; }
 
   stopTour() {
     this.says = null;
-    if (!this._tour.length) return;
-    this._tour.forEach(clearTimeout);
-    this._tour = [];
+    if (!this.isTouring) return;
+    this._tour = null;
     for (const [number, finger] of [...this.down]) if (!finger.kept) this._release(number, Phase.UP);
   }
 }

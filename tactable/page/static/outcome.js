@@ -39,10 +39,11 @@ function besides(paper) {
   return `; the paper’s drive: ${Math.round(levels.weakest - levels.strongest)} dB`.replace("-", "−");
 }
 
-// The outcome of the last command in words, or null while it is not known yet.
-export function outcomeOf(picture, paper) {
+// The outcome of the last command in words, or null while it is not known yet. `isTour`: its touches never overlap by
+// themselves.
+export function outcomeOf(picture, paper, isTour) {
   if (!picture.command || picture.age_s < SETTLED_S[picture.drive]) return null;
-  if (picture.isLate) return "The machine was late: not judged.";
+  if (picture.isLate || (picture.isMixed && isTour)) return "The machine was late: not judged.";
   if (picture.isMixed) return "Two clicks overlapped: touch one finger after the other to compare them.";
   const levels = levelsOf(picture);
   if (!levels) return null;
