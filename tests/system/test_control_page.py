@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page
 
-from tests.system.page import CHROMIUM, Demo, choose, opened
+from tests.system.page import CHROMIUM, Demo, Visit, choose, opened
 
 pytestmark = [
     pytest.mark.system,
@@ -21,6 +21,10 @@ TOTAL_HITS = "[...buttons.values()].reduce((sum, button) => sum + button.hits, 0
 PLACES = """[...buttons.values()].map((button) =>
     [parseFloat(button.style.left) / 100, parseFloat(button.style.width) / 100])"""
 """Start and width of every button, as fractions of the bar."""
+COUNT_CLICKS = """window.clicks = 0;
+    const count = () => { clicks += played.textContent.startsWith("click"); };
+    new MutationObserver(count).observe(played, { childList: true })"""
+"""Every command that the application shows is counted if it is a click."""
 
 
 @pytest.fixture
@@ -58,26 +62,35 @@ def test_buttons_move_under_the_fingers_of_the_demo_and_each_is_felt_where_it_is
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.goto(f"{EXAMPLE.as_uri()}#{address_of(demo)}")
         page.wait_for_function("document.querySelectorAll('.button').length === 2", timeout=PATIENCE_MS)
-        commands = []
+        page.evaluate(COUNT_CLICKS)
         for hit in range(HITS):
             if hit == HITS // 2:  # another run, in which the page's own rules would be felt everywhere
                 choose(visit, source="steady")
-            played = page.text_content("#played")
-            visit.touch(f1=beside_buttons(page))
-            page.wait_for_function(f"{FINGERS} === 1", timeout=PATIENCE_MS)
-            visit.touch(f1=None)
-            page.wait_for_function(f"{FINGERS} === 0", timeout=PATIENCE_MS)
-            # Beside the buttons nothing is felt; what was felt last may have ended.
-            assert page.text_content("#played") in (played, "silence, no promise")
-            before = page.evaluate(PLACES)
-            start, width = before[hit % 2]
-            visit.touch(f1=start + width / 2)
-            page.wait_for_function(f"{FINGERS} === 1 && {TOTAL_HITS} === {hit}", timeout=PATIENCE_MS)
-            visit.touch(f1=None)
-            page.wait_for_function(f"{TOTAL_HITS} === {hit + 1}", timeout=PATIENCE_MS)
-            moved = f"(before) => {PLACES}[{hit % 2}][0] !== before"
-            page.wait_for_function(moved, arg=start, timeout=PATIENCE_MS)
-            commands.append(page.text_content("#played"))
+            tap(visit, page, beside_buttons(page))  # by its end, what the button before played is counted
+            before = page.evaluate("clicks")
+            tap(visit, page, beside_buttons(page))
+            assert page.evaluate("clicks") == before, "beside the buttons nothing is felt"
+            is_felt_at(visit, page, hit % 2)
         page.close()
     assert wrong == []
-    assert all(said is not None and said.startswith("click") for said in commands)
+
+
+def is_felt_at(visit: Visit, page: Page, button: int) -> None:
+    """A button that is touched clicks, and moves when it is let go; again where the machine stalled in its click."""
+    for _ in range(20):
+        hits, clicks = page.evaluate(f"[{TOTAL_HITS}, clicks]")
+        start, width = page.evaluate(PLACES)[button]
+        tap(visit, page, start + width / 2)
+        page.wait_for_function(f"{TOTAL_HITS} > {hits}", timeout=PATIENCE_MS)
+        page.wait_for_function(f"{PLACES}[{button}][0] !== {start}", timeout=PATIENCE_MS)
+        if page.evaluate("clicks") > clicks:
+            return
+    raise AssertionError("no button clicked")
+
+
+def tap(visit: Visit, page: Page, place: float) -> None:
+    """A finger comes and goes, and the application sees it; a stalled machine lifts it sooner and brings it back."""
+    visit.touch(f1=place)
+    page.wait_for_function(f"{FINGERS} === 1", timeout=PATIENCE_MS)
+    visit.touch(f1=None)
+    page.wait_for_function(f"{FINGERS} === 0", timeout=PATIENCE_MS)
