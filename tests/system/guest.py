@@ -19,6 +19,7 @@ from tests.system.chain import BIT_RATE_HZ, PATIENCE_S, run_chain
 from tests.system.results import Broken, Happened, KernelDevice, Refusals
 from tests.system.serial_gadget import SERIAL_NUMBER, build_gadget, plug_gadget, unplug_gadget
 from tests.system.stage import Stage, emulated_firmware, error_as_nobody, hardware, until_it_works
+from tests.system.stalls import ATTEMPTS, watched
 from tests.system.uhid import VirtualDevice, kernel_path_of, play
 from tests.tactable.rig.strokes import DEMO_STROKES, Stroke, make_recording
 
@@ -39,7 +40,6 @@ SWEPT = make_recording([Stroke(0.0, 0.008 * FLOOD, 0.05, 0.95)])
 # The guest is slow: half the pace, a report each 16 ms, is still that of a live digitizer.
 SPEED = 0.5
 UNPLUGGED_S = 1.0
-ATTEMPTS = 3
 
 
 # ---- scenarios -------------------------------------------------------------------------------------------
@@ -225,13 +225,14 @@ def settle() -> None:
 
 
 def run_undisturbed(scenario: Callable[[], object]) -> object:
-    """The scenario; once more where the machine stalled for so long that the firmware latched, as it then should."""
-    for _ in range(ATTEMPTS - 1):
-        result = scenario()
-        if not (isinstance(result, Happened) and any(run.counters.reconnects for run in result.runs)):
-            return result
-        say(f"{scenario.__name__}: the guest stalled for 250 ms; once more")
-    return scenario()
+    """The scenario; once more where the machine stalled so long that the engine lifted fingers, as it then should."""
+    for _ in range(ATTEMPTS):
+        with watched() as stalls:
+            result = scenario()
+        if not stalls.are_long:
+            break
+        say(f"{scenario.__name__}: the guest stalled for {stalls.longest_s:.3f} s")
+    return result
 
 
 def say(line: str) -> None:

@@ -21,6 +21,7 @@ from tests.firmware_link.sensing_laws import (
     sensing_law_no_lease_is_longer_than_the_longest,
 )
 from tests.system.firmware_image import BEFORE_OTHERS, REPORT_PERIOD_US, FirmwareImage, ImageTier, run_image
+from tests.system.stalls import show
 
 pytestmark = pytest.mark.system
 ROOT = Path(__file__).parents[2]
@@ -89,8 +90,11 @@ def tell(process: "subprocess.Popen[str]") -> None:
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
 def test_the_image_keeps(law: Law, image: FirmwareImage) -> None:
-    with SerialPort(image.port) as port:
-        law(ImageTier(image, port))
+    def keep() -> None:
+        with SerialPort(image.port) as port:
+            law(ImageTier(image, port))
+
+    show(keep)
 
 
 # Two seconds of the stream are minutes of a stepped image; the same C core keeps that law in test_core.
@@ -99,11 +103,14 @@ BRIEF_LAWS = [law for law in SENSING_LAWS if law is not sensing_law_no_lease_is_
 
 @pytest.mark.parametrize("law", BRIEF_LAWS, ids=lambda law: law.__name__)
 def test_the_image_with_an_accelerometer_keeps(law: SensingLaw, images: Path) -> None:
-    with (
-        run_image(images / "mps2_an385.elf", MACHINES["mps2_an385"], is_stepped=True) as image,
-        SerialPort(image.port) as port,
-    ):
-        law(ImageTier(image, port))
+    def keep() -> None:
+        with (
+            run_image(images / "mps2_an385.elf", MACHINES["mps2_an385"], is_stepped=True) as image,
+            SerialPort(image.port) as port,
+        ):
+            law(ImageTier(image, port))
+
+    show(keep)
 
 
 def test_an_image_whose_part_does_not_answer_has_no_accelerometer(images: Path) -> None:
@@ -153,17 +160,20 @@ def test_a_reset_in_mid_session_is_not_driven_on(image_in_real_time: FirmwareIma
 
 @pytest.mark.parametrize("damage", [b"w", b"s"], ids=["main loop wedged", "samples stopped"])
 def test_the_watchdog_resets_a_board_of_which_half_stands_still(damage: bytes, images: Path) -> None:
-    with (
-        run_image(images / "mps2_an385.elf", MACHINES["mps2_an385"], is_stepped=True) as image,
-        SerialPort(image.port) as port,
-    ):
-        host = Host(ImageTier(image, port)).ready()
-        host.set(host.drive(*LOUD))
-        boots = image.boots
-        assert image.debugger is not None
-        image.debugger.detach()
-        image.damage(damage)
-        image.wait_for_boot(boots)
-        image.wait(AFTERWARDS_US)
-        told = {(report.state, report.has_high_voltage, max(report.peaks)) for report in image.reports()}
-    assert told == {(DeviceState.IDLE, False, 0.0)}
+    def keep() -> None:
+        with (
+            run_image(images / "mps2_an385.elf", MACHINES["mps2_an385"], is_stepped=True) as image,
+            SerialPort(image.port) as port,
+        ):
+            host = Host(ImageTier(image, port)).ready()
+            host.set(host.drive(*LOUD))
+            boots = image.boots
+            assert image.debugger is not None
+            image.debugger.detach()
+            image.damage(damage)
+            image.wait_for_boot(boots)
+            image.wait(AFTERWARDS_US)
+            told = {(report.state, report.has_high_voltage, max(report.peaks)) for report in image.reports()}
+        assert told == {(DeviceState.IDLE, False, 0.0)}
+
+    show(keep)
