@@ -58,11 +58,15 @@ def sound_arrays(path: Path, file: h5py.File, size_bytes: int) -> dict[str, Arra
             sizes = dict(FIXED_SIZES)
             arrays = found[name] = {}
             for array_name, array in _members(group, h5py.Dataset):
-                is_dimension_only = _is_dimension_only(array)
-                _check_storage(f"{name}/{array_name}", array, math.inf if is_dimension_only else size_bytes)
-                if not is_dimension_only:
-                    _check_kind(f"{name}/{array_name}", array, SCHEMA.get(name, {}).get(array_name), sizes)
+                where, declared = f"{name}/{array_name}", SCHEMA.get(name, {}).get(array_name)
+                if not _is_dimension_only(array):
+                    _check_storage(where, array, size_bytes)
+                    _check_kind(where, array, declared, sizes)
                     arrays[array_name] = array
+                elif declared is not None and declared.dimensions != (array_name,):
+                    raise _FlawError(f"{where}: is marked as a dimension without values")
+                else:
+                    _check_storage(where, array, math.inf)
     except _FlawError as flaw:
         raise TableError(f"{path}: is corrupted: {flaw}; build it again") from None
     return found
