@@ -3,6 +3,7 @@
 import numpy as np
 from numba import njit, types
 
+from engine.steady.forms import copy_drive
 from precompute.entries.ascent import PENALTY, SHARPEST, climb
 
 _SWEEPS = 3  # over the frequencies of several tones, since they depend on one another
@@ -63,12 +64,6 @@ def fill_powers(stack, grid_hz, frequency_hz, tone, drive, out):  # type: ignore
 
 
 @njit(cache=True)
-def _copy(source, out):  # type: ignore[no-untyped-def]  # numba
-    for i in range(len(out)):
-        out[i] = source[i]
-
-
-@njit(cache=True)
 def _at(drive, usable, stacks, grid_hz, hz, tone, log_wanted, start, multipliers):  # type: ignore[no-untyped-def]  # numba
     numerator, denominator, level = stacks
     m = len(tone)
@@ -98,7 +93,8 @@ def _refine_one(  # type: ignore[no-untyped-def]  # numba
         x, y = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)
         at_x, at_y = drive.copy(), drive.copy()
         # Golden section on the frequency of tone t, each end with a drive of its own that climbs along.
-        _copy(hz, trial_hz)
+        for k in range(len(hz)):
+            trial_hz[k] = hz[k]
         trial_hz[t] = x
         value_x = _at(at_x, usable, stacks, grid_hz, trial_hz, tone, log_wanted, _ALONG, multipliers)
         trial_hz[t] = y
@@ -106,13 +102,13 @@ def _refine_one(  # type: ignore[no-untyped-def]  # numba
         while b - a > tolerance:
             if value_x >= value_y:
                 b, y, value_y = y, x, value_x
-                _copy(at_x, at_y)
+                copy_drive(at_x, at_y)
                 x = b - _GOLDEN * (b - a)
                 trial_hz[t] = x
                 value_x = _at(at_x, usable, stacks, grid_hz, trial_hz, tone, log_wanted, _ALONG, multipliers)
             else:
                 a, x, value_x = x, y, value_y
-                _copy(at_y, at_x)
+                copy_drive(at_y, at_x)
                 y = a + _GOLDEN * (b - a)
                 trial_hz[t] = y
                 value_y = _at(at_y, usable, stacks, grid_hz, trial_hz, tone, log_wanted, _ALONG, multipliers)
@@ -121,7 +117,7 @@ def _refine_one(  # type: ignore[no-untyped-def]  # numba
         if better > value:
             value = better
             hz[t] = x if value_x >= value_y else y
-            _copy(at_x if value_x >= value_y else at_y, drive)
+            copy_drive(at_x if value_x >= value_y else at_y, drive)
     return _at(drive, usable, stacks, grid_hz, hz, tone, log_wanted, SHARPEST, multipliers)
 
 
@@ -190,21 +186,3 @@ def climb_each(drives, usable, numerator, denominator, level, log_wanted, start,
             multipliers,
             PENALTY,
         )
-
-
-@njit(types.void(_FORMS, _FORMS, _HZ), cache=True)
-def greatest_eigenvalue(numerator, denominator, out):  # type: ignore[no-untyped-def]  # numba
-    """Fill out (frequency,) with the greatest lambda of N a = lambda D a; forms (frequency, actuator, actuator)."""
-    m = numerator.shape[1]
-    for f in range(numerator.shape[0]):
-        if m == 1:
-            out[f] = (numerator[f, 0, 0] / denominator[f, 0, 0]).real
-        elif m == 2:  # closed form: half the trace plus the root of the discriminant of D^-1 N
-            n, d = numerator[f], denominator[f]
-            det_n = (n[0, 0] * n[1, 1] - n[0, 1] * n[1, 0]).real
-            det_d = (d[0, 0] * d[1, 1] - d[0, 1] * d[1, 0]).real
-            middle = 0.5 * (n[0, 0] * d[1, 1] + n[1, 1] * d[0, 0] - n[0, 1] * d[1, 0] - n[1, 0] * d[0, 1]).real / det_d
-            out[f] = middle + np.sqrt(max(middle * middle - det_n / det_d, 0.0))
-        else:  # turned into an ordinary eigenproblem by the Cholesky factor of D
-            lower = np.linalg.inv(np.linalg.cholesky(denominator[f]))
-            out[f] = np.linalg.eigvalsh(lower @ numerator[f] @ lower.conj().T)[-1]

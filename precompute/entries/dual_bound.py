@@ -26,7 +26,6 @@ import highspy
 import numpy as np
 from numpy.typing import NDArray
 
-from precompute.entries.bfgs import greatest_eigenvalue
 from precompute.entries.found_drive import FoundDrive, Weights, powers_of
 from precompute.entries.objective import Problem
 
@@ -179,6 +178,19 @@ def solve_eigen(N: Complex, D: Complex) -> tuple[Array, Complex]:
     return value[..., -1], (turned @ vector[..., -1:])[..., 0]
 
 
+def greatest_eigenvalue(N: Complex, D: Complex) -> Array:
+    """The greatest lambda (frequency,) of N a = lambda D a; forms (frequency, actuator, actuator) as above."""
+    if N.shape[-1] == 2:  # closed form: half the trace plus the root of the discriminant of D^-1 N
+        n, d = N.transpose(1, 2, 0), D.transpose(1, 2, 0)
+        det_n, det_d = ((x[0, 0] * x[1, 1] - x[0, 1] * x[1, 0]).real for x in (n, d))
+        crossed = n[0, 0] * d[1, 1] + n[1, 1] * d[0, 0] - n[0, 1] * d[1, 0] - n[1, 0] * d[0, 1]
+        middle = 0.5 * crossed.real / det_d
+        return np.asarray(middle + np.sqrt(np.maximum(middle * middle - det_n / det_d, 0.0)))
+    # Turned into an ordinary eigenproblem by the Cholesky factor of D.
+    inverse = np.linalg.inv(np.linalg.cholesky(D))
+    return np.asarray(np.linalg.eigvalsh(inverse @ N @ inverse.conj().swapaxes(-1, -2))[..., -1])
+
+
 def peaks(score: NDArray[np.floating]) -> list[int]:
     """Indices of the local maxima that are not negative, best first."""
     padded = np.concatenate([[-np.inf], score, [-np.inf]])
@@ -190,10 +202,9 @@ def peaks(score: NDArray[np.floating]) -> list[int]:
 def _eigenvalues(problem: Problem, weights: Weights) -> tuple[Array, Complex, Complex]:
     """Greatest eigenvalue (frequency,) of the weighted forms, and these (frequency, actuator, actuator)."""
     numerator = np.tensordot(weights.numerator, problem.numerator, 1) + np.tensordot(weights.level, problem.level, 1)
-    numerator = np.ascontiguousarray(numerator - np.diag(weights.actuator))
+    numerator = numerator - np.diag(weights.actuator)
     denominator = definite(np.tensordot(weights.denominator, problem.denominator, 1))
-    out = np.empty(len(numerator))
-    greatest_eigenvalue(numerator, denominator, out)
+    out = greatest_eigenvalue(numerator, denominator)
     out[~problem.in_band.any(axis=1)] = -np.inf
     return out, numerator, denominator
 

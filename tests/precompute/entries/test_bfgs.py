@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from precompute.entries.ascent import PENALTY, SHARPEST, climb, evaluate
-from precompute.entries.bfgs import climb_each, greatest_eigenvalue, interpolate, refine
+from precompute.entries.bfgs import climb_each, interpolate, refine
 from precompute.entries.objective import Problem
 from tests.precompute.entries.problems import powers, random_forms, random_problem
 
@@ -179,15 +179,3 @@ def test_refining_ends_at_the_frequencies_where_the_ratio_is_greatest() -> None:
     refine(drives, usable, numerator, denominator, numerator, grid_hz, hz, tone, low, high, ANYTHING, 1e-3, multipliers)
     assert hz[0] == pytest.approx(peaks_hz, abs=2e-3)
     assert abs(drives[0, 0]) == pytest.approx(abs(drives[0, 1]), rel=1e-3)
-
-
-@few
-@given(seeds, actuator_counts, st.integers(1, 5))
-def test_the_greatest_eigenvalue_is_scipys(seed: int, actuators: int, frequencies: int) -> None:
-    random = np.random.default_rng(seed)
-    numerator, denominator = (random_forms(random, 1, frequencies, actuators)[0] for _ in range(2))
-    numerator = numerator - random.uniform() * np.eye(actuators)  # with a level, numerators are not definite
-    out = np.empty(frequencies)
-    greatest_eigenvalue(numerator, denominator, out)
-    expected = [eigh(n, d, eigvals_only=True)[-1] for n, d in zip(numerator, denominator, strict=True)]
-    assert out == pytest.approx(expected, rel=1e-6, abs=1e-9)

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
-from precompute.entries.dual_bound import Columns, compute_bound, peaks
+from precompute.entries.dual_bound import Columns, compute_bound, greatest_eigenvalue, peaks
 from precompute.entries.objective import Problem
 from precompute.entries.search import Search
-from tests.precompute.entries.problems import random_drives, random_problem, ratios
+from tests.precompute.entries.problems import random_drives, random_forms, random_problem, ratios
 
 few = settings(deadline=None, max_examples=settings().max_examples // 3)
 seeds = st.integers(0, 2**32 - 1)
@@ -148,3 +148,13 @@ def test_peaks_are_the_local_maxima_that_are_not_negative_best_first() -> None:
     assert peaks(np.array([3.0, 1.0, 2.0, 2.0, -1.0, -0.5, -2.0, 5.0])) == [7, 0, 3]
     assert peaks(np.array([-1.0, -2.0])) == []
     assert peaks(np.array([0.0])) == [0]
+
+
+@few
+@given(seeds, actuator_counts, st.integers(1, 5))
+def test_the_greatest_eigenvalue_is_scipys(seed: int, actuators: int, frequencies: int) -> None:
+    random = np.random.default_rng(seed)
+    numerator, denominator = (random_forms(random, 1, frequencies, actuators)[0] for _ in range(2))
+    numerator = numerator - random.uniform() * np.eye(actuators)  # with a level, numerators are not definite
+    expected = [eigh(n, d, eigvals_only=True)[-1] for n, d in zip(numerator, denominator, strict=True)]
+    assert greatest_eigenvalue(numerator, denominator) == pytest.approx(expected, rel=1e-6, abs=1e-9)
