@@ -15,11 +15,11 @@ from pathlib import Path
 from engine.touch.sources.hid_discovery import load_hid_system
 from engine.touch.sources.hidraw import HidrawSource, open_hidraw
 from firmware_link.host.serial_port import SerialPort, path_of
+from tests.stalls import ATTEMPTS, watched
 from tests.system.chain import BIT_RATE_HZ, PATIENCE_S, run_chain
 from tests.system.results import Broken, Happened, KernelDevice, Refusals
 from tests.system.serial_gadget import SERIAL_NUMBER, build_gadget, plug_gadget, unplug_gadget
 from tests.system.stage import Stage, emulated_firmware, error_as_nobody, hardware, until_it_works
-from tests.system.stalls import ATTEMPTS, watched
 from tests.system.uhid import VirtualDevice, kernel_path_of, play
 from tests.tactable.rig.strokes import DEMO_STROKES, Stroke, make_recording
 

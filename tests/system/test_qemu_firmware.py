@@ -20,8 +20,8 @@ from tests.firmware_link.sensing_laws import (
     SensingLaw,
     sensing_law_no_lease_is_longer_than_the_longest,
 )
+from tests.stalls import show
 from tests.system.firmware_image import BEFORE_OTHERS, REPORT_PERIOD_US, FirmwareImage, ImageTier, run_image
-from tests.system.stalls import show
 
 pytestmark = pytest.mark.system
 ROOT = Path(__file__).parents[2]
