@@ -13,6 +13,10 @@ PATIENCE_NS = 3_000_000_000
 _NS_PER_S = 1_000_000_000
 
 
+class LostWindowError(SensorError):
+    """A channel lost all samples of a window, as after a stall of the host; the next window may be whole."""
+
+
 class Recorder:
     """Takes windows of samples from a sensor while a device is driven.
 
@@ -39,7 +43,10 @@ class Recorder:
                 self._take_block()
 
     def take(self, seconds: float) -> Array:
-        """The next window (sample, channel); it follows the one before without a gap."""
+        """The next window (sample, channel); it follows the one before without a gap.
+
+        Raises LostWindowError where nothing of a channel is left of it.
+        """
         count = round(seconds * self._sensor.form.sample_rate_hz)
         clock = self._driven.clock
         while self._size < count:
@@ -48,6 +55,8 @@ class Recorder:
                 raise SensorError(f"no samples for {PATIENCE_NS / _NS_PER_S:g} s: start the converter and its program")
         joined = np.concatenate(self._values)
         self._values, self._size = [joined[count:]], len(joined) - count
+        if np.isnan(joined[:count]).all(axis=0).any():
+            raise LostWindowError("a channel has lost all its samples: check its connection")
         return joined[:count]
 
     def _take_block(self) -> bool:
@@ -69,6 +78,4 @@ def known_samples(values: Array) -> Array:
     """Samples with lost ones replaced by the mean of their channel; the loss is a fault of its own."""
     if not np.isnan(values).any():
         return values
-    if np.isnan(values).all(axis=0).any():
-        raise SensorError("a channel has lost all its samples: check its connection")
     return np.where(np.isnan(values), np.nanmean(values, axis=0), values)

@@ -33,7 +33,7 @@ from precompute.model.modal import compute_basis, compute_modal_model
 from tactable.measure.asked_drive import AskedDrive, check_drive
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.faults import SPOILING, Fault, Tolerance, find_faults, is_clipped
-from tactable.measure.recorder import Recorder, known_samples
+from tactable.measure.recorder import LostWindowError, Recorder, known_samples
 from tactable.measure.sensor import Sensor
 from tactable.measure.tone_fit import ToneFit, fit_tone
 
@@ -48,6 +48,7 @@ _LATE_S = 0.1
 _ONSET = 0.05
 _LEAST_LOOPBACK = 1e-4  # of full scale
 _REARMED = 5
+_LOST = 5
 _LAPSING_NS = 20_000_000_000
 """For so long the bar is waited for again in a drive that lapses."""
 _SCATTER = 3.0
@@ -154,6 +155,9 @@ class SteppedSine:
 
     def measure_latency(self) -> float | None:
         """Seconds from a drive to the arrival of its loopback, a block of samples included; None without loopback."""
+        return self.while_armed(self._measure_latency_once)
+
+    def _measure_latency_once(self) -> float | None:
         driven, actuators = self._driven, self._device.actuators
         which = next(
             (i for i, actuator in enumerate(actuators) if self._form.loopback(actuator.name) is not None), None
@@ -234,13 +238,18 @@ class SteppedSine:
         return self.while_armed(lambda: self._hold_once(asked, windows))
 
     def while_armed(self, take: Callable[[], T]) -> T:
-        """What `take` returns; a board that stops itself meanwhile is armed again, and `take` called again.
+        """What `take` returns; called again after a lost window, and once a board that stopped itself is armed again.
 
-        Raises the error of a board that does so again and again.
+        Raises the error of a board that stops itself again and again, and of a channel that stays lost.
         """
+        end = self.lossy_windows + _LOST
         while True:
             try:
                 return take()
+            except LostWindowError:
+                self.lossy_windows += 1
+                if self.lossy_windows >= end:
+                    raise
             except LinkError as error:
                 self.rearmed += 1
                 if self.rearmed > _REARMED:

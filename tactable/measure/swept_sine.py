@@ -99,7 +99,7 @@ class SweptSine:
                 " to the samples, or measure with --method stepped"
             )
         if not self._is_clock_known:
-            self._compare_clocks(actuator, reference)
+            self._stepped.while_armed(lambda: self._compare_clocks(actuator, reference))
         kept, earlier, attempts = list[_Take](), dict[Fault, None](), 0
         most, is_complete = self._options.most, False
         while not is_complete:

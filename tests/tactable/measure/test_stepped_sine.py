@@ -1,5 +1,6 @@
 """The stepped sine on a simulated bench: right responses, and every flaw of a converter named by what it spoils."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ from precompute.measurements.model import MeasurementModel
 from tactable.measure import AskedDrive, DrivenDevice
 from tactable.measure.faults import Fault, Tolerance
 from tactable.measure.gravity import GRAVITY_M_PER_S2, check_gravity
-from tactable.measure.sensor import SensorError
+from tactable.measure.sensor import Block, SensorError
 from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
 from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
 from tests.engine.loop.rig import DEVICE, MS
@@ -43,6 +44,28 @@ def read_while_busy(period_ns: int, duration_ns: int, **options: bool) -> Readin
         stepped = SteppedSine(DEVICE, driven, SimulatedSensor(bench), SteppedSineOptions())
         stepped.listen()
         bench.be_busy(period_ns, duration_ns)
+        return stepped.read(0, 209)[0]
+
+
+class LosingSensor(SimulatedSensor):
+    """Loses every sample for a while."""
+
+    lost_until_ns = 0.0
+
+    def read(self) -> Block | None:
+        block = super().read()
+        if block is None or block.arrived_ns >= self.lost_until_ns:
+            return block
+        return replace(block, values=np.full_like(block.values, np.nan))
+
+
+def read_after_loss(duration_ns: float) -> Reading:
+    bench = bench_of()
+    sensor = LosingSensor(bench)
+    with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0)) as driven:
+        stepped = SteppedSine(DEVICE, driven, sensor, SteppedSineOptions())
+        stepped.listen()
+        sensor.lost_until_ns = bench.time_ns + duration_ns
         return stepped.read(0, 209)[0]
 
 
@@ -106,6 +129,17 @@ def test_samples_that_are_lost_while_the_bar_settles_are_named_and_spoil_nothing
     readings = [read(bench_of(flaws), 0, 209) for flaws in ("drops=3", "")]
     assert [Fault.LOST_SAMPLES in {*each.faults, *each.earlier} for each in readings] == [True, False]
     assert abs(20 * np.log10(abs(readings[0].acceleration / true_response(readings[0])))) < 0.05
+
+
+def test_windows_without_a_sample_are_taken_again() -> None:
+    reading = read_after_loss(800 * MS)
+    assert (reading.faults, reading.earlier) == ((), (Fault.LOST_SAMPLES,))
+    assert abs(20 * np.log10(abs(reading.acceleration / true_response(reading)))) < 0.05
+
+
+def test_a_channel_that_stays_lost_is_refused() -> None:
+    with pytest.raises(SensorError, match="a channel has lost all its samples: check its connection"):
+        read_after_loss(math.inf)
 
 
 def test_the_level_rises_only_where_noise_demands_it_and_never_above_the_greatest() -> None:
