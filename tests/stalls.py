@@ -1,9 +1,13 @@
 """Tells how long the machine stood still: what a stall cut off is shown again by tests in real time."""
 
+import functools
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import ParamSpec
+
+P = ParamSpec("P")
 
 PERIOD_S = 0.005
 LIMIT_S = 0.1
@@ -43,14 +47,19 @@ def watched() -> Iterator[Stalls]:
         thread.join()
 
 
-def show(law: Callable[[], None]) -> None:
-    """Show a law; once more where it failed and the machine stood still meanwhile."""
-    for attempt in range(ATTEMPTS):
-        with watched() as stalls:
-            try:
-                law()
-            except AssertionError:
-                if attempt == ATTEMPTS - 1 or not stalls.are_long:
-                    raise
-            else:
-                return
+def again_after_a_stall(law: Callable[P, None]) -> Callable[P, None]:
+    """A test that is run again where it failed and the machine stood still meanwhile."""
+
+    @functools.wraps(law)
+    def shown(*args: P.args, **kwargs: P.kwargs) -> None:
+        for attempt in range(ATTEMPTS):
+            with watched() as stalls:
+                try:
+                    law(*args, **kwargs)
+                except AssertionError:
+                    if attempt == ATTEMPTS - 1 or not stalls.are_long:
+                        raise
+                else:
+                    return
+
+    return shown

@@ -20,7 +20,7 @@ from tests.firmware_link.sensing_laws import (
     SensingLaw,
     sensing_law_no_lease_is_longer_than_the_longest,
 )
-from tests.stalls import show
+from tests.stalls import again_after_a_stall
 from tests.system.firmware_image import BEFORE_OTHERS, REPORT_PERIOD_US, FirmwareImage, ImageTier, run_image
 
 pytestmark = pytest.mark.system
@@ -89,12 +89,10 @@ def tell(process: "subprocess.Popen[str]") -> None:
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
+@again_after_a_stall
 def test_the_image_keeps(law: Law, image: FirmwareImage) -> None:
-    def keep() -> None:
-        with SerialPort(image.port) as port:
-            law(ImageTier(image, port))
-
-    show(keep)
+    with SerialPort(image.port) as port:
+        law(ImageTier(image, port))
 
 
 # Two seconds of the stream are minutes of a stepped image; the same C core keeps that law in test_core.
@@ -102,15 +100,13 @@ BRIEF_LAWS = [law for law in SENSING_LAWS if law is not sensing_law_no_lease_is_
 
 
 @pytest.mark.parametrize("law", BRIEF_LAWS, ids=lambda law: law.__name__)
+@again_after_a_stall
 def test_the_image_with_an_accelerometer_keeps(law: SensingLaw, images: Path) -> None:
-    def keep() -> None:
-        with (
-            run_image(images / "mps2_an385.elf", MACHINES["mps2_an385"], is_stepped=True) as image,
-            SerialPort(image.port) as port,
-        ):
-            law(ImageTier(image, port))
-
-    show(keep)
+    with (
+        run_image(images / "mps2_an385.elf", MACHINES["mps2_an385"], is_stepped=True) as image,
+        SerialPort(image.port) as port,
+    ):
+        law(ImageTier(image, port))
 
 
 def test_an_image_whose_part_does_not_answer_has_no_accelerometer(images: Path) -> None:
@@ -159,21 +155,19 @@ def test_a_reset_in_mid_session_is_not_driven_on(image_in_real_time: FirmwareIma
 
 
 @pytest.mark.parametrize("damage", [b"w", b"s"], ids=["main loop wedged", "samples stopped"])
+@again_after_a_stall
 def test_the_watchdog_resets_a_board_of_which_half_stands_still(damage: bytes, images: Path) -> None:
-    def keep() -> None:
-        with (
-            run_image(images / "mps2_an385.elf", MACHINES["mps2_an385"], is_stepped=True) as image,
-            SerialPort(image.port) as port,
-        ):
-            host = Host(ImageTier(image, port)).ready()
-            host.set(host.drive(*LOUD))
-            boots = image.boots
-            assert image.debugger is not None
-            image.debugger.detach()
-            image.damage(damage)
-            image.wait_for_boot(boots)
-            image.wait(AFTERWARDS_US)
-            told = {(report.state, report.has_high_voltage, max(report.peaks)) for report in image.reports()}
-        assert told == {(DeviceState.IDLE, False, 0.0)}
-
-    show(keep)
+    with (
+        run_image(images / "mps2_an385.elf", MACHINES["mps2_an385"], is_stepped=True) as image,
+        SerialPort(image.port) as port,
+    ):
+        host = Host(ImageTier(image, port)).ready()
+        host.set(host.drive(*LOUD))
+        boots = image.boots
+        assert image.debugger is not None
+        image.debugger.detach()
+        image.damage(damage)
+        image.wait_for_boot(boots)
+        image.wait(AFTERWARDS_US)
+        told = {(report.state, report.has_high_voltage, max(report.peaks)) for report in image.reports()}
+    assert told == {(DeviceState.IDLE, False, 0.0)}

@@ -10,6 +10,7 @@ import pytest
 from precompute.measurements import Kind, lay_out, read_measurements
 from precompute.measurements.model import MeasurementModel
 from tests.engine.loop.rig import DEVICE
+from tests.stalls import again_after_a_stall
 from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.test_emulate import emulator
 
@@ -29,12 +30,14 @@ def errors_of(path: Path) -> list[tuple[float, float]]:
 
 
 @pytest.mark.long
+@again_after_a_stall  # a board whose host stands still stops itself
 def test_a_board_over_a_terminal_is_measured_by_its_own_accelerometer(tmp_path: Path) -> None:
     spec = f"at={AT_MM}mm, mass=2g, drift=9000"
     with emulator(tmp_path, "--device", "reference-a", "--sensor", spec, "--seed", "5") as running:
         port = ("--port", running.line()["port"], "--sensor", f"board:{AT_MM}mm", "--bit-rate", "1000000")
         # At full drive the noise of the part is no cause to repeat a reading.
         words = ("--frequencies", f"{HZ:g}", "--least", "100 %", "--json")
+        (tmp_path / "bar.nc").unlink(missing_ok=True)
         done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.nc", *port, *words)
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)

@@ -364,7 +364,12 @@ def test_a_device_without_a_table_plays_steady_drives_at_once_then_clicks_as_the
 ) -> None:
     """Until its coarse clicks are in place: the fine ones take minutes. Nothing of the rig is left behind."""
     (tmp_path / "short.toml").write_text(SHORT, encoding="utf-8")
-    seen = set[str | None]()
+    seen, solved_for = set[str | None](), set[int]()
+
+    def is_clicked_and_solved(picture: Picture) -> bool:
+        # Where the machine stalls, fingers lift, and what was solved last may be for the one that came back first.
+        solved_for.add(len(own.backend.scene()["solved"]["last_m"]))
+        return is_clicked(picture)
 
     def has_table(backend: DemoBackend) -> bool:
         scene = backend.scene()
@@ -381,8 +386,7 @@ def test_a_device_without_a_table_plays_steady_drives_at_once_then_clicks_as_the
         own.wait(lambda: own.backend.scene()["solved"] is not None)
         own.press(LAST)
         own.until(lambda picture: len(picture.fingers) == 1)
-        clicked = tap_until(own, FIRST, is_clicked)
-        solved = own.backend.scene()["solved"]
+        clicked = tap_until(own, FIRST, is_clicked_and_solved)
         own.lift()
         pause.close()
         own.wait(lambda: has_table(own.backend))
@@ -393,7 +397,7 @@ def test_a_device_without_a_table_plays_steady_drives_at_once_then_clicks_as_the
     felt, quiet = clicked.made
     assert (felt.role, quiet.role) == (Role.FELT, Role.QUIET)
     assert felt.simulated_db == pytest.approx(felt.promised_db, abs=0.5)
-    assert solved["count"] >= 1 and len(solved["last_m"]) == 2
+    assert 2 in solved_for
     assert "coarse clicks" in seen
     assert not list(tmp_path.glob("first-*"))
     path = cached_table(find_device(str(tmp_path / "short.toml")), tmp_path / "cache")
