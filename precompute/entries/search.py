@@ -16,7 +16,7 @@ solver climbs the last steps again on forms at the drive's own frequencies (`pol
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -254,8 +254,21 @@ def two_blocks(count: int) -> Iterator[list[int]]:
 
 
 def climb_all(problem: Problem, starts: Sequence[Start], wanted: float) -> list[FoundDrive]:
-    """Climb from starts of equal numbers of tones, frequencies free within reach and then rounded to the wire's."""
+    """Climb from starts of equal numbers of tones, frequencies free within reach and then rounded to the wire's.
+
+    Forms interpolated between coarse frequencies may lose their positive power. A climb that ends there is made again
+    with the frequencies of its start kept.
+    """
     starts = [start for start in starts if _is_playable(problem, start)]
+    climbed = _climbed_from(problem, starts, wanted)
+    lost = [i for i, drive in enumerate(climbed) if drive.value <= 0]
+    kept = [replace(starts[i], reach_hz=starts[i].frequency_hz[:, None].repeat(2, axis=1)) for i in lost]
+    for i, drive in zip(lost, _climbed_from(problem, kept, wanted), strict=True):
+        climbed[i] = drive
+    return [_lifted(problem, drive, wanted) for drive in climbed if drive.value > 0]
+
+
+def _climbed_from(problem: Problem, starts: Sequence[Start], wanted: float) -> list[FoundDrive]:
     if not starts:
         return []
     drives = np.array([start.amplitude for start in starts], dtype=np.complex128)
@@ -271,8 +284,7 @@ def climb_all(problem: Problem, starts: Sequence[Start], wanted: float) -> list[
         tail = tone, low_hz, high_hz, _log(wanted), tolerance_hz, multipliers
         refine(*plain, hz, *tail)
         hz = on_the_wire(hz)
-    climbed = (evaluate_drive(problem, hz[i][tone[i]], drives[i], multipliers[i]) for i in range(len(starts)))
-    return [_lifted(problem, drive, wanted) for drive in climbed]
+    return [evaluate_drive(problem, hz[i][tone[i]], drives[i], multipliers[i]) for i in range(len(starts))]
 
 
 def polish(problem: Problem, drive: FoundDrive, wanted: float) -> FoundDrive:

@@ -19,7 +19,7 @@ from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
 from precompute.sampling.fingers import sample_fingers
 from precompute.sampling.receptance import solve_receptance
-from tests.precompute.devices import shipped
+from tests.precompute.devices import shipped, with_zones
 from tests.precompute.entries.problems import random_drives, random_problem, ratios
 
 Array = NDArray[np.float64]
@@ -122,6 +122,18 @@ def test_every_objective_beats_sampled_drives_on_the_bar(name: str) -> None:
     fine = apart(problem, drives)
     for wanted in (0.0, 1e2, 1e3) if name != "level" else (0.0,):
         assert ratio[fine & (loud >= wanted)].max() <= best(problem, wanted).drive.value * SLACK
+
+
+def test_no_drive_is_found_where_coarse_frequencies_interpolate_a_power_below_zero() -> None:
+    """Between steps of 20 Hz a quiet finger's power falls below zero at 227 Hz: its reciprocal is no contrast."""
+    coarse = with_zones(shipped("reference-a"), 3)
+    coarse = replace(coarse, sweep=replace(coarse.sweep, step_hz=20.0))
+    problem = problem_of(coarse, "II", "III", "standard contrast")
+    found = best(problem, 100.0)
+    assert found.drive.value > 0
+    assert found.bound >= found.drive.value
+    ratio, loud = ratios(problem, random_drives(problem, 40000, np.random.default_rng(2)))
+    assert ratio[loud >= 100.0].max() <= found.drive.value * SLACK
 
 
 def test_a_level_that_no_drive_reaches_finds_none() -> None:
