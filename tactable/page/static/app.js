@@ -63,8 +63,8 @@ function startTour() {
   fingers.startTour(middle(zones[Math.max(zones.length - 2, 0)]), middle(zones[0]));
 }
 
-// Once something plays, the fingers of the link come, or else the tour; not where somebody touched first. `#no-tour` in
-// the address leaves it out.
+// Once something plays, the fingers of the link come; without a link the tour, unless somebody touched first. A link to
+// `#no-tour` asks for nothing.
 function welcome() {
   if (!scene || scene.mode !== "demo") return;
   if (link === null) {
@@ -76,7 +76,7 @@ function welcome() {
   isWelcomed = true;
   if (fingers.down.size) return;
   if (link.fingers.length) fingers.place(link.fingers.map((at_m) => Math.min(at_m / scene.device.length_m, 1)));
-  else if (location.hash !== "#no-tour") startTour();
+  else if (!location.hash) startTour();
 }
 
 // The address says what is chosen and which fingers stay, so that it can be passed on.
