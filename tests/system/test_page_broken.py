@@ -85,6 +85,23 @@ def test_the_tour_waits_for_an_engine_that_is_late(demo: Demo, browser: Browser)
         assert not any(sentence.startswith("Two clicks overlapped") for sentence in said)
 
 
+def test_a_run_that_begins_anew_under_the_tour_changes_no_sentence(demo: Demo, browser: Browser) -> None:
+    """Its resting finger feels a click then, as it comes down again, and the tapping one has left."""
+    with opened(demo, browser) as visit:
+        choose(visit, source="click", quiet_zones=[])
+        restarts = visit.ask("tactable.scene.restarts")
+        visit.page.click("#show-me")
+        visit.wait("/dB more than finger.1/.test(outcome.textContent)")
+        visit.ask(NOTE_SENTENCES)
+        for process in processes(demo, "engine"):
+            os.kill(process, signal.SIGKILL)
+        visit.wait("tactable.fingers.says?.startsWith('Your turn')")
+        assert visit.ask("tactable.scene.restarts") == restarts + 1
+        said = [each.replace("\N{NO-BREAK SPACE}", " ") for each in visit.ask("said")]
+        kept = ("Finger 2 feels the click", "The machine was late", "Your turn")
+        assert all(each.startswith(kept) for each in said), said
+
+
 def test_a_closed_lid_loses_nothing(demo: Demo, browser: Browser) -> None:
     with opened(demo, browser) as visit:
         choose(visit, source="steady", quiet_zones=[])

@@ -89,7 +89,7 @@ function linkScene() {
 // One sentence: the outcome of the last command; the tour's own words before the first and at its end.
 function tell() {
   const outcome = byId("outcome"), found = outcomeOf(wire.picture, wire.paper, fingers.isTouring);
-  const text = fingers.says ?? hand.says(wire.picture) ?? found ?? (wire.picture.command ? null : "Touch the bar.");
+  const text = fingers.says ?? hand.says(wire.picture) ?? found ?? (wire.picture.command || fingers.isTouring ? null : "Touch the bar.");
   if (text === null || outcome.textContent === text) return;
   outcome.textContent = text;
   outcome.toggleAttribute("data-tour", fingers.says !== null);

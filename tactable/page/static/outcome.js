@@ -9,7 +9,7 @@ const COURSE_S = 0.06;
 const MOST_NAMED = 3;
 
 function nameOf(finger) {
-  return finger.number === NO_NUMBER ? `the finger at ${(1000 * finger.position_m).toFixed(0)}\u00a0mm` : `finger\u00a0${finger.number + 1}`;
+  return finger.called === NO_NUMBER ? `the finger at ${(1000 * finger.position_m).toFixed(0)}\u00a0mm` : `finger\u00a0${finger.called + 1}`;
 }
 
 // Names as they are said; of many fingers only the number.
@@ -40,9 +40,9 @@ function besides(paper) {
 }
 
 // The outcome of the last command in words, or null while it is not known yet. `isTour`: its touches never overlap by
-// themselves.
+// themselves, and that of its resting finger alone, which comes again where a run begins anew, is no outcome.
 export function outcomeOf(picture, paper, isTour) {
-  if (!picture.command || picture.age_s < SETTLED_S[picture.drive]) return null;
+  if (!picture.command || picture.age_s < SETTLED_S[picture.drive] || (isTour && picture.madeCount < 2)) return null;
   if (picture.isLate || (picture.isMixed && isTour)) return "The machine was late: not judged.";
   if (picture.isMixed) return "Two clicks overlapped: touch one finger after the other to compare them.";
   const levels = levelsOf(picture);

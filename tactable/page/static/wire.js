@@ -23,10 +23,10 @@ export function makePicture() {
     isLoaded: true, isPlaying: false, isProvisional: false, isLate: false, hasPaper: false, isMixed: false, fingerCount: 0,
     fingers: Array.from({ length: MOST_FINGERS }, () =>
       ({ number: 0, zone: NO_ZONE, role: 0, position_m: 0, level_db: -60, felt_db: -60 })),
-    // The fingers that the last command was made for.
+    // The fingers that the last command was made for. `called`: the number that each had, which it keeps when it has left.
     madeCount: 0,
     made: Array.from({ length: MOST_FINGERS }, () =>
-      ({ number: NO_NUMBER, zone: NO_ZONE, role: 0, position_m: 0, promised: NOTHING, simulated: NOTHING })),
+      ({ number: NO_NUMBER, called: NO_NUMBER, zone: NO_ZONE, role: 0, position_m: 0, promised: NOTHING, simulated: NOTHING })),
     channelCount: 0, frequency_hz: new Float32Array(64), amplitude: new Float32Array(64), phase_rad: new Float32Array(64),
     levelCount: 0, levels: new Float32Array(256), counted: new Float32Array(256),
   };
@@ -42,6 +42,7 @@ export function decodePicture(view, picture, paper) {
   let at = 2;
   picture.time_s = view.getFloat64(at, true); at += 8;
   for (let i = 0; i < 6; i++, at += 4) picture.counters[i] = view.getUint32(at, true);
+  const before = picture.command;
   picture.command = view.getUint32(at, true); at += 4;
   picture.age_s = view.getFloat32(at, true); at += 4;
   picture.wanted_db = view.getFloat32(at, true); at += 4;
@@ -72,6 +73,7 @@ export function decodePicture(view, picture, paper) {
   for (let i = 0; i < picture.madeCount; i++, at += 14) {
     const finger = picture.made[i];
     finger.number = view.getUint32(at, true);
+    if (finger.number !== NO_NUMBER || picture.command !== before) finger.called = finger.number;
     finger.zone = view.getUint8(at + 4);
     finger.role = view.getUint8(at + 5);
     finger.position_m = view.getFloat32(at + 6, true);
@@ -98,8 +100,8 @@ function decodePaper(view, at, picture, paper) {
     finger.felt_db = view.getInt16(at + 2, true) / 100;
   }
   for (let i = 0; i < picture.madeCount; i++, at += 2) {
-    const { number, zone, role, position_m } = picture.made[i];
-    Object.assign(paper.made[i], { number, zone, role, position_m, simulated: view.getInt16(at, true) });
+    const { number, called, zone, role, position_m } = picture.made[i];
+    Object.assign(paper.made[i], { number, called, zone, role, position_m, simulated: view.getInt16(at, true) });
   }
 }
 
