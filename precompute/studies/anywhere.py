@@ -108,7 +108,7 @@ def compare_anywhere(
     return {
         "simulated": True,
         "device": device.name,
-        "estimates": [*device.inferred, device.threshold.title],
+        "estimates": [*device.estimated_values, device.threshold.title],
         "threshold": device.threshold.title,
         "compared": to_plain(wanted),
         "options": to_plain(by_position),

@@ -46,7 +46,7 @@ def run_clicks_bench(
     return {
         "simulated": True,
         "device": device.name,
-        "estimates": [*device.inferred, device.threshold.title],
+        "estimates": [*device.estimated_values, device.threshold.title],
         "threshold": device.threshold.title,
         "options": to_plain(options),
         "spread": to_plain(device.spread),

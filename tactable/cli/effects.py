@@ -127,7 +127,7 @@ def curve(
         "device": device.name,
         "fingerprint": device.fingerprint,
         "finger": under_finger,
-        "estimated": list(device.inferred),
+        "estimated": list(device.estimated_values),
         "places": [
             {
                 "at_m": place_m,

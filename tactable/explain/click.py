@@ -84,6 +84,10 @@ def _levels_under(source: ClickSource, placement: Placement, click: ClickEntry) 
     return np.column_stack([peak_db[0], *np.percentile(peak_db[1:], (5, 50, 95), axis=0)])
 
 
+_DURATION_NOTE = (
+    "levels compare a peak with the threshold of lasting vibration: temporal summation is not corrected, so a click"
+    " may need more than 0 dB; 30 ms is the border of one pulse and vibration (docs/theory.md, Time and clicks)"
+)
 _OWN = (
     *("wanted_level_db", "achieved", "amplitude", "length_s", "sample_rate_hz", "level_db", "peak_s", "objective"),
     *("residual_from_s", "residual_db"),
@@ -122,7 +126,7 @@ def click_json(table: Table, explained: Explained) -> dict[str, Any]:
             "options": explained.options,
             "spread": device.spread,
             "alternatives": [_rival_json(rival) for rival in explained.rivals],
-            "estimated": [*device.inferred, "detection threshold", "spreads of the sampled plants"],
+            "estimated": [*device.estimated_values, "detection threshold", "spreads of the sampled plants"],
         }
     )
     return values
@@ -160,13 +164,14 @@ def print_click(out: Console, table: Table, explained: Explained) -> None:
     for line in lines:
         out.print(line, highlight=False, soft_wrap=True)
     out.print(_finger_grid(table, explained))
+    out.print(_DURATION_NOTE, highlight=False, soft_wrap=True)
     out.print(_table_words(table, explained), highlight=False, soft_wrap=True)
     if explained.softer:
         out.print(_softer_grid(explained.softer))
     if explained.rivals:
         out.print(_rival_grid(explained, device.threshold.above))
     out.print(f"made with: {option_words(options, device.spread)}", highlight=False, soft_wrap=True)
-    estimates = ", ".join([*device.inferred, device.threshold.title])
+    estimates = ", ".join([*device.estimated_values, device.threshold.title])
     out.print(f"ESTIMATES: {estimates}", style="dim", highlight=False, soft_wrap=True)
 
 

@@ -39,7 +39,7 @@ def entry_json(table: Table, entry: Entry, alternatives: Sequence[Alternative]) 
             ],
             "model": model_figures(table),
             "threshold": table.device.threshold.title,
-            "estimated": [*table.device.inferred, "detection threshold"],
+            "estimated": [*table.device.estimated_values, "detection threshold"],
         }
     )
     values["worst_case"]["fingers"] = SAMPLES
@@ -92,7 +92,7 @@ def print_entry(out: Console, table: Table, entry: Entry, alternatives: Sequence
         soft_wrap=True,
     )
     out.print(model_text(table), style="dim", highlight=False)
-    estimates = ", ".join([*device.inferred, device.threshold.title])
+    estimates = ", ".join([*device.estimated_values, device.threshold.title])
     out.print(f"ESTIMATES: {estimates}", style="dim")
 
 

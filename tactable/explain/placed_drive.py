@@ -61,7 +61,7 @@ def placed_drive_json(table: Table, figures: PlacementFigures, threshold: Thresh
             **{name: levels and _by_percentile(levels) for name, levels in spreads.items()},
             "sampled_cases": SAMPLES,
             "threshold": threshold.title,
-            "estimated": [*device.inferred, "detection threshold"],
+            "estimated": [*device.estimated_values, "detection threshold"],
         }
     )
     return values
@@ -95,7 +95,7 @@ def print_placed_drive(out: Console, table: Table, figures: PlacementFigures, th
         shown = [f"{value:z.1f}" for value in (level_db, *astuple(figures.finger_percentiles(finger)))]
         grid.add_row(name, "felt" if is_felt else "quiet", *shown)
     out.print(grid)
-    estimates = ", ".join([*device.inferred, threshold.title])
+    estimates = ", ".join([*device.estimated_values, threshold.title])
     out.print(f"ESTIMATES: {estimates}", style="dim", highlight=False, soft_wrap=True)
 
 

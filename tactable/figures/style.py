@@ -133,7 +133,7 @@ def finish_picture(
     named = {"device": device.name, "fingerprint": device.fingerprint, **summary}
     if THRESHOLD_NOTE in notes:
         named["threshold"] = device.threshold.title
-    plain = to_plain({**named, "estimated": [*notes, *device.inferred]})
+    plain = to_plain({**named, "estimated": [*notes, *device.estimated_values]})
     # A CSV file has no note below it: its headers name the curve.
     headed = {name.replace("above threshold", device.threshold.above): values for name, values in columns.items()}
     return Picture(figure, headed, plain, f"{caption}: {words}")

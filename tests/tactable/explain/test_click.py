@@ -139,3 +139,10 @@ def test_a_level_scales_the_waveform(source: ClickSource, level_db: float) -> No
     strongest = source.table.click_for(["I"], ["III"], inf)
     assert click.level_db == pytest.approx(level_db)
     assert click.amplitude == pytest.approx(10 ** ((level_db - strongest.level_db) / 20))
+
+
+def test_the_page_says_what_a_level_leaves_out_and_which_physical_values_are_estimates(source: ClickSource) -> None:
+    page = page_of(source, explained_of(source, "I", "III"))
+    assert "temporal summation is not corrected" in page
+    device = source.table.device
+    assert f"ESTIMATES: {', '.join([*device.estimated_values, device.threshold.title])}" in page

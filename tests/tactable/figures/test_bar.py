@@ -87,4 +87,4 @@ def test_every_axis_and_column_has_its_unit_and_estimates_are_named(reach: Pictu
         labels = [label for axes in picture.figure.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
         assert len(labels) >= 3 and all(label.endswith(")") for label in labels)
         assert "ESTIMATES" in picture.figure.get_supxlabel()
-        assert set(DEVICE.inferred) <= set(picture.summary["estimated"])
+        assert set(DEVICE.estimated_values) <= set(picture.summary["estimated"])

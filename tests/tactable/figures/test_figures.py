@@ -338,7 +338,7 @@ def test_every_picture_says_what_is_estimated(table: Table, pictures: dict[str, 
     assert "Computed, not measured. ESTIMATES" in note
     assert "finger" in note
     assert f"{len(table.device.estimated_values)} values of the device" in note
-    assert set(table.device.inferred) <= set(pictures[name].summary["estimated"])
+    assert set(table.device.estimated_values) <= set(pictures[name].summary["estimated"])
 
 
 @pytest.mark.parametrize("name", ["state", "pareto", "contrast-map", "rise", "course", "factor"])

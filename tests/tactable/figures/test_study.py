@@ -58,7 +58,7 @@ def test_every_axis_and_column_has_its_unit_and_estimates_are_named(pictures: di
     labels = [label for axes in picture.figure.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
     assert len(labels) >= 4 and all(label.endswith(")") for label in labels)
     assert "ESTIMATES: finger" in " ".join(picture.figure.get_supxlabel().split())
-    assert set(DEVICE.inferred) <= set(picture.summary["estimated"])
+    assert set(DEVICE.estimated_values) <= set(picture.summary["estimated"])
     assert len({len(column) for column in picture.columns.values()}) == 1
 
 
