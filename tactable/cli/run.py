@@ -150,14 +150,13 @@ def run(
         realtime = real_time_steps(steps)
         with _opened(machine_of(context), touch):
             pass  # a wrong name is told before kernels are compiled; what is touched meanwhile is not of the run
+        port = open_port(port_name, bit_rate_hz)
+        reopening = stack.enter_context(closing(_reopening(port, port_name, bit_rate_hz, reconnect)))
         compile_steady_solver(remark)
-        options = LiveOptions(effects, when_not_achieved, reconnect, bit_rate_hz, realtime, fast=_compiled(fast))
+        options = LiveOptions(effects, when_not_achieved, reconnect, port.bit_rate_hz, realtime, fast=_compiled(fast))
         source, bus = stack.enter_context(_opened(machine_of(context), touch))
         ring = stack.enter_context(ring_for(ring_path, is_needed=page or control or recording_path is not None))
         stop = stack.enter_context(stop_at_signal())
-        port = open_port(port_name, bit_rate_hz)
-        options = replace(options, bit_rate_hz=port.bit_rate_hz)
-        reopening = stack.enter_context(closing(_reopening(port, port_name, bit_rate_hz, reconnect)))
         zones = tuple(zone.name for zone in table.device.zones)
 
         def watched(capabilities: Capabilities) -> Updates:
