@@ -8,16 +8,15 @@ values that are wrong, and all of them look known. Three tests tell:
   changes is binomial with probability 1/2. Only signs count, so wrong readings and uneven noise do no harm.
 - *Repeats.* Readings of one drive at one place scatter by the noise alone. If the fit misses their means by more than
   that scatter allows (F test of lack of fit), the model is wrong whatever the signs.
-- *One more parameter.* Each parameter that was not fitted is added in turn. In noise twice the fall of the cost is
-  chi-squared with one degree of freedom (likelihood ratio). Where it is far beyond that, and the typical misfit falls
-  by a tenth or more, that parameter was wrong. The one that helps most is named as the remedy.
+- *One thing more.* A parameter that was not fitted, the length of the bar or the place of an actuator explains much of
+  the misfit, far beyond chance (precompute.calibration.remedy).
 
 A fit is doubted where one of these would happen by chance less than about once in 200 adequate fits. None of them says
 anything where the typical misfit is below 0.5 %, which accelerometers and their places are not better than.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -26,11 +25,10 @@ from scipy.stats import binom
 from scipy.stats import f as fisher
 
 from engine.device import Device
-from precompute.calibration.calibrate import Calibration, pose_fit, sensor_mass_of
-from precompute.calibration.fit import fit, minimise, settle
-from precompute.calibration.misfit import Loss
-from precompute.measurements.parameters import Bounds, find_parameters, known_names
-from precompute.measurements.types import CalibrationError, Measurements
+from precompute.calibration.calibrate import Calibration
+from precompute.calibration.remedy import Remedy, find_remedy
+from precompute.measurements.parameters import Bounds
+from precompute.measurements.types import Measurements
 
 Array = NDArray[np.float64]
 
@@ -39,10 +37,6 @@ UNLIKELY = 0.005
 SMALLEST_MISFIT = 0.005
 _LEAST_REPEATS = 5
 """Degrees of freedom of repeated readings below which they say too little."""
-_WORTH = 0.9
-"""Share of the misfit that one more parameter leaves at most, to be proposed."""
-_GAIN = 12.0
-"""Twice the fall of the cost beyond which it is not chance: probability 5e-4 in chi-squared, for a few candidates."""
 
 
 @dataclass(frozen=True)
@@ -65,14 +59,6 @@ class Adequacy:
         """Whether the residuals can be noise, or are too small to matter."""
         chances = [self.chance, *([] if self.repeat_chance is None else [self.repeat_chance])]
         return self.misfit < SMALLEST_MISFIT or min(chances) >= UNLIKELY
-
-
-@dataclass(frozen=True)
-class Remedy:
-    """A parameter that was not fitted, and the typical misfit of the fit with it."""
-
-    name: str
-    misfit: float
 
 
 def assess(calibration: Calibration) -> Adequacy:
@@ -114,33 +100,6 @@ def _repeat_test(residual: Array, mean: Array, groups: int, parameters: int) -> 
     return float(np.sqrt(pure)), float(fisher.sf(lack / pure, freedom, repeats)) if pure > 0 else 0.0
 
 
-def find_remedy(device: Device, calibration: Calibration, bounds: Mapping[str, Bounds]) -> Remedy | None:
-    """The parameter whose addition lowers the cost most; None where none lowers it beyond chance and by enough.
-
-    `device` is that before the fit. Each fit starts from its values, and from what was fitted without the parameter.
-    """
-    before = float(np.median(np.abs(calibration.log_residual)))
-    measurements, names = calibration.measurements, tuple(p.name for p in calibration.parameters)
-    fitted = find_parameters(device, names, bounds, sensor_mass_of(measurements))
-    without, gains = pose_fit(device, measurements, fitted), dict[float, Remedy]()
-    for name in known_names(device):
-        if name in names or "[" in name:
-            continue
-        try:
-            chosen = find_parameters(device, (*names, name), bounds, sensor_mass_of(measurements))
-            problem = pose_fit(device, measurements, chosen)
-        except CalibrationError:  # it is fitted under another name, is 0, or changes none of these readings
-            continue
-        started = np.append(calibration.coordinate, problem.start[-1])
-        both = (fit(problem, Loss.ROBUST, 1, 0), settle(problem, Loss.ROBUST, started))
-        better = min(both, key=lambda found: found.noise)
-        _, cost = minimise(without, Loss.ROBUST, better.noise, calibration.coordinate)
-        misfit = float(np.median(np.abs(better.misfit.log_residual[: len(measurements)])))
-        if misfit <= _WORTH * before:
-            gains[2 * (cost - better.cost)] = Remedy(name, misfit)
-    return gains[max(gains)] if gains and max(gains) >= _GAIN else None
-
-
 def adequacy_report(device: Device, calibration: Calibration, bounds: Mapping[str, Bounds]) -> dict[str, Any]:
     """The tests for JSON; "doubt" is a sentence with the remedy, empty where the fit is adequate."""
     found = assess(calibration)
@@ -151,7 +110,7 @@ def adequacy_report(device: Device, calibration: Calibration, bounds: Mapping[st
         "chance": found.chance,
         "repeat_noise": found.repeat_noise,
         "repeat_chance": found.repeat_chance,
-        "remedy": None if remedy is None else {"name": remedy.name, "misfit": remedy.misfit},
+        "remedy": None if remedy is None else asdict(remedy),
         "doubt": "" if found.is_noise and remedy is None else _doubt_text(found, remedy),
     }
 
@@ -165,9 +124,15 @@ def _doubt_text(found: Adequacy, remedy: Remedy | None) -> str:
         )
     if found.repeat_noise is not None and found.repeat_chance is not None and found.repeat_chance < UNLIKELY:
         parts.append(f"repeated readings scatter by only {100 * found.repeat_noise:.2g} %")
-    found_text = ", and ".join(parts) or "one more parameter explains much of the misfit"
+    found_text = ", and ".join(parts) or "one thing more explains much of the misfit"
     why = f"{found_text}: something that was not fitted is wrong, and the intervals are too narrow"
     if remedy is None:
-        return f"{why}. No single further parameter explains it; check positions, drives and the sensor's mass"
+        return (
+            f"{why}. No single further parameter or length explains it; check positions, drives and the sensor's mass"
+        )
     fall = f"the typical misfit, {100 * found.misfit:.2g} %, would fall to {100 * remedy.misfit:.2g} %"
-    return f"{why}. Try --also {remedy.name}: {fall}"
+    if remedy.length_m is not None:
+        text = f"{1e3 * remedy.length_m:.4g} mm"
+        return f"{why}. Measure {remedy.name} again: with {text} in the device file {fall}"
+    note = " (with the modulus it stands for the thickness)" if remedy.name == "bar.density" else ""
+    return f"{why}. Try --also {remedy.name}{note}: {fall}"

@@ -135,7 +135,9 @@ def report_markdown(report: dict[str, Any]) -> str:
         f"{report['readings']} readings ({report['kind']}), loss: {report['loss']}; typical misfit "
         f"{_percent(report['median_misfit'])}, noise of a reading {_percent(report['noise'])}.",
         _parameters_markdown(report["parameters"]),
-        f"Flash the board with `{report['flash']}`, so that HELLO says what was fitted." if "flash" in report else "",
+        f"Flash the board with `{report['flash']}`, so that HELLO says what was fitted."
+        if "flash" in report and not report.get("adequacy", {}).get("doubt")
+        else "",
         "## What the data leave open",
         open_text(report),
         "## Correlations of the parameters",

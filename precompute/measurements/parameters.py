@@ -39,6 +39,12 @@ class Quantity:
     knee: float = 0.0
 
 
+_RULED = {
+    "bar.length": "measure it; a fit says where another length would explain the readings",
+    "bar.thickness": "bar.youngs_modulus and bar.density stand for it, since a bar's motion depends on E h^3 and rho h",
+    ".position": "measure it; a fit says where another place would explain the readings",
+}
+"""What to do about lengths, by what their names end in."""
 QUANTITIES: Mapping[str, Mapping[str, Quantity]] = {
     "actuator": {
         "stiffness": Quantity("stiffness_n_per_m", "k", factor=3.0),
@@ -200,6 +206,7 @@ def _parse(device: Device, name: str) -> tuple[str, tuple[int, ...], str]:
     if match is None or name not in known:
         near = difflib.get_close_matches(name, known, 1)
         hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
+        hint = next((text for end, text in _RULED.items() if name.endswith(end)), hint)
         raise ParameterError(f"{name!r}: cannot be fitted to {device.name}; {hint}")
     part, index, key = match.groups()
     if part != "actuator":

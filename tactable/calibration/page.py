@@ -29,7 +29,7 @@ def print_calibration(out: Console, report: dict[str, Any], folder: str, doubts:
     out.print(grid)
     _say(out, open_text(report))
     _say(out, f"written: {folder}: device file, data, report.md, report.json and fit.png")
-    if flash := report.get("flash"):
+    if (flash := report.get("flash")) and not doubts:
         _say(out, f"flash the board with {flash}: HELLO then says the fitted full scale, and runs compare with that")
         _say(out, f"a sound card has nothing to flash: give its --port {report['card']}")
     for doubt in doubts:

@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from precompute.calibration.adequacy import Adequacy, adequacy_report, assess
 from precompute.calibration.calibrate import Calibration, calibrate
-from precompute.measurements.parameters import default_names, paper_names
-from precompute.measurements.simulate import Flaws
-from tests.precompute.devices import shipped
-from tests.precompute.measured import TRUTH, read_bar
+from precompute.measurements.parameters import default_names, paper_names, with_changes
+from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
+from precompute.measurements.types import Kind, lay_out
+from tests.precompute.devices import shipped, with_bar
+from tests.precompute.measured import PAIRS_HZ, SENSOR_MASS_KG, TRUTH, read_bar
 from tests.quick import first_quick
 
 DEVICE = shipped("reference-a")
@@ -63,6 +64,30 @@ def test_a_wrong_thickness_is_doubted_and_the_mass_is_named() -> None:
     assert "Try --also " in report["doubt"] and report["remedy"]["name"] in ("bar.density", "actuator.mass")
     mended = fitted(THICKER, (*default_names(DEVICE), "bar.density"))
     assert adequacy_report(DEVICE, mended, {})["doubt"] == "" and outside(mended, THICKER) == []
+
+
+@pytest.mark.parametrize(
+    "misread", first_quick([("bar.length", 3.0), ("actuator[2].position", 0.7), ("bar.length", -5.0)], 2)
+)
+def test_a_length_that_was_misread_is_named_with_its_value(misread: tuple[str, float]) -> None:
+    """The bar of the readings is longer than its description, or driven elsewhere: no parameter can say so."""
+    (name, error_mm), (left, right) = misread, DEVICE.actuators
+    described = replace(DEVICE, actuators=(replace(left, position_m=0.04), replace(right, position_m=0.24)))
+    if name == "bar.length":
+        true_m = DEVICE.bar.length_m + 1e-3 * error_mm
+        bar = with_bar(described, length_m=true_m)
+    else:
+        true_m = 0.24 + 1e-3 * error_mm
+        bar = replace(described, actuators=(described.actuators[0], replace(right, position_m=true_m)))
+    shorter = min(bar, described, key=lambda device: device.bar.length_m)
+    layout = lay_out(np.array(PAIRS_HZ[:3], dtype=np.float64), even_places(shorter, 22), SENSOR_MASS_KG, Kind.PEAK)
+    found = calibrate(described, simulate_measurements(with_changes(bar, TRUTH), layout, FLAWS, 1), starts=2)
+    report = adequacy_report(described, found, {})
+    assert report["remedy"]["name"] == name
+    assert report["remedy"]["length_m"] == pytest.approx(true_m, abs=5e-4)
+    assert (
+        f"Measure {name} again: with {1e3 * report['remedy']['length_m']:.4g} mm in the device file" in report["doubt"]
+    )
 
 
 def test_a_misfit_that_sensors_are_not_better_than_is_no_doubt() -> None:

@@ -88,7 +88,9 @@ def test_values_go_to_the_actuators_that_share_them() -> None:
     ("names", "bounds", "device", "message"),
     [
         (["actuator[1].stifness"], {}, DEVICE, "did you mean actuator[1].stiffness?"),
-        (["bar.length"], {}, DEVICE, "cannot be fitted"),
+        (["bar.length"], {}, DEVICE, "cannot be fitted to reference-a; measure it"),
+        (["actuator[1].position"], {}, DEVICE, "cannot be fitted to reference-a; measure it"),
+        (["bar.thickness"], {}, DEVICE, "bar.youngs_modulus and bar.density stand for it"),
         (["actuator[3].mass"], {}, DEVICE, "'actuator[3].mass'"),
         (["bar[1].density"], {}, DEVICE, "cannot be fitted"),
         (["actuator.mass", "actuator[2].mass"], {}, DEVICE, "actuator[2].mass: is fitted as actuator.mass already"),

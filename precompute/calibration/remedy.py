@@ -1,0 +1,175 @@
+"""What a fit misses: the one parameter, or the one length of the description, that explains most of its misfit.
+
+Each parameter that was not fitted is a candidate, and so are the lengths that no fit changes: the bar's own, and the
+places of its actuators, which a ruler tells to a millimetre or so.
+
+Where the misfit may be noise, a score test picks the candidates worth a fit: the derivative of the readings by a
+candidate, less what the fitted parameters can do, correlated with the residuals. In noise that is chi-squared with one
+degree of freedom, and it needs no fit. A linear model says nothing of a bar whose modes lie elsewhere, so where the
+misfit is larger than noise usually is, every candidate is fitted. In noise twice the fall of the cost is chi-squared as
+well (likelihood ratio); where it is far beyond that, and the typical misfit falls by a tenth or more, the candidate was
+wrong. The one that helps most is the remedy.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from engine.device import Device
+from precompute.calibration.calibrate import Calibration, pose_fit, sensor_mass_of
+from precompute.calibration.fit import CAUCHY, Fit, Problem, fit, minimise, settle
+from precompute.calibration.misfit import Loss
+from precompute.measurements.parameters import Bounds, find_parameters, known_names
+from precompute.measurements.types import CalibrationError, Measurements
+
+Array = NDArray[np.float64]
+
+_WORTH = 0.9
+"""Share of the misfit that a remedy leaves at most."""
+_GAIN = 12.0
+"""Twice the fall of the cost beyond which it is not chance: probability 5e-4 in chi-squared, for a few candidates."""
+_PROMISING = 6.0
+"""Score from which a candidate is fitted: half the gain, since the score is the gain of a linear model."""
+_NOISY = 0.03
+"""Relative noise beyond which the score is not asked: accelerometers and their places are better."""
+_REACH = 0.05
+"""Of the bar: how far off a length is looked for. Millimetres are misread, or the other end is counted from."""
+_LOOKED_AT = 17
+_STEP, _EXACT, _ROUGH = 1e-4, 1e-4, 1e-5  # of the bar, of the bar, of the cost
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """A parameter or length that was not fitted, and the typical misfit of the fit with it.
+
+    length_m: the best value of a length; None for a parameter.
+    """
+
+    name: str
+    misfit: float
+    length_m: float | None = None
+
+
+@dataclass(frozen=True)
+class _Length:
+    """A length of the description within its reach, and the device with another one."""
+
+    name: str
+    length_m: float
+    low_m: float
+    high_m: float
+    device_at: Callable[[float], Device]
+
+
+def find_remedy(device: Device, calibration: Calibration, bounds: Mapping[str, Bounds]) -> Remedy | None:
+    """The candidate whose addition lowers the cost most; None where none lowers it beyond chance and by enough.
+
+    `device` is that before the fit. Each fit starts from its values, and from what was fitted without the candidate.
+    """
+    before = float(np.median(np.abs(calibration.log_residual)))
+    measurements, names = calibration.measurements, tuple(p.name for p in calibration.parameters)
+    fitted = find_parameters(device, names, bounds, sensor_mass_of(measurements))
+    without = pose_fit(device, measurements, fitted)
+
+    def pose_at(length: _Length, length_m: float) -> Problem:
+        return pose_fit(length.device_at(length_m), measurements, fitted)
+
+    gains = dict[float, Remedy]()
+    for name, length_m, better in (
+        *_fits_with_parameters(device, calibration, bounds, without),
+        *_fits_of_lengths(_lengths_of(device, measurements), calibration, without, pose_at),
+    ):
+        _, cost = minimise(without, Loss.ROBUST, better.noise, calibration.coordinate)
+        misfit = float(np.median(np.abs(better.misfit.log_residual[: len(measurements)])))
+        if misfit <= _WORTH * before:
+            gains[2 * (cost - better.cost)] = Remedy(name, misfit, length_m)
+    return gains[max(gains)] if gains and max(gains) >= _GAIN else None
+
+
+def _fits_with_parameters(
+    device: Device, calibration: Calibration, bounds: Mapping[str, Bounds], without: Problem
+) -> Iterator[tuple[str, None, Fit]]:
+    """A fit with each further parameter that promises something."""
+    measurements, names = calibration.measurements, tuple(p.name for p in calibration.parameters)
+    for name in known_names(device):
+        try:
+            chosen = find_parameters(device, (*names, name), bounds, sensor_mass_of(measurements))
+            problem = pose_fit(device, measurements, chosen)
+        except CalibrationError:  # it is fitted already or under another name, is 0, or changes none of these readings
+            continue
+        started = np.append(calibration.coordinate, problem.start[-1])
+        if not _is_promising(without, calibration, problem.misfit.at(started).log_slope[:, -1]):
+            continue
+        both = (fit(problem, Loss.ROBUST, 1, 0), settle(problem, Loss.ROBUST, started))
+        yield name, None, min(both, key=lambda found: found.noise)
+
+
+def _fits_of_lengths(
+    lengths: list[_Length], calibration: Calibration, without: Problem, pose_at: Callable[[_Length, float], Problem]
+) -> Iterator[tuple[str, float, Fit]]:
+    """The fit at the best value of each length that promises something."""
+    residual = without.misfit.at(calibration.coordinate).log_residual
+    for length in lengths:
+        step_m = _STEP * (length.high_m - length.low_m)
+        moved = pose_at(length, length.length_m + step_m).misfit.at(calibration.coordinate).log_residual
+        if not _is_promising(without, calibration, (moved - residual) / step_m):
+            continue
+
+        def cost_at(length_m: float, length: _Length = length) -> float:
+            problem = pose_at(length, float(length_m))
+            return minimise(problem, Loss.ROBUST, calibration.noise, calibration.coordinate, _ROUGH)[1]
+
+        places_m = np.linspace(length.low_m, length.high_m, _LOOKED_AT)
+        best = int(np.argmin([cost_at(place_m) for place_m in places_m.tolist()]))
+        ends_m = places_m[max(best - 1, 0)], places_m[min(best + 1, _LOOKED_AT - 1)]
+        exact_m = _EXACT * (length.high_m - length.low_m)
+        found_m = float(minimize_scalar(cost_at, bounds=ends_m, method="bounded", options={"xatol": exact_m}).x)
+        yield length.name, found_m, settle(pose_at(length, found_m), Loss.ROBUST, calibration.coordinate)
+
+
+def _is_promising(without: Problem, calibration: Calibration, column: Array) -> bool:
+    """Whether a candidate is worth a fit; column (datum,): the derivative of the residuals by it."""
+    if calibration.noise > _NOISY:
+        return True
+    misfit = without.misfit.at(calibration.coordinate)
+    residual = misfit.log_residual / calibration.noise
+    weight = 1 / np.sqrt(1 + (residual / CAUCHY) ** 2)
+    slope, own = misfit.log_slope * weight[:, None], column * weight
+    own = own - slope @ np.linalg.lstsq(slope, own, rcond=None)[0]
+    size = float(own @ own)
+    return size > 0 and float(own @ (residual * weight)) ** 2 >= _PROMISING * size
+
+
+def _lengths_of(device: Device, measurements: Measurements) -> list[_Length]:
+    """The length of the bar, which holds everything on it, and the place of each actuator."""
+    length_m, places_m = device.bar.length_m, [actuator.position_m for actuator in device.actuators]
+    reach_m = _REACH * length_m
+    last_m = max(
+        [*places_m, float(np.nanmax(measurements.position_m)), float(np.nan_to_num(measurements.finger_m).max())]
+    )
+
+    def long(other_m: float) -> Device:
+        return replace(device, bar=replace(device.bar, length_m=other_m))
+
+    def driven_at(index: int) -> Callable[[float], Device]:
+        def moved(place_m: float) -> Device:
+            actuators = list(device.actuators)
+            actuators[index] = replace(actuators[index], position_m=place_m)
+            return replace(device, actuators=tuple(actuators))
+
+        return moved
+
+    bar = _Length("bar.length", length_m, max(length_m - reach_m, last_m), length_m + reach_m, long)
+    return [bar] + [
+        _Length(
+            f"actuator[{index + 1}].position",
+            place_m,
+            max(place_m - reach_m, 0.0),
+            min(place_m + reach_m, length_m),
+            driven_at(index),
+        )
+        for index, place_m in enumerate(places_m)
+    ]
