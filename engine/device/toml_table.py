@@ -1,9 +1,12 @@
 """Reads one table of a TOML file key by key; wrong, missing and unknown keys are refused by name."""
 
 import difflib
+import errno
 import math
+import os
 import re
 import reprlib
+import stat
 import tomllib
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -11,6 +14,8 @@ from typing import Any, ClassVar, Self
 from engine.device.quantity import QuantityError, read_quantity
 
 HIGHEST_LEVEL_DB = 80.0
+MOST_BYTES = 16 << 20
+"""Greatest size of a text file: a hundred times the largest manifest that is known."""
 _CREDIBLE = {
     "m": (1e-12, 100.0),
     "kg": (1e-9, 1e3),
@@ -160,7 +165,18 @@ class TomlTable:
 
 
 def read_text(path: Path, family: type[ValueError]) -> str:
-    """The text of a file; raises an error of the family where it is not UTF-8, OSError when there is no such file."""
+    """The text of a plain file. Raises OSError where there is none.
+
+    Raises an error of the family for what is no plain file, since a pipe or a device may never end, for a huge file,
+    and for one that is not UTF-8.
+    """
+    status = path.stat()
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(status.st_mode):
+        raise family(f"{path}: is not a plain file; write its content into one")
+    if status.st_size > MOST_BYTES:
+        raise family(f"{path}: has {status.st_size} bytes; expected at most {MOST_BYTES}: name another file")
     try:
         return path.read_text(encoding="utf-8-sig")  # editors and spreadsheets begin a file with a byte order mark
     except UnicodeDecodeError as error:

@@ -105,7 +105,8 @@ SCHEMA: Mapping[str, Mapping[str, ArrayKind]] = {
     },
     "receptances": {
         **_labels("actuator", "part"),
-        **_arrays("frequency", "frequency", "threshold", least=0),
+        **_arrays("frequency", "frequency", least=1e-3, greatest=1e6),
+        **_arrays("frequency", "threshold", least=1e-9, greatest=1e6),
         **_arrays("place", "place"),
         **_arrays("place actuator frequency part", "drive"),
         **_arrays("pair frequency part", "point"),
@@ -116,12 +117,12 @@ SCHEMA: Mapping[str, Mapping[str, ArrayKind]] = {
         **_arrays("", "objective", kind=Kind.TEXT),
         **_arrays("sample", "sample"),
         **_arrays("level", "level", may_be_infinite=True),
-        **_arrays("function sample", "basis_function", kind=Kind.WHOLE),
+        **_arrays("function sample", "basis_function", kind=Kind.WHOLE, least=-32768, greatest=32767),
         **_arrays("function", "function_actuator", "function_set", kind=Kind.WHOLE, least=0, greatest=255),
         **_arrays("set", "set_samples", kind=Kind.WHOLE, least=2),
         **_arrays("click finger", "finger_place", kind=Kind.WHOLE, least=-1),
         **_arrays("click finger", "finger_felt", kind=Kind.WHOLE, least=0, greatest=1),
-        **_arrays("click weight_of_set", "weight", kind=Kind.WHOLE),
+        **_arrays("click weight_of_set", "weight", kind=Kind.WHOLE, least=-32768, greatest=32767),
         **_arrays("click", "fraction_bits", kind=Kind.WHOLE, least=0, greatest=31),
         **_arrays("click", "basis_set", kind=Kind.WHOLE, least=0),
         **_arrays("click spread", "felt_level"),
@@ -144,5 +145,8 @@ TEXT_ATTRIBUTES = (
 )  # fmt: skip
 IS_SHIPPED = "is_shipped"
 """Attribute of a table that holds entries and clicks alone, made to be small."""
-WHOLE_ATTRIBUTES = ("format_revision", "clicks_up_to", "clicks_are_coarse", IS_SHIPPED)
-REAL_ATTRIBUTES = ("click_pitch_m", "click_tolerance_m")
+WHOLE_ATTRIBUTES = (
+    *("format_revision", "clicks_up_to", "clicks_are_coarse", IS_SHIPPED),
+    *("mesh_elements", "modes", "click_modes"),
+)
+REAL_ATTRIBUTES = ("click_pitch_m", "click_tolerance_m", "mesh_longest_element_m")

@@ -233,6 +233,8 @@ def _check_receptances(arrays: Arrays, device: Device) -> None:
     _check_places("receptances/place", place_m, device, fewest=_FEWEST_PLACES)
     if not len(frequency_hz) or (frequency_hz[1:] <= frequency_hz[:-1]).any() or arrays["threshold"][...].min() <= 0:
         raise _FlawError("receptances/frequency: expected rising frequencies with thresholds above 0")
+    if not arrays["drive"][...].any():
+        raise _FlawError("receptances/drive: no actuator moves any place")
     pairs = len(place_m) * (len(place_m) + 1) // 2
     if len(arrays["point"]) != pairs or arrays["drive"].shape[1] != len(device.actuators):
         raise _FlawError(f"receptances/point: expected {pairs} pairs of places, and the actuators of the device")

@@ -114,6 +114,10 @@ def test_a_soft_link_and_a_group_in_a_group_are_refused(whole: Path, tmp_path: P
         ("clicks/place", np.array([0.0, 0.1, 0.2]), "an even grid"),
         ("receptances/place", np.linspace(0.0, 0.1, 9), "an even grid"),
         ("receptances/frequency", np.full(25, 100.0), "rising frequencies"),
+        ("receptances/frequency", np.linspace(1e-300, 1e300, 25), "below 0.001"),
+        ("receptances/frequency", np.geomspace(1.0, 1e300, 25), "above 1e+06"),
+        ("receptances/threshold", np.full(25, 1e-300), "below 1e-09"),
+        ("receptances/drive", np.zeros((9, 2, 25, 2), dtype=np.float32), "no actuator moves any place"),
         ("receptances/point", np.ones((7, 25, 2), dtype=np.float32), "45 pairs of places"),
     ],
 )
@@ -128,6 +132,8 @@ def test_an_array_of_another_kind_shape_or_value_is_refused_by_name(
 @pytest.mark.parametrize(
     ("name", "value", "says"),
     [
+        ("clicks/weight", 32768, "above 32767"),
+        ("clicks/basis_function", -32769, "below -32768"),
         ("clicks/set_samples", 1, "below 2"),
         ("clicks/set_samples", 10_000, "more than the functions of the basis have"),
         ("clicks/function_actuator", 2, "an actuator that the device does not have"),
@@ -139,7 +145,7 @@ def test_an_array_that_points_beyond_what_there_is_is_refused(
     whole: Path, tmp_path: Path, name: str, value: float, says: str
 ) -> None:
     def fill(file: h5py.File) -> None:
-        file[name][...] = value
+        replace_array(file, name, np.full_like(file[name], value, dtype=type(value)))
 
     found = refusal(changed(whole, tmp_path / "beyond.nc", fill))
     assert name in found
@@ -180,6 +186,9 @@ def test_names_of_another_device_are_refused(whole: Path, tmp_path: Path) -> Non
         {"created": np.ones(3)},
         {"click_pitch_m": np.zeros(1)},
         {"click_tolerance_m": "1 mm"},
+        {"modes": "twenty"},
+        {"mesh_elements": 50.5},
+        {"mesh_longest_element_m": np.zeros(1)},
     ],
 )
 def test_an_attribute_of_another_kind_is_refused(whole: Path, tmp_path: Path, change: dict[str, object]) -> None:
