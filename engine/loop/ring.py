@@ -110,6 +110,9 @@ class RingWriter:
             # Every page is touched now, so that the loop waits for no page fault.
             os.posix_fallocate(descriptor, 0, size)
             self._memory = mmap.mmap(descriptor, size)
+        except OSError as error:
+            path.unlink(missing_ok=True)
+            raise RingError(f"{path}: no ring of {size} bytes can be made there ({error}): make room") from error
         finally:
             os.close(descriptor)
         _HEAD.pack_into(self._memory, 0, MAGIC, REVISION, _SLOT_SIZE, slots, os.getpid(), 0)

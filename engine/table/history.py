@@ -9,8 +9,13 @@ from engine.table.error import TableError
 
 
 def previous_of(path: Path) -> Path:
-    """Path of the table that was replaced by the one at `path`, beside the file that a symbolic link leads to."""
+    """Path of the table that was replaced by the one at `path`, beside the file that a symbolic link leads to.
+
+    Raises TableError for a folder.
+    """
     target = written_path(path)
+    if target.is_dir():
+        raise TableError(f"{path}: is a folder; name a table")
     return target.with_name(f"{target.name}.previous")
 
 

@@ -15,6 +15,8 @@ from precompute.measurements.columns import SIMULATED, assemble_measurements, co
 from precompute.measurements.csv_form import wrong_form
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 
+MOST_ROWS = 100_000
+"""Twice the rows of every frequency at every place, which is the most that a build reads."""
 _HEADER = re.compile(r"(.+?) ?\(([^()]*)\)")
 
 
@@ -28,6 +30,10 @@ def parse_csv(text: str, device: Device, sensor_mass_kg: float, source: str) -> 
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if not lines:
         raise MeasurementError(f"{source}: is empty; expected a header such as position (mm),peak acceleration (m/s^2)")
+    if len(lines) > MOST_ROWS + 1:
+        raise MeasurementError(
+            f"{source}: has {len(lines) - 1} rows; expected at most {MOST_ROWS}: take the mean of repeated readings"
+        )
     form = wrong_form([line for _, line in lines], device)
     if form is not None:
         raise MeasurementError(f"{source}: {form}")

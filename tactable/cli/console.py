@@ -3,22 +3,61 @@
 Whatever is printed passes through `SafeConsole.render`, which replaces characters that would command the terminal.
 """
 
+import errno
 import json
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 from rich.console import Console, ConsoleOptions, RenderableType
+from rich.measure import Measurement
 from rich.segment import Segment
 
 from engine.printable import printable
 
+_WIDEST = 1000
 EXIT_DOUBTFUL = 3
 """The work was done, and its result should not be used without a look: a doubtful fit, a failed unit, a deviation."""
 
 
 class SafeConsole(Console):
-    """A console that shows every text and obeys none."""
+    """A console that shows every text and obeys none, and cuts off no cell of a table."""
+
+    def print(self, *objects: Any, **how: Any) -> None:
+        """The same as Console; a table whose words are wider than the terminal is printed as wide as they are.
+
+        A figure without its end is a wrong one.
+        """
+        tables, width = sys.modules.get("rich.table"), self._width
+        for each in objects:
+            if tables is not None and isinstance(each, tables.Table):
+                self._width = self._fit(each)
+        try:
+            super().print(*objects, **how)
+        finally:
+            self._width = width
+
+    def _fit(self, table: "Table") -> int:
+        """Give every column the width of its longest word, and the room that is left to those that want most of it."""
+        wide = self.options.update(max_width=_WIDEST)
+        sizes = [
+            [Measurement.get(self, wide, cell) for cell in (column.header, *column.cells)] for column in table.columns
+        ]
+        wanted = [max(cell.maximum for cell in cells) for cells in sizes]
+        beside = Measurement.get(self, wide, table).maximum - sum(wanted)  # borders and padding
+        given = [
+            size if column.no_wrap else max(cell.minimum for cell in cells)
+            for column, size, cells in zip(table.columns, wanted, sizes, strict=True)
+        ]
+        for _ in range(min(sum(wanted), self.width - beside) - sum(given)):
+            given[max(range(len(given)), key=lambda k: wanted[k] - given[k])] += 1
+        for column, size in zip(table.columns, given, strict=True):
+            column.width = size
+        return max(sum(given) + beside, self.width)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """The same as Console, with `printable` text; the console's own codes are in segments of their own."""
@@ -53,6 +92,8 @@ def print_error(error: BaseException) -> None:
     text = str(error)
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         text = f"{error.filename}: {error.strerror}; see that it is there and may be used, or give another"
+    elif isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        text = f"{error.strerror}: where the output goes, or in a temporary folder; make room"
     remark(f"tactable: {text}", "red")
 
 

@@ -67,7 +67,8 @@ def demo(
     is_asked_for = no_open or host is not None or page_port != 0 or control
     if is_report and is_asked_for:
         raise typer.BadParameter(
-            "--no-open, --host, --page-port and --control are the page's; leave out what asks for the report"
+            "--no-open, --host, --page-port and --control are the page's, and --headless, --json, --figure, "
+            "--recording and --table ask for the report instead: give options of one of the two"
         )
     if not is_report:
         from tactable.page.opening import Address, has_browser, show_demo
@@ -105,6 +106,8 @@ def report_demo(
     from tactable.rig.ready import cached_table, compare_with_shipped, open_shipped
 
     check_paths(figure, None)
+    if table_path is not None and table_path.exists() and not table_path.is_file():
+        raise OptionError(f"--table {table_path}: is not a plain file; name a table, or one that is to be built")
     recording = read_recording(recording_path or DEMO_RECORDING)
     effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, device, named_effects())
     path = table_path or cached_table(device, cache_folder())

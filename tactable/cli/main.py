@@ -5,6 +5,7 @@ The help is printed from the table, and a command's module is imported only when
 options. All errors that a user can mend derive from `TactableError`; `main` prints them as one line.
 """
 
+import io
 import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
@@ -212,6 +213,9 @@ app = _group("", "Localized touch feedback on touch bars, rendered from tables."
 
 def main() -> None:
     """Run the command. An error that a user can mend is one line and exit status 1, Ctrl-C is exit status 130."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a terminal without ± shows its code in its place
     try:
         if note := provide_kernel_cache():
             sys.stderr.write(f"tactable: {note}\n")

@@ -10,6 +10,7 @@ that error.
 
 import asyncio
 import contextlib
+import errno
 import socket
 import time
 from collections.abc import Awaitable, Callable, Sequence
@@ -24,6 +25,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from engine.touch.sources.pointer import PointerEvent
+from firmware_link.protocol.errors import TactableError
 from tactable.control.security import HEADERS, AccessPolicy
 from tactable.page.messages import (
     MOST_BYTES,
@@ -198,17 +200,22 @@ async def _refused(_request: Request, _error: Exception | None) -> Response:
     return Response("refused: open the address that tactable printed\n", 403, HEADERS)
 
 
+class AddressError(TactableError, OSError):
+    """No page can be served at an address; the message names it and the remedy."""
+
+
 def listen_at(host: str, port: int, token: str) -> tuple[socket.socket, AccessPolicy]:
-    """Open a listening socket; its policy knows the port it got (`port` 0 takes any free one). Raises OSError."""
+    """Open a listening socket; its policy knows the port it got (`port` 0 takes any free one). Raises AddressError."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listening = socket.socket(family, socket.SOCK_STREAM)
     try:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind((host, port))
         listening.listen()
-    except OSError:
+    except OSError as error:
         listening.close()
-        raise
+        remedy = "give another --page-port" if error.errno == errno.EADDRINUSE else "give an address of this machine"
+        raise AddressError(f"{host}, port {port}: no page can be served there ({error.strerror}); {remedy}") from error
     return listening, AccessPolicy(host, listening.getsockname()[1], token)
 
 

@@ -6,6 +6,7 @@ What takes how long is reported (`-rA`), never asserted: the machine is shared.
 import os
 import re
 import signal
+import struct
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -447,6 +448,19 @@ def test_it_fits_the_screen_and_is_kept_as_a_picture(
         clicked(visit)
         name = f"page-{'desktop' if size == DESKTOP else 'phone'}-{scheme}.png"
         visit.page.screenshot(path=folder / name)
+        with visit.page.expect_download() as kept:
+            visit.page.click("#save")
+        kept.value.save_as(folder / f"kept-{name}")
+        width, height = struct.unpack(">II", (folder / f"kept-{name}").read_bytes()[16:24])
+        drawn = ("bar", "paper-bar", "course")
+        wide, high = zip(
+            *(
+                visit.ask(f"[document.getElementById('{each}').width, document.getElementById('{each}').height]")
+                for each in drawn
+            ),
+            strict=True,
+        )
+        assert width > max(wide) and height > sum(high) + 40  # beside what is drawn, its words
         assert visit.ask("document.documentElement.scrollWidth <= innerWidth")
         bar = visit.page.locator("#bar").bounding_box()
         assert bar is not None

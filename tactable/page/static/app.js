@@ -7,6 +7,7 @@ import { Hand } from "./hand.js";
 import { Courses, outcomeOf } from "./outcome.js";
 import { Panel, byId } from "./panel.js";
 import { linkOf, readLink } from "./permalink.js";
+import { snapshotOf } from "./snapshot.js";
 import { Sound } from "./sound.js";
 import { Wire } from "./wire.js";
 
@@ -20,14 +21,19 @@ const wire = new Wire({
     scene = found;
     panel.scene = found;
     hand.scene = found;
-    if (JSON.stringify(bar.shownDevice) !== JSON.stringify(found.device)) bar.device = second.device = found.device;
+    if (JSON.stringify(bar.shownDevice) !== JSON.stringify(found.device)) {
+      bar.device = second.device = found.device;
+      courses.clear();
+      byId("courses").removeAttribute("data-has");
+    }
     deviceHand.update(found);
     fingers.zones = found.device.zones.map((zone) => (zone.start_m + zone.stop_m) / 2 / found.device.length_m);
   },
   picture() {
     bar.dirty = second.dirty = true;
     for (const id of ["paper", "courses-paper"]) byId(id).hidden = !wire.picture.hasPaper;
-    byId("courses").hidden = wire.picture.drive === 1; // They are those of a click.
+    // They are those of a click.
+    byId("courses").hidden = wire.picture.drive === 1 || (scene?.plays && scene.plays.source !== "click");
   },
   motions([ours, papers]) {
     bar.show(ours);
@@ -112,9 +118,23 @@ byId("slowed").addEventListener("input", (event) => {
   byId("slowed-text").textContent = `${bar.slowed}×`;
 });
 byId("slowed").dispatchEvent(new Event("input"));
+// The page as a picture that can stand alone: it says what is simulated, and above which threshold levels are.
+function pictureUrl() {
+  const style = getComputedStyle(document.documentElement), colour = (name) => style.getPropertyValue(`--${name}`).trim();
+  const small = (text) => ({ text, size: 12.5, colour: colour("muted") }), isShown = (id) => !byId(id).hidden;
+  return snapshotOf([
+    small(`tactable: ${byId("device-name").textContent}${isShown("badge") ? `. ${byId("badge").textContent}` : ""}`),
+    { text: byId("outcome").textContent, size: 24, weight: 700, colour: colour("ink") },
+    { canvas: bar.canvas },
+    ...(isShown("paper") ? [{ canvas: second.canvas }, small(byId("paper-title").textContent)] : []),
+    ...(isShown("courses") && courses.isDrawn ? [small(byId("courses").innerText.trim()), { canvas: courses.canvas }] : []),
+    small(byId("estimates").textContent),
+  ], { paper: colour("paper"), font: getComputedStyle(document.body).fontFamily });
+}
+
 byId("save").addEventListener("click", () => {
   const link = document.createElement("a");
-  link.href = bar.picture_url();
+  link.href = pictureUrl();
   link.download = `tactable-${scene?.device.name ?? "bar"}.png`;
   link.click();
 });

@@ -62,18 +62,6 @@ export class LevelPlot {
     this.dirty = true;
   }
 
-  // The picture as it is, on paper: a canvas is transparent.
-  picture_url() {
-    const copy = document.createElement("canvas");
-    copy.width = this.canvas.width;
-    copy.height = this.canvas.height;
-    const c = copy.getContext("2d");
-    c.fillStyle = this._colour.paper;
-    c.fillRect(0, 0, copy.width, copy.height);
-    c.drawImage(this.canvas, 0, 0);
-    return copy.toDataURL("image/png");
-  }
-
   _x(position_m) { return this._left + (this._right - this._left) * (position_m / this._device.length_m); }
 
   _y(db) {

@@ -86,6 +86,14 @@ export class Courses {
     return this._courses.length > 0;
   }
 
+  get isDrawn() { return this._courses.length > 0; }
+
+  // Forget the courses: they are another bar's.
+  clear() {
+    this._courses = [];
+    this.canvas.getContext("2d").clearRect(0, 0, this.canvas.width, this.canvas.height);
+  }
+
   draw() {
     const box = this.canvas.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
     if (!box.width || !this._courses.length) return;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import multiprocessing
 import os
@@ -88,6 +89,16 @@ def test_a_record_that_is_being_overwritten_is_not_believed(path: Path) -> None:
             file.write(b"\xff")
         assert list(reader.read()) == []
         assert reader.lost == 1
+
+
+def test_a_full_disk_is_named_and_leaves_no_ring(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fill(_descriptor: int, _at: int, _size: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", fill)
+    with pytest.raises(RingError, match=rf"{path}: no ring of \d+ bytes .*No space left.*: make room"):
+        RingWriter(path)
+    assert not path.exists()
 
 
 def test_the_ring_goes_with_its_writer_and_a_second_one_is_refused(path: Path) -> None:

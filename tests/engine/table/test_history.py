@@ -95,6 +95,13 @@ def test_without_a_previous_table_there_is_nothing_to_put_back(path: Path) -> No
     assert texts(path) == {"bar.nc": "1"}
 
 
+def test_a_folder_is_no_table_to_put_back(tmp_path: Path) -> None:
+    """An empty name is the present folder."""
+    for folder in (tmp_path, Path()):
+        with pytest.raises(TableError, match="is a folder; name a table"):
+            roll_back(folder)
+
+
 def test_what_is_written_later_does_not_change_what_is_kept(path: Path) -> None:
     """The kept table may be the same bytes under two names: no table is ever written in place."""
     put(path, "1")

@@ -4,10 +4,14 @@ import io
 import re
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from tactable.cli import console
+
+WORDS = ("", "-3.2", "18.70 to 18.90 kN/m", "actuator[1].stiffness", "reaches only 11.4 dB", "±8 dB")
 
 
 def test_brackets_in_names_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
@@ -50,3 +54,20 @@ def test_names_that_command_a_terminal_are_shown_harmless(monkeypatch: pytest.Mo
         text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", each.file.getvalue())  # rich's own: styles, and its moving line
         assert not {"\x1b", "\x07", "\x9b", "\u202e"} & set(text)
         assert "\x1b[2J" not in each.file.getvalue() and "up\rdown" not in text
+
+
+@given(st.lists(st.lists(st.sampled_from(WORDS), min_size=4, max_size=4), min_size=1, max_size=5), st.integers(10, 120))
+def test_no_cell_of_a_table_loses_a_word_on_a_terminal_of_any_width(rows: list[list[str]], width: int) -> None:
+    grid = Table("zone", "level dB", Column("interval", no_wrap=True), "what it lost", title="a title")
+    for row in rows:
+        grid.add_row(*row)
+    page = io.StringIO()
+    shown_at = console.SafeConsole(file=page, width=width)
+    shown_at.print(grid)
+    shown = page.getvalue()
+    assert "…" not in shown and shown_at.width == width
+    lines = [line for line in shown.splitlines() if line.startswith("│")]
+    for column in range(4):
+        cells = " ".join(line.split("│")[1:-1][column].strip() for line in lines).split()
+        assert cells == " ".join(row[column] for row in rows).split()
+    assert all(len(line) == len(lines[0]) for line in lines)

@@ -1,6 +1,7 @@
 """How a command ends that cannot do its work: one line and a status, never a traceback."""
 
 import ast
+import errno
 import os
 import signal
 import subprocess
@@ -80,6 +81,21 @@ def test_an_error_of_the_system_names_its_file_first(
     assert (
         said == f"tactable: {gone}: No such file or directory; see that it is there and may be used, or give another\n"
     )
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_terminal_without_a_character_gets_its_code_and_the_rest(encoding: str) -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": encoding}
+    done = subprocess.run([TACTABLE, "check", "reference-a"], env=environment, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert (b"\\xb18 dB" if encoding == "ascii" else b"\xb18 dB") in done.stdout
+
+
+def test_a_full_disk_behind_standard_output_is_said(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert end_of(monkeypatch, OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))) == 1
+    assert capsys.readouterr().err.startswith("tactable: No space left on device: where the output goes")
 
 
 def test_an_error_of_the_program_itself_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:

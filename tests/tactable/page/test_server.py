@@ -27,7 +27,7 @@ from tactable.page.messages import (
     encode_sound,
     encode_touches,
 )
-from tactable.page.server import MOST_BROWSERS, listen_at, serve
+from tactable.page.server import MOST_BROWSERS, AddressError, listen_at, serve
 
 DOWN = PointerEvent(1, 0.25, 0.5, Phase.DOWN)
 SOUND = encode_sound(3, 8000, np.zeros(4, np.int16))
@@ -277,7 +277,9 @@ def test_a_backend_that_breaks_ends_the_server_with_its_error() -> None:
         visit(visitor)
 
 
-def test_a_port_that_is_taken_is_an_error_of_the_system() -> None:
+def test_a_port_that_is_taken_and_an_address_of_another_machine_are_named() -> None:
     listening, access = listen_at("127.0.0.1", 0, "token")
-    with listening, pytest.raises(OSError, match="in use"):
+    with listening, pytest.raises(AddressError, match=rf"port {access.port}: .* in use.* another --page-port"):
         listen_at("127.0.0.1", access.port, "token")
+    with pytest.raises(AddressError, match=r"192\.0\.2\.1, port 0: .* an address of this machine"):
+        listen_at("192.0.2.1", 0, "token")
