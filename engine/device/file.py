@@ -19,6 +19,7 @@ CLICKS_TOP_HZ = 2000.0
 """Half the rate of a click's waveform, beyond which no click has power."""
 _ELEMENTS_PER_WAVE, _ELEMENTS_PER_WAVE_OF_CLICKS = 24, 10
 """Responses are then right to 0.03 % of the greatest one, at resonances too; tests/precompute/model/test_mesh.py."""
+_SLENDER = 5  # the theory of beams neglects shear, which counts from about a tenth on
 _MOST_ELEMENTS = 2000
 _WIDEST_SPREAD = 0.2
 """Standard deviation of a stiffness or a mass: five of them are still above 0."""
@@ -91,6 +92,9 @@ def read_bar(part: DeviceTable, sweep: Sweep) -> Bar:
         largest_element_m=length_m,
         damping_of="bar" if part.word("damping_of", ("bar", "assembly"), "bar") == "bar" else "assembly",
     )
+    if bar.thickness_m > length_m / _SLENDER:
+        thick = f"{1e3 * bar.thickness_m:g} mm"
+        raise part.error("thickness", thick, f"expected at most 1/{_SLENDER} of the length: no beam is that thick")
     smallest_m = length_m / _MOST_ELEMENTS
     converged_m = max(default_element_m(bar, sweep.stop_hz), smallest_m)
     element_m = part.quantity("largest_element", "m", least=smallest_m, default=f"{converged_m!r} m")

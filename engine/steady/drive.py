@@ -47,7 +47,10 @@ class SteadyDrive:
 
     @property
     def expected_contrast_db(self) -> float | None:
-        """Weakest felt over strongest quiet power, averaged over the sampled cases; None: nothing is quiet."""
+        """Weakest felt over strongest quiet power, averaged over the sampled cases; None: nothing is quiet.
+
+        The cases are the few that the solver maximises over; `tactable explain` evaluates a drive over others.
+        """
         if all(self.felt):
             return None
         expected, felt = (10 ** (self.sampled_level_db / 10)).mean(axis=0), np.array(self.felt)

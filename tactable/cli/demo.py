@@ -110,8 +110,9 @@ def report_demo(
         raise OptionError(f"--table {table_path}: is not a plain file; name a table, or one that is to be built")
     recording = read_recording(recording_path or DEMO_RECORDING)
     effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, device, named_effects())
-    path = table_path or cached_table(device, cache_folder())
-    shipped, shipped_s = open_shipped(device, path), _processor_s()
+    cached = cached_table(device, cache_folder())
+    path = table_path or cached
+    shipped, shipped_s = open_shipped(device, cached), _processor_s()
     with shown_progress(as_json) as progress:
         table = table_for(device, path, progress)
     beside: dict[str, Any] | None = None

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from engine.device import Device, DeviceError
+from engine.device.quantity import read_quantity
 from engine.device.threshold import DEFAULT as DEFAULT_THRESHOLD
 from engine.files import replace_file
 from tactable.cli.console import say
@@ -132,7 +133,10 @@ def _edges(band: str) -> list[str]:
     edges = names_in(band)
     if len(edges) != 2:
         raise OptionError(f"--band {band!r}: expected two frequencies, such as --band 60Hz,300Hz")
-    return [_checked("--band", edge, "Hz") for edge in edges]
+    low, high = (_checked("--band", edge, "Hz") for edge in edges)
+    if read_quantity(low, "Hz") >= read_quantity(high, "Hz"):
+        raise OptionError(f"--band {band!r}: expected the lower frequency first, such as --band 60Hz,300Hz")
+    return [low, high]
 
 
 def _actuators(positions: str, given: dict[str, str | None], is_band_inferred: bool, edges: list[str]) -> list[str]:

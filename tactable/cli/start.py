@@ -11,3 +11,7 @@ def main() -> None:
         run()
     except KeyboardInterrupt:
         sys.exit(130)  # by convention 128 plus the number of SIGINT
+
+
+if __name__ == "__main__":
+    main()

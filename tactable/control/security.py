@@ -1,6 +1,7 @@
 """Access to the page: checks of token, Host and Origin, and the security headers of every answer."""
 
 import ipaddress
+import logging
 import secrets
 from dataclasses import dataclass, field
 
@@ -32,6 +33,15 @@ HEADERS = {
 def new_token() -> str:
     """A random token of 192 bits."""
     return secrets.token_urlsafe(_TOKEN_BYTES)
+
+
+def print_no_wrong_text() -> None:
+    """Keep the traceback of a text that is not UTF-8 from the terminal; who sent it is answered with the code 1007."""
+    logging.getLogger("uvicorn.error").addFilter(_is_no_wrong_text)
+
+
+def _is_no_wrong_text(record: logging.LogRecord) -> bool:
+    return "Invalid UTF-8" not in record.getMessage()
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from firmware_link.child import ChildError
 from tactable.control.requests import MOST_BYTES
-from tactable.control.security import LOOPBACK, AccessPolicy, new_token
+from tactable.control.security import LOOPBACK, AccessPolicy, new_token, print_no_wrong_text
 from tactable.control.server import ControlServer
 
 _LONGEST_MESSAGE = 64 * MOST_BYTES
@@ -84,6 +84,7 @@ class WebControl:
             access_log=False,  # the token is in every path
             timeout_graceful_shutdown=_GRACE_S,
         )
+        print_no_wrong_text()
         self._uvicorn = uvicorn.Server(config)
 
     @property

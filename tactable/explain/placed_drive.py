@@ -78,7 +78,8 @@ def print_placed_drive(out: Console, table: Table, figures: PlacementFigures, th
         lines.append(f"  {actuator.name}: {how}")
     reached = f"weakest felt finger {drive.weakest_felt_db:z.1f} dB {threshold.above}"
     if figures.contrast_db is not None and figures.expected_contrast_db is not None:
-        reached += f", contrast {figures.contrast_db:z.1f} dB, expected {figures.expected_contrast_db:z.1f} dB"
+        expected = f"expected {figures.expected_contrast_db:z.1f} dB over {SAMPLES} sampled fingers"
+        reached += f", contrast {figures.contrast_db:z.1f} dB, {expected}"
     if not drive.achieved:
         reached += " - NOT ACHIEVED, the loudest drive"
     lines += [reached, f"t90 {1e3 * figures.t90_s:.0f} ms; maximised: {drive.objective}; no bound is computed"]

@@ -26,7 +26,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from engine.touch.sources.pointer import PointerEvent
 from firmware_link.protocol.errors import TactableError
-from tactable.control.security import HEADERS, AccessPolicy
+from tactable.control.security import HEADERS, AccessPolicy, print_no_wrong_text
 from tactable.page.messages import (
     MOST_BYTES,
     CloseCode,
@@ -241,6 +241,7 @@ async def serve(
         date_header=False,
         timeout_graceful_shutdown=_GRACE_S,
     )
+    print_no_wrong_text()
     server = uvicorn.Server(config)
     beside = [asyncio.create_task(backend.run()), asyncio.create_task(page.broadcast())]
     for task in beside:

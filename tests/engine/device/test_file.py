@@ -148,6 +148,7 @@ WRONG = [
     ("sweep", "phase_steps", "361", "expected a whole number from 4 to 360"),
     ("limits", "amplitude", '"0 %"', "expected more than 0"),
     ("limits", "ramp", '"0 ms"', "expected at least 1e-06 s"),
+    ("bar", "thickness", '"60 mm"', "expected at most 1/5 of the length: no beam is that thick"),
     ("limits", "level_floor", '"0.3 m/s^2"', "unknown key"),
     ("feel", "levels", "[]", "expected a list of 1 to 16 levels"),
     ("feel", "levels", '"10 dB"', "expected a list of 1 to 16 levels"),

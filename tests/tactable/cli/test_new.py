@@ -63,6 +63,7 @@ def test_a_given_modulus_takes_the_place_of_the_materials(tmp_path: Path) -> Non
         (("--actuators", "400mm"), "is off the bar, which is 300 mm long"),
         (("--actuators", "some%"), "--actuators 'some%': expected a length or a percentage"),
         (("--band", "60Hz"), "--band '60Hz': expected two frequencies"),
+        (("--band", "300Hz,60Hz"), "--band '300Hz,60Hz': expected the lower frequency first"),
     ],
 )
 def test_what_is_no_bar_is_refused_and_leaves_no_file(words: tuple[str, ...], told: str, tmp_path: Path) -> None:

@@ -54,6 +54,23 @@ def test_a_page_says_what_its_buttons_feel_like_and_loses_them_when_it_closes() 
     run(act)
 
 
+def test_a_text_that_is_not_utf_8_closes_its_own_connection_and_prints_nothing(
+    capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    async def act(web: WebControl, _server: ControlServer, _loop: Loop) -> None:
+        async with connect(web.address, origin=Origin("null")) as page:
+            await page.send(b"\xff\xfe", text=True)
+            with pytest.raises(websockets.ConnectionClosed) as closed:
+                await page.recv()
+        assert closed.value.rcvd is not None and closed.value.rcvd.code == 1007
+        async with connect(web.address, origin=Origin("null")) as page:
+            await page.send(json.dumps(HELLO))
+            assert json.loads(await page.recv())["ok"]
+
+    run(act)
+    assert capfd.readouterr() == ("", "") and caplog.text == ""
+
+
 @pytest.mark.parametrize("wrong", ["token", "host"])
 def test_without_the_token_or_by_a_foreign_name_nobody_speaks(wrong: str) -> None:
     async def act(web: WebControl, server: ControlServer, _loop: Loop) -> None:
