@@ -101,7 +101,7 @@ def report_demo(
     from engine.touch.sources.recording import read_recording
     from tactable.figures.demo import draw_demo
     from tactable.figures.file import check_paths
-    from tactable.rig.demo import demo_json, run_demo, table_for
+    from tactable.rig.demo import demo_json, run_demo, table_at, table_for
     from tactable.rig.demo_page import print_demo
     from tactable.rig.ready import cached_table, compare_with_shipped, open_shipped
 
@@ -111,10 +111,9 @@ def report_demo(
     recording = read_recording(recording_path or DEMO_RECORDING)
     effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, device, named_effects())
     cached = cached_table(device, cache_folder())
-    path = table_path or cached
     shipped, shipped_s = open_shipped(device, cached), _processor_s()
     with shown_progress(as_json) as progress:
-        table = table_for(device, path, progress)
+        table = table_for(device, cached, progress) if table_path is None else table_at(device, table_path, progress)
     beside: dict[str, Any] | None = None
     if shipped is not None:
         found, built_s = compare_with_shipped(shipped, table), _processor_s()

@@ -80,9 +80,14 @@ def table_for(device: Device, path: Path, progress: Progress) -> Table:
     if found is not None:
         found.close()
     path.parent.mkdir(parents=True, exist_ok=True)
-    early, workers = early_path(path), available_cores()
-    build_table(device, early, coarse=Coarse.ONLY, workers=workers, progress=progress)
-    return Table.open(early, device=device, verify=False)
+    return table_at(device, early_path(path), progress, is_outdated=True)
+
+
+def table_at(device: Device, path: Path, progress: Progress, *, is_outdated: bool = False) -> Table:
+    """The table of `device` at `path`, built there with coarse clicks where there is none or it is outdated."""
+    if is_outdated or not path.exists():
+        build_table(device, path, coarse=Coarse.ONLY, workers=available_cores(), progress=progress)
+    return Table.open(path, device=device, verify=False)
 
 
 def run_demo(table: Table, recording: Recording, effects: Effects = DEFAULT_EFFECTS) -> DemoReport:

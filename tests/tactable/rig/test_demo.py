@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from engine.touch.sources.recording import read_recording
 from firmware_link.emulator import Cause, DriveEvent, PlayedWaveform
 from precompute.builder.build import Coarse, build_table
 from precompute.clicks import ClickOptions
+from tactable.rig import demo
 from tactable.rig.bar import ENVELOPE_S, SimulatedDrive, is_felt
 from tactable.rig.demo import Reporter, find_missed
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
@@ -98,6 +100,19 @@ def test_promises_are_for_where_the_fingers_are_and_not_for_their_places(table: 
     at_places = np.array([finger.acceleration_at_finger_m_per_s2 for finger in report.click.fingers])
     assert abs(at_places / report.promise.acceleration_m_per_s2 - 1).max() > 10 * AGREEMENT
     assert report.disagreement <= AGREEMENT
+
+
+def test_a_table_that_a_user_names_is_built_there_and_nothing_lies_beside_it(
+    tmp_path: Path, table: Table, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def build(_device: Device, path: Path, **_options: Any) -> None:
+        path.write_bytes(table.path.read_bytes())
+
+    monkeypatch.setattr(demo, "build_table", build)
+    for _ in range(2):  # built, and then found
+        with demo.table_at(table.device, tmp_path / "mine.nc", lambda *_: None) as found:
+            assert found.fingerprint == table.fingerprint
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.nc"]
 
 
 def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> None:
