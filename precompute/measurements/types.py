@@ -120,7 +120,8 @@ def check_measurements(
     if not len(measurements):
         raise MeasurementError(f"{source}: has no measurement; give at least one acceleration")
     length_m = device.bar.length_m
-    hz, amplitude, size = measurements.frequency_hz, np.abs(measurements.amplitude), np.abs(measurements.acceleration)
+    hz, amplitude, read = measurements.frequency_hz, np.abs(measurements.amplitude), measurements.acceleration
+    size = read.real if measurements.kind is Kind.PEAK else np.abs(read)
     mass_kg = measurements.sensor_mass_kg
     on_the_bar = f"expected 0 to {1e3 * length_m:g} mm, the bar's length"
     rules = (

@@ -91,6 +91,7 @@ def test_a_comment_that_says_simulated_is_believed() -> None:
         (HEADER + '\n"1,5",150,130,2\n', "row 2, column 'position (mm)': '1,5': expected a finite number"),
         (HEADER + "\nnan,150,130,2\n", "row 2, column 'position (mm)': 'nan'"),
         (HEADER + "\n1,150,130\n", "row 2: has 3 cells, the header 4"),
+        (HEADER + "\n1,150,130,-2\n", "row 2: acceleration: -2 m/s^2: expected more than 0"),
         (HEADER + '\n1,150,"130,2\n1,150,130,2\n', "row 2: has 3 cells, the header 4"),
         (HEADER + "\n\n400,150,130,2\n", "row 3: position: 400 mm: expected 0 to 279.4 mm"),
         (HEADER.replace(" (mm)", "") + "\n1,150,130,2\n", "column 1: 'position': has no unit"),
