@@ -233,11 +233,16 @@ def test_a_device_file_that_is_dropped_plays_and_a_wrong_one_is_told(demo: Demo,
         window.dispatchEvent(new DragEvent("drop", { dataTransfer, cancelable: true })); }"""
     text = device_file("reference-d").replace('name = "reference-d"', 'name = "dropped"')
     with opened(demo, browser) as visit:
+        choose(visit, source="click", quiet_zones=[])
+        clicked(visit)
+        visit.wait("tactable.courses.isDrawn")
+        lift(visit)
         visit.page.evaluate(drop, ["wrong.toml", text.replace('length = "', 'length = "x')])
         visit.wait("tactable.scene.trouble.startsWith('wrong.toml: bar.length: ')")
         assert "expected a length such as" in visit.page.inner_text("#notice")
         visit.page.evaluate(drop, ["my bar.toml", text])
         visit.wait("tactable.scene.device.name === 'dropped' && tactable.scene.plays?.device.endsWith('/my-bar.toml')")
+        assert not visit.ask("tactable.courses.isDrawn")  # they are another bar's
         visit.touch(f1=FIRST)
         assert visit.until("p.fingerCount === 1 && p.command > 0 && p.age_s < 0.6")["drive"] == STEADY
         lift(visit)

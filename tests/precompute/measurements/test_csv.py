@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from precompute.measurements.csv import parse_csv, write_csv
+from precompute.measurements.csv import MOST_ROWS, parse_csv, write_csv
 from precompute.measurements.csv_form import example_csv
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 from tests.precompute.devices import shipped
@@ -24,6 +24,12 @@ def assert_same(found: Measurements, expected: Measurements) -> None:
         if isinstance(value, np.ndarray):
             close = 1e-5 if field.name == "acceleration" else 1e-9
             np.testing.assert_allclose(getattr(found, field.name), value, rtol=close, atol=1e-15, err_msg=field.name)
+
+
+def test_more_rows_than_any_bar_has_are_refused_before_they_are_read() -> None:
+    text = HEADER + "\nnot a number" * (MOST_ROWS + 1)
+    with pytest.raises(MeasurementError, match=rf"many\.csv: has {MOST_ROWS + 1} rows; expected at most {MOST_ROWS}"):
+        parse_csv(text, DEVICE, 0.0, "many.csv")
 
 
 def test_a_cell_without_end_is_refused_by_its_row() -> None:
