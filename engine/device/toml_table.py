@@ -165,10 +165,10 @@ class TomlTable:
 
 
 def read_text(path: Path, family: type[ValueError]) -> str:
-    """The text of a plain file. Raises OSError where there is none.
+    """Read the text of a plain file.
 
-    Raises an error of the family for what is no plain file, since a pipe or a device may never end, for a huge file,
-    and for one that is not UTF-8.
+    Raises OSError if the file does not exist, and an error of the family if it is a pipe or a device, which may never
+    end, if it is larger than MOST_BYTES, or if it is not UTF-8.
     """
     status = path.stat()
     if stat.S_ISDIR(status.st_mode):
