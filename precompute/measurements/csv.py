@@ -59,9 +59,10 @@ def parse_csv(text: str, device: Device, sensor_mass_kg: float, source: str) -> 
 
 def _read_row(line: str, source: str, number: int) -> list[str]:
     try:
-        return next(csv.reader([line]))
+        return next(csv.reader([line], strict=True))
     except csv.Error as error:
-        raise MeasurementError(f"{source}: row {number}: is no row of numbers ({error}); correct it") from None
+        remedy = "close its quotation marks" if '"' in line else "correct it"
+        raise MeasurementError(f"{source}: row {number}: is no row of numbers ({error}); {remedy}") from None
 
 
 def _read_title(title: str, device: Device, source: str, index: int) -> tuple[str, float]:

@@ -37,6 +37,12 @@ def test_a_cell_without_end_is_refused_by_its_row() -> None:
         parse_csv(f"{HEADER}\n10,150,130,1\n{'1' * 200_000},150,130,1\n", DEVICE, 0.0, "m.csv")
 
 
+def test_a_quotation_mark_that_is_not_closed_is_told_at_its_own_row() -> None:
+    for row in ('10,150,130,"1', '10,150,130,"1"5'):
+        with pytest.raises(MeasurementError, match=r"^m\.csv: row 3: .*close its quotation marks"):
+            parse_csv(f"{HEADER}\n10,150,130,1\n{row}\n10,150,130,1\n", DEVICE, 0.0, "m.csv")
+
+
 @st.composite
 def measurements(draw: Any) -> Measurements:
     rows, seed = draw(st.integers(1, 6)), draw(st.integers(0, 2**32 - 1))
@@ -98,7 +104,7 @@ def test_a_comment_that_says_simulated_is_believed() -> None:
         (HEADER + "\nnan,150,130,2\n", "row 2, column 'position (mm)': 'nan'"),
         (HEADER + "\n1,150,130\n", "row 2: has 3 cells, the header 4"),
         (HEADER + "\n1,150,130,-2\n", "row 2: acceleration: -2 m/s^2: expected more than 0"),
-        (HEADER + '\n1,150,"130,2\n1,150,130,2\n', "row 2: has 3 cells, the header 4"),
+        (HEADER + '\n1,150,"130,2\n1,150,130,2\n', "row 2: is no row of numbers (unexpected end of data); close its"),
         (HEADER + "\n\n400,150,130,2\n", "row 3: position: 400 mm: expected 0 to 279.4 mm"),
         (HEADER.replace(" (mm)", "") + "\n1,150,130,2\n", "column 1: 'position': has no unit"),
         (HEADER.replace("(mm)", "(kg)") + "\n1,150,130,2\n", "column 1: 'position (kg)': '1 kg' is a mass"),

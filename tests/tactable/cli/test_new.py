@@ -81,6 +81,13 @@ def test_a_file_that_is_there_stays(tmp_path: Path) -> None:
     assert "cannot be written there: No such file" in str(nowhere.exception)
 
 
+def test_a_device_file_is_not_written_under_the_name_of_another_kind(tmp_path: Path) -> None:
+    for name in ("bar.nc", "bar"):
+        done = run(tmp_path / name, *ALWAYS)
+        assert done.exit_code and f"a device file is TOML; name it {tmp_path / 'bar.toml'}" in str(done.exception)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_name_that_no_file_can_have_is_refused(tmp_path: Path) -> None:
     for name in ("a/b", "", 'a"b', "x" * 65):
         done = CliRunner().invoke(app, ["new", name, *ALWAYS, "-o", str(tmp_path / "bar.toml")])
