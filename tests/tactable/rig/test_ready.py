@@ -132,3 +132,4 @@ def test_a_shipped_table_is_what_a_build_makes(name: str, tmp_path: Path) -> Non
     build_table(device, tmp_path / "built.nc", click_options=DEFAULT_OPTIONS.coarse)
     with Table.open(tmp_path / "built.nc") as here, open_shipped(device, tmp_path / "t.nc") or pytest.fail() as table:
         assert compare_with_shipped(table, here).changed == 0
+        assert not is_outdated(table), f"older code made it, as the page would say: {REMAKE} {name}"
