@@ -5,7 +5,8 @@ sweeps, sampling, entries, clicks, the device and the table format, with the wir
 package re-exports leads to the module that defines it, not to the whole package.
 
 Comments, docstrings and layout do not count, since each source is hashed as its syntax tree without them. So a changed
-docstring makes no table stale, and a changed number always does.
+docstring makes no table stale, and a changed number always does. Nor does the version of Python count: each adds fields
+to its trees, which are empty in code that older ones can read, and writes quotation marks in f-strings in its own way.
 """
 
 import ast
@@ -13,6 +14,7 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 _ROOTS = ("precompute", "engine", "firmware_link")
 _START = "precompute.builder.build"
@@ -34,7 +36,7 @@ def fingerprint_of(sources: Mapping[str, str]) -> str:
     """SHA-256 (hex) over Python sources by module name, without comments, docstrings and layout."""
     digest = hashlib.sha256()
     for name, source in sorted(sources.items()):
-        digest.update(f"{name}\0{ast.unparse(_Bare().visit(ast.parse(source)))}\0".encode())
+        digest.update(f"{name}\0{_nested(_Bare().visit(ast.parse(source)))!r}\0".encode())
     return digest.hexdigest()
 
 
@@ -84,9 +86,23 @@ def _path_of(module: str) -> Path | None:
     return next((path for path in (base.with_suffix(".py"), base / "__init__.py") if path.is_file()), None)
 
 
+def _nested(part: Any) -> Any:
+    """A syntax tree as lists: the kind of each node, then its fields that are not empty."""
+    if isinstance(part, list):
+        return [_nested(each) for each in part]
+    if not isinstance(part, ast.AST):
+        return part
+    fields = [(name, _nested(value)) for name, value in ast.iter_fields(part) if value is not None and value != []]
+    return [type(part).__name__, *fields]
+
+
 class _Bare(ast.NodeTransformer):
-    """Removes every statement that is only a string, and so all docstrings."""
+    """Removes every statement that is only a string, and so all docstrings; and the empty parts of f-strings."""
 
     def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:  # the name that ast calls
         is_text = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
         return None if is_text else node
+
+    def visit_JoinedStr(self, node: ast.JoinedStr) -> ast.AST:  # Python 3.12 ends a nested format with ""
+        node.values = [each for each in node.values if not (isinstance(each, ast.Constant) and each.value == "")]
+        return self.generic_visit(node)

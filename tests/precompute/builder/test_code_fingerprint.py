@@ -1,5 +1,6 @@
 """What makes tables stale: every module that numbers come from, and nothing else of the project."""
 
+import contextlib
 import subprocess
 import sys
 from functools import cache
@@ -7,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from precompute.builder import code_fingerprint as code_fingerprint_module
 from precompute.builder.code_fingerprint import code_fingerprint, fingerprint_of, numeric_modules
 
 HOUSE = ("precompute", "engine", "firmware_link")
@@ -73,6 +75,22 @@ def test_comments_docstrings_and_blank_lines_make_no_table_stale() -> None:
 def test_a_docstring_is_no_number_of_an_otherwise_empty_function() -> None:
     one, other = (fingerprint_of({"m": f'def f():\n    """{text}"""\n'}) for text in ("One.", "Other."))
     assert one == other
+
+
+def test_every_version_of_python_comes_to_the_same() -> None:
+    """The digest is what Python 3.11, 3.12 and 3.13 come to, whose trees of f-strings differ.
+
+    Those that are installed here under their names are asked as well.
+    """
+    source = "def f(a, *b, c=None, **d):\n    return None if a else f\"{d['key']!r:>{c}} it's \\n {{}}\", {**d}\n"
+    digest = "0226b6f833fd2bd1ae159673e1e21e11ce8a0ec02e65b4cdba86ff051ceaebb3"
+    assert fingerprint_of({"m": source}) == digest
+    path = Path(code_fingerprint_module.__file__)
+    script = f"import runpy; print(runpy.run_path({str(path)!r})['fingerprint_of']({{'m': {source!r}}}))"
+    for version in ("3.12", "3.13", "3.14"):
+        with contextlib.suppress(OSError):
+            done = subprocess.run([f"python{version}", "-c", script], capture_output=True, text=True, check=False)
+            assert done.returncode or done.stdout.strip() == digest, version
 
 
 def test_sources_are_found_beside_this_package() -> None:
