@@ -1,6 +1,5 @@
-"""The C echo engine, compiled on the spot: the cost of the same wake-ups and bytes without an engine, a floor."""
+"""The C echo engine: the cost of the same wake-ups and bytes without an engine, a floor."""
 
-import shutil
 import subprocess
 from collections.abc import Collection
 from pathlib import Path
@@ -9,19 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.loop.realtime import PRIORITY, Step
-
-_SOURCE = Path(__file__).with_name("echo_engine.c")
-_COMPILERS = ("cc", "gcc", "clang")
-
-
-def build_echo_engine(folder: Path) -> Path | None:
-    """Compile the program into `folder`; None where no compiler is there or none succeeds."""
-    compiler = next(filter(None, map(shutil.which, _COMPILERS)), None)
-    program = folder / "echo_engine"
-    if compiler is None:
-        return None
-    command = [compiler, "-O2", "-std=c11", "-o", str(program), str(_SOURCE)]
-    return program if subprocess.run(command, capture_output=True, check=False).returncode == 0 else None
 
 
 def start_echo_engine(

@@ -23,10 +23,10 @@ from tactable.bench.inputs import Stream, replayed, tapping
 from tactable.bench.latency.background_load import background_load
 from tactable.bench.latency.compare import compare, compare_runs, median, percentile, ratio
 from tactable.bench.latency.conditions import Condition, Plan, Transport
-from tactable.bench.latency.echo_engine import build_echo_engine
 from tactable.bench.latency.environment import environment_json
 from tactable.bench.latency.load_generator import Stall
 from tactable.bench.latency.page import page_html, page_markdown
+from tactable.bench.latency.programs import build_program
 from tactable.bench.latency.segments import Bench, Measured
 from tactable.bench.latency.stages import STAGES, Point, Stamps, Values, blame, stages_json
 from tactable.run.live import fast_library
@@ -97,11 +97,10 @@ def measure(
     with work_folder("latency") as folder:
         # Of a recording only the engine knows which reports bring a command, so the C program cannot answer alike.
         is_generated = stream.reports_per_command is not None
-        program = build_echo_engine(folder) if plan.has_echo and is_generated else None
+        program = build_program("echo_engine", folder) if plan.has_echo and is_generated else None
         plan = replace(plan, has_echo=program is not None)
         with Bench(table, dict(streams), folder, transport, program) as bench:
             measured = _measure_rounds(bench, plan, seconds, rounds, stall, on_progress)
-            generator_outcomes = bench.generator_outcomes
     run = Run(plan, measured)
     boards = {part.facts.get("board") for parts in measured.values() for part in parts}
     touches = "the touches" if stream.simulated else "the digitizer, which only repeats a recording"
@@ -110,8 +109,8 @@ def measure(
         "method": _METHOD + f" Touches: {stream.name}; over {transport.name}.",
         "floor_note": _floor_note(plan.has_echo, transport),
         "command": shlex.join(["tactable", *sys.argv[1:]]),
-        "environment": environment_json(),
-        "apparatus": to_plain(generator_outcomes),
+        "environment": environment_json() | {"exchange_between_processors_ns": bench.exchanges_ns},
+        "apparatus": to_plain(bench.generator_outcomes),
         "configuration": {
             "rates_hz": plan.rates_hz,
             "loads": plan.loads,
@@ -140,11 +139,13 @@ def _measure_rounds(
     measured: dict[Condition, list[Measured]] = {}
     done = 0
     for number, load, conditions in plan.rounds(rounds):
+        bench.measure_exchange()
         with background_load(load):
             for condition in conditions:
                 done += 1
                 on_progress(f"round {number + 1}: {done} of {rounds * plan.segments_a_round}: {condition.name}")
                 measured.setdefault(condition, []).append(bench.measure(condition, seconds, stall))
+    bench.measure_exchange()
     return measured
 
 

@@ -28,6 +28,7 @@ from tactable.bench.latency.conditions import ECHO, WITHOUT_FAST_PATH, Condition
 from tactable.bench.latency.echo_engine import read_echo_samples, start_echo_engine
 from tactable.bench.latency.engine import Segment
 from tactable.bench.latency.load_generator import LEAD_NS, EchoReceiver, LoadGenerator, Schedule, Stall
+from tactable.bench.latency.programs import build_program, exchange_ns
 from tactable.bench.latency.stages import Stamps
 from tactable.bench.latency.stamps import (
     Times,
@@ -70,8 +71,11 @@ class Bench:
         allowed = sorted(os.sched_getaffinity(0))
         self._own_processor, self._engine_processor = allowed[0], allowed[-1]
         self._stack = ExitStack()
+        self._exchange = build_program("exchange", folder)
         self.generator_outcomes: tuple[Outcome, ...] = ()
         """The real-time steps of the load generator."""
+        self.exchanges_ns: list[int] = []
+        """What `measure_exchange` found, in order."""
 
     def __enter__(self) -> "Bench":
         arguments = {"table": str(self._table_path)}
@@ -86,6 +90,12 @@ class Bench:
 
     def __exit__(self, *unused: object) -> None:
         self._stack.close()
+
+    def measure_exchange(self) -> None:
+        """Measure how far apart the processors of load generator and engine are, unless there is no C compiler."""
+        found_ns = exchange_ns(self._exchange, self._own_processor, self._engine_processor)
+        if found_ns is not None:
+            self.exchanges_ns.append(found_ns)
 
     def measure(self, condition: Condition, seconds: float, stall: Stall | None = None) -> Measured:
         """Measure one segment. Raises LinkError or ChildError where the engine, the port or its device fails."""

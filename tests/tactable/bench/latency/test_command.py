@@ -90,6 +90,9 @@ def test_what_a_reader_must_know_is_in_the_report(measured: tuple[Path, dict[str
     assert document["configuration"]["rates_hz"] == [200, 1000]
     assert document["environment"]["clock"]["reading_ns"] > 0
     assert {"processor", "governor", "clock_source", "virtual_machine"} <= document["environment"].keys()
+    can_exchange = HAS_COMPILER and len(document["environment"]["allowed_processors"]) > 1
+    rounds = 2 * can_exchange
+    assert len(document["environment"]["exchange_between_processors_ns"]) == rounds + can_exchange
     assert [row["stream"].split()[0] for row in document["in_process"]] == ["1", "2", "10"]
     assert all(row["report_to_bytes"]["count"] > 0 for row in document["in_process"])
     if HAS_COMPILER:
