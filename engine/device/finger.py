@@ -62,7 +62,7 @@ def read_finger(part: DeviceTable, sweep: Sweep) -> tuple[Finger, FingerOrigin]:
         hz, measured = _within(points, sweep)
         ratio = impedance_of(finger, hz) / measured
         misfit = float(abs(ratio - 1).max())
-        worst = float(max(abs(ratio).max(), 1 / max(abs(ratio).min(), 1e-300)))
+        worst = max(float(abs(ratio).max()), 1 / max(float(abs(ratio).min()), 1e-300))
         if worst > spread and not is_replaced:
             raise part.error(
                 "impedance",

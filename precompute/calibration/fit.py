@@ -16,6 +16,7 @@ depends on; its effect on a known parameter is negligible.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -194,7 +195,7 @@ def _minimise_squares(problem: Problem, rho: Rho, noise: float, first: Array, to
         inside,
         slope,
         (low, high),
-        loss=tied,  # type: ignore[arg-type]  # the stub's is not SciPy's: rho(z), shape (3, datum)
+        loss=cast("Any", tied),  # the stub's is not SciPy's: rho(z), shape (3, datum)
         xtol=tolerance,
         ftol=tolerance,
         gtol=tolerance,

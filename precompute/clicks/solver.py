@@ -133,7 +133,7 @@ class ClickSolver:
         weights, limits = None, self.device.limits
         if design.weight is not None:
             weights = quantise(designer.basis_set, design.weight, limits.amplitude, self.options.slew_per_s)
-        waveform = np.fix(design.waveform * FULL_SCALE) / FULL_SCALE if weights is None else weights.waveform
+        waveform = np.trunc(design.waveform * FULL_SCALE) / FULL_SCALE if weights is None else weights.waveform
         brake_s = self.options.brake_s
         plants = self.plants_of(placement.position_m).evaluated
         residual_from_s = length_s + RESIDUAL_S if brake_s is None else brake_s

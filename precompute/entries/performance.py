@@ -50,8 +50,8 @@ def compute_figures(
         standard=steady_state_of(plant, tones, field[:, 0]),
         share=share,
         peak=peak,
-        acceleration=abs(under).sum(axis=0),
-        power=(abs(under / plant.device.threshold.peak_m_per_s2(tones)[:, None, None]) ** 2).sum(axis=0),
+        acceleration=np.abs(under).sum(axis=0),
+        power=(np.abs(under / plant.device.threshold.peak_m_per_s2(tones)[:, None, None]) ** 2).sum(axis=0),
     )
 
 

@@ -82,7 +82,7 @@ def write_netcdf(path: Path, measurements: Measurements, device: Device, comment
         file.create_variable("actuator", ("actuator",), h5py.string_dtype(), data=names)
         for name, (dimensions, values, unit) in columns.items():
             file.create_variable(name, dimensions, data=values).attrs["units"] = unit
-    path.write_bytes(memory.getbuffer())
+    path.write_bytes(memory.getvalue())
 
 
 def _read_column(variable: Variable, column: str, unit: str, path: Path) -> NDArray[np.float64]:

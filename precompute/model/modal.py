@@ -130,8 +130,8 @@ def _partial_receptances(basis: Basis, shape: Array, s: complex) -> Complex:
     square, rows = basis.square_omega[:kept], shape[:, :kept].T
     modal = 1 / (s**2 + (bar.mass_damping_per_s + bar.stiffness_damping_s * square) * s + square)
     terms = modal[:, None, None] * rows[:, :, None] * rows[:, None, :]
-    sums: Complex = terms.reshape(steps, _STEP_OF_MODES, places, places).sum(axis=1).cumsum(axis=0)
-    return sums
+    sums = terms.reshape(steps, _STEP_OF_MODES, places, places).sum(axis=1).cumsum(axis=0)
+    return np.asarray(sums, dtype=np.complex128)
 
 
 def _dampers(basis: Basis) -> Array:

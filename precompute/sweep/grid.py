@@ -86,4 +86,4 @@ def estimate_interpolation_error(plant: Plant, grid: GridResponse) -> Interpolat
 def _single_figures(grid: GridResponse) -> tuple[Array, Array]:
     """Localized factor and peak of each actuator alone at full scale: (frequency, actuator, zone)."""
     energy = np.einsum("fzii->fiz", grid.gram).real
-    return energy / np.einsum("fii->fi", grid.total).real[..., None], abs(grid.acceleration).max(axis=3)
+    return energy / np.einsum("fii->fi", grid.total).real[..., None], np.abs(grid.acceleration).max(axis=3)

@@ -29,6 +29,7 @@ from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 STEP_HZ = 0.5
 _SLSQP_STARTS = 20
@@ -91,7 +92,8 @@ def _slsqp(problem: Problem, wanted: float, random: np.random.Generator) -> None
     tone = np.zeros(count, dtype=np.int64)
 
     def powers(x: Array) -> list[Array]:
-        amplitude = x[1 : count + 1] * np.exp(1j * x[count + 1 :])
+        turned: Complex = np.exp(1j * x[count + 1 :])
+        amplitude: Complex = x[1 : count + 1] * turned
         at_hz = np.array([np.clip(x[0] * 100, hz[0], hz[-1])])
         return [powers_of(stack, hz, at_hz, tone, amplitude) for stack in problem.stacks]
 

@@ -192,4 +192,4 @@ class ReferenceSolver:
 
 
 def _rounded(waveform: Array) -> Array:
-    return np.fix(waveform * FULL_SCALE) / FULL_SCALE
+    return np.trunc(waveform * FULL_SCALE) / FULL_SCALE

@@ -93,8 +93,8 @@ def _transform(signal: Array, turns: Array) -> Complex:
     block = math.isqrt(len(signal)) + 1
     padded = np.zeros(block * block)
     padded[: len(signal)] = signal
-    within = np.exp(-2j * np.pi * np.outer(turns, np.arange(block)))
-    blocks = np.exp(-2j * np.pi * block * np.outer(turns, np.arange(block)))
+    within: Complex = np.exp(-2j * np.pi * np.outer(turns, np.arange(block)))
+    blocks: Complex = np.exp(-2j * np.pi * block * np.outer(turns, np.arange(block)))
     transform: Complex = (blocks * (within @ padded.reshape(block, block).T)).sum(axis=1)
     return transform
 

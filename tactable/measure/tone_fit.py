@@ -108,7 +108,7 @@ def fit_tone(values: Array, sample_rate_hz: float, frequency_hz: float) -> ToneF
         duration_s=duration_s,
         phasor=phasor,
         parts=parts,
-        hum=_above_noise(abs(lines[after:]).max(axis=0), rest, count) if hum_hz else none,
+        hum=_above_noise(np.abs(lines[after:]).max(axis=0), rest, count) if hum_hz else none,
         distortion=np.sqrt((abs(lines[1:after]) ** 2).sum(axis=0)) if harmonics_hz else none,
         rest=np.sqrt((rest**2).mean(axis=0)),
         mean=solution[-1],

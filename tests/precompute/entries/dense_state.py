@@ -78,7 +78,9 @@ class DenseState:
         fingers = [fingers_of(self.sampled, case, self.touched) for case in range(len(self.sampled.place))]
         self.models = [self.bare.touched(on) for on in fingers]
         self._bands = [np.hstack([_band(getattr(model, name)) for model in self.models]) for name in "KCM"]
-        self._rows = scipy.sparse.block_diag([self.bare.rows([at for at, _ in on]) for on in fingers], format="csr")
+        self._rows = scipy.sparse.block_diag(
+            [scipy.sparse.coo_array(self.bare.rows([at for at, _ in on])) for on in fingers], format="csr"
+        )
         zones = self.bare.device.zones
         parts = [self.bare.square_integral(zone.start_m, zone.stop_m) for zone in zones]
         self._total = self.bare.square_integral(0.0, self.bare.device.bar.length_m)
