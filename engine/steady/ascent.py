@@ -11,8 +11,9 @@ than any ratio can gain. precompute.entries.ascent is the same for drives of sev
 """
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
+from engine.compiled import njit
 from engine.steady.forms import DRIVE, REAL, ROWS, TINY, USABLE, fill_products, multiply, power_of
 
 PENALTY = 60.0

@@ -6,7 +6,9 @@ without branches. Products of the diagonal are the powers of the amplitudes them
 """
 
 import numpy as np
-from numba import njit, types
+from numba import types
+
+from engine.compiled import njit
 
 TINY = 1e-300
 

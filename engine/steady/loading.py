@@ -6,7 +6,9 @@ become vector instructions. Single precision is enough: the deepest minimum unde
 """
 
 import numpy as np
-from numba import njit, types
+from numba import types
+
+from engine.compiled import njit
 
 _BLOCK = types.Array(types.float32, 3, "C", readonly=True)
 _FIELD = types.Array(types.float32, 4, "C", readonly=True)

@@ -21,8 +21,9 @@ holds the responses that the levels are the powers of.
 """
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
+from engine.compiled import njit
 from engine.steady.forms import (
     DRIVE,
     REAL,

@@ -23,9 +23,9 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.linalg
-from numba import njit
 from numpy.typing import NDArray
 
+from engine.compiled import njit
 from engine.device import Device, Threshold
 from precompute.model.assembly import assemble
 from precompute.model.damped_lines import DampedLines

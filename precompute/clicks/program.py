@@ -25,9 +25,9 @@ from typing import Protocol
 import highspy
 import numpy as np
 import scipy.linalg
-from numba import njit
 from numpy.typing import NDArray
 
+from engine.compiled import njit
 from firmware_link.protocol.errors import TactableError
 from precompute.clicks.simplex import Outcome, maximise
 
@@ -238,7 +238,7 @@ class Program:
     def _add_violated(self, course: Single) -> bool:
         """Add the highest peaks of every course that exceeds the limit; False if none does."""
         numbers = np.empty(_PEAKS * len(course), np.int64)
-        found = _pick_peaks(course, self._entered, self._limit * _LET_IN, self._limit * (1 + _OVER), numbers)
+        found: int = _pick_peaks(course, self._entered, self._limit * _LET_IN, self._limit * (1 + _OVER), numbers)
         if found:
             self.add(numbers[:found].copy())
         return found > 0

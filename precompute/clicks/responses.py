@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from engine.compiled import njit
 from precompute.clicks.basis import EVALUATIONS_PER_SAMPLE, Tones
 from precompute.model.damped_lines import SIGMA_PER_S, DampedLines
 
@@ -91,7 +91,8 @@ class Responses:
     def _sum(self, drive: Complex32) -> Complex32:
         """Lines (scenario, finger, line) of the response to all actuators together."""
         transfer = self.transfer.reshape(-1, *self.transfer.shape[2:])
-        return _combine(transfer, drive).reshape(*self.transfer.shape[:2], drive.shape[-1])
+        sums: Complex32 = _combine(transfer, drive)
+        return sums.reshape(*self.transfer.shape[:2], drive.shape[-1])
 
 
 @njit(nogil=True, cache=True, fastmath=True, error_model="numpy")

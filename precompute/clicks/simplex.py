@@ -23,8 +23,9 @@ set of the rows nearest to their limits or beyond, chosen at each look at all ro
 from enum import IntEnum
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from engine.compiled import njit
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from engine.compiled import njit
 from precompute.clicks.basis import Tones
 from precompute.clicks.responses import Responses
 

@@ -11,7 +11,8 @@ than any ratio can gain.
 """
 
 import numpy as np
-from numba import njit
+
+from engine.compiled import njit
 
 PENALTY, STIFF_PENALTY = 60.0, 1000.0
 """Nepers of ratio that a neper of missing level costs. Next to the loudest drive a level can be worth more than the

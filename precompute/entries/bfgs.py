@@ -1,8 +1,9 @@
 """Kernels of the search: the ascent (precompute.entries.ascent) with the frequencies free, from many starts at once."""
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
+from engine.compiled import njit
 from engine.steady.forms import copy_drive
 from precompute.entries.ascent import PENALTY, SHARPEST, climb
 

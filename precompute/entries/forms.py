@@ -8,9 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numpy.typing import NDArray
 
+from engine.compiled import njit
 from precompute.model.frequencies import in_band
 from precompute.sampling.receptance import Receptance
 

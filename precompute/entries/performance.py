@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numpy.typing import NDArray
 
+from engine.compiled import njit
 from precompute.model.assembly import Plant
 from precompute.model.response import solve_response
 from precompute.model.steady import SteadyState, steady_state_of

@@ -10,9 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numpy.typing import NDArray
 
+from engine.compiled import njit
 from engine.device import Actuator, Finger
 from engine.table.entry import LONGEST_RISE_S
 from precompute.model.modal import Basis, compute_modal_model

@@ -1,7 +1,9 @@
 """Kernels that scan: the best direction at every frequency, and the best second tone to every first one."""
 
 import numpy as np
-from numba import njit, types
+from numba import types
+
+from engine.compiled import njit
 
 _PACKED = types.Array(types.float32, 3, "C", readonly=True)
 _DIRECTIONS = types.Array(types.float32, 2, "C", readonly=True)

@@ -1,8 +1,9 @@
 """Banded solver for the dynamic stiffness K + j omega C - omega^2 M, at all frequencies in parallel (kernel)."""
 
 import numpy as np
-from numba import njit, prange, types
+from numba import prange, types
 
+from engine.compiled import njit
 from precompute.model.assembly import BANDWIDTH
 
 FIRST_SUPER = 2 * BANDWIDTH

@@ -1,9 +1,10 @@
 """Gram matrices of the zones, R_z = omega^2 G^H Z_z G: localized factors follow from them."""
 
 import numpy as np
-from numba import njit, prange, types
+from numba import prange, types
 from numpy.typing import NDArray
 
+from engine.compiled import njit
 from precompute.model.response import Response
 
 Gram = NDArray[np.complex128]

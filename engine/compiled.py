@@ -1,0 +1,89 @@
+"""Kernels whose kept machine code is used only while everything that went into it is unchanged.
+
+numba keeps the machine code of a kernel with `cache=True`, and uses it again while the kernel's own file has the same
+time and size. But the code of other kernels that it calls is in it too, and so are the values of constants that were
+imported: after a change of those, such as an update of a checkout, old numbers would come from new sources without a
+word. Here the kept code counts by contents, the kernel's own and those of all that it calls.
+"""
+
+import hashlib
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from types import CodeType, FunctionType
+from typing import Any
+
+import numba
+import numpy as np
+from numba.core.caching import FunctionCache
+from numba.core.dispatcher import Dispatcher
+
+_OURS = "__counts_by_contents__"
+
+
+def njit(*signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """As `numba.njit`, with its arguments; kept code counts by contents."""
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        setattr(function, _OURS, True)
+        return numba.njit(*signature, **options)(function)
+
+    return decorate
+
+
+def contents_of(function: FunctionType) -> str:
+    """SHA-256 (hex) of the files of a kernel and of all kernels that it calls, and of the constants that these take."""
+    digest = hashlib.sha256()
+    for part in _parts_of(function, set()):
+        digest.update(part)
+        digest.update(b"\0")
+    return digest.hexdigest()
+
+
+def _parts_of(function: FunctionType, done: set[FunctionType]) -> Iterator[bytes]:
+    """The contents of a kernel's file, then its constants, then the parts of what it calls, each once."""
+    done.add(function)
+    yield _read(function.__code__.co_filename)
+    for name in sorted(set(_names_in(function.__code__))):
+        value = function.__globals__.get(name)
+        if isinstance(value, Dispatcher) and value.py_func not in done:
+            yield from _parts_of(value.py_func, done)
+        elif isinstance(value, int | float | complex | str | tuple | np.generic | np.ndarray):
+            yield f"{name}={value.tolist() if isinstance(value, np.ndarray) else value!r}".encode()
+
+
+def _names_in(code: CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):  # of a function within
+            yield from _names_in(constant)
+
+
+@cache
+def _read(path: str) -> bytes:
+    return Path(path).read_bytes()
+
+
+def _counting_by_contents(locator: type[Any]) -> type[Any]:
+    """A locator of numba, one of its places for kept code, that compares contents and not a file's time and size."""
+
+    class ByContents(locator):  # type: ignore[misc]  # numba has no types
+        @classmethod
+        def from_function(cls, py_func: FunctionType, py_file: str) -> Any:
+            if not hasattr(py_func, _OURS):
+                return None
+            found = super().from_function(py_func, py_file)
+            if found is not None:
+                found.contents = contents_of(py_func)
+            return found
+
+        def get_source_stamp(self) -> str:
+            return str(self.contents)
+
+    return ByContents
+
+
+# numba asks its locators in turn; these come first, and leave the kernels of others to them.
+_cache_class = FunctionCache._impl_class  # numba has no public name for it
+_places = _cache_class._locator_classes
+_cache_class._locator_classes = [*map(_counting_by_contents, _places), *_places]

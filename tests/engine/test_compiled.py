@@ -1,0 +1,65 @@
+"""Kept machine code is used while everything that went into it is unchanged, and only then; numba looks at one file."""
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+HELPER = """from {maker} import njit
+FACTOR = {factor}
+@njit(cache=True)
+def scaled(x): return {slope} * x
+"""
+MAIN = """from {maker} import njit
+from helper import FACTOR, scaled
+@njit(cache=True)
+def total(x): return scaled(x) + FACTOR
+print(total(10.0), sum(total.stats.cache_hits.values()))
+"""
+
+
+def total(folder: Path, maker: str, factor: float, slope: float) -> tuple[float, bool]:
+    """What a new process gets of a kernel with helper and constant in another file, and whether its code was kept."""
+    for name, text in (("helper.py", HELPER), ("main.py", MAIN)):
+        path, new = folder / name, text.format(maker=maker, factor=factor, slope=slope)
+        if not path.is_file() or path.read_text(encoding="utf-8") != new:
+            path.write_text(new, encoding="utf-8")
+    environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
+    environment["PYTHONPATH"] = str(ROOT)
+    command = [sys.executable, str(folder / "main.py")]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=300)
+    value, hits = done.stdout.split()
+    return float(value), hits == "1"
+
+
+def test_a_change_in_a_called_kernel_or_an_imported_constant_is_compiled_anew(tmp_path: Path) -> None:
+    assert total(tmp_path, "engine.compiled", 1, 2) == (21.0, False)
+    assert total(tmp_path, "engine.compiled", 1, 2) == (21.0, True)
+    os.utime(tmp_path / "main.py", (0, 0))  # the time of a file is not what it says
+    assert total(tmp_path, "engine.compiled", 1, 2) == (21.0, True)
+    assert total(tmp_path, "engine.compiled", 1, 3) == (31.0, False)
+    assert total(tmp_path, "engine.compiled", 5, 3) == (35.0, False)
+
+
+@pytest.mark.long
+def test_numba_alone_would_go_on_with_the_old_code(tmp_path: Path) -> None:
+    """If this fails numba does it itself, and engine/compiled.py can go."""
+    assert total(tmp_path, "numba", 1, 2) == (21.0, False)
+    assert total(tmp_path, "numba", 5, 3) == (21.0, True)
+
+
+def test_every_kernel_is_made_here() -> None:
+    for room in ("engine", "precompute"):
+        for path in (ROOT / room).rglob("*.py"):
+            imports = [
+                node
+                for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+                if isinstance(node, ast.ImportFrom)
+            ]
+            assert not [
+                node for node in imports if node.module == "numba" and "njit" in [each.name for each in node.names]
+            ]
