@@ -17,6 +17,7 @@ from firmware_link.work_folder import work_folder
 
 _VARIABLE = "NUMBA_CACHE_DIR"
 _PACKAGE = Path(__file__).parents[2] / "precompute"
+_SOLVER = _PACKAGE.parent / "engine" / "steady"
 
 
 def provide_kernel_cache(package: Path = _PACKAGE, home: Path | None = None) -> str | None:
@@ -41,14 +42,16 @@ def provide_kernel_cache(package: Path = _PACKAGE, home: Path | None = None) -> 
 def compile_steady_solver(on_compile: Callable[[str], None]) -> None:
     """Compile the kernels of steady drives where no earlier command has; `on_compile` is told before that begins.
 
-    A build does so at its end and a run at its start, so that neither a run nor a touch waits without a word.
+    Code that is older than a source counts as none. A build compiles at its end and a run at its start, so that neither
+    a run nor a touch waits without a word.
     """
     name = "search.find_drive-*.nbi"
     folder = os.environ.get(_VARIABLE)
     user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
-    beside = _PACKAGE.parent / "engine" / "steady" / "__pycache__"
+    beside = _SOLVER / "__pycache__"
     kept = Path(folder).glob(f"*/{name}") if folder else (*beside.glob(name), *user.glob(f"*/{name}"))
-    if not any(True for _ in kept):
+    newest_s = max(source.stat().st_mtime for source in _SOLVER.glob("*.py"))
+    if not any(path.stat().st_mtime >= newest_s for path in kept):
         on_compile("compiling the solver of steady drives, once on this machine: about half a minute")
     import_module("engine.steady.solver")
 
