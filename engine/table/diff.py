@@ -337,7 +337,10 @@ def _wrapped(phase_rad: Any) -> Any:
 
 
 def click_figures(before: ClickEntry, after: ClickEntry, same_actuators: bool) -> Sizes:
-    """The same as `entry_figures`, for a click; waveforms are compared only for the same actuators and rate."""
+    """The same as `entry_figures`, for a click; waveforms are compared only for the same actuators and rate.
+
+    Which way the bar moves first is not felt, as the phase that all actuators of a drive have in common.
+    """
     yield "achieved", before.achieved, after.achieved, float(before.achieved != after.achieved)
     yield _decibels("felt_level_db", before.felt.low_db, after.felt.low_db)
     quiet_db = [None if click.quiet is None else click.quiet.high_db for click in (before, after)]
@@ -348,7 +351,7 @@ def click_figures(before: ClickEntry, after: ClickEntry, same_actuators: bool) -
         own, other = (
             np.pad(c.samples / SAMPLE_FULL_SCALE, ((0, longest - len(c.samples)), (0, 0))) for c in (before, after)
         )
-        percent = 100 * float(abs(other - own).max())
+        percent = 100 * min(float(abs(other - own).max()), float(abs(other + own).max()))
         yield "waveform", 0.0, percent, percent
 
 

@@ -98,8 +98,8 @@ class DenseModel:
         """Shape (frequency, degree of freedom, actuator): acceleration of one actuator at full scale."""
         omega = 2 * np.pi * np.asarray(frequency_hz)[:, None, None]
         matrix = self.K + 1j * omega * self.C - omega**2 * self.M
-        field: Complex = -(omega**2) * np.linalg.solve(matrix, self.spring + 1j * omega * self.damper)
-        return field
+        field = -(omega**2) * np.linalg.solve(matrix, self.spring + 1j * omega * self.damper)
+        return np.asarray(field, dtype=np.complex128)
 
     def unit_acceleration(self, frequency_hz: Array, position_m: Array) -> Complex:
         """Shape (frequency, place, actuator), m/s^2 with one actuator at full scale, the others still."""

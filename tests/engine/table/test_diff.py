@@ -193,6 +193,11 @@ def test_a_change_of_a_click_is_found_where_it_was_made(
     assert not found.entries.differs
 
 
+def test_a_click_that_moves_the_bar_the_other_way_first_is_the_same(compare: Compare) -> None:
+    found = compare(clicks=[CLICKS[0], replace(CLICKS[1], weights=-CLICKS[1].weights), CLICKS[2]])
+    assert not found.clicks.changed
+
+
 def test_states_that_vanished_and_appeared_are_named(compare: Compare) -> None:
     more = entry_of(DEVICE, states_of(DEVICE, (4,)), wanted_level_db=20.0)
     full = entry_of(DEVICE, states_of(DEVICE, (4,)), wanted_level_db=math.inf)

@@ -18,8 +18,8 @@ Complex = NDArray[np.complex128]
 
 
 def random_amplitude(random: np.random.Generator, count: int) -> Complex:
-    amplitude: Complex = random.uniform(0.01, 1, count) * np.exp(2j * np.pi * random.uniform(size=count))
-    return amplitude
+    size, turned = random.uniform(0.01, 1, count), np.exp(2j * np.pi * random.uniform(size=count))
+    return np.asarray(size * turned, dtype=np.complex128)
 
 
 def compare(device: Device, frequency_hz: NDArray[np.float64], amplitude: Complex) -> None:

@@ -42,7 +42,7 @@ def test_points_reach_from_edge_to_edge_in_eights(device: Device) -> None:
 def looked_at(device: Device, frequency_hz: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Localized factor and peak of each actuator alone, (frequency, actuator, zone), through the dense model."""
     model, points_m = DenseModel(device), zone_points(device)
-    peak = np.stack([abs(model.unit_acceleration(frequency_hz, row)).max(axis=1) for row in points_m], axis=-1)
+    peak = np.stack([np.abs(model.unit_acceleration(frequency_hz, row)).max(axis=1) for row in points_m], axis=-1)
     energies = [model.unit_gram(frequency_hz, zone.start_m, zone.stop_m) for zone in device.zones]
     total = np.einsum("faa->fa", model.unit_gram(frequency_hz, 0.0, device.bar.length_m, 4001)).real
     return np.stack([np.einsum("faa->fa", e).real for e in energies], axis=-1) / total[..., None], peak
