@@ -74,7 +74,10 @@ def _counting_by_contents(locator: type[Any]) -> type[Any]:
                 return None
             found = super().from_function(py_func, py_file)
             if found is not None:
-                found.contents = contents_of(py_func)
+                try:
+                    found.contents = contents_of(py_func)
+                except OSError:  # from an archive: numba looks at the time of that
+                    return None
             return found
 
         def get_source_stamp(self) -> str:

@@ -4,6 +4,7 @@ import ast
 import os
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -50,6 +51,21 @@ def test_numba_alone_would_go_on_with_the_old_code(tmp_path: Path) -> None:
     """If this fails numba does it itself, and engine/compiled.py can go."""
     assert total(tmp_path, "numba", 1, 2) == (21.0, False)
     assert total(tmp_path, "numba", 5, 3) == (21.0, True)
+
+
+@pytest.mark.long
+def test_kernels_in_an_archive_are_left_to_numba(tmp_path: Path) -> None:
+    texts = [text.format(maker="engine.compiled", factor=1, slope=2) for text in (HELPER, MAIN)]
+    with zipfile.ZipFile(tmp_path / "kernels.zip", "w") as archive:
+        for name, text in zip(("helper.py", "main.py"), texts, strict=True):
+            archive.writestr(name, text)
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path / 'kernels.zip'}:{ROOT}", "XDG_CACHE_HOME": str(tmp_path)}
+    command = [sys.executable, "-c", "import main"]
+    said = [
+        subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=300).stdout
+        for _ in range(2)
+    ]
+    assert said == ["21.0 0\n", "21.0 1\n"]
 
 
 def test_every_kernel_is_made_here() -> None:
