@@ -20,6 +20,7 @@ _ROOTS = ("precompute", "engine", "firmware_link")
 _START = "precompute.builder.build"
 _WITHOUT_NUMBERS = (
     "precompute.parallel",  # which process solves, not what
+    "engine.compiled",  # which machine code is kept, not what it computes
     "engine.touch.descriptor",  # how the live engine reads fingers; a table needs only the states of zones
     "engine.touch.digitizer",
     "firmware_link.host",  # what a port answers while it is open

@@ -53,7 +53,14 @@ def test_what_numbers_come_from_counts(module: str) -> None:
 
 
 def test_what_no_number_comes_from_does_not_count() -> None:
-    others = ["precompute.studies", "precompute.fleet", "precompute.parallel", "engine.loop", "engine.render"]
+    others = [
+        "precompute.studies",
+        "precompute.fleet",
+        "precompute.parallel",
+        "engine.loop",
+        "engine.render",
+        "engine.compiled",
+    ]
     others += ["engine.effects", "engine.touch.digitizer", "engine.touch.quirks", "firmware_link.emulator", "tactable"]
     assert [name for name in sources() if name.startswith(tuple(others))] == []
     assert all(name.startswith(HOUSE) for name in sources())
