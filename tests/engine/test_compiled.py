@@ -30,7 +30,8 @@ def total(folder: Path, maker: str, factor: float, slope: float) -> tuple[float,
         if not path.is_file() or path.read_text(encoding="utf-8") != new:
             path.write_text(new, encoding="utf-8")
     environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
-    environment["PYTHONPATH"] = str(ROOT)
+    # Python itself looks at the second and the size of a source before it uses its bytecode again.
+    environment |= {"PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
     command = [sys.executable, str(folder / "main.py")]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=300)
     value, hits = done.stdout.split()
