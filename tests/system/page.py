@@ -106,7 +106,8 @@ class Visit:
         """Until it holds; asked from outside, for the page's policy lets nobody evaluate text within."""
         end_s = time.monotonic() + PATIENCE_S
         while not self.ask(condition):
-            assert time.monotonic() < end_s, f"{condition}: {self.ask('JSON.stringify(tactable.scene)')}"
+            found = time.monotonic() < end_s or f"{self.picture()} {self.ask('JSON.stringify(tactable.scene)')}"
+            assert found is True, f"{condition}: {found}"
             self.page.wait_for_timeout(20)
 
     def touch(self, **fingers: float | None) -> None:
