@@ -65,8 +65,13 @@ def _is_trusted(path: Path) -> bool:
     return is_private and len(content) > size and hashlib.sha256(content[:-size]).digest() == content[-size:]
 
 
+def find_compiler() -> str | None:
+    """Path of the system's C compiler, or None on a system without one."""
+    return next(filter(None, map(shutil.which, _COMPILERS)), None)
+
+
 def _compile(path: Path, source: LibrarySource) -> None:
-    compiler = next(filter(None, map(shutil.which, _COMPILERS)), None)
+    compiler = find_compiler()
     if compiler is None:
         raise CompileError("no C compiler: install one (gcc)")
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -175,7 +175,7 @@ def _read_transfer(part: DeviceTable, band_hz: tuple[float, float]) -> Transfer 
 
 
 def _read_electrodes(actuator: DeviceTable) -> Electrodes | None:
-    """Read the table [actuator.electrodes]; the result is None where the device file has no such table."""
+    """The electrodes that the table [actuator.electrodes] describes, or None for an actuator without such a table."""
     actuator.known.append("electrodes")
     if "electrodes" not in actuator.left:
         return None

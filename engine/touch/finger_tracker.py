@@ -38,7 +38,7 @@ def state_index(states: Sequence[ZoneState]) -> int:
 
 
 class Touch(NamedTuple):
-    """One finger on the bar; in a gap between zones its `zone` is None."""
+    """One finger on the bar. A finger in a gap between two zones has no `zone` (None)."""
 
     contact_id: int
     position_m: float

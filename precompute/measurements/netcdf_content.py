@@ -31,7 +31,7 @@ _MOST_BYTES = 1 << 26
 
 
 class Variable(NamedTuple):
-    """An array with the names of its dimensions; `units` is None where the file states no text as its unit."""
+    """An array with the names of its dimensions. `units` is the text that the file states, or None without it."""
 
     name: str
     dimensions: tuple[str, ...]
@@ -44,7 +44,7 @@ class Content(NamedTuple):
 
     variables: Sequence[Variable]
     actuators: tuple[str, ...] | None
-    """The coordinate of the dimension `actuator`; None where there is none."""
+    """The coordinate of the dimension `actuator`, or None in a file that has no such coordinate."""
     is_simulated: bool
 
 

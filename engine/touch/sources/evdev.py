@@ -83,7 +83,7 @@ ReadSlots = Callable[[int, int, int], Sequence[int]]
 
 
 def load_evdev(import_module: Callable[[str], object] = importlib.import_module) -> EvdevModule | None:
-    """The package, None where it is not installed."""
+    """The Python package evdev, or None on a system where it is not installed."""
     try:
         return cast(EvdevModule, import_module("evdev"))
     except ImportError:

@@ -1,16 +1,14 @@
 """Small C programs that are compiled on the spot."""
 
-import shutil
 import subprocess
 from pathlib import Path
 
-_COMPILERS = ("cc", "gcc", "clang")
+from engine.c_library import find_compiler
 
 
 def build_program(name: str, folder: Path) -> Path | None:
     """Compile the C file `name` beside this module into `folder`; None where no compiler is there or none succeeds."""
-    compiler = next(filter(None, map(shutil.which, _COMPILERS)), None)
-    program = folder / name
+    compiler, program = find_compiler(), folder / name
     if compiler is None:
         return None
     source = Path(__file__).with_name(f"{name}.c")
