@@ -56,10 +56,22 @@ class Channels:
         return self._amplitude_limits
 
     def apply(
-        self, drive: bytes, writes_phase: bool, now_us: int, sequence: int, *, takes_over: bool = False
+        self,
+        drive: bytes,
+        writes_phase: bool,
+        now_us: int,
+        sequence: int,
+        *,
+        takes_over: bool = False,
+        is_first: bool = False,
     ) -> DriveEvent | None:
-        """Take the drive of a SET; None where nothing changes, unless it takes over from a waveform."""
+        """Take the drive of a SET; None where nothing changes, unless it takes over from a waveform.
+
+        New limits are a change: they bound what still fades, but for the first drive, before which nothing sounded.
+        """
+        limits = self._amplitude_limits, self.slew_per_s
         self.take_limits()
+        is_limited_anew = not is_first and limits != (self._amplitude_limits, self.slew_per_s)
         wanted = self._clamped(drive)
         writes_now = writes_phase and not self._runs_already(wanted)
         before = [(channel.frequency, channel.amplitude) for channel in self._channels]
@@ -74,7 +86,7 @@ class Channels:
                 channel.written = None
             channel.frequency = frequency
         is_unchanged = before == [(channel.frequency, channel.amplitude) for channel in self._channels]
-        if is_unchanged and not writes_now and not takes_over:
+        if is_unchanged and not writes_now and not takes_over and not is_limited_anew:
             return None
         return self._event(now_us, Cause.SET, sequence, writes_phase=writes_now)
 

@@ -53,6 +53,7 @@ class Drive:
             now_us,
             sequence,
             takes_over=self.player.end_us is not None,
+            is_first=not self.log,
         )
         if event is not None:
             self.log.append(event)

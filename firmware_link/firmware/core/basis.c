@@ -33,9 +33,10 @@ static uint16_t number_of_functions(const uint8_t *bytes, uint16_t index)
     return get_u16(bytes + HEAD_SIZE + SET_HEAD_SIZE * index + 2);
 }
 
-static uint32_t length_us(uint16_t samples, uint16_t rate_hz)
+/* Up to 18 hours, which 32 bits do not hold. */
+static uint64_t length_us(uint16_t samples, uint16_t rate_hz)
 {
-    return (uint32_t)(((uint64_t)(samples - 1u) * US_PER_S + rate_hz - 1u) / rate_hz);
+    return ((uint64_t)(samples - 1u) * US_PER_S + rate_hz - 1u) / rate_hz;
 }
 
 static bool is_zero(const uint8_t *bytes, size_t length)
@@ -62,10 +63,8 @@ static bool is_valid_set(const struct basis *basis, const uint8_t *set, uint16_t
 }
 
 /* Whether all sets are within bounds and valid, and fill the bytes exactly. */
-static bool is_valid(const struct basis *basis)
+static bool is_valid(const struct basis *basis, const uint8_t *bytes, uint32_t size)
 {
-    const uint8_t *bytes = basis->bytes + basis->transfer_at;
-    const uint32_t size = basis->taken;
     if (size < HEAD_SIZE || sample_rate_hz(bytes) == 0 || number_of_sets(bytes) == 0
         || number_of_sets(bytes) > MAXIMUM_SETS) {
         return false;
@@ -91,93 +90,84 @@ static bool is_valid(const struct basis *basis)
     return at == size;
 }
 
-/* Finds the place of a basis of this size beside the one that is held; false where there is no room. */
-static bool find_room(struct basis *basis, uint32_t size)
-{
-    if (basis->held_hash == 0 || size <= basis->held_at) {
-        basis->transfer_at = 0;
-        return true;
-    }
-    basis->transfer_at = basis->held_at + basis->held_size;
-    return size <= basis->capacity_bytes - basis->transfer_at;
-}
-
 enum tactable_result basis_begin(struct basis *basis, const struct tactable_basis_begin *message, bool may_forget)
 {
-    if (basis->is_transferring && message->basis_hash == basis->transfer_hash && message->size_bytes == basis->transfer_size) {
-        return TACTABLE_RESULT_OK;
-    }
-    if (message->basis_hash == 0) {
+    const uint32_t hash = message->basis_hash, size = message->size_bytes;
+    const struct basis_place *held = &basis->held, *transfer = &basis->transfer;
+    if (hash == 0) {
         return TACTABLE_RESULT_OUT_OF_RANGE;
     }
-    if (message->size_bytes > basis->capacity_bytes) {
+    if (hash == transfer->hash && size == transfer->size) {
+        return TACTABLE_RESULT_OK;
+    }
+    if (size > basis->capacity_bytes) {
         return TACTABLE_RESULT_NO_ROOM;
     }
-    if (!find_room(basis, message->size_bytes)) {
+    /* Before the basis that is held, or else behind it. */
+    uint32_t at = held->hash == 0 || size <= held->at ? 0 : held->at + held->size;
+    if (size > basis->capacity_bytes - at) {
         if (!may_forget) {
             return TACTABLE_RESULT_NO_ROOM;
         }
-        basis->held_hash = 0;
-        basis->transfer_at = 0;
+        basis->held.hash = at = 0;
     }
-    basis->is_transferring = true;
-    basis->transfer_hash = message->basis_hash;
-    basis->transfer_size = message->size_bytes;
+    basis->transfer = (struct basis_place){hash, at, size};
     basis->taken = 0;
     return TACTABLE_RESULT_OK;
 }
 
 enum tactable_result basis_take(struct basis *basis, const struct tactable_basis_chunk *message)
 {
-    if (!basis->is_transferring) {
+    const struct basis_place *transfer = &basis->transfer;
+    const uint32_t offset = message->offset_bytes;
+    if (transfer->hash == 0) {
         return TACTABLE_RESULT_WRONG_STATE;
     }
-    const uint32_t offset = message->offset_bytes;
     if (offset < basis->taken && offset % TACTABLE_BASIS_CHUNK_SIZE == 0) {
         return TACTABLE_RESULT_OK;
     }
-    if (offset != basis->taken || offset >= basis->transfer_size) {
+    if (offset != basis->taken || offset >= transfer->size) {
         return TACTABLE_RESULT_OUT_OF_RANGE;
     }
-    const uint32_t rest = basis->transfer_size - offset;
+    const uint32_t rest = transfer->size - offset;
     const uint32_t size = rest < TACTABLE_BASIS_CHUNK_SIZE ? rest : TACTABLE_BASIS_CHUNK_SIZE;
-    memcpy(basis->bytes + basis->transfer_at + offset, message->data, size);
+    memcpy(basis->bytes + transfer->at + offset, message->data, size);
     basis->taken += size;
     return TACTABLE_RESULT_OK;
 }
 
 enum tactable_result basis_commit(struct basis *basis, const struct tactable_basis_commit *message)
 {
-    if (!basis->is_transferring) {
-        const bool is_held = basis->held_hash != 0 && message->basis_hash == basis->held_hash;
+    const struct basis_place transfer = basis->transfer;
+    if (transfer.hash == 0) {
+        const bool is_held = basis->held.hash != 0 && message->basis_hash == basis->held.hash;
         return is_held ? TACTABLE_RESULT_OK : TACTABLE_RESULT_WRONG_STATE;
     }
     basis_end_transfer(basis);
-    if (basis->taken != basis->transfer_size || message->basis_hash != basis->transfer_hash) {
+    if (basis->taken != transfer.size || message->basis_hash != transfer.hash) {
         return TACTABLE_RESULT_WRONG_HASH;
     }
-    const uint32_t crc = crc32_of(basis->bytes + basis->transfer_at, basis->taken, 0);
-    if (message->basis_hash != (crc != 0 ? crc : HASH_INSTEAD_OF_0)) {
+    const uint8_t *bytes = basis->bytes + transfer.at;
+    const uint32_t crc = crc32_of(bytes, transfer.size, 0);
+    if (transfer.hash != (crc != 0 ? crc : HASH_INSTEAD_OF_0)) {
         return TACTABLE_RESULT_WRONG_HASH;
     }
-    if (!is_valid(basis)) {
+    if (!is_valid(basis, bytes, transfer.size)) {
         return TACTABLE_RESULT_OUT_OF_RANGE;
     }
-    basis->held_hash = message->basis_hash;
-    basis->held_at = basis->transfer_at;
-    basis->held_size = basis->transfer_size;
+    basis->held = transfer;
     return TACTABLE_RESULT_OK;
 }
 
 void basis_end_transfer(struct basis *basis)
 {
-    basis->is_transferring = false;
+    basis->transfer.hash = 0;
 }
 
 bool basis_find_set(const struct basis *basis, uint8_t index, struct basis_set *set)
 {
-    const uint8_t *bytes = basis->bytes + basis->held_at;
-    if (basis->held_hash == 0 || index >= number_of_sets(bytes)) {
+    const uint8_t *bytes = basis->bytes + basis->held.at;
+    if (basis->held.hash == 0 || index >= number_of_sets(bytes)) {
         return false;
     }
     const uint8_t *at = bytes + HEAD_SIZE + SET_HEAD_SIZE * number_of_sets(bytes);
@@ -187,7 +177,7 @@ bool basis_find_set(const struct basis *basis, uint8_t index, struct basis_set *
     *set = (struct basis_set){
         .actuators = at,
         .samples = at + number_of_functions(bytes, index),
-        .length_us = length_us(number_of_samples(bytes, index), sample_rate_hz(bytes)),
+        .length_us = (uint32_t)length_us(number_of_samples(bytes, index), sample_rate_hz(bytes)),
         .number_of_samples = number_of_samples(bytes, index),
         .sample_rate_hz = sample_rate_hz(bytes),
         .number_of_functions = (uint8_t)number_of_functions(bytes, index),

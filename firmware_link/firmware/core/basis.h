@@ -13,17 +13,19 @@
 
 #include "tactable_protocol.h"
 
+/* The place of one basis, always within the memory: it is set as a whole, once everything has been checked. */
+struct basis_place {
+    uint32_t hash; /* 0: there is none */
+    uint32_t at;   /* offset of its first byte */
+    uint32_t size;
+};
+
 struct basis {
     uint8_t *bytes;
     uint32_t capacity_bytes;
     uint32_t longest_waveform_us;
-    uint32_t held_hash; /* 0: none */
-    uint32_t held_at;   /* offset of its first byte */
-    uint32_t held_size;
-    bool is_transferring;
-    uint32_t transfer_at;
-    uint32_t transfer_hash;
-    uint32_t transfer_size;
+    struct basis_place held;
+    struct basis_place transfer;
     uint32_t taken; /* bytes of the transfer so far */
     uint8_t number_of_actuators;
 };
@@ -38,7 +40,8 @@ struct basis_set {
     uint8_t number_of_functions;
 };
 
-/* Without room for both, the basis that is held is forgotten if it may be. The transfer's bytes are not touched yet. */
+/* Without room for both, the basis that is held is forgotten if it may be. The transfer's bytes are not touched yet. A
+ * refusal changes nothing, also not of a transfer under way. */
 enum tactable_result basis_begin(struct basis *basis, const struct tactable_basis_begin *message, bool may_forget);
 enum tactable_result basis_take(struct basis *basis, const struct tactable_basis_chunk *message);
 enum tactable_result basis_commit(struct basis *basis, const struct tactable_basis_commit *message);

@@ -185,7 +185,7 @@ void drive_silence(struct tactable_device *device)
 void drive_release_transfer(struct tactable_device *device)
 {
     hold_samples(device);
-    const uint8_t *first = device->basis.bytes + device->basis.transfer_at;
-    synthesis_release(&device->synthesis, first, first + device->basis.transfer_size);
+    const uint8_t *first = device->basis.bytes + device->basis.transfer.at;
+    synthesis_release(&device->synthesis, first, first + device->basis.transfer.size);
     release_samples(device);
 }

@@ -55,7 +55,7 @@ static bool accept(struct framing *framing)
         framing->counters.length++;
         return false;
     }
-    const size_t length = framing->length = content - FRAMING_CHECKSUM_SIZE;
+    const size_t length = content - FRAMING_CHECKSUM_SIZE;
     const struct tactable_layout *layout = layout_of(framing->buffer[0]);
     const uint32_t checksum = get_u32(framing->buffer + length);
     if (layout == NULL || crc32_of(framing->buffer, length, layout->seed) != checksum) {
@@ -66,6 +66,7 @@ static bool accept(struct framing *framing)
         framing->counters.length++;
         return false;
     }
+    framing->length = length;
     framing->counters.ok++;
     return true;
 }

@@ -47,12 +47,12 @@ static enum tactable_result keep(struct tactable_device *device, const uint8_t *
 
 enum outcome memory_keep(struct tactable_device *device, const uint8_t *body, uint8_t sequence)
 {
-    const uint32_t held_hash = device->basis.held_hash;
+    const uint32_t held_hash = device->basis.held.hash;
     const enum tactable_result result = keep(device, body);
     reports_send_ack(device, body[0], sequence, result);
-    if (device->basis.held_hash != 0 && device->basis.held_hash != held_hash) {
+    if (device->basis.held.hash != 0 && device->basis.held.hash != held_hash) {
         reports_send_log(
-            device, TACTABLE_LOG_LEVEL_INFORMATION, TACTABLE_LOG_CODE_BASIS_TAKEN, device->basis.held_hash);
+            device, TACTABLE_LOG_LEVEL_INFORMATION, TACTABLE_LOG_CODE_BASIS_TAKEN, device->basis.held.hash);
     }
     return result == TACTABLE_RESULT_OK ? OUTCOME_ACCEPTED : OUTCOME_REFUSED;
 }

@@ -92,7 +92,7 @@ void reports_send_hello(struct tactable_device *device, uint32_t nonce)
         .longest_lease_ms = configuration->longest_lease_ms,
         .longest_waveform_ms = configuration->longest_waveform_ms,
         .basis_capacity_bytes = configuration->basis_capacity_bytes,
-        .held_basis_hash = device->basis.held_hash,
+        .held_basis_hash = device->basis.held.hash,
         .number_of_actuators = configuration->number_of_actuators,
     };
     uint8_t body[BODY_ROOM];

@@ -74,7 +74,9 @@ static bool are_valid(const uint32_t options[HOST_OPTIONS])
 struct host *host_open(const uint32_t options[HOST_OPTIONS], const uint32_t *full_scales_pm, bool keeps_samples)
 {
     struct host *host = are_valid(options) ? calloc(1, sizeof *host) : NULL;
-    uint8_t *basis = host == NULL ? NULL : malloc(options[HOST_BASIS_CAPACITY_BYTES] + 1u);
+    const uint32_t capacity_bytes = options[HOST_BASIS_CAPACITY_BYTES];
+    /* No byte more than the core may use: a sanitizer sees the next one. */
+    uint8_t *basis = host == NULL ? NULL : malloc(capacity_bytes != 0 ? capacity_bytes : 1u);
     if (basis == NULL) {
         free(host);
         return NULL;
@@ -91,7 +93,7 @@ struct host *host_open(const uint32_t options[HOST_OPTIONS], const uint32_t *ful
         .amplitude_limit = (uint16_t)options[HOST_AMPLITUDE_LIMIT],
         .slew_limit_per_s = (uint16_t)options[HOST_SLEW_LIMIT_PER_S],
         .synthesis_rate_hz = options[HOST_SYNTHESIS_RATE_HZ],
-        .basis_capacity_bytes = options[HOST_BASIS_CAPACITY_BYTES],
+        .basis_capacity_bytes = capacity_bytes,
         .basis = basis,
         .longest_waveform_ms = (uint16_t)options[HOST_LONGEST_WAVEFORM_MS],
         .longest_drive_s = (uint8_t)options[HOST_LONGEST_DRIVE_S],

@@ -57,6 +57,17 @@ def core_library() -> CDLL:
         return open_library(Path(folder) / LIBRARY)
 
 
+def with_sanitizers(folder: Path) -> dict[str, str]:
+    """The environment for a process that loads the library in this folder, built with AddressSanitizer."""
+    runtime = subprocess.run(["cc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True)
+    return os.environ | {
+        "TACTABLE_CORE_LIBRARY": str(folder / LIBRARY),
+        # Python is not built with the sanitizer, and does not free all that it has when it ends.
+        "LD_PRELOAD": runtime.stdout.strip(),
+        "ASAN_OPTIONS": "detect_leaks=0",
+    }
+
+
 class CompiledTier:
     """The C core without line or delay; its clock and the host's differ by a constant."""
 

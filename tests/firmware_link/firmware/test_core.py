@@ -20,7 +20,15 @@ from tests.firmware_link.conformance import (
     Law,
     WaveLaw,
 )
-from tests.firmware_link.firmware.compiled_core import LIBRARY, CompiledTier, WatchedTier, core_library, make, need
+from tests.firmware_link.firmware.compiled_core import (
+    LIBRARY,
+    CompiledTier,
+    WatchedTier,
+    core_library,
+    make,
+    need,
+    with_sanitizers,
+)
 from tests.firmware_link.sensing_laws import SENSING_LAWS
 
 ROOT = Path(__file__).parents[3]
@@ -40,17 +48,10 @@ def test_the_c_core_keeps(law: Law | WaveLaw | HangUpLaw) -> None:
 def test_the_c_core_does_nothing_undefined(tmp_path: Path, files: str) -> None:
     need("make", "cc")
     make(tmp_path, "host", "SANITIZE=address,undefined")
-    runtime = subprocess.run(["cc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True)
-    environment = os.environ | {
-        "TACTABLE_CORE_LIBRARY": str(tmp_path / LIBRARY),
-        # Python is not built with the sanitizer, and does not free all that it has when it ends.
-        "LD_PRELOAD": runtime.stdout.strip(),
-        "ASAN_OPTIONS": "detect_leaks=0",
-    }
     tests = [str(path) for path in sorted(Path(__file__).parent.glob(files))]
     options = ["-n", "0", "-p", "no:cacheprovider", "-k", "not undefined and not tone"]
     command = [sys.executable, "-m", "pytest", *options, *tests]
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=ROOT, env=with_sanitizers(tmp_path), capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-4_000:] + done.stderr[-4_000:]
     assert " passed" in done.stdout
 

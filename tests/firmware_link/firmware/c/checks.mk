@@ -1,5 +1,5 @@
 # Included by firmware_link/firmware/Makefile, whose variables it uses and whose folder it is relative to.
-.PHONY: fuzz syntax
+.PHONY: syntax
 
 IMAGES += $(BUILD)/mps2_an385.elf $(BUILD)/stm32f405_qemu.elf
 
@@ -8,20 +8,12 @@ $(BUILD)/mps2_an385.elf: $(CHECKS)/mps2_an385/board.c $(CHECKS)/report.c $(CHECK
 $(BUILD)/stm32f405_qemu.elf: FLAGS = -mcpu=cortex-m4 -I$(CHECKS) -DIN_QEMU
 $(BUILD)/stm32f405_qemu.elf: boards/stm32f405/board.c boards/adxl345.c $(CHECKS)/report.c $(CHECKS)/report.h
 
-fuzz: $(BUILD)/fuzz
-
-$(BUILD)/fuzz: $(CORE) $(CHECKS)/fuzz.c $(HEADERS) Makefile
-	@mkdir -p $(BUILD)
-	clang $(WARNINGS) -O1 -g -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=all -Icore $(filter %.c,$^) -o $@
-
-# The shims declare what these boards use of their vendors' libraries: nothing is linked, nothing has run. The fuzzer's
-# source is compiled here too, since few machines have clang.
+# The shims declare what these boards use of their vendors' libraries: nothing is linked, nothing has run.
 syntax:
 	$(ARM)g++ -std=gnu++17 -Wall -Wextra -Wconversion -Werror -mcpu=cortex-m7 -mthumb -fsyntax-only -Icore -Iboards \
 	    -I$(CHECKS)/shim/teensy41 boards/teensy41/board.cpp
 	$(ARM)gcc $(WARNINGS) -mcpu=cortex-m0plus -mthumb -fsyntax-only -Icore -Iboards -I$(CHECKS)/shim/rp2040 \
 	    boards/rp2040/board.c $(PORTED)
 	$(CC) $(WARNINGS) -fsyntax-only -Icore -Iboards -I$(CHECKS)/shim/esp32 boards/esp32/board.c $(PORTED)
-	$(CC) $(WARNINGS) -fsyntax-only -Icore $(CHECKS)/fuzz.c
 
 check: syntax
