@@ -16,6 +16,7 @@ from firmware_link.protocol.basis import Basis, BasisSet, encode_basis, transfer
 from firmware_link.protocol.framing import EMERGENCY_STOP, FrameDecoder, encode_message
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import (
+    BASIS_CHUNK_SIZE,
     CLOCK_REFERENCE_SPAN,
     CLOCK_REFERENCE_US,
     MAGIC,
@@ -212,22 +213,29 @@ class Host:
         spare = self.hello.number_of_actuators - len(channels)
         return encode_drive([*channels, *[ChannelDrive(0, 0)] * spare], self.hello.frequency_resolution_uhz * 1e-6)
 
-    def set_message(self, drive: bytes, age_us: int = 0) -> Set:
-        return Set(self.clock_reference(age_us), SetFlag.WRITE_PHASE, self.tier.lease_ms, drive)
+    def set_message(self, drive: bytes, age_us: int = 0, lease_ms: int | None = None) -> Set:
+        lease_ms = self.tier.lease_ms if lease_ms is None else lease_ms
+        return Set(self.clock_reference(age_us), SetFlag.WRITE_PHASE, lease_ms, drive)
 
-    def set(self, drive: bytes) -> Status:
+    def set(self, drive: bytes, lease_ms: int | None = None) -> Status:
         """Send it until it is applied; the status that says so."""
-        return self._until_applied(lambda: self.set_message(drive))
+        return self._until_applied(lambda: self.set_message(drive, lease_ms=lease_ms))
 
     def play(self, index: int, amplitude: float = 1.0, clicks: "Clicks | None" = None) -> Status:
         """As `set`."""
         word = encode_amplitude(amplitude)
         return self._until_applied(lambda: (clicks or CLICKS).play(index, self.clock_reference(), word))
 
+    def offer(self, data: bytes) -> Result:
+        """Transfer the bytes of a basis; the answer to the last step."""
+        *steps, commit = transfer_messages(data)
+        for message in steps:
+            assert self.ask(message) is Result.OK
+        return self.ask(commit)
+
     def hand_over(self, basis: Basis) -> int:
         """Transfer a basis; its hash."""
-        for message in transfer_messages(basis.data):
-            assert self.ask(message) is Result.OK
+        assert self.offer(basis.data) is Result.OK
         return basis.hash
 
     def pass_until(self, device_us: int) -> None:
@@ -363,6 +371,14 @@ def law_a_drive_ends_with_its_lease(tier: Tier) -> None:
     assert LogCode.LEASE_EXPIRED in {m.code for m in host.heard if isinstance(m, Log)}
 
 
+def law_a_set_gets_the_lease_that_it_asks_for_within_the_armed_one(tier: Tier) -> None:
+    host = Host(tier).ready()
+    for asked_ms, granted_ms in ((tier.lease_ms // 2, tier.lease_ms // 2), (255, tier.lease_ms)):
+        applied = host.set(host.drive(*LOUD), asked_ms)
+        ended = host.status(lambda status: status.state is DeviceState.ARMED)
+        assert 0 <= ended.device_time_us - applied.applied_time_us - granted_ms * US_PER_MS <= tier.slack_us
+
+
 def law_a_silent_host_latches_the_device(tier: Tier) -> None:
     host = Host(tier).ready()
     drive = host.drive(*LOUD)
@@ -495,17 +511,23 @@ def law_a_copy_does_not_feed_the_lease(tier: Tier) -> None:
 
 
 def law_an_old_clock_or_sequence_is_stale(tier: Tier) -> None:
-    host = Host(tier).ready()
+    host = with_basis(tier)
     drive = host.drive(*LOUD)
     lease_us = tier.lease_ms * US_PER_MS
+
+    def send_each(age_us: int) -> None:
+        at = host.clock_reference(age_us)
+        for message in (host.set_message(drive, age_us=age_us), CLICKS.play(0, at), KeepAlive(at, 0)):
+            host.send(message)
+
     before = host.fresh_status()
     for age_us in (2 * lease_us, -2 * lease_us, 10 * lease_us):
-        host.send(host.set_message(drive, age_us=age_us))
-    assert host.status(lambda status: status.stale == before.stale + 3).applied == before.applied
-    host.set(drive)
+        send_each(age_us)
+    assert host.status(lambda status: status.stale == before.stale + 9).applied == before.applied
+    driven = host.set(drive)
     host.sequence = (host.sequence - 10) % 256
-    host.send(host.set_message(drive))
-    assert host.status(lambda status: status.stale >= before.stale + 4).applied >= before.applied + 1
+    send_each(0)
+    assert host.status(lambda status: status.stale >= driven.stale + 3).applied == driven.applied
 
 
 # ---- the line ----------------------------------------------------------------------------------------------
@@ -620,14 +642,52 @@ def law_a_basis_that_makes_no_sense_is_refused(tier: Tier) -> None:
     assert host.ask(BasisBegin(1, hello.basis_capacity_bytes + 1)) is Result.NO_ROOM
     loud_at_the_end = data[:-2] + b"\x01\x00"
     no_rate, no_set = b"\0\0" + data[2:], data[:2] + b"\0\0"
-    of_no_actuator = data[:12] + b"\xff" + data[13:]
+    of_no_actuator = data[:12] + bytes([hello.number_of_actuators]) + data[13:]
     no_function, too_many = (encode_basis(unchecked(functions)) for functions in (0, MAXIMUM_WEIGHTS + 1))
     one_more = (data + b"\0\0", data[:-1])
     for nonsense in (loud_at_the_end, no_rate, no_set, of_no_actuator, no_function, too_many, *one_more):
-        *steps, commit = transfer_messages(nonsense)
-        for message in steps:
-            assert host.ask(message) is Result.OK
-        assert host.ask(commit) is Result.OUT_OF_RANGE
+        assert host.offer(nonsense) is Result.OUT_OF_RANGE
+
+
+def law_clicks_are_as_long_as_the_device_says_and_no_longer(tier: Tier) -> None:
+    host = Host(tier)
+    longest_ms = host.greet().longest_waveform_ms
+    # The last are some milliseconds more than 2^32 us.
+    for rate_hz, length, result in (
+        (1_000, longest_ms, Result.OK),
+        (1_000, longest_ms + 1, Result.OUT_OF_RANGE),
+        (1, 4_295, Result.OUT_OF_RANGE),
+    ):
+        silence = BasisSet(np.zeros((1, length + 1), np.int16), np.zeros(1, np.uint8))
+        assert host.offer(Basis(rate_hz, (silence,)).data) is result
+
+
+def law_a_transfer_goes_on_whatever_is_refused_meanwhile(tier: Tier) -> None:
+    """The third basis fits just before the second, behind which there is no room for what is refused."""
+    first, second = (Clicks(SAMPLE_RATE_HZ, [hump(each, each, duration_us=60 * US_PER_MS)]) for each in (0.3, 0.7))
+    host = Host(tier)
+    capacity = host.greet().basis_capacity_bytes
+    for clicks in (first, second):
+        host.hand_over(clicks.basis)
+    assert host.arm() is Result.OK
+    data = first.basis.data
+    begin, *chunks, commit = transfer_messages(data)
+    assert isinstance(chunks[-1], BasisChunk)
+    at = chunks[-1].offset_bytes
+    chunks[-1] = BasisChunk(at, data[at:].ljust(BASIS_CHUNK_SIZE, b"\xff"))
+    for step in (begin, *chunks):
+        assert host.ask(step) is Result.OK
+        if step is chunks[0]:
+            assert host.ask(BasisBegin(7, capacity)) is Result.NO_ROOM
+            assert host.ask(BasisBegin(7, capacity + 1)) is Result.NO_ROOM
+            assert host.ask(BasisBegin(0, 10)) is Result.OUT_OF_RANGE
+            assert host.ask(BasisChunk(1, bytes(BASIS_CHUNK_SIZE))) is Result.OUT_OF_RANGE
+    assert host.ask(BasisChunk(len(data), b"\xff" * BASIS_CHUNK_SIZE)) is Result.OUT_OF_RANGE
+    for clicks, peak in ((second, 0.7), (first, 0.3)):
+        started = host.play(0, clicks=clicks)
+        ended = host.status(lambda status: status.state is DeviceState.ARMED)
+        assert abs(tier.peaks(started.applied_time_us, ended.device_time_us)[0] - peak) < 0.01
+        assert host.ask(commit) is Result.OK
 
 
 def law_an_armed_device_plays_its_basis_until_the_next_is_whole(tier: Tier) -> None:
@@ -700,11 +760,13 @@ def law_a_click_that_the_basis_does_not_fit_is_refused(tier: Tier) -> None:
     missing = len(CLICKS.weights)
     fitting = CLICKS.play(0, 0)
     one_less = {"number_of_weights": 1, "weights": fitting.weights[:1]}
-    changes: list[dict[str, Any]] = [{"fraction_bits": 0}, {"fraction_bits": 32}, one_less, {"basis_set": 255}]
+    # What stands behind the last set reads as one of no functions.
+    none = {"basis_set": missing, "number_of_weights": 0, "weights": ()}
+    changes: list[dict[str, Any]] = [{"fraction_bits": 0}, {"fraction_bits": 32}, one_less, none, {"basis_set": 255}]
     bad = [CLICKS.play(missing, 0), *(dataclasses.replace(fitting, **change) for change in changes)]
     frames = [host.frame(dataclasses.replace(play, clock_reference=host.clock_reference())) for play in bad]
     tier.write(b"".join(frames))
-    refused = host.status(lambda status: status.refused == before.refused + 5)
+    refused = host.status(lambda status: status.refused == before.refused + 6)
     assert (refused.applied, refused.state) == (before.applied, DeviceState.ARMED)
     told = [m for m in host.heard if isinstance(m, Log) and m.code is LogCode.PLAY_REFUSED]
     # Others within the spacing are not told.

@@ -67,10 +67,17 @@ TESTS: dict[str, tuple[str, ...]] = {
     "firmware_link/host/outbox.py": _HOST,
     "firmware_link/host/session.py": _HOST,
     "firmware_link/protocol/framing.py": ("tests/firmware_link/protocol/test_framing.py", *_HOST),
-    **{f"firmware_link/emulator/{name}.py": _EMULATOR for name in ("lease", "session", "drive", "tones", "synthesis")},
+    "firmware_link/protocol/basis.py": ("tests/firmware_link/protocol/test_basis.py", *_EMULATOR),
+    **{
+        f"firmware_link/emulator/{name}.py": _EMULATOR
+        for name in ("lease", "session", "drive", "tones", "synthesis", "memory", "sense")
+    },
     **{
         f"{FIRMWARE}/core/{name}.c": _CORE
-        for name in ("lease", "session", "drive", "synthesis", "tones", "voice", "click", "channels", "framing", "cobs")
+        for name in (
+            *("lease", "session", "drive", "synthesis", "tones", "voice", "click", "channels", "framing", "cobs"),
+            *("basis", "memory", "sense", "stream"),
+        )
     },
 }
 """The modules, and the tests that mirror them."""
