@@ -22,16 +22,21 @@ void synthesis_limit(struct synthesis *synthesis, uint8_t actuator, uint16_t amp
     synthesis->limits[actuator] = (int32_t)tones_displacement(QUARTER_TURN, amplitude * TONES_WORD_SCALE);
 }
 
+static int32_t loudness(const struct voice *voice)
+{
+    return voice->is_sounding ? voice->gain : 0;
+}
+
 void synthesis_play(struct synthesis *synthesis, const struct click *click, uint16_t amplitude)
 {
-    for (uint8_t i = 0; i < SYNTHESIS_VOICES; i++) {
-        if (!synthesis->voices[i].is_sounding) {
-            voice_play(
-                &synthesis->voices[i], click, amplitude * TONES_WORD_SCALE, synthesis->rate_hz,
-                synthesis->number_of_actuators);
-            return;
+    /* Clicks that the player knows as faded may all wait for the next sample: the quietest is at most a step from 0. */
+    struct voice *quietest = &synthesis->voices[0];
+    for (uint8_t i = 1; i < SYNTHESIS_VOICES; i++) {
+        if (loudness(&synthesis->voices[i]) < loudness(quietest)) {
+            quietest = &synthesis->voices[i];
         }
     }
+    voice_play(quietest, click, amplitude * TONES_WORD_SCALE, synthesis->rate_hz, synthesis->number_of_actuators);
 }
 
 void synthesis_fade_clicks(struct synthesis *synthesis)

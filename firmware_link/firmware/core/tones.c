@@ -77,11 +77,15 @@ static const struct tones_channel *loudest(const struct tones *tones)
     return found;
 }
 
-/* Part of a sample, times W_ONE, that has passed since a crossfade ended, whose channels have one w. */
+/* Part of a sample, times W_ONE, that has passed since a crossfade ended: with its slowest channel, since one that falls
+ * to silence instead has a w of its own for each. */
 static uint32_t lateness(const struct tones *tones)
 {
-    const struct tones_channel *any = &tones->channels[0];
-    return any->w < W_ONE ? 0 : (uint32_t)((uint64_t)(any->w - W_ONE) * W_ONE / any->step);
+    const struct tones_channel *last = &tones->channels[0];
+    for (uint8_t i = 1; i < tones->number_of_actuators; i++) {
+        last = tones->channels[i].step < last->step ? &tones->channels[i] : last;
+    }
+    return last->w < W_ONE ? 0 : (uint32_t)((uint64_t)(last->w - W_ONE) * W_ONE / last->step);
 }
 
 /* The angle between the two oscillators of a channel that is to crossfade, `late` before this sample. */
@@ -125,7 +129,7 @@ static void begin(struct tones *tones, uint32_t late)
         struct tones_channel *channel = &tones->channels[i];
         begin_channel(channel, angle);
         channel->step = is_silent ? channel->step : least_step;
-        channel->w = is_silent ? 0 : (uint32_t)((uint64_t)least_step * late / W_ONE);
+        channel->w = (uint32_t)((uint64_t)channel->step * late / W_ONE);
     }
     tones->is_crossfading = reference != NULL;
     tones->is_waiting = false;

@@ -26,8 +26,7 @@ void voice_play(
     voice->position = 0;
     voice->increment = ((uint64_t)click->set.sample_rate_hz << 32) / synthesis_rate_hz;
     voice->gain = gain;
-    /* One that nobody hears must not take the place of one that starts before the next sample. */
-    voice->is_sounding = gain != 0;
+    voice->is_sounding = true;
     voice->is_fading = voice->is_frozen = false;
     click_begin(&voice->click, number_of_actuators);
 }

@@ -72,25 +72,30 @@ def test_both_have_room_for_a_click_again_at_the_same_instant(wait_us: int) -> N
         twins.compare_samples()
 
 
-def test_clicks_of_no_amplitude_take_no_room_from_those_that_start_at_the_same_sample() -> None:
+@pytest.mark.parametrize("amplitudes", [(0, 0, 0), (FULL_SCALE_WORD, FULL_SCALE_WORD)], ids=["silent", "faded"])
+def test_clicks_that_are_over_leave_room_for_those_that_start_at_the_same_sample(
+    amplitudes: tuple[int, ...],
+) -> None:
     with Twins() as twins:
         twins.make_ready()
-        for amplitude in (0, 0, 0, FULL_SCALE_WORD):
+        for amplitude in amplitudes:
             twins.drive(replace(twins.click(0), amplitude=amplitude))
+        twins.fall_silent()
+        twins.wait(RAMP_US if amplitudes[0] else 0)
+        for _ in range(2):
+            twins.drive(twins.click(0))
         twins.wait(100_000)
         twins.compare_samples()
-        assert twins.samples.any()
 
 
 def test_new_limits_bound_what_still_fades_though_the_drive_is_the_same() -> None:
     with Twins() as twins:
         twins.make_ready()
-        loud = encode_drive([ChannelDrive(333.0, 1.0)] * ACTUATORS, RESOLUTION_HZ)
-        for drive in (loud, bytes(len(loud))):
-            twins.drive(Set(reference(twins.now_us), SetFlag(0), 40, drive))
-            twins.wait(RAMP_US // 2)
+        twins.drive(twins.click(0))
+        twins.wait(20_000)
+        twins.fall_silent()
         twins.send(Arm(BOOT_ID, SLEW_PER_S, 40, 0, (FULL_SCALE_WORD // 8,) * ACTUATORS))
-        twins.drive(Set(reference(twins.now_us), SetFlag(0), 40, bytes(len(loud))))
+        twins.fall_silent()
         twins.wait(100_000)
         twins.compare_samples()
 

@@ -199,6 +199,9 @@ class Twins:
         self.send(Arm(BOOT_ID, SLEW_PER_S, 40, 0, (FULL_SCALE_WORD,) * ACTUATORS))
         assert self.python.state is DeviceState.ARMED
 
+    def fall_silent(self) -> None:
+        self.drive(Set(reference(self.now_us), SetFlag(0), 40, bytes(6 * ACTUATORS)))
+
     def click(self, index: int, age_us: int = 0) -> Play:
         """A click of full scale of the second of BASES."""
         weights = (1 << 14,) * (2 - index)
@@ -235,9 +238,6 @@ class Session(Twins):
 
     def set_at_once(self) -> None:
         self.drive(Set(reference(self.now_us), SetFlag.WRITE_PHASE, 40, self._drive()))
-
-    def fall_silent(self) -> None:
-        self.drive(Set(reference(self.now_us), SetFlag(0), 40, bytes(6 * ACTUATORS)))
 
     def play(self) -> None:
         """A click that fits the basis that is held, or another."""
