@@ -172,7 +172,8 @@ enum outcome drive_keep_alive(struct tactable_device *device, const uint8_t *bod
 
 void drive_silence(struct tactable_device *device)
 {
-    if (!channels_are_driving(&device->channels) && device->player.end_us == NEVER_US) {
+    /* What sounds decides, not what should: a click must not outlast a stop, whatever its end was thought to be. */
+    if (!channels_are_driving(&device->channels) && synthesis_is_silent(&device->synthesis)) {
         return;
     }
     hold_samples(device);
