@@ -172,8 +172,9 @@ enum outcome drive_keep_alive(struct tactable_device *device, const uint8_t *bod
 
 void drive_silence(struct tactable_device *device)
 {
-    /* What sounds decides, not what should: a click must not outlast a stop, whatever its end was thought to be. */
-    if (!channels_are_driving(&device->channels) && synthesis_is_silent(&device->synthesis)) {
+    const bool is_commanded = channels_are_driving(&device->channels) || device->player.end_us != NEVER_US;
+    /* What sounds, not only what should: a click must not outlast a stop, whenever it was thought to end. */
+    if (!is_commanded && synthesis_is_silent(&device->synthesis)) {
         return;
     }
     hold_samples(device);

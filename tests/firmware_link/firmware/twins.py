@@ -82,7 +82,7 @@ CONFIGURATION = DeviceConfiguration(
 )
 # C writes 16 bits and moves amplitudes from sample to sample, so what changes may come two steps of the slew late.
 TOLERANCE = 3 * SLEW_PER_S / RATE_HZ + 1e-3
-STEPS_A_SESSION = 60
+STEPS_A_SESSION = 120
 
 
 def basis_of(*sets: tuple[int, tuple[int, ...]]) -> Basis:
@@ -221,7 +221,7 @@ class Session(Twins):
         """Do some steps, each as often as its weight says, and compare what was heard and felt."""
         for step in self.chance.choices(list(steps), list(steps.values()), k=number):
             step(self)
-        self.wait(400_000)
+        self.wait(100_000)
         self.compare_samples()
 
     # ---- what a host does --------------------------------------------------------------------------------------
