@@ -14,6 +14,7 @@ from engine.device.file import (
     check_bands,
     check_damping,
     check_electrodes,
+    check_transfers,
     read_actuators,
     read_bar,
     read_levels,
@@ -89,6 +90,7 @@ class Device:
         actuators = read_actuators(top, bar)
         check_damping(source, bar, actuators)
         check_electrodes(source, actuators)
+        check_transfers(source, actuators)
         finger, finger_origin = top.section("finger", lambda part: read_finger(part, sweep))
         zones, zone_hysteresis_m = top.section("zones", lambda part: read_zones(part, top, bar), default={})
         check_bands(source, actuators, sweep)

@@ -26,7 +26,10 @@ _WIDEST_SPREAD = 0.2
 _MOST_STEPS = 100_000
 _LEVELS, _MOST_LEVELS = ("10 dB", "20 dB", "30 dB"), 16
 _LEAST_DISTANCE = 1e-3
-_MOST_POINTS = 2000
+MOST_ACTUATORS = 16
+"""More than any bar that is known. Each one's transfer function is fitted by itself, which takes 20 ms at least."""
+MOST_TRANSFER_POINTS = 1000
+"""Of all actuators of a file: four of them, measured at each hertz from 60 to 300 Hz. To fit so many takes 0.3 s."""
 _BEYOND_POINTS = 0.15
 """Part of a band's ends that points may leave out: lines of the mains lie there, beside which nothing is measured."""
 _Part = TypeVar("_Part")
@@ -115,7 +118,10 @@ def default_element_m(bar: Bar, top_hz: float) -> float:
 def read_actuators(top: DeviceTable, bar: Bar) -> tuple[Actuator, ...]:
     """The [[actuator]] tables; no two actuators share a name or a place."""
     actuators: list[Actuator] = []
-    for i, part in enumerate(top.tables("actuator"), 1):
+    parts = top.tables("actuator")
+    if len(parts) > MOST_ACTUATORS:
+        raise top.error("actuator", len(parts), f"expected at most {MOST_ACTUATORS} actuators")
+    for i, part in enumerate(parts, 1):
         band_hz = _read_band(part)
         actuator = Actuator(
             name=part.name("name", f"actuator {i}"),
@@ -156,8 +162,8 @@ def _read_transfer(part: DeviceTable, band_hz: tuple[float, float]) -> Transfer 
     rows = part.left.pop("transfer")
     if not (isinstance(rows, list) and all(isinstance(row, list) and len(row) == 3 for row in rows)):
         raise part.error("transfer", rows, "expected points such as ['60 Hz', '98 %', '-5 deg'], one below the other")
-    if not FEWEST_POINTS <= len(rows) <= _MOST_POINTS:
-        raise part.error("transfer", f"{len(rows)} points", f"expected {FEWEST_POINTS} to {_MOST_POINTS}")
+    if not FEWEST_POINTS <= len(rows) <= MOST_TRANSFER_POINTS:
+        raise part.error("transfer", f"{len(rows)} points", f"expected {FEWEST_POINTS} to {MOST_TRANSFER_POINTS}")
     found = Transfer(
         tuple(part.checked("transfer", row[0], "Hz", exclusive=True) for row in rows),
         tuple(part.checked("transfer", row[1], "", exclusive=True) for row in rows),
@@ -170,7 +176,6 @@ def _read_transfer(part: DeviceTable, band_hz: tuple[float, float]) -> Transfer 
     if hz[0] > band_hz[0] * (1 + _BEYOND_POINTS) or hz[-1] < band_hz[1] * (1 - _BEYOND_POINTS):
         reach = f"expected points over all of the band, {band_hz[0]:g}-{band_hz[1]:g} Hz; measure more, or narrow it"
         raise part.error("transfer", f"{hz[0]:g}-{hz[-1]:g} Hz", reach)
-    _check_causal(part, found)
     return found
 
 
@@ -199,6 +204,32 @@ def _read_electrodes(actuator: DeviceTable) -> Electrodes | None:
     return Electrodes(number, bias, gap_deg, by)  # type: ignore[arg-type]  # one of LINEARISERS
 
 
+def check_transfers(source: str, actuators: tuple[Actuator, ...]) -> None:
+    """Refuse points that no causal actuator has, or that are too far apart to tell.
+
+    All points are counted before the first function is fitted to any of them.
+    """
+    found = {f"actuator[{i}].transfer": each.transfer for i, each in enumerate(actuators, 1) if each.transfer}
+    points = sum(len(transfer.frequency_hz) for transfer in found.values())
+    if points > MOST_TRANSFER_POINTS:
+        remedy = f"expected at most {MOST_TRANSFER_POINTS} in all: leave out every other point"
+        raise DeviceError(f"{source}: {', '.join(found)}: {points} points: {remedy}")
+    for key, transfer in found.items():
+        _check_causal(f"{source}: {key}: {len(transfer.frequency_hz)} points", transfer)
+
+
+def _check_causal(where: str, found: Transfer) -> None:
+    miss, growth = found.misses(), found.growth()
+    remedy = "a delay makes phases fall with frequency: turn their sign if they rise, or measure more points"
+    if miss.max() > GREATEST_MISS:
+        worst = int(miss.argmax())
+        point = f"misses {found.frequency_hz[worst]:g} Hz by {100 * miss[worst]:.0f} %"
+        raise DeviceError(f"{where}: the nearest causal function {point}; {remedy}")
+    if growth > GREATEST_GROWTH:
+        grown = f"only a function that grows to {growth:.0f} times the greatest of them has these points"
+        raise DeviceError(f"{where}: {grown}; {remedy}")
+
+
 def check_electrodes(source: str, actuators: tuple[Actuator, ...]) -> None:
     """Refuse biases that differ where the board linearises: it has one law for all of its outputs."""
     parts = [each.electrodes for each in actuators if each.electrodes is not None]
@@ -215,19 +246,6 @@ def _read_phase_deg(part: DeviceTable, text: object, key: str = "transfer") -> f
         return math.degrees(read_angle_rad(text))
     except QuantityError as error:
         raise part.error(key, text, str(error)) from None
-
-
-def _check_causal(part: DeviceTable, found: Transfer) -> None:
-    """Refuse points that no causal actuator has, or that are too far apart to tell."""
-    miss, growth = found.misses(), found.growth()
-    remedy = "a delay makes phases fall with frequency: turn their sign if they rise, or measure more points"
-    if miss.max() > GREATEST_MISS:
-        worst = int(miss.argmax())
-        point = f"misses {found.frequency_hz[worst]:g} Hz by {100 * miss[worst]:.0f} %"
-        raise part.error("transfer", f"{len(miss)} points", f"the nearest causal function {point}; {remedy}")
-    if growth > GREATEST_GROWTH:
-        grown = f"only a function that grows to {growth:.0f} times the greatest of them has these points"
-        raise part.error("transfer", f"{len(miss)} points", f"{grown}; {remedy}")
 
 
 def read_zones(part: DeviceTable, top: DeviceTable, bar: Bar) -> tuple[tuple[Zone, ...], float]:

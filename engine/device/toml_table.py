@@ -29,6 +29,12 @@ _CREDIBLE = {
     "": (1e-9, 1e6),
 }
 """Least and greatest value above 0 by unit, far beyond any bar or touch: what lies outside is a slip, and overflows."""
+MOST_DOTS = 100
+"""Most dots of a line beside those of its numbers. Readers of TOML take the square of the parts of a dotted key, once
+more for each key of its table: 31 kB took 3.6 s. tomlkit refuses keys of more than 100 parts."""
+_DECIMAL = re.compile(r"[0-9]\.[0-9]")
+_HUGE = re.compile(r"0[xob][0-9A-Fa-f_]{100}")
+"""An integer that TOML does not have to hold, and that Python reads and then refuses to write in an error."""
 _MISSPELT = 0.8  # similarity of a misspelt key to the right one; different keys are less alike
 
 
@@ -50,6 +56,10 @@ class TomlTable:
     @classmethod
     def parse(cls, text: str, source: str) -> Self:
         """The whole of a file; `source` names it in errors."""
+        for number, line in enumerate(text.split("\n"), 1):
+            if _DECIMAL.sub("", line).count(".") > MOST_DOTS or _HUGE.search(line):
+                expected = f"expected at most {MOST_DOTS} dots in a line, and whole numbers of 64 bits"
+                raise cls.family(f"{source}: line {number}: {reprlib.repr(line)}: {expected}")
         try:
             table = tomllib.loads(text)
         except (ValueError, RecursionError) as error:  # also numbers and nesting beyond what Python reads

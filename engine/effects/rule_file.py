@@ -7,11 +7,13 @@ from types import MappingProxyType
 from engine.device import Device
 from engine.device.toml_table import HIGHEST_LEVEL_DB, TomlTable, read_text
 from engine.effects.files import Converted, Fate, read_effect_file
-from engine.effects.files.conversion import FULL_LEVEL_DB
+from engine.effects.files.conversion import FULL_LEVEL_DB, MOST_SEGMENTS
 from engine.effects.rules import FULL_SCALE_DB, Effect, EffectError, Effects, Rule, Segment, Trigger
 
 CLICK, HELD, FULL_SCALE, QUIET = "click", "held", "full scale", "quiet"
 NO_EFFECTS: Mapping[str, Effect] = MappingProxyType({})
+MOST_RULES = 256
+"""The loop looks for a finger's rule in all of them at each event."""
 _SHORTEST_S, _LEAST_TRAVEL_M = 1e-3, 1e-4  # finer than any digitizer reports
 
 
@@ -51,6 +53,8 @@ def parse_effects(
     top = RuleTable.parse(text, source)
     parts = top.tables("effect") if "effect" in top.left else []
     rule_parts = top.tables("rule")
+    if len(rule_parts) > MOST_RULES:
+        raise top.error("rule", len(rule_parts), f"expected at most {MOST_RULES} rules")
     top.known.append("effect")
     top.refuse_rest()
     effects = {**named, **_read_effects(parts, folder, tell)}
@@ -108,6 +112,8 @@ def read_envelope(part: RuleTable) -> tuple[Segment, ...]:
         raise part.error(
             "envelope", pairs, 'expected a list of segments such as [["click", "20 dB"]] or [["50 ms", "20 dB"]]'
         )
+    if len(pairs) > MOST_SEGMENTS:
+        raise part.error("envelope", len(pairs), f"expected at most {MOST_SEGMENTS} segments")
     segments = tuple(_read_segment(part, pair) for pair in pairs)
     if any(segment.duration_ns is None and not segment.is_click for segment in segments[:-1]):
         raise part.error("envelope", pairs, f"only the last segment may be {HELD!r}: nothing comes after it")

@@ -24,7 +24,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.effects.files.pattern import Event, Kind, Pattern
+from engine.effects.files.pattern import MOST_EVENT_S, Event, Kind, Pattern
 from engine.effects.rules import NS_PER_MS, Effect, EffectError, Segment
 
 FULL_LEVEL_DB = 25.0
@@ -123,7 +123,11 @@ def level_of(intensity: float, full_level_db: float) -> float | None:
 
 
 def convert(pattern: Pattern, name: str, full_level_db: float = FULL_LEVEL_DB) -> Converted:
-    """The effect called `name` of a pattern. Raises EffectError for one of too many segments."""
+    """The effect called `name` of a pattern. Raises EffectError for one of too many segments, or of too long events."""
+    event_s = sum(event.stop_s - event.start_s for event in pattern.events)
+    if event_s > MOST_EVENT_S:
+        long = f"its events last {event_s:.0f} s in all"
+        raise EffectError(f"{name}: {long}; expected at most {MOST_EVENT_S:g} s: shorten them, or leave some out")
     reports = tuple(EventReport(event) for event in pattern.events)
     clicks = _clicks(reports, full_level_db)
     drives = _drives(reports, clicks, full_level_db)

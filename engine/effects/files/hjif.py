@@ -9,13 +9,12 @@ of wavelets hold coded samples and are not played. Known from the files and the 
 
 from collections.abc import Iterator, Mapping
 
-from engine.effects.files.json_part import LONGEST_S, Part, clipped
-from engine.effects.files.pattern import Event, Kind, Pattern
+from engine.effects.files.json_part import LONGEST_S, LONGEST_WORD, Part, clipped
+from engine.effects.files.pattern import Budget, Event, Kind, Pattern
 
 FORMAT = "hjif"
 DEFAULT_TICKS_PER_S = 1000
 _VIBRATIONS = ("Vibrotactile", "Vibration", "Other")
-_MOST_EVENTS = 20_000
 _DEEPEST = 8
 """Composite effects in one another."""
 Library = Mapping[int, Part]
@@ -28,26 +27,24 @@ def read_hjif(document: Part) -> Pattern:
     if timescale is not None and not 0 < ticks_per_s <= 1e6:
         raise timescale.error("1 to 1 000 000 ticks a second")
     description = document.get("description")
-    events: list[Event] = []
+    events, budget = list[Event](), Budget()
     for perception in document.need("perceptions").items():
         modality = perception.get("perception_modality")
-        word = "Vibrotactile" if modality is None else modality.text()
+        word = "Vibrotactile" if modality is None else modality.word()
         library = {
             round(part.need("id").number()): part for part in perception.list_of("effect_library") if part.get("id")
         }
         for channel in perception.list_of("channels") or perception.list_of("tracks"):
-            for event in _Channel(channel, word, library, ticks_per_s).events():
-                events.append(event)
-                if len(events) > _MOST_EVENTS:
-                    raise channel.error(f"at most {_MOST_EVENTS} events in a file")
+            events += _Channel(channel, word, library, ticks_per_s, budget).events()
     return Pattern(FORMAT, "" if description is None else description.text(), tuple(events))
 
 
 class _Channel:
     """One channel of a perception, while it is read."""
 
-    def __init__(self, part: Part, modality: str, library: Library, ticks_per_s: float) -> None:
+    def __init__(self, part: Part, modality: str, library: Library, ticks_per_s: float, budget: Budget) -> None:
         self._part, self._modality, self._library, self._ticks_per_s = part, modality, library, ticks_per_s
+        self._budget = budget
         gain = part.get("gain")
         self._gain = 1.0 if gain is None else gain.number()
         self._place = _place_of(part)
@@ -55,11 +52,12 @@ class _Channel:
     def events(self) -> Iterator[Event]:
         """All of its events."""
         for band in self._part.list_of("bands"):
-            band_type = band.need("band_type").text()
+            band_type = band.need("band_type").word()
             for effect in band.list_of("effects"):
                 yield from self._effect(effect, band_type, 0.0, 0)
 
     def _effect(self, part: Part, band_type: str, start_ticks: float, depth: int) -> Iterator[Event]:
+        self._budget.spend(1, part)
         position = part.get("position")
         own_ticks = start_ticks + (0.0 if position is None else _signed(position))
         effect_type = part.get("effect_type")
@@ -89,7 +87,9 @@ class _Channel:
             yield Event(part.path, Kind.OTHER, ((at_s, 0.0),), reason=f"a band of {band_type} holds coded samples")
             return
         points, frequencies = [], []
-        for keyframe in part.list_of("keyframes"):
+        keyframes = part.list_of("keyframes")
+        self._budget.spend(len(keyframes), part)
+        for keyframe in keyframes:
             offset, amplitude = keyframe.get("relative_position"), keyframe.get("amplitude_modulation")
             ticks = start_ticks + (0.0 if offset is None else _signed(offset))
             frequency = keyframe.get("frequency_modulation")
@@ -135,7 +135,7 @@ def _own_position(effect: Part) -> float:
 def _place_of(channel: Part) -> str:
     """The place that a channel is for, in words."""
     description = channel.get("description")
-    name = "" if description is None else description.text()
+    name = "" if description is None else description.text()[:LONGEST_WORD]
     mask, vertices = channel.get("body_part_mask"), channel.get("vertices")
     where = [] if mask is None else [f"body parts {round(mask.number()):#x}"]
     where += [] if vertices is None else [f"{len(list(vertices.items()))} vertices"]

@@ -9,6 +9,7 @@ from engine.effects.rules import EffectError
 
 LONGEST_S = 120.0
 """The longest effect that a file may hold, so that a slip in a time does not become a table of gigabytes."""
+LONGEST_WORD = 64
 
 _GREATEST = 1e300
 
@@ -76,6 +77,12 @@ class Part:
         if not isinstance(self.value, str):
             raise self.error("a text")
         return self.value
+
+    def word(self) -> str:
+        """A text of at most LONGEST_WORD characters: reports repeat it for each event."""
+        if len(self.text()) > LONGEST_WORD:
+            raise self.error(f"at most {LONGEST_WORD} characters")
+        return self.text()
 
 
 def _refuse_constant(name: str) -> None:

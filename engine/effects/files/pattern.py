@@ -3,6 +3,16 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
+from engine.effects.files.json_part import Part
+
+MOST_PARTS = 10_000
+"""Events, and points of their courses, that references and curves of a file may make; ten times its most segments.
+
+Without a bound a few kB of references to effects of references take hours, and a control channel answers no other
+program meanwhile. So each part is counted before it is made, and so is each effect that makes none."""
+MOST_EVENT_S = 1200.0
+"""All continuous events of a file together: ten of the longest at once. Each of their milliseconds is compared."""
+
 
 class Kind(StrEnum):
     """What an event is."""
@@ -50,3 +60,16 @@ class Pattern:
     format: str
     description: str
     events: tuple[Event, ...]
+
+
+class Budget:
+    """What reading one file may still make."""
+
+    def __init__(self) -> None:
+        self._left = MOST_PARTS
+
+    def spend(self, count: int, part: Part) -> None:
+        """Before this many parts are made of `part`. Raises EffectError where the file has made too many."""
+        self._left -= count
+        if self._left < 0:
+            raise part.error(f"at most {MOST_PARTS} events and points of courses, references and curves included")

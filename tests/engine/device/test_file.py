@@ -588,6 +588,10 @@ def test_any_number_of_actuators(places: list[str]) -> None:
     assert device.actuators[-1].position_m <= device.bar.length_m
 
 
+def test_more_actuators_than_any_bar_has_are_refused() -> None:
+    assert "actuator: 17: expected at most 16 actuators" in refusal(with_actuators([f"{5 * i} %" for i in range(17)]))
+
+
 @pytest.mark.parametrize("count", [1, 2, 8, 16])
 def test_any_number_of_equal_zones_covers_the_bar(count: int) -> None:
     device = Device.parse(changed("zones", "count", str(count)), "some.toml")

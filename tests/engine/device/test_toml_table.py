@@ -10,7 +10,7 @@ import pytest
 
 from engine.device import Device, DeviceError
 from engine.device.threshold import read_threshold_file
-from engine.device.toml_table import MOST_BYTES
+from engine.device.toml_table import MOST_BYTES, MOST_DOTS, TomlTable
 from engine.effects import EffectError
 from engine.effects.files.read import read_effect_file
 from engine.effects.rule_file import read_effects, read_vocabulary
@@ -40,3 +40,26 @@ def test_a_pipe_a_device_and_a_huge_file_are_refused_before_they_are_read(tmp_pa
         assert str(path) in str(error.value) and says in str(error.value)
     with pytest.raises((OSError, family), match="missing"):
         read(tmp_path / f"missing.{ending}")
+
+
+@pytest.mark.parametrize("line", [
+    "{}=1",  # the work of readers of TOML is the square of the parts of a key
+    "[{}]",
+    '[" ".{}]',
+    "x = {{ {} = 1 }}",
+])  # fmt: skip
+@pytest.mark.parametrize("part", ["a", "1", "''"])
+def test_a_key_of_very_many_parts_is_refused_by_its_line(line: str, part: str) -> None:
+    TomlTable.parse("\n" + line.format(".".join([part] * 50)), "some.toml")
+    with pytest.raises(ValueError, match=rf"some.toml: line 2: .*at most {MOST_DOTS} dots"):
+        TomlTable.parse("\n" + line.format(".".join([part] * 400)), "some.toml")
+
+
+def test_numbers_of_one_line_have_as_many_dots_as_they_like() -> None:
+    assert TomlTable.parse(f"x = [{'0.5, ' * 1000}]", "some.toml").left["x"] == [0.5] * 1000
+
+
+def test_a_whole_number_too_long_to_be_shown_is_refused_as_the_file_is() -> None:
+    """Python reads hexadecimal numbers of any length, and writes none of more than 4300 digits into an error."""
+    with pytest.raises(DeviceError, match=r"some.toml: line 1: .*whole numbers"):
+        Device.parse("name = 0x" + "F" * 5000, "some.toml")

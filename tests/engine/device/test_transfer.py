@@ -8,7 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from engine.device import Device, DeviceError, Transfer
-from engine.device.transfer import GREATEST_GROWTH
+from engine.device.file import MOST_TRANSFER_POINTS
+from engine.device.transfer import GREATEST_GROWTH, _fitted
 from tests.engine.device.test_file import TEXT
 
 Complex = NDArray[np.complexfloating[Any, Any]]
@@ -98,8 +99,19 @@ def test_phases_of_the_wrong_sign_are_refused_with_the_remedy() -> None:
     wrong = Transfer(right.frequency_hz, right.magnitude, tuple(-deg for deg in right.phase_deg))
     assert right.growth() < 1.1
     assert wrong.growth() > GREATEST_GROWTH
-    with pytest.raises(DeviceError, match=r"actuator\[1\].transfer: '25 points': .*turn their sign"):
+    with pytest.raises(DeviceError, match=r"actuator\[1\].transfer: 25 points: .*turn their sign"):
         Device.parse(text_with(rows_of(wrong)), "bar")
+
+
+def test_all_points_are_counted_before_a_function_is_fitted_to_any_of_them() -> None:
+    """Each of the two actuators has points enough to fit; the first one alone would be read."""
+    rows = rows_of(points_of(lag, np.linspace(60.0, 300.0, MOST_TRANSFER_POINTS // 2 + 1)))
+    fitted = _fitted.cache_info().misses
+    with pytest.raises(
+        DeviceError, match=r"actuator\[1\].transfer, actuator\[2\].transfer: 1002 points: .*every other"
+    ):
+        Device.parse(text_with(rows).replace('name = "right"\n', f'name = "right"\ntransfer = {rows}\n'), "bar")
+    assert _fitted.cache_info().misses == fitted
 
 
 @pytest.mark.parametrize(
@@ -107,7 +119,7 @@ def test_phases_of_the_wrong_sign_are_refused_with_the_remedy() -> None:
     [
         ('"driver.csv"', r"expected points such as"),
         ('[["60 Hz", "1"]]', r"expected points such as"),
-        ('[["60 Hz", "100 %", "0 deg"], ["300 Hz", "100 %", "0 deg"]]', r"'2 points': expected 3 to 2000"),
+        ('[["60 Hz", "100 %", "0 deg"], ["300 Hz", "100 %", "0 deg"]]', r"'2 points': expected 3 to 1000"),
         (
             '[["60 Hz", "100 %", "0 deg"], ["200 Hz", "100 %", "0 deg"], ["200 Hz", "100 %", "0 deg"]]',
             r"'200 Hz': comes after 200 Hz; expected rising frequencies",

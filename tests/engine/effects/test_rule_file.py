@@ -190,6 +190,14 @@ def test_what_is_wrong_is_refused_by_key_value_and_expectation(written: str, wro
     assert expected in refusal(text)
 
 
+def test_more_rules_or_segments_than_a_loop_looks_through_are_refused() -> None:
+    rule = WHOLE[WHOLE.rindex("[[rule]]") :]
+    assert "rule: 260: expected at most 256 rules" in refusal(WHOLE + 256 * rule)
+    assert "effect[2].envelope: 1025: expected at most 1024 segments" in refusal(
+        WHOLE.replace('["held", "10 dB"]', ", ".join(['["1 ms", "10 dB"]'] * 1025))
+    )
+
+
 def test_a_file_that_is_not_utf_8_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "rules.toml"
     path.write_bytes(WHOLE.encode("utf-16"))

@@ -98,6 +98,12 @@ def test_what_is_not_felt_is_lost_by_name() -> None:
         _ = converted(sound).effect
 
 
+def test_events_that_last_too_long_together_are_refused() -> None:
+    assert converted(*[hum((0.0, 1.0), (120_000.0, 1.0))] * 10).segments
+    with pytest.raises(EffectError, match="its events last 1320 s in all; expected at most 1200 s"):
+        converted(*[hum((0.0, 1.0), (120_000.0, 1.0))] * 11)
+
+
 def test_too_many_segments_are_refused() -> None:
     with pytest.raises(EffectError, match="2999 segments; expected at most 1024"):
         converted(*[tap(40 * number) for number in range(1500)])

@@ -14,7 +14,7 @@ from engine.effects.files.ahap import read_ahap
 from engine.effects.files.haptic import read_haptic
 from engine.effects.files.hjif import read_hjif
 from engine.effects.files.json_part import Part
-from engine.effects.files.pattern import Kind
+from engine.effects.files.pattern import MOST_PARTS, Kind
 
 SHIPPED = Path(__file__).parents[4] / "tables" / "effects"
 FILES = [SHIPPED / name for name in ("knock.ahap", "drop.haptic", "pulse.hjif")]
@@ -119,6 +119,43 @@ def test_hjif_composite_effects_are_read_and_those_that_contain_themselves_refus
     circle = {"effect_type": "Reference", "id": 1, "position": 0}
     with pytest.raises(EffectError, match="none that refers to itself"):
         read_hjif(part(hjif("Curve", circle, library=[circle])))
+
+
+@pytest.mark.parametrize(("band_type", "leaf"), [
+    ("VectorialWave", {"keyframes": []}),  # it makes no event, and its visits take time all the same
+    ("Transient", {"keyframes": [keyframe(0, 1.0)]}),
+    ("VectorialWave", {"keyframes": [keyframe(0, 1.0), keyframe(1, 1.0)]}),
+])  # fmt: skip
+def test_hjif_references_within_references_are_refused_before_they_are_all_expanded(
+    band_type: str, leaf: dict[str, Any]
+) -> None:
+    """Five kB that stand for 10 000 effects and more, and at 16 kB for millions."""
+    references = [[{"effect_type": "Reference", "id": number}] * 22 for number in range(3)]
+    composites = [{"id": k, "effect_type": "Composite", "composition": each} for k, each in enumerate(references, 1)]
+    made = hjif(band_type, {"effect_type": "Reference", "id": 3}, library=[{"id": 0, **leaf}, *composites])
+    with pytest.raises(EffectError, match=rf"composition.*: expected at most {MOST_PARTS} events"):
+        read_hjif(part(made))
+
+
+def test_ahap_events_under_curves_are_refused_before_all_their_points_are_made() -> None:
+    """Each event has the points of all curves: the number of both is linear in a file, and their product is not."""
+    points = [{"Time": 0.1 * at, "ParameterValue": 1.0} for at in range(120)]
+    curve = {"ParameterCurve": {"ParameterID": "HapticIntensityControl", "ParameterCurveControlPoints": points}}
+    event = {"Event": {"EventType": "HapticContinuous", "EventDuration": 12}}
+    assert len(read_ahap(part({"Pattern": [curve, *[event] * 80]})).events) == 80
+    with pytest.raises(EffectError, match=rf"expected at most {MOST_PARTS} events"):
+        read_ahap(part({"Pattern": [curve, *[event] * 90]}))
+    with pytest.raises(EffectError, match="expected at most 500 curves"):
+        read_ahap(part({"Pattern": [curve] * 501}))
+
+
+def test_a_word_that_reports_repeat_for_each_event_is_short() -> None:
+    document = hjif("Transient", *[{"keyframes": [keyframe(0, 1.0)]}] * 100)
+    document["perceptions"][0]["channels"][0]["description"] = "left " * 1000
+    assert all(len(note) < 100 for event in read_hjif(part(document)).events for note in event.unused)
+    document["perceptions"][0]["perception_modality"] = "Force" * 1000
+    with pytest.raises(EffectError, match=r"perception_modality: .*at most 64 characters"):
+        read_hjif(part(document))
 
 
 @pytest.mark.parametrize(("modality", "band_type", "reason"), [
