@@ -1,12 +1,10 @@
 """Compiles C files into shared libraries in a cache folder, and loads only those that no other user can have written.
 
-Whoever can write the library can run code as its user. So it is loaded only from a folder and a file that belong to the
-user and that nobody else can write, and only if it ends in the SHA-256 of what the compiler made; loaders ignore what
-follows a library. Otherwise it is compiled anew.
+A library is loaded only from where nobody else can have written it (`engine.trust`), and only if it ends in the SHA-256
+of what the compiler made; loaders ignore what follows a library. Otherwise it is compiled anew.
 """
 
 import hashlib
-import os
 import shutil
 import stat
 import subprocess
@@ -16,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from engine.files import partial_path, remove_partials
+from engine.trust import REMEDY, open_to_others
 from firmware_link.protocol.errors import TactableError
 
 _COMPILERS = ("cc", "gcc", "clang")
@@ -46,23 +45,23 @@ def compile_library(folder: Path, source: LibrarySource) -> Path:
     """The path of the library in `folder`, compiled there unless it is there already. Raises CompileError."""
     path = folder / f"{source.name}-{source.fingerprint():08x}.so"
     try:
-        if not _is_trusted(path):
+        if not _is_whole(path):
             _compile(path, source)
     except OSError as error:
         raise CompileError(f"{path} cannot be made: {error}; delete it") from error
     return path
 
 
-def _is_trusted(path: Path) -> bool:
-    """Whether only this user can have written the library, and it is whole."""
+def _is_whole(path: Path) -> bool:
+    """Whether the library is a plain file that only this user can have written, as the compiler made it."""
     try:
-        folder, file = path.parent.stat(), path.lstat()
-        content = path.read_bytes() if stat.S_ISREG(file.st_mode) else b""
+        if open_to_others(path) is not None or not stat.S_ISREG(path.lstat().st_mode):
+            return False
+        content = path.read_bytes()
     except OSError:
         return False
-    is_private = folder.st_uid == file.st_uid == os.getuid() and not (folder.st_mode & 0o077 or file.st_mode & 0o022)
     size = hashlib.sha256().digest_size
-    return is_private and len(content) > size and hashlib.sha256(content[:-size]).digest() == content[-size:]
+    return len(content) > size and hashlib.sha256(content[:-size]).digest() == content[-size:]
 
 
 def find_compiler() -> str | None:
@@ -76,6 +75,8 @@ def _compile(path: Path, source: LibrarySource) -> None:
         raise CompileError("no C compiler: install one (gcc)")
     path.parent.mkdir(parents=True, exist_ok=True)
     path.parent.chmod(0o700)  # an OSError where it is somebody else's
+    if (part := open_to_others(path.parent)) is not None:
+        raise CompileError(f"{path.parent} keeps no library: {REMEDY.format(part)}")
     remove_partials(path)
     folder = partial_path(path)
     folder.mkdir()

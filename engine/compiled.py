@@ -6,7 +6,9 @@ imported: after a change of those, such as an update of a checkout, old numbers 
 word. Here the kept code counts by contents, the kernel's own and those of all that it calls.
 """
 
+import contextlib
 import hashlib
+import warnings
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -17,6 +19,8 @@ import numba
 import numpy as np
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
+
+from engine.trust import REMEDY, open_to_others
 
 _OURS = "__counts_by_contents__"
 
@@ -64,29 +68,33 @@ def _read(path: str) -> bytes:
     return Path(path).read_bytes()
 
 
-def _counting_by_contents(locator: type[Any]) -> type[Any]:
-    """A locator of numba, one of its places for kept code, that compares contents and not a file's time and size."""
+def _checked(locator: type[Any]) -> type[Any]:
+    """A locator of numba, one of its places for kept code, that nobody else can write, and that compares contents.
 
-    class ByContents(locator):  # type: ignore[misc]  # numba has no types
+    Kept code is pickled: whoever wrote it runs as its reader. Beside the sources it is trusted as these are.
+    """
+
+    class Checked(locator):  # type: ignore[misc]  # numba has no types
         @classmethod
         def from_function(cls, py_func: FunctionType, py_file: str) -> Any:
-            if not hasattr(py_func, _OURS):
-                return None
             found = super().from_function(py_func, py_file)
-            if found is not None:
-                try:
+            if found is None:
+                return None
+            folder = Path(found.get_cache_path())
+            if folder.parent != Path(py_file).parent and (part := open_to_others(folder)) is not None:
+                warnings.warn(f"compiled kernels are not kept in {folder}: {REMEDY.format(part)}", stacklevel=1)
+                return None
+            found.contents = None
+            if hasattr(py_func, _OURS):
+                with contextlib.suppress(OSError):  # from an archive: numba looks at the time of that
                     found.contents = contents_of(py_func)
-                except OSError:  # from an archive: numba looks at the time of that
-                    return None
             return found
 
-        def get_source_stamp(self) -> str:
-            return str(self.contents)
+        def get_source_stamp(self) -> Any:
+            return super().get_source_stamp() if self.contents is None else self.contents
 
-    return ByContents
+    return Checked
 
 
-# numba asks its locators in turn; these come first, and leave the kernels of others to them.
 _cache_class = FunctionCache._impl_class  # numba has no public name for it
-_places = _cache_class._locator_classes
-_cache_class._locator_classes = [*map(_counting_by_contents, _places), *_places]
+_cache_class._locator_classes = [*map(_checked, _cache_class._locator_classes)]

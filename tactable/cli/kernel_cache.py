@@ -1,4 +1,6 @@
-"""A place for compiled kernels: where numba finds none that it may write to, it would refuse to compile at all.
+"""Places for what is compiled and kept: none that other users can write, and one for kernels wherever numba has none.
+
+Kept code runs as the user that loads it, so a stated folder that others can change is not used (`engine.trust`).
 
 numba keeps compiled kernels beside the sources, or else in the user's cache folder. In a read-only installation whose
 user has no writable home, every import of a kernel ends in "cannot cache function". Then a temporary folder stands in:
@@ -9,10 +11,11 @@ import atexit
 import contextlib
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
 
+from engine.trust import REMEDY, open_to_others
 from firmware_link.work_folder import work_folder
 
 _VARIABLE = "NUMBA_CACHE_DIR"
@@ -20,22 +23,31 @@ _PACKAGE = Path(__file__).parents[2] / "precompute"
 _SOLVER = _PACKAGE.parent / "engine" / "steady"
 
 
+def refuse_open_caches() -> Iterator[str]:
+    """Forget the stated cache folders that other users can change; a sentence for each."""
+    for variable in (_VARIABLE, "XDG_CACHE_HOME"):
+        if (stated := os.environ.get(variable)) and (part := open_to_others(Path(stated))) is not None:
+            del os.environ[variable]  # for child processes, too
+            yield f"{variable}={stated} is not used, since code is loaded from there: {REMEDY.format(part)}"
+
+
 def provide_kernel_cache(package: Path = _PACKAGE, home: Path | None = None) -> str | None:
     """Set NUMBA_CACHE_DIR to a temporary folder where numba could not write; a sentence that says so, or None.
 
+    A stated folder counts as one that others cannot change (`refuse_open_caches`).
     package: a folder with kernels; home: the user's cache folder, by default as numba finds it.
     """
     if os.environ.get(_VARIABLE):
         return None
     user = home or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    if _is_writable(package / "__pycache__") or _is_writable(user / "numba"):
+    if _is_writable(package / "__pycache__") or (_is_writable(user / "numba") and not open_to_others(user / "numba")):
         return None
     made = contextlib.ExitStack()
     atexit.register(made.close)
     os.environ[_VARIABLE] = str(made.enter_context(work_folder("kernels")))
     return (
-        f"compiled kernels are not kept: neither {package} nor {user} is writable; each command compiles them again. "
-        f"Set {_VARIABLE} to a folder that is"
+        f"compiled kernels are not kept: neither {package} nor {user} is writable by you alone; each command "
+        f"compiles them again. Set {_VARIABLE} to a folder that is"
     )
 
 

@@ -16,7 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from firmware_link.protocol.errors import TactableError
-from tactable.cli.kernel_cache import provide_kernel_cache
+from tactable.cli.kernel_cache import provide_kernel_cache, refuse_open_caches
 
 EXIT_INTERRUPTED = 130
 """The exit status is 128 plus the number of SIGINT, by convention."""
@@ -217,8 +217,8 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal without ± shows its code in its place
     try:
-        if note := provide_kernel_cache():
-            sys.stderr.write(f"tactable: {note}\n")
+        for note in (*refuse_open_caches(), provide_kernel_cache()):
+            sys.stderr.write(f"tactable: {note}\n" if note else "")
         app(prog_name="tactable")
     except KeyboardInterrupt:
         raise SystemExit(EXIT_INTERRUPTED) from None

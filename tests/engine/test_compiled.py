@@ -2,11 +2,14 @@
 
 import ast
 import os
+import pickle
+import runpy
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
 
+import numba
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -67,6 +70,35 @@ def test_kernels_in_an_archive_are_left_to_numba(tmp_path: Path) -> None:
         for _ in range(2)
     ]
     assert said == ["21.0 0\n", "21.0 1\n"]
+
+
+class Planted:
+    """A pickle that makes a file when it is read."""
+
+    def __init__(self, mark: Path) -> None:
+        self._mark = mark
+
+    def __reduce__(self) -> tuple[object, tuple[Path]]:
+        return Path.touch, (self._mark,)
+
+
+def test_kept_code_that_others_can_write_is_neither_read_nor_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, kept, mark = tmp_path / "kernel.py", tmp_path / "kept", tmp_path / "mark"
+    source.write_text("from engine.compiled import njit\n@njit(cache=True)\ndef twice(x): return 2 * x\n")
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(kept))
+    assert runpy.run_path(str(source))["twice"](1.0) == 2.0
+    (index,) = kept.rglob("*.nbi")
+    index.write_bytes(pickle.dumps(Planted(mark)))
+    kept.chmod(0o777)
+    with pytest.warns(UserWarning, match=rf"{kept}.*other users can change"):
+        assert runpy.run_path(str(source))["twice"](1.0) == 2.0
+    assert not mark.exists()
+    assert list(tmp_path.glob("__pycache__/*.nbi"))  # its code is kept beside the source, as without a stated folder
+    kept.chmod(0o700)
+    assert runpy.run_path(str(source))["twice"](1.0) == 2.0
+    assert mark.exists()  # where nobody else can have put it, it is read
 
 
 def test_every_kernel_is_made_here() -> None:

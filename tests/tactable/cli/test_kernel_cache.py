@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tactable.cli.kernel_cache import compile_steady_solver, provide_kernel_cache
+from tactable.cli.kernel_cache import compile_steady_solver, provide_kernel_cache, refuse_open_caches
 
 NOWHERE = Path("/proc/no-such-folder")
 """A place where nobody can make a folder, not even root."""
@@ -15,7 +15,8 @@ NOWHERE = Path("/proc/no-such-folder")
 
 @pytest.fixture(autouse=True)
 def own_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    for variable in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(variable, raising=False)
     monkeypatch.setattr(os, "environ", os.environ.copy())
 
 
@@ -29,6 +30,21 @@ def test_a_folder_that_the_user_names_is_taken(tmp_path: Path) -> None:
     os.environ["NUMBA_CACHE_DIR"] = str(tmp_path)
     assert provide_kernel_cache(NOWHERE, NOWHERE) is None
     assert os.environ["NUMBA_CACHE_DIR"] == str(tmp_path)
+
+
+@pytest.mark.parametrize("variable", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME"])
+def test_a_folder_that_others_can_write_is_forgotten_in_one_line(tmp_path: Path, variable: str) -> None:
+    os.environ[variable] = str(tmp_path)
+    assert list(refuse_open_caches()) == [] and os.environ[variable] == str(tmp_path)
+    tmp_path.chmod(0o777)
+    (line,) = refuse_open_caches()
+    assert line.startswith(f"{variable}={tmp_path} is not used") and "chmod" in line and "\n" not in line
+    assert variable not in os.environ and list(refuse_open_caches()) == []
+
+
+def test_a_cache_folder_that_others_can_write_is_none_for_kernels(tmp_path: Path) -> None:
+    tmp_path.chmod(0o777)
+    assert "writable by you alone" in (provide_kernel_cache(NOWHERE, tmp_path) or "")
 
 
 def test_without_a_place_kernels_compile_and_go_with_the_process(tmp_path: Path) -> None:
@@ -51,7 +67,7 @@ print(twice(21), Path(os.environ["NUMBA_CACHE_DIR"]).is_dir(), os.environ["NUMBA
         [sys.executable, script], env=environment, capture_output=True, text=True, check=True, timeout=300
     )
     said, found = done.stdout.splitlines()
-    assert f"neither {NOWHERE} nor {NOWHERE} is writable" in said and "Set NUMBA_CACHE_DIR" in said
+    assert f"neither {NOWHERE} nor {NOWHERE} is writable by you alone" in said and "Set NUMBA_CACHE_DIR" in said
     answer, existed, folder = found.split()
     assert (answer, existed) == ("42", "True") and not Path(folder).exists()
 

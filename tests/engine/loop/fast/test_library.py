@@ -55,6 +55,17 @@ def test_a_library_that_others_can_write_is_compiled_anew(tmp_path: Path, librar
         assert stat.S_IMODE(path.stat().st_mode) == stat.S_IMODE(tmp_path.stat().st_mode) == 0o700
 
 
+def test_where_others_can_replace_the_folder_nothing_is_compiled_or_loaded(
+    tmp_path: Path, library: ctypes.CDLL
+) -> None:
+    path = tmp_path / "open" / "cache" / Path(library._name).name
+    path.parent.mkdir(parents=True)
+    path.write_bytes(Path(library._name).read_bytes())
+    path.parent.parent.chmod(0o777)
+    with pytest.raises(FastPathError, match=f"other users can change {path.parent.parent};"):
+        compile_fast_path(path.parent)
+
+
 def test_a_link_to_a_library_elsewhere_is_not_followed(tmp_path: Path, library: ctypes.CDLL) -> None:
     path = tmp_path / Path(library._name).name
     path.symlink_to(library._name)
