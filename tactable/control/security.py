@@ -1,9 +1,20 @@
-"""Access to the page: checks of token, Host and Origin, and the security headers of every answer."""
+"""Access to the page: checks of token, Host and Origin, and the security headers of every answer.
+
+A browser is opened by a command line, which every user of the machine can read, so the token must not be in it. In its
+place is a ticket: it leads to the address with the token once, and only over a connection whose other end belongs to
+the same user, which the system tells (/proc/net/tcp). A file that only its user can read would be closed to browsers
+in a snap or a flatpak; a ticket that anybody may use first would be used by who watches for it; and a cookie goes to
+every port of a host, so to the servers of other users too [RFC 6265, section 8.5].
+"""
 
 import ipaddress
 import logging
+import os
 import secrets
+import sys
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 _TOKEN_BYTES = 24
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
@@ -46,11 +57,16 @@ def _is_no_wrong_text(record: logging.LogRecord) -> bool:
 
 @dataclass(frozen=True)
 class AccessPolicy:
-    """Decides which requests may see the page. `host` and `port`: what the server is bound to."""
+    """Decides which requests may see the page. `host` and `port`: what the server is bound to.
+
+    ticket: leads `user_id` to the page once, and nobody else.
+    """
 
     host: str
     port: int
     token: str = field(repr=False)
+    ticket: str = field(default_factory=new_token)
+    user_id: int = field(default_factory=os.getuid)
 
     @property
     def url(self) -> str:
@@ -59,7 +75,15 @@ class AccessPolicy:
 
     def url_at(self, host: str) -> str:
         """The address to open where the server is known as `host`."""
-        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/{self.token}/"
+        return f"{self._root(host)}/{self.token}/"
+
+    @property
+    def opening_url(self) -> str:
+        """The address for a command line that opens a browser on this machine."""
+        return f"{self._root(self.host)}/open/{self.ticket}"
+
+    def _root(self, host: str) -> str:
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}"
 
     @property
     def is_loopback(self) -> bool:
@@ -69,6 +93,10 @@ class AccessPolicy:
     def knows(self, token: str) -> bool:
         """Whether `token` is the right one; compares in constant time."""
         return secrets.compare_digest(token.encode(), self.token.encode())
+
+    def is_of_user(self, browser: "Address", server: "Address", connections: Iterable[str]) -> bool:
+        """Whether the other end of a connection is this user's, by the lines of /proc/net/tcp."""
+        return user_of(browser, server, connections) == self.user_id
 
     def admits_host(self, header: str | None) -> bool:
         """Whether a Host header names this server: by a loopback name, its bound name or, off loopback, any IP address.
@@ -86,6 +114,42 @@ class AccessPolicy:
     def admits_origin(self, origin: str | None, host: str | None) -> bool:
         """Whether an Origin header names a page of this server."""
         return self.admits_host(host) and origin == f"http://{host}"
+
+
+Address = tuple[str, int]
+"""IP address and port of one end of a connection."""
+_CONNECTIONS = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))
+_ESTABLISHED = "01"
+
+
+def read_connections() -> list[str]:
+    """The connections of this machine, as Linux lists them; none where it does not tell."""
+    return [line for path in _CONNECTIONS if path.is_file() for line in path.read_text(encoding="ascii").splitlines()]
+
+
+def user_of(near: Address, far: Address, connections: Iterable[str]) -> int | None:
+    """The number of the user whose socket of this machine, `near`, is connected with `far`; None if there is none.
+
+    Only open connections count: the system gives root those that nobody holds any more.
+    """
+    wanted = _end(*near), _end(*far)
+    for line in connections:
+        columns = line.split()
+        if columns[3] == _ESTABLISHED and (_listed_end(columns[1]), _listed_end(columns[2])) == wanted:
+            return int(columns[7])
+    return None
+
+
+def _end(address: str, port: int) -> tuple[bytes, int]:
+    found = ipaddress.ip_address(address.partition("%")[0])
+    return (getattr(found, "ipv4_mapped", None) or found).packed, port
+
+
+def _listed_end(text: str) -> tuple[bytes, int]:
+    """Of "0100007F:1F90": words of four bytes as this machine has them in memory, and the port, in hexadecimal."""
+    address, port = text.split(":")
+    words = (int(address[at : at + 8], 16).to_bytes(4, sys.byteorder) for at in range(0, len(address), 8))
+    return _end(str(ipaddress.ip_address(b"".join(words))), int(port, 16))
 
 
 def _is_address(name: str) -> bool:

@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from engine.device import Device
 from engine.files import replace_file
+from engine.trust import open_to_others
 from firmware_link.work_folder import work_folder
 from tactable.control.security import LOOPBACK, AccessPolicy, new_token
 from tactable.page.choices import Choice, Rules, offered
@@ -87,7 +88,7 @@ async def _serve(backend: PageBackend, address: Address, say: Say) -> None:
 
         async def open_browser(_server: uvicorn.Server) -> None:
             if address.opens_browser:
-                await asyncio.to_thread(webbrowser.open, access.url)
+                await asyncio.to_thread(webbrowser.open, access.opening_url)
 
         await serve(backend, listening, access, open_browser)
 
@@ -101,11 +102,13 @@ def token_for(port: int) -> str:
         return new_token()
     path = cache_folder() / "page-token"
     path.parent.mkdir(parents=True, exist_ok=True)
-    kept = path.read_text(encoding="utf-8", errors="replace").strip() if path.is_file() else ""
+    is_ours = path.is_file() and open_to_others(path) is None
+    kept = path.read_text(encoding="utf-8", errors="replace").strip() if is_ours else ""
     if re.fullmatch(_TOKEN, kept):
         return kept
     token = new_token()
-    path.unlink(missing_ok=True)  # empty or damaged: with an empty token no address would be admitted
+    # Damaged or empty, with which no address would be admitted; or others could write it, and so would know it.
+    path.unlink(missing_ok=True)
     with replace_file(path) as partial, os.fdopen(os.open(partial, os.O_WRONLY | os.O_CREAT, 0o600), "w") as file:
         file.write(token)
     return token

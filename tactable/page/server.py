@@ -11,9 +11,10 @@ that error.
 import asyncio
 import contextlib
 import errno
+import secrets
 import socket
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -26,7 +27,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from engine.touch.sources.pointer import PointerEvent
 from firmware_link.protocol.errors import TactableError
-from tactable.control.security import HEADERS, AccessPolicy, print_no_wrong_text
+from tactable.control.security import HEADERS, AccessPolicy, print_no_wrong_text, read_connections
 from tactable.page.messages import (
     MOST_BYTES,
     CloseCode,
@@ -104,20 +105,39 @@ class _Browser:
 
 
 class PageServer:
-    """One backend, served under one access policy to at most MOST_BROWSERS browsers."""
+    """One backend, served under one access policy to at most MOST_BROWSERS browsers.
 
-    def __init__(self, backend: PageBackend, access: AccessPolicy) -> None:
+    connections: the lines that tell whose a connection is.
+    """
+
+    def __init__(
+        self, backend: PageBackend, access: AccessPolicy, connections: Callable[[], Iterable[str]] = read_connections
+    ) -> None:
         self.backend, self.access = backend, access
+        self._connections = connections
         self._browsers: dict[int, _Browser] = {}
         self._opened = 0
+        self._has_ticket = True
         self._files = {path.name: path.read_bytes() for path in _STATIC.iterdir() if path.suffix in _TYPES}
         routes = [
+            Route("/open/{ticket}", self._answer_ticket),
             Route("/{token}/", self._answer_file),
             Route("/{token}/{name}", self._answer_file),
             WebSocketRoute("/{token}/socket", self._answer_socket),
         ]
         self.app = Starlette(routes=routes, exception_handlers={404: _refused, 405: _refused})
         self.app.router.redirect_slashes = False  # it would answer before token and Host are looked at
+
+    async def _answer_ticket(self, request: Request) -> Response:
+        """Lead the browser that was opened for this user to the page, once."""
+        is_right = secrets.compare_digest(request.path_params["ticket"].encode(), self.access.ticket.encode())
+        host, browser, server = request.headers.get("host"), request.client, request.scope["server"]
+        if not (self._has_ticket and is_right and self.access.admits_host(host) and browser):
+            return await _refused(request, None)
+        if not self.access.is_of_user((browser.host, browser.port), tuple(server), self._connections()):
+            return await _refused(request, None)
+        self._has_ticket = False
+        return Response(status_code=303, headers={**HEADERS, "Location": f"/{self.access.token}/"})
 
     async def _answer_file(self, request: Request) -> Response:
         token, name = request.path_params["token"], request.path_params.get("name", "index.html")

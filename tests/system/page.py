@@ -31,11 +31,11 @@ QUIET, FELT = 1, 2
 class Demo:
     """`tactable demo` on a small bar whose table is there already; it can be ended and started again.
 
-    `more`: further words of its command.
+    `more`: further words of its command; `browser`: the command that opens a browser, none by default.
     """
 
-    def __init__(self, folder: Path, *more: str) -> None:
-        self._folder, self._more = folder, more
+    def __init__(self, folder: Path, *more: str, browser: str | None = None) -> None:
+        self._folder, self._more, self._browser = folder, more, browser
         listening, access = listen_at("127.0.0.1", 0, "")
         listening.close()
         self._port = access.port
@@ -44,10 +44,12 @@ class Demo:
 
     def start(self) -> str:
         """The address of its page: of the same port it is always the same."""
+        opens = {} if self._browser is None else {"BROWSER": self._browser, "DISPLAY": os.environ.get("DISPLAY", ":0")}
+        no_open = [] if opens else ["--no-open"]
         self.process = subprocess.Popen(
-            [TACTABLE, "demo", "small.toml", "--no-open", "--page-port", str(self._port), *self._more],
+            [TACTABLE, "demo", "small.toml", *no_open, "--page-port", str(self._port), *self._more],
             cwd=self._folder,
-            env={**os.environ, "XDG_CACHE_HOME": str(self._folder)},
+            env={**os.environ, "XDG_CACHE_HOME": str(self._folder), **opens},
             stderr=subprocess.PIPE,
             text=True,
         )

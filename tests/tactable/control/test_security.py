@@ -1,8 +1,10 @@
 """Who may see the page."""
 
+import sys
+
 import pytest
 
-from tactable.control.security import HEADERS, POLICY, AccessPolicy, new_token
+from tactable.control.security import HEADERS, POLICY, AccessPolicy, new_token, user_of
 
 LOOPBACK = AccessPolicy("127.0.0.1", 8000, "secret")
 OPEN = AccessPolicy("0.0.0.0", 8000, "secret")
@@ -61,6 +63,39 @@ def test_nothing_is_loaded_from_elsewhere_and_nothing_inline_runs() -> None:
     rules = dict(rule.split(" ", 1) for rule in POLICY.split("; "))
     assert rules["default-src"] == "'none'"
     assert all(sources in ("'none'", "'self'") for sources in rules.values())
+
+
+CONNECTIONS = """\
+  sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid  timeout inode
+   0: 0100007F:1F40 00000000:0000 0A 00000000:00000000 00:00000000 00000000  1000        0 11 1 0 100 0 0 10 0
+   1: 0100007F:1F40 0100007F:C350 01 00000000:00000000 00:00000000 00000000  1000        0 12 1 0 20 4 30 10 -1
+   2: 0100007F:C350 0100007F:1F40 01 00000000:00000000 00:00000000 00000000  1001        0 13 1 0 20 4 30 10 -1
+   3: 0100007F:C351 0100007F:1F40 05 00000000:00000000 00:00000000 00000000     0        0 0 1 0 20 4 30 10 -1
+   4: 0000000000000000FFFF00000100007F:C352 0000000000000000FFFF00000100007F:1F40 01 0:0 0:0 0 1002 0 14 1 0
+   5: 00000000000000000000000001000000:C353 00000000000000000000000001000000:1F40 01 0:0 0:0 0 1003 0 15 1 0
+"""
+
+
+@pytest.mark.skipif(sys.byteorder == "big", reason="the listing is one of a little-endian machine")
+@pytest.mark.parametrize(
+    ("host", "port", "user"),
+    [
+        ("127.0.0.1", 50000, 1001),
+        ("127.0.0.1", 50001, None),  # the browser has closed it: the system names root
+        ("127.0.0.1", 50002, 1002),
+        ("::1", 50003, 1003),
+        ("127.0.0.1", 50003, None),
+        ("192.0.2.7", 50000, None),
+    ],
+)
+def test_the_user_at_the_other_end_is_read_from_the_system_s_list(host: str, port: int, user: int | None) -> None:
+    server = ("::1" if ":" in host else "127.0.0.1", 8000)
+    assert user_of((host, port), server, CONNECTIONS.splitlines()) == user
+
+
+def test_an_address_for_a_command_line_holds_no_token() -> None:
+    assert "secret" not in LOOPBACK.opening_url and LOOPBACK.ticket in LOOPBACK.opening_url
+    assert LOOPBACK.ticket != OPEN.ticket
 
 
 def test_only_loopback_is_called_so() -> None:

@@ -1,5 +1,6 @@
 """The address that people open: when there is a browser, what is told, and what is the report instead."""
 
+import asyncio
 import stat
 import webbrowser
 from pathlib import Path
@@ -14,6 +15,7 @@ from tactable.control.security import AccessPolicy
 from tactable.page import opening
 from tactable.page.opening import announcement, has_browser, qr_code, reachable, token_for
 from tactable.page.processes.programs import ProgramsAt
+from tests.tactable.page.test_server import Notes
 
 SCREEN = {"DISPLAY": ":0"}
 
@@ -133,6 +135,23 @@ def test_a_report_and_a_page_are_not_asked_for_at_once(shown: list[opening.Addre
     assert (shown, reported) == ([], [])
 
 
+def test_the_command_line_of_the_browser_holds_no_token(monkeypatch: pytest.MonkeyPatch) -> None:
+    class OpenedError(Exception):
+        pass
+
+    def note(url: str) -> None:
+        said.append(url)
+        raise OpenedError
+
+    said: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", note)
+    with pytest.raises(OpenedError):
+        asyncio.run(opening._serve(Notes(), opening.Address(), said.append))
+    printed, opened = said
+    token = printed.split("/")[3]
+    assert len(token) >= 32 and token not in opened and opened.startswith("http://127.0.0.1:")
+
+
 def test_only_a_page_that_others_reach_has_a_warning() -> None:
     (line,) = announcement(AccessPolicy("127.0.0.1", 8000, "secret"))
     assert "http://127.0.0.1:8000/secret/" in line
@@ -165,6 +184,15 @@ def test_the_token_of_a_stated_port_is_kept_for_its_user_alone(tmp_path: Path, m
     assert token_for(8123) == token_for(8123)
     (kept,) = (tmp_path / "tactable").iterdir()
     assert stat.S_IMODE(kept.stat().st_mode) == 0o600
+
+
+def test_a_kept_token_that_others_could_have_written_is_not_believed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    planted = token_for(8123)
+    tmp_path.chmod(0o777)
+    assert token_for(8123) != planted
 
 
 @pytest.mark.parametrize("damaged", ["", "\n", "a b", "\N{GREEK SMALL LETTER ALPHA}" * 32])

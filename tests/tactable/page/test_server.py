@@ -27,7 +27,7 @@ from tactable.page.messages import (
     encode_sound,
     encode_touches,
 )
-from tactable.page.server import MOST_BROWSERS, AddressError, listen_at, serve
+from tactable.page.server import MOST_BROWSERS, AddressError, PageServer, listen_at, serve
 
 DOWN = PointerEvent(1, 0.25, 0.5, Phase.DOWN)
 SOUND = encode_sound(3, 8000, np.zeros(4, np.int16))
@@ -146,6 +146,36 @@ def test_every_file_of_the_page_is_served_with_its_type_and_nothing_else_is() ->
             assert (await client.post(access.url)).status_code == 403
 
     visit(visitor)
+
+
+def test_a_ticket_leads_its_user_to_the_page_once() -> None:
+    async def visitor(access: AccessPolicy, _backend: Notes) -> None:
+        async with httpx.AsyncClient() as client:
+            foreign = {"Host": f"evil.example:{access.port}"}
+            assert (await client.get(access.opening_url, headers=foreign)).status_code == 403
+            assert (await client.get(access.opening_url[:-1])).status_code == 403
+            found = await client.get(access.opening_url)
+            assert found.status_code == 303 and found.headers["location"] == f"/{access.token}/"
+            assert (await client.get(access.opening_url)).status_code == 403
+            assert (await client.get(access.url)).status_code == 200
+
+    visit(visitor)
+
+
+def test_a_ticket_is_of_no_use_to_another_user_who_is_sooner_there() -> None:
+    """It stands in the command line of the browser, which everybody can read."""
+    access = AccessPolicy("127.0.0.1", 8000, "secret")
+    users = iter([access.user_id + 1, None, access.user_id])
+
+    def connections() -> list[str]:
+        return [f"0: 0100007F:C350 0100007F:1F40 01 0:0 0:0 0 {user} 0" for user in [next(users)] if user is not None]
+
+    async def ask() -> list[int]:
+        transport = httpx.ASGITransport(PageServer(Notes(), access, connections).app, client=("127.0.0.1", 50000))
+        async with httpx.AsyncClient(transport=transport) as client:
+            return [(await client.get(access.opening_url)).status_code for _ in range(4)]
+
+    assert asyncio.run(ask()) == [403, 403, 303, 403]
 
 
 def test_a_wrong_token_and_a_foreign_host_see_nothing() -> None:

@@ -1,0 +1,61 @@
+"""The browser that the demo opens, in Chromium: the page plays, and no command line holds its token."""
+
+import os
+import re
+import shlex
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from playwright.sync_api import expect, sync_playwright
+
+from tests.system.page import CHROMIUM, PATIENCE_S, Demo, Visit
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
+]
+PORT_FILE = "DevToolsActivePort"
+
+
+@pytest.fixture
+def opened(demo_folder: Path, tmp_path: Path) -> Iterator[tuple[Demo, Visit]]:
+    """A demo, and the page that is shown by the browser that it opened, as it says in $BROWSER."""
+    profile = tmp_path / "profile"
+    words = [str(CHROMIUM), "--headless=new", "--remote-debugging-port=0", f"--user-data-dir={profile}"]
+    words += ["--no-sandbox"] if os.geteuid() == 0 else []
+    demo = Demo(demo_folder, browser=f"{shlex.join(words)} %s &")
+    try:
+        with sync_playwright() as playwright:
+            while not (profile / PORT_FILE).is_file() or not (port := (profile / PORT_FILE).read_text().split()[:1]):
+                assert demo.process is not None and demo.process.poll() is None
+                time.sleep(0.05)
+            browser = playwright.chromium.connect_over_cdp(f"http://127.0.0.1:{port[0]}")
+            page = browser.contexts[0].pages[0]
+            yield demo, Visit(page, browser.contexts[0].new_cdp_session(page), [], {})
+            browser.new_browser_cdp_session().send("Browser.close")
+    finally:
+        demo.stop()
+
+
+def command_lines() -> list[str]:
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            found.append(path.read_bytes().replace(b"\0", b" ").decode(errors="replace"))
+        except OSError:  # it has ended
+            continue
+    return found
+
+
+def test_the_page_that_is_opened_plays_and_no_command_line_holds_its_token(opened: tuple[Demo, Visit]) -> None:
+    demo, visit = opened
+    expect(visit.page).to_have_url(re.compile(re.escape(demo.url)), timeout=1e3 * PATIENCE_S)
+    visit.wait("window.tactable?.scene?.plays && tactable.wire.picture.levelCount > 0")
+    token, lines = demo.url.split("/")[3], command_lines()
+    opening = demo.url.replace(token, "open")
+    (ticket,) = {word for line in lines for word in line.split() if word.startswith(opening)}
+    assert not [line for line in lines if token in line]
+    assert httpx.get(ticket).status_code == 403  # whoever reads it there comes too late
