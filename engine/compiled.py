@@ -3,7 +3,8 @@
 numba keeps the machine code of a kernel with `cache=True`, and uses it again while the kernel's own file has the same
 time and size. But the code of other kernels that it calls is in it too, and so are the values of constants that were
 imported: after a change of those, such as an update of a checkout, old numbers would come from new sources without a
-word. Here the kept code counts by contents, the kernel's own and those of all that it calls.
+word. Here the kept code counts by contents, the kernel's own and those of all that it calls; and only from where nobody
+else can have put it (`engine.trust`).
 """
 
 import contextlib

@@ -94,10 +94,6 @@ class AccessPolicy:
         """Whether `token` is the right one; compares in constant time."""
         return secrets.compare_digest(token.encode(), self.token.encode())
 
-    def is_of_user(self, browser: "Address", server: "Address", connections: Iterable[str]) -> bool:
-        """Whether the other end of a connection is this user's, by the lines of /proc/net/tcp."""
-        return user_of(browser, server, connections) == self.user_id
-
     def admits_host(self, header: str | None) -> bool:
         """Whether a Host header names this server: by a loopback name, its bound name or, off loopback, any IP address.
 
@@ -116,7 +112,7 @@ class AccessPolicy:
         return self.admits_host(host) and origin == f"http://{host}"
 
 
-Address = tuple[str, int]
+Endpoint = tuple[str, int]
 """IP address and port of one end of a connection."""
 _CONNECTIONS = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))
 _ESTABLISHED = "01"
@@ -127,7 +123,7 @@ def read_connections() -> list[str]:
     return [line for path in _CONNECTIONS if path.is_file() for line in path.read_text(encoding="ascii").splitlines()]
 
 
-def user_of(near: Address, far: Address, connections: Iterable[str]) -> int | None:
+def user_of(near: Endpoint, far: Endpoint, connections: Iterable[str]) -> int | None:
     """The number of the user whose socket of this machine, `near`, is connected with `far`; None if there is none.
 
     Only open connections count: the system gives root those that nobody holds any more.

@@ -27,7 +27,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from engine.touch.sources.pointer import PointerEvent
 from firmware_link.protocol.errors import TactableError
-from tactable.control.security import HEADERS, AccessPolicy, print_no_wrong_text, read_connections
+from tactable.control.security import HEADERS, AccessPolicy, print_no_wrong_text, read_connections, user_of
 from tactable.page.messages import (
     MOST_BYTES,
     CloseCode,
@@ -131,10 +131,10 @@ class PageServer:
     async def _answer_ticket(self, request: Request) -> Response:
         """Lead the browser that was opened for this user to the page, once."""
         is_right = secrets.compare_digest(request.path_params["ticket"].encode(), self.access.ticket.encode())
-        host, browser, server = request.headers.get("host"), request.client, request.scope["server"]
-        if not (self._has_ticket and is_right and self.access.admits_host(host) and browser):
+        if not (self._has_ticket and is_right and self.access.admits_host(request.headers.get("host"))):
             return await _refused(request, None)
-        if not self.access.is_of_user((browser.host, browser.port), tuple(server), self._connections()):
+        browser, server = request.scope["client"], request.scope["server"]
+        if user_of(browser, server, self._connections()) != self.access.user_id:
             return await _refused(request, None)
         self._has_ticket = False
         return Response(status_code=303, headers={**HEADERS, "Location": f"/{self.access.token}/"})

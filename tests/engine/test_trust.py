@@ -1,12 +1,17 @@
 """Laws of trust in a path: whoever can replace a part of the way to a file can replace the file."""
 
+import grp
 import os
+import pwd
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from engine.trust import open_to_others
+
+USER = pwd.getpwuid(os.getuid()).pw_name
 
 
 @pytest.fixture
@@ -25,15 +30,35 @@ def test_what_only_this_user_can_write_is_trusted_and_so_is_what_is_still_to_be_
     assert open_to_others(kept.parent / "new" / "folder") is None
 
 
+def name_group(monkeypatch: pytest.MonkeyPatch, name: str, *members: str) -> None:
+    """Every group is called so and has these members."""
+    monkeypatch.setattr(grp, "getgrgid", lambda _: SimpleNamespace(gr_name=name, gr_mem=list(members)))
+
+
 @pytest.mark.parametrize("mode", [0o777, 0o702, 0o770])
 @pytest.mark.parametrize("level", [0, 1, 2], ids=["file", "folder", "folder above"])
 def test_a_part_that_others_can_write_is_named(
     kept: Path, mode: int, level: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("engine.trust._is_private_group", lambda *_: False)
+    name_group(monkeypatch, "staff")
     part = [kept, *kept.parents][level]
     part.chmod(mode)
     assert open_to_others(kept) == part
+
+
+@pytest.mark.parametrize(("members", "mode", "is_trusted"), [
+    ((), 0o770, True),
+    ((USER,), 0o770, True),
+    ((USER, "another"), 0o770, False),
+    ((), 0o777, False),
+])  # fmt: skip
+def test_the_group_of_one_user_s_own_name_is_that_user(
+    kept: Path, members: tuple[str, ...], mode: int, is_trusted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the umask is 002, every folder is such a group's."""
+    name_group(monkeypatch, USER, *members)
+    kept.parent.chmod(mode)
+    assert (open_to_others(kept) is None) == is_trusted
 
 
 def test_of_a_sticky_folder_what_lies_in_it_is_trusted_and_not_the_folder(kept: Path) -> None:
@@ -42,14 +67,14 @@ def test_of_a_sticky_folder_what_lies_in_it_is_trusted_and_not_the_folder(kept: 
     assert open_to_others(kept.parent) == kept.parent
 
 
-def test_what_belongs_to_another_user_is_not_trusted_and_what_is_root_s_is(kept: Path) -> None:
-    assert open_to_others(Path("/usr"), os.getuid() + 1) is None
-    os.chown(kept, kept.stat().st_uid, -1)
-    found = open_to_others(kept, os.getuid() + 1)
-    assert (found is None) == (os.getuid() == 0)  # what root made is root's
-    if os.getuid() == 0:
+def test_what_belongs_to_root_is_trusted() -> None:
+    assert open_to_others(Path("/usr/bin"), os.getuid() + 1) is None
+
+
+def test_what_belongs_to_another_user_is_not_trusted(kept: Path) -> None:
+    if os.getuid() == 0:  # whose own files everybody trusts
         os.chown(kept.parent, 12345, -1)
-        assert open_to_others(kept) == kept.parent
+    assert open_to_others(kept, os.getuid() + 1) in kept.parents
 
 
 @pytest.mark.parametrize("lead", [
