@@ -4,6 +4,7 @@ import ctypes
 import fcntl
 import gc
 import os
+import random
 import signal
 from collections.abc import Generator, Iterator
 from contextlib import suppress
@@ -16,12 +17,13 @@ from threadpoolctl import threadpool_limits
 
 from engine.loop.fast.library import FastPathError, compile_fast_path, open_fast_path
 
+pytest_plugins = ("pytester", "tests.tools.guard", "tests.tools.verdict")
+
 # Consoles made with it would keep that width, whatever a test says.
 os.environ.pop("COLUMNS", None)
 # Processes that tests start would compile all of Python's modules again.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-# Laws are searched by Hypothesis with few examples each time somebody runs `pytest`, and by five times as many with the
-# long tests, as `.ci/run` does.
+# Laws are searched by Hypothesis with few examples; the long tests search with five times as many.
 settings.register_profile("quick", deadline=None, max_examples=20)
 settings.register_profile("long", deadline=None, max_examples=100)
 
@@ -45,8 +47,9 @@ ALLOWED_SKIPS = ("long run:", "guided run:", "no recordings:")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """`--no-skips`: what is missing fails a test in place of skipping it."""
+    """`--no-skips`: what is missing fails a test in place of skipping it; `--order-seed`: another order."""
     parser.addoption("--no-skips", action="store_true", help="a test that skips fails, such as for a missing program")
+    parser.addoption("--order-seed", type=int, help="run the files, and the tests of each, in a random order")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -54,7 +57,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         # A shell tells the jobs that it runs in the background to ignore Ctrl-C, and what tests start would inherit it.
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    settings.load_profile("quick" if "not long" in config.getoption("markexpr") else "long")
+    settings.load_profile("long" if config.getoption("markexpr") == "long" else "quick")
     if hasattr(config, "workerinput"):
         _compile_kernels()
 
@@ -68,8 +71,20 @@ def _compile_kernels() -> None:
                 import_module(name)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The slowest files first; otherwise as collected."""
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """The tiers are disjoint: a case of a test of the real machine that is marked `long` is of the real machine."""
+    if item.get_closest_marker("machine"):
+        item.own_markers[:] = [marker for marker in item.own_markers if marker.name != "long"]
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """The slowest files first; otherwise as collected, or as drawn from `--order-seed`."""
+    if (seed := config.getoption("--order-seed")) is not None:
+        source = random.Random(seed)
+        places = {file: source.random() for file in dict.fromkeys(item.nodeid.partition("::")[0] for item in items)}
+        source.shuffle(items)
+        items.sort(key=lambda item: places[item.nodeid.partition("::")[0]])
+        return
     rank = {name: number for number, name in enumerate(SLOWEST)}
     items.sort(key=lambda item: rank.get(item.nodeid.partition("::")[0], len(rank)))
 
@@ -101,9 +116,12 @@ def one_blas_thread() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def fast_library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     """The compiled step, or the one that TACTABLE_STEP_LIBRARY names; without a compiler tests are skipped by name."""
+    from tests.tools.guard import allowed  # pytest imports its plugins itself
+
     if path := os.environ.get("TACTABLE_STEP_LIBRARY"):
         return open_fast_path(Path(path))
     try:
-        return compile_fast_path(Path(tmp_path_factory.mktemp("fast_path")))
+        with allowed("compiles the C core"):
+            return compile_fast_path(Path(tmp_path_factory.mktemp("fast_path")))
     except FastPathError as error:
         pytest.skip(str(error))

@@ -45,6 +45,7 @@ def built_with_clicks(built: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     return folder
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize(
     "path",
     [pytest.param(path, marks=[pytest.mark.long] if path.name in DEAR else [], id=path.name) for path in PAGES],

@@ -1,9 +1,7 @@
-"""The house rules: style, types, arrows, and commands in the README that do what they say."""
+"""The house rules, and commands in the README that do what they say."""
 
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,34 +10,6 @@ from tests.documents import Command, check_command
 from tests.tactable.cli.in_process import run_here
 
 ROOT = Path(__file__).parents[1]
-BIN = Path(sys.executable).parent
-
-
-def run(*command: str, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-
-
-def assert_clean(*command: str) -> None:
-    done = run(str(BIN / command[0]), *command[1:])
-    assert done.returncode == 0, done.stdout + done.stderr
-
-
-def test_ruff_finds_nothing() -> None:
-    assert_clean("ruff", "check", ".")
-
-
-def test_every_file_is_formatted() -> None:
-    assert_clean("ruff", "format", "--check", ".")
-
-
-def test_types_hold() -> None:
-    assert_clean("mypy", "engine", "precompute", "firmware_link", "tactable")
-
-
-@pytest.mark.long
-def test_types_of_the_tests_hold_too() -> None:
-    """A third of the time: who only uses tactable changes no test."""
-    assert_clean("mypy")
 
 
 def test_every_program_of_highs_asks_for_one_thread() -> None:
@@ -50,10 +20,6 @@ def test_every_program_of_highs_asks_for_one_thread() -> None:
     makers = [text for text in texts if "highspy.Highs()" in text]
     assert len(makers) == 3
     assert all(text.count("highspy.Highs()") == text.count('"threads", 1)') for text in makers)
-
-
-def test_imports_flow_one_way() -> None:
-    assert_clean("lint-imports")
 
 
 def test_tables_is_no_package() -> None:

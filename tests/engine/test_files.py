@@ -44,6 +44,7 @@ def test_an_exception_leaves_the_old_file_and_nothing_beside_it(tmp_path: Path) 
     assert (path.read_text(), names(tmp_path)) == ("old", {"report.json"})
 
 
+@pytest.mark.machine
 def test_a_crash_before_the_rename_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "report.json"
     path.write_text("old")
@@ -156,6 +157,7 @@ def test_what_is_no_plain_file_is_never_replaced(tmp_path: Path, is_linked: bool
     assert stat.S_ISFIFO(pipe.stat().st_mode)
 
 
+@pytest.mark.machine
 def test_a_folder_that_a_killed_process_left_is_removed(tmp_path: Path) -> None:
     process = subprocess.Popen([sys.executable, "-c", ""])
     process.wait()
@@ -166,6 +168,7 @@ def test_a_folder_that_a_killed_process_left_is_removed(tmp_path: Path) -> None:
     assert names(tmp_path) == set()
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize("process", ["one that is gone", "one that had the number of this one"])
 def test_the_next_writer_removes_what_a_killed_one_left(tmp_path: Path, process: str) -> None:
     gone = subprocess.Popen([sys.executable, "-c", ""])
@@ -182,6 +185,7 @@ def test_the_next_writer_removes_what_a_killed_one_left(tmp_path: Path, process:
     assert names(tmp_path / "made") == {"a"}
 
 
+@pytest.mark.machine
 def test_a_folder_of_ours_is_rid_of_everything_half_but_of_nothing_else(tmp_path: Path) -> None:
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()

@@ -325,6 +325,7 @@ def test_inputs_of_the_guided_run_open_their_devices() -> None:
         play_input(whole[:size])
 
 
+@pytest.mark.machine
 @pytest.mark.skipif(
     importlib.util.find_spec("atheris") is None, reason="atheris is not installed: run `pip install atheris`"
 )

@@ -13,6 +13,8 @@ import pytest
 
 from firmware_link.child import Child, ChildError
 
+pytestmark = pytest.mark.machine
+
 PATIENCE_S = 60.0
 
 

@@ -12,7 +12,6 @@ from firmware_link.emulator.process import RunningEmulator, run_emulator
 from firmware_link.host.serial_port import SerialPort
 from tests.firmware_link.conformance import HANG_UP_LAWS, LAWS, WAVE_LAWS, HangUpLaw, Law, WaveLaw
 from tests.quick import first_quick
-from tests.stalls import again_after_a_stall
 
 SAMPLE_RATE_HZ = 20_000.0
 NS_PER_US = 1_000
@@ -69,8 +68,8 @@ def emulator() -> Iterator[RunningEmulator]:
         yield running
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize("law", first_quick([*HANG_UP_LAWS, *LAWS, *WAVE_LAWS], 12), ids=lambda law: law.__name__)
-@again_after_a_stall
 def test_the_emulator_behind_its_port_keeps(law: Law | WaveLaw | HangUpLaw, emulator: RunningEmulator) -> None:
     tier = PortTier(emulator)
     try:

@@ -52,6 +52,7 @@ def test_it_is_only_its_users_and_goes_with_its_block(memory: Path) -> None:
         assert not folder.exists()
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGABRT])
 def test_what_a_killed_process_left_goes_when_the_next_folder_is_made(ending: signal.Signals, memory: Path) -> None:
     process, left = started(memory)
@@ -63,6 +64,7 @@ def test_what_a_killed_process_left_goes_when_the_next_folder_is_made(ending: si
         assert not left.exists()
 
 
+@pytest.mark.machine
 def test_the_folder_of_a_process_that_lives_is_left_alone(memory: Path) -> None:
     process, folder = started(memory)
     with process:

@@ -15,13 +15,13 @@ from pathlib import Path
 from engine.touch.sources.hid_discovery import load_hid_system
 from engine.touch.sources.hidraw import HidrawSource, open_hidraw
 from firmware_link.host.serial_port import SerialPort, path_of
-from tests.stalls import ATTEMPTS, watched
 from tests.system.chain import BIT_RATE_HZ, PATIENCE_S, run_chain
 from tests.system.results import Broken, Happened, KernelDevice, Refusals
 from tests.system.serial_gadget import SERIAL_NUMBER, build_gadget, plug_gadget, unplug_gadget
 from tests.system.stage import Stage, emulated_firmware, error_as_nobody, hardware, until_it_works
 from tests.system.uhid import VirtualDevice, kernel_path_of, play
 from tests.tactable.rig.strokes import DEMO_STROKES, Stroke, make_recording
+from tests.tools.stalls import watched
 
 TOUCH_SERIAL_NUMBER = "TACTABLE-SYSTEM-TOUCH"
 CONTACT_COUNT_MAXIMUM = {2: bytes((2, 10))}
@@ -39,6 +39,7 @@ SWEPT = make_recording([Stroke(0.0, 0.008 * FLOOD, 0.05, 0.95)])
 
 # The guest is slow: half the pace, a report each 16 ms, is still that of a live digitizer.
 SPEED = 0.5
+ATTEMPTS, STALL_S = 5, 0.1
 UNPLUGGED_S = 1.0
 
 
@@ -227,11 +228,11 @@ def settle() -> None:
 def run_undisturbed(scenario: Callable[[], object]) -> object:
     """The scenario; once more where the machine stalled so long that the engine lifted fingers, as it then should."""
     for _ in range(ATTEMPTS):
-        with watched() as stalls:
+        with watched(STALL_S) as stalls:
             result = scenario()
-        if not stalls.are_long:
+        if not stalls:
             break
-        say(f"{scenario.__name__}: the guest stalled for {stalls.longest_s:.3f} s")
+        say(f"{scenario.__name__}: {stalls}")
     return result
 
 

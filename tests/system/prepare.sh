@@ -76,8 +76,8 @@ install_packages() {
     ((${#missing[@]})) || return 0
     type -P apt-get >/dev/null || fail "${missing[*]} missing, and no apt-get to install them with: install them"
     ((EUID == 0)) || fail "${missing[*]} missing: as root, run apt-get install ${missing[*]}"
-    apt-get update -q >&2
-    DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends "${missing[@]}" >&2 ||
+    apt-get -o Acquire::Retries=3 update -q >&2
+    DEBIAN_FRONTEND=noninteractive apt-get -o Acquire::Retries=3 install -y -q --no-install-recommends "${missing[@]}" >&2 ||
         fail "apt-get does not install ${missing[*]}: see above"
     local left
     left=$(everything_missing | tr "\n" " ")
@@ -102,12 +102,12 @@ fetch_kernel() {
 download_kernel() {
     local name
     name=$(apt-cache depends linux-image-amd64 2>/dev/null | sed -n 's/^ *Depends: \(linux-image-[0-9].*\)$/\1/p' | head -n 1)
-    [[ -n $name ]] && apt-get download -q -o APT::Sandbox::User=root "$name" >&2
+    [[ -n $name ]] && apt-get download -q -o Acquire::Retries=3 -o APT::Sandbox::User=root "$name" >&2
 }
 
 update_lists() {
     ((EUID == 0)) || fail "apt-get has no fresh lists: as root, run apt-get update"
-    apt-get update -q >&2
+    apt-get -o Acquire::Retries=3 update -q >&2
 }
 
 # The modules and what they depend on, and the order to load them in.

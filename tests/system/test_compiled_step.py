@@ -11,7 +11,7 @@ from engine.loop.fast.layout import c_header
 from engine.loop.fast.library import SOURCE
 from tests.firmware_link.firmware.compiled_core import need
 
-pytestmark = pytest.mark.system
+pytestmark = pytest.mark.machine
 
 ROOT = Path(__file__).parents[2]
 FAST = "tests/engine/loop/fast"

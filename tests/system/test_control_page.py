@@ -9,7 +9,7 @@ from playwright.sync_api import Browser, Page
 from tests.system.page import CHROMIUM, Demo, Visit, choose, opened
 
 pytestmark = [
-    pytest.mark.system,
+    pytest.mark.machine,
     pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
 ]
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "buttons.html"

@@ -27,7 +27,7 @@ from tests.system.results import Broken, Happened, KernelDevice, Refusals
 
 Result = TypeVar("Result")
 
-pytestmark = pytest.mark.system
+pytestmark = pytest.mark.machine
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

@@ -51,7 +51,7 @@ from tests.tactable.page.played import RESOLUTION_HZ, record_of
 from tests.tactable.rig.strokes import Stroke, make_recording
 
 pytestmark = [
-    pytest.mark.system,
+    pytest.mark.machine,
     pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
 ]
 HOUR_PICTURES = 3600 * 60

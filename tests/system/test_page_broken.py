@@ -15,7 +15,7 @@ from playwright.sync_api import Browser
 from tests.system.page import CHROMIUM, FIRST, SECOND, THIRD, Demo, Visit, choose, lift, opened
 
 pytestmark = [
-    pytest.mark.system,
+    pytest.mark.machine,
     pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
 ]
 # Shorter than the watchdog, longer than it, and longer than fingers are kept; the lid is closed for longer.

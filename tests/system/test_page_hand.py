@@ -6,7 +6,7 @@ from playwright.sync_api import Browser
 from tests.system.page import CHROMIUM, CLICK, DESKTOP, FIRST, PHONE, STEADY, Demo, choose, lift, opened
 
 pytestmark = [
-    pytest.mark.system,
+    pytest.mark.machine,
     pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
 ]
 

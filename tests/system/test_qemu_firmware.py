@@ -20,10 +20,9 @@ from tests.firmware_link.sensing_laws import (
     SensingLaw,
     sensing_law_no_lease_is_longer_than_the_longest,
 )
-from tests.stalls import again_after_a_stall
 from tests.system.firmware_image import BEFORE_OTHERS, REPORT_PERIOD_US, FirmwareImage, ImageTier, run_image
 
-pytestmark = pytest.mark.system
+pytestmark = pytest.mark.machine
 ROOT = Path(__file__).parents[2]
 LEASE_US = 1_000 * LEASE_MS
 RAMP_US = 1_000_000 // SLEW_PER_S
@@ -89,7 +88,6 @@ def tell(process: "subprocess.Popen[str]") -> None:
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
-@again_after_a_stall
 def test_the_image_keeps(law: Law, image: FirmwareImage) -> None:
     with SerialPort(image.port) as port:
         law(ImageTier(image, port))
@@ -100,7 +98,6 @@ BRIEF_LAWS = [law for law in SENSING_LAWS if law is not sensing_law_no_lease_is_
 
 
 @pytest.mark.parametrize("law", BRIEF_LAWS, ids=lambda law: law.__name__)
-@again_after_a_stall
 def test_the_image_with_an_accelerometer_keeps(law: SensingLaw, images: Path) -> None:
     with (
         run_image(images / "mps2_an385.elf", MACHINES["mps2_an385"], is_stepped=True) as image,
@@ -155,7 +152,6 @@ def test_a_reset_in_mid_session_is_not_driven_on(image_in_real_time: FirmwareIma
 
 
 @pytest.mark.parametrize("damage", [b"w", b"s"], ids=["main loop wedged", "samples stopped"])
-@again_after_a_stall
 def test_the_watchdog_resets_a_board_of_which_half_stands_still(damage: bytes, images: Path) -> None:
     with (
         run_image(images / "mps2_an385.elf", MACHINES["mps2_an385"], is_stepped=True) as image,

@@ -314,6 +314,7 @@ def test_a_real_recording_gives_the_same_states_and_levels_at_any_speed(path: Pa
     assert {rig.loop.counters.reports for rig in rigs} == {len(recording.reports)}
 
 
+@pytest.mark.machine
 def test_a_touch_reaches_the_emulator_of_another_process() -> None:
     frames = [*held(0.0, 0.2, (1, 0.1)), *held(0.2, 0.4, (1, 0.5)), (0.4, report(lifted=[1]))]
     clock, trace, timing = SystemClock(), Trace(), Timing()

@@ -126,6 +126,7 @@ def _read_until(path: Path, last: int, found: multiprocessing.Queue[tuple[list[i
         found.put((indices, reader.lost))
 
 
+@pytest.mark.machine
 def test_a_reader_in_another_process_sees_whole_records_in_order(path: Path) -> None:
     last, context = 2_000, multiprocessing.get_context("spawn")
     found: multiprocessing.Queue[tuple[list[int], int]] = context.Queue()

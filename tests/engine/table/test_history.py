@@ -111,6 +111,7 @@ def test_what_is_written_later_does_not_change_what_is_kept(path: Path) -> None:
     assert previous_of(path).read_text() == "2"
 
 
+@pytest.mark.machine
 def test_only_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
     gone = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, check=True)
     dead, here = int(gone.stdout), os.getpid()
@@ -130,6 +131,7 @@ def test_only_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.machine
 def test_a_roll_back_removes_what_a_killed_one_left(path: Path) -> None:
     put(path, "1")
     put(path, "2")

@@ -42,6 +42,7 @@ def write(path: Path) -> None:
         sys.exit(1)
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize(
     "room",
     first_quick([0, 514_000, 100, 4096, 50_000, 500_000, 530_000, 560_000], 2),

@@ -20,6 +20,8 @@ from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import DeviceState, Fault, FaultCode, Status, TimeRequest, decode_body
 from tests.firmware_link.driving_host import DRIVING, ENDED, LEASE_MS, PATIENCE_S, SLEW_PER_S
 
+pytestmark = pytest.mark.machine
+
 LEASE_US = 1_000 * LEASE_MS
 RAMP_US = 1_000_000 // SLEW_PER_S
 DISARM_US = 250_000

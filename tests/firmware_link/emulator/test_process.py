@@ -22,6 +22,8 @@ from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.messages import ChannelDrive, DeviceState, encode_drive
 from tests.firmware_link.clicks import Clicks
 
+pytestmark = pytest.mark.machine
+
 # Only against an endless test: the machine may be slow.
 PATIENCE_S = 60.0
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from firmware_link.emulator import DeviceConfiguration
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
 from tests.firmware_link.sensing_laws import ACCELEROMETER_OF_LAWS, sample_instants_us
+from tests.tools.guard import allowed
 
 FIRMWARE = Path(__file__).parents[3] / "firmware_link" / "firmware"
 CHECKS = Path(__file__).parent / "c"
@@ -52,7 +53,7 @@ def core_library() -> CDLL:
     if path is not None:
         return open_library(Path(path))
     need("make", "cc")
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, allowed("compiles the C core"):
         make(Path(folder), "host")
         return open_library(Path(folder) / LIBRARY)
 

@@ -39,7 +39,7 @@ def test_the_c_core_keeps(law: Law | WaveLaw | HangUpLaw) -> None:
     law(WatchedTier())
 
 
-@pytest.mark.long
+@pytest.mark.machine
 @pytest.mark.parametrize(
     "files",
     ["test_core.py", "test_*.py"],
@@ -56,7 +56,7 @@ def test_the_c_core_does_nothing_undefined(tmp_path: Path, files: str) -> None:
     assert " passed" in done.stdout
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_with_room_for_its_actuators_only_the_c_core_stays_within_its_arrays(tmp_path: Path) -> None:
     """As a board builds it; elsewhere there is room for 255, which hides an index that is one too great."""
     need("make", "cc")

@@ -21,6 +21,7 @@ def running_process() -> "subprocess.Popen[bytes]":
     return subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
 
 
+@pytest.mark.machine
 def test_a_running_emulator_is_a_port_marked_simulated_by_a_name_that_stays() -> None:
     with running_process() as process:
         announcement = Announcement(own_link(process.pid))
@@ -35,6 +36,7 @@ def test_a_running_emulator_is_a_port_marked_simulated_by_a_name_that_stays() ->
         process.communicate(b"\n")
 
 
+@pytest.mark.machine
 def test_what_a_killed_emulator_left_is_removed() -> None:
     with running_process() as process:
         announcement = Announcement(own_link(process.pid))
@@ -87,6 +89,7 @@ def test_the_link_of_a_killed_emulator_is_taken_over_and_only_once(tmp_path: Pat
     assert not link.is_symlink()
 
 
+@pytest.mark.machine
 def test_the_link_of_a_killed_emulator_is_taken_over_by_the_one_that_was_given_its_terminal(tmp_path: Path) -> None:
     controller, terminal = os.openpty()
     port, link = os.ttyname(terminal), tmp_path / "board"

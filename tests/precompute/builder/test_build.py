@@ -318,6 +318,7 @@ LENGTHY = {
 """Descriptions whose builds take seconds with this step."""
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize("at", first_quick(["entries", "sweep"]))
 def test_ctrl_c_of_a_build_leaves_nothing_behind(folder: Path, tmp_path: Path, at: str) -> None:
     older = tmp_path / "table.nc"

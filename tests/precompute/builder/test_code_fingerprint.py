@@ -30,6 +30,7 @@ def counts(module: str, before: str, after: str) -> bool:
     return fingerprint_of({module: source}) != fingerprint_of({module: source.replace(before, after, 1)})
 
 
+@pytest.mark.machine
 def test_every_module_that_a_build_loads_counts_but_for_the_processes_that_solve() -> None:
     done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
     loaded = {name for name in done.stdout.split() if name.startswith("precompute.")}
@@ -84,6 +85,7 @@ def test_a_docstring_is_no_number_of_an_otherwise_empty_function() -> None:
     assert one == other
 
 
+@pytest.mark.machine
 def test_every_version_of_python_comes_to_the_same() -> None:
     """The digest is what Python 3.11, 3.12 and 3.13 come to, whose trees of f-strings differ.
 

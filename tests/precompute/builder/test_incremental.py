@@ -178,6 +178,7 @@ def test_a_table_says_what_it_was_built_by(path: Path) -> None:
         assert BuildOptions.of(table) == BuildOptions(code_fingerprint(), "fair share", 0, CHEAP)
 
 
+@pytest.mark.machine
 def test_entries_are_the_same_however_many_processes_solve_them(path: Path, tmp_path: Path) -> None:
     build(DEVICE, tmp_path / "scratch.nc", workers=2, clicks_up_to=0)
     with Table.open(path) as own, Table.open(tmp_path / "scratch.nc") as other:

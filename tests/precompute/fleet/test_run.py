@@ -151,7 +151,7 @@ def test_whatever_decides_a_table_decides_whether_it_is_kept(tmp_path: Path) -> 
     assert make_job(unit, OPTIONS, tmp_path / "elsewhere", "later").key == make_job(unit, OPTIONS, tmp_path, "").key
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     bars, out = tmp_path / "bars", tmp_path / "out"
@@ -186,7 +186,7 @@ run_fleet(plan_fleet(Path("bars")), FleetOptions(clicks_up_to=0), Path("out"), r
 
 
 # Quick are a worker that is killed, and results that are damaged, which are built again.
-@pytest.mark.long
+@pytest.mark.machine
 def test_killed_at_any_instant_it_goes_on_and_no_half_file_is_taken(tmp_path: Path) -> None:
     bars, out = tmp_path / "bars", tmp_path / "out"
     write_good(bars, (18.0, 18.5))

@@ -17,6 +17,7 @@ from tests.precompute.measurements import test_netcdf, test_uff
 DEVICE = shipped("reference-a")
 
 
+@pytest.mark.machine
 def test_every_ending_has_its_reader(tmp_path: Path) -> None:
     read = read_bar(DEVICE, {}, points=3)
     csv = tmp_path / "x.CSV"

@@ -46,6 +46,7 @@ def read_here(path: Path) -> Measurements:
     return measurements_of(load_content(path), path, DEVICE, 0.0)
 
 
+@pytest.mark.machine
 def test_the_same_is_read_as_was_written(tmp_path: Path) -> None:
     path = written(dataset(READ), tmp_path)
     assert_same(read_netcdf(path, DEVICE, 0.0), READ)
@@ -120,6 +121,7 @@ def test_arrays_that_fill_the_memory_are_refused_by_their_size(rows: list[int], 
         read_here(path)
 
 
+@pytest.mark.machine
 def test_the_child_that_reads_refuses_in_the_same_words(tmp_path: Path) -> None:
     (tmp_path / "x.nc").write_text("no NetCDF")
     with pytest.raises(MeasurementError, match="not a NetCDF-4 file") as here:
@@ -130,6 +132,7 @@ def test_the_child_that_reads_refuses_in_the_same_words(tmp_path: Path) -> None:
         read_netcdf(tmp_path, DEVICE, 0.0)
 
 
+@pytest.mark.machine
 def test_a_file_on_which_hdf5_never_ends_is_refused() -> None:
     """A case of the fuzzer (netcdf, seed 7, number 720), on which HDF5 1.14 does not end."""
     path = Path(__file__).with_name("endless.bin")

@@ -29,6 +29,7 @@ def sorted_rows(measurements: Measurements) -> Measurements:
     return measurements.part(np.lexsort((keys[:, 0], keys[:, 1], measurements.position_m)))
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize("kind", list(Kind))
 @pytest.mark.parametrize("ending", [".csv", ".nc"])
 def test_columns_come_back_as_they_were_written(tmp_path: Path, ending: str, kind: Kind) -> None:
@@ -51,6 +52,7 @@ def test_a_universal_file_holds_the_responses_at_full_scale(tmp_path: Path) -> N
     np.testing.assert_allclose(read.acceleration, 5 * wanted.acceleration, rtol=1e-6)
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize("ending", [".csv", ".nc", ".uff"])
 def test_simulated_readings_stay_marked(tmp_path: Path, ending: str) -> None:
     path = tmp_path / f"bar{ending}"

@@ -19,6 +19,8 @@ from threadpoolctl import threadpool_info
 from firmware_link.protocol.errors import TactableError
 from precompute.parallel.pool import WorkerError, WorkerPool, solve_in_processes
 
+pytestmark = pytest.mark.machine
+
 CHUNKS = [[1, 2, 3], [4], [5, 6], [7]]
 
 

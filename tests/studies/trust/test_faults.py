@@ -23,11 +23,13 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize("fault", ["disk full, 0 KiB left", "read-only", "no permission"])
 def test_a_writer_that_cannot_write_says_so_in_one_line_and_leaves_nothing(fault: str, folder: Path) -> None:
     assert inject("new", CASES[fault], folder) == ("refused", "")
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize(
     ("after", "wrong"),
     [

@@ -15,6 +15,7 @@ from tests.studies.trust.fuzz import FUZZED, Fuzzed, fuzz
 CASES = {"table": 20, "device": 100, "rules": 200, "measurements": 40, "netcdf": 8, "uff": 40, "page": 300}
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize(
     "what", [pytest.param(each, marks=[pytest.mark.long] if each == "netcdf" else []) for each in FUZZED]
 )
@@ -37,6 +38,7 @@ def _fail(rng: random.Random, _folder: Path) -> None:
             pass
 
 
+@pytest.mark.machine
 def test_wrong_errors_crashes_and_hangs_are_faults(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(FUZZED, "device", Fuzzed(_fail, (DeviceError,)))
     monkeypatch.setattr("tests.studies.trust.fuzz.PATIENCE_S", 0.05)

@@ -12,7 +12,7 @@ TIMES = {"swap": 2, "calibrate": 2}
 
 # `calibrate --apply` builds a table and its clicks by several processes. Others of the same law: test_build_clicks goes
 # on with a build, test_new_folder and fleet/test_run are killed.
-@pytest.mark.long
+@pytest.mark.machine
 @pytest.mark.parametrize("what", ["swap", "calibrate"])
 def test_killed_at_any_instant_it_leaves_what_is_whole_and_goes_on(what: str, tmp_path: Path) -> None:
     with work_of(what, tmp_path) as work:

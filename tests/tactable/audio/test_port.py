@@ -17,6 +17,8 @@ from tactable.audio.port import AudioPort, open_port
 from tests.tactable.audio.cards import TEXT, core
 from tests.tactable.cli.in_process import run_here
 
+pytestmark = pytest.mark.machine
+
 DRIVE = ("--frequency", "150,130", "--amplitude", "20 %,5 %", "--for", "0.2 s")
 
 

@@ -7,6 +7,7 @@ import pytest
 from tactable.calibration.step_times import StepTimes, times_text
 
 
+@pytest.mark.machine
 def test_every_moment_belongs_to_a_step() -> None:
     told = list[tuple[str, float]]()
     times = StepTimes(lambda *step: told.append(step), "start")

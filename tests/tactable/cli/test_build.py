@@ -92,7 +92,7 @@ def test_without_a_previous_table_rollback_says_so(folder: Path) -> None:
     assert "there is no previous table" in done.stderr
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_a_watched_device_is_built_at_each_change_and_a_wrong_one_is_told(tmp_path: Path) -> None:
     device = tmp_path / "bar.toml"
     device.write_text(SMALL, encoding="utf-8")

@@ -83,6 +83,7 @@ def test_an_error_of_the_system_names_its_file_first(
     )
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
 def test_a_terminal_without_a_character_gets_its_code_and_the_rest(encoding: str) -> None:
     environment = {**os.environ, "PYTHONIOENCODING": encoding}
@@ -122,6 +123,7 @@ def interrupt(process: "subprocess.Popen[str]", _workers: list[int]) -> None:
     process.send_signal(signal.SIGINT)
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize(
     ("strike", "status", "said"),
     [(kill_a_worker, 1, "tactable: "), pytest.param(interrupt, 130, "", marks=pytest.mark.long)],

@@ -47,6 +47,7 @@ def test_a_cache_folder_that_others_can_write_is_none_for_kernels(tmp_path: Path
     assert "writable by you alone" in (provide_kernel_cache(NOWHERE, tmp_path) or "")
 
 
+@pytest.mark.machine
 def test_without_a_place_kernels_compile_and_go_with_the_process(tmp_path: Path) -> None:
     """In a process of its own that is told of places where nothing can be written."""
     program = f"""

@@ -27,6 +27,7 @@ RESPONSE = 3.0 - 4.0j
 LEAST = 0.05
 
 
+@pytest.mark.machine
 def test_a_simulated_bar_is_measured_into_every_form(tmp_path: Path) -> None:
     words = ("--places", "2", "--frequencies", "170,209", "--peaks", "peaks.csv", "--gravity", "--json")
     outputs = ("-o", "bar.nc", "-o", "bar.csv", "-o", "bar.uff")
@@ -101,7 +102,7 @@ def converter(pipe: Path) -> Iterator[None]:
         writer.join()
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_a_board_on_a_terminal_and_samples_in_a_pipe_are_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

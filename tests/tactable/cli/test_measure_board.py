@@ -10,7 +10,6 @@ import pytest
 from precompute.measurements import Kind, lay_out, read_measurements
 from precompute.measurements.model import MeasurementModel
 from tests.engine.loop.rig import DEVICE
-from tests.stalls import again_after_a_stall
 from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.test_emulate import emulator
 
@@ -29,8 +28,7 @@ def errors_of(path: Path) -> list[tuple[float, float]]:
     return [(20 * math.log10(abs(ratio)), math.degrees(np.angle(ratio))) for ratio in ratios]
 
 
-@pytest.mark.long
-@again_after_a_stall  # a board whose host stands still stops itself
+@pytest.mark.machine
 def test_a_board_over_a_terminal_is_measured_by_its_own_accelerometer(tmp_path: Path) -> None:
     spec = f"at={AT_MM}mm, mass=2g, drift=9000"
     with emulator(tmp_path, "--device", "reference-a", "--sensor", spec, "--seed", "5") as running:

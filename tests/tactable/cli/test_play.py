@@ -23,6 +23,7 @@ def emulator() -> Iterator[RunningEmulator]:
         yield running
 
 
+@pytest.mark.machine
 def test_a_drive_is_played_for_its_time_and_its_levels_are_told(tmp_path: Path, emulator: RunningEmulator) -> None:
     done = run_here(tmp_path, "play", "reference-a", "--port", emulator.port, *DRIVE, "--for", "0.3 s", "--json")
     assert done.returncode == 0, done.stderr
@@ -36,6 +37,7 @@ def test_a_drive_is_played_for_its_time_and_its_levels_are_told(tmp_path: Path, 
     assert not any(channel.amplitude for channel in events[-1].channels)
 
 
+@pytest.mark.machine
 def test_ctrl_c_silences(emulator: RunningEmulator) -> None:
     words = [TACTABLE, "play", "reference-a", "--port", emulator.port, "--frequency", "150", "--amplitude", "20 %"]
     with subprocess.Popen(words, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:

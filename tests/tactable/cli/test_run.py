@@ -30,6 +30,8 @@ from tests.engine.touch.sources.fake_hid import FakeMachine
 from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
 
+pytestmark = pytest.mark.machine
+
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 DEVICE = find_device("reference-a")
 HELD = """
@@ -229,7 +231,6 @@ def test_another_process_records_what_is_touched(folder: Path, emulator: Running
     ]
 
 
-@pytest.mark.long
 def test_a_ring_shows_a_run_to_whoever_looks_and_goes_with_it(folder: Path, emulator: RunningEmulator) -> None:
     ring = folder / "ring"
     words = ["bar.nc", "--touch", "simulated", "--port", emulator.port, "--reconnect", "--ring", "ring"]

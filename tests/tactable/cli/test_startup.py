@@ -12,6 +12,8 @@ from typer.testing import CliRunner
 
 from tactable.cli.main import COMMANDS, Entry, app
 
+pytestmark = pytest.mark.machine
+
 HEAVY = {"h5netcdf", "matplotlib", "numba", "numpy", "pint", "precompute", "scipy", "xarray"}
 TARGETS = [
     (f"{group} {name}".strip(), entry)

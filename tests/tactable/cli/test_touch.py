@@ -154,6 +154,7 @@ def test_a_machine_without_hidapi_still_lists_the_rest() -> None:
 # ---- record ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.machine
 def test_what_is_recorded_is_read_back_report_for_report(bench: Bench, tmp_path: Path) -> None:
     device = bench.hid.plug()
     reports = [touch_report((1, step, True)) for step in range(5)]
@@ -172,6 +173,7 @@ def test_what_is_recorded_is_read_back_report_for_report(bench: Bench, tmp_path:
     assert (summary["reports"], summary["recording"]) == (5, str(path))
 
 
+@pytest.mark.machine
 def test_an_unplug_ends_the_recording_cleanly(bench: Bench) -> None:
     device = bench.hid.plug()
     source = open_hidraw(bench.system(), "04f3:200a", reconnect=False)
@@ -190,6 +192,7 @@ def test_a_recording_that_is_played_is_recorded_as_it_was() -> None:
     assert again == recording
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_ends_a_recording_with_a_whole_file(tmp_path: Path, number: signal.Signals) -> None:
     path = tmp_path / "bar.hid"
@@ -216,6 +219,7 @@ def test_a_device_that_is_not_there_leaves_no_file(bench: Bench, tmp_path: Path)
 # ---- doctor ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.machine
 def test_a_machine_that_is_well_passes(bench: Bench, tmp_path: Path) -> None:
     bench.hid.plug()
     port = tmp_path / "ttyACM0"
@@ -226,6 +230,7 @@ def test_a_machine_that_is_well_passes(bench: Bench, tmp_path: Path) -> None:
     assert "FAIL" not in result.stdout
 
 
+@pytest.mark.machine
 def test_every_failed_check_has_its_remedy_and_the_exit_status_tells(bench: Bench) -> None:
     bench.ports = (PortDescription("/nowhere/ttyACM0", "bar", "bar driver"),)
     bench.backend = "hid"

@@ -134,6 +134,7 @@ class Sender(asyncio.DatagramProtocol):
             self.heard.put_nowait(message)
 
 
+@pytest.mark.machine
 def test_every_sender_is_a_program_that_is_answered_and_hears_what_it_asked_for() -> None:
     async def act() -> None:
         loop = Loop()

@@ -28,6 +28,8 @@ from tests.engine.made_table import write_table
 from tests.tactable.control.messages import hostile_datagram
 from tests.tactable.rig.strokes import Stroke, make_recording
 
+pytestmark = pytest.mark.machine
+
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 DEVICE = find_device("reference-a")
 NO_RULES = '[[effect]]\nname = "none"\nenvelope = [["held", "quiet"]]\n[[rule]]\non = "touch"\neffect = "none"\n'
@@ -187,7 +189,6 @@ def test_without_a_run_there_is_an_error_with_a_remedy(tmp_path: Path) -> None:
         tactable.connect(tmp_path / "nobody.sock")
 
 
-@pytest.mark.long
 def test_a_second_run_does_not_take_the_socket(running: Running, folder: Path) -> None:
     with run_emulator() as emulator:
         words = ["bar.nc", "--touch", "rests.hid", "--port", emulator.port, "--control"]
@@ -198,7 +199,6 @@ def test_a_second_run_does_not_take_the_socket(running: Running, folder: Path) -
         assert client.run["device"] == "reference-a"
 
 
-@pytest.mark.long
 def test_a_program_of_another_kind_is_felt_by_open_sound_control_whatever_else_comes(
     folder: Path, tmp_path: Path
 ) -> None:
@@ -244,7 +244,6 @@ def test_a_program_of_another_kind_is_felt_by_open_sound_control_whatever_else_c
         assert not running.socket.exists()  # the control process ended by itself
 
 
-@pytest.mark.long
 def test_after_a_change_of_table_programs_meet_the_new_device(folder: Path, tmp_path: Path) -> None:
     for name in ("bar.nc", "rests.hid", "none.toml"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())

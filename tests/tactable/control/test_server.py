@@ -141,6 +141,7 @@ def test_one_program_too_many_is_told_so() -> None:
     run(act)
 
 
+@pytest.mark.machine
 def test_a_connection_that_never_greets_is_closed_and_one_that_greeted_is_not() -> None:
     async def act(server: ControlServer, _loop: Loop) -> None:
         server._greet_within_s = 0.05
@@ -215,6 +216,7 @@ def test_a_program_that_reads_too_slowly_loses_events_and_is_told_how_many(reads
     run(act)
 
 
+@pytest.mark.machine
 def test_another_run_gets_the_scene_with_its_own_rules_below_and_no_roles_of_the_one_before() -> None:
     async def act(server: ControlServer, loop: Loop) -> None:
         line, more = Line(), Effects((), BASE.others)

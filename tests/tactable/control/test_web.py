@@ -18,6 +18,8 @@ from tests.tactable.control.messages import HELLO, VALID
 from tests.tactable.control.test_scene import BASE
 from tests.tactable.control.test_server import FINGERS, Loop
 
+pytestmark = pytest.mark.machine
+
 
 def run(act: Callable[[WebControl, ControlServer, Loop], Awaitable[None]]) -> None:
     async def started() -> None:

@@ -20,6 +20,7 @@ def test_the_layer_that_costs_most_is_named_with_its_remedy(name: str, remedy: s
     assert found.passed
 
 
+@pytest.mark.machine
 def test_every_layer_is_measured_and_a_slow_line_is_the_costliest() -> None:
     layers = {layer.name: layer for layer in measure_layers(9_600)}
     assert list(layers) == ["host", "engine", "terminal", "line", "line for a click"]
@@ -30,6 +31,7 @@ def test_every_layer_is_measured_and_a_slow_line_is_the_costliest() -> None:
     assert check_layers(list(layers.values()))[-1].finding.startswith("the line for a click, ")
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize(
     ("bit_rate_hz", "said"), [(38_400, "steady drives take"), (115_200, "steady drives would take")]
 )

@@ -40,6 +40,7 @@ def test_the_fast_path_is_made_or_its_compiler_named(tmp_path: Path, monkeypatch
     assert check.remedy.startswith("install one (gcc)")
 
 
+@pytest.mark.machine
 def test_a_fast_path_that_is_compiled_passes(tmp_path: Path, fast_library: ctypes.CDLL) -> None:
     assert fast_library is not None
     assert check_fast_path(tmp_path).passed

@@ -22,6 +22,7 @@ def test_a_declared_form_is_read_as_it_was_written() -> None:
     assert scale.tolist() == [1.0, 1.0]
 
 
+@pytest.mark.machine
 def test_samples_come_in_declared_units_however_they_were_cut(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)

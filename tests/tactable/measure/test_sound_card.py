@@ -172,6 +172,7 @@ def test_a_card_that_nobody_reads_loses_whole_blocks_and_says_so() -> None:
     stream.close()
 
 
+@pytest.mark.machine
 def test_a_card_that_cannot_be_opened_is_named() -> None:
     with pytest.raises((SensorError, AudioError), match=r"no sound card|sound cards need"):
         AudioSensor("audio:no such card,scale=9.81 m/s^2", DEVICE)

@@ -42,6 +42,7 @@ print("went on")
 """
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize("table", first_quick(["there", "built"]))
 def test_it_is_ended_by_a_signal_that_comes_as_it_ends(table: str, tmp_path: Path) -> None:
     path = tmp_path / "table.nc"

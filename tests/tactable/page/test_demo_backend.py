@@ -31,6 +31,8 @@ from tactable.shipped import find_device
 from tests.precompute.builder.test_build import SMALL
 from tests.quick import first_quick
 
+pytestmark = pytest.mark.machine
+
 TICK_S = 1 / 60
 RATE_HZ = 24_000
 SHORT = SMALL.replace("279.4 mm", "80 mm")
@@ -358,7 +360,6 @@ def test_a_process_that_dies_is_started_again_and_the_show_goes_on(rig: Rig, whi
     rig.until(lambda picture: picture.command > 0 and picture.age_s > 0.1)
 
 
-@pytest.mark.long
 def test_a_device_without_a_table_plays_steady_drives_at_once_then_clicks_as_they_are_solved(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -29,6 +29,8 @@ from tests.engine.loop.observed import observe
 from tests.tactable.page.played import LEVEL_DB, RESOLUTION_HZ, record_of
 from tests.tactable.rig.strokes import Stroke, make_recording
 
+pytestmark = pytest.mark.machine
+
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 
 
@@ -121,7 +123,6 @@ def test_a_run_is_shown_to_a_page_that_only_looks_on_and_goes_on_when_that_is_ki
     assert {message[1] for message in told} == {Kind.SCENE, Kind.PICTURE, Kind.MOTION}
 
 
-@pytest.mark.long
 def test_a_page_that_finds_no_place_is_refused_before_the_run_begins(folder: Path, emulator: RunningEmulator) -> None:
     with started(folder, emulator, "--page", "--page-host", "192.0.2.1") as process:
         _, said = process.communicate()
@@ -203,7 +204,6 @@ def is_by_hand(emulator: RunningEmulator) -> bool:
     )
 
 
-@pytest.mark.long
 def test_a_board_is_driven_by_hand_until_it_is_given_back_or_the_page_is_silent(
     folder: Path, emulator: RunningEmulator
 ) -> None:

@@ -29,6 +29,8 @@ from tactable.page.messages import (
 )
 from tactable.page.server import MOST_BROWSERS, AddressError, PageServer, listen_at, serve
 
+pytestmark = pytest.mark.machine
+
 DOWN = PointerEvent(1, 0.25, 0.5, Phase.DOWN)
 SOUND = encode_sound(3, 8000, np.zeros(4, np.int16))
 Visit = Callable[[AccessPolicy, "Notes"], Awaitable[None]]

@@ -63,6 +63,7 @@ def some_of(applied: dict[Wanted, DriveEvent], most: int = 12) -> list[tuple[Wan
     return [commands[k * len(commands) // most] for k in range(most)] if len(commands) > most else commands
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=1))
 def test_a_real_recording_renders_what_was_promised_for_its_positions(
     path: Path, table: Table, reporter: Reporter
@@ -76,6 +77,7 @@ def test_a_real_recording_renders_what_was_promised_for_its_positions(
             assert report_of(reporter, wanted, event).disagreement <= AGREEMENT
 
 
+@pytest.mark.machine
 def test_every_finger_of_the_demo_touches_is_promised_what_it_gets(table: Table, reporter: Reporter) -> None:
     """Fingers that feel as long as they touch, so that many drives are rendered; quiet ones by a second rule."""
     quiet_in_the_middle = Rule(Trigger.TOUCH, Effect("nothing", (Segment(None, None),)), zones=frozenset({2}))
@@ -89,6 +91,7 @@ def test_every_finger_of_the_demo_touches_is_promised_what_it_gets(table: Table,
     assert max(report.disagreement for report in reports) <= AGREEMENT
 
 
+@pytest.mark.machine
 def test_promises_are_for_where_the_fingers_are_and_not_for_their_places(table: Table, reporter: Reporter) -> None:
     """A finger rests and another taps, both almost half a pitch from the places of this coarse table."""
     strokes = make_recording([Stroke(0.0, 0.6, 0.51, 0.51), Stroke(0.3, 0.6, 0.11, 0.11)])
@@ -115,6 +118,7 @@ def test_a_table_that_a_user_names_is_built_there_and_nothing_lies_beside_it(
     assert [path.name for path in tmp_path.iterdir()] == ["mine.nc"]
 
 
+@pytest.mark.machine
 def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> None:
     built = [str(table.path.with_name("bar.toml")), "--table", str(table.path)]
     words = ["demo", "--json", "--figure", "demo.png", "--recording", str(DEMO_RECORDING), *built]
@@ -138,6 +142,7 @@ def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> 
     assert (tmp_path / "demo.png").stat().st_size > 10_000
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize("faults", first_quick(["stall=0.06s/0.2s", "delay=30ms,jitter=30ms", "stall=0.3s/0.9s"]))
 def test_a_run_over_a_line_that_stalls_breaks_no_promise(table: Table, faults: str) -> None:
     """The firmware refuses what comes late, and whatever it takes is what was solved for the fingers."""
@@ -161,6 +166,7 @@ def bursts(table: Table) -> LiveRun:
     return play(table, read_recording(DEMO_RECORDING), 2.0, BURSTS)
 
 
+@pytest.mark.machine
 def test_a_command_that_the_firmware_took_and_did_not_drive_is_missed(bursts: LiveRun) -> None:
     key = next(iter(first_applied(bursts)))
     silent = tuple(event for event in bursts.log.events if event.cause is not Cause.SET)
@@ -177,6 +183,7 @@ def rendered(bursts: LiveRun) -> tuple[Wanted, DriveEvent]:
     return next((wanted, event) for wanted, event in applied.items() if wanted.placement.quiet)
 
 
+@pytest.mark.machine
 def test_a_broken_promise_is_found(reporter: Reporter, rendered: tuple[Wanted, DriveEvent]) -> None:
     wanted, event = rendered
     report = reporter.report_drive(wanted, event)
@@ -190,6 +197,7 @@ def test_a_broken_promise_is_found(reporter: Reporter, rendered: tuple[Wanted, D
     assert reporter.report_drive(wanted, louder).disagreement > AGREEMENT
 
 
+@pytest.mark.machine
 def test_a_promise_for_positions_is_not_kept_elsewhere(reporter: Reporter, rendered: tuple[Wanted, DriveEvent]) -> None:
     wanted, event = rendered
     report = reporter.report_drive(wanted, event)
@@ -210,6 +218,7 @@ def test_the_level_in_the_run_is_the_promised_one_where_the_acceleration_is(tabl
     assert report.level_db(0, 0.0) is None
 
 
+@pytest.mark.machine
 def test_fingers_are_told_apart_by_what_they_are_to_feel(bursts: LiveRun, reporter: Reporter) -> None:
     felt = reporter.bar.feel(bursts, 13.0)
     starts_s = [(change.time_ns - bursts.moments[0].time_ns) / 1e9 for change in bursts.trace]
@@ -230,6 +239,7 @@ def clicked(table: Table) -> tuple[LiveRun, dict[Wanted, DriveEvent]]:
     return run, {wanted: event for wanted, event in first_applied(run).items() if event.waveform is not None}
 
 
+@pytest.mark.machine
 def test_a_finger_that_moves_on_while_its_click_plays_is_where_the_digitizer_has_it(
     clicked: tuple[LiveRun, dict[Wanted, DriveEvent]],
 ) -> None:
@@ -241,6 +251,7 @@ def test_a_finger_that_moves_on_while_its_click_plays_is_where_the_digitizer_has
     assert is_felt(fast[0].touches[0], fast[0])
 
 
+@pytest.mark.machine
 def test_every_click_of_the_demo_does_what_was_promised(
     reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
 ) -> None:
@@ -254,6 +265,7 @@ def test_every_click_of_the_demo_does_what_was_promised(
         assert at_promise == pytest.approx(report.promise.level_db[0])
 
 
+@pytest.mark.machine
 def test_a_broken_promise_of_a_click_is_found(
     reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
 ) -> None:
@@ -267,6 +279,7 @@ def test_a_broken_promise_of_a_click_is_found(
     assert reporter.report_click(wanted, other).disagreement > AGREEMENT
 
 
+@pytest.mark.machine
 def test_what_rings_down_counts_as_felt_by_the_finger_that_felt_it(
     reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
 ) -> None:

@@ -21,6 +21,8 @@ from tactable.rig.emulate import configuration_of
 from tactable.shipped import find_device
 from tests.firmware_link.firmware.compiled_core import LIBRARY, make, need
 
+pytestmark = pytest.mark.machine
+
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 PATIENCE_S = 60.0
 

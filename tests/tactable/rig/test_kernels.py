@@ -24,6 +24,7 @@ def test_every_module_with_a_declared_kernel_is_listed() -> None:
     assert declared == {*CLICKS, *STEADY, *BUILDS}
 
 
+@pytest.mark.machine
 @pytest.mark.parametrize("module", ["tactable.page.opening", "tactable.page.processes.engine", "tactable.rig.ready"])
 def test_what_plays_first_compiles_nothing_and_imports_nothing_slow(module: str) -> None:
     listed = f"import sys, {module}; print(*sys.modules)"

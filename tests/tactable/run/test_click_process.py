@@ -19,6 +19,8 @@ from precompute.clicks.columns import ClickTabulator
 from tactable.run.click_process import ClickProcess
 from tests.precompute.builder.test_build_clicks import CHEAP, DEVICE
 
+pytestmark = pytest.mark.machine
+
 PATIENCE_S = 120.0
 
 

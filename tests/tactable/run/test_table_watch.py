@@ -109,7 +109,7 @@ class Run:
         return dict(json.loads(told))
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_a_run_changes_over_to_each_new_table_and_back(tmp_path: Path, emulator: RunningEmulator) -> None:
     run = Run(tmp_path, emulator)
     write(run.path, 2.0)
@@ -122,6 +122,7 @@ def test_a_run_changes_over_to_each_new_table_and_back(tmp_path: Path, emulator:
     assert summary["changes_of_table"] == 3
 
 
+@pytest.mark.machine
 def test_a_table_that_fails_a_check_is_refused_and_the_run_goes_on(tmp_path: Path, emulator: RunningEmulator) -> None:
     run = Run(tmp_path, emulator)
     data = bytearray(run.path.read_bytes())
@@ -141,7 +142,7 @@ def test_a_table_that_fails_a_check_is_refused_and_the_run_goes_on(tmp_path: Pat
     assert run.end()["changes_of_table"] == 1
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_a_run_outlives_the_process_that_looks_for_tables(tmp_path: Path, emulator: RunningEmulator) -> None:
     run = Run(tmp_path, emulator)
     found = subprocess.run(

@@ -10,6 +10,8 @@ import pytest
 
 from engine.loop.fast.library import FastPathError, compile_fast_path
 
+pytestmark = pytest.mark.machine
+
 
 @pytest.fixture(scope="module")
 def library(fast_library: ctypes.CDLL) -> ctypes.CDLL:

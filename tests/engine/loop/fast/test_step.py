@@ -335,6 +335,7 @@ def run_many_contacts(folder: str) -> None:
         assert ends.fast.wait(0, [each.fileno() for each in others], ()) == []
 
 
+@pytest.mark.machine
 def test_more_than_64_contacts_stay_within_bounds(library: ctypes.CDLL, tmp_path: Path) -> None:
     assert library is not None  # there is a compiler
     process = multiprocessing.get_context("spawn").Process(target=run_many_contacts, args=(str(tmp_path),))

@@ -64,6 +64,7 @@ def measured(table: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pat
         return folder, report(folder, str(table), *words)
 
 
+@pytest.mark.machine
 def test_no_report_is_lost_no_command_stale_and_order_is_kept(measured: tuple[Path, dict[str, Any]]) -> None:
     _, document = measured
     ours = [condition for condition in document["conditions"] if condition["engine"] == "tactable"]
@@ -82,6 +83,7 @@ def test_no_report_is_lost_no_command_stale_and_order_is_kept(measured: tuple[Pa
         assert 0 < stages["bar (simulated)"]["p50_us"] < 100_000  # the made clicks' 5 ms
 
 
+@pytest.mark.machine
 def test_what_a_reader_must_know_is_in_the_report(measured: tuple[Path, dict[str, Any]], table: Path) -> None:
     _, document = measured
     assert document["simulated"] == ["the touches", "the firmware"]
@@ -102,6 +104,7 @@ def test_what_a_reader_must_know_is_in_the_report(measured: tuple[Path, dict[str
         assert ten[0] < ten[1]  # clicks of three fingers and more are in no table
 
 
+@pytest.mark.machine
 @pytest.mark.skipif(not HAS_COMPILER, reason="there is no C compiler")
 def test_the_c_echo_engine_is_measured_beside_each_engine(measured: tuple[Path, dict[str, Any]]) -> None:
     _, document = measured
@@ -143,6 +146,7 @@ def test_at_8000_reports_a_second_none_is_lost_and_order_is_kept(table: Path, tm
     assert condition["order_kept"] or condition["released_by_watchdog"]
 
 
+@pytest.mark.machine
 def test_a_run_is_no_worse_than_itself_and_worse_than_a_faster_one(
     measured: tuple[Path, dict[str, Any]], table: Path, tmp_path: Path
 ) -> None:
@@ -163,6 +167,7 @@ def test_a_run_is_no_worse_than_itself_and_worse_than_a_faster_one(
     assert len(document["conditions"]) == 2 + 2 * HAS_COMPILER
 
 
+@pytest.mark.machine
 def test_a_baseline_of_other_conditions_is_refused(
     measured: tuple[Path, dict[str, Any]], table: Path, tmp_path: Path
 ) -> None:

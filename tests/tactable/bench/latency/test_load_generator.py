@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from tactable.bench.latency.load_generator import EchoReceiver, LoadGenerator, Schedule, Stall, StalledLayer
 from tactable.bench.latency.sockets import SocketSource
 
+pytestmark = pytest.mark.machine
+
 PACKETS = [bytes([number]) * 20 for number in range(7)]
 
 

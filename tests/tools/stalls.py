@@ -1,0 +1,142 @@
+"""Evidence that the machine stood still: the test's process came late, or one that it started was stopped or waited."""
+
+import contextlib
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+PERIOD_S = 0.005
+PROCESSES_PERIOD_S = 0.02
+STALL_S = 0.05
+"""Longer than a processor that is shared fairly lets a process wait, and half of the shortest lease."""
+_NS_PER_S = 1e9
+_stopped_by_tests = set[int]()
+
+
+class Evidence:
+    """What stood still for longer than a limit, and for how long at most."""
+
+    def __init__(self, limit_s: float) -> None:
+        self._limit_s = limit_s
+        self.longest_s = dict[str, float]()
+
+    def add(self, what: str, duration_s: float) -> None:
+        """Keep what lasted longer than the limit."""
+        if duration_s > max(self._limit_s, self.longest_s.get(what, 0.0)):
+            self.longest_s[what] = duration_s
+
+    def __bool__(self) -> bool:
+        return bool(self.longest_s)
+
+    def __str__(self) -> str:
+        return "; ".join(f"{what} {duration_s:.2f} s" for what, duration_s in self.longest_s.items())
+
+
+class _Process:
+    """The stops and delays of a process between one look and the next."""
+
+    def __init__(self, pid: int) -> None:
+        self._folder = Path(f"/proc/{pid}")
+        self._delay_s = self._read_delay_s()
+        self._stopped_since_s: float | None = None
+        self._pid = pid
+        self._name = f"process {pid} ({self._folder.joinpath('comm').read_text().strip()})"
+
+    def _read_delay_s(self) -> float:
+        return int(self._folder.joinpath("schedstat").read_text().split()[1]) / _NS_PER_S
+
+    def look(self, evidence: Evidence, now_s: float) -> None:
+        """A wait for a processor is added as a whole when it ends, so a step of the sum is one wait."""
+        delay_s = self._read_delay_s()
+        evidence.add(f"{self._name} waited for a processor for", delay_s - self._delay_s)
+        self._delay_s = delay_s
+        is_stopped = state_and_parent(self._folder)[0] in "Tt" and self._pid not in _stopped_by_tests
+        if not is_stopped:
+            self._stopped_since_s = None
+        elif self._stopped_since_s is None:
+            self._stopped_since_s = now_s
+        else:
+            evidence.add(f"{self._name} was stopped for", now_s - self._stopped_since_s)
+
+
+def state_and_parent(folder: Path) -> tuple[str, int]:
+    """State and parent of a process from its folder in /proc."""
+    state, parent = folder.joinpath("stat").read_text().rpartition(")")[2].split()[:2]
+    return state, int(parent)
+
+
+def descendants(pid: int) -> set[int]:
+    """The processes that this one started, and those that they started."""
+    children = dict[int, list[int]]()
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit():
+            with contextlib.suppress(OSError):
+                children.setdefault(state_and_parent(folder)[1], []).append(int(folder.name))
+    found, left = set[int](), [pid]
+    while left:
+        new = children.get(left.pop(), [])
+        found.update(new)
+        left += new
+    return found
+
+
+class _Watch:
+    """Looks at this process every 5 ms and at its descendants every 20 ms."""
+
+    def __init__(self, evidence: Evidence) -> None:
+        self._evidence = evidence
+        self._before_s, self._computed_s = time.monotonic(), time.process_time()
+        self._looked_s = self._before_s
+        self._processes = dict[int, _Process]()
+        self._look_at_processes(self._before_s)
+
+    def look(self) -> None:
+        """Compare the time that went by with the time that this process computed."""
+        now_s, computed_s = time.monotonic(), time.process_time()
+        gap_s = now_s - self._before_s - (computed_s - self._computed_s)
+        self._evidence.add("the test's own process stood still for", gap_s)
+        self._before_s, self._computed_s = now_s, computed_s
+        if now_s - self._looked_s > PROCESSES_PERIOD_S:
+            self._looked_s = now_s
+            self._look_at_processes(now_s)
+
+    def _look_at_processes(self, now_s: float) -> None:
+        for pid in descendants(os.getpid()):
+            with contextlib.suppress(OSError, IndexError):  # it ends while it is looked at
+                if pid not in self._processes:
+                    self._processes[pid] = _Process(pid)
+                self._processes[pid].look(self._evidence, now_s)
+
+
+@contextmanager
+def watched(limit_s: float = STALL_S) -> Iterator[Evidence]:
+    """Evidence of stalls during the block."""
+    evidence, has_ended = Evidence(limit_s), threading.Lock()
+    has_ended.acquire()
+    watch = _Watch(evidence)
+
+    def run() -> None:
+        while not has_ended.acquire(timeout=PERIOD_S):
+            watch.look()
+        watch.look()
+
+    thread = threading.Thread(target=run, name="watch for stalls")
+    thread.start()
+    try:
+        yield evidence
+    finally:
+        has_ended.release()
+        thread.join()
+
+
+def hear_of_stops(event: str, args: tuple[Any, ...]) -> None:
+    """A test that stops a process, or lets it go on, means it."""
+    if event == "os.kill" and args[1] == signal.SIGSTOP:
+        _stopped_by_tests.add(args[0])
+    elif event == "os.kill" and args[1] == signal.SIGCONT:
+        _stopped_by_tests.discard(args[0])
