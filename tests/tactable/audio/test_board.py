@@ -63,7 +63,6 @@ def driving() -> tuple[CardTier, Host]:
     return tier, host
 
 
-@pytest.mark.machine
 @settings(max_examples=25, deadline=None)
 @given(
     drives=st.lists(st.tuples(channel_drives, channel_drives), max_size=4),

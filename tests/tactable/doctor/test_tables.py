@@ -10,6 +10,7 @@ from tactable.doctor.tables import check_fast_path, check_kernels, check_tables
 from tactable.shipped import find_device
 from tests.engine.made_entries import entry_of, felt_states
 from tests.engine.made_table import write_table
+from tests.tools.guard import allowed
 
 DEVICE = find_device("reference-a")
 
@@ -40,7 +41,7 @@ def test_the_fast_path_is_made_or_its_compiler_named(tmp_path: Path, monkeypatch
     assert check.remedy.startswith("install one (gcc)")
 
 
-@pytest.mark.machine
 def test_a_fast_path_that_is_compiled_passes(tmp_path: Path, fast_library: ctypes.CDLL) -> None:
     assert fast_library is not None
-    assert check_fast_path(tmp_path).passed
+    with allowed("compiles the step"):
+        assert check_fast_path(tmp_path).passed

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import ctypes
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from engine.loop.fast.library import FastPathError, compile_fast_path
+from tests.tools.guard import allowed
 
-pytestmark = pytest.mark.machine
+
+@pytest.fixture(autouse=True)
+def compiler() -> Iterator[None]:
+    with allowed("compiles the step"):
+        yield
 
 
 @pytest.fixture(scope="module")
