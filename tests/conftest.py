@@ -57,7 +57,9 @@ def pytest_configure(config: pytest.Config) -> None:
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         # A shell tells the jobs that it runs in the background to ignore Ctrl-C, and what tests start would inherit it.
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    settings.load_profile("long" if config.getoption("markexpr") == "long" else "quick")
+    if config.option.markexpr == "long":  # the tiers are disjoint: what needs the real machine is of no other
+        config.option.markexpr = "long and not machine"
+    settings.load_profile("long" if config.option.markexpr.startswith("long") else "quick")
     if hasattr(config, "workerinput"):
         _compile_kernels()
 
@@ -69,12 +71,6 @@ def _compile_kernels() -> None:
             with ROOT.joinpath(*name.split(".")).with_suffix(".py").open() as lock, suppress(BlockingIOError):
                 fcntl.flock(lock, how)
                 import_module(name)
-
-
-def pytest_itemcollected(item: pytest.Item) -> None:
-    """The tiers are disjoint: a case of a test of the real machine that is marked `long` is of the real machine."""
-    if item.get_closest_marker("machine"):
-        item.own_markers[:] = [marker for marker in item.own_markers if marker.name != "long"]
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

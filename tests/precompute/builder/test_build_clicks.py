@@ -18,6 +18,8 @@ from precompute.clicks.tabulated import tabulated_keys
 from tests.engine.made_clicks import basis_of, click_of
 from tests.precompute.fleet.small_fleet import small_text
 
+pytestmark = pytest.mark.long
+
 CHEAP = ClickOptions(lengths_s=(0.02,), pitch_m=93.2e-3, scenarios=4, trimmed=10, judged=20)
 DEVICE = Device.parse(small_text(), "bar")
 PLACES = Places(DEVICE.bar.length_m, 4)
@@ -130,7 +132,6 @@ def test_an_interrupted_build_goes_on_where_its_clicks_were(tmp_path: Path, tabl
         assert all(same(one, other) for one, other in zip(resumed.clicks, table.clicks, strict=True))
 
 
-@pytest.mark.long
 def test_the_cost_is_of_what_was_solved_now(tmp_path: Path) -> None:
     """Counts do not depend on the number of workers; processor time of workers counts; what is taken over is free."""
     path = tmp_path / "bar.nc"
@@ -180,7 +181,6 @@ ROUGH = ClickOptions(lengths_s=(0.02,), pitch_m=140e-3, scenarios=22, trimmed=24
 """Coarse clicks of these are solved on fewer plants."""
 
 
-@pytest.mark.long
 def test_a_coarse_table_is_whole_and_comes_first_where_there_are_no_clicks(tmp_path: Path) -> None:
     path, kept = tmp_path / "bar.nc", tmp_path / "kept.nc"
     build_table(DEVICE, path, created="before", clicks_up_to=0)

@@ -24,6 +24,8 @@ from precompute.builder.incremental import (
 from precompute.clicks import ClickOptions
 from tests.precompute.fleet.small_fleet import small_text
 
+pytestmark = pytest.mark.long
+
 CHEAP = ClickOptions(lengths_s=(0.02,), pitch_m=93.2e-3, scenarios=2, trimmed=6, judged=10)
 TEXT = small_text()
 DEVICE = Device.parse(TEXT, "bar")

@@ -15,6 +15,8 @@ from tests.precompute.devices import shipped, with_bar
 from tests.precompute.measured import PAIRS_HZ, SENSOR_MASS_KG, TRUTH, read_bar
 from tests.quick import first_quick
 
+pytestmark = pytest.mark.long
+
 DEVICE = shipped("reference-a")
 FLAWS = Flaws(noise=0.02, wrong=0.05)
 STIFFER = {**TRUTH, "bar.youngs_modulus": 1.06 * DEVICE.bar.youngs_modulus_pa}

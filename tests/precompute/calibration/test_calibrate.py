@@ -128,6 +128,7 @@ def test_complex_responses_are_fitted_too() -> None:
     assert found.predicted.dtype == np.complex128
 
 
+@pytest.mark.long
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     """Eight bars, 56 intervals; `tests.studies.physics.calibration_coverage` does it for 100 of each case."""
     held = []

@@ -13,6 +13,8 @@ from precompute.entries.solver import EntrySolver, tabulated_states
 from precompute.model.assembly import assemble
 from tests.precompute.sampling.test_bars import calibrated
 
+pytestmark = pytest.mark.long
+
 DEVICE = calibrated(0.03, spread=0.01)
 STATES = tabulated_states(DEVICE)
 MEAN, WORST = (EntrySolver(assemble(DEVICE), made_for=made_for) for made_for in MadeFor)

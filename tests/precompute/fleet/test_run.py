@@ -24,6 +24,8 @@ from precompute.fleet.units import FleetOptions, Outcome, Unit, make_job
 from precompute.fleet.work import DEVICE, OUTCOME, TABLE
 from tests.precompute.fleet.small_fleet import small_text, write_measurements, write_unit
 
+pytestmark = pytest.mark.long
+
 OPTIONS = FleetOptions(clicks_up_to=0)
 BROKEN = {"empty": "device.toml", "unitless": "'0.79'", "unmeasured": "measurements.csv", "zoneless": "count"}
 """Units that cannot be built, and a word of why."""

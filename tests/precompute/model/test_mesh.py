@@ -49,6 +49,7 @@ def test_responses_of_the_band_of_clicks_are_right_to_a_twentieth_of_a_percent(d
     assert error(device, frequencies(device, device.sweep.start_hz, CLICKS_TOP_HZ)).max() < 5e-4
 
 
+@pytest.mark.long
 def test_on_a_light_soft_bar_5_mm_would_not_do() -> None:
     """Acrylic of a tenth of the damping, swept to 1 kHz: 5 mm is off by more than 0.2 % at a resonance."""
     bar = ("500 mm", "0.8 mm", "3.2 GPa", "1190 kg/m^3")

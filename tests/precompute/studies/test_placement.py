@@ -23,6 +23,8 @@ from precompute.studies.two_fingers import screen_two_fingers, solve_two_fingers
 from tests.precompute.devices import shipped, with_zones
 from tests.quick import first_quick
 
+pytestmark = pytest.mark.long
+
 MOST = 20
 
 

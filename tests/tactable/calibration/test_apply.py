@@ -25,6 +25,8 @@ from tactable.cli.main import app
 from tests.precompute.builder.test_build import ONE_LEVEL
 from tests.precompute.builder.test_incremental import arrays
 
+pytestmark = pytest.mark.long
+
 CHEAP = ClickOptions(lengths_s=(0.02,), pitch_m=93.2e-3, scenarios=2, trimmed=6, judged=10)
 WISHES: dict[str, Any] = {"objective": "fair share", "clicks_up_to": 1, "click_options": CHEAP}
 TWO_ZONES = ONE_LEVEL.replace("count = 3", "count = 2")
@@ -87,7 +89,6 @@ def test_the_table_is_built_for_the_new_bar_as_it_was_built_before(folder: Path)
     assert "actuator[1].stiffness_n_per_m" in {change["key"] for change in applied["diff"]["device"]}
 
 
-@pytest.mark.long
 @pytest.mark.usefixtures("one_core")
 def test_asked_again_it_goes_on_where_it_was_and_then_does_nothing(folder: Path) -> None:
     first = apply("--no-clicks")

@@ -16,6 +16,8 @@ from tactable.cli.console import EXIT_DOUBTFUL
 from tactable.cli.main import app, main
 from tactable.shipped import find_device
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[3]
 DRIVES = "150,130;150,200;140,-"
 
@@ -90,7 +92,6 @@ def test_a_misfit_beyond_what_is_accepted_is_written_and_doubted(measured: Path,
     assert (tmp_path / "new" / "reference-a.toml").is_file()
 
 
-@pytest.mark.long
 def test_a_wrong_modulus_is_fitted_or_doubted_with_the_option_that_mends_it(tmp_path: Path) -> None:
     changes = ("--change", "bar.youngs_modulus=74.2 GPa", "--noise", "2 %", "--wrong", "5 %")
     path = simulated(tmp_path / "m.csv", *changes)

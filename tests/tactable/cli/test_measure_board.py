@@ -13,6 +13,8 @@ from tests.engine.loop.rig import DEVICE
 from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.test_emulate import emulator
 
+pytestmark = pytest.mark.long
+
 AT_MM, MASS_KG, HZ = 50, 2e-3, 209.0
 SIMULATED = ("--port", "simulated", "--sensor", "board")
 
@@ -47,7 +49,6 @@ def test_a_board_over_a_terminal_is_measured_by_its_own_accelerometer(tmp_path: 
     assert max(abs(degrees) for _, degrees in errors) < 1.5
 
 
-@pytest.mark.long
 def test_a_simulated_bar_is_swept_by_the_board_s_own_accelerometer(tmp_path: Path) -> None:
     words = ("--places", "1", "--frequencies", "205,209,213", "--method", "sweep", "--least", "100 %", "--json")
     done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.nc", *SIMULATED, *words, "--flaws", "drift=-15000")

@@ -68,6 +68,7 @@ def test_it_says_how_much_was_looked_at_and_what_was_not(
     assert "looked at" in said.err and "not at states of more fingers, at clicks" in said.err
 
 
+@pytest.mark.long
 def test_a_resolution_comes_with_its_data_and_a_summary(
     tmp_path: Path, tactable_study: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -29,6 +29,8 @@ from tactable.shipped import find_device, shipped_names
 from tests.precompute.builder.test_build import SMALL
 from tests.tactable.click_table import build_click_table
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def built(click_table: Path) -> Iterator[Table]:
@@ -124,7 +126,6 @@ def test_samples_of_a_shipped_table_are_what_this_code_solves(name: str, tmp_pat
     assert not [figure for figure in figures if figure[3] > Tolerance().limit(figure[0])], remedy
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("name", shipped_names())
 def test_a_shipped_table_is_what_a_build_makes(name: str, tmp_path: Path) -> None:
     """Other processors round otherwise, which is not heard."""
