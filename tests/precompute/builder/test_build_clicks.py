@@ -132,6 +132,7 @@ def test_an_interrupted_build_goes_on_where_its_clicks_were(tmp_path: Path, tabl
         assert all(same(one, other) for one, other in zip(resumed.clicks, table.clicks, strict=True))
 
 
+@pytest.mark.machine
 def test_the_cost_is_of_what_was_solved_now(tmp_path: Path) -> None:
     """Counts do not depend on the number of workers; processor time of workers counts; what is taken over is free."""
     path = tmp_path / "bar.nc"

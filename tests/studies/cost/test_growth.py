@@ -22,7 +22,7 @@ def test_entries_of_every_number_of_zones_and_actuators_are_timed() -> None:
     assert set(exponents_of(rows)) == {"1 actuators", "2 actuators"}
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_clicks_of_every_case_are_timed_also_in_a_process_of_their_own_and_drawn(tmp_path: Path) -> None:
     cases = (("fingers", 1), ("fingers", 2), ("actuators", 3), ("plants", 4), ("ms of click", 10), ("mm of bar", 200))
     options = replace(CHEAP, scenarios=4)
@@ -37,7 +37,7 @@ def test_clicks_of_every_case_are_timed_also_in_a_process_of_their_own_and_drawn
     assert (tmp_path / "growth.png").stat().st_size > 1000
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_workers_share_the_placements_of_a_grid() -> None:
     grid = grid_of(DEVICE, 30)
     assert len(set(grid)) == 30 and all(b - a >= 15e-3 for a, b in (each.position_m for each in grid))

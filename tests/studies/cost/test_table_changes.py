@@ -19,7 +19,7 @@ def tables_of(folder: Path, device: Device = DEVICE) -> tuple[Path, Path]:
     return paths
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_every_change_is_seen_and_no_report_is_lost(tmp_path: Path) -> None:
     found = measure_changes(tables_of(tmp_path), 2, BackgroundLoad.IDLE, tmp_path)
     assert found["with"]["changes"] == found["with"]["changes_counted_by_the_run"] == 2

@@ -22,7 +22,7 @@ def test_a_tap_may_get_the_old_or_the_new_level_only_during_a_change() -> None:
     assert judge(SCENES, wrong) == {"right": 0, "right, during a change": 0, "wrong": 4}
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_a_short_run_loses_no_report_and_has_no_wrong_effect() -> None:
     found: dict[str, Any] = run(100, 2)
     assert found["wrong"] == found["lost_frames"] == found["mispredicted"] == found["events_lost"] == 0

@@ -15,7 +15,7 @@ DEVICE = with_zones(shipped("reference-a"), 3)
 COARSE = replace(DEVICE, sweep=replace(DEVICE.sweep, step_hz=8.0))
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_every_ordered_pair_is_compared_as_the_solvers_say() -> None:
     told = list[float]()
     result = run_clicks_bench(COARSE, CHEAP, 1, told.append)

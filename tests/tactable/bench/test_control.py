@@ -18,7 +18,7 @@ ROUNDS = 10
 DEVICE = find_device("reference-a")
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_each_round_times_a_touch_and_a_message_in_the_same_run(tmp_path: Path) -> None:
     entries = [entry_of(DEVICE, state) for state in felt_states(DEVICE)]
     path = write_table(tmp_path / "bar.nc", DEVICE, entries, every_click(DEVICE))

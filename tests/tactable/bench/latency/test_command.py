@@ -115,7 +115,7 @@ def test_the_c_echo_engine_is_measured_beside_each_engine(measured: tuple[Path, 
     assert all(row["median"]["low"] <= row["median"]["value"] <= row["median"]["high"] for row in document["ratios"])
 
 
-@pytest.mark.long
+@pytest.mark.machine
 @pytest.mark.parametrize("layer", ["digitizer", "host", "link"])
 def test_a_stall_is_found_in_its_layer_and_nothing_stale_follows_it(table: Path, tmp_path: Path, layer: str) -> None:
     words = ("--rates", "1000", "--loads", "idle", "--seconds", "1", "--rounds", "1", "--no-ablations", "--no-echo")
@@ -137,7 +137,7 @@ def test_a_stall_is_found_in_its_layer_and_nothing_stale_follows_it(table: Path,
         assert condition["misses"]["5 ms"] > 0
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_at_8000_reports_a_second_none_is_lost_and_order_is_kept(table: Path, tmp_path: Path) -> None:
     """Ten minutes of it: docs/latency.md."""
     words = ("--rates", "8000", "--loads", "idle", "--seconds", "1", "--rounds", "1", "--no-ablations", "--no-echo")
@@ -177,7 +177,7 @@ def test_a_baseline_of_other_conditions_is_refused(
         bench(tmp_path, str(table), *words, *GENTLE, "--compare", baseline)
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_over_a_pseudo_terminal_the_firmware_says_when_it_had_each_command(table: Path, tmp_path: Path) -> None:
     words = ("--rates", "200", "--loads", "idle", "--seconds", "0.5", "--rounds", "1", "--no-ablations", "--no-echo")
     document = report(tmp_path, str(table), *words, "--over", "pty", *GENTLE)
@@ -188,7 +188,7 @@ def test_over_a_pseudo_terminal_the_firmware_says_when_it_had_each_command(table
     assert document["ratios"] == []
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_a_recording_is_sent_at_the_stated_rate(table: Path, tmp_path: Path) -> None:
     words = ("--rates", "1000", "--loads", "thread", "--seconds", "0.7", "--rounds", "1", *GENTLE)
     document = report(tmp_path, str(table), *words, "--recording", str(DEMO_RECORDING))
