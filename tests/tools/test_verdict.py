@@ -87,17 +87,22 @@ def test_a_law_that_holds_is_counted_from_nothing() -> None:
     assert counts == [1, 2, 0, 1]
 
 
-@pytest.mark.machine
-def test_a_stop_by_somebody_else_is_evidence_and_one_by_the_test_is_none() -> None:
+@pytest.fixture
+def busy() -> Iterator["subprocess.Popen[bytes]"]:
     with subprocess.Popen([sys.executable, "-c", "while True: pass"]) as process:
-        with watched(0.05) as evidence:
-            os.kill(process.pid, signal.SIGSTOP)
-            time.sleep(0.2)
-            os.kill(process.pid, signal.SIGCONT)
-        assert not any("stopped" in what for what in evidence.longest_s)
-        with watched(0.05) as evidence:
-            subprocess.run(["kill", "-STOP", str(process.pid)], check=True)
-            time.sleep(0.2)
-            subprocess.run(["kill", "-CONT", str(process.pid)], check=True)
-        assert any(f"process {process.pid} " in what and "stopped" in what for what in evidence.longest_s)
+        yield process
         process.kill()
+
+
+@pytest.mark.machine
+def test_a_stop_by_somebody_else_is_evidence_and_one_by_the_test_is_none(busy: "subprocess.Popen[bytes]") -> None:
+    with watched() as evidence:
+        os.kill(busy.pid, signal.SIGSTOP)
+        time.sleep(0.2)
+        os.kill(busy.pid, signal.SIGCONT)
+    assert not any("stopped" in what for what in evidence.longest_s)
+    with watched() as evidence:
+        subprocess.run(["kill", "-STOP", str(busy.pid)], check=True)
+        time.sleep(0.2)
+        subprocess.run(["kill", "-CONT", str(busy.pid)], check=True)
+    assert any(f"process {busy.pid} " in what and "stopped" in what for what in evidence.longest_s)
