@@ -20,8 +20,7 @@ from firmware_link.host.session import Session
 from tactable.rig.emulate import configuration_of
 from tactable.shipped import find_device
 from tests.firmware_link.firmware.compiled_core import LIBRARY, make, need
-
-pytestmark = pytest.mark.machine
+from tests.tactable.cli.in_process import run_here
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 PATIENCE_S = 60.0
@@ -55,8 +54,9 @@ def emulator(tmp_path: Path, *words: str) -> Iterator[Emulator]:
 
 
 def run(tmp_path: Path, *words: str) -> "subprocess.CompletedProcess[str]":
-    environment = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)}
-    return subprocess.run([TACTABLE, *words], env=environment, capture_output=True, text=True, check=False)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+        return run_here(tmp_path, *words)
 
 
 def ready_link(port: SerialPort) -> Link:
@@ -68,6 +68,7 @@ def ready_link(port: SerialPort) -> Link:
     return session.link
 
 
+@pytest.mark.machine
 def test_it_is_listed_as_simulated_and_any_host_can_open_it_and_it_counts(tmp_path: Path) -> None:
     with emulator(tmp_path, "--device", "reference-a", "--seed", "3", "--faults", "at_noise") as running:
         told = running.line()
@@ -88,6 +89,7 @@ def test_it_is_listed_as_simulated_and_any_host_can_open_it_and_it_counts(tmp_pa
     assert not (tmp_path / "tactable").exists() or not list((tmp_path / "tactable").iterdir())
 
 
+@pytest.mark.machine
 def test_the_c_core_is_a_device_like_its_twin(tmp_path: Path) -> None:
     need("make", "cc")
     make(tmp_path, "host")
@@ -99,6 +101,7 @@ def test_the_c_core_is_a_device_like_its_twin(tmp_path: Path) -> None:
     assert [counters["ok"] > 16 for counters in summary["boots"]] == [False, True]
 
 
+@pytest.mark.machine
 def test_a_link_leads_to_the_port_while_it_runs_and_replaces_nothing_else(tmp_path: Path) -> None:
     link = tmp_path / "board"
     with emulator(tmp_path, "--link", str(link)) as running:
