@@ -51,7 +51,7 @@ def test_a_change_in_a_called_kernel_or_an_imported_constant_is_compiled_anew(tm
     assert total(tmp_path, "engine.compiled", 5, 3) == (35.0, False)
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_numba_alone_would_go_on_with_the_old_code(tmp_path: Path) -> None:
     """If this fails numba does it itself, and engine/compiled.py can go."""
     assert total(tmp_path, "numba", 1, 2) == (21.0, False)

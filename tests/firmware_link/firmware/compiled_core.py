@@ -29,12 +29,13 @@ US_PER_S = 1_000_000
 
 def make(folder: Path, *arguments: str) -> str:
     """Run make in the firmware's folder; what it said. Fails the test with that where make fails."""
-    done = subprocess.run(
-        ["make", "-C", str(FIRMWARE), f"BUILD={folder}", f"EXTRA={EXTRA}", *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    with allowed("compiles the C core"):
+        done = subprocess.run(
+            ["make", "-C", str(FIRMWARE), f"BUILD={folder}", f"EXTRA={EXTRA}", *arguments],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -53,7 +54,7 @@ def core_library() -> CDLL:
     if path is not None:
         return open_library(Path(path))
     need("make", "cc")
-    with tempfile.TemporaryDirectory() as folder, allowed("compiles the C core"):
+    with tempfile.TemporaryDirectory() as folder:
         make(Path(folder), "host")
         return open_library(Path(folder) / LIBRARY)
 

@@ -34,7 +34,7 @@ def folder(made: Path, tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_a_bar_that_changed_is_measured_fitted_built_for_verified_and_the_table_put_in_place(folder: Path) -> None:
     before = (folder / "bar.nc").read_bytes()
     done = run_here(folder, *WORDS, *BENCH, *CHANGED, "--flaws", "noise=0.01m/s^2,drift=30")
