@@ -14,7 +14,7 @@ from playwright.sync_api import expect, sync_playwright
 from tests.system.page import CHROMIUM, PATIENCE_S, Demo, Visit
 
 pytestmark = [
-    pytest.mark.system,
+    pytest.mark.machine,
     pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
 ]
 PORT_FILE = "DevToolsActivePort"

@@ -44,7 +44,7 @@ def test_random_sessions_are_the_same_to_both() -> None:
         assert all(counts[f"{kind} {outcome}"] for outcome in ("accepted", "refused"))
 
 
-@pytest.mark.system
+@pytest.mark.machine
 def test_nothing_undefined_happens_in_a_million_frames_of_sessions() -> None:
     need("make", "cc")
     done = run_with_sanitizers(["--seed", "2", "--frames", "1000000"])
