@@ -12,6 +12,8 @@ class Outcome(StrEnum):
     DONE = "done"
     NO_FINGER = "no finger"
     """The finger that it names does not touch the bar; nothing was done."""
+    OFF_BAR = "off the bar"
+    """The place that it names is beyond the end of the bar that plays now; nothing was done."""
     QUIET = "quiet"
     """A program keeps the finger that it names quiet; nothing was triggered."""
 

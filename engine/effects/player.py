@@ -19,6 +19,10 @@ fingers do from then on. An effect under way goes on if its rule still covers wh
 these changed. Otherwise it is cut: a click plays to its end, and all else ends at once. A finger at rest waits for a
 hold only once for each rule, so that a change elsewhere on the bar begins no second one.
 
+Another bar (`change_bar`). Nobody put a finger down or lifted one, so no rule acts: a finger that is on both bars goes
+on with its effect, one that is beside the new bar is gone with it, and one that is new rests. An effect at a place
+beyond the end is gone, too, and none begins there.
+
 A finger is placed where it came down. It follows the touch once that is FOLLOW_M away, so that the jitter of a resting
 finger changes nothing.
 
@@ -76,6 +80,7 @@ class EffectPlayer:
         self.lifted: list[Finger] = []
         """Fingers that are gone, their last effect still under way."""
         self._begun_ns: float = -math.inf  # of the click that began last
+        self._length_m = math.inf  # of the bar
         self.click_length_ns = click_length_ns
         """Length of the clicks that begin from now on."""
         self.joined = self.left_out = 0
@@ -139,6 +144,17 @@ class EffectPlayer:
         self._settle()
         return outcome
 
+    def change_bar(self, touches: Sequence[Touch], length_m: float) -> None:
+        """Play on another bar of this length; `touches` are all fingers on it."""
+        self._length_m = length_m
+        before, self.fingers = self.fingers, {}
+        for touch in touches:
+            finger = self.fingers[touch.contact_id] = before.get(touch.contact_id) or Finger(touch)
+            finger.move_to(touch, length_m)
+        self.lifted = [finger for finger in self.lifted if finger.held_m <= length_m]
+        self.click_ns = None  # also a click that goes on is placed on the new bar
+        self._settle()
+
     def _change_rules(self, effects: Effects, time_ns: int) -> None:
         drag_before = {
             contact_id: _distance_of(_first(self._rules.drag, finger.touch))
@@ -181,6 +197,8 @@ class EffectPlayer:
             return Outcome.QUIET
         if finger is None:
             assert asked.position_m is not None
+            if asked.position_m > self._length_m:
+                return Outcome.OFF_BAR
             # A later effect at a place takes the place of the earlier one, so their number is bounded by the bar.
             self.lifted = [
                 each
@@ -309,6 +327,14 @@ class Finger:
         """Whether a program keeps it quiet, whatever its rules say."""
         self.hold_ns = 0
         """When that hold begins; undefined without `hold_rule`."""
+
+    def move_to(self, touch: Touch, length_m: float) -> None:
+        """Go on at another place of a bar of this length, as if it had come down and moved there."""
+        moved_m = touch.position_m - self.touch.position_m
+        self.touch = touch
+        self.held_m = min(max(0.0, self.held_m + moved_m), length_m)
+        self.mark_m += moved_m
+        self.rest_m += moved_m
 
 
 def _first(rules: tuple[Rule, ...], touch: Touch) -> Rule | None:

@@ -80,10 +80,13 @@ class Answerer:
     def change_renderer(self, renderer: Renderer, wanted: Wanted) -> None:
         """Answer from another table; a click that is awaited is now awaited at the places of that table.
 
-        A touch that waits is answered by `latest_ns` also where these places are too close for a click.
+        A touch that waits is answered by `latest_ns` also where these places are too close for a click. Where its click
+        is not wanted any more, since its finger is not on the new bar, no touch waits.
         """
         self.renderer = renderer
-        if self.awaited is not None and wanted.placement is not None:
+        if wanted.placement is None or wanted.click_ns is None:
+            self.stop_waiting()
+        elif self.awaited is not None:
             self.awaited = renderer.at_places(wanted.placement)
 
     def _render(self, wanted: Wanted) -> Command | None:

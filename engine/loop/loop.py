@@ -26,7 +26,7 @@ from engine.loop.observer import CommandRecord, Fate, Observer
 from engine.loop.pipeline import Pipeline
 from engine.loop.reconnect import Reconnection, Reopening
 from engine.loop.table_swap import TableSwap, Updates
-from engine.render import Command
+from engine.render import SILENCE, Command
 from engine.touch.sources import Source
 from firmware_link.host.link_values import Armed, Capabilities, Event, LinkState
 from firmware_link.host.session import Session
@@ -276,11 +276,15 @@ class Loop:
             self._dispatcher.resume()
 
     def _table_changed(self) -> None:
-        """Play a steady drive, or a command that waits, from the new table; a click that sounds ends as it began."""
+        """Play a steady drive, or a command that waits, from the new table; a click that sounds ends as it began.
+
+        A drive ends where its fingers are not on the bar of the new table.
+        """
         self.counters.swaps += 1
         wanted, dispatcher = self._pipeline.wanted, self._dispatcher
         waits = dispatcher.is_pending and not dispatcher.is_sent
-        if waits or (wanted.level_db is not None and wanted.click_ns is None):
+        is_driven = wanted.level_db is not None or dispatcher.held != SILENCE
+        if waits or (is_driven and wanted.click_ns is None):
             self._hand_over(self._pipeline.command())
 
     # ---- the end ----

@@ -88,6 +88,7 @@ class Pipeline:
         self.digitizer, self.device, self.player = digitizer, device, player
         self.answerer = Answerer(renderer)
         self.tracker = FingerTracker(device, digitizer.surface)
+        player.change_bar((), device.bar.length_m)
         self.rendering: Rendering | None = None
         """The table that `change_table` brought; None: the pipeline still plays the first."""
         self.wanted = NOTHING
@@ -161,11 +162,18 @@ class Pipeline:
         return self.command()
 
     def change_table(self, rendering: Rendering) -> None:
-        """Render another table from now on. What is wanted stays: the next `command` comes from the new table."""
-        self.rendering, self.device = rendering, rendering.device
+        """Render another table from now on; the next `command` comes from it.
+
+        What is wanted stays for the fingers that are on its bar, each where the new touch axis has it.
+        """
+        device, player = rendering.device, self.player
+        self.rendering, self.device = rendering, device
+        self.touches = self.tracker.change_bar(device)
+        player.click_length_ns = rendering.click_length_ns
+        player.change_bar(self.touches, device.bar.length_m)
+        self.wanted = Wanted(player.placement, player.level_db, player.click_ns)
         self.answerer.change_renderer(rendering.renderer, self.wanted)
-        self.tracker = FingerTracker(rendering.device, self.digitizer.surface)
-        self.player.click_length_ns = rendering.click_length_ns
+        self._note_due()
 
     def _follow(self, frame: TouchFrame) -> bool:
         """Take the fingers of a frame; whether something else is wanted."""

@@ -1,5 +1,10 @@
 """Tracks fingers on the bar: the position of each contact in metres, and the zone that it touches.
 
+Here, and nowhere else, it is decided which contacts are fingers of the bar, since a touch area may reach beyond it. A
+contact is one from when it comes within REACH_M of the bar until it lifts; where its centre is beyond an end, it counts
+as at the end. So a contact that trembles beside the bar does not come and go. A change to another bar decides anew for
+every contact that is down.
+
 A finger that rests on an edge between two zones jitters by a digitizer unit and would change zones at every frame. So
 zones have hysteresis: a contact stays in its zone until it is `zone_hysteresis` past the edge, and only then the zone
 under it counts. The state is the last touch of each contact that is down; a contact that lifts is forgotten, so a
@@ -17,6 +22,8 @@ from engine.touch.digitizer import Contact, TouchFrame
 if TYPE_CHECKING:  # `tactable list` decodes touches and needs no device description
     from engine.device import Device
 
+REACH_M = 8e-3
+"""A fingertip whose centre is farther beyond an end of the bar does not touch it: this is half its width at most."""
 # For the hot path: half the time of calling a named tuple's class.
 _new = tuple.__new__
 
@@ -46,10 +53,7 @@ class Touch(NamedTuple):
 
 
 class TouchPosition:
-    """Converts logical units of a surface to metres from the start of the bar, along the axis that lies on the bar.
-
-    The touch area may reach beyond the bar: a touch there counts as one at the end of the bar.
-    """
+    """Converts logical units of a surface to metres from the start of the bar, along the axis that lies on the bar."""
 
     def __init__(self, device: "Device", surface: Surface) -> None:
         axis, self.length_m = device.touch_axis, device.bar.length_m
@@ -64,11 +68,16 @@ class TouchPosition:
         self.m_per_unit = (-active_m if axis.flip else active_m) / span
 
     def position_m(self, contact: Contact) -> float:
-        """Position of the contact, from 0 to the length of the bar."""
+        """Position of the contact, from 0 to the length of the bar: beyond an end, that end."""
         position_m = self.start_m + (contact[self.column] - self.zero) * self.m_per_unit
         if 0.0 <= position_m <= self.length_m:
             return position_m
         return 0.0 if position_m < 0.0 else self.length_m
+
+    def is_beside(self, contact: Contact) -> bool:
+        """Whether the contact is more than REACH_M beyond an end of the bar."""
+        position_m = self.start_m + (contact[self.column] - self.zero) * self.m_per_unit
+        return not -REACH_M <= position_m <= self.length_m + REACH_M
 
 
 class ZoneEdges:
@@ -96,13 +105,21 @@ class FingerTracker:
     """Follows every touching contact over the zones of one bar."""
 
     def __init__(self, device: "Device", surface: Surface) -> None:
-        self.position = TouchPosition(device, surface)
+        self._surface = surface
+        self._frame = TouchFrame(0, ())
+        self.change_bar(device)
+
+    def change_bar(self, device: "Device") -> list[Touch]:
+        """Track on another bar from now on; the fingers of the last frame that are on it."""
+        self.position = TouchPosition(device, self._surface)
         self.edges = ZoneEdges(device)
         self.touches: dict[int, tuple[Contact, Touch]] = {}
-        """The touching contacts of the last frame and their fingers, by contact id."""
+        """The touching contacts of the last frame on the bar and their fingers, by contact id."""
+        return self.track(self._frame)
 
     def track(self, frame: TouchFrame) -> list[Touch]:
         """The touching fingers of a frame, in its order; fingers in gaps between zones are included."""
+        self._frame = frame
         previous, zones = self.touches, {}
         position_of, zone_at = self.position.position_m, self.edges.zone_at
         touches = []
@@ -112,6 +129,8 @@ class FingerTracker:
                 last = previous.get(contact_id)
                 if last is not None and last[0] is contact:  # the digitizer reuses contacts that have not moved
                     touch = last[1]
+                elif last is None and self.position.is_beside(contact):
+                    continue
                 else:
                     position_m = position_of(contact)
                     zone = zone_at(position_m, None if last is None else last[1].zone)

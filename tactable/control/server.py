@@ -260,6 +260,8 @@ class ControlServer:
         outcome = await self._step(trigger=effect)
         if outcome is Outcome.NO_FINGER:
             raise self._no_finger("trigger.finger", request.contact_id)
+        if outcome is Outcome.OFF_BAR:
+            raise ControlError("trigger.at: is beyond the end of the bar that plays now: choose a place on it")
         if outcome is Outcome.QUIET:
             raise ControlError("trigger.finger: this finger is kept quiet by a program: give it the role 'by rules'")
 

@@ -84,6 +84,8 @@ class View:
     def read(self, records: Iterable[Record]) -> None:
         """Take records of the ring."""
         for record in records:
+            if _is_beyond(record, self.table.device.bar.length_m):
+                continue  # the run played another table then
             self._touches, self._counters = record.touches, record.counters
             if record.drive_sequence is None:
                 continue
@@ -208,6 +210,12 @@ class View:
             levels_db=levels.along_db,
             counted_db=levels.counted_db,
         )
+
+
+def _is_beyond(record: Record, length_m: float) -> bool:
+    """Whether a finger of a record is beyond the end of a bar of this length."""
+    placed_m = () if record.placement is None else record.placement.position_m
+    return any(at_m > length_m for at_m in (*placed_m, *(touch.position_m for touch in record.touches)))
 
 
 def _levels_of(levels: BarLevels, number: int) -> tuple[float, float]:

@@ -56,7 +56,7 @@ STRUCTURES = {
         "Plan plan[MOST_PLANS]",
         # the bar (`zero` is the logical place of its start), the rules,
         "double start_m m_per_unit length_m zone_start_m[MOST_ZONES] zone_stop_m[MOST_ZONES]",
-        "double follow_m closest_m",
+        "double follow_m closest_m reach_m",
         "int64_t zero zones rules follows_moves",
         "Rule rule[MOST_RULES]",
         # the clicks: a row, NONE without a click, by the codes of two fingers (0 for no finger, else 1 + 2 * place +

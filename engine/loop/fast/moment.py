@@ -17,6 +17,7 @@ from engine.loop.fast.table import FastTable
 from engine.loop.pipeline import Pipeline
 from engine.render import SILENCE
 from engine.touch import Digitizer
+from engine.touch.finger_tracker import REACH_M
 from engine.touch.placement import CLOSEST_M
 from engine.touch.quirks import Key
 from engine.touch.report_plan import NumberBits, ReportPlan, SlotPlan
@@ -176,7 +177,8 @@ def _set_digitizer(fast: Any, digitizer: Digitizer, packet_head: int) -> None:
 
 def _set_bar(fast: Any, pipeline: Pipeline) -> None:
     position, edges = pipeline.tracker.position, pipeline.tracker.edges
-    fast.zones, fast.follow_m, fast.closest_m = len(edges.starts_m), FOLLOW_M, CLOSEST_M
+    fast.zones = len(edges.starts_m)
+    fast.follow_m, fast.closest_m, fast.reach_m = FOLLOW_M, CLOSEST_M, REACH_M
     fast.zone_start_m[: fast.zones], fast.zone_stop_m[: fast.zones] = edges.starts_m, edges.stops_m
     fast.start_m, fast.m_per_unit, fast.length_m = position.start_m, position.m_per_unit, position.length_m
     fast.zero = position.zero

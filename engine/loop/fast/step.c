@@ -124,6 +124,12 @@ static double position_of(const Fast *fast, int64_t place) {
     return position_m < 0.0 ? 0.0 : fast->length_m;
 }
 
+/* Whether a contact that comes down is too far beyond an end of the bar to be a finger of it. */
+static int is_beside(const Fast *fast, int64_t place) {
+    const double position_m = fast->start_m + (double)(place - fast->zero) * fast->m_per_unit;
+    return !(position_m >= -fast->reach_m && position_m <= fast->length_m + fast->reach_m);
+}
+
 /* The zone of a finger that comes down: hysteresis is for fingers that move, and only the loop follows those. */
 static int64_t zone_of(const Fast *fast, double position_m) {
     int64_t zone = NONE;
@@ -177,6 +183,7 @@ static int follow(const Fast *fast, const Active *active, int count, int64_t tim
         const Finger *finger = NULL;
         for (int k = 0; k < fast->fingers; k++)
             if (fast->finger[k].contact_id == active[i].contact_id) finger = &fast->finger[k];
+        if (finger == NULL && is_beside(fast, active[i].place)) continue;
         here[touching++] = active[i].contact_id;
         if (finger != NULL) {
             if (fast->follows_moves && position_m != finger->position_m) return 0; /* a drag, or the end of a hold */

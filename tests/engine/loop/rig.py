@@ -29,6 +29,7 @@ from engine.loop import (
 )
 from engine.loop.fast.session import FastLink, FastSession
 from engine.loop.fast.table import with_fast_table
+from engine.loop.table_swap import Updates
 from engine.render import Renderer, Rendering, WhenNotAchieved, link_configuration
 from engine.render.board_fit import BoardFit
 from engine.render.chosen_basis import choose_basis
@@ -215,6 +216,7 @@ class Rig:
     when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN
     solving: ClickSolving | None = None
     control: ControlSlot | None = None
+    updates: Updates | None = None
     library: ClassVar[ctypes.CDLL | None] = None
     """Of the fast path: the loop's tests hold with it and without."""
 
@@ -256,6 +258,7 @@ class Rig:
             reopening=self.reopening,
             solving=self.solving,
             control=self.control,
+            updates=self.updates,
         )
 
     def run(self) -> Rig:

@@ -21,7 +21,8 @@ class MadeSteady:
     """Drives of 100 Hz, and 1, 2, 4, 8, 16 Hz for felt zones I to V.
 
     0.25 Hz more where something is quiet, 0.5 Hz more at another level. `short_of` are zones in which no level is
-    reached; `always_hz` is one frequency for all. `solved` has every placement that was asked for, with its level.
+    reached; `always_hz` is one frequency for all. A finger beside the bar is refused, as the solver does. `solved` has
+    every placement that was asked for, with its level.
     """
 
     def __init__(
@@ -43,6 +44,7 @@ class MadeSteady:
         return 100.0 + felt + 0.25 * bool(placement.quiet) + 0.5 * (level_db != LEVEL_DB)
 
     def rendered(self, placement: Placement, level_db: float, held_hz: float | None = None) -> Rendered:
+        assert all(0 <= at_m <= self.device.bar.length_m for at_m in placement.position_m)
         self.solved.append((placement, level_db))
         self.held_hz.append(held_hz)
         states = placement.zone_states(self.device)

@@ -93,7 +93,9 @@ def test_the_ends_of_the_logical_range_are_the_ends_of_the_touch_area(axis: str)
 
 @pytest.mark.parametrize("flip", [False, True])
 @pytest.mark.parametrize("states_length", [False, True])
-def test_a_touch_area_beyond_the_bar_keeps_its_scale_and_ends_with_the_bar(flip: bool, states_length: bool) -> None:
+def test_a_touch_area_beyond_the_bar_keeps_its_scale_and_a_contact_beside_the_bar_is_no_finger(
+    flip: bool, states_length: bool
+) -> None:
     # A tenth of the touch area lies before the bar, two tenths after it.
     active_m = LENGTH_M / 0.7
     touch_axis = TouchAxis("x", flip, -active_m / 10, -active_m / 5, active_m if states_length else None)
@@ -102,8 +104,34 @@ def test_a_touch_area_beyond_the_bar_keeps_its_scale_and_ends_with_the_bar(flip:
     fractions_of_bar = [position.position_m(at(value)) / LENGTH_M for value in values]
     assert fractions_of_bar == pytest.approx([0, 0, 0, 0.5, 1, 1, 1], abs=1e-12)
     tracker = FingerTracker(with_axis(touch_axis), SURFACE)
-    touches = tracker.track(frame_of(at(values[0], 1), at(values[-1], 2)))
-    assert [touch.zone for touch in touches] == [0, 4]
+    assert tracker.track(frame_of(at(values[0], 1), at(values[-1], 2))) == []
+
+
+@pytest.mark.parametrize("end_m", [0.0, LENGTH_M])
+def test_a_fingertip_on_the_end_is_a_finger_until_it_lifts_however_far_it_slides(end_m: float) -> None:
+    device = with_axis(TouchAxis("x", False, -0.1, -0.1, None))
+
+    def touches(beyond_mm: float, *, tip: bool = True) -> list[Touch]:
+        at_m = end_m + (1 if end_m else -1) * beyond_mm / 1e3
+        return tracker.track(frame_of(at(round(LAST * (at_m + 0.1) / (LENGTH_M + 0.2)), tip=tip)))
+
+    tracker, zone = FingerTracker(device, SURFACE), 4 if end_m else 0
+    assert touches(9) == []
+    assert touches(7) == touches(90) == [Touch(1, end_m, zone)]
+    assert touches(90, tip=False) == touches(90) == []
+
+
+def test_another_bar_decides_anew_which_contacts_are_its_fingers() -> None:
+    axis = TouchAxis("x", False, 0.0, 0.0, LENGTH_M)
+    long = with_axis(axis)
+    short = replace(long, bar=replace(long.bar, length_m=LENGTH_M / 2), zones=long.zones[:2])
+    tracker = FingerTracker(long, SURFACE)
+    frame = frame_of(at(LAST // 4, 1), at(3 * LAST // 4, 2), at(LAST // 8, 3, tip=False))
+    on_long = tracker.track(frame)
+    on_short = tracker.change_bar(short)
+    assert [touch.contact_id for touch in on_long] == [1, 2]
+    assert [touch.contact_id for touch in on_short] == [1] and tracker.track(frame) == on_short
+    assert tracker.change_bar(long) == on_long
 
 
 @given(zoned_devices(), fractions)

@@ -102,6 +102,15 @@ def test_a_click_is_promised_and_simulated_alike(rig: Rig) -> None:
     assert at_places != pytest.approx(here, abs=0.3)
 
 
+def test_a_record_from_before_a_change_to_a_shorter_bar_is_left(rig: Rig) -> None:
+    later = record_of(rig.table, PAIR, 1000)
+    beyond = Placement((0.035, rig.table.device.bar.length_m + 0.1), (True, False))
+    moved = tuple(touch._replace(position_m=at_m) for touch, at_m in zip(later.touches, beyond.position_m, strict=True))
+    rig.view.read([later._replace(placement=beyond, touches=moved), later._replace(placement=None, touches=moved)])
+    rig.go_on(0.1)
+    assert rig.view.picture().fingers == ()
+
+
 def test_two_fingers_in_one_zone_have_roles_of_their_own(rig: Rig) -> None:
     rig.play(1.0, placement=ONE_ZONE)
     picture = rig.view.picture()

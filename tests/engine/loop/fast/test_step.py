@@ -298,7 +298,7 @@ def test_a_report_that_is_cut_off_lifts_no_finger(library: ctypes.CDLL) -> None:
     assert found.answered == len(found.clicks) == 2
 
 
-@pytest.mark.parametrize(("place", "zone"), [(0.05, 0), (0.95, 4)])
+@pytest.mark.parametrize(("place", "zone"), [(0.115, 0), (0.885, 4)])
 def test_a_finger_beyond_an_end_of_the_bar_is_at_that_end(library: ctypes.CDLL, place: float, zone: int) -> None:
     only_there = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({zone})),))
     frames = [(0.1, report({1: place})), (0.2, report({}, [1]))]
