@@ -1,6 +1,7 @@
 """Command `verify`: play what a table holds, and compare what a sensor reads with what the table promises."""
 
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,10 +28,15 @@ if TYPE_CHECKING:
 
 _VERDICTS = {
     "kept": "the bar keeps the promise",
-    "beyond": "the bar does not keep the promise",
-    "in part": "the bar keeps the promise where it was read, but too many readings are spoiled to say more",
-    "not compared": "every reading is spoiled",
+    "broken": "the bar does not keep the promise",
+    "in part": "too few readings show whether the bar keeps the promise; those that do, say so",
+    "not shown": "no reading shows whether the bar keeps the promise",
 }
+_REMEDIES = {
+    "broken": "measure the bar and calibrate: it, the sensor or its scale is not what the table was made for",
+    "in part": "see to the faults, take a quieter sensor, or play louder by --level",
+}
+_REMEDIES["not shown"] = _REMEDIES["in part"]
 
 
 def verify(
@@ -52,8 +58,9 @@ def verify(
     """Play drives and clicks of a table, and compare a sensor with the promise.
 
     Steady drives and clicks of random placements are played on the untouched bar, and read point by point. The promise
-    is an interval over the bars that the table holds for possible. Exit status 3: more than a tenth of the points are
-    beyond it, or more than a tenth of the readings stayed spoiled. It has never been run on hardware.
+    is an interval over the bars that the table holds for possible, and only a reading that could have shown it broken
+    keeps it. Exit status 3: more than a tenth of the points are beyond it, or more than a tenth of the readings stayed
+    spoiled or are too noisy to show it. It has never been run on hardware.
     """
     from threadpoolctl import threadpool_limits
 
@@ -64,7 +71,7 @@ def verify(
     from tactable.measure.apparatus import ApparatusOptions, open_apparatus
     from tactable.measure.board_sensor import fixed_places
     from tactable.measure.stepped_sine import SteppedSineOptions
-    from tactable.measure.verify import plan_played, verdict_of, verify_table
+    from tactable.measure.verify import plan_played, verify_table
 
     if figure is not None:
         check_paths(figure, csv)
@@ -85,9 +92,8 @@ def verify(
             points = verify_table(table, played, where, apparatus, options, mass_kg)
             is_simulated = apparatus.sensor.form.is_simulated
     summary = summary_of(table, points, is_simulated)
-    summary["verdict"] = verdict_of(points)
     if figure is not None:
-        _draw(summary, points, figure, csv)
+        _draw(summary, figure, csv)
     if as_json:
         print_json(summary)
     else:
@@ -97,14 +103,18 @@ def verify(
 
 
 def summary_of(table: "Table", points: "tuple[Point, ...]", is_simulated: bool) -> dict[str, Any]:
-    """Every point, and how many of those that could be compared are outside their intervals."""
+    """Every point, how many have each outcome, and the verdict."""
+    from tactable.measure.verify import Judgement
+
+    judgement, faults = Judgement.of(points), [fault.name for point in points for fault in point.faults]
     return {
         "table": str(table.path),
         "device": table.device.name,
         "simulated": is_simulated,
-        "compared": sum(not point.is_spoiled for point in points),
-        "spoiled": sum(point.is_spoiled for point in points),
-        "outside": sum(point.is_outside for point in points),
+        **asdict(judgement),
+        "verdict": judgement.verdict.value,
+        "judgement": str(judgement),
+        "faults": {name: faults.count(name) for name in sorted(set(faults))},
         "points": [
             {
                 "kind": point.played.kind,
@@ -115,8 +125,9 @@ def summary_of(table: "Table", points: "tuple[Point, ...]", is_simulated: bool) 
                 "promised_m_per_s2": point.promised_m_per_s2,
                 "low_m_per_s2": point.low_m_per_s2,
                 "high_m_per_s2": point.high_m_per_s2,
-                "difference_db": 20 * math.log10(point.read_m_per_s2 / point.promised_m_per_s2),
-                "outside": point.is_outside,
+                "error_m_per_s2": point.error_m_per_s2,
+                "difference_db": 20 * math.log10(max(point.read_m_per_s2, 1e-300) / point.promised_m_per_s2),
+                "outcome": point.outcome.value,
                 "faults": [fault.name for fault in point.faults],
             }
             for point in points
@@ -127,40 +138,41 @@ def summary_of(table: "Table", points: "tuple[Point, ...]", is_simulated: bool) 
 def _print(summary: dict[str, Any]) -> None:
     from rich.table import Table as Grid
 
+    from tactable.measure.faults import Fault
+
     grid = Grid("played", "sensor", "read", "promised", "interval", "")
     for point in summary["points"]:
         fingers = ", ".join(f"{1e3 * at_m:.0f}" for at_m in point["finger_m"])
         grid.add_row(
             f"{point['kind']} for {fingers} mm",
             f"{1e3 * point['position_m']:.1f} mm",
-            f"{point['read_m_per_s2']:.3g} m/s^2",
+            f"{point['read_m_per_s2']:.3g} ± {point['error_m_per_s2']:.2g} m/s^2",
             f"{point['promised_m_per_s2']:.3g}",
             f"{point['low_m_per_s2']:.3g} to {point['high_m_per_s2']:.3g}",
-            ", ".join(["OUTSIDE"] * point["outside"] + point["faults"]),
+            ", ".join([point["outcome"]] * (point["outcome"] != "kept") + point["faults"]),
         )
     OUT.print(grid)
     marked = " SIMULATED" if summary["simulated"] else ""
-    say(
-        f"{summary['device']}{marked}: {summary['outside']} of {summary['compared']} points beyond the promised "
-        f"interval: {_VERDICTS[summary['verdict']]}"
-    )
-    if summary["verdict"] == "beyond":
-        note("measure the bar and calibrate: it, the sensor or its scale is not what the table was made for")
+    say(f"{summary['device']}{marked}: {summary['judgement']}: {_VERDICTS[summary['verdict']]}")
+    for name, count in summary["faults"].items():
+        say(f"{count} readings: {Fault[name].value}")
+    if summary["verdict"] in _REMEDIES:
+        note(_REMEDIES[summary["verdict"]])
 
 
-def _draw(summary: dict[str, Any], points: "tuple[Point, ...]", figure: Path, csv: Path | None) -> None:
+def _draw(summary: dict[str, Any], figure: Path, csv: Path | None) -> None:
     import numpy as np
 
     from tactable.figures.file import write_columns, write_picture
     from tactable.figures.verify import plot_verification
 
     shown = [point for point in summary["points"] if point["read_m_per_s2"] > 0]
-    keys = ("read_m_per_s2", "promised_m_per_s2", "low_m_per_s2", "high_m_per_s2")
-    read, promised, low, high = (np.array([point[key] for point in shown]) for key in keys)
+    keys = (f"{name}_m_per_s2" for name in ("read", "promised", "low", "high", "error"))
+    read, promised, low, high, error = (np.array([point[key] for point in shown]) for key in keys)
     marked = " SIMULATED" if summary["simulated"] else ""
-    title = f"{summary['device']}{marked}: {summary['outside']} of {len(points)} points beyond the promised interval"
-    is_outside = np.array([point["outside"] for point in shown], dtype=bool)
-    picture = plot_verification(title, [point["kind"] for point in shown], read, promised, low, high, is_outside)
+    title = f"{summary['device']}{marked}: {summary['judgement']}"
+    outcomes = [point["outcome"] for point in shown]
+    picture = plot_verification(title, [point["kind"] for point in shown], read, promised, low, high, error, outcomes)
     write_picture(picture, figure)
     if csv is not None:
         write_columns(picture, csv)

@@ -7,9 +7,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tactable.figures.file import Picture
-from tactable.figures.style import BLACK, BLUE, VERMILLION
+from tactable.figures.style import BLACK, BLUE, GREY, ORANGE, VERMILLION
 
 Array = NDArray[np.float64]
+_COLOURS = {"kept": BLACK, "broken": VERMILLION, "not shown": ORANGE, "spoiled": GREY}
 
 
 def plot_verification(
@@ -19,9 +20,13 @@ def plot_verification(
     promised: Array,
     low: Array,
     high: Array,
-    is_outside: NDArray[np.bool_],
+    error: Array,
+    outcome: Sequence[str],
 ) -> Picture:
-    """Readings (point,) over the promised peaks with their intervals, m/s^2; kind (point,): "drive" or "click"."""
+    """Readings (point,) and their errors over the promised peaks with their intervals, m/s^2.
+
+    kind (point,): "drive" or "click". outcome (point,): as `tactable.measure.verify.Outcome` names them.
+    """
     figure = Figure(figsize=(9.0, 4.5), layout="constrained")
     for panel, name in zip(figure.subplots(1, 2), ("drive", "click"), strict=True):
         chosen = np.array([each == name for each in kind], dtype=bool)
@@ -33,17 +38,19 @@ def plot_verification(
         panel.plot(ends, ends, color=BLACK, lw=0.8)
         least = 0.5 * read[chosen].min()
         panel.vlines(promised[chosen], np.maximum(low[chosen], least), high[chosen], color=BLUE, alpha=0.5)
-        for outside, colour, label in ((False, BLACK, "within"), (True, VERMILLION, "outside")):
-            points = chosen & (is_outside == outside)
-            panel.plot(promised[points], read[points], ".", color=colour, label=label)
+        for named, colour in _COLOURS.items():
+            points = chosen & np.array([each == named for each in outcome], dtype=bool)
+            off = np.minimum(error[points], 0.999 * read[points]), error[points]  # down to a place on the axis
+            panel.errorbar(promised[points], read[points], off, fmt=".", color=colour, label=named, elinewidth=0.6)
         panel.legend(fontsize="x-small")
     figure.suptitle(title, fontsize="medium")
-    columns = {
+    columns: dict[str, Sequence[str] | Array] = {
         "kind": list(kind),
         "promised (m/s^2)": promised,
         "low (m/s^2)": low,
         "high (m/s^2)": high,
         "read (m/s^2)": read,
-        "outside": is_outside.astype(int).tolist(),
+        "error (m/s^2)": error,
+        "outcome": list(outcome),
     }
-    return Picture(figure, columns, {"points": len(read), "outside": int(is_outside.sum())}, title)
+    return Picture(figure, columns, {"points": len(read), "broken": [*outcome].count("broken")}, title)

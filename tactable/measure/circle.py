@@ -23,16 +23,15 @@ from precompute.studies.anywhere import Anywhere, random_placements
 from tactable.measure.apparatus import Apparatus, ApparatusOptions
 from tactable.measure.board_sensor import fixed_places
 from tactable.measure.stepped_sine import Reading, SteppedSineOptions
-from tactable.measure.verify import plan_played, verdict_of, verify_table
+from tactable.measure.verify import Judgement, Verdict, plan_played, verify_table
 from tactable.measure.walk import Method, RawFolder, Stop, measure_walk, measurements_of
 
 LEVEL_DB = 20.0
 PLACES, PLACEMENTS = 3, 5
 _DOUBTS = {
-    "kept": "",
-    "beyond": "the bar does not keep what the new table promises: {outside} of {compared} points are beyond it",
-    "in part": "{spoiled} of {points} readings of the new table on the bar are spoiled: too many to call it kept",
-    "not compared": "the new table could not be verified on the bar: every reading is spoiled",
+    Verdict.BROKEN: "the bar does not keep what the new table promises",
+    Verdict.IN_PART: "too few readings of the new table on the bar show that it is kept",
+    Verdict.NOT_SHOWN: "no reading of the new table on the bar shows whether it is kept",
 }
 
 
@@ -85,6 +84,6 @@ class Circle:
             places_m = fixed_places(table.device, self.options.sensor, even_places(table.device, PLACES).tolist())
             options, mass_kg = SteppedSineOptions(), self.options.sensor_mass_kg
             points = verify_table(table, played, places_m, self.apparatus, options, mass_kg)
-        compared, outside = sum(not point.is_spoiled for point in points), sum(point.is_outside for point in points)
-        counts = {"outside": outside, "compared": compared, "spoiled": len(points) - compared, "points": len(points)}
-        return _DOUBTS[verdict_of(points)].format(**counts)
+        judgement = Judgement.of(points)
+        doubt = _DOUBTS.get(judgement.verdict)
+        return "" if doubt is None else f"{doubt}: {judgement}"

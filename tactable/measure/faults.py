@@ -1,5 +1,6 @@
 """What spoils a reading, named: clipping, noise, hum, lost samples, a drive that lapsed, a bar that is not steady."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -11,6 +12,7 @@ from tactable.measure.sensor import SensorForm
 from tactable.measure.tone_fit import ToneFit, is_beside_hum
 
 Array = NDArray[np.float64]
+GRAVITY_M_PER_S2 = 9.80665
 
 
 class Fault(Enum):
@@ -19,14 +21,19 @@ class Fault(Enum):
     CLIPPING = "clipping: the sensor or converter is at its end; drive less, or take a wider range"
     NOISE = "noise: the reading scatters; drive more, or take a quieter sensor"
     HUM = "mains hum: as loud as the reading, or beside its frequency; earth the sensor, or move the frequency"
-    LOST_SAMPLES = "samples were lost: the converter or its program drops some; take a lower rate or a faster machine"
+    LOST_SAMPLES = (
+        "samples were lost, or are not numbers: the converter or its program drops some; take a lower rate or a faster "
+        "machine"
+    )
+    STALLED = "stalled: the sensor repeats one value; see to its power and wiring, then start it and its program again"
     LAPSED = "lapsed: the drive was renewed too late and stopped; leave the machine to the measurement, or use another"
     CLOCK_DRIFT = "clock drift: the converter's clock is off; the fit follows it, peaks and responses stay right"
     NOT_STEADY = "not steady: the response still changes; wait longer, or look for something loose"
     DISTORTION = "distortion: harmonics of the tone; drive less, or look for a rattle"
+    TURNED = "turned: the sensor reads gravity with the other sign; turn it over, or its plug"
     NO_SIGNAL = "no signal: neither sensor nor loopback shows the tone; check wiring, sensor and amplifier"
     GAIN = "gain: gravity does not read as 9.81 m/s^2; correct the scale of the channel"
-    OFFSET = "offset: the sensor reads an acceleration at rest; harmless to responses, but it takes from the range"
+    OFFSET = "offset: the sensor reads more than gravity at rest; harmless to responses, but it takes from the range"
     LATENCY = "latency: samples come late, or differ from start to start; the loopback takes it out of responses"
 
 
@@ -35,6 +42,7 @@ SPOILING = (
     Fault.NOISE,
     Fault.HUM,
     Fault.LOST_SAMPLES,
+    Fault.STALLED,
     Fault.LAPSED,
     Fault.NOT_STEADY,
     Fault.NO_SIGNAL,
@@ -79,6 +87,29 @@ def is_clipped(values: Array, form: SensorForm, tolerance: Tolerance) -> bool:
     return bool(at_end > max(8, 0.05 * len(acceleration)))
 
 
+def is_stalled(acceleration: Array, most: int) -> bool:
+    """Whether more samples (sample,) than `most`, one after the other, have the same value."""
+    changes = np.flatnonzero(np.diff(acceleration) != 0)
+    return bool(np.diff(changes, prepend=-1, append=len(acceleration) - 1).max() > most)
+
+
+def find_click_faults(values: Array, form: SensorForm, tolerance: Tolerance) -> tuple[Fault, ...]:
+    """Faults of the samples (sample, channel) of a click, from rest to rest."""
+    acceleration = values[:, form.acceleration]
+    causes = {
+        Fault.STALLED: is_stalled(acceleration, len(acceleration) - 1),
+        Fault.CLIPPING: is_clipped(values, form, tolerance),
+        Fault.LOST_SAMPLES: bool(np.isnan(values).any()),
+        Fault.OFFSET: has_offset(float(np.nanmean(acceleration)), tolerance),
+    }
+    return tuple(fault for fault, is_there in causes.items() if is_there)
+
+
+def has_offset(mean_m_per_s2: float, tolerance: Tolerance) -> bool:
+    """Whether a sensor, which may lie in any way and pass direct current, reads more than gravity."""
+    return abs(mean_m_per_s2) > GRAVITY_M_PER_S2 + tolerance.offset_m_per_s2
+
+
 def find_faults(
     fit: ToneFit, values: Array, form: SensorForm, reference: int | None, tolerance: Tolerance, hum_at_rest: float
 ) -> tuple[Fault, ...]:
@@ -90,19 +121,25 @@ def find_faults(
     channel, found = form.acceleration, list[Fault]()
     size = max(float(abs(fit.phasor[channel])), 1e-300)
     steady = channel if reference is None else reference
-    if is_clipped(values, form, tolerance):
+    # A sine leaves a value within a period, however coarse the steps of the converter.
+    if is_stalled(values[:, channel], math.ceil(form.sample_rate_hz / fit.frequency_hz)):
+        found.append(Fault.STALLED)
+    elif is_clipped(values, form, tolerance):
         found.append(Fault.CLIPPING)
-    if fit.phase_step_rad(steady) > tolerance.phase_step_rad and fit.error(steady) > tolerance.error / 2:
+    has_step = fit.phase_step_rad(steady) > tolerance.phase_step_rad and fit.error(steady) > tolerance.error / 2
+    if has_step or np.isnan(values).any():
         found.append(Fault.LOST_SAMPLES)
     beside = is_beside_hum(fit.frequency_hz, fit.duration_s) and hum_at_rest > tolerance.beside * size
     # Hum that the window tells from the tone is taken out by the fit; it spoils only what scatters.
     is_loud = fit.hum[channel] > tolerance.hum * size and fit.error(channel) > tolerance.error
     if beside or is_loud:
         found.append(Fault.HUM)
-    if fit.error(channel) > tolerance.error and Fault.LOST_SAMPLES not in found:
+    if fit.error(channel) > tolerance.error and not {Fault.LOST_SAMPLES, Fault.STALLED} & {*found}:
         found.append(Fault.NOISE)
     if fit.distortion[channel] > tolerance.distortion * size and Fault.NOISE not in found:
         found.append(Fault.DISTORTION)
+    if has_offset(float(fit.mean[channel]), tolerance):
+        found.append(Fault.OFFSET)
     return tuple(found)
 
 

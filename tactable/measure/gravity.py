@@ -5,9 +5,7 @@ Level it reads g (1 + gain) + offset, turned over -g (1 + gain) + offset (ISO 16
 
 from dataclasses import dataclass
 
-from tactable.measure.faults import Fault, Tolerance
-
-GRAVITY_M_PER_S2 = 9.80665
+from tactable.measure.faults import GRAVITY_M_PER_S2, Fault, Tolerance
 
 
 @dataclass(frozen=True)
@@ -23,5 +21,9 @@ def check_gravity(level_m_per_s2: float, turned_m_per_s2: float, tolerance: Tole
     """The check from the means of the sensor lying level and turned over."""
     gain = (level_m_per_s2 - turned_m_per_s2) / (2 * GRAVITY_M_PER_S2) - 1
     offset = (level_m_per_s2 + turned_m_per_s2) / 2
-    found = ((Fault.GAIN, abs(gain) > tolerance.gain), (Fault.OFFSET, abs(offset) > tolerance.offset_m_per_s2))
-    return GravityCheck(gain, offset, tuple(fault for fault, is_there in found if is_there))
+    found = {
+        Fault.TURNED: gain < -1,
+        Fault.GAIN: gain >= -1 and abs(gain) > tolerance.gain,
+        Fault.OFFSET: abs(offset) > tolerance.offset_m_per_s2,
+    }
+    return GravityCheck(gain, offset, tuple(fault for fault, is_there in found.items() if is_there))

@@ -63,7 +63,8 @@ class Recorder:
         block = self._sensor.read()
         if block is None:
             return False
-        self._values.append(block.values)
+        # Of a converter that delivers them, infinities are lost samples.
+        self._values.append(np.where(np.isfinite(block.values), block.values, np.nan))
         self._size += len(block.values)
         self._arrived_ns = block.arrived_ns
         return True

@@ -20,12 +20,12 @@ from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant
 from tactable.audio.simulated_card import SimulatedCard
+from tactable.measure.faults import GRAVITY_M_PER_S2
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
 from tactable.measure.virtual_line import SENSOR, VirtualLine
 
 Array = NDArray[np.float64]
 
-GRAVITY_M_PER_S2 = 9.80665
 _MOVING_NS = 500_000_000
 _BLOCK_S = 0.05
 _PLANT_HZ, _FINE_HZ, FINE_MODES = 24_000.0, 48_000.0, 96
@@ -41,7 +41,8 @@ class ConverterFlaws:
 
     drift: pace of its clock over the board's, less 1. gain: less 1. noise: root mean square. hum: amplitude of the
     mains line at hum_hz, with a third of it at the third harmonic. clips_at: greatest magnitude of the acceleration.
-    drops_per_s: how often samples of the length drop_s are lost without a trace. has_gravity: the sensor lies level and
+    drops_per_s: how often samples of the length drop_s are lost without a trace. stalls_at_s: from when on
+    the sensor repeats its last value. has_gravity: the sensor lies level and
     shows gravity, as sensors that pass direct current do.
     """
 
@@ -56,6 +57,7 @@ class ConverterFlaws:
     clips_at_m_per_s2: float = math.inf
     drops_per_s: float = 0.0
     drop_s: float = 0.003
+    stalls_at_s: float = math.inf
     has_gravity: bool = False
 
     @classmethod
@@ -85,6 +87,7 @@ _WORDS = {
     "mains": ("hum_hz", "Hz"),
     "clip": ("clips_at_m_per_s2", "m/s^2"),
     "drops": ("drops_per_s", "ppm"),
+    "stall": ("stalls_at_s", "s"),
 }
 assert {name for name, _ in _WORDS.values()} <= {field.name for field in fields(ConverterFlaws)}
 
@@ -138,7 +141,7 @@ class SimulatedBench(VirtualLine):
         self._plant = TransientPlant(basis, np.zeros(1), self._true_rate_hz * self._plant_samples)
         self._synthesis, self._taken_events = Synthesis(), 0
         self._ready: list[tuple[int, Array]] = []
-        self._made_us = 0.0
+        self._made_us = self._last_m_per_s2 = 0.0
         self.position_m = 0.0
         self.is_turned_over = False
         self.place(0.5 * true.bar.length_m)
@@ -218,6 +221,10 @@ class SimulatedBench(VirtualLine):
         turns = 2 * np.pi * flaws.hum_hz * time_s
         out = out + flaws.hum_m_per_s2 * (np.sin(turns) + np.sin(3 * turns) / 3)
         out = out + flaws.noise_m_per_s2 * random.standard_normal(len(out))
+        if start_us >= flaws.stalls_at_s * _US_PER_S:
+            out[:] = self._last_m_per_s2
+        else:
+            self._last_m_per_s2 = float(out[-1])
         if math.isfinite(flaws.clips_at_m_per_s2):
             out = np.clip(out, -flaws.clips_at_m_per_s2, flaws.clips_at_m_per_s2)
         heard = np.repeat(drive.sum(axis=1, keepdims=True), drive.shape[1], axis=1) if self._has_sum else drive

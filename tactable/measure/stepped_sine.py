@@ -14,6 +14,7 @@ Theory of operation. A reading holds a tone until the bar is steady, fits it, an
 - *Levels begin low and rise.* The first drive at a place is the least; only a reading that noise or hum spoils is
   repeated at up to three times its level, and one that clips at a third. Nothing is driven above `most`. At `most`, a
   reading that is still noisy is taken over twice as many windows.
+- *A sensor that stalls* repeats its last value, for longer than a period of the tone. No repetition helps.
 - A reading that stays spoiled is kept with the names of its faults, so that whoever fits it can leave it out.
 """
 
@@ -32,7 +33,7 @@ from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis, compute_modal_model
 from tactable.measure.asked_drive import AskedDrive, check_drive
 from tactable.measure.driven_device import DrivenDevice
-from tactable.measure.faults import SPOILING, Fault, Tolerance, find_faults, is_clipped
+from tactable.measure.faults import SPOILING, Fault, Tolerance, find_click_faults, find_faults
 from tactable.measure.recorder import LostWindowError, Recorder, known_samples
 from tactable.measure.sensor import Sensor
 from tactable.measure.tone_fit import ToneFit, fit_tone
@@ -194,7 +195,7 @@ class SteppedSine:
                 windows *= 2
             spoiled = {fault for fault in faults if fault in SPOILING}
             # No repetition takes a line of the mains off a reading at full level; a lapsing drive had its repetitions.
-            hopeless = {Fault.LAPSED} | ({Fault.HUM} if amplitude == options.most else set())
+            hopeless = {Fault.LAPSED, Fault.STALLED} | ({Fault.HUM} if amplitude == options.most else set())
             is_done = attempts == options.attempts or not spoiled - hopeless
             if not is_done:
                 earlier |= dict.fromkeys(fault for fault in faults if fault in SPOILING)
@@ -294,21 +295,21 @@ class SteppedSine:
         more = [self.recorder.take(options.window_s) for _ in range(windows - 2)] if is_steady else []
         return np.concatenate([*taken, *more]), is_steady
 
-    def hit(self, click: EncodedClick, length_s: float) -> tuple[Array, bool]:
+    def hit(self, click: EncodedClick, length_s: float) -> tuple[Array, tuple[Fault, ...]]:
         """Play a click from rest: acceleration (sample,) from before its beginning to `length_s` after, less its mean.
 
-        The second: whether samples clipped. Raises as `read`.
+        The second: the faults of these samples. Raises as `read`.
         """
         return self.while_armed(lambda: self._hit_once(click, length_s))
 
-    def _hit_once(self, click: EncodedClick, length_s: float) -> tuple[Array, bool]:
+    def _hit_once(self, click: EncodedClick, length_s: float) -> tuple[Array, tuple[Fault, ...]]:
         self._driven.silence()
         self._driven.wait(self._driven.clock.now_ns() + int(self._options.longest_settling_s / 3 * _NS_PER_S))
         self.recorder.drop()
         self._driven.session.link.set_play(click)
-        values = known_samples(self.recorder.take(length_s + 2 * _LATE_S))
-        acceleration = values[:, self._form.acceleration]
-        return acceleration - np.median(acceleration), is_clipped(values, self._form, self._options.tolerance)
+        values = self.recorder.take(length_s + 2 * _LATE_S)
+        acceleration = known_samples(values)[:, self._form.acceleration]
+        return acceleration - np.median(acceleration), find_click_faults(values, self._form, self._options.tolerance)
 
     def _look_for_losses(self, window: Array, hz: float, actuator: int) -> None:
         """Count a window in which the phase of the loopback steps; the wait for a steady bar passes over it."""
@@ -338,8 +339,6 @@ class SteppedSine:
         tolerance, reference = self._options.tolerance, self.reference(actuator)
         fit = self._fit(values, hz)
         faults = list(find_faults(fit, values, self._form, reference, tolerance, self.rest.hum))
-        if np.isnan(values).any() and Fault.LOST_SAMPLES not in faults:
-            faults.append(Fault.LOST_SAMPLES)
         if not is_steady and Fault.LOST_SAMPLES not in faults:
             faults.append(Fault.NOT_STEADY)
         if reference is not None and abs(fit.phasor[reference]) < _LEAST_LOOPBACK:

@@ -24,7 +24,7 @@ from engine.device import Device
 from engine.render import Drive
 from tactable.measure.asked_drive import AskedDrive, check_drive
 from tactable.measure.driven_device import DrivenDevice
-from tactable.measure.faults import Fault, is_clipped
+from tactable.measure.faults import Fault, has_offset, is_clipped, is_stalled
 from tactable.measure.recorder import known_samples
 from tactable.measure.sensor import Sensor, SensorError
 from tactable.measure.stepped_sine import (
@@ -142,7 +142,10 @@ class SweptSine:
             stretch_s,
             self._gate_s,
         )
+        rate_hz = form.sample_rate_hz
+        swept = values[round(_REST_S * rate_hz) : round((_REST_S + self._sweep.sweep_s) * rate_hz), form.acceleration]
         causes = {
+            Fault.STALLED: is_stalled(swept, math.ceil(rate_hz / low_hz)),
             Fault.CLIPPING: any(
                 is_clipped(part, form, self._options.tolerance) for part in np.array_split(values, _PARTS)
             ),
@@ -217,6 +220,7 @@ class SweptSine:
             Fault.HUM: loud,
             Fault.NOISE: (error > tolerance.error) & ~loud,
             Fault.NOT_STEADY: apart > np.maximum(tolerance.error, _STEADY * single.max(axis=0)),
+            Fault.OFFSET: np.full(len(mean), has_offset(self._stepped.rest.mean, tolerance)),
             Fault.DISTORTION: np.full(len(mean), last.fit.distortion > tolerance.distortion),
             Fault.CLOCK_DRIFT: np.full(len(mean), abs(self._stepped.drift) > tolerance.drift),
         }

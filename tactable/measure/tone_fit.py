@@ -51,11 +51,14 @@ class ToneFit:
         """The tone in a channel over that in the reference."""
         return complex(self.phasor[channel] / self.phasor[reference])
 
-    def error(self, channel: int) -> float:
-        """Standard error of the tone in a channel, from the scatter of the parts, as a fraction of the tone."""
+    def scatter(self, channel: int) -> float:
+        """Standard error of the tone in a channel, from the scatter of the parts, in the unit of the channel."""
         parts = self.parts[:, channel]
-        scatter = math.sqrt(float((abs(parts - parts.mean()) ** 2).sum()) / (len(parts) - 1) / len(parts))
-        return scatter / max(float(abs(self.phasor[channel])), 1e-300)
+        return math.sqrt(float((abs(parts - parts.mean()) ** 2).sum()) / (len(parts) - 1) / len(parts))
+
+    def error(self, channel: int) -> float:
+        """The standard error of the tone in a channel as a fraction of the tone."""
+        return self.scatter(channel) / max(float(abs(self.phasor[channel])), 1e-300)
 
     def coherence(self, channel: int, reference: int) -> float:
         """Magnitude-squared coherence of two channels at the tone, over the parts."""

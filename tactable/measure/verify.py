@@ -3,12 +3,26 @@
 The untouched bar is compared, with the sensor's mass on it: fingers would load it by an amount that nobody knows. What
 is played is what a run would play for the placements. The promise at a point is an interval, the range over bars that
 the table holds for possible: those that its calibration leaves, or those within `[spread]`, each with the sensor up to
-about a millimetre beside its place. A reading adds its own error. A bar that the table describes leaves the interval at
-few points; more than MOST_OUTSIDE of them say that the bar, the sensor or the table is another.
+about a millimetre beside its place.
+
+A reading has an error of its own: of a steady drive three standard errors, by the scatter of the sine that was fitted,
+of the peak of a click what noise and hum of the bar at rest may add. So a point has one of four outcomes:
+
+- *Broken*: the reading is beyond the interval by more than its error.
+- *Kept*: it is not, and its error is at most MOST_BLUR of the greatest promised peak. So a bar that moves half as much
+  again as any possible one would have been seen, and one that moves half as much as the least possible one, too, unless
+  the promise itself is as wide as that.
+- *Not shown*: the error is greater, so that the reading would agree with other bars as well. It keeps no promise.
+- *Spoiled*: a fault makes the reading wrong.
+
+A bar that the table describes breaks the promise at few points; more than MOST_BROKEN of those that could show it say
+that the bar, the sensor or the table is another.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,14 +45,16 @@ from tactable.measure.stepped_sine import SteppedSine, SteppedSineOptions, slowe
 Array = NDArray[np.float64]
 
 BARS = 40
-MOST_OUTSIDE = 0.1
-"""Share of the points that may lie outside: the range over 40 bars leaves 5 % of them outside by chance."""
-MOST_SPOILED = 0.1
-"""Share of the points that may be spoiled; where more are, the promise counts as not tested."""
+MOST_BROKEN = 0.1
+"""Share of the points that may be broken: the range over 40 bars leaves 5 % of them outside by chance."""
+MOST_UNTESTED = 0.1
+"""Share of the points that may be spoiled or not shown; where more are, the promise counts as not tested."""
+MOST_BLUR = 0.25
+"""Error of a reading that keeps a promise, of the greatest promised peak: 1.9 dB."""
 PLACE_M = 0.5e-3
 """Standard deviation of the place of the sensor."""
 LEAST_M_PER_S2 = 0.02
-"""What a point is off at the least, by the noise of a sensor."""
+"""What a point is off at the least: sensors feel a little of the other axes and of their cable."""
 RING_S = 0.1
 _SEED = 20230247606
 _RATE_HZ = 24_000.0
@@ -58,9 +74,30 @@ class Played:
         return "drive" if self.click is None else "click"
 
 
+class Outcome(StrEnum):
+    """What a reading says of its promise, as the module has it."""
+
+    KEPT = "kept"
+    BROKEN = "broken"
+    NOT_SHOWN = "not shown"
+    SPOILED = "spoiled"
+
+
+class Verdict(StrEnum):
+    """What all readings say of the promise."""
+
+    KEPT = "kept"
+    BROKEN = "broken"
+    """More points than chance allows are broken."""
+    IN_PART = "in part"
+    """Kept where it was shown, but too many readings are spoiled or show nothing to say so of the rest."""
+    NOT_SHOWN = "not shown"
+    """No reading could have shown it broken."""
+
+
 @dataclass(frozen=True)
 class Point:
-    """One reading against its promise: peaks in m/s^2; low to high is the promised interval."""
+    """One reading against its promise: peaks in m/s^2; low to high is the promised interval, `error` the reading's."""
 
     played: Played
     position_m: float
@@ -68,17 +105,53 @@ class Point:
     promised_m_per_s2: float
     low_m_per_s2: float
     high_m_per_s2: float
+    error_m_per_s2: float
     faults: tuple[Fault, ...]
 
     @property
-    def is_spoiled(self) -> bool:
-        """Whether a fault makes the reading wrong: it is not compared."""
-        return any(fault in SPOILING for fault in self.faults)
+    def outcome(self) -> Outcome:
+        """What the reading says of its promise."""
+        if any(fault in SPOILING for fault in self.faults):
+            return Outcome.SPOILED
+        read, off = self.read_m_per_s2, self.error_m_per_s2 + LEAST_M_PER_S2
+        if read < self.low_m_per_s2 - off or read > self.high_m_per_s2 + off:
+            return Outcome.BROKEN
+        is_sharp = math.isfinite(read) and self.error_m_per_s2 <= MOST_BLUR * self.high_m_per_s2
+        return Outcome.KEPT if is_sharp else Outcome.NOT_SHOWN
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """How many points are kept, broken, not shown and spoiled."""
+
+    kept: int
+    broken: int
+    not_shown: int
+    spoiled: int
+
+    @classmethod
+    def of(cls, points: Sequence[Point]) -> "Judgement":
+        """Count the outcomes of points."""
+        outcomes = [point.outcome for point in points]
+        return cls(*map(outcomes.count, Outcome))
 
     @property
-    def is_outside(self) -> bool:
-        """Whether the reading is beyond the promised interval."""
-        return not self.is_spoiled and not self.low_m_per_s2 <= self.read_m_per_s2 <= self.high_m_per_s2
+    def verdict(self) -> Verdict:
+        """Whether the promise is kept."""
+        shown, untested = self.kept + self.broken, self.not_shown + self.spoiled
+        if not shown:
+            return Verdict.NOT_SHOWN
+        if self.broken > MOST_BROKEN * shown:
+            return Verdict.BROKEN
+        return Verdict.IN_PART if untested > MOST_UNTESTED * (shown + untested) else Verdict.KEPT
+
+    def __str__(self) -> str:
+        """The counts, as a person reads them."""
+        total = self.kept + self.broken + self.not_shown + self.spoiled
+        return (
+            f"of {total} points {self.kept} keep the promise, {self.broken} break it, {self.not_shown} are too noisy "
+            f"to show it, and {self.spoiled} are spoiled"
+        )
 
 
 def plan_played(table: Table, placements: Sequence[Placement], level_db: float) -> tuple[Played, ...]:
@@ -148,43 +221,32 @@ def verify_table(
         apparatus.guide(place_m)
         with apparatus.open_driven() as driven:
             stepped = SteppedSine(table.device, driven, apparatus.sensor, options, decay_per_s)
-            rest = stepped.listen()
+            stepped.listen()
             read = [(each, found) for each in played if (found := _read(stepped, driven, each)) is not None]
         # Not before the board is at rest: an armed one does not wait for so long.
         for each, (size, error, faults) in read:
             promised = bars.peaks(each, place_m)
-            margin = 3 * error + max(LEAST_M_PER_S2, 4 * rest.noise * (each.click is not None))
-            low, high = float(promised.min()) - margin, float(promised.max()) + margin
-            points.append(Point(each, place_m, size, float(promised[0]), max(0.0, low), high, faults))
+            points.append(
+                Point(
+                    each, place_m, size, float(promised[0]), float(promised.min()), float(promised.max()), error, faults
+                )
+            )
     return tuple(points)
 
 
-def verdict_of(points: Sequence[Point]) -> str:
-    """Whether the promise is kept, as words.
-
-    kept; beyond: more points than chance allows; in part: kept where it was read, but too many readings are spoiled to
-    say so of the rest; not compared: all are spoiled.
-    """
-    compared, outside = sum(not point.is_spoiled for point in points), sum(point.is_outside for point in points)
-    if not compared:
-        return "not compared"
-    if outside > MOST_OUTSIDE * compared:
-        return "beyond"
-    return "in part" if len(points) - compared > MOST_SPOILED * len(points) else "kept"
-
-
 def _read(stepped: SteppedSine, driven: DrivenDevice, played: Played) -> tuple[float, float, tuple[Fault, ...]] | None:
-    """Peak, standard error and faults; None for a click that the board cannot play."""
+    """Peak, its error and faults; None for a click that the board cannot play."""
     if played.asked is not None:
         fit, _, faults = stepped.hold(played.asked)
         channel = stepped.channel
         size = float(abs(fit.phasor[channel]))
-        return size, size * fit.error(channel), tuple(fault for fault in faults if fault is not Fault.NOISE)
+        return size, 3 * fit.scatter(channel), tuple(fault for fault in faults if fault is not Fault.NOISE)
     assert played.click is not None
     basis, click = driven.basis, played.click
     number, fraction_bits = basis.sets.get(click.basis_set), click.fraction_bits - basis.halvings
     if basis.basis is None or number is None or fraction_bits < 1:
         return None
     encoded = encode_click(basis.basis, number, click.weights.tolist(), fraction_bits, click.amplitude)
-    acceleration, clipped = stepped.hit(encoded, click.length_s + RING_S)
-    return float(abs(acceleration).max()), 0.0, (Fault.CLIPPING,) if clipped else ()
+    acceleration, faults = stepped.hit(encoded, click.length_s + RING_S)
+    # Of some thousand samples of noise one is beyond 4 standard deviations; hum comes with its harmonics.
+    return float(abs(acceleration).max()), 4 * stepped.rest.noise + 2 * stepped.rest.hum, faults

@@ -4,13 +4,16 @@ The raw samples and readings of a stop are kept in a folder as soon as the stop 
 goes on after the last complete stop; the folder refuses another device, walk, sensor or other options.
 """
 
+import hashlib
 import json
 import math
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +44,10 @@ Array = NDArray[np.float64]
 FREQUENCIES = 12
 PLACES = 8
 _CLEAR = 1.5  # windows; a reading has two or more, and a clock that drifts moves the tone a little
-_FORM = 1
+_FORM = 2
 _IDENTITY = "measurement.json"
+_DAMAGES = (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, RuntimeError, BadZipFile, zlib.error)
+"""What NumPy and zipfile raise for files that are cut or of which bits are flipped."""
 
 
 @dataclass(frozen=True)
@@ -102,19 +107,23 @@ def planned_walk(device: Device, readings: int, sensor_mass_kg: float) -> tuple[
 
 
 class RawFolder:
-    """Samples and readings by stop. Raises MeasurementError for a folder of another measurement."""
+    """Samples and readings by stop. Raises MeasurementError for a folder of another measurement.
+
+    Each stop's file carries the hash of what the folder is for, so that one of another folder is refused as well.
+    """
 
     def __init__(self, path: Path, device: Device, walk: Sequence[Stop], settings: dict[str, Any]) -> None:
         self.path = path
         stops = [[stop.position_m, [list(tone) for tone in stop.tones]] for stop in walk]
         identity = {"form": _FORM, "device": device.fingerprint, "stops": stops, **settings}
         text = json.dumps(identity, indent=1)
+        self._identity = hashlib.sha256(text.encode()).hexdigest()
         path.mkdir(parents=True, exist_ok=True)
         file = path / _IDENTITY
         if not file.exists():
             with replace_file(file) as partial:
                 partial.write_text(text, encoding="utf-8")
-        elif file.read_text(encoding="utf-8") != text:
+        elif file.read_bytes() != text.encode():
             raise MeasurementError(
                 f"{path}: holds another measurement (another device, walk, sensor or level); give another output, or "
                 "remove the folder"
@@ -127,13 +136,18 @@ class RawFolder:
             return None
         try:
             with np.load(file, allow_pickle=False) as archive:
-                return _record_of(json.loads(str(archive["record"])))
-        except (OSError, ValueError, KeyError, TypeError) as error:
+                kept = {name: archive[name] for name in archive.files}  # with the checksums of the samples, too
+            record, found = _record_of(json.loads(str(kept["record"]))), json.loads(str(kept["identity"]))
+        except _DAMAGES as error:
             raise MeasurementError(f"{file}: is damaged ({error}); remove it to measure this place again") from None
+        if found != [self._identity, stop.position_m]:
+            raise MeasurementError(f"{file}: is of another measurement or place; remove it to measure this place again")
+        return record
 
     def write(self, stop: Stop, record: StopRecord, samples: Sequence[Array]) -> None:
         """Keep a complete stop; samples (sample, channel) of each reading."""
-        arrays: dict[str, Any] = {f"samples_{i:03d}": each.astype(np.float32) for i, each in enumerate(samples)}
+        arrays: dict[str, Any] = {"identity": json.dumps([self._identity, stop.position_m])}
+        arrays |= {f"samples_{i:03d}": each.astype(np.float32) for i, each in enumerate(samples)}
         with replace_file(self._file(stop)) as partial, partial.open("wb") as file:
             np.savez_compressed(file, record=json.dumps(_record_json(record)), **arrays)
 

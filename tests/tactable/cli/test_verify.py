@@ -2,24 +2,27 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from engine.touch import Placement
-from tactable.measure.faults import Fault
-from tactable.measure.verify import Played, Point, verdict_of
 from tests.tactable.cli.in_process import run_here
 
 SIMULATED = ("--port", "simulated", "--sensor", "simulated", "--places", "1", "--placements", "2")
 
 
+def verified(folder: Path, table: Path, *words: str, exit_status: int) -> dict[str, Any]:
+    done = run_here(folder, "verify", str(table), *SIMULATED, *words, "--json")
+    assert done.returncode == exit_status, done.stderr
+    summary = json.loads(done.stdout)
+    assert isinstance(summary, dict) and summary["simulated"]
+    return summary
+
+
 def test_the_bar_of_a_table_keeps_its_promise_in_drives_and_clicks(tmp_path: Path, click_table: Path) -> None:
     files = ("--figure", "seen.png", "--csv", "seen.csv")
-    done = run_here(tmp_path, "verify", str(click_table), *SIMULATED, *files, "--flaws", "drift=40", "--json")
-    assert done.returncode == 0, done.stderr
-    summary = json.loads(done.stdout)
-    assert (summary["verdict"], summary["outside"], summary["compared"]) == ("kept", 0, 4)
-    assert summary["simulated"]
+    summary = verified(tmp_path, click_table, *files, "--flaws", "drift=40", exit_status=0)
+    assert (summary["verdict"], summary["kept"]) == ("kept", 4)
     assert sorted(point["kind"] for point in summary["points"]) == ["click", "click", "drive", "drive"]
     for point in summary["points"]:
         assert point["low_m_per_s2"] < point["promised_m_per_s2"] < point["high_m_per_s2"]
@@ -29,41 +32,41 @@ def test_the_bar_of_a_table_keeps_its_promise_in_drives_and_clicks(tmp_path: Pat
 
 
 def test_another_bar_is_beyond_the_promise_and_the_exit_status(tmp_path: Path, click_table: Path) -> None:
-    other = ("--change", "actuator.full_scale=0.8 µm")
-    done = run_here(tmp_path, "verify", str(click_table), *SIMULATED, *other)
+    done = run_here(tmp_path, "verify", str(click_table), *SIMULATED, "--change", "actuator.full_scale=0.8 µm")
     assert done.returncode == 3, done.stderr
-    assert "4 of 4 points beyond the promised interval: the bar does not keep the promise" in done.stdout
+    assert "4 break it" in done.stdout and "the bar does not keep the promise" in done.stdout
     assert "measure the bar and calibrate" in done.stderr
 
 
-def test_a_reading_that_a_fault_spoils_is_not_compared(tmp_path: Path, click_table: Path) -> None:
-    done = run_here(tmp_path, "verify", str(click_table), *SIMULATED, "--flaws", "clip=0.01m/s^2", "--json")
-    assert done.returncode == 3
-    summary = json.loads(done.stdout)
-    assert (summary["verdict"], summary["compared"]) == ("not compared", 0)
-    assert all("CLIPPING" in point["faults"] for point in summary["points"])
-
-
-def point_of(read_m_per_s2: float, fault: Fault | None) -> Point:
-    played = Played(Placement((0.05,), (True,)), None, None)
-    return Point(played, 0.1, read_m_per_s2, 1.0, 0.9, 1.1, () if fault is None else (fault,))
+@pytest.mark.parametrize("noise", [1, 200])
+@pytest.mark.parametrize("is_right", [True, False])
+def test_a_sensor_that_hears_too_little_shows_nothing_of_any_bar(
+    tmp_path: Path, click_table: Path, noise: int, is_right: bool
+) -> None:
+    other = () if is_right else ("--change", "bar.density=5000 kg/m^3", "--change", "actuator.full_scale=0.24 µm")
+    summary = verified(tmp_path, click_table, "--flaws", f"noise={noise}m/s^2", *other, exit_status=3)
+    assert summary["verdict"] in ("not shown", "in part") and summary["kept"] <= 1
+    assert noise == 1 or summary["not_shown"] == 4
 
 
 @pytest.mark.parametrize(
-    ("spoiled", "outside", "verdict"),
-    [
-        (0, 0, "kept"),
-        (1, 0, "kept"),
-        (0, 1, "kept"),
-        (2, 0, "in part"),
-        (0, 2, "beyond"),
-        (5, 1, "beyond"),
-        (10, 0, "not compared"),
-    ],
+    ("flaws", "fault"), [("clip=0.01m/s^2", "CLIPPING"), ("stall=0s", "STALLED"), ("drops=20", "LOST_SAMPLES")]
 )
-def test_a_promise_that_was_tested_in_part_only_is_not_called_kept(spoiled: int, outside: int, verdict: str) -> None:
-    points = [point_of(1.0, Fault.CLIPPING)] * spoiled + [point_of(2.0, None)] * outside
-    assert verdict_of(points + [point_of(1.0, None)] * (10 - len(points))) == verdict
+def test_a_reading_that_a_fault_spoils_is_not_compared(
+    tmp_path: Path, click_table: Path, flaws: str, fault: str
+) -> None:
+    summary = verified(tmp_path, click_table, "--flaws", flaws, exit_status=3)
+    assert fault in summary["faults"]
+    spoiled = [point for point in summary["points"] if fault in point["faults"]]
+    assert spoiled and all(point["outcome"] == "spoiled" for point in spoiled)
+
+
+@pytest.mark.parametrize("flaws", ["offset=50m/s^2", "offset=50m/s^2,gain=-200%"])
+def test_an_offset_is_named_and_neither_it_nor_a_sign_changes_a_peak(
+    tmp_path: Path, click_table: Path, flaws: str
+) -> None:
+    summary = verified(tmp_path, click_table, "--flaws", flaws, exit_status=0)
+    assert (summary["kept"], summary["faults"]) == (4, {"OFFSET": 4})
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ import pytest
 from precompute.measurements import Kind, lay_out
 from precompute.measurements.model import MeasurementModel
 from tactable.measure import AskedDrive, DrivenDevice
-from tactable.measure.faults import Fault, Tolerance
-from tactable.measure.gravity import GRAVITY_M_PER_S2, check_gravity
+from tactable.measure.faults import GRAVITY_M_PER_S2, Fault, Tolerance
+from tactable.measure.gravity import check_gravity
 from tactable.measure.sensor import Block, SensorError
 from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
 from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
@@ -48,20 +48,26 @@ def read_while_busy(period_ns: int, duration_ns: int, **options: bool) -> Readin
 
 
 class LosingSensor(SimulatedSensor):
-    """Loses every sample for a while."""
+    """Loses every sample for a while, and then delivers some that are not numbers."""
 
     lost_until_ns = 0.0
+    odd = 0.0
 
     def read(self) -> Block | None:
         block = super().read()
-        if block is None or block.arrived_ns >= self.lost_until_ns:
-            return block
+        if block is None:
+            return None
+        if block.arrived_ns >= self.lost_until_ns:
+            values = block.values.copy()
+            values[: 0 if self.odd == 0 else 3, 0] = self.odd
+            return replace(block, values=values)
         return replace(block, values=np.full_like(block.values, np.nan))
 
 
-def read_after_loss(duration_ns: float) -> Reading:
+def read_after_loss(duration_ns: float, odd: float = 0.0) -> Reading:
     bench = bench_of()
     sensor = LosingSensor(bench)
+    sensor.odd = odd
     with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0)) as driven:
         stepped = SteppedSine(DEVICE, driven, sensor, SteppedSineOptions())
         stepped.listen()
@@ -116,6 +122,8 @@ def test_neither_latency_nor_drift_of_the_clock_is_in_a_response() -> None:
         ("hum=0.5m/s^2", 150, Fault.HUM),
         ("clip=0.05m/s^2", 209, Fault.CLIPPING),
         ("drops=8", 209, Fault.LOST_SAMPLES),
+        ("stall=0s", 209, Fault.STALLED),
+        ("stall=1.6s,noise=0.01m/s^2", 209, Fault.STALLED),
     ],
 )
 def test_a_flaw_is_named_by_the_reading_that_it_spoils(flaws: str, hz: float, fault: Fault) -> None:
@@ -129,6 +137,20 @@ def test_samples_that_are_lost_while_the_bar_settles_are_named_and_spoil_nothing
     readings = [read(bench_of(flaws), 0, 209) for flaws in ("drops=3", "")]
     assert [Fault.LOST_SAMPLES in {*each.faults, *each.earlier} for each in readings] == [True, False]
     assert abs(20 * np.log10(abs(readings[0].acceleration / true_response(readings[0])))) < 0.05
+
+
+@pytest.mark.parametrize("odd", [math.nan, math.inf, -math.inf, 3e38])
+def test_samples_that_are_no_numbers_spoil_their_reading(odd: float) -> None:
+    reading = read_after_loss(0, odd)
+    assert {Fault.LOST_SAMPLES, Fault.NOISE} & {*reading.faults} and reading.is_spoiled
+    assert math.isfinite(abs(reading.acceleration))
+
+
+@pytest.mark.parametrize("offset", [9.0, 12.0, -12.0])
+def test_an_offset_is_told_where_it_is_more_than_gravity_and_spoils_nothing(offset: float) -> None:
+    reading = read(bench_of(f"offset={offset}m/s^2"), 0, 209)
+    assert reading.faults == ((Fault.OFFSET,) if abs(offset) > 10 else ())
+    assert abs(20 * np.log10(abs(reading.acceleration / true_response(reading)))) < 0.05
 
 
 def test_windows_without_a_sample_are_taken_again() -> None:
@@ -209,6 +231,10 @@ def test_noise_does_not_keep_a_bar_from_being_steady() -> None:
         stepped.hold(AskedDrive.of_one(DEVICE, 0, 209, 1.0))
         _, _, faults = stepped.hold(AskedDrive.of_one(DEVICE, 0, 209, 0.1))
     assert Fault.NOT_STEADY not in faults
+
+
+def test_gravity_tells_a_sensor_that_is_turned() -> None:
+    assert check_gravity(-GRAVITY_M_PER_S2, GRAVITY_M_PER_S2, Tolerance()).faults == (Fault.TURNED,)
 
 
 def test_gravity_tells_gain_and_offset_apart() -> None:

@@ -49,7 +49,14 @@ def test_the_level_rises_where_noise_demands_it_and_never_above_the_greatest() -
 
 
 @pytest.mark.parametrize(
-    ("flaws", "fault"), [("clip=0.05m/s^2", Fault.CLIPPING), ("drops=3", Fault.LOST_SAMPLES), ("hum=1m/s^2", Fault.HUM)]
+    ("flaws", "fault"),
+    [
+        ("clip=0.05m/s^2", Fault.CLIPPING),
+        ("drops=3", Fault.LOST_SAMPLES),
+        ("hum=1m/s^2", Fault.HUM),
+        ("stall=3s", Fault.STALLED),
+        ("offset=20m/s^2", Fault.OFFSET),
+    ],
 )
 def test_a_flaw_is_named_by_what_it_spoils(flaws: str, fault: Fault) -> None:
     readings = read(bench_of(flaws), SteppedSineOptions(attempts=0))

@@ -12,7 +12,7 @@ from precompute.measurements.model import MeasurementModel
 from tactable.measure import DrivenDevice
 from tactable.measure.apparatus import Apparatus
 from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
-from tactable.measure.stepped_sine import SteppedSineOptions
+from tactable.measure.stepped_sine import AtRest, SteppedSineOptions
 from tactable.measure.swept_sine import SweepOptions
 from tactable.measure.tone_fit import is_beside_hum
 from tactable.measure.walk import (
@@ -73,7 +73,7 @@ def test_a_swept_walk_reads_the_same_responses_of_both_actuators(tmp_path: Path)
     assert len(found) == 2 * 3
     true = np.exp(MeasurementModel(DEVICE, found, ()).predict(np.zeros(0)).log_acceleration)
     np.testing.assert_allclose(found.acceleration, true, rtol=0.01)
-    assert len(np.load(tmp_path / "raw" / "0005.59mm.npz").files) == 1 + 2 * 2  # two sweeps of each actuator
+    assert len(np.load(tmp_path / "raw" / "0005.59mm.npz").files) == 2 + 2 * 2  # two sweeps of each actuator
 
 
 def test_an_interrupted_walk_goes_on_where_it_stopped(tmp_path: Path) -> None:
@@ -92,7 +92,7 @@ def test_an_interrupted_walk_goes_on_where_it_stopped(tmp_path: Path) -> None:
     assert before == visited[:2]
     assert [record.position_m for record in records] == visited
     samples = np.load(sorted((tmp_path / "raw").glob("*.npz"))[0])
-    assert sorted(samples.files) == ["record", *(f"samples_{i:03d}" for i in range(4))]
+    assert sorted(samples.files) == ["identity", "record", *(f"samples_{i:03d}" for i in range(4))]
     assert samples["samples_000"].shape == (round(2 * OPTIONS.window_s * 8000), 3)
 
 
@@ -102,11 +102,44 @@ def test_a_folder_of_another_measurement_is_refused(tmp_path: Path) -> None:
         RawFolder(tmp_path / "raw", DEVICE, WALK[:2], {"flaws": ""})
 
 
-def test_a_damaged_stop_is_refused_by_name(tmp_path: Path) -> None:
-    raw = RawFolder(tmp_path / "raw", DEVICE, WALK, {})
-    (tmp_path / "raw" / f"{1e3 * WALK[0].position_m:07.2f}mm.npz").write_bytes(b"no")
-    with pytest.raises(MeasurementError, match=r"0005\.59mm\.npz: is damaged .* remove it"):
+def test_a_stop_that_is_cut_or_of_which_bits_are_flipped_is_refused_by_name(tmp_path: Path) -> None:
+    raw, file = RawFolder(tmp_path / "raw", DEVICE, WALK, {}), tmp_path / "raw" / "0005.59mm.npz"
+    record = StopRecord(WALK[0].position_m, AtRest(0.01, 0.0, 0.0), None, ())
+    raw.write(WALK[0], record, [np.arange(6.0).reshape(3, 2)])
+    whole = file.read_bytes()
+    flipped = [whole[:at] + bytes([whole[at] ^ 1 << at % 8]) + whole[at + 1 :] for at in range(len(whole))]
+    for data in (*(whole[:size] for size in range(0, len(whole), 7)), *flipped):
+        file.write_bytes(data)
+        try:
+            assert raw.read(WALK[0]) == record  # a bit that says nothing, such as that of a date
+        except MeasurementError as error:
+            assert "0005.59mm.npz: is" in str(error) and "remove it" in str(error)
+
+
+@pytest.mark.parametrize("lost", ["record", "identity"])
+def test_a_stop_without_one_of_its_columns_or_of_another_measurement_is_refused_by_name(
+    tmp_path: Path, lost: str
+) -> None:
+    raw, other = (RawFolder(tmp_path / name, DEVICE, WALK, {"level": name}) for name in ("raw", "other"))
+    for stop in WALK[:2]:
+        other.write(stop, StopRecord(stop.position_m, AtRest(0.01, 0.0, 0.0), None, ()), [])
+    here, there = (sorted((tmp_path / "other").glob("*.npz"))[i] for i in (0, 1))
+    (tmp_path / "raw" / here.name).write_bytes(here.read_bytes())
+    with pytest.raises(MeasurementError, match=f"{here.name}: is of another measurement"):
         raw.read(WALK[0])
+    np.savez(there, **{name: column for name, column in np.load(here).items() if name != lost})
+    with pytest.raises(MeasurementError, match=f"{there.name}: is damaged"):
+        other.read(WALK[1])
+    there.write_bytes(here.read_bytes())
+    with pytest.raises(MeasurementError, match=f"{there.name}: is of another .* place"):
+        other.read(WALK[1])
+
+
+def test_a_folder_whose_description_is_no_text_is_refused_by_name(tmp_path: Path) -> None:
+    RawFolder(tmp_path, DEVICE, WALK, {})
+    (tmp_path / "measurement.json").write_bytes(b"\xff\xfe")
+    with pytest.raises(MeasurementError, match="remove the folder"):
+        RawFolder(tmp_path, DEVICE, WALK, {})
 
 
 def test_spoiled_readings_are_left_out_unless_they_are_wanted(tmp_path: Path) -> None:
