@@ -135,7 +135,7 @@ class RawFolder:
         if not file.exists():
             return None
         try:
-            with np.load(file, allow_pickle=False) as archive:
+            with file.open("rb") as opened, np.load(opened, allow_pickle=False) as archive:
                 kept = {name: archive[name] for name in archive.files}  # with the checksums of the samples, too
             record, found = _record_of(json.loads(str(kept["record"]))), json.loads(str(kept["identity"]))
         except _DAMAGES as error:
