@@ -26,6 +26,7 @@ from scipy.stats import f as fisher
 
 from engine.device import Device
 from precompute.calibration.calibrate import Calibration
+from precompute.calibration.polarity import polarity_doubt
 from precompute.calibration.remedy import Remedy, find_remedy
 from precompute.measurements.parameters import Bounds
 from precompute.measurements.types import Measurements
@@ -101,9 +102,12 @@ def _repeat_test(residual: Array, mean: Array, groups: int, parameters: int) -> 
 
 
 def adequacy_report(device: Device, calibration: Calibration, bounds: Mapping[str, Bounds]) -> dict[str, Any]:
-    """The tests for JSON; "doubt" is a sentence with the remedy, empty where the fit is adequate."""
-    found = assess(calibration)
-    remedy = None if found.misfit < SMALLEST_MISFIT else find_remedy(device, calibration, bounds)
+    """The tests for JSON; "doubt" is a sentence with the remedy, empty where the fit is adequate.
+
+    Where responses have the wrong sign, all else follows from that: "is_turned", and no other remedy is looked for.
+    """
+    found, turned = assess(calibration), polarity_doubt(device, calibration.measurements)
+    remedy = None if turned or found.misfit < SMALLEST_MISFIT else find_remedy(device, calibration, bounds)
     return {
         "neighbours": found.neighbours,
         "sign_changes": found.changes,
@@ -111,7 +115,8 @@ def adequacy_report(device: Device, calibration: Calibration, bounds: Mapping[st
         "repeat_noise": found.repeat_noise,
         "repeat_chance": found.repeat_chance,
         "remedy": None if remedy is None else asdict(remedy),
-        "doubt": "" if found.is_noise and remedy is None else _doubt_text(found, remedy),
+        "is_turned": bool(turned),
+        "doubt": turned or ("" if found.is_noise and remedy is None else _doubt_text(found, remedy)),
     }
 
 

@@ -92,10 +92,13 @@ class CalibrationJob:
 
     def doubts_of(self, report: Mapping[str, Any]) -> list[str]:
         """Reasons not to use the result without a look."""
+        adequacy = report.get("adequacy", {})
+        if adequacy.get("is_turned"):
+            return [adequacy["doubt"]]
         doubts, misfit = [], report["median_misfit"]
         if misfit > self.accepted_misfit:
             doubts.append(f"the typical misfit, {100 * misfit:.3g} %, is above {100 * self.accepted_misfit:g} %")
-        if doubt := report.get("adequacy", {}).get("doubt"):
+        if doubt := adequacy.get("doubt"):
             doubts.append(doubt)
         doubts += implausible_changes(report["parameters"])
         if self.is_strict:
