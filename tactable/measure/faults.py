@@ -95,10 +95,10 @@ def is_stalled(acceleration: Array, most: int) -> bool:
 
 def find_click_faults(values: Array, form: SensorForm, tolerance: Tolerance) -> tuple[Fault, ...]:
     """Faults of the samples (sample, channel) of a click, from rest to rest."""
-    acceleration = values[:, form.acceleration]
+    acceleration, clips = values[:, form.acceleration], is_clipped(values, form, tolerance)
     causes = {
-        Fault.STALLED: is_stalled(acceleration, len(acceleration) - 1),
-        Fault.CLIPPING: is_clipped(values, form, tolerance),
+        Fault.CLIPPING: clips,
+        Fault.STALLED: not clips and is_stalled(acceleration, len(acceleration) - 1),
         Fault.LOST_SAMPLES: bool(np.isnan(values).any()),
         Fault.OFFSET: has_offset(float(np.nanmean(acceleration)), tolerance),
     }
@@ -121,11 +121,11 @@ def find_faults(
     channel, found = form.acceleration, list[Fault]()
     size = max(float(abs(fit.phasor[channel])), 1e-300)
     steady = channel if reference is None else reference
-    # A sine leaves a value within a period, however coarse the steps of the converter.
-    if is_stalled(values[:, channel], math.ceil(form.sample_rate_hz / fit.frequency_hz)):
-        found.append(Fault.STALLED)
-    elif is_clipped(values, form, tolerance):
+    if is_clipped(values, form, tolerance):
         found.append(Fault.CLIPPING)
+    # A sine leaves a value within a period, however coarse the steps of the converter.
+    elif is_stalled(values[:, channel], math.ceil(form.sample_rate_hz / fit.frequency_hz)):
+        found.append(Fault.STALLED)
     has_step = fit.phase_step_rad(steady) > tolerance.phase_step_rad and fit.error(steady) > tolerance.error / 2
     if has_step or np.isnan(values).any():
         found.append(Fault.LOST_SAMPLES)
