@@ -640,12 +640,12 @@ def law_a_basis_that_makes_no_sense_is_refused(tier: Tier) -> None:
     data = CLICKS.basis.data
     assert host.ask(BasisBegin(0, len(data))) is Result.OUT_OF_RANGE
     assert host.ask(BasisBegin(1, hello.basis_capacity_bytes + 1)) is Result.NO_ROOM
-    loud_at_the_end = data[:-2] + b"\x01\x00"
+    loud_at_the_end, loud_at_first = data[:-2] + b"\x01\x00", data[:14] + b"\x01" + data[15:]
     no_rate, no_set = b"\0\0" + data[2:], data[:2] + b"\0\0"
     of_no_actuator = data[:12] + bytes([hello.number_of_actuators]) + data[13:]
     no_function, too_many = (encode_basis(unchecked(functions)) for functions in (0, MAXIMUM_WEIGHTS + 1))
     one_more = (data + b"\0\0", data[:-1])
-    for nonsense in (loud_at_the_end, no_rate, no_set, of_no_actuator, no_function, too_many, *one_more):
+    for nonsense in (loud_at_the_end, loud_at_first, no_rate, no_set, of_no_actuator, no_function, too_many, *one_more):
         assert host.offer(nonsense) is Result.OUT_OF_RANGE
 
 

@@ -58,6 +58,7 @@ def test_both_sound_the_same_through_crossfades_that_are_overtaken(seed: int) ->
         with Session(Random(f"{seed} {number}")) as session:
             session.make_ready()
             session.run(HURRIED_STEPS, 30)
+            session.compare_samples()
 
 
 @pytest.mark.parametrize("wait_us", range(0, 20_000, 500))
