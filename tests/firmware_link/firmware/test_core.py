@@ -1,6 +1,5 @@
 """Laws of the C core: those of every device, and that it does what its Python twin does."""
 
-import ctypes
 import os
 import subprocess
 import sys
@@ -20,7 +19,7 @@ from tests.firmware_link.conformance import (
     Law,
     WaveLaw,
 )
-from tests.firmware_link.firmware.compiled_core import LIBRARY, CompiledTier, WatchedTier, core_library, make, need
+from tests.firmware_link.firmware.compiled_core import LIBRARY, CompiledTier, WatchedTier, make, need
 from tests.firmware_link.sensing_laws import SENSING_LAWS
 
 ROOT = Path(__file__).parents[3]
@@ -72,18 +71,13 @@ def test_high_voltage_is_allowed_while_armed_and_until_what_sounds_has_faded() -
     """Cut off at once, the actuators would jump; kept on, a bar that nothing drives would stay live."""
     tier = CompiledTier()
 
-    def allows_high_voltage() -> bool:
-        allows = core_library().tactable_device_allows_high_voltage
-        allows.restype, allows.argtypes = ctypes.c_bool, (ctypes.c_void_p,)
-        return bool(allows(tier._firmware._host))
-
-    assert not allows_high_voltage()
+    assert not tier.line.firmware.allows_high_voltage
     host = Host(tier).ready()
-    assert allows_high_voltage()
+    assert tier.line.firmware.allows_high_voltage
     host.set(host.drive(*LOUD))
     tier.wait(RAMP_US)
     tier.write(EMERGENCY_STOP)
     tier.wait(RAMP_US // 2)
-    assert allows_high_voltage()
+    assert tier.line.firmware.allows_high_voltage
     tier.wait(RAMP_US)
-    assert not allows_high_voltage()
+    assert not tier.line.firmware.allows_high_voltage
