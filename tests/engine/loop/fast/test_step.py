@@ -29,10 +29,11 @@ from tests.engine.loop.fast.scripts import (
     varied_clicks,
 )
 from tests.engine.loop.fast.test_fast_path import on_sockets
-from tests.engine.loop.rig import DEVICE, Rig, VirtualLine
+from tests.engine.loop.rig import DEVICE, Rig
 from tests.engine.made_entries import LEVEL_DB
 from tests.engine.touch.descriptors import BLOB, CONTACT_COUNT, application, finger
 from tests.quick import first_quick
+from tests.tools.virtual import VirtualLine
 
 GAPS = device_with_gaps()
 # Its digitizer is longer than the bar at both ends.
