@@ -36,10 +36,12 @@ class VirtualRig:
     delay_ns: int = 300_000
     drop_every: int = 0
     device_start_ns: int = 7_000_000_123
+    faults: str = ""
 
     def __post_init__(self) -> None:
         self.line = VirtualLine(
             self.device_configuration,
+            self.faults,
             delay_ns=self.delay_ns,
             booted_ns=self.device_start_ns,
             clock=VirtualClock(self.device_start_ns + 5 * MS),
