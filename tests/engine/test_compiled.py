@@ -38,6 +38,7 @@ def total(folder: Path, maker: str, factor: float, slope: float) -> tuple[float,
     return float(value), hits == "1"
 
 
+@pytest.mark.machine
 def test_a_change_in_a_called_kernel_or_an_imported_constant_is_compiled_anew(tmp_path: Path) -> None:
     assert total(tmp_path, "engine.compiled", 1, 2) == (21.0, False)
     assert total(tmp_path, "engine.compiled", 1, 2) == (21.0, True)
@@ -47,14 +48,14 @@ def test_a_change_in_a_called_kernel_or_an_imported_constant_is_compiled_anew(tm
     assert total(tmp_path, "engine.compiled", 5, 3) == (35.0, False)
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_numba_alone_would_go_on_with_the_old_code(tmp_path: Path) -> None:
     """If this fails numba does it itself, and engine/compiled.py can go."""
     assert total(tmp_path, "numba", 1, 2) == (21.0, False)
     assert total(tmp_path, "numba", 5, 3) == (21.0, True)
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_kernels_in_an_archive_are_left_to_numba(tmp_path: Path) -> None:
     texts = [text.format(maker="engine.compiled", factor=1, slope=2) for text in (HELPER, MAIN)]
     with zipfile.ZipFile(tmp_path / "kernels.zip", "w") as archive:

@@ -50,6 +50,7 @@ def test_a_parent_that_is_not_there_is_named(tmp_path: Path) -> None:
         write_new_folder(tmp_path / "nowhere" / "new", FILES)
 
 
+@pytest.mark.machine
 def test_a_writer_killed_at_any_instant_leaves_whole_folders_only(tmp_path: Path) -> None:
     seen = 0
     for round_number in range(6):

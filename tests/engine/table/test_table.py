@@ -246,6 +246,7 @@ def verdict(path: Path, seen: str) -> str:
         return f"raises {type(error).__name__}"
 
 
+@pytest.mark.machine
 def test_a_byte_flipped_anywhere_is_refused_or_changes_nothing(whole: Path, tmp_path: Path) -> None:
     """In a process of its own: a damaged heap of strings can send HDF5 round in circles for ever."""
     content, seen = whole.read_bytes(), content_of(whole)

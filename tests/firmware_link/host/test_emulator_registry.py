@@ -8,9 +8,7 @@ import pytest
 from firmware_link.host.emulator_registry import Announced, Announcement, find_announced, own_link, runtime_folder
 from firmware_link.host.serial_port import find_ports, path_of
 from firmware_link.protocol.errors import LinkError
-
-# Linux gives numbers up to 2**22.
-NO_PROCESS = 2**22 + 1
+from tests.tools.processes import NO_PROCESS
 
 
 @pytest.fixture(autouse=True)
