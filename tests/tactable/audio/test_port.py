@@ -63,13 +63,9 @@ def test_a_card_is_greeted_and_armed_like_a_board_and_latches_when_its_host_lets
     assert not out.any() and feeder.gaps == 0
 
 
-@pytest.mark.parametrize(
-    ("text", "error"),
-    [("audio:card", "full_scale is missing"), ("audio:simulated,full_scale=1 um,most=200 %", "no sample above 100 %")],
-)
-def test_a_card_without_its_declarations_is_refused_before_anything_starts(text: str, error: str) -> None:
-    with pytest.raises(AudioError, match=error):
-        open_port(text)
+def test_a_card_without_its_declarations_is_refused_before_anything_starts() -> None:
+    with pytest.raises(AudioError, match="full_scale is missing"):
+        open_port("audio:card")
 
 
 def interface(index: int, name: str) -> Interface:

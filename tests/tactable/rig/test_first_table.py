@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from engine.table import Table
 from engine.touch.places import Places
@@ -68,5 +69,6 @@ def test_with_the_first_click_it_has_the_basis_that_all_clicks_of_the_device_sha
         assert table.clicks.tolerance_m == DEFAULT_OPTIONS.at(table.places).tolerance_m
 
 
+@pytest.mark.machine
 def test_it_and_its_drives_need_no_compiler(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-c", WITHOUT_A_COMPILER], cwd=tmp_path, check=True)
