@@ -10,6 +10,7 @@ The device is the emulator's own: `DeviceServer` steps it, as its process does b
 
 from __future__ import annotations
 
+import select
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
@@ -23,6 +24,7 @@ from firmware_link.protocol.errors import LinkError, LinkLostError
 MS = 1_000_000
 PORT = -1
 """Stands in for the port's descriptor; those of others are smaller."""
+PASS_NS = 10_000
 _LONGEST_NS = 1_000 * MS
 
 
@@ -56,6 +58,16 @@ class VirtualClock:
 
     def run_to(self, end_ns: int) -> None:
         while self.time_ns < end_ns:
+            self.advance(end_ns)
+
+    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Sequence[int]:
+        """As a loop waits, on pipes and sockets that this process has both ends of; a pass takes PASS_NS."""
+        end_ns = self.time_ns + _LONGEST_NS if until_ns is None else until_ns
+        self.run_to(self.time_ns + PASS_NS)
+        while True:
+            found, free, _ = select.select(readable, writable, (), 0)
+            if found or free or self.time_ns >= end_ns:
+                return found
             self.advance(end_ns)
 
     def run_until(self, condition: Callable[[], object], limit_ns: int = 60_000 * MS) -> None:
