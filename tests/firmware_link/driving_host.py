@@ -1,4 +1,4 @@
-"""A host process that drives until it is killed or stopped: `python -m tests.firmware_link.driving_host PORT`."""
+"""A host process that drives, and then fails as it is told: `python -m tests.firmware_link.driving_host PORT HOW`."""
 
 import select
 import sys
@@ -8,29 +8,57 @@ from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Session
+from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.messages import ChannelDrive, DeviceState, encode_drive
 
 LEASE_MS = 40
+SLEW_PER_S = 200
+PATIENCE_S = 60.0
+RENEWALS = 8
 DRIVING = "driving"
+ENDED = "ended"
+RESOLUTION_HZ = 0.01
 
 
 def main() -> None:
-    """Say DRIVING once the device drives."""
-    configuration = LinkConfiguration(2, lease_ms=LEASE_MS, bit_rate_hz=2_000_000, handshake_timeout_s=60.0)
-    drive, is_told = encode_drive([ChannelDrive(200, 1.0)] * 2, 0.01), False
-    with SerialPort(sys.argv[1]) as port:
+    """Say DRIVING once the device drives; fail at the first word on standard input; say ENDED with the session."""
+    path, how = sys.argv[1:]
+    configuration = LinkConfiguration(
+        2, slew_limit_per_s=SLEW_PER_S, lease_ms=LEASE_MS, bit_rate_hz=2_000_000, handshake_timeout_s=PATIENCE_S
+    )
+    with SerialPort(path) as port:
         session = Session(Link(configuration), port, time.monotonic_ns)
         session.connect()
-        link = session.link
+        try:
+            serve(session, how)
+        except LinkError as error:
+            print(f"{ENDED}: {error}", flush=True)  # noqa: T201  # the parent reads it
+
+
+def serve(session: Session, how: str) -> None:
+    """Drive until the link has ended or the failure is due."""
+    link, drive, is_told = session.link, encode_drive([ChannelDrive(200, 1.0)] * 2, RESOLUTION_HZ), False
+    while link.state not in (LinkState.STOPPED, LinkState.DISCONNECTED):
+        session.exchange()
+        if link.state is LinkState.READY and link.drive_sequence is None:
+            link.set_drive(drive)
+        status = link.status
+        # Renewed some times: the amplitude has risen long ago.
+        if not is_told and status and status.state is DeviceState.DRIVING and status.applied > RENEWALS:
+            is_told = True
+            print(DRIVING, flush=True)  # noqa: T201  # the parent reads it
+        ready, _, _ = select.select([session.port, sys.stdin], [], [], 0.002)
+        if sys.stdin in ready:
+            fail(how)
+    print(f"{ENDED}: {link.state.value}", flush=True)  # noqa: T201  # the parent reads it
+
+
+def fail(how: str) -> None:
+    """Stop working, the process alive."""
+    if how == "loop":
         while True:
-            session.exchange()
-            if link.state is LinkState.READY and link.drive_sequence is None:
-                link.set_drive(drive)
-            # Once the amplitude has risen.
-            if not is_told and link.status and link.status.state is DeviceState.DRIVING and link.status.applied > 8:
-                is_told = True
-                print(DRIVING, flush=True)  # noqa: T201  # the parent reads it
-            select.select([port], [], [], 0.002)
+            pass
+    time.sleep(PATIENCE_S)
 
 
 if __name__ == "__main__":

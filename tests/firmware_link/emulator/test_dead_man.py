@@ -21,8 +21,9 @@ ROOT = Path(__file__).parents[3]
 @contextmanager
 def driving_host(emulator: RunningEmulator) -> Iterator["subprocess.Popen[str]"]:
     """A process that drives."""
-    command = [sys.executable, "-m", "tests.firmware_link.driving_host", emulator.port]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+    command = [sys.executable, "-m", "tests.firmware_link.driving_host", emulator.port, "killed"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, cwd=ROOT, stdin=pipe, stdout=pipe, text=True) as process:
         try:
             assert process.stdout is not None and process.stdout.readline().strip() == DRIVING
             yield process

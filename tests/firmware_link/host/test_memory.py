@@ -115,7 +115,7 @@ def test_commands_go_out_between_the_steps() -> None:
     while not rig.ends():
         rig.link.set_drive(bytes([1, 0, asked % 200 + 1, 0, 0, 0] * 2))
         sent, start_ns = rig.link.counters.sent, rig.now_ns
-        rig.run_until(lambda sent=sent: rig.link.counters.sent > sent)
+        rig.run_until(lambda sent=sent: rig.link.counters.sent > sent)  # type: ignore[misc]
         waited.append(rig.now_ns - start_ns)
         asked += 1
         for _ in range(20):

@@ -7,7 +7,10 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -23,6 +26,33 @@ from tests.tactable.cli.in_process import run_here
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 
 
+class Emulator:
+    """The running command, its lines as JSON."""
+
+    def __init__(self, process: "subprocess.Popen[str]") -> None:
+        self._process = process
+
+    def line(self) -> dict[str, Any]:
+        assert self._process.stdout is not None
+        document: dict[str, Any] = json.loads(self._process.stdout.readline())
+        return document
+
+    def end(self) -> dict[str, Any]:
+        self._process.send_signal(signal.SIGINT)
+        return self.line()
+
+
+@contextmanager
+def emulator(tmp_path: Path, *words: str) -> Iterator[Emulator]:
+    environment = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)}
+    command = [TACTABLE, "emulate", "--json", *words]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield Emulator(process)
+        finally:
+            process.kill()
+
+
 def ready_link(name: str) -> Link:
     with SerialPort(name) as port:
         session = Session(Link(LinkConfiguration(2, handshake_timeout_s=60.0)), port, time.monotonic_ns)
@@ -36,26 +66,21 @@ def ready_link(name: str) -> Link:
 @pytest.mark.machine
 @pytest.mark.parametrize("is_compiled", [False, True], ids=["Python", "C core"])
 def test_it_is_listed_as_simulated_and_any_host_can_open_it_by_its_link_and_it_counts(
-    tmp_path: Path, is_compiled: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_compiled: bool
 ) -> None:
-    link, environment = tmp_path / "board", {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)}
-    words = ["--json", "--device", "reference-a", "--seed", "3", "--faults", "at_noise", "--link", str(link)]
+    link = tmp_path / "board"
+    words = ["--device", "reference-a", "--seed", "3", "--faults", "at_noise", "--link", str(link)]
     if is_compiled:
         need("make", "cc")
         make(tmp_path, "host")
         words += ["--core", str(tmp_path / LIBRARY)]
-    pipe = subprocess.PIPE
-    with subprocess.Popen([TACTABLE, "emulate", *words], env=environment, stdout=pipe, text=True) as process:
-        try:
-            assert process.stdout is not None
-            told = json.loads(process.stdout.readline())
-            listed = subprocess.run([TACTABLE, "list", "--json"], env=environment, stdout=pipe, check=True)
-            capabilities = ready_link(told["stable_name"]).capabilities
-            assert str(link.readlink()) == told["port"]
-            process.send_signal(signal.SIGINT)
-            summary = json.loads(process.stdout.readline())
-        finally:
-            process.kill()
+    with emulator(tmp_path, *words) as running:
+        told = running.line()
+        monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+        listed = run_here(tmp_path, "list", "--json")
+        capabilities = ready_link(told["stable_name"]).capabilities
+        assert str(link.readlink()) == told["port"]
+        summary = running.end()
     assert told["simulated"]
     assert (told["number_of_actuators"], told["seed"], told["stable_name"]) == (2, 3, str(link))
     (row,) = (row for row in json.loads(listed.stdout)["serial_ports"] if row["path"] == told["port"])

@@ -38,7 +38,9 @@ class Run:
             ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
             self.source = SocketSource(theirs.fileno(), "bench", b"", (1, 2), count, clock.now_ns)
             schedule = Schedule(cycle(PACKETS), rate_hz, count, self.start_ns)
-            generator = LoadGenerator(schedule, ours, far_end and link, far_end, stall=stall, clock=clock)
+            generator = LoadGenerator(
+                schedule, ours, None if far_end is None else link, far_end, stall=stall, clock=clock
+            )
             generator.run(done.fileno(), lambda: self.take() and clock.time_ns > self.start_ns + 100 * MS)
 
     def take(self) -> bool:
