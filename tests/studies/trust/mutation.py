@@ -41,7 +41,7 @@ WORKERS = 2
 MOST_MEMORY = 6 << 30
 _PYTEST = (
     *("-n", "0", "-x", "-q", "-p", "no:cacheprovider", "--hypothesis-seed=1"),
-    *("-k", "not undefined", "-m", "not system"),
+    *("-k", "not undefined", "-m", "not system and not machine"),
     *("-W", "ignore::pytest.PytestAssertRewriteWarning"),  # hypothesis is imported before
 )
 _OURS = ("tests", "tactable", "precompute", "engine", "firmware_link")
