@@ -127,7 +127,7 @@ class Asker(Protocol):
         """Answer."""
 
 
-class _Solver:
+class Solver:
     """Clicks for the places of one table."""
 
     def __init__(self, path: Path) -> None:
@@ -141,6 +141,7 @@ class _Solver:
         self.tabulator: ClickTabulator = ClickTabulator(self.device, options)
 
     def solve(self, placement: Placement) -> ClickEntry:
+        """The click of a placement, as the table would hold it."""
         return self.tabulator.tabulate(self.solver.solve(placement))
 
 
@@ -149,7 +150,7 @@ class Service:
 
     def __init__(self, path: Path, parent: Asker) -> None:
         self._path, self._parent = path, parent
-        self._solver: _Solver | None = None
+        self._solver: Solver | None = None
         self._waiting = list[dict[str, Any]]()
         self._told = set[int]()
 
@@ -168,7 +169,7 @@ class Service:
 
     def _open(self) -> None:
         try:
-            self._solver = _Solver(self._path)
+            self._solver = Solver(self._path)
         except (TableError, OSError) as error:
             self._solver = None
             _say(f"clicks of more fingers than the table holds are not solved: {error}")

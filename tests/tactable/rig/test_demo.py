@@ -1,7 +1,8 @@
 """The chain from touches to the bar: what the table promises is what the simulated bar does."""
 
 import json
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,14 @@ import pytest
 from engine.device import Device
 from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
 from engine.effects.rules import burst
-from engine.table import Table
+from engine.table import ClickEntry, Table
 from engine.table.entry import DEFAULT_LEVEL_DB
 from engine.touch import Placement
-from engine.touch.sources.recording import read_recording
-from firmware_link.emulator import Cause, DriveEvent, PlayedWaveform
+from engine.touch.sources.playback import Playback
+from engine.touch.sources.recording import Recording, read_recording
+from firmware_link.emulator import Cause, DeviceConfiguration, DriveEvent, PlayedWaveform
+from firmware_link.emulator.process import decode_log
+from firmware_link.host.reopening import ReopeningPort
 from precompute.builder.build import Coarse, build_table
 from precompute.clicks import ClickOptions
 from tactable.rig import demo
@@ -23,12 +27,13 @@ from tactable.rig.bar import ENVELOPE_S, SimulatedDrive, is_felt
 from tactable.rig.demo import Reporter, find_missed
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
 from tactable.rig.promises import Promises
-from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
+from tactable.rig.rig import LiveRun, Wanted, first_applied, play_to, wanted_of
+from tactable.run.click_process import Solver
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.shared_recordings import recording_params
-from tests.quick import first_quick
 from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
+from tests.tools.virtual import VirtualLine
 
 SHORTEST_S = 0.5
 CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=4, trimmed=10, judged=20, pitch_m=56e-3)
@@ -50,6 +55,38 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Table:
 @pytest.fixture(scope="module")
 def reporter(table: Table) -> Reporter:
     return Reporter(table)
+
+
+@dataclass
+class SolvingHere:
+    """Solves each click at once."""
+
+    solver: Solver
+    _ready: list[tuple[str, ClickEntry]] = field(default_factory=list)
+
+    def fileno(self) -> int:
+        return -2
+
+    def ask(self, placement: Placement, device: Device) -> None:
+        self._ready.append((device.fingerprint, self.solver.solve(placement)))
+
+    def poll(self) -> Sequence[tuple[str, ClickEntry]]:
+        ready, self._ready = self._ready, []
+        return ready
+
+
+def play(
+    table: Table, recording: Recording, speed: float, effects: Effects = DEFAULT_EFFECTS, faults: str = ""
+) -> LiveRun:
+    """As the demo does, in virtual time."""
+    line = VirtualLine(DeviceConfiguration(0, len(table.device.actuators)), faults)
+    reopening, solving = ReopeningPort(line.open, line), SolvingHere(Solver(table.path))
+    return play_to(
+        *(line, line, table, Playback(recording, speed), effects),
+        lambda: decode_log(line.server.log()),
+        reopening,
+        solving if effects.have_clicks else None,
+    )
 
 
 def report_of(reporter: Reporter, wanted: Wanted, event: DriveEvent) -> DriveReport | ClickReport:
@@ -115,6 +152,7 @@ def test_a_table_that_a_user_names_is_built_there_and_nothing_lies_beside_it(
     assert [path.name for path in tmp_path.iterdir()] == ["mine.nc"]
 
 
+@pytest.mark.machine
 def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> None:
     built = [str(table.path.with_name("bar.toml")), "--table", str(table.path)]
     words = ["demo", "--json", "--figure", "demo.png", "--recording", str(DEMO_RECORDING), *built]
@@ -138,7 +176,7 @@ def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> 
     assert (tmp_path / "demo.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("faults", first_quick(["stall=0.06s/0.2s", "delay=30ms,jitter=30ms", "stall=0.3s/0.9s"]))
+@pytest.mark.parametrize("faults", ["stall=0.06s/0.2s", "delay=30ms,jitter=30ms", "stall=0.3s/0.9s"])
 def test_a_run_over_a_line_that_stalls_breaks_no_promise(table: Table, faults: str) -> None:
     """The firmware refuses what comes late, and whatever it takes is what was solved for the fingers."""
     run = play(table, read_recording(DEMO_RECORDING), 4.0, BURSTS, faults=faults)
@@ -245,7 +283,7 @@ def test_every_click_of_the_demo_does_what_was_promised(
     reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
 ) -> None:
     _, applied = clicked
-    assert applied  # a machine that stalls is late with some
+    assert len(applied) >= 4
     assert all(wanted.is_click for wanted in applied)
     for wanted, event in applied.items():
         report = reporter.report_click(wanted, event)
